@@ -1,0 +1,288 @@
+/* sherf: one picture of a person in, an animatable person out.
+ *
+ * Three nouns: an OBSERVATION (picture, mask, camera, body pose and shape) is encoded once into an AVATAR
+ * (a feature bank in canonical space), from which FRAMES are rendered for any camera and pose.
+ * After Hu, Hong et al., "SHERF: Generalizable Human NeRF from a Single Image", ICCV 2023.
+ *
+ * Conventions: row-major float32; images are height x width x channels in [0, 1], RGB, pixel (column i, row
+ * j) has its centre at (i, j); cameras have OpenCV axes, x_camera = R x_world + T, metres; body to world is
+ * x_world = R x_smpl + Th; rotations are axis-angle in radians.
+ * Objects are opaque, created by functions that take `**out` and freed by the _free function of their type
+ * (NULL is fine). Objects are read-only after creation and may be shared between contexts; a context belongs
+ * to one thread at a time. Every fallible function returns SHERF_OK or a status, leaves *out NULL, and stores
+ * one line in the context (sherf_message). The library never prints and never exits.
+ */
+#ifndef SHERF_H
+#define SHERF_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SHERF_VERSION "0.1.0"
+
+#if defined(__GNUC__)
+#define SHERF_API __attribute__((visibility("default")))
+#else
+#define SHERF_API
+#endif
+
+/* ---------------------------------------------------------------- context ---------------------------- */
+typedef enum {
+    SHERF_OK = 0,
+    SHERF_NO_MEMORY,    /* an allocation failed */
+    SHERF_BAD_ARGUMENT, /* a value the caller gave is out of range or of the wrong shape */
+    SHERF_BAD_FILE,     /* a file is truncated, hostile or not what it should be */
+    SHERF_NO_FILE,      /* a file or folder cannot be opened */
+    SHERF_WRITE_FAILED, /* disk full, no permission */
+    SHERF_UNSUPPORTED,  /* valid, but this build or backend cannot do it */
+    SHERF_MISMATCH, /* two inputs do not belong together (weights of another preset, body of another size) */
+    SHERF_CANCELLED /* sherf_cancel was called */
+} sherf_status;
+
+typedef enum { SHERF_LOG_INFO, SHERF_LOG_WARNING } sherf_log_level;
+typedef enum { SHERF_PRECISION_AUTO, SHERF_PRECISION_FP32, SHERF_PRECISION_BF16 } sherf_precision;
+
+typedef void (*sherf_log_function)(void *user, sherf_log_level level, const char *line);
+/* `done` of `total` (0: unknown) of what `text` names. */
+typedef void (*sherf_progress_function)(void *user, const char *text, double done, double total);
+
+typedef struct {
+    int threads;                      /* 0: one per core */
+    sherf_precision precision;        /* AUTO: bf16 where the processor has AMX, float32 elsewhere */
+    sherf_log_function log;           /* may be NULL */
+    sherf_progress_function progress; /* may be NULL */
+    void *user;
+} sherf_options;
+
+typedef struct sherf_context sherf_context;
+SHERF_API sherf_status sherf_context_create(const sherf_options *options,
+                                            sherf_context **out); /* options may be NULL */
+SHERF_API void sherf_context_free(sherf_context *c);
+SHERF_API const char *
+sherf_message(const sherf_context *c);         /* newest error, one line; "" when none; owned by c */
+SHERF_API void sherf_cancel(sherf_context *c); /* safe from a signal handler */
+SHERF_API void sherf_cancel_reset(sherf_context *c);
+SHERF_API sherf_precision sherf_precision_used(const sherf_context *c);
+SHERF_API const char *sherf_version(void);
+
+/* ---------------------------------------------------------------- plain data ------------------------- */
+typedef struct {
+    int width_px, height_px;
+    float K[9];   /* pixels */
+    float R[9];   /* world to camera */
+    float T_m[3]; /* world to camera */
+} sherf_camera;
+
+typedef struct {
+    float poses_rad[72]; /* 24 joints, axis-angle; joint 0 is the root */
+    float shapes[10];
+    float R[9];    /* body to world, a rotation matrix */
+    float Th_m[3]; /* body to world */
+} sherf_pose;
+
+/* data[(row * width + column) * channels + channel]. Created by the library: free with sherf_image_free. */
+typedef struct {
+    int width, height, channels;
+    float *data;
+} sherf_image;
+SHERF_API void sherf_image_free(sherf_image *image); /* frees data and zeroes the struct */
+SHERF_API sherf_status sherf_image_read(sherf_context *c, const char *path,
+                                        sherf_image *out); /* PNG or JPEG, to RGB */
+SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
+                                         const sherf_image *image); /* .png, .npy */
+
+/* A camera looking at `centre_m` from `distance_m`, `azimuth_rad` about the y axis (0: from +z, the front of
+ * a body in rest pose), `elevation_rad` above the horizon; y is up; vertical field of view `fov_rad`. */
+SHERF_API void sherf_camera_orbit(const float centre_m[3], float distance_m, float azimuth_rad,
+                                  float elevation_rad, float fov_rad, int width_px, int height_px,
+                                  sherf_camera *out);
+SHERF_API void sherf_pose_identity(sherf_pose *out); /* zero pose and shape, R = I, Th = 0 */
+
+/* ---------------------------------------------------------------- body ------------------------------- */
+typedef struct sherf_body sherf_body;
+/* An SMPL file: .pkl (1.0.0, 1.1.0), .npz, or .safetensors made by sherf_convert. */
+SHERF_API sherf_status sherf_body_load(sherf_context *c, const char *path, sherf_body **out);
+SHERF_API void sherf_body_free(sherf_body *body);
+SHERF_API int sherf_body_vertex_count(const sherf_body *body);
+SHERF_API int sherf_body_face_count(const sherf_body *body);
+SHERF_API const uint32_t *sherf_body_faces(const sherf_body *body); /* 3 per face, owned by body */
+/* vertices_world_m: V x 3, joints_world_m: 24 x 3; either may be NULL. */
+SHERF_API sherf_status sherf_body_pose(sherf_context *c, const sherf_body *body, const sherf_pose *pose,
+                                       float *vertices_world_m, float *joints_world_m);
+/* One or more poses: npz (poses [F,72], shapes or betas, trans or Th), npy dict {poses, shapes, R or Rh, Th},
+ * JSON of the observation form. *out holds *count poses: free with sherf_free. */
+SHERF_API sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **out, int *count);
+/* One or more cameras: JSON {"cameras": [{"K","R","T","width","height"}]} or a data set's cameras.json. */
+SHERF_API sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera **out, int *count);
+SHERF_API void sherf_free(void *p); /* plain arrays handed out by the library */
+
+/* ---------------------------------------------------------------- observation ------------------------ */
+typedef struct sherf_observation sherf_observation;
+/* A folder or JSON file as docs/observation.md describes, or a data set's picture: DATA#PERSON/POSE/VIEW. */
+SHERF_API sherf_status sherf_observation_load(sherf_context *c, const char *path, sherf_observation **out);
+/* image: RGB; mask: 1 channel of the same size, any non-zero is the person. Both are copied. */
+SHERF_API sherf_status sherf_observation_create(sherf_context *c, const sherf_image *image,
+                                                const sherf_image *mask, const sherf_camera *camera,
+                                                const sherf_pose *pose, sherf_observation **out);
+SHERF_API void sherf_observation_free(sherf_observation *o);
+SHERF_API const sherf_camera *sherf_observation_camera(const sherf_observation *o);
+SHERF_API const sherf_pose *sherf_observation_pose(const sherf_observation *o);
+SHERF_API const sherf_image *sherf_observation_image(const sherf_observation *o); /* black outside the mask */
+
+/* ---------------------------------------------------------------- model ------------------------------ */
+typedef struct sherf_model sherf_model;
+SHERF_API sherf_status sherf_model_load(sherf_context *c, const char *path, sherf_model **out);
+/* Random weights. preset: "paper", "base" or "small", with optional settings: "small,plane_resolution=64". */
+SHERF_API sherf_status sherf_model_create(sherf_context *c, const char *preset, uint64_t seed,
+                                          sherf_model **out);
+SHERF_API sherf_status sherf_model_save(sherf_context *c, const sherf_model *model, const char *path);
+SHERF_API void sherf_model_free(sherf_model *model);
+SHERF_API int64_t sherf_model_parameter_count(const sherf_model *model);
+
+/* ---------------------------------------------------------------- avatar ----------------------------- */
+typedef struct sherf_avatar sherf_avatar;
+SHERF_API sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *model, const sherf_body *body,
+                                           const sherf_observation *observation, sherf_avatar **out);
+SHERF_API sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *avatar, const char *path);
+/* body must be the one the avatar was made with (a fingerprint is compared). */
+SHERF_API sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
+                                         sherf_avatar **out);
+SHERF_API void sherf_avatar_free(sherf_avatar *avatar);
+SHERF_API const sherf_pose *sherf_avatar_pose(const sherf_avatar *avatar);     /* the observation's */
+SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* the observation's */
+
+/* ---------------------------------------------------------------- frames ----------------------------- */
+typedef struct {
+    float background[3]; /* RGB in [0, 1]; black is the paper's */
+    int samples;         /* depths per ray; 0: the model's (48) */
+    int early_stop;      /* non-zero: rays stop once opaque (bf16 only; bounded by the bf16 tolerance) */
+} sherf_render_options;
+
+typedef struct {
+    sherf_image color;   /* H x W x 3, over the background */
+    sherf_image opacity; /* H x W x 1 */
+    sherf_image depth;   /* H x W x 1, metres along the camera axis */
+    int64_t points;      /* samples that met the network */
+} sherf_frame;
+
+/* body as given to sherf_avatar_create. `frame` must be zeroed or hold a frame of the same size, whose memory
+ * is used again. options may be NULL. */
+SHERF_API sherf_status sherf_render(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
+                                    const sherf_pose *pose, const sherf_camera *camera,
+                                    const sherf_render_options *options, sherf_frame *frame);
+SHERF_API void sherf_frame_free(sherf_frame *frame);
+
+typedef struct sherf_video sherf_video;
+/* .mp4 (H.264). Frames appear under the final name only when sherf_video_close succeeds. */
+SHERF_API sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int height, double fps,
+                                        sherf_video **out);
+SHERF_API sherf_status sherf_video_add(sherf_context *c, sherf_video *video,
+                                       const sherf_image *image);               /* RGB */
+SHERF_API sherf_status sherf_video_close(sherf_context *c, sherf_video *video); /* finishes and frees */
+SHERF_API void sherf_video_abort(sherf_video *video);                           /* drops and frees */
+
+/* ---------------------------------------------------------------- data sets -------------------------- */
+typedef struct sherf_dataset sherf_dataset;
+/* spec: "thuman:PATH", "renderpeople:PATH", "zju:PATH", "humman:PATH"; without a kind the layout is
+ * recognised. */
+SHERF_API sherf_status sherf_dataset_open(sherf_context *c, const char *spec, sherf_dataset **out);
+SHERF_API void sherf_dataset_free(sherf_dataset *d);
+SHERF_API int sherf_dataset_person_count(const sherf_dataset *d);
+SHERF_API const char *sherf_dataset_person(const sherf_dataset *d, int person);
+SHERF_API int sherf_dataset_pose_count(const sherf_dataset *d, int person);
+SHERF_API int sherf_dataset_view_count(const sherf_dataset *d, int person);
+SHERF_API sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d, int person,
+                                                 int pose, int view, sherf_observation **out);
+
+/* ---------------------------------------------------------------- verbs ------------------------------ */
+/* Recognises `input` by its content, writes safetensors to `output`. *description (may be NULL): one line on
+ * what it was, free with sherf_free. */
+SHERF_API sherf_status sherf_convert(sherf_context *c, const char *input, const char *output,
+                                     char **description);
+
+/* Text about any file the program knows; json != 0: as JSON. Free *text with sherf_free. */
+SHERF_API sherf_status sherf_info(sherf_context *c, const char *path, int json, char **text);
+
+typedef struct {
+    int errors, warnings;
+    char *text; /* one finding a line; free with sherf_free */
+} sherf_findings;
+/* Checks a body file, a data set spec or an observation; body may be NULL. overlay_png (may be NULL): where
+ * the body drawn over the picture is written. */
+SHERF_API sherf_status sherf_check(sherf_context *c, const char *path, const sherf_body *body,
+                                   const char *overlay_png, sherf_findings *out);
+
+typedef struct {
+    int people, poses, views; /* 0: 4, 6, 24 */
+    int size_px;              /* 0: 256 */
+    uint64_t seed;
+} sherf_synth_options;
+/* Striped tube people in the THuman layout below `folder`, with the body file folder/tubeman.safetensors. */
+SHERF_API sherf_status sherf_synth_tube(sherf_context *c, const char *folder,
+                                        const sherf_synth_options *options);
+
+typedef struct {
+    const char *data;   /* data set spec */
+    const char *people; /* comma-separated names or a range "90-99" of list lines (from 0); NULL: the paper's
+                           test split */
+    const char *body;   /* path */
+    const char *model;  /* path */
+    const char *lpips;  /* converted VGG16 with heads, or NULL */
+    const char *observations; /* "POSE:VIEW,..."; NULL: the paper's */
+    const char *poses;        /* "0,2" or "first:step:count"; NULL: the paper's */
+    const char *views;        /* "0,2,..."; NULL: the paper's */
+    const char *output;       /* folder for scores.json, pictures; NULL: none */
+    int write_png, write_npy;
+} sherf_eval_options;
+
+typedef struct {
+    double psnr, ssim, lpips;
+    int count;
+} sherf_score; /* lpips is NaN when not computed */
+typedef struct {
+    sherf_score novel_view, novel_pose;
+    char *table;
+} sherf_scores; /* table: free with sherf_free */
+SHERF_API sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out);
+
+typedef struct {
+    const char *data, *people; /* as in sherf_eval_options; people NULL: the paper's training split */
+    const char *body;
+    const char *output; /* folder: checkpoint.safetensors, model.safetensors, log.jsonl, loss.png, samples/ */
+    const char *preset; /* "paper", "base", "small", with settings; ignored when resuming */
+    const char *resnet; /* converted ResNet-18, or NULL */
+    const char *lpips;  /* converted VGG16 with heads, or NULL */
+    const char *resume; /* checkpoint, or NULL; output/checkpoint.safetensors is picked up by itself */
+    int front_view;     /* observations from the front view only */
+    int size_px;        /* training pictures are scaled to this width; 0: the data set's own protocol */
+    double epochs;      /* 0: 5 */
+    int64_t steps;      /* 0: by epochs */
+    double seconds;     /* stop after this many seconds; 0: no limit */
+    int images_per_step;  /* over all ranks; 0: 4 */
+    double learning_rate; /* 0: 2e-3 */
+    int64_t halve_every;  /* steps; 0: every epoch */
+    int64_t sample_every; /* steps between sample renders; 0: 500 */
+    int64_t save_every;   /* steps between checkpoints; 0: 500 */
+    uint64_t seed;
+    int workers; /* loading threads; 0: 2 */
+} sherf_train_options;
+SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
+
+typedef struct {
+    const char *preset; /* "paper" by default for render, see sherf bench --help */
+    int size_px;        /* 512 */
+    int repeats;        /* 0: as many as fit in a few seconds */
+    int json;
+} sherf_bench_options;
+/* what: "render" or "train". Free *text with sherf_free. */
+SHERF_API sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_options *options,
+                                   char **text);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

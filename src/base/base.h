@@ -1,0 +1,95 @@
+/* base: the context every call carries, status and messages, memory, arenas, threads, random numbers.
+ * Every function that can fail takes the context first and returns a sherf_status, or a pointer that is
+ * NULL on failure; the context then holds one line that says what, where and why. */
+#ifndef SHERF_BASE_H
+#define SHERF_BASE_H
+
+#include <stdarg.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "sherf/sherf.h"
+
+typedef struct sherf_context context;
+
+struct sherf_context {
+    char message[1024];     /* the newest error, one line; empty when none */
+    sherf_log_function log; /* may be NULL */
+    sherf_progress_function progress;
+    void *user;                /* handed to both */
+    int threads;               /* worker threads of this context, at least 1 */
+    sherf_precision precision; /* never AUTO: resolved when the context is made */
+    atomic_int cancelled;      /* set by sherf_cancel, polled by long loops */
+};
+
+/* ---- status and messages (status.c) ---- */
+#define PRINTF_LIKE(f, a) __attribute__((format(printf, f, a)))
+/* Stores the message and returns the status, so that `return failure(c, SHERF_BAD_FILE, ...)` reads well.
+ * A newer message replaces an older one. */
+sherf_status failure(context *c, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
+/* Puts "prefix: " before the message that is there: for adding the file name at the level that knows it. */
+sherf_status failure_prefix(context *c, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
+void log_line(context *c, sherf_log_level level, const char *format, ...) PRINTF_LIKE(3, 4);
+/* done of total (total 0: unknown); text is a short noun phrase. Returns SHERF_CANCELLED once cancelled. */
+sherf_status progress(context *c, const char *text, double done, double total);
+bool cancelled(context *c);
+
+/* ---- memory (memory.c) ----
+ * All heap memory of the library comes from here, so that a test can fail every allocation in turn. */
+void *mem_alloc(context *c, size_t count,
+                size_t size); /* NULL and message on overflow or lack; 64-byte aligned */
+void *mem_zero(context *c, size_t count, size_t size); /* the same, zeroed */
+void *mem_grow(context *c, void *old, size_t old_count, size_t count,
+               size_t size); /* copy, free old on success */
+char *mem_string(context *c, const char *text);
+char *mem_format(context *c, const char *format, ...) PRINTF_LIKE(2, 3);
+void mem_free(void *p); /* NULL is fine */
+/* For tests: the n-th allocation from now (0 = the next) fails once; negative switches this off. */
+void mem_fail_after(long n);
+long mem_count(void);  /* allocations so far in this process */
+size_t mem_live(void); /* allocations not freed yet */
+
+/* An arena: bump allocation, reset in O(1). After a reset its blocks are merged into one of the size that
+ * was needed, so a steady step allocates nothing. */
+typedef struct arena arena;
+typedef struct {
+    size_t block, used;
+} arena_mark;
+arena *arena_create(context *c);
+void arena_free(arena *a);
+void *arena_alloc(context *c, arena *a, size_t count, size_t size); /* 64-byte aligned, not zeroed */
+arena_mark arena_position(const arena *a);
+void arena_rewind(arena *a, arena_mark mark); /* memory taken since the mark is free again */
+void arena_reset(arena *a);
+size_t arena_peak(const arena *a); /* bytes */
+
+/* ---- threads (threads.c): plain data parallelism over [0, n) in contiguous, fixed ranges ---- */
+typedef void (*range_function)(void *arg, int64_t begin, int64_t end, int thread);
+/* Splits [0, n) into at most `threads` ranges of at least `grain`; the split depends on n, grain and the
+ * thread count alone, so results are reproducible. */
+void parallel_for(const context *c, int64_t n, int64_t grain, range_function f, void *arg);
+int threads_available(void);
+
+/* ---- random numbers (random.c): counter-based, so any stream can be entered anywhere ---- */
+uint64_t fnv1a64(const char *text);
+uint64_t splitmix64(uint64_t x);
+/* Value i of the stream `key`: u in [0, 1), 24 bits, splitmix64(key + i) >> 40 over 2^24. */
+double random_uniform(uint64_t key, uint64_t i);
+double random_normal(uint64_t key, uint64_t i); /* Box-Muller of values 2i and 2i + 1 */
+uint64_t random_key(uint64_t seed, const char *stream, uint64_t index); /* one key of three parts */
+int64_t random_below(uint64_t key, uint64_t i, int64_t n);              /* integer in [0, n) */
+
+/* ---- processor (processor.c) ---- */
+typedef enum { ISA_PLAIN, ISA_AVX2, ISA_AVX512, ISA_AMX } isa_level;
+/* The best level this machine has (AMX means AVX-512 with BF16 and AMX tiles that the kernel lets us use),
+ * lowered by SHERF_ISA=plain|avx2|avx512|amx. */
+isa_level isa_best(void);
+const char *isa_name(isa_level level);
+
+double time_seconds(void);      /* monotonic */
+size_t memory_peak_bytes(void); /* peak resident set of this process */
+
+#define COUNT_OF(a) (sizeof(a) / sizeof((a)[0]))
+#endif

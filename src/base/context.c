@@ -1,0 +1,45 @@
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/base.h"
+
+sherf_status sherf_context_create(const sherf_options *options, sherf_context **out) {
+    *out = NULL;
+    context boot = {0};
+    context *c = mem_zero(&boot, 1, sizeof *c);
+    if (!c) return SHERF_NO_MEMORY;
+    if (options) {
+        c->log = options->log;
+        c->progress = options->progress;
+        c->user = options->user;
+        c->threads = options->threads;
+        c->precision = options->precision;
+    }
+    if (c->threads <= 0) c->threads = threads_available();
+    if (c->precision == SHERF_PRECISION_AUTO)
+        c->precision = isa_best() >= ISA_AMX ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
+    *out = c;
+    return SHERF_OK;
+}
+
+void sherf_context_free(sherf_context *c) {
+    mem_free(c);
+}
+const char *sherf_message(const sherf_context *c) {
+    return c->message;
+}
+void sherf_cancel(sherf_context *c) {
+    atomic_store(&c->cancelled, 1);
+}
+void sherf_cancel_reset(sherf_context *c) {
+    atomic_store(&c->cancelled, 0);
+}
+sherf_precision sherf_precision_used(const sherf_context *c) {
+    return c->precision;
+}
+const char *sherf_version(void) {
+    return SHERF_VERSION;
+}
+void sherf_free(void *p) {
+    mem_free(p);
+}

@@ -1,0 +1,119 @@
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/path.h"
+
+sherf_status file_read(context *c, const char *path, size_t limit_bytes, unsigned char **data,
+                       size_t *bytes) {
+    *data = NULL;
+    *bytes = 0;
+    sherf_status status = SHERF_OK;
+    unsigned char *buffer = NULL;
+    FILE *f = fopen(path, "rb");
+    if (!f) return failure(c, SHERF_NO_FILE, "%s: cannot be opened: %s", path, strerror(errno));
+    struct stat info;
+    if (fstat(fileno(f), &info) || !S_ISREG(info.st_mode)) {
+        status = failure(c, SHERF_BAD_FILE, "%s: not a file", path);
+        goto done;
+    }
+    if ((uint64_t)info.st_size > limit_bytes) {
+        status = failure(c, SHERF_BAD_FILE, "%s: %lld bytes, more than the %zu allowed", path,
+                         (long long)info.st_size, limit_bytes);
+        goto done;
+    }
+    size_t n = (size_t)info.st_size;
+    buffer = mem_alloc(c, n + 1, 1);
+    if (!buffer) {
+        status = SHERF_NO_MEMORY;
+        goto done;
+    }
+    if (fread(buffer, 1, n, f) != n) {
+        status = failure(c, SHERF_BAD_FILE, "%s: cannot be read: %s", path,
+                         ferror(f) ? strerror(errno) : "it shrank");
+        goto done;
+    }
+    buffer[n] = 0;
+    *data = buffer;
+    *bytes = n;
+    buffer = NULL;
+done:
+    mem_free(buffer);
+    fclose(f);
+    return status;
+}
+
+sherf_status output_open(context *c, const char *path, output_file *out) {
+    *out = (output_file){0};
+    if (snprintf(out->final, sizeof out->final, "%s", path) >= (int)sizeof out->final ||
+        snprintf(out->temporary, sizeof out->temporary, "%s.%ld.part", path, (long)getpid()) >=
+            (int)sizeof out->temporary)
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
+    out->file = fopen(out->temporary, "wb");
+    if (!out->file) return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", path, strerror(errno));
+    return SHERF_OK;
+}
+
+sherf_status output_write(context *c, output_file *out, const void *data, size_t bytes) {
+    if (!bytes || fwrite(data, 1, bytes, out->file) == bytes) return SHERF_OK;
+    return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", out->final, strerror(errno));
+}
+
+sherf_status output_commit(context *c, output_file *out) {
+    if (!out->file) return SHERF_OK;
+    bool ok = fflush(out->file) == 0 && fsync(fileno(out->file)) == 0;
+    int why = errno;
+    if (fclose(out->file) != 0 && ok) {
+        ok = false;
+        why = errno;
+    }
+    out->file = NULL;
+    if (ok && rename(out->temporary, out->final) != 0) {
+        ok = false;
+        why = errno;
+    }
+    if (ok) return SHERF_OK;
+    unlink(out->temporary);
+    return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", out->final, strerror(why));
+}
+
+void output_abort(output_file *out) {
+    if (!out->file) return;
+    fclose(out->file);
+    unlink(out->temporary);
+    out->file = NULL;
+}
+
+sherf_status folder_make(context *c, const char *path) {
+    char part[PATH_LENGTH];
+    if (snprintf(part, sizeof part, "%s", path) >= (int)sizeof part)
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
+    for (char *p = part + 1;; p++) {
+        if (*p != '/' && *p) continue;
+        char old = *p;
+        *p = 0;
+        if (mkdir(part, 0777) != 0 && errno != EEXIST)
+            return failure(c, SHERF_WRITE_FAILED, "%s: cannot be made: %s", part, strerror(errno));
+        *p = old;
+        if (!old) break;
+    }
+    if (!path_is_folder(path)) return failure(c, SHERF_WRITE_FAILED, "%s: not a folder", path);
+    return SHERF_OK;
+}
+
+bool path_is_folder(const char *path) {
+    struct stat info;
+    return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
+bool path_is_file(const char *path) {
+    struct stat info;
+    return stat(path, &info) == 0 && S_ISREG(info.st_mode);
+}
+
+bool path_ends(const char *path, const char *suffix) {
+    size_t n = strlen(path), m = strlen(suffix);
+    return n >= m && !strcasecmp(path + n - m, suffix);
+}

@@ -1,0 +1,28 @@
+/* Files: read whole; written whole or not at all (temporary name, then rename). */
+#ifndef SHERF_PATH_H
+#define SHERF_PATH_H
+
+#include <stdio.h>
+
+#include "base/base.h"
+
+enum { PATH_LENGTH = 4096 };
+
+/* The file's bytes with a 0 behind them, freed with mem_free. Fails when it is longer than the limit. */
+sherf_status file_read(context *c, const char *path, size_t limit_bytes, unsigned char **data, size_t *bytes);
+
+typedef struct {
+    FILE *file; /* NULL once committed or aborted */
+    char final[PATH_LENGTH], temporary[PATH_LENGTH];
+} output_file;
+sherf_status output_open(context *c, const char *path, output_file *out);
+sherf_status output_write(context *c, output_file *out, const void *data, size_t bytes);
+sherf_status output_commit(context *c,
+                           output_file *out); /* flush, close, rename; on failure nothing is left */
+void output_abort(output_file *out);          /* close and remove; fine after a commit or on zeroes */
+
+sherf_status folder_make(context *c, const char *path); /* with parents; fine when it is there */
+bool path_is_folder(const char *path);
+bool path_is_file(const char *path);
+bool path_ends(const char *path, const char *suffix); /* ignoring case */
+#endif

@@ -1,0 +1,63 @@
+#include <cpuid.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/base.h"
+
+#if defined(__x86_64__)
+/* Linux hands out AMX tile state on request only: arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA). */
+static bool amx_permitted(void) {
+    unsigned a, b, c, d;
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return false;
+    if (!(d & (1u << 22)) || !(d & (1u << 24))) return false; /* AMX-BF16, AMX-TILE */
+    return syscall(SYS_arch_prctl, 0x1023, 18) == 0;
+}
+#endif
+
+static isa_level detect(void) {
+#if defined(__x86_64__)
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) return ISA_PLAIN;
+    if (!__builtin_cpu_supports("avx512f") || !__builtin_cpu_supports("avx512bw") ||
+        !__builtin_cpu_supports("avx512vl") || !__builtin_cpu_supports("avx512dq"))
+        return ISA_AVX2;
+    unsigned a, b, c, d;
+    if (!__get_cpuid_count(7, 1, &a, &b, &c, &d) || !(a & (1u << 5))) return ISA_AVX512; /* AVX512-BF16 */
+    return amx_permitted() ? ISA_AMX : ISA_AVX512;
+#else
+    return ISA_PLAIN;
+#endif
+}
+
+static const char *const names[] = {"plain", "avx2", "avx512", "amx"};
+
+isa_level isa_best(void) {
+    static atomic_int known = -1;
+    int level = atomic_load(&known);
+    if (level < 0) {
+        level = (int)detect();
+        atomic_store(&known, level);
+    }
+    const char *mask = getenv("SHERF_ISA");
+    for (int i = 0; mask && i < level; i++)
+        if (!strcmp(mask, names[i])) level = i;
+    return (isa_level)level;
+}
+
+const char *isa_name(isa_level level) {
+    return names[level];
+}
+
+double time_seconds(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+size_t memory_peak_bytes(void) {
+    struct rusage u;
+    return getrusage(RUSAGE_SELF, &u) ? 0 : (size_t)u.ru_maxrss * 1024;
+}

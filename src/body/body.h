@@ -1,0 +1,90 @@
+/* body: the SMPL-like body model, its poses, and skinning between its spaces.
+ * Spaces: _smpl the posed body's own (before R, Th), _world, _canonical (shape 0, big pose), _camera. */
+#ifndef SHERF_BODY_H
+#define SHERF_BODY_H
+
+#include "base/base.h"
+
+enum { BODY_JOINTS = 24, BODY_SHAPES = 10, BODY_POSE_FEATURES = 207, BODY_VERTICES_MAX = 1 << 20 };
+
+struct sherf_body {
+    int vertices, faces;
+    float *v_template;       /* V x 3 */
+    float *shapedirs;        /* V x 3 x 10 */
+    float *posedirs;         /* 207 x V x 3 (pose feature major, so that applying it streams) */
+    float *weights;          /* V x 24 */
+    double *regressor;       /* 24 x V, dense */
+    uint32_t *face;          /* F x 3 */
+    int parent[BODY_JOINTS]; /* -1 for the root; parent[j] < j */
+    uint64_t fingerprint;    /* of all of the above */
+    /* derived once: the canonical body (shape 0, big pose) */
+    struct posed_body *canonical;
+};
+typedef struct sherf_body body_model;
+
+/* 3 x 4 affine maps, row-major. */
+typedef struct posed_body {
+    float *vertices_smpl;              /* V x 3 */
+    float *pose_offset;                /* V x 3: posedirs * vec(R(pose)[1:] - I) */
+    float *shape_offset;               /* V x 3: shapedirs * shape */
+    float joints_rest[BODY_JOINTS][3]; /* J: regressed from the shaped template */
+    float joints_smpl[BODY_JOINTS][3];
+    float transform[BODY_JOINTS][12]; /* A_k: rest to posed, relative to the rest pose */
+    float R[9], Th[3];                /* body to world */
+    float min_smpl[3], max_smpl[3];
+} posed_body;
+
+extern const float body_big_pose[72];
+
+/* Takes ownership of nothing: copies the arrays, checks them (finite, weights sum to 1 within 1e-3, indices
+ * in range, a tree), computes the canonical body and fingerprint. Arrays: v_template V x 3, shapedirs V x 3 x
+ * shape_count (first 10 used, fewer are padded with zeros), posedirs V x 3 x 207, weights V x 24, regressor
+ * 24 x V, kintree_parent 24 (anything for the root). */
+typedef struct {
+    int vertices, faces, shape_count;
+    const double *v_template, *shapedirs, *posedirs, *weights, *regressor;
+    const int64_t *face, *parent;
+} body_arrays;
+sherf_status body_create(context *c, const body_arrays *arrays, body_model **out);
+/* body_load: by content, .pkl .npz .safetensors, is in data/body_file.h (it needs io). */
+
+sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
+                               const float shape[10], const float R[9], const float Th[3], posed_body **out);
+void posed_body_free(posed_body *p);
+void body_vertices_world(const body_model *m, const posed_body *p, float *vertices_world); /* V x 3 */
+void rodrigues(const float axis_angle_rad[3], float R[9]);
+void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]);
+
+/* Canonical box (network.md): min/max of the canonical vertices -/+ 0.05, without and with the further 0.1 in
+ * z. */
+void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]);
+void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float max_canonical[3]);
+
+/* Unit vertex normals: sum of the unit normals (b-a) x (c-a) of the faces at the vertex, normalised. V x 3.
+ */
+sherf_status body_normals(context *c, const body_model *m, const float *vertices, float *normals);
+
+/* ---- deformation (network.md: Target to canonical, Canonical to observation) ---- */
+/* Points of the posed body's SMPL space to canonical space by the inverse LBS of their nearest vertex.
+ * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. */
+void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_smpl,
+                         const float *directions_smpl, const int32_t *nearest, float *points_canonical,
+                         float *directions_canonical);
+/* Canonical points to the posed body's world space; nearest: nearest canonical vertex of each point. */
+void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
+                           const int32_t *nearest, float *points_world);
+
+/* ---- nearest vertex: exact, over a uniform grid ---- */
+typedef struct vertex_grid vertex_grid;
+/* Answers queries with a nearest vertex closer than `radius_m` (squared distances in float32, lowest index on
+ * a tie); further away the answer is -1. radius_m 0: no limit. */
+sherf_status vertex_grid_create(context *c, int64_t vertices, const float *vertex, float radius_m,
+                                vertex_grid **out);
+void vertex_grid_free(vertex_grid *g);
+int32_t vertex_grid_nearest(const vertex_grid *g, const float point[3], float *distance_squared);
+void vertex_grid_nearest_many(const context *c, const vertex_grid *g, int64_t n, const float *points,
+                              int32_t *nearest);
+/* The body's canonical vertices have one grid, made with the body. */
+const vertex_grid *body_canonical_grid(const body_model *m);
+
+#endif

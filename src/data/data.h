@@ -1,0 +1,67 @@
+/* data: body files, observations, the four data sets, images as the protocol wants them. */
+#ifndef SHERF_DATA_H
+#define SHERF_DATA_H
+
+#include "body/body.h"
+#include "io/value.h"
+#include "io/safetensors.h"
+#include "io/image.h"
+#include "render/render.h"
+
+/* ---- body files ---- */
+sherf_status body_load(context *c, const char *path, body_model **out); /* = sherf_body_load */
+sherf_status body_from_document(context *c, const document *d, body_model **out);
+bool document_is_body(const document *d);
+/* Tensors v_template, shapedirs, posedirs (V,3,207), weights, J_regressor, f, kintree_table; metadata
+ * format=sherf-body. */
+sherf_status body_save(context *c, const body_model *m, const char *path);
+
+/* ---- pictures ---- */
+/* As OpenCV's undistort with the same camera matrix: bilinear, border 0. D: k1 k2 p1 p2 k3. Channels 1 or 3.
+ */
+sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[5]);
+/* cv::resize INTER_AREA (shrinking) to width x height; INTER_LINEAR when growing. nearest: INTER_NEAREST
+ * (masks). */
+sherf_status image_resize_area(context *c, image_u8 *image, int width, int height);
+sherf_status image_resize_nearest(context *c, image_u8 *image, int width, int height);
+
+/* ---- observation ---- */
+struct sherf_observation {
+    sherf_image image; /* RGB, black outside the mask */
+    uint8_t *mask;     /* H x W: 0 or 1 */
+    uint8_t *unknown;  /* H x W: 1 where the mask's edge is unsure (ZJU-MoCap); NULL: none */
+    sherf_camera camera;
+    sherf_pose pose;
+};
+/* The view of a target to be compared with: the same struct. */
+typedef struct sherf_observation data_view;
+sherf_status observation_check(context *c,
+                               const sherf_observation *o); /* finite, sizes, mask not empty or full */
+
+/* ---- data sets ---- */
+typedef enum { DATA_THUMAN, DATA_RENDERPEOPLE, DATA_ZJU, DATA_HUMMAN, DATA_KINDS } data_kind;
+typedef struct {
+    const char *name;
+    int train_first, train_count, test_first, test_count; /* lines of human_list.txt; -1: named lists */
+    int train_poses, train_pose_step, views;
+    int view_step; /* targets in tests: every second view, HuMMan every view */
+    int observation_views[3];
+    int pose_first, pose_step, pose_count; /* tests */
+    int observation_pose;                  /* of novel pose */
+    int front_view;
+    double image_scale;
+} data_protocol;
+const data_protocol *data_protocol_of(data_kind kind);
+data_kind dataset_kind(const sherf_dataset *d);
+/* Views of one person at the protocol's scale; width 0: the protocol's size, otherwise scaled (K too) to this
+ * width. */
+sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
+                          data_view **out);
+/* Pose and shape alone, without the picture. */
+sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int pose, sherf_pose *out);
+sherf_status dataset_camera(context *c, const sherf_dataset *d, int person, int view, sherf_camera *out);
+/* People by names or list lines ("a,b" or "90-99"); NULL: the paper's split. *indices is mem_free'd. */
+sherf_status dataset_people(context *c, const sherf_dataset *d, const char *names, bool training,
+                            int **indices, int *count);
+
+#endif

@@ -1,0 +1,10 @@
+/* tubeman: a body of tubes in the layout of an SMPL file, nobody's property; for tests, synth and bench.
+ * The same numbers as the reference's generator: 6890 vertices, 24 joints, 10 shapes, 207 pose blend shapes.
+ */
+#ifndef SHERF_TUBEMAN_H
+#define SHERF_TUBEMAN_H
+#include "body/body.h"
+sherf_status tubeman_create(context *c, body_model **out);
+/* Colour of a surface point of the striped tube person number `person`: limb colours and stripes. */
+void tubeman_color(uint64_t person_key, int vertex, float rgb[3]);
+#endif

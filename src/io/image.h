@@ -1,0 +1,24 @@
+/* Pictures and videos. PNG (1-16 bit, grey, palette, alpha) and JPEG (grey, YCbCr, CMYK) come in as 8-bit RGB
+ * or grey. */
+#ifndef SHERF_IMAGE_H
+#define SHERF_IMAGE_H
+
+#include "base/base.h"
+
+enum { IMAGE_SIDE_MAX = 32768 };
+static const size_t image_pixels_max = (size_t)128 << 20;
+
+typedef struct {
+    int width, height, channels;
+    uint8_t *data;
+} image_u8; /* mem_free(data) */
+/* channels: 3 or 1, what the caller wants (grey from colour as OpenCV: .299 .587 .114). 16-bit values are
+ * scaled to 8. Alpha is dropped (channels 3), see image_read_alpha. CMYK JPEG: Adobe inversion respected. */
+sherf_status image_read(context *c, const char *path, int channels, image_u8 *out);
+sherf_status image_size(context *c, const char *path, int *width, int *height, int *channels);
+/* channels 1, 3 or 4; 8 bit. */
+sherf_status png_write(context *c, const char *path, int width, int height, int channels,
+                       const uint8_t *data);
+sherf_status jpeg_write(context *c, const char *path, int width, int height, const uint8_t *rgb, int quality);
+uint8_t float_to_u8(float v); /* clamped, v * 255 rounded to nearest */
+#endif

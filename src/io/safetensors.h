@@ -1,0 +1,44 @@
+/* safetensors: 8-byte header length, JSON header, tensors. https://github.com/huggingface/safetensors
+ * (format) */
+#ifndef SHERF_SAFETENSORS_H
+#define SHERF_SAFETENSORS_H
+
+#include "tensor/tensor.h"
+
+typedef struct {
+    char *name;
+    dtype type;
+    int rank;
+    int64_t dim[TENSOR_RANK];
+    const void *data;
+} safetensor;
+typedef struct {
+    size_t count;
+    safetensor *tensor; /* in file order */
+    size_t metadata_count;
+    char **metadata_key, **metadata_value;
+    void *memory; /* internal: the mapped or read bytes */
+    size_t memory_bytes;
+} safetensors;
+sherf_status safetensors_read(context *c, const char *path, safetensors **out);
+void safetensors_free(safetensors *s);
+const safetensor *safetensors_find(const safetensors *s, const char *name);
+const char *safetensors_metadata(const safetensors *s, const char *key);
+/* float32 values of a tensor of exactly this shape (F32, F64, F16, BF16 in the file), into out. */
+sherf_status safetensors_floats(context *c, const safetensors *s, const char *name, int rank,
+                                const int64_t *dim, float *out);
+
+/* Writing: tensors in the order given; data start 64-byte aligned; whole or not at all. */
+typedef struct {
+    const char *name;
+    dtype type;
+    int rank;
+    int64_t dim[TENSOR_RANK];
+    const void *data;
+} safetensor_item;
+typedef struct {
+    const char *key, *value;
+} safetensor_metadata;
+sherf_status safetensors_write(context *c, const char *path, size_t count, const safetensor_item *item,
+                               size_t metadata_count, const safetensor_metadata *metadata);
+#endif

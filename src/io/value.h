@@ -1,0 +1,104 @@
+/* value: one tree for everything that comes from outside: JSON, pickles, npy, npz, torch files. Data only. */
+#ifndef SHERF_VALUE_H
+#define SHERF_VALUE_H
+
+#include "tensor/tensor.h"
+
+typedef enum {
+    VALUE_NONE,
+    VALUE_BOOL,
+    VALUE_INTEGER,
+    VALUE_REAL,
+    VALUE_STRING,
+    VALUE_ARRAY,
+    VALUE_LIST,
+    VALUE_DICT,
+    VALUE_RECORD
+} value_kind;
+
+typedef struct value value;
+typedef struct {
+    value *key, *item;
+} value_pair;
+struct value {
+    value_kind kind;
+    union {
+        bool boolean;
+        int64_t integer;
+        double real;
+        struct {
+            char *text;
+            size_t length;
+        } string; /* also bytes; text has a 0 behind it */
+        struct {
+            dtype type;
+            int rank;
+            int64_t dim[8];
+            void *data;
+        } array; /* contiguous, row-major, little endian; rank 0 to 8 */
+        struct {
+            value **item;
+            size_t count;
+        } list; /* list, tuple, set */
+        struct {
+            value_pair *pair;
+            size_t count;
+        } dict;
+        /* An object of a class that is not built: its class "module.name", what it was called with, its
+         * state. */
+        struct {
+            char *class_name;
+            value *arguments, *state;
+        } record;
+    };
+};
+
+/* All values of one file live in one document. */
+typedef struct document document;
+struct document {
+    arena *memory;
+    value *root;
+};
+void document_free(document *d); /* NULL is fine; frees d */
+
+/* Looking things up; NULL when it is not there or d is not a dict (a record's state dict is looked into as
+ * well). */
+const value *value_get(const value *d, const char *key);
+const value *value_at(const value *list, size_t i);
+size_t value_count(const value *v); /* list, dict */
+bool value_is_string(const value *v, const char *text);
+/* Numbers from an array, a (nested) list of numbers, or a number: exactly `count` values, as float/double;
+ * finite or it fails. `what` names it in the message. */
+sherf_status value_floats(context *c, const value *v, const char *what, size_t count, float *out);
+sherf_status value_doubles(context *c, const value *v, const char *what, size_t count, double *out);
+sherf_status value_integer(context *c, const value *v, const char *what, int64_t *out);
+/* Number of scalars in an array or nested list; -1 when v is neither. */
+int64_t value_numbers(const value *v);
+
+/* Readers; each refuses what it does not know with one line naming the file. */
+sherf_status json_read(context *c, const char *path, document **out);
+sherf_status json_parse(context *c, const char *text, size_t bytes, document **out);
+sherf_status pickle_read(context *c, const char *path,
+                         document **out); /* protocols 0-5, numpy, scipy.sparse, chumpy, torch legacy
+                                             storages, unknown classes as records */
+sherf_status pickle_parse(context *c, const unsigned char *data, size_t bytes, document **out);
+sherf_status npy_read(context *c, const char *path,
+                      document **out); /* also object arrays: a pickled dict comes out as the dict */
+sherf_status npy_parse(context *c, const unsigned char *data, size_t bytes, document **out);
+sherf_status npz_read(context *c, const char *path, document **out);   /* dict name -> array */
+sherf_status torch_read(context *c, const char *path, document **out); /* zip or legacy torch.save */
+/* Any of the above, and safetensors, by looking at the content. `kind` (may be NULL): "json", "pickle", ...
+ * static. */
+sherf_status document_read(context *c, const char *path, document **out, const char **kind);
+
+/* float32 .npy, written whole or not at all. */
+sherf_status npy_write_f32(context *c, const char *path, int rank, const int64_t *dim, const float *data);
+/* npz with float32 members. */
+typedef struct {
+    const char *name;
+    int rank;
+    int64_t dim[5];
+    const float *data;
+} npz_member;
+sherf_status npz_write(context *c, const char *path, int count, const npz_member *member);
+#endif

@@ -1,0 +1,75 @@
+/* render: cameras, rays, the samples near the body, a rasteriser. */
+#ifndef SHERF_RENDER_H
+#define SHERF_RENDER_H
+
+#include "body/body.h"
+
+/* ---- camera ---- */
+/* uv = K (R x + T) / (z + 1e-5); uv is n x 2, depth (may be NULL) n. */
+void camera_project(const sherf_camera *camera, int64_t n, const float *points_world, float *uv_px,
+                    float *depth_m);
+void camera_position(const sherf_camera *camera, float position_world[3]);
+sherf_status
+camera_check(context *c, const sherf_camera *camera); /* finite, K invertible, R a rotation, sizes in range */
+/* Scales K with the picture. */
+void camera_resize(sherf_camera *camera, int width_px, int height_px);
+
+/* ---- rays (network.md: Rays and points 1) ---- */
+typedef struct {
+    int width, height;
+    float origin_world[3];
+    float *direction;  /* N x 3, world, z_camera = 1 */
+    float *near, *far; /* N; 0 and 1 where the ray misses */
+    uint8_t *at_box;   /* N */
+} ray_bundle;
+sherf_status rays_create(context *c, const sherf_camera *camera, const float min_world[3],
+                         const float max_world[3],
+                         ray_bundle **out); /* min/max: the target vertices' -/+ 0.05, see body_world_box */
+void rays_free(ray_bundle *r);
+void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
+
+/* ---- the samples the network meets (network.md: Rays and points 2, 3) ---- */
+typedef struct {
+    int64_t count, rays;
+    int samples;
+    int32_t *first;             /* rays + 1: the points of ray n are [first[n], first[n + 1]) */
+    int32_t *ray;               /* P, row-major pixel */
+    int32_t *sample;            /* P, 0 .. samples-1 */
+    float *canonical;           /* P x 3 */
+    float *direction_canonical; /* P x 3, not normalised */
+    float
+        *observed_px; /* P x 2: projection into the observation camera; NULL when no observation was given */
+    float *observation_world; /* P x 3 before that projection; only when asked for */
+    int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
+} point_set;
+/* observation and observation_camera may both be NULL. keep_stages: fill the stage arrays for tests. Exactly
+ * the samples whose nearest target vertex is closer than 0.05 m, in ray-major, then depth order; found
+ * without visiting the empty ones. */
+sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
+                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
+                           bool keep_stages, point_set **out);
+void points_free(point_set *p);
+
+/* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
+sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
+                              const sherf_camera *camera, int32_t *visible);
+
+/* ---- rasteriser: z-buffered triangles with interpolated attributes, for synth, check and overlays ---- */
+typedef struct {
+    int width, height;
+    float *depth;       /* H x W, metres, infinity where empty */
+    int32_t *face;      /* H x W, -1 where empty */
+    float *barycentric; /* H x W x 3 (perspective-correct) */
+} raster;
+/* `supersample` >= 1 renders width*supersample etc.; the caller averages. */
+sherf_status raster_create(context *c, const sherf_camera *camera, int supersample, int64_t vertices,
+                           const float *vertex_world, int64_t faces, const uint32_t *face, raster **out);
+void raster_free(raster *r);
+
+/* ---- the projected box mask (evaluation, box losses), as OpenCV's fillPoly on the 8 projected corners' 6
+ * faces ---- */
+/* mask: H x W, 1 inside. Corners of the world box (min/max -/+ 0.05) are projected, rounded to nearest (half
+ * to even) to integers, each of the box's 6 faces is filled as a polygon including its border. */
+void box_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3], uint8_t *mask);
+
+#endif

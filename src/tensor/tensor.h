@@ -1,0 +1,133 @@
+/* tensor: arrays with a shape, the tape that records ops, and the table of kernels per backend.
+ *
+ * Layout inside the engine: everything is "rows x channels", channels last. Images and feature maps are
+ * [H, W, C], points [P, C], voxels [A, C], tokens [P, T, D] (= [P, T*D]). There is no batch dimension: one
+ * sample at a time, as batch norms take one picture's statistics. Weights keep the checkpoints' shapes (conv
+ * [O, I, k, k], linear [O, I], sparse conv [O, 3, 3, 3, I]). A tensor is contiguous. `real` tensors have the
+ * tape's type (F32, or F64 for the gradient checks); index tensors are I32. */
+#ifndef SHERF_TENSOR_H
+#define SHERF_TENSOR_H
+
+#include "base/base.h"
+
+typedef enum { T_F32, T_F64, T_I32, T_I64, T_U8, T_BF16, T_F16 } dtype;
+enum { TENSOR_RANK = 5 };
+
+typedef struct tensor tensor;
+struct tensor {
+    dtype type;
+    int rank;
+    int64_t dim[TENSOR_RANK];
+    void *data;
+    bool needs_grad;  /* a parameter, or computed from one while the tape records */
+    tensor *grad;     /* same shape; NULL until something adds to it */
+    const char *name; /* parameters only, for messages */
+};
+
+size_t dtype_size(dtype t);
+const char *dtype_name(dtype t);
+int64_t tensor_count(const tensor *t);
+int64_t tensor_columns(const tensor *t); /* last dimension (1 for rank 0) */
+int64_t tensor_rows(const tensor *t);    /* product of the others */
+bool tensor_same_shape(const tensor *a, const tensor *b);
+void tensor_shape_text(const tensor *t, char text[64]); /* "[3, 4]" */
+static inline float *tensor_f32(const tensor *t) {
+    return (float *)t->data;
+}
+static inline int32_t *tensor_i32(const tensor *t) {
+    return (int32_t *)t->data;
+}
+
+/* A tensor on the heap, zeroed (parameters, file contents). */
+tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim);
+void tensor_free(tensor *t); /* and its grad */
+
+/* ---- ops by number: one line an op in op_list.h ---- */
+typedef enum {
+#define OP(name, differentiable) OP_##name,
+#include "tensor/op_list.h"
+#undef OP
+    OP_COUNT
+} op_id;
+enum { OP_MAX_IN = 8, OP_MAX_OUT = 3, OP_MAX_ATTR = 96 };
+
+/* One call of a kernel. Forward: reads in[], attr, writes every out[] (uninitialised memory before).
+ * Backward: reads in[], out[], dout[] (NULL where no gradient arrived: it is zero), ADDS into din[i] where it
+ * is not NULL. `saved` is a buffer of saved_bytes that the forward kernel may fill for the backward one
+ * (sizes are fixed by the op's shape rule). Kernels take scratch from `scratch` (rewound by the caller after
+ * the kernel). */
+typedef struct op_call {
+    context *c;
+    op_id op;
+    tensor *in[OP_MAX_IN]; /* NULL: optional input not given */
+    tensor *out[OP_MAX_OUT];
+    tensor *din[OP_MAX_IN];
+    tensor *dout[OP_MAX_OUT];
+    const void *attr; /* the op's attr struct from ops.h */
+    void *saved;
+    arena *scratch;
+    bool bf16;     /* products may be taken in bf16 with float32 sums */
+    bool training; /* batch norms use and update batch statistics */
+} op_call;
+
+typedef sherf_status (*kernel)(op_call *call);
+typedef struct {
+    const char *name;
+    dtype real;
+    kernel forward[OP_COUNT];  /* NULL: this backend cannot do the op, which is an error by name and shape */
+    kernel backward[OP_COUNT]; /* NULL for ops declared non-differentiable */
+} backend;
+extern const backend backend_ref_f32; /* plain C, the definition of every op */
+extern const backend backend_ref_f64; /* the same source in double */
+extern const backend backend_cpu; /* oneDNN, SIMD, OpenMP; float32, products in bf16 where the tape says so */
+
+/* ---- the tape ---- */
+typedef struct tape tape;
+typedef struct {
+    const backend *backend;
+    bool record;   /* keep what the backward pass needs */
+    bool training; /* batch norms */
+    bool bf16;
+} tape_options;
+tape *tape_create(context *c, tape_options options);
+void tape_free(tape *t);
+void tape_reset(tape *t); /* forgets everything recorded, frees its memory in O(1), clears its status */
+context *tape_context(tape *t);
+const backend *tape_backend(const tape *t);
+bool tape_records(const tape *t);
+tape_options tape_settings(const tape *t);
+sherf_status
+tape_status(const tape *t); /* the first error of any op since the reset; ops after it do nothing */
+/* Puts an error on the tape (a shape rule that does not hold) and returns NULL. */
+tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
+size_t tape_peak(const tape *t); /* bytes */
+
+/* Tensors in the tape's arena (not zeroed; valid until the reset). NULL when the tape has failed. */
+tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim);
+tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim);
+/* A float32 array copied in as a real tensor of the tape's type. */
+tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim);
+tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim);
+tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same data and gradient data */
+void *tape_alloc(tape *t, size_t count, size_t size);                   /* plain memory with the same life */
+
+/* While not recording, intermediate memory can be given back: everything made after the mark is gone. */
+arena_mark tape_mark(tape *t);
+void tape_rewind(tape *t, arena_mark mark);
+
+/* Runs op's forward kernel and records it. For ops/x.c only. attr is copied. */
+bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, tensor *const *out,
+               const void *attr, size_t attr_bytes, size_t saved_bytes);
+/* Records a node of its own kind: `backward` is called in reverse order with `payload` (in the tape's arena);
+ * it reads gradients of its outputs and adds to those of its inputs through tape_grad. */
+typedef sherf_status (*tape_backward_function)(tape *t, void *payload);
+void tape_record(tape *t, tape_backward_function backward, void *payload);
+/* The gradient of x, made and zeroed on first use; parameters' gradients live with the parameter. */
+tensor *tape_grad(tape *t, tensor *x);
+/* Seeds d(loss)/d(loss) = scale (loss has one element) and runs the tape backwards. Gradients add up over
+ * calls. */
+sherf_status tape_backward(tape *t, tensor *loss, double scale);
+/* The same from gradients already put on tensors with tape_grad. */
+sherf_status tape_backward_seeded(tape *t);
+
+#endif

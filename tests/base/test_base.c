@@ -1,0 +1,69 @@
+#include "support.h"
+
+#include <string.h>
+
+static void hash_generator(void **state) {
+    /* splitmix64(0) is the published first output of the seed 0 generator. */
+    assert_true(splitmix64(0) == 0xE220A8397B1DCDAFu);
+    assert_true(fnv1a64("") == 0xCBF29CE484222325u);
+    assert_true(fnv1a64("a") == 0xAF63DC4C8601EC8Cu);
+    for (uint64_t i = 0; i < 1000; i++) {
+        double u = random_uniform(7, i);
+        assert_true(u >= 0 && u < 1);
+        assert_in_range(random_below(9, i, 5), 0, 4);
+    }
+}
+
+static void arena_reuses_memory(void **state) {
+    context *c = test_context();
+    arena *a = arena_create(c);
+    for (int round = 0; round < 3; round++) {
+        long before = mem_count();
+        for (int i = 0; i < 100; i++) {
+            char *p = arena_alloc(c, a, 100000, 1);
+            assert_non_null(p);
+            assert_int_equal((uintptr_t)p % 64, 0);
+            memset(p, i, 100000);
+        }
+        if (round == 2) assert_int_equal(mem_count(), before);
+        arena_reset(a);
+    }
+    arena_mark mark = arena_position(a);
+    char *p = arena_alloc(c, a, 10, 1);
+    arena_rewind(a, mark);
+    assert_ptr_equal(p, arena_alloc(c, a, 10, 1));
+    arena_free(a);
+    sherf_context_free(c);
+}
+
+static void failures_are_told(void **state) {
+    context *c = test_context();
+    mem_fail_after(0);
+    assert_null(mem_alloc(c, 1, 1));
+    assert_non_null(strstr(c->message, "out of memory"));
+    assert_null(mem_alloc(c, SIZE_MAX / 2, 4));
+    failure(c, SHERF_BAD_FILE, "two\nlines");
+    assert_string_equal(sherf_message(c), "two lines");
+    failure_prefix(c, SHERF_BAD_FILE, "file");
+    assert_string_equal(sherf_message(c), "file: two lines");
+    sherf_context_free(c);
+}
+
+static void add_range(void *arg, int64_t begin, int64_t end, int thread) {
+    for (int64_t i = begin; i < end; i++) ((int *)arg)[i]++;
+}
+
+static void parallel_covers_once(void **state) {
+    context *c = test_context();
+    int hits[1000] = {0};
+    parallel_for(c, 1000, 16, add_range, hits);
+    for (int i = 0; i < 1000; i++) assert_int_equal(hits[i], 1);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(hash_generator), cmocka_unit_test(arena_reuses_memory),
+        cmocka_unit_test(failures_are_told), cmocka_unit_test(parallel_covers_once)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

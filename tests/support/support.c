@@ -1,0 +1,42 @@
+#include <ftw.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "support.h"
+
+context *test_context(void) {
+    sherf_options options = {.threads = 2, .precision = SHERF_PRECISION_FP32};
+    context *c = NULL;
+    if (sherf_context_create(&options, &c) != SHERF_OK) abort();
+    return c;
+}
+
+void test_centred(const char *name, int64_t n, double scale, float *out) {
+    uint64_t key = fnv1a64(name);
+    for (int64_t i = 0; i < n; i++) out[i] = (float)(scale * (2.0 * random_uniform(key, (uint64_t)i) - 1.0));
+}
+
+static char folder[64];
+
+static int remove_entry(const char *path, const struct stat *info, int type, struct FTW *ftw) {
+    return remove(path);
+}
+
+static void remove_folder(void) {
+    nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+const char *test_path(const char *name) {
+    static char path[4][512];
+    static int next;
+    if (!folder[0]) {
+        strcpy(folder, "/tmp/sherf-test-XXXXXX");
+        if (!mkdtemp(folder)) abort();
+        atexit(remove_folder);
+    }
+    next = (next + 1) % 4;
+    snprintf(path[next], sizeof path[next], "%s/%s", folder, name);
+    return path[next];
+}

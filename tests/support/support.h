@@ -1,0 +1,23 @@
+/* What several test programs need. */
+#ifndef TEST_SUPPORT_H
+#define TEST_SUPPORT_H
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <setjmp.h>
+#include <cmocka.h>
+
+#include "base/base.h"
+
+context *test_context(void); /* float32, 2 threads; aborts when it cannot be made */
+/* centred(NAME, shape, s) of the reference rules: float32(s * (2u - 1)), n values. */
+void test_centred(const char *name, int64_t n, double scale, float *out);
+/* A path in a fresh temporary folder of this test program, removed at exit; static storage, 4 at a time. */
+const char *test_path(const char *name);
+/* Fails the test with the context's message unless status is SHERF_OK. */
+#define assert_ok(c, call)                                                                                   \
+    do {                                                                                                     \
+        sherf_status status_ = (call);                                                                       \
+        if (status_ != SHERF_OK) fail_msg("%s: status %d: %s", #call, (int)status_, (c)->message);           \
+    } while (0)
+#endif

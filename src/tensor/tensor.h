@@ -21,6 +21,7 @@ struct tensor {
     void *data;
     bool needs_grad;  /* a parameter, or computed from one while the tape records */
     tensor *grad;     /* same shape; NULL until something adds to it */
+    tensor *view_of;  /* tape_reshape: the tensor whose data and gradient data this one shares */
     const char *name; /* parameters only, for messages */
 };
 

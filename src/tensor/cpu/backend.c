@@ -1,0 +1,13 @@
+#include "tensor/cpu/cpu.h"
+#include "tensor/ref/ref.h"
+
+#define CPU_FORWARD(op) .forward[OP_##op] = cpu_##op##_forward,
+#define CPU_KERNEL(op) CPU_FORWARD(op).backward[OP_##op] = cpu_##op##_backward,
+#define CPU_SHARED_FORWARD(op) .forward[OP_##op] = ref_##op##_forward_f32,
+#define CPU_SHARED(op) CPU_SHARED_FORWARD(op).backward[OP_##op] = ref_##op##_backward_f32,
+const backend backend_cpu = {
+    .name = "CPU",
+    .real = T_F32,
+#include "tensor/cpu/dense_list.h"
+#include "tensor/cpu/spatial_list.h"
+};

@@ -1,0 +1,1 @@
+/* Spatial kernels of the CPU backend. No include guard. */

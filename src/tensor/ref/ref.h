@@ -1,0 +1,24 @@
+/* The reference kernels: plain C, each op's forward and right below it its backward rule, compiled twice
+ * (ref_f32.c, ref_f64.c) with `real` and the name suffix set. Clarity before speed: they define the ops. */
+#ifndef SHERF_REF_H
+#define SHERF_REF_H
+
+#include "tensor/ops.h"
+
+#define REF_NAME_(name, suffix) ref_##name##_##suffix
+#define REF_NAME(name, suffix) REF_NAME_(name, suffix)
+
+/* Lists of kernels: REF_KERNEL(op) has both, REF_FORWARD(op) the forward one only. */
+#define REF_KERNEL(op)                                                                                       \
+    sherf_status ref_##op##_forward_f32(op_call *call);                                                      \
+    sherf_status ref_##op##_backward_f32(op_call *call);                                                     \
+    sherf_status ref_##op##_forward_f64(op_call *call);                                                      \
+    sherf_status ref_##op##_backward_f64(op_call *call);
+#define REF_FORWARD(op)                                                                                      \
+    sherf_status ref_##op##_forward_f32(op_call *call);                                                      \
+    sherf_status ref_##op##_forward_f64(op_call *call);
+#include "tensor/ref/dense_list.h"
+#include "tensor/ref/spatial_list.h"
+#undef REF_KERNEL
+#undef REF_FORWARD
+#endif

@@ -1,0 +1,1 @@
+/* Kernels defined in ref/spatial_*.inc. No include guard. */

@@ -1,0 +1,282 @@
+#include <stdio.h>
+#include <string.h>
+
+#include "tensor/tensor.h"
+
+/* One recorded step, newest first. */
+typedef struct node node;
+struct node {
+    node *previous;
+    tape_backward_function backward; /* NULL: the op's kernel */
+    void *payload;
+    op_id op;
+    tensor *in[OP_MAX_IN], *out[OP_MAX_OUT];
+    const void *attr;
+    void *saved;
+};
+
+struct tape {
+    context *c;
+    tape_options options;
+    arena *memory;  /* tensors, nodes, attributes */
+    arena *scratch; /* rewound after every kernel */
+    node *newest;
+    sherf_status status;
+};
+
+static const char *const op_names[OP_COUNT] = {
+#define OP(name, differentiable) #name,
+#include "tensor/op_list.h"
+#undef OP
+};
+static const bool op_differentiable[OP_COUNT] = {
+#define OP(name, differentiable) differentiable,
+#include "tensor/op_list.h"
+#undef OP
+};
+
+tape *tape_create(context *c, tape_options options) {
+    tape *t = mem_zero(c, 1, sizeof *t);
+    if (!t) return NULL;
+    t->c = c;
+    t->options = options;
+    t->memory = arena_create(c);
+    t->scratch = t->memory ? arena_create(c) : NULL;
+    if (!t->scratch) {
+        tape_free(t);
+        return NULL;
+    }
+    return t;
+}
+
+void tape_free(tape *t) {
+    if (!t) return;
+    arena_free(t->memory);
+    arena_free(t->scratch);
+    mem_free(t);
+}
+
+void tape_reset(tape *t) {
+    arena_reset(t->memory);
+    arena_reset(t->scratch);
+    t->newest = NULL;
+    t->status = SHERF_OK;
+}
+
+context *tape_context(tape *t) {
+    return t->c;
+}
+const backend *tape_backend(const tape *t) {
+    return t->options.backend;
+}
+bool tape_records(const tape *t) {
+    return t->options.record;
+}
+tape_options tape_settings(const tape *t) {
+    return t->options;
+}
+sherf_status tape_status(const tape *t) {
+    return t->status;
+}
+size_t tape_peak(const tape *t) {
+    return arena_peak(t->memory) + arena_peak(t->scratch);
+}
+arena_mark tape_mark(tape *t) {
+    return arena_position(t->memory);
+}
+void tape_rewind(tape *t, arena_mark mark) {
+    arena_rewind(t->memory, mark);
+}
+
+tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) {
+    if (t->status != SHERF_OK) return NULL; /* the first error stands */
+    char text[512];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    t->status = failure(t->c, status, "%s", text);
+    return NULL;
+}
+
+void *tape_alloc(tape *t, size_t count, size_t size) {
+    if (t->status != SHERF_OK) return NULL;
+    void *p = arena_alloc(t->c, t->memory, count, size);
+    if (!p) t->status = SHERF_NO_MEMORY;
+    return p;
+}
+
+static tensor *tensor_shell(tape *t, dtype type, int rank, const int64_t *dim) {
+    tensor *x = tape_alloc(t, 1, sizeof *x);
+    if (!x) return NULL;
+    *x = (tensor){.type = type, .rank = rank};
+    for (int i = 0; i < rank; i++) {
+        if (dim[i] < 0) return tape_fail(t, SHERF_BAD_ARGUMENT, "a tensor of negative size");
+        x->dim[i] = dim[i];
+    }
+    return x;
+}
+
+tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim) {
+    tensor *x = tensor_shell(t, type, rank, dim);
+    if (!x) return NULL;
+    x->data = tape_alloc(t, (size_t)tensor_count(x), dtype_size(type));
+    return x->data ? x : NULL;
+}
+
+tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim) {
+    tensor *x = tape_tensor(t, type, rank, dim);
+    if (x) memset(x->data, 0, (size_t)tensor_count(x) * dtype_size(type));
+    return x;
+}
+
+tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim) {
+    tensor *x = tape_tensor(t, t->options.backend->real, rank, dim);
+    if (!x) return NULL;
+    int64_t n = tensor_count(x);
+    if (x->type == T_F32)
+        memcpy(x->data, data, (size_t)n * sizeof(float));
+    else
+        for (int64_t i = 0; i < n; i++) ((double *)x->data)[i] = data[i];
+    return x;
+}
+
+tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim) {
+    tensor *x = tape_tensor(t, T_I32, rank, dim);
+    if (x) memcpy(x->data, data, (size_t)tensor_count(x) * sizeof(int32_t));
+    return x;
+}
+
+tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim) {
+    if (!x) return NULL;
+    tensor *y = tensor_shell(t, x->type, rank, dim);
+    if (!y) return NULL;
+    if (tensor_count(y) != tensor_count(x)) {
+        char a[64], b[64];
+        tensor_shape_text(x, a);
+        tensor_shape_text(y, b);
+        return tape_fail(t, SHERF_BAD_ARGUMENT, "reshape of %s to %s", a, b);
+    }
+    y->data = x->data;
+    y->needs_grad = x->needs_grad;
+    y->view_of = x;
+    return y;
+}
+
+tensor *tape_grad(tape *t, tensor *x) {
+    if (x->grad) return x->grad;
+    tensor *g;
+    if (x->view_of) {
+        tensor *base = tape_grad(t, x->view_of);
+        g = base ? tensor_shell(t, x->type, x->rank, x->dim) : NULL;
+        if (g) g->data = base->data;
+    } else {
+        g = tape_zeros(t, x->type, x->rank, x->dim);
+    }
+    return x->grad = g;
+}
+
+static sherf_status run(tape *t, kernel k, op_call *call) {
+    call->c = t->c;
+    call->scratch = t->scratch;
+    call->bf16 = t->options.bf16;
+    call->training = t->options.training;
+    arena_mark mark = arena_position(t->scratch);
+    sherf_status status = k(call);
+    arena_rewind(t->scratch, mark);
+    return status;
+}
+
+static bool refuse(tape *t, op_id op, tensor *const *in, const char *what) {
+    char shape[64] = "";
+    if (in[0]) tensor_shape_text(in[0], shape);
+    tape_fail(t, SHERF_UNSUPPORTED, "the %s backend has no %s of %s for %s", t->options.backend->name, what,
+              op_names[op], shape);
+    return false;
+}
+
+static node *node_push(tape *t) {
+    node *n = tape_alloc(t, 1, sizeof *n);
+    if (!n) return NULL;
+    *n = (node){.previous = t->newest};
+    t->newest = n;
+    return n;
+}
+
+bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, tensor *const *out,
+               const void *attr, size_t attr_bytes, size_t saved_bytes) {
+    if (t->status != SHERF_OK) return false;
+    kernel forward = t->options.backend->forward[op];
+    if (!forward) return refuse(t, op, in, "kernel");
+    op_call call = {.op = op};
+    bool wanted = false;
+    for (int i = 0; i < inputs; i++) {
+        call.in[i] = in[i];
+        if (in[i] && in[i]->needs_grad) wanted = true;
+    }
+    for (int i = 0; i < outputs; i++) call.out[i] = out[i];
+    wanted = wanted && t->options.record && op_differentiable[op];
+    if (wanted && !t->options.backend->backward[op]) return refuse(t, op, in, "gradient");
+    call.attr = attr;
+    if (saved_bytes && !(call.saved = tape_alloc(t, saved_bytes, 1))) return false;
+    sherf_status status = run(t, forward, &call);
+    if (status != SHERF_OK) {
+        t->status = status;
+        return false;
+    }
+    if (!wanted) return true;
+    node *n = node_push(t);
+    void *copy = attr_bytes ? tape_alloc(t, attr_bytes, 1) : NULL;
+    if (!n || (attr_bytes && !copy)) return false;
+    if (copy) memcpy(copy, attr, attr_bytes);
+    n->op = op;
+    n->attr = copy;
+    n->saved = call.saved;
+    memcpy(n->in, call.in, sizeof n->in);
+    memcpy(n->out, call.out, sizeof n->out);
+    for (int i = 0; i < outputs; i++) out[i]->needs_grad = true;
+    return true;
+}
+
+void tape_record(tape *t, tape_backward_function backward, void *payload) {
+    node *n = node_push(t);
+    if (!n) return;
+    n->backward = backward;
+    n->payload = payload;
+}
+
+static sherf_status node_backward(tape *t, node *n) {
+    if (n->backward) return n->backward(t, n->payload);
+    op_call call = {.op = n->op, .attr = n->attr, .saved = n->saved};
+    bool any = false;
+    for (int i = 0; i < OP_MAX_OUT; i++) {
+        call.out[i] = n->out[i];
+        call.dout[i] = n->out[i] ? n->out[i]->grad : NULL;
+        if (call.dout[i]) any = true;
+    }
+    if (!any) return SHERF_OK;
+    for (int i = 0; i < OP_MAX_IN; i++) {
+        call.in[i] = n->in[i];
+        if (n->in[i] && n->in[i]->needs_grad && !(call.din[i] = tape_grad(t, n->in[i]))) return t->status;
+    }
+    return run(t, t->options.backend->backward[n->op], &call);
+}
+
+sherf_status tape_backward_seeded(tape *t) {
+    for (node *n = t->newest; n && t->status == SHERF_OK; n = n->previous) {
+        sherf_status status = node_backward(t, n);
+        if (status != SHERF_OK) t->status = status;
+    }
+    return t->status;
+}
+
+sherf_status tape_backward(tape *t, tensor *loss, double scale) {
+    if (t->status != SHERF_OK) return t->status;
+    tensor *g = tape_grad(t, loss);
+    if (!g) return t->status;
+    if (g->type == T_F64)
+        *(double *)g->data += scale;
+    else
+        *(float *)g->data += (float)scale;
+    return tape_backward_seeded(t);
+}

@@ -1,0 +1,235 @@
+/* Every op: gradients of the reference kernels in double against central differences; every backend against
+ * the reference; and that no op was forgotten. */
+#include "cases.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cases_dense.inc"
+#include "cases_spatial.inc"
+
+static const bool differentiable[OP_COUNT] = {
+#define OP(name, d) d,
+#include "tensor/op_list.h"
+#undef OP
+};
+static const char *const op_names[OP_COUNT] = {
+#define OP(name, d) #name,
+#include "tensor/op_list.h"
+#undef OP
+};
+
+static int case_count(void) {
+    return cases_dense_count + cases_spatial_count;
+}
+
+static const op_case *case_at(int i) {
+    return i < cases_dense_count ? &cases_dense[i] : &cases_spatial[i - cases_dense_count];
+}
+
+static double input_value(const case_input *d, uint64_t key, int64_t j) {
+    double v = d->low + (d->high - d->low) * random_uniform(key, (uint64_t)j);
+    if (d->away > 0 && fabs(v) < d->away) v = v < 0 ? v - d->away : v + d->away;
+    return v;
+}
+
+/* The inputs of a case, the same numbers (float32 values) for every backend. */
+static void inputs_make(context *c, const op_case *k, dtype real, tensor **in) {
+    for (int i = 0; i < k->inputs; i++) {
+        const case_input *d = &k->in[i];
+        in[i] = NULL;
+        if (d->rank < 0) continue;
+        in[i] = tensor_create(c, d->type == T_I32 ? T_I32 : real, d->rank, d->dim);
+        assert_non_null(in[i]);
+        char stream[128];
+        snprintf(stream, sizeof stream, "%s.%d", k->name, i);
+        uint64_t key = fnv1a64(stream);
+        for (int64_t j = 0; j < tensor_count(in[i]); j++) {
+            double v = input_value(d, key, j);
+            if (d->type == T_I32)
+                tensor_i32(in[i])[j] = d->fixed ? d->fixed[j] : (int32_t)floor(v);
+            else if (real == T_F64)
+                ((double *)in[i]->data)[j] = (float)v;
+            else
+                tensor_f32(in[i])[j] = (float)v;
+        }
+        in[i]->needs_grad = d->type != T_I32 && !d->constant;
+        if (!in[i]->needs_grad) continue;
+        in[i]->grad = tensor_create(c, real, d->rank, d->dim);
+        assert_non_null(in[i]->grad);
+    }
+}
+
+static void inputs_free(const op_case *k, tensor **in) {
+    for (int i = 0; i < k->inputs; i++) tensor_free(in[i]);
+}
+
+static double value(const tensor *t, int64_t i) {
+    return t->type == T_F64 ? ((double *)t->data)[i] : (double)tensor_f32(t)[i];
+}
+
+static double seed(int64_t i) {
+    return 2 * random_uniform(77, (uint64_t)i) - 1;
+}
+
+static tensor *run_case(tape *t, const op_case *k, tensor **in) {
+    tensor *y = k->build(t, in);
+    if (!y) fail_msg("%s: %s", k->name, tape_context(t)->message);
+    return y;
+}
+
+static double loss_of(tape *t, const op_case *k, tensor **in) {
+    tape_reset(t);
+    tensor *y = run_case(t, k, in);
+    double sum = 0;
+    for (int64_t i = 0; i < tensor_count(y); i++) sum += seed(i) * value(y, i);
+    return sum;
+}
+
+static void seed_backward(tape *t, tensor *y) {
+    tensor *g = tape_grad(t, y);
+    assert_non_null(g);
+    for (int64_t i = 0; i < tensor_count(y); i++) {
+        if (g->type == T_F64)
+            ((double *)g->data)[i] = seed(i);
+        else
+            tensor_f32(g)[i] = (float)seed(i);
+    }
+    if (tape_backward_seeded(t) != SHERF_OK) fail_msg("backward: %s", tape_context(t)->message);
+}
+
+/* Central differences of one input; the gradient g is there. */
+static void check_input(tape *plain, const op_case *k, tensor **in, int i) {
+    double *x = in[i]->data, *g = in[i]->grad->data, largest = 0, worst = 0;
+    int64_t n = tensor_count(in[i]), at = 0;
+    for (int64_t j = 0; j < n; j++) largest = fmax(largest, fabs(g[j]));
+    for (int64_t j = 0; j < n; j++) {
+        double old = x[j], h = 1e-5 * fmax(1, fabs(old));
+        x[j] = old + h;
+        double up = loss_of(plain, k, in);
+        x[j] = old - h;
+        double down = loss_of(plain, k, in);
+        x[j] = old;
+        double error = fabs((up - down) / (2 * h) - g[j]) / fmax(largest, 1e-3);
+        if (error <= worst) continue;
+        worst = error;
+        at = j;
+    }
+    if (!(worst <= 1e-6))
+        fail_msg("%s: gradient of input %d differs by %g at %lld (is %g)", k->name, i, worst, (long long)at,
+                 g[at]);
+}
+
+static void check_gradient(context *c, const op_case *k) {
+    tensor *in[OP_MAX_IN];
+    inputs_make(c, k, T_F64, in);
+    tape *t = tape_create(c, (tape_options){&backend_ref_f64, true, k->training, false});
+    tape *plain = tape_create(c, (tape_options){&backend_ref_f64, false, k->training, false});
+    assert_non_null(t);
+    assert_non_null(plain);
+    tensor *y = run_case(t, k, in);
+    assert_true(y->needs_grad);
+    seed_backward(t, y);
+    for (int i = 0; i < k->inputs; i++)
+        if (in[i] && in[i]->needs_grad) check_input(plain, k, in, i);
+    tape_free(plain);
+    tape_free(t);
+    inputs_free(k, in);
+}
+
+static void gradients(void **state) {
+    context *c = test_context();
+    for (int i = 0; i < case_count(); i++)
+        if (!case_at(i)->large && differentiable[case_at(i)->op]) check_gradient(c, case_at(i));
+    sherf_context_free(c);
+}
+
+static void compare(const op_case *k, const backend *b, const char *what, const tensor *want,
+                    const tensor *got, double tolerance) {
+    double largest = 0, worst = 0;
+    for (int64_t i = 0; i < tensor_count(want); i++) largest = fmax(largest, fabs(value(want, i)));
+    for (int64_t i = 0; i < tensor_count(want); i++) {
+        double error = fabs(value(want, i) - value(got, i));
+        if (!(error <= worst)) worst = error;
+    }
+    if (!(worst <= tolerance * fmax(largest, 1e-6)))
+        fail_msg("%s on %s: %s differs by %g of %g", k->name, b->name, what, worst, largest);
+}
+
+/* The forward value, what the op writes into inputs, and every gradient of `b` against the reference in
+ * double. */
+static void check_backend(context *c, const op_case *k, const backend *b, bool bf16) {
+    tensor *want_in[OP_MAX_IN], *got_in[OP_MAX_IN];
+    inputs_make(c, k, T_F64, want_in);
+    inputs_make(c, k, T_F32, got_in);
+    bool record = differentiable[k->op];
+    tape *want_tape = tape_create(c, (tape_options){&backend_ref_f64, record, k->training, false});
+    tape *got_tape = tape_create(c, (tape_options){b, record, k->training, bf16});
+    assert_non_null(want_tape);
+    assert_non_null(got_tape);
+    tensor *want = run_case(want_tape, k, want_in), *got = run_case(got_tape, k, got_in);
+    double tolerance = bf16 ? 2e-2 : k->tolerance > 0 ? k->tolerance : 2e-5;
+    compare(k, b, "the value", want, got, tolerance);
+    if (record) {
+        seed_backward(want_tape, want);
+        seed_backward(got_tape, got);
+    }
+    for (int i = 0; i < k->inputs; i++) {
+        if (!want_in[i] || k->in[i].type == T_I32) continue;
+        char what[32];
+        snprintf(what, sizeof what, "gradient %d", i);
+        if (record && want_in[i]->needs_grad)
+            compare(k, b, what, want_in[i]->grad, got_in[i]->grad, tolerance);
+        compare(k, b, "an input", want_in[i], got_in[i],
+                tolerance); /* running statistics are written in place */
+    }
+    tape_free(want_tape);
+    tape_free(got_tape);
+    inputs_free(k, want_in);
+    inputs_free(k, got_in);
+}
+
+static void backends_agree(void **state) {
+    context *c = test_context();
+    for (int i = 0; i < case_count(); i++) {
+        check_backend(c, case_at(i), &backend_ref_f32, false);
+        check_backend(c, case_at(i), &backend_cpu, false);
+        check_backend(c, case_at(i), &backend_cpu, true);
+    }
+    sherf_context_free(c);
+}
+
+static void nothing_forgotten(void **state) {
+    for (int op = 0; op < OP_COUNT; op++) {
+        bool found = false;
+        for (int i = 0; i < case_count(); i++)
+            if ((int)case_at(i)->op == op && (!differentiable[op] || !case_at(i)->large)) found = true;
+        if (!found) fail_msg("no case for op %s", op_names[op]);
+        if (!backend_ref_f32.forward[op] || !backend_ref_f64.forward[op])
+            fail_msg("no reference kernel for %s", op_names[op]);
+        if (!backend_cpu.forward[op]) fail_msg("no CPU kernel for %s", op_names[op]);
+        if (differentiable[op] && (!backend_ref_f64.backward[op] || !backend_cpu.backward[op]))
+            fail_msg("no gradient for %s", op_names[op]);
+    }
+}
+
+static void errors_stick(void **state) {
+    context *c = test_context();
+    tape *t = tape_create(c, (tape_options){.backend = &backend_ref_f32});
+    tensor *x = tape_zeros(t, T_F32, 2, (int64_t[]){2, 3}), *w = tape_zeros(t, T_F32, 2, (int64_t[]){4, 5});
+    assert_null(op_linear(t, op_linear(t, x, w, NULL, 1, 1), w, NULL, 1, 1));
+    assert_int_equal(tape_status(t), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "linear"));
+    tape_reset(t);
+    assert_int_equal(tape_status(t), SHERF_OK);
+    tape_free(t);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients), cmocka_unit_test(backends_agree),
+                                       cmocka_unit_test(nothing_forgotten), cmocka_unit_test(errors_stick)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,140 @@
+/* model: SHERF by the paper's names. Encoders, tri-plane, volume, pixel-aligned features, fusion, decoder.
+ * The way of the data: geometry (no tape: body, camera) -> model_encode (feature bank) -> model_points ->
+ * compositing. The same functions run inference, training (a recording tape) and evaluation. */
+#ifndef SHERF_MODEL_H
+#define SHERF_MODEL_H
+
+#include "body/body.h"
+#include "nn/parameters.h"
+#include "render/pointnet.h"
+#include "render/render.h"
+#include "tensor/ops.h"
+
+/* Every size of the network; kept in the weights' metadata. The paper's in brackets. */
+typedef struct {
+    char preset[32];
+    int encoder_width;    /* first width of the global ResNet-18 [64]; its latent has 8 times this */
+    int feature_width;    /* channels of the feature map [64] */
+    int style_width;      /* width of the mapping and its style [512] */
+    int mapping_layers;   /* [2] */
+    int plane_resolution; /* [256] */
+    int channel_base;     /* generator channels: min(channel_max, channel_base / resolution) [32768] */
+    int channel_max;      /* [512] */
+    int volume_channels[POINT_LEVELS];                          /* [32 64 96] */
+    int token_width;                                            /* [32] */
+    int heads, head_width;                                      /* [3 16] */
+    int decoder_width, decoder_depth, decoder_skip, view_width; /* [128 8 4 64] */
+    int samples;                                                /* per ray [48] */
+    float voxel_size_m;                                         /* [0.005] */
+    int image_size; /* width of the pictures it was trained on; 0: unknown [512] */
+} model_config;
+
+sherf_status model_config_parse(context *c, const char *text,
+                                model_config *out); /* "small,plane_resolution=64" */
+
+struct sherf_model {
+    model_config config;
+    parameters *weights;
+};
+typedef struct sherf_model model;
+
+sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
+void model_free(model *m);
+/* By name; NULL never happens for names of the configuration. */
+tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
+
+/* ---- what the body and the camera decide, once per observation ---- */
+typedef struct {
+    int width, height;
+    float *image;     /* H x W x 3, black outside the mask; owned */
+    posed_body *body; /* observation pose */
+    sherf_camera camera;
+    int32_t *visible; /* V */
+    float *vertex_px; /* V x 2 */
+    /* the sparse volume */
+    float volume_min[3]; /* canonical box without the extra z */
+    float voxel_size_m;
+    int volume_size[3];    /* z y x */
+    int32_t *vertex_zyx;   /* V x 3, voxel of each vertex */
+    int32_t *vertex_voxel; /* V: row of the active voxel list of level 0 */
+    struct {
+        int size[3]; /* z y x */
+        int64_t voxels;
+        int32_t *grid;         /* size z*y*x: row or -1 */
+        int32_t *rule;         /* [voxels, 27] submanifold */
+        int32_t *down_rule;    /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
+    } level[POINT_LEVELS + 2]; /* 0: full resolution, 1..3: read by points, 4: down3, only in training */
+} observation_geometry;
+/* down3: also the level that only moves down3's batch statistics. fixed_voxels (tests): V x 3 given instead,
+ * or NULL. */
+sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
+                                         const sherf_image *image_rgb, const sherf_camera *camera,
+                                         const sherf_pose *pose, bool down3, const int32_t *fixed_voxels,
+                                         observation_geometry **out);
+void observation_geometry_free(observation_geometry *g);
+
+/* ---- and once per target ---- */
+typedef struct {
+    posed_body *body;
+    ray_bundle *rays;
+    point_set *points;
+    float depth_min, depth_max; /* range of all depths of the frame */
+} target_geometry;
+sherf_status target_geometry_create(context *c, const model_config *config, const body_model *body,
+                                    const sherf_camera *camera, const sherf_pose *pose,
+                                    const observation_geometry *observation, bool keep_stages,
+                                    target_geometry **out);
+void target_geometry_free(target_geometry *g);
+
+/* ---- the feature bank, as tensors on a tape ---- */
+typedef struct {
+    tensor *latent;              /* [L] global feature */
+    tensor *style;               /* [style_width] */
+    tensor *planes;              /* [3, R, R, D] as [R, R, 3 D]: plane k is channels [k D, (k + 1) D) */
+    tensor *features;            /* [H/2, W/2, F] */
+    tensor *image;               /* [H, W, 3] */
+    tensor *level[POINT_LEVELS]; /* [voxels, channels] */
+} model_bank;
+/* Stages for the parity tests; NULL in normal use. */
+typedef struct {
+    tensor *block_x[16], *block_image[16];
+    int blocks;
+} model_stages;
+sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          model_bank *bank, model_stages *stages);
+
+/* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op on the tape. */
+typedef struct {
+    tensor *triplane, *volume, *fusion, *sigma, *rgb;
+} point_outputs;
+sherf_status model_points(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
+                          point_outputs *out);
+
+/* The whole frame on the tape: [N, 5] colour, opacity, depth. The points go through in chunks whose inside is
+ * not kept but computed again in the backward pass. noise_key != 0: standard normal noise is added to the raw
+ * density (training). */
+sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                         const model_bank *bank, const target_geometry *target, float background,
+                         uint64_t noise_key, tensor **frame);
+
+/* ---- files ---- */
+sherf_status model_load(context *c, const char *path, model **out); /* ours, or converted from the authors' */
+sherf_status model_save(context *c, const model *m, const char *path);
+/* Values of all tensors of `from` (a converted ResNet-18) into both encoders where shapes agree. */
+sherf_status model_load_resnet(context *c, model *m, const char *path);
+
+/* ---- avatar ---- */
+struct sherf_avatar {
+    model_config config;
+    sherf_pose pose; /* the observation's */
+    sherf_camera camera;
+    uint64_t body_fingerprint;
+    parameters *weights; /* the point network's only */
+    point_bank bank;     /* pointers into `memory` */
+    void *memory;
+    posed_body *observed;   /* observation pose, for the pixel-aligned features */
+    point_network *network; /* packed for the context's precision it was made or loaded in */
+};
+
+#endif

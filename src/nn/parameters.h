@@ -1,0 +1,39 @@
+/* parameters: a model's named tensors. Values of all of them lie in one aligned block, as do the gradients;
+ * the trained ones come first in both, so that the optimiser sees plain arrays. */
+#ifndef SHERF_PARAMETERS_H
+#define SHERF_PARAMETERS_H
+
+#include "tensor/tensor.h"
+
+typedef struct {
+    char *name;   /* as in the authors' checkpoints */
+    tensor value; /* F32; data in the block; value.grad when gradients were made */
+    tensor grad;
+    bool buffer;    /* running statistics: kept, averaged, never trained */
+    int64_t offset; /* floats into the block */
+} parameter;
+
+typedef struct {
+    int count, capacity;
+    parameter **item; /* in the order they were added */
+    bool laid_out;
+    int64_t trained_floats; /* offsets below this are trained (padded to 16 floats each) */
+    int64_t total_floats;
+    float *values; /* total_floats */
+    float *grads;  /* trained_floats, or NULL */
+} parameters;
+
+parameters *parameters_create(context *c);
+void parameters_free(parameters *p);
+/* Before parameters_lay_out. Returns the tensor (its data is NULL until then), or NULL when memory lacks. */
+tensor *parameter_add(context *c, parameters *p, bool buffer, int rank, const int64_t *dim,
+                      const char *name_format, ...) PRINTF_LIKE(6, 7);
+/* Makes the block, zeroed. */
+sherf_status parameters_lay_out(context *c, parameters *p);
+/* Makes the gradients' block (zeroed) and marks the trained tensors needs_grad. */
+sherf_status parameters_make_grads(context *c, parameters *p);
+void parameters_zero_grads(parameters *p);
+parameter *parameter_find(const parameters *p, const char *name);
+int64_t parameters_trained_count(const parameters *p); /* scalars, without padding */
+
+#endif

@@ -93,7 +93,8 @@ SHERF_API void sherf_image_free(sherf_image *image); /* frees data and zeroes th
 SHERF_API sherf_status sherf_image_read(sherf_context *c, const char *path,
                                         sherf_image *out); /* PNG or JPEG, to RGB */
 SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
-                                         const sherf_image *image); /* .png, .npy */
+                                         const sherf_image *image); /* .png, .npy; 1, 3 or 4 channels (RGB
+                                                                       and alpha, not premultiplied) */
 
 /* A camera looking at `centre_m` from `distance_m`, `azimuth_rad` about the y axis (0: from +z, the front of
  * a body in rest pose), `elevation_rad` above the horizon; y is up; vertical field of view `fov_rad`. */
@@ -197,6 +198,11 @@ SHERF_API int sherf_dataset_pose_count(const sherf_dataset *d, int person);
 SHERF_API int sherf_dataset_view_count(const sherf_dataset *d, int person);
 SHERF_API sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d, int person,
                                                  int pose, int view, sherf_observation **out);
+/* The camera of a view at the protocol's picture size, and body and pose, without reading the picture. */
+SHERF_API sherf_status sherf_dataset_camera(sherf_context *c, const sherf_dataset *d, int person, int view,
+                                            sherf_camera *out);
+SHERF_API sherf_status sherf_dataset_pose(sherf_context *c, const sherf_dataset *d, int person, int pose,
+                                          sherf_pose *out);
 
 /* ---------------------------------------------------------------- verbs ------------------------------ */
 /* Recognises `input` by its content, writes safetensors to `output`. *description (may be NULL): one line on

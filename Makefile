@@ -1,0 +1,40 @@
+# A thin front: installs what is missing on Debian 12, then cmake and ninja do the work.
+BUILD ?= build
+FLAGS ?=
+JOBS ?= $(shell nproc)
+CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
+
+.PHONY: all program test demo install check style format clean
+
+all: program
+
+program:
+	tools/install.sh build
+	$(CONFIGURE) -DSHERF_TESTS=OFF
+	ninja -C $(BUILD) -j $(JOBS) sherf
+
+test:
+	tools/install.sh build test
+	$(CONFIGURE) -DSHERF_TESTS=ON
+	ninja -C $(BUILD) -j $(JOBS)
+	cd $(BUILD) && OMP_WAIT_POLICY=passive ctest --output-on-failure
+
+demo: program
+	tools/demo.sh $(BUILD)/sherf demo
+
+install: program
+	ninja -C $(BUILD) -j $(JOBS)
+	cmake --install $(BUILD)
+
+check: style
+	.ci/run
+
+style:
+	tools/check_style.sh
+	tools/check_includes.sh
+
+format:
+	git ls-files '*.c' '*.h' | xargs clang-format-14 -i
+
+clean:
+	rm -rf $(BUILD)

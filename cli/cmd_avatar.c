@@ -1,0 +1,67 @@
+#include <sys/stat.h>
+
+#include "session.h"
+#include "verbs.h"
+
+static struct { const char *model, *body, *output; } set;
+
+static const option options[] = {
+    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
+    {0},
+};
+
+static int report(session *s, double avatar_s) {
+    struct stat st;
+    double bytes = stat(set.output, &st) == 0 ? (double)st.st_size : 0;
+    if (!common.json) {
+        session_remark("%s: %.1f MB, made in %.0f ms", set.output, bytes / 1e6, 1e3 * avatar_s);
+        return EXIT_DONE;
+    }
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, "avatar", set.output);
+    cJSON_AddNumberToObject(json, "bytes", bytes);
+    cJSON_AddNumberToObject(json, "avatar_ms", 1e3 * avatar_s);
+    cJSON_AddStringToObject(json, "precision", session_precision(s));
+    session_json(json);
+    return EXIT_DONE;
+}
+
+static int run(session *s, int count, char **argument) {
+    sherf_body *body = NULL;
+    sherf_model *model = NULL;
+    sherf_observation *observation = NULL;
+    sherf_avatar *avatar = NULL;
+    sherf_context *c = s->context;
+    double begun_s = 0, avatar_s = 0;
+    int status = session_status(s, sherf_body_load(c, set.body, &body));
+    if (!status) status = session_status(s, sherf_model_load(c, set.model, &model));
+    if (!status) status = session_status(s, sherf_observation_load(c, argument[0], &observation));
+    begun_s = seconds_now();
+    if (!status) status = session_status(s, sherf_avatar_create(c, model, body, observation, &avatar));
+    avatar_s = seconds_now() - begun_s;
+    if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
+    if (!status) status = report(s, avatar_s);
+    sherf_avatar_free(avatar);
+    sherf_observation_free(observation);
+    sherf_model_free(model);
+    sherf_body_free(body);
+    return status;
+}
+
+const verb verb_avatar = {
+    .name = "avatar",
+    .arguments = "OBSERVATION",
+    .summary = "make an avatar from one picture of a person",
+    .description = "Encodes an observation (picture, mask, camera, body pose and shape) into an avatar: one "
+                   "file with everything that rendering the person needs. OBSERVATION is a folder or JSON "
+                   "file, or a picture of a data set as DATA#PERSON/POSE/VIEW.",
+    .example =
+        "sherf avatar ann/ --model model.safetensors --body body.safetensors -o ann.safetensors\n"
+        "sherf avatar thuman:people#0007/0/4 -m model.safetensors -b body.safetensors -o 7.safetensors",
+    .options = options,
+    .arguments_least = 1,
+    .arguments_most = 1,
+    .run = run,
+};

@@ -1,0 +1,41 @@
+#include "session.h"
+#include "verbs.h"
+
+static struct { const char *output; } set;
+
+static const option options[] = {
+    {'o', "output", OPTION_FILE, &set.output, "FILE", "where it goes, .safetensors", .needed = true},
+    {0},
+};
+
+static int run(session *s, int count, char **argument) {
+    char *description = NULL;
+    int status = session_status(s, sherf_convert(s->context, argument[0], set.output, &description));
+    if (status) return status;
+    if (common.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "input", argument[0]);
+        cJSON_AddStringToObject(json, "output", set.output);
+        cJSON_AddStringToObject(json, "description", description ? description : "");
+        session_json(json);
+    } else if (!common.quiet) {
+        printf("%s: %s\n", set.output, description ? description : "converted");
+    }
+    sherf_free(description);
+    return EXIT_DONE;
+}
+
+const verb verb_convert = {
+    .name = "convert",
+    .arguments = "FILE",
+    .summary = "turn weights and body files of others into safetensors",
+    .description =
+        "Recognises FILE by its content: an SMPL body (pickle or npz), a SHERF snapshot, a torch state dict "
+        "(ResNet-18, VGG16, LPIPS heads; zip or legacy). Pickles are read as data; nothing in them runs.",
+    .example = "sherf convert checkpoint.pkl -o model.safetensors\n"
+               "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors",
+    .options = options,
+    .arguments_least = 1,
+    .arguments_most = 1,
+    .run = run,
+};

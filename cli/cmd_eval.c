@@ -1,0 +1,80 @@
+#include "session.h"
+#include "verbs.h"
+
+static struct {
+    const char *data, *people, *model, *body, *lpips, *observation, *poses, *views, *output;
+    bool npy, no_png;
+} set;
+
+static const option options[] = {
+    {'d', "data", OPTION_FILE, &set.data, "SPEC",
+     "data set: thuman:, renderpeople:, zju: or humman: and its folder; without a kind it is recognised",
+     .needed = true},
+    {'P', "people", OPTION_TEXT, &set.people, "LIST",
+     "names, or a range 90-99 of the data set's list (the paper's test people)"},
+    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
+     "what the network sees; each is evaluated (the paper's)"},
+    {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
+    {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
+    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads; without it no LPIPS"},
+    {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
+    {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
+    {0, "no-png", OPTION_FLAG, &set.no_png, NULL, "no pictures"},
+    {0},
+};
+
+static void score_add(cJSON *json, const char *name, const sherf_score *score) {
+    cJSON *o = cJSON_AddObjectToObject(json, name);
+    cJSON_AddNumberToObject(o, "psnr", score->psnr);
+    cJSON_AddNumberToObject(o, "ssim", score->ssim);
+    cJSON_AddNumberToObject(o, "lpips", score->lpips); /* NaN is written as null */
+    cJSON_AddNumberToObject(o, "count", score->count);
+}
+
+static int run(session *s, int count, char **argument) {
+    if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
+    sherf_eval_options o = {.data = set.data,
+                            .people = set.people,
+                            .body = set.body,
+                            .model = set.model,
+                            .lpips = set.lpips,
+                            .observations = set.observation,
+                            .poses = set.poses,
+                            .views = set.views,
+                            .output = set.output,
+                            .write_png = set.output && !set.no_png,
+                            .write_npy = set.npy};
+    sherf_scores scores = {0};
+    int status = session_status(s, sherf_eval(s->context, &o, &scores));
+    if (!status && common.json) {
+        cJSON *json = cJSON_CreateObject();
+        score_add(json, "novel_view", &scores.novel_view);
+        score_add(json, "novel_pose", &scores.novel_pose);
+        session_json(json);
+    } else if (!status && scores.table) {
+        fputs(scores.table, stdout);
+    }
+    sherf_free(scores.table);
+    return status;
+}
+
+const verb verb_eval = {
+    .name = "eval",
+    .arguments = "",
+    .summary = "score a model on a data set: PSNR, SSIM, LPIPS",
+    .description =
+        "Renders people of a data set from one picture each and compares with the truth, by the paper's "
+        "protocol: novel view (the observation's pose) and novel pose (others). The observed view itself is "
+        "left out. Scores are printed by person with their means and go to OUT/scores.json.",
+    .example =
+        "sherf eval --data thuman:THuman/nerf_data_ --model model.safetensors --body body.safetensors -o "
+        "out\n"
+        "sherf eval --data thuman:people --people person_3 --observation 0:4 --poses 0,2 --views 0:2:12 "
+        "-m model.safetensors -b people/tubeman.safetensors",
+    .options = options,
+    .arguments_least = 0,
+    .arguments_most = 0,
+    .run = run,
+};

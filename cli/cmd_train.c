@@ -1,0 +1,93 @@
+#include "session.h"
+#include "verbs.h"
+
+static struct {
+    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *resume;
+    bool front_view;
+    int64_t size, steps, images, halve_every, sample_every, save_every, workers;
+    double epochs, seconds, learning_rate;
+} set = {.preset = "paper"};
+
+static const option options[] = {
+    {'d', "data", OPTION_FILE, &set.data, "SPEC",
+     "data set: thuman:, renderpeople:, zju: or humman: and its folder; without a kind it is recognised",
+     .needed = true},
+    {'P', "people", OPTION_TEXT, &set.people, "LIST",
+     "names, or a range 0-89 of the data set's list (the paper's training people)"},
+    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {'o', "output", OPTION_FILE, &set.output, "FOLDER",
+     "model, checkpoint, log.jsonl, loss.png, samples; a checkpoint that is there is continued",
+     .needed = true},
+    {'p', "preset", OPTION_TEXT, &set.preset, "NAME",
+     "paper, base or small, with settings: small,plane_resolution=64 (paper)"},
+    {0, "resnet", OPTION_FILE, &set.resnet, "FILE", "start the encoders from a converted ResNet-18"},
+    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for the fourth loss"},
+    {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
+    {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
+    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
+     0, 8192},
+    {0, "epochs", OPTION_REAL, &set.epochs, "X", "stop after X epochs (5)", 0, 1e6},
+    {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 0, 1e12},
+    {0, "seconds", OPTION_REAL, &set.seconds, "X", "stop after X seconds", 0, 1e9},
+    {0, "images", OPTION_INTEGER, &set.images, "N", "images a step, over all processes (4)", 0, 4096},
+    {0, "learning-rate", OPTION_REAL, &set.learning_rate, "X", "Adam's at the start (0.002)", 0, 10},
+    {0, "halve-every", OPTION_INTEGER, &set.halve_every, "N", "steps after which it is halved (an epoch)", 0,
+     1e12},
+    {0, "sample-every", OPTION_INTEGER, &set.sample_every, "N", "steps between sample pictures (500)", 0,
+     1e12},
+    {0, "save-every", OPTION_INTEGER, &set.save_every, "N", "steps between checkpoints (500)", 0, 1e12},
+    {0, "workers", OPTION_INTEGER, &set.workers, "N", "threads that load pictures (2)", 0, 256},
+    {0},
+};
+
+static int run(session *s, int count, char **argument) {
+    sherf_train_options o = {.data = set.data,
+                             .people = set.people,
+                             .body = set.body,
+                             .output = set.output,
+                             .preset = set.preset,
+                             .resnet = set.resnet,
+                             .lpips = set.lpips,
+                             .resume = set.resume,
+                             .front_view = set.front_view,
+                             .size_px = (int)set.size,
+                             .epochs = set.epochs,
+                             .steps = set.steps,
+                             .seconds = set.seconds,
+                             .images_per_step = (int)set.images,
+                             .learning_rate = set.learning_rate,
+                             .halve_every = set.halve_every,
+                             .sample_every = set.sample_every,
+                             .save_every = set.save_every,
+                             .seed = (uint64_t)common.seed,
+                             .workers = (int)set.workers};
+    int status = session_status(s, sherf_train(s->context, &o));
+    if (status) return status;
+    if (common.json && !common.silent) {
+        cJSON *json = cJSON_CreateObject();
+        char path[4096];
+        snprintf(path, sizeof path, "%s/model.safetensors", set.output);
+        cJSON_AddStringToObject(json, "model", path);
+        session_json(json);
+    }
+    return EXIT_DONE;
+}
+
+const verb verb_train = {
+    .name = "train",
+    .arguments = "",
+    .summary = "train a model on a multi-view data set",
+    .description =
+        "Trains the network: colour, mask, SSIM and (given --lpips) LPIPS losses, Adam, a rate halved every "
+        "epoch, a moving average of the weights. Ctrl-C saves a checkpoint; the same command goes on from "
+        "it, "
+        "with the same result as if it had not stopped. Under mpirun the images of a step are shared out.",
+    .example =
+        "sherf train --data thuman:people --people 0-2 --body people/tubeman.safetensors --preset small "
+        "--size 256 --seconds 300 -o run\n"
+        "mpirun -n 4 sherf train --data zju:CoreView --body body.safetensors -o run",
+    .options = options,
+    .arguments_least = 0,
+    .arguments_most = 0,
+    .run = run,
+};

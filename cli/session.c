@@ -1,0 +1,188 @@
+#include "session.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+double seconds_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- the terminal ---- */
+static struct {
+    char text[64];
+    double begun_s, first_done, shown_s;
+    bool bar_on_screen;
+} bar;
+
+static bool on_terminal(void) {
+    static int known = -1;
+    if (known < 0) {
+        const char *term = getenv("TERM");
+        known = isatty(STDERR_FILENO) && term && strcmp(term, "dumb") != 0;
+    }
+    return known;
+}
+
+static void bar_clear(void) {
+    if (bar.bar_on_screen) fputs("\r\033[K", stderr);
+    bar.bar_on_screen = false;
+}
+
+static void line(const char *before, const char *format, va_list list) {
+    bar_clear();
+    fputs(before, stderr);
+    vfprintf(stderr, format, list);
+    fputc('\n', stderr);
+}
+
+int session_failure(const char *format, ...) {
+    va_list list;
+    va_start(list, format);
+    line("sherf: ", format, list);
+    va_end(list);
+    return EXIT_FAILED;
+}
+
+void session_remark(const char *format, ...) {
+    if (common.quiet) return;
+    va_list list;
+    va_start(list, format);
+    line("", format, list);
+    va_end(list);
+}
+
+/* "1:05" or "2:01:05" */
+static void duration(char *out, size_t size, double seconds) {
+    long s = seconds > 359999 ? 359999 : (long)(seconds + 0.5);
+    if (s >= 3600)
+        snprintf(out, size, "%ld:%02ld:%02ld", s / 3600, s / 60 % 60, s % 60);
+    else
+        snprintf(out, size, "%ld:%02ld", s / 60, s % 60);
+}
+
+void session_progress(const char *text, double done, double total) {
+    if (common.quiet) return;
+    double now = seconds_now();
+    if (strncmp(text, bar.text, sizeof bar.text - 1) != 0 || done < bar.first_done) {
+        bar_clear();
+        snprintf(bar.text, sizeof bar.text, "%s", text);
+        bar.begun_s = bar.shown_s = now;
+        bar.first_done = done;
+    }
+    bool ended = total > 0 && done >= total;
+    double pause_s = on_terminal() ? 0.1 : 10;
+    if (!ended && now - bar.shown_s < pause_s) return;
+    if (ended && !bar.bar_on_screen && now - bar.begun_s < 2) return; /* too short to be worth a line */
+    bar.shown_s = now;
+    char left[32] = "", figures[96];
+    double rate = (done - bar.first_done) / (now - bar.begun_s + 1e-9);
+    duration(left, sizeof left, ended ? now - bar.begun_s : rate > 0 ? (total - done) / rate : 0);
+    if (total > 0)
+        snprintf(figures, sizeof figures, "%3.0f%%  %s %s", 100 * done / total,
+                 ended || rate > 0 ? left : "?", ended ? "taken" : "left");
+    else
+        snprintf(figures, sizeof figures, "%.0f", done);
+    if (!on_terminal()) {
+        fprintf(stderr, "%s: %s\n", bar.text, figures);
+    } else if (ended) {
+        bar_clear();
+    } else {
+        enum { CELLS = 30 };
+        int full = total > 0 ? (int)(CELLS * done / total) : 0;
+        fprintf(stderr, "\r\033[K%-16s [", bar.text);
+        for (int i = 0; i < CELLS; i++) fputc(i < full ? '#' : '.', stderr);
+        fprintf(stderr, "] %s", figures);
+        fflush(stderr);
+        bar.bar_on_screen = true;
+    }
+}
+
+static void on_progress(void *user, const char *text, double done, double total) {
+    session_progress(text, done, total);
+}
+
+static void on_log(void *user, sherf_log_level level, const char *text) {
+    if (level == SHERF_LOG_WARNING) {
+        bar_clear();
+        fprintf(stderr, "sherf: warning: %s\n", text);
+    } else {
+        session_remark("%s", text);
+    }
+}
+
+/* ---- Ctrl-C ---- */
+static sherf_context *volatile interrupted_context;
+
+static void on_interrupt(int number) {
+    sherf_cancel(interrupted_context);
+    signal(number, SIG_DFL); /* the second one ends the program */
+}
+
+/* ---- the session ---- */
+int session_open(session *s, const char *verb_name) {
+    *s = (session){.verb_name = verb_name};
+    if (common.device != 0)
+        return session_failure("--device cuda: not in this build, which has the CPU only");
+    /* Under mpirun one process speaks for all. */
+    const char *rank = getenv("OMPI_COMM_WORLD_RANK");
+    if (rank && strcmp(rank, "0") != 0) common.quiet = common.silent = true;
+    sherf_options o = {.threads = (int)common.threads,
+                       .precision = (sherf_precision)common.precision,
+                       .log = on_log,
+                       .progress = on_progress};
+    if (sherf_context_create(&o, &s->context) != SHERF_OK)
+        return session_failure("cannot start: out of memory, or --precision is more than the processor has");
+    interrupted_context = s->context;
+    signal(SIGINT, on_interrupt);
+    signal(SIGTERM, on_interrupt);
+    return EXIT_DONE;
+}
+
+void session_close(session *s) {
+    bar_clear();
+    signal(SIGINT, SIG_DFL);
+    signal(SIGTERM, SIG_DFL);
+    sherf_context_free(s->context);
+    s->context = NULL;
+}
+
+int session_status(session *s, sherf_status status) {
+    if (status == SHERF_OK) return EXIT_DONE;
+    const char *message = sherf_message(s->context);
+    return session_failure("%s", *message ? message : "failed without a word");
+}
+
+const char *session_precision(const session *s) {
+    return sherf_precision_used(s->context) == SHERF_PRECISION_BF16 ? "bf16" : "fp32";
+}
+
+void session_json(cJSON *json) {
+    char *text = cJSON_Print(json);
+    if (text) puts(text);
+    cJSON_free(text);
+    cJSON_Delete(json);
+}
+
+int session_folder(const char *path) {
+    char part[4096];
+    size_t n = strlen(path);
+    if (n >= sizeof part) return session_failure("%.60s...: path too long", path);
+    for (size_t i = 1; i <= n; i++) {
+        if (path[i] && path[i] != '/') continue;
+        memcpy(part, path, i);
+        part[i] = 0;
+        if (mkdir(part, 0777) && errno != EEXIST)
+            return session_failure("%s: cannot make the folder: %s", part, strerror(errno));
+    }
+    struct stat st;
+    if (stat(path, &st) || !S_ISDIR(st.st_mode)) return session_failure("%s: is not a folder", path);
+    return EXIT_DONE;
+}

@@ -1,0 +1,34 @@
+/* session: what every verb works with: the context, the terminal, results and errors. */
+#ifndef CLI_SESSION_H
+#define CLI_SESSION_H
+
+#include <cjson/cJSON.h>
+
+#include "options.h"
+#include "sherf/sherf.h"
+
+struct session {
+    sherf_context *context;
+    const char *verb_name;
+};
+
+/* Makes the context from the common options and takes over Ctrl-C. An exit status. */
+int session_open(session *s, const char *verb_name);
+void session_close(session *s);
+/* EXIT_DONE for SHERF_OK; otherwise the context's message as one line on stderr, and EXIT_FAILED. */
+int session_status(session *s, sherf_status status);
+/* One line on stderr, EXIT_FAILED. */
+int session_failure(const char *format, ...) __attribute__((format(printf, 1, 2)));
+/* A remark on stderr, not with --quiet. */
+void session_remark(const char *format, ...) __attribute__((format(printf, 1, 2)));
+/* A bar on a terminal, now and then a line elsewhere; nothing with --quiet. */
+void session_progress(const char *text, double done, double total);
+const char *session_precision(const session *s); /* what is used: "fp32" or "bf16" */
+/* Prints and deletes `json`. */
+void session_json(cJSON *json);
+
+double seconds_now(void); /* monotonic */
+/* Makes the folder and those above it. */
+int session_folder(const char *path);
+
+#endif

@@ -1,0 +1,109 @@
+#include "sink.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+enum { PATH_MOST = 4096 };
+
+static bool ends(const char *text, const char *with) {
+    size_t n = strlen(text), m = strlen(with);
+    return n > m && strcasecmp(text + n - m, with) == 0;
+}
+
+bool sink_is_video(const char *output) {
+    return ends(output, ".mp4");
+}
+bool sink_is_picture(const char *output) {
+    return ends(output, ".png");
+}
+
+/* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. */
+static int name(const sink *k, int n, const char *extension, char path[PATH_MOST]) {
+    int length;
+    if (sink_is_video(k->output) || sink_is_picture(k->output)) {
+        bool main = strcmp(k->kind, "frame") == 0;
+        int base = (int)strlen(k->output) - 4;
+        length = snprintf(path, PATH_MOST, "%.*s%s%s%s", base, k->output, main ? "" : "_",
+                          main ? "" : k->kind, extension);
+    } else {
+        length = snprintf(path, PATH_MOST, "%s/%s_%04d%s", k->output, k->kind, n, extension);
+    }
+    if (length >= PATH_MOST) return session_failure("%.60s...: path too long", k->output);
+    return EXIT_DONE;
+}
+
+/* A video wants RGB: grey is tripled. */
+static int video_add(session *s, sink *k, const sherf_image *picture) {
+    if (picture->channels == 3) return session_status(s, sherf_video_add(s->context, k->video, picture));
+    size_t pixels = (size_t)picture->width * (size_t)picture->height;
+    sherf_image rgb = {picture->width, picture->height, 3, malloc(pixels * 3 * sizeof(float))};
+    if (!rgb.data) return session_failure("out of memory");
+    for (size_t i = 0; i < 3 * pixels; i++) rgb.data[i] = picture->data[i / 3 * (size_t)picture->channels];
+    int status = session_status(s, sherf_video_add(s->context, k->video, &rgb));
+    free(rgb.data);
+    return status;
+}
+
+int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact) {
+    char path[PATH_MOST];
+    bool video = sink_is_video(k->output);
+    int status = name(k, n, video ? ".mp4" : ".png", path);
+    if (status) return status;
+    if (video && !k->video)
+        status = session_status(
+            s, sherf_video_open(s->context, path, picture->width, picture->height, k->fps, &k->video));
+    if (!status && video) status = video_add(s, k, picture);
+    if (!status && !video) status = session_status(s, sherf_image_write(s->context, path, picture));
+    if (!status && k->npy) {
+        status = name(k, n, ".npy", path);
+        if (!status) status = session_status(s, sherf_image_write(s->context, path, exact));
+    }
+    return status;
+}
+
+int sink_close(session *s, sink *k) {
+    if (!k->video) return EXIT_DONE;
+    sherf_video *video = k->video;
+    k->video = NULL;
+    return session_status(s, sherf_video_close(s->context, video));
+}
+
+void sink_abort(sink *k) {
+    if (k->video) sherf_video_abort(k->video);
+    k->video = NULL;
+}
+
+/* ---- strip ---- */
+int strip_add(strip *t, int n, const sherf_image *picture) {
+    if (!t->path) return EXIT_DONE;
+    int kept = t->frames < t->most ? t->frames : t->most;
+    /* Place p shows frame p * frames / kept. */
+    int place = (int)(((int64_t)n * kept + t->frames - 1) / t->frames);
+    if (place >= kept || (int)((int64_t)place * t->frames / kept) != n) return EXIT_DONE;
+    sherf_image *i = &t->image;
+    if (!i->data) {
+        *i = (sherf_image){picture->width * kept, picture->height, picture->channels, NULL};
+        i->data = calloc((size_t)i->width * (size_t)i->height, (size_t)i->channels * sizeof(float));
+        if (!i->data) return session_failure("%s: out of memory", t->path);
+    }
+    if (picture->height != i->height || picture->width * kept != i->width)
+        return session_failure("%s: frames of different sizes do not make a strip", t->path);
+    size_t row = (size_t)picture->width * (size_t)picture->channels;
+    for (int y = 0; y < i->height; y++)
+        memcpy(i->data + ((size_t)y * (size_t)kept + (size_t)place) * row, picture->data + (size_t)y * row,
+               row * sizeof(float));
+    return EXIT_DONE;
+}
+
+int strip_close(session *s, strip *t) {
+    int status = EXIT_DONE;
+    if (t->image.data) status = session_status(s, sherf_image_write(s->context, t->path, &t->image));
+    strip_abort(t);
+    return status;
+}
+
+void strip_abort(strip *t) {
+    free(t->image.data);
+    t->image = (sherf_image){0};
+}

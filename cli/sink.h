@@ -1,0 +1,33 @@
+/* sink: where frames go: one picture, a folder of pictures, or a video; and the strip. */
+#ifndef CLI_SINK_H
+#define CLI_SINK_H
+
+#include "session.h"
+
+typedef struct {
+    const char *output; /* OUT.png, OUT.mp4, or a folder */
+    const char *kind;   /* "frame", "depth", "opacity": begins the names in a folder, ends those of files */
+    bool npy;           /* write .npy too */
+    double fps;
+    sherf_video *video;
+} sink;
+
+/* Whether output is a video or a single picture; otherwise it is a folder. */
+bool sink_is_video(const char *output);
+bool sink_is_picture(const char *output);
+/* picture: what is shown, 1, 3 or 4 channels; exact: what goes into the .npy. */
+int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact);
+int sink_close(session *s, sink *k);
+void sink_abort(sink *k);
+
+/* Frames side by side. */
+typedef struct {
+    const char *path; /* NULL: no strip */
+    int most, frames; /* at most `most` of the `frames`, evenly spread */
+    sherf_image image;
+} strip;
+int strip_add(strip *t, int n, const sherf_image *picture);
+int strip_close(session *s, strip *t); /* writes and frees */
+void strip_abort(strip *t);
+
+#endif

@@ -1,0 +1,13 @@
+# Every tests/fuzz/fuzz_NAME.c is one libFuzzer target; seeds are in tests/fuzz/seeds/NAME/.
+if(NOT CMAKE_C_COMPILER_ID MATCHES Clang)
+  message(FATAL_ERROR "SHERF_FUZZ needs clang: -DCMAKE_C_COMPILER=clang")
+endif()
+file(GLOB SHERF_FUZZERS CONFIGURE_DEPENDS tests/fuzz/fuzz_*.c)
+foreach(source ${SHERF_FUZZERS})
+  get_filename_component(name ${source} NAME_WE)
+  add_executable(${name} ${source})
+  target_include_directories(${name} PRIVATE src)
+  target_link_libraries(${name} PRIVATE sherf_static)
+  target_link_options(${name} PRIVATE -fsanitize=fuzzer)
+  set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/fuzz)
+endforeach()

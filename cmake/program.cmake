@@ -1,0 +1,65 @@
+# What is installed: libsherf.so and libsherf.a, of which only the sherf_ names can be seen, the program,
+# the header, the pkg-config file, man pages and completion.
+add_library(sherf_shared SHARED $<TARGET_OBJECTS:sherf_objects>)
+set_target_properties(sherf_shared PROPERTIES OUTPUT_NAME sherf VERSION ${PROJECT_VERSION} SOVERSION 0)
+target_link_libraries(sherf_shared PRIVATE sherf_needs)
+target_link_options(sherf_shared PRIVATE LINKER:--no-undefined)
+if(SHERF_SANITIZE)
+  # The sanitizers' own names are resolved in the program, and their sections do not survive the next step.
+  set_property(TARGET sherf_shared PROPERTY LINK_OPTIONS)
+  set(SHERF_ARCHIVE $<TARGET_FILE:sherf_static>)
+  add_custom_target(sherf_archive DEPENDS sherf_static)
+else()
+  # One object in which every hidden name is local.
+  set(SHERF_ARCHIVE ${CMAKE_BINARY_DIR}/libsherf.a)
+  add_custom_command(
+    OUTPUT ${SHERF_ARCHIVE}
+    COMMAND ${CMAKE_LINKER} -r -o sherf_whole.o $<TARGET_OBJECTS:sherf_objects>
+    COMMAND ${CMAKE_OBJCOPY} --localize-hidden sherf_whole.o
+    COMMAND ${CMAKE_COMMAND} -E rm -f ${SHERF_ARCHIVE}
+    COMMAND ${CMAKE_AR} rcs ${SHERF_ARCHIVE} sherf_whole.o
+    DEPENDS sherf_objects $<TARGET_OBJECTS:sherf_objects>
+    COMMAND_EXPAND_LISTS VERBATIM)
+  add_custom_target(sherf_archive DEPENDS ${SHERF_ARCHIVE})
+endif()
+
+# The program is linked with that archive and sees include/ alone, so it can use nothing but the public API.
+file(GLOB SHERF_CLI CONFIGURE_DEPENDS cli/*.c)
+add_executable(sherf ${SHERF_CLI})
+add_dependencies(sherf sherf_archive)
+target_include_directories(sherf PRIVATE include)
+target_link_libraries(sherf PRIVATE ${SHERF_ARCHIVE} sherf_needs)
+set_property(TARGET sherf PROPERTY LINK_DEPENDS ${SHERF_ARCHIVE})
+
+# Man pages and completion come from the program's own option tables.
+set(verbs avatar render train eval synth convert check info bench)
+set(texts ${CMAKE_BINARY_DIR}/texts)
+set(pages ${texts}/sherf.1)
+set(commands COMMAND $<TARGET_FILE:sherf> --describe man > sherf.1)
+foreach(verb ${verbs})
+  list(APPEND pages ${texts}/sherf-${verb}.1)
+  list(APPEND commands COMMAND $<TARGET_FILE:sherf> --describe man-${verb} > sherf-${verb}.1)
+endforeach()
+file(MAKE_DIRECTORY ${texts})
+add_custom_command(
+  OUTPUT ${pages} ${texts}/sherf.bash ${texts}/_sherf
+  ${commands}
+  COMMAND $<TARGET_FILE:sherf> --describe bash > sherf.bash
+  COMMAND $<TARGET_FILE:sherf> --describe zsh > _sherf
+  WORKING_DIRECTORY ${texts}
+  DEPENDS sherf)
+add_custom_target(sherf_texts ALL DEPENDS ${pages} ${texts}/sherf.bash ${texts}/_sherf)
+
+# pkg-config: what a static link needs besides.
+list(JOIN SHERF_PKG_CONFIG ", " SHERF_REQUIRES_PRIVATE)
+list(JOIN OpenMP_C_FLAGS " " SHERF_OPENMP)
+configure_file(cmake/sherf.pc.in ${CMAKE_BINARY_DIR}/sherf.pc @ONLY)
+
+install(TARGETS sherf RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+install(TARGETS sherf_shared LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(FILES ${SHERF_ARCHIVE} DESTINATION ${CMAKE_INSTALL_LIBDIR} RENAME libsherf.a)
+install(FILES include/sherf/sherf.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/sherf)
+install(FILES ${CMAKE_BINARY_DIR}/sherf.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+install(FILES ${pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
+install(FILES ${texts}/sherf.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME sherf)
+install(FILES ${texts}/_sherf DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)

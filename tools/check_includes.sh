@@ -1,0 +1,51 @@
+#!/bin/sh
+# Includes go down the table of rooms only (docs/architecture.md): a room may include its own headers and
+# those of the rooms listed here, and sherf/sherf.h.
+set -eu
+cd "$(dirname "$0")/.."
+may_include() {
+    case $1 in
+    base) echo "base" ;;
+    tensor) echo "base tensor" ;;
+    nn) echo "base tensor nn" ;;
+    body) echo "base tensor body" ;;
+    render) echo "base tensor nn body render" ;;
+    model) echo "base tensor nn body render model" ;;
+    io) echo "base tensor io" ;;
+    data) echo "base tensor io body render data" ;;
+    train | eval) echo "base tensor nn body render model io data train eval" ;;
+    *) return 1 ;;
+    esac
+}
+wrong=0
+complain() {
+    echo "$1" >&2
+    wrong=1
+}
+for file in $(git ls-files 'src/*.c' 'src/*.h'); do
+    room=${file#src/}
+    room=${room%%/*}
+    rooms=$(may_include "$room") || { complain "$file: the room '$room' is not in the table"; continue; }
+    for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
+        case $header in
+        sherf/sherf.h) ;;
+        */*)
+            case " $rooms " in
+            *" ${header%%/*} "*) ;;
+            *) # a path inside the room, as "ops/x.h" from src/tensor
+                [ -f "$(dirname "$file")/$header" ] && case $header in ../*) false ;; esac ||
+                    complain "$file: includes \"$header\", which is not below $room" ;;
+            esac ;;
+        *) [ -f "$(dirname "$file")/$header" ] || complain "$file: includes \"$header\", which is not in its folder" ;;
+        esac
+    done
+done
+# The program is made of the public API alone.
+for file in $(git ls-files 'cli/*.c' 'cli/*.h' 'docs/*.c'); do
+    for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
+        [ "$header" = sherf/sherf.h ] || [ -f "$(dirname "$file")/$header" ] ||
+            complain "$file: includes \"$header\": only sherf/sherf.h is public"
+    done
+done
+[ $wrong = 0 ] && echo "includes: go down only"
+exit $wrong

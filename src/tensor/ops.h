@@ -84,14 +84,16 @@ tensor *op_mask_rows(tape *t, tensor *x, tensor *mask);
  * neighbour outside the map counts as zero. No gradient to the position. */
 tensor *op_sample_bilinear(tape *t, tensor *map, tensor *position);
 
-/* y[A,C] = mean of the rows v with index[v] == a; index I32 [V] in [0, A). Every a has at least one row. */
+/* y[A,C] = mean of the rows v with index[v] == a; index I32 [V] in [0, A). Every a should have a row;
+ * one without gets 0. */
 typedef struct {
     int64_t voxels;
 } scatter_attr;
 tensor *op_scatter_mean(tape *t, tensor *x, tensor *index, int64_t voxels);
 
 /* y[Ao,O]: y[o] = sum over k of W[:, k, :] x[rule[o, k]], W [O,3,3,3,I] flattened to 27 taps in z, y, x
- * order, rule I32 [Ao, 27], -1: nothing there. */
+ * order, rule I32 [Ao, 27], -1: nothing there. Within one column of the rule (one tap) every row of x stands
+ * at most once, as it does in any convolution. */
 tensor *op_sparse_conv(tape *t, tensor *x, tensor *w, tensor *rule);
 
 /* y[P,C] from voxels x[A,C] through grid I32 [D,H,W] (row of x, or -1: zero), at position[P,3] = (x, y, z) in
@@ -125,8 +127,8 @@ tensor *op_positional_encode(tape *t, tensor *x, int frequencies, int64_t width)
  * order; first I32 [N+1]: the points of ray n are [first[n], first[n+1]); sample I32 [P]: their depth index;
  * near, far, length[N]: the ray's depths are near + (far - near) i / (S-1), length = |direction|.
  * Samples that were not kept have density -80 and colour 0. Out: [N, 5] = r, g, b (over `background`),
- * opacity, depth (sum w t / opacity, clamped to depth_min..depth_max, which also stands where opacity is 0:
- * depth_max). The depth column gets no gradient. */
+ * opacity, depth (sum w t / opacity, clamped to depth_min..depth_max; depth_max where opacity is 0). The
+ * depth column gets no gradient, nor do near, far and length. */
 typedef struct {
     int samples;
     float background, depth_min, depth_max;
@@ -134,8 +136,8 @@ typedef struct {
 tensor *op_composite(tape *t, tensor *sigma, tensor *rgb, tensor *first, tensor *sample, tensor *near,
                      tensor *far, tensor *length, composite_attr attr);
 
-/* Scalar: mean over the selected rows and all columns of (x - y)^2; mask I32 [R] or NULL: all rows. No
- * gradient to y. */
+/* Scalars have the shape [1]. Mean over the selected rows (mask I32 [R] nonzero; NULL: all rows) and all
+ * columns of (x - y)^2; 0 when no row is selected. No gradient to y. */
 tensor *op_mean_square(tape *t, tensor *x, tensor *y, tensor *mask);
 /* Scalar: mean SSIM of x, y [H,W,C], 11 x 11 Gaussian window of sigma 1.5, no padding, k1 .01, k2 .03,
  * range 1. Gradient to x only. H, W >= 11. */

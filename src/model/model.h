@@ -29,8 +29,15 @@ typedef struct {
     int image_size; /* width of the pictures it was trained on; 0: unknown [512] */
 } model_config;
 
-sherf_status model_config_parse(context *c, const char *text,
-                                model_config *out); /* "small,plane_resolution=64" */
+/* "small" or "small,plane_resolution=64". */
+sherf_status model_config_parse(context *c, const char *text, model_config *out);
+/* One line "preset,name=value,...": what model_config_parse reads back to the same sizes. Free with mem_free.
+ */
+char *model_config_text(context *c, const model_config *config);
+sherf_status model_config_check(context *c, const model_config *config);
+int model_latent_width(const model_config *config);
+int model_channels(const model_config *config, int resolution); /* of the generator */
+void model_point_sizes(const model_config *config, point_sizes *out);
 
 struct sherf_model {
     model_config config;
@@ -40,12 +47,15 @@ typedef struct sherf_model model;
 
 sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
 void model_free(model *m);
+/* The tensors of the point network alone (renderer.*, decoder.*), as an avatar keeps them. */
+bool model_is_point_weight(const char *name);
+void model_point_weights(const parameters *weights, const model_config *config, point_weights *out);
 /* By name; NULL never happens for names of the configuration. */
 tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
 
 /* ---- what the body and the camera decide, once per observation ---- */
 typedef struct {
-    int width, height;
+    int width, height, vertices;
     float *image;     /* H x W x 3, black outside the mask; owned */
     posed_body *body; /* observation pose */
     sherf_camera camera;
@@ -90,7 +100,7 @@ void target_geometry_free(target_geometry *g);
 typedef struct {
     tensor *latent;              /* [L] global feature */
     tensor *style;               /* [style_width] */
-    tensor *planes;              /* [3, R, R, D] as [R, R, 3 D]: plane k is channels [k D, (k + 1) D) */
+    tensor *plane[3];            /* [R, R, D] each */
     tensor *features;            /* [H/2, W/2, F] */
     tensor *image;               /* [H, W, 3] */
     tensor *level[POINT_LEVELS]; /* [voxels, channels] */
@@ -105,7 +115,7 @@ sherf_status model_encode(tape *t, const model *m, const body_model *body, const
 
 /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op on the tape. */
 typedef struct {
-    tensor *triplane, *volume, *fusion, *sigma, *rgb;
+    tensor *plane[3], *volume, *fusion, *sigma, *rgb;
 } point_outputs;
 sherf_status model_points(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           const model_bank *bank, const point_set *points, int64_t begin, int64_t end,

@@ -22,6 +22,7 @@ struct tape {
     arena *scratch; /* rewound after every kernel */
     node *newest;
     sherf_status status;
+    tape *nested[2]; /* not recording, recording */
 };
 
 static const char *const op_names[OP_COUNT] = {
@@ -51,6 +52,7 @@ tape *tape_create(context *c, tape_options options) {
 
 void tape_free(tape *t) {
     if (!t) return;
+    for (int i = 0; i < 2; i++) tape_free(t->nested[i]);
     arena_free(t->memory);
     arena_free(t->scratch);
     mem_free(t);
@@ -145,6 +147,23 @@ tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *di
     tensor *x = tape_tensor(t, T_I32, rank, dim);
     if (x) memcpy(x->data, data, (size_t)tensor_count(x) * sizeof(int32_t));
     return x;
+}
+
+tensor *tape_wrap(tape *t, dtype type, int rank, const int64_t *dim, void *data) {
+    tensor *x = tensor_shell(t, type, rank, dim);
+    if (x) x->data = data;
+    return x;
+}
+
+tape *tape_nested(tape *t, bool record) {
+    if (t->status != SHERF_OK) return NULL;
+    if (!t->nested[record]) {
+        tape_options options = t->options;
+        options.record = record;
+        t->nested[record] = tape_create(t->c, options);
+        if (!t->nested[record]) t->status = SHERF_NO_MEMORY;
+    }
+    return t->nested[record];
 }
 
 tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim) {

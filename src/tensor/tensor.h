@@ -110,11 +110,19 @@ tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim);
 tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim);
 tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim);
 tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same data and gradient data */
-void *tape_alloc(tape *t, size_t count, size_t size);                   /* plain memory with the same life */
+/* A tensor around memory that somebody else keeps at least until the reset; not copied, no gradient. */
+tensor *tape_wrap(tape *t, dtype type, int rank, const int64_t *dim, void *data);
+void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory with the same life */
 
 /* While not recording, intermediate memory can be given back: everything made after the mark is gone. */
 arena_mark tape_mark(tape *t);
 void tape_rewind(tape *t, arena_mark mark);
+
+/* A tape inside this one, with the same backend and settings but its own memory, for work that is thrown away
+ * or done again in the backward pass. Owned by `t`, one recording and one not; reset it before use. Its ops
+ * may read tensors of `t` and add to their gradients, which must exist (tape_grad on `t`) before. NULL when
+ * memory lacks (the status of `t`). */
+tape *tape_nested(tape *t, bool record);
 
 /* Runs op's forward kernel and records it. For ops/x.c only. attr is copied. */
 bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, tensor *const *out,

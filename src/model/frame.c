@@ -1,0 +1,153 @@
+/* The whole network on a tape: encode, then the points in chunks that are computed again in the backward
+ * pass. */
+#include <math.h>
+#include <string.h>
+
+#include "model/layers.h"
+
+enum { CHUNK_POINTS = 8192 };
+
+sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          model_bank *bank, model_stages *stages) {
+    *bank = (model_bank){0};
+    const int64_t D = m->config.token_width;
+    bank->image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
+    bank->features = encoder_features(t, m, bank->image);
+    bank->latent = encoder_global(t, m, bank->image);
+    bank->style = triplane_style(t, m, bank->latent);
+    tensor *planes = triplane_synthesis(t, m, bank->style, stages);
+    for (int k = 0; k < 3; k++) bank->plane[k] = op_slice(t, planes, k * D, D);
+    return volume_encode(t, m, g, bank);
+}
+
+sherf_status model_points(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
+                          point_outputs *out) {
+    *out = (point_outputs){0};
+    const int64_t n = end - begin;
+    const float *canonical = points->canonical + 3 * begin;
+    tensor *plane[3];
+    triplane_sample(t, body, bank, canonical, n, plane);
+    tensor *pixel = pixel_sample(t, m, bank, points->observed_px + 2 * begin, n);
+    out->volume = volume_sample(t, g, bank, canonical, n);
+    out->fusion = fusion(t, m, plane, pixel, out->volume);
+    for (int k = 0; k < 3; k++) out->plane[k] = plane[k];
+    decoder(t, m, out->fusion, canonical, points->direction_canonical + 3 * begin, n, &out->sigma, &out->rgb);
+    return tape_status(t);
+}
+
+/* What the backward pass needs to run a chunk again. */
+typedef struct {
+    const model *m;
+    const body_model *body;
+    const observation_geometry *g;
+    const point_set *points;
+    model_bank bank;
+    tensor *sigma, *rgb;
+} points_node;
+
+static size_t real_bytes(const tensor *x) {
+    return dtype_size(x->type);
+}
+
+static sherf_status points_forward(tape *t, points_node *n) {
+    tape *inner = tape_nested(t, false);
+    if (!inner) return tape_status(t);
+    for (int64_t begin = 0; begin < n->points->count; begin += CHUNK_POINTS) {
+        int64_t end = begin + CHUNK_POINTS < n->points->count ? begin + CHUNK_POINTS : n->points->count;
+        point_outputs out;
+        tape_reset(inner);
+        sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
+        if (status != SHERF_OK) return status;
+        size_t size = real_bytes(n->sigma);
+        memcpy((char *)n->sigma->data + (size_t)begin * size, out.sigma->data, (size_t)(end - begin) * size);
+        memcpy((char *)n->rgb->data + (size_t)begin * 3 * size, out.rgb->data,
+               (size_t)(end - begin) * 3 * size);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t begin, int64_t columns) {
+    if (!from) return SHERF_OK;
+    tensor *grad = tape_grad(inner, x);
+    if (!grad) return tape_status(inner);
+    size_t size = real_bytes(x);
+    memcpy(grad->data, (const char *)from->data + (size_t)(begin * columns) * size,
+           (size_t)tensor_count(x) * size);
+    return SHERF_OK;
+}
+
+/* d sigma, d rgb -> the bank's gradients and the weights', one chunk after another. */
+static sherf_status points_backward(tape *t, void *payload) {
+    points_node *n = payload;
+    if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
+    tensor *outer[] = {n->bank.plane[0], n->bank.plane[1], n->bank.plane[2], n->bank.features,
+                       n->bank.level[0], n->bank.level[1], n->bank.level[2]};
+    for (size_t i = 0; i < COUNT_OF(outer); i++) /* made here, so that they outlive the inner tape */
+        if (outer[i]->needs_grad && !tape_grad(t, outer[i])) return tape_status(t);
+    tape *inner = tape_nested(t, true);
+    if (!inner) return tape_status(t);
+    for (int64_t begin = 0; begin < n->points->count; begin += CHUNK_POINTS) {
+        int64_t end = begin + CHUNK_POINTS < n->points->count ? begin + CHUNK_POINTS : n->points->count;
+        point_outputs out;
+        tape_reset(inner);
+        sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
+        if (status == SHERF_OK) status = seed(inner, out.sigma, n->sigma->grad, begin, 1);
+        if (status == SHERF_OK) status = seed(inner, out.rgb, n->rgb->grad, begin, 3);
+        if (status == SHERF_OK) status = tape_backward_seeded(inner);
+        if (status != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
+/* Standard normal noise on the raw density, by point of the frame so that it does not depend on what was
+ * kept. */
+static tensor *noise_add(tape *t, tensor *sigma, const point_set *points, uint64_t key) {
+    if (!key || !sigma) return sigma;
+    float *noise = tape_alloc(t, (size_t)points->count, sizeof *noise);
+    if (!noise) return NULL;
+    for (int64_t i = 0; i < points->count; i++)
+        noise[i] = (float)random_normal(key, (uint64_t)points->ray[i] * (uint64_t)points->samples +
+                                                 (uint64_t)points->sample[i]);
+    return op_add(t, sigma, tape_input(t, noise, 2, (int64_t[]){points->count, 1}));
+}
+
+static tensor *composite_frame(tape *t, const target_geometry *g, tensor *sigma, tensor *rgb,
+                               float background) {
+    const point_set *p = g->points;
+    int64_t N = p->rays, first = p->rays + 1;
+    float *length = tape_alloc(t, (size_t)N, sizeof *length);
+    if (!length) return NULL;
+    for (int64_t i = 0; i < N; i++) {
+        const float *d = g->rays->direction + 3 * i;
+        length[i] = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    }
+    composite_attr attr = {p->samples, background, g->depth_min, g->depth_max};
+    return op_composite(t, sigma, rgb, tape_input_i32(t, p->first, 1, &first),
+                        tape_input_i32(t, p->sample, 1, &p->count), tape_input(t, g->rays->near, 1, &N),
+                        tape_input(t, g->rays->far, 1, &N), tape_input(t, length, 1, &N), attr);
+}
+
+sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                         const model_bank *bank, const target_geometry *target, float background,
+                         uint64_t noise_key, tensor **frame) {
+    *frame = NULL;
+    if (tape_status(t) != SHERF_OK) return tape_status(t);
+    int64_t P = target->points->count;
+    dtype real = tape_backend(t)->real;
+    points_node *n = tape_alloc(t, 1, sizeof *n);
+    if (!n) return tape_status(t);
+    *n = (points_node){m, body, g, target->points, *bank, NULL, NULL};
+    n->sigma = tape_tensor(t, real, 2, (int64_t[]){P, 1});
+    n->rgb = tape_tensor(t, real, 2, (int64_t[]){P, 3});
+    if (!n->sigma || !n->rgb) return tape_status(t);
+    sherf_status status = points_forward(t, n);
+    if (status != SHERF_OK) return status;
+    if (tape_records(t)) {
+        n->sigma->needs_grad = n->rgb->needs_grad = true;
+        tape_record(t, points_backward, n);
+    }
+    *frame =
+        composite_frame(t, target, noise_add(t, n->sigma, target->points, noise_key), n->rgb, background);
+    return tape_status(t);
+}

@@ -1,0 +1,105 @@
+#include "nn/parameters.h"
+
+#include <stdio.h>
+#include <string.h>
+
+enum { PAD = 16 }; /* floats: one cache line */
+
+parameters *parameters_create(context *c) {
+    return mem_zero(c, 1, sizeof(parameters));
+}
+
+void parameters_free(parameters *p) {
+    if (!p) return;
+    for (int i = 0; i < p->count; i++) {
+        mem_free(p->item[i]->name);
+        mem_free(p->item[i]);
+    }
+    mem_free(p->item);
+    mem_free(p->values);
+    mem_free(p->grads);
+    mem_free(p);
+}
+
+tensor *parameter_add(context *c, parameters *p, bool buffer, int rank, const int64_t *dim,
+                      const char *name_format, ...) {
+    if (p->count == p->capacity) {
+        int capacity = p->capacity ? 2 * p->capacity : 64;
+        parameter **item = mem_grow(c, p->item, (size_t)p->capacity, (size_t)capacity, sizeof *item);
+        if (!item) return NULL;
+        p->item = item;
+        p->capacity = capacity;
+    }
+    char name[256];
+    va_list args;
+    va_start(args, name_format);
+    vsnprintf(name, sizeof name, name_format, args);
+    va_end(args);
+    parameter *q = mem_zero(c, 1, sizeof *q);
+    if (!q) return NULL;
+    q->name = mem_string(c, name);
+    if (!q->name) {
+        mem_free(q);
+        return NULL;
+    }
+    q->buffer = buffer;
+    q->value = (tensor){.type = T_F32, .rank = rank, .name = q->name};
+    for (int i = 0; i < rank; i++) q->value.dim[i] = dim[i];
+    p->item[p->count++] = q;
+    return &q->value;
+}
+
+static int64_t padded(const parameter *q) {
+    return (tensor_count(&q->value) + PAD - 1) / PAD * PAD;
+}
+
+sherf_status parameters_lay_out(context *c, parameters *p) {
+    int64_t offset = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int i = 0; i < p->count; i++) {
+            if (p->item[i]->buffer != (pass == 1)) continue;
+            p->item[i]->offset = offset;
+            offset += padded(p->item[i]);
+        }
+        if (!pass) p->trained_floats = offset;
+    }
+    p->total_floats = offset;
+    p->values = mem_zero(c, (size_t)offset, sizeof(float));
+    if (!p->values) return SHERF_NO_MEMORY;
+    for (int i = 0; i < p->count; i++) p->item[i]->value.data = p->values + p->item[i]->offset;
+    p->laid_out = true;
+    return SHERF_OK;
+}
+
+sherf_status parameters_make_grads(context *c, parameters *p) {
+    if (p->grads) return SHERF_OK;
+    p->grads = mem_zero(c, (size_t)p->trained_floats, sizeof(float));
+    if (!p->grads) return SHERF_NO_MEMORY;
+    for (int i = 0; i < p->count; i++) {
+        parameter *q = p->item[i];
+        if (q->buffer) continue;
+        q->grad = q->value;
+        q->grad.data = p->grads + q->offset;
+        q->grad.grad = NULL;
+        q->value.grad = &q->grad;
+        q->value.needs_grad = true;
+    }
+    return SHERF_OK;
+}
+
+void parameters_zero_grads(parameters *p) {
+    if (p->grads) memset(p->grads, 0, (size_t)p->trained_floats * sizeof(float));
+}
+
+parameter *parameter_find(const parameters *p, const char *name) {
+    for (int i = 0; i < p->count; i++)
+        if (!strcmp(p->item[i]->name, name)) return p->item[i];
+    return NULL;
+}
+
+int64_t parameters_trained_count(const parameters *p) {
+    int64_t n = 0;
+    for (int i = 0; i < p->count; i++)
+        if (!p->item[i]->buffer) n += tensor_count(&p->item[i]->value);
+    return n;
+}

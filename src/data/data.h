@@ -30,7 +30,9 @@ sherf_status image_resize_nearest(context *c, image_u8 *image, int width, int he
 struct sherf_observation {
     sherf_image image; /* RGB, black outside the mask */
     uint8_t *mask;     /* H x W: 0 or 1 */
-    uint8_t *unknown;  /* H x W: 1 where the mask's edge is unsure (ZJU-MoCap); NULL: none */
+    /* H x W: 1 where the mask's edge is unsure (ZJU-MoCap: left out of losses; the picture is kept there, and
+     * mask is 0); NULL: none */
+    uint8_t *unknown;
     sherf_camera camera;
     sherf_pose pose;
 };
@@ -38,6 +40,9 @@ struct sherf_observation {
 typedef struct sherf_observation data_view;
 sherf_status observation_check(context *c,
                                const sherf_observation *o); /* finite, sizes, mask not empty or full */
+
+/* SHERF_MISMATCH when no vertex of the posed body falls into the picture. */
+sherf_status observation_check_body(context *c, const sherf_observation *o, const body_model *body);
 
 /* ---- data sets ---- */
 typedef enum { DATA_THUMAN, DATA_RENDERPEOPLE, DATA_ZJU, DATA_HUMMAN, DATA_KINDS } data_kind;
@@ -54,6 +59,8 @@ typedef struct {
 } data_protocol;
 const data_protocol *data_protocol_of(data_kind kind);
 data_kind dataset_kind(const sherf_dataset *d);
+/* All of these may be called from several contexts at once on one data set. HuMMan's poses are the numbers in
+ * its files' names, so a pose below sherf_dataset_pose_count may be missing. */
 /* Views of one person at the protocol's scale; width 0: the protocol's size, otherwise scaled (K too) to this
  * width. */
 sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,

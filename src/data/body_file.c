@@ -1,0 +1,161 @@
+/* SMPL files: pickle, npz, safetensors to a body model, and back to safetensors. */
+#include <string.h>
+
+#include "base/path.h"
+#include "data/data.h"
+#include "data/parse.h"
+
+static const char *const body_keys[] = {"v_template",  "shapedirs", "posedirs",     "weights",
+                                        "J_regressor", "f",         "kintree_table"};
+
+bool document_is_body(const document *d) {
+    if (!d || !d->root) return false;
+    for (size_t i = 0; i < COUNT_OF(body_keys); i++)
+        if (!value_get(d->root, body_keys[i])) return false;
+    return true;
+}
+
+/* An array of this rank whose dimensions are those given (0: any), as doubles. */
+static sherf_status body_array(context *c, const value *root, const char *key, int rank, int64_t dim[3],
+                               double **out) {
+    const value *v = value_get(root, key);
+    if (!v) return failure(c, SHERF_BAD_FILE, "not an SMPL body: %s is missing", key);
+    if (v->kind != VALUE_ARRAY || v->array.rank != rank)
+        return failure(c, SHERF_BAD_FILE, "%s: not an array of %d axes", key, rank);
+    size_t count = 1;
+    for (int i = 0; i < rank; i++) {
+        if (dim[i] && v->array.dim[i] != dim[i])
+            return failure(c, SHERF_BAD_FILE, "%s: axis %d is %lld long, expected %lld", key, i,
+                           (long long)v->array.dim[i], (long long)dim[i]);
+        dim[i] = v->array.dim[i];
+        count *= (size_t)dim[i];
+    }
+    *out = mem_alloc(c, count, sizeof **out);
+    if (!*out) return SHERF_NO_MEMORY;
+    return value_doubles(c, v, key, count, *out);
+}
+
+/* Whole numbers; 2^32 - 1 (the root's parent, as unsigned) and anything else out of range becomes -1. */
+static sherf_status to_indices(context *c, const double *from, size_t count, int64_t **out) {
+    int64_t *index = mem_alloc(c, count, sizeof *index);
+    if (!index) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < count; i++)
+        index[i] = from[i] >= 0 && from[i] < BODY_VERTICES_MAX ? (int64_t)from[i] : -1;
+    *out = index;
+    return SHERF_OK;
+}
+
+sherf_status body_from_document(context *c, const document *d, body_model **out) {
+    *out = NULL;
+    sherf_status status;
+    double *v_template = NULL, *shapedirs = NULL, *posedirs = NULL, *weights = NULL, *regressor = NULL,
+           *face = NULL, *tree = NULL;
+    int64_t *face_index = NULL, *parent = NULL;
+    const value *root = d->root;
+    int64_t vertices[3] = {0, 3};
+    if ((status = body_array(c, root, "v_template", 2, vertices, &v_template))) goto done;
+    int64_t V = vertices[0];
+    if (V < 4 || V > BODY_VERTICES_MAX) {
+        status = failure(c, SHERF_BAD_FILE, "v_template: %lld vertices, expected 4 to %d", (long long)V,
+                         BODY_VERTICES_MAX);
+        goto done;
+    }
+    int64_t weight_dim[3] = {V, 0}, shape_dim[3] = {V, 3, 0}, pose_dim[3] = {V, 3, BODY_POSE_FEATURES},
+            regressor_dim[3] = {BODY_JOINTS, V}, face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS};
+    if ((status = body_array(c, root, "weights", 2, weight_dim, &weights))) goto done;
+    if (weight_dim[1] != BODY_JOINTS) {
+        status = failure(c, SHERF_UNSUPPORTED, "a body of %lld joints%s; sherf takes SMPL bodies (24 joints)",
+                         (long long)weight_dim[1],
+                         weight_dim[1] == 52   ? " (SMPL-H)"
+                         : weight_dim[1] == 55 ? " (SMPL-X)"
+                                               : "");
+        goto done;
+    }
+    if ((status = body_array(c, root, "shapedirs", 3, shape_dim, &shapedirs)) ||
+        (status = body_array(c, root, "posedirs", 3, pose_dim, &posedirs)) ||
+        (status = body_array(c, root, "J_regressor", 2, regressor_dim, &regressor)) ||
+        (status = body_array(c, root, "f", 2, face_dim, &face)) ||
+        (status = body_array(c, root, "kintree_table", 2, tree_dim, &tree)))
+        goto done;
+    if (face_dim[0] > 4 * (int64_t)BODY_VERTICES_MAX) {
+        status = failure(c, SHERF_BAD_FILE, "f: %lld faces are too many", (long long)face_dim[0]);
+        goto done;
+    }
+    if ((status = to_indices(c, face, (size_t)face_dim[0] * 3, &face_index)) ||
+        (status = to_indices(c, tree, BODY_JOINTS, &parent)))
+        goto done;
+    body_arrays arrays = {.vertices = (int)V,
+                          .faces = (int)face_dim[0],
+                          .shape_count = (int)shape_dim[2],
+                          .v_template = v_template,
+                          .shapedirs = shapedirs,
+                          .posedirs = posedirs,
+                          .weights = weights,
+                          .regressor = regressor,
+                          .face = face_index,
+                          .parent = parent};
+    if (shape_dim[2] < 1 || shape_dim[2] > 4096)
+        status = failure(c, SHERF_BAD_FILE, "shapedirs: %lld shape components", (long long)shape_dim[2]);
+    else
+        status = body_create(c, &arrays, out);
+done:
+    mem_free(v_template);
+    mem_free(shapedirs);
+    mem_free(posedirs);
+    mem_free(weights);
+    mem_free(regressor);
+    mem_free(face);
+    mem_free(tree);
+    mem_free(face_index);
+    mem_free(parent);
+    return status;
+}
+
+sherf_status body_load(context *c, const char *path, body_model **out) {
+    *out = NULL;
+    document *d = NULL;
+    const char *kind = "file";
+    sherf_status status = parse_file(c, path, &d, &kind);
+    if (status) return status;
+    if (!value_get(d->root, "v_template"))
+        status = failure(c, SHERF_BAD_FILE, "%s: a %s that holds no SMPL body", path, kind);
+    else if ((status = body_from_document(c, d, out)))
+        failure_prefix(c, status, "%s", path);
+    document_free(d);
+    return status;
+}
+
+sherf_status sherf_body_load(sherf_context *c, const char *path, sherf_body **out) {
+    return body_load(c, path, out);
+}
+
+sherf_status body_save(context *c, const body_model *m, const char *path) {
+    sherf_status status = SHERF_NO_MEMORY;
+    size_t V = (size_t)m->vertices;
+    int64_t tree[2 * BODY_JOINTS];
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        tree[j] = m->parent[j];
+        tree[BODY_JOINTS + j] = j;
+    }
+    float *posedirs = mem_alloc(c, V * 3 * BODY_POSE_FEATURES, sizeof *posedirs);
+    int32_t *face = mem_alloc(c, (size_t)m->faces * 3, sizeof *face);
+    if (!posedirs || !face) goto done;
+    for (size_t i = 0; i < (size_t)m->faces * 3; i++) face[i] = (int32_t)m->face[i];
+    for (size_t k = 0; k < BODY_POSE_FEATURES; k++) /* back to the files' order, vertex major */
+        for (size_t i = 0; i < V * 3; i++) posedirs[i * BODY_POSE_FEATURES + k] = m->posedirs[k * V * 3 + i];
+    safetensor_item item[] = {
+        {"v_template", T_F32, 2, {m->vertices, 3}, m->v_template},
+        {"shapedirs", T_F32, 3, {m->vertices, 3, BODY_SHAPES}, m->shapedirs},
+        {"posedirs", T_F32, 3, {m->vertices, 3, BODY_POSE_FEATURES}, posedirs},
+        {"weights", T_F32, 2, {m->vertices, BODY_JOINTS}, m->weights},
+        {"J_regressor", T_F64, 2, {BODY_JOINTS, m->vertices}, m->regressor},
+        {"f", T_I32, 2, {m->faces, 3}, face},
+        {"kintree_table", T_I64, 2, {2, BODY_JOINTS}, tree},
+    };
+    safetensor_metadata metadata[] = {{"format", "sherf-body"}};
+    status = safetensors_write(c, path, COUNT_OF(item), item, COUNT_OF(metadata), metadata);
+done:
+    mem_free(posedirs);
+    mem_free(face);
+    return status;
+}

@@ -1,0 +1,215 @@
+#include <stdlib.h>
+#include <string.h>
+
+#include "eval/selection.h"
+
+/* A number at *text, which moves behind it; -1 when there is none or it is too large. */
+static int number(const char **text) {
+    const char *p = *text;
+    int64_t n = 0;
+    if (*p < '0' || *p > '9') return -1;
+    for (; *p >= '0' && *p <= '9'; p++)
+        if ((n = n * 10 + (*p - '0')) > INT32_MAX) return -1;
+    *text = p;
+    return (int)n;
+}
+
+/* One item of a list: N, or first:step:count. */
+static bool list_item(const char **text, int *first, int *step, int *count) {
+    *step = *count = 1;
+    if ((*first = number(text)) < 0) return false;
+    if (**text != ':') return true;
+    (*text)++;
+    if ((*step = number(text)) < 1 || **text != ':') return false;
+    (*text)++;
+    return (*count = number(text)) >= 1;
+}
+
+sherf_status selection_list(context *c, const char *text, const char *what, int limit, int **out,
+                            int *count) {
+    sherf_status status = SHERF_OK;
+    int n = 0;
+    *out = NULL;
+    *count = 0;
+    int *list = mem_alloc(c, (size_t)limit + 1, sizeof *list);
+    bool *seen = mem_zero(c, (size_t)limit + 1, sizeof *seen);
+    if (!list || !seen) {
+        status = SHERF_NO_MEMORY;
+        goto done;
+    }
+    for (const char *p = text;;) {
+        int first, step, items;
+        if (!list_item(&p, &first, &step, &items) || (*p && *p != ',')) {
+            status = failure(c, SHERF_BAD_ARGUMENT,
+                             "%s \"%s\": numbers with commas between, or "
+                             "first:step:count, are expected",
+                             what, text);
+            goto done;
+        }
+        for (int64_t i = 0; i < items; i++) {
+            int64_t v = first + i * step;
+            if (v >= limit) {
+                status = failure(c, SHERF_BAD_ARGUMENT, "%s \"%s\": there is no number %lld, the last is %d",
+                                 what, text, (long long)v, limit - 1);
+                goto done;
+            }
+            if (seen[v]) {
+                status =
+                    failure(c, SHERF_BAD_ARGUMENT, "%s \"%s\": %lld comes twice", what, text, (long long)v);
+                goto done;
+            }
+            seen[v] = true;
+            list[n++] = (int)v;
+        }
+        if (!*p) break;
+        p++;
+    }
+    *out = list;
+    *count = n;
+    list = NULL;
+done:
+    mem_free(list);
+    mem_free(seen);
+    return status;
+}
+
+sherf_status selection_pictures(context *c, const char *text, int poses, int views, picture **out,
+                                int *count) {
+    size_t n = 1;
+    *out = NULL;
+    *count = 0;
+    for (const char *p = text; *p; p++) n += *p == ',';
+    picture *list = mem_alloc(c, n, sizeof *list);
+    if (!list) return SHERF_NO_MEMORY;
+    const char *p = text;
+    for (size_t i = 0; i < n; i++) {
+        bool ok = (list[i].pose = number(&p)) >= 0 && *p == ':';
+        if (ok) p++;
+        ok = ok && (list[i].view = number(&p)) >= 0 && *p == (i + 1 < n ? ',' : 0);
+        if (!ok) {
+            mem_free(list);
+            return failure(c, SHERF_BAD_ARGUMENT, "observation \"%s\": POSE:VIEW is expected", text);
+        }
+        if (list[i].pose >= poses || list[i].view >= views) {
+            mem_free(list);
+            return failure(c, SHERF_BAD_ARGUMENT,
+                           "observation \"%s\": the person has poses 0 to %d and views 0 to %d", text,
+                           poses - 1, views - 1);
+        }
+        for (size_t k = 0; k < i; k++)
+            if (list[k].pose == list[i].pose && list[k].view == list[i].view) {
+                mem_free(list);
+                return failure(c, SHERF_BAD_ARGUMENT, "observation \"%s\": one comes twice", text);
+            }
+        p++;
+    }
+    *out = list;
+    *count = (int)n;
+    return SHERF_OK;
+}
+
+void selection_free(selection *s) {
+    mem_free(s->observation);
+    mem_free(s->novel_pose);
+    mem_free(s->pose);
+    mem_free(s->view);
+    *s = (selection){0};
+}
+
+bool selection_target(const selection *s, int i, picture target, bool *novel_pose) {
+    picture o = s->observation[i];
+    *novel_pose = target.pose != o.pose;
+    return *novel_pose ? s->novel_pose[i] : target.view != o.view;
+}
+
+int64_t selection_pairs(const selection *s) {
+    int64_t n = 0;
+    bool novel_pose;
+    for (int i = 0; i < s->observations; i++)
+        for (int p = 0; p < s->poses; p++)
+            for (int v = 0; v < s->views; v++)
+                n += selection_target(s, i, (picture){s->pose[p], s->view[v]}, &novel_pose);
+    return n;
+}
+
+/* first, first + step, ... below limit; *missing: how many of them are not. */
+static sherf_status sequence(context *c, int first, int step, int count, int limit, int **out, int *n,
+                             int *missing) {
+    *n = 0;
+    if (!(*out = mem_alloc(c, (size_t)count + 1, sizeof **out))) return SHERF_NO_MEMORY;
+    for (int i = 0; i < count; i++)
+        if (first + i * step < limit)
+            (*out)[(*n)++] = first + i * step;
+        else
+            (*missing)++;
+    return SHERF_OK;
+}
+
+static bool contains(const int *list, int n, int v) {
+    for (int i = 0; i < n; i++)
+        if (list[i] == v) return true;
+    return false;
+}
+
+/* Every listed pose from every observation view of the protocol, and the pose that novel poses are made from.
+ */
+static sherf_status protocol_observations(context *c, const data_protocol *p, int poses, int views,
+                                          selection *s, int *missing) {
+    size_t limit = ((size_t)s->poses + 1) * COUNT_OF(p->observation_views);
+    s->observation = mem_alloc(c, limit, sizeof *s->observation);
+    s->novel_pose = mem_zero(c, limit, sizeof *s->novel_pose);
+    if (!s->observation || !s->novel_pose) return SHERF_NO_MEMORY;
+    int from = p->observation_pose < poses ? p->observation_pose : 0;
+    bool extra = !contains(s->pose, s->poses, from);
+    for (size_t k = 0; k < COUNT_OF(p->observation_views); k++) {
+        if (p->observation_views[k] >= views) {
+            (*missing)++;
+            continue;
+        }
+        for (int i = 0; i < s->poses + extra; i++) {
+            int pose = i < s->poses ? s->pose[i] : from;
+            s->novel_pose[s->observations] = pose == from;
+            s->observation[s->observations++] = (picture){pose, p->observation_views[k]};
+        }
+    }
+    return SHERF_OK;
+}
+
+sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
+                              const char *poses, const char *views, selection *out) {
+    const data_protocol *p = data_protocol_of(dataset_kind(d));
+    int has_poses = sherf_dataset_pose_count(d, person), has_views = sherf_dataset_view_count(d, person);
+    int missing = 0;
+    *out = (selection){.person = person};
+    sherf_status status = poses ? selection_list(c, poses, "poses", has_poses, &out->pose, &out->poses)
+                                : sequence(c, p->pose_first, p->pose_step, p->pose_count, has_poses,
+                                           &out->pose, &out->poses, &missing);
+    if (status != SHERF_OK) goto fail;
+    int step = p->view_step > 0 ? p->view_step : 1;
+    status = views ? selection_list(c, views, "views", has_views, &out->view, &out->views)
+                   : sequence(c, 0, step, (p->views + step - 1) / step, has_views, &out->view, &out->views,
+                              &missing);
+    if (status != SHERF_OK) goto fail;
+    if (observations) {
+        status =
+            selection_pictures(c, observations, has_poses, has_views, &out->observation, &out->observations);
+        if (status != SHERF_OK) goto fail;
+        out->novel_pose = mem_alloc(c, (size_t)out->observations, sizeof *out->novel_pose);
+        if (!out->novel_pose) {
+            status = SHERF_NO_MEMORY;
+            goto fail;
+        }
+        for (int i = 0; i < out->observations; i++) out->novel_pose[i] = true;
+    } else {
+        status = protocol_observations(c, p, has_poses, has_views, out, &missing);
+        if (status != SHERF_OK) goto fail;
+    }
+    if (missing)
+        log_line(c, SHERF_LOG_WARNING,
+                 "%s: %d poses and views of the paper's protocol are not there and are left out",
+                 sherf_dataset_person(d, person), missing);
+    return SHERF_OK;
+fail:
+    selection_free(out);
+    return status;
+}

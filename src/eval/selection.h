@@ -1,0 +1,39 @@
+/* selection: which pictures an evaluation looks at, from the command line or the paper's protocol. */
+#ifndef SHERF_SELECTION_H
+#define SHERF_SELECTION_H
+
+#include "data/data.h"
+
+typedef struct {
+    int pose, view;
+} picture;
+
+/* "0,2,5" or "first:step:count", also mixed. Every number is in [0, limit), none comes twice. `what` names
+ * the list in messages. *out is mem_free'd. */
+sherf_status selection_list(context *c, const char *text, const char *what, int limit, int **out, int *count);
+/* "POSE:VIEW,POSE:VIEW". */
+sherf_status selection_pictures(context *c, const char *text, int poses, int views, picture **out,
+                                int *count);
+
+/* One person's part of an evaluation. An observation (p, v) is compared with every view of pose p but v
+ * (novel view) when p is among the poses, and with every view of the other poses (novel pose) when
+ * its `novel_pose` is set. */
+typedef struct {
+    int person; /* of the data set */
+    int observations, poses, views;
+    picture *observation;
+    bool *novel_pose;
+    int *pose, *view;
+} selection;
+
+/* observations, poses, views as in sherf_eval_options. Where they are NULL the paper's protocol stands: each
+ * of its poses is observed from each of its observation views, and novel poses are made from one of them.
+ * What of it the person does not have is left out with a warning. */
+sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
+                              const char *poses, const char *views, selection *out);
+void selection_free(selection *s); /* its arrays; fine on zeroes */
+/* Whether `target` is compared with observation i; *novel_pose says which score it belongs to. */
+bool selection_target(const selection *s, int i, picture target, bool *novel_pose);
+int64_t selection_pairs(const selection *s);
+
+#endif

@@ -39,6 +39,8 @@ static const option options[] = {
     {'p', "poses", OPTION_FILE, &set.shots.poses, "FILE|LIST",
      "poses from a file (npz, npy, JSON), or with --data its poses 0,2 or first:step:count (the picture's "
      "pose)"},
+    {0, "their-shape", OPTION_FLAG, &set.shots.their_shape, NULL,
+     "take the body shape too from a file of poses; otherwise the person keeps their own"},
     {0, "every", OPTION_FLAG, &set.shots.every, NULL,
      "each pose from each camera; otherwise frame i takes pose i and camera i, starting over in the shorter "
      "list"},

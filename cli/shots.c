@@ -202,6 +202,8 @@ static int poses_find(session *s, const shots_wish *wish, const sherf_avatar *av
     if (t->pose)
         memcpy(t->pose, loaded ? loaded : sherf_avatar_pose(avatar), (size_t)t->pose_count * sizeof *t->pose);
     sherf_free(loaded);
+    for (int p = 0; p < t->pose_count && t->pose && !wish->their_shape; p++)
+        memcpy(t->pose[p].shapes, sherf_avatar_pose(avatar)->shapes, sizeof t->pose[p].shapes);
     return t->pose ? EXIT_DONE : EXIT_FAILED;
 }
 
@@ -228,7 +230,16 @@ static int cameras_find(session *s, const shots_wish *wish, const sherf_body *bo
         sherf_free(loaded);
         if (!t->camera) return EXIT_FAILED;
     }
-    for (int i = 0; i < t->camera_count && width; i++) camera_scale(&t->camera[i], width, height);
+    for (int i = 0; i < t->camera_count; i++) {
+        sherf_camera *k = &t->camera[i];
+        if (k->width_px < 1 || k->height_px < 1) { /* a file may leave that out */
+            if (!height)
+                return session_failure("%s: no width and height in it; give --size WxH", wish->cameras);
+            k->width_px = width;
+            k->height_px = height;
+        }
+        if (width) camera_scale(k, width, height);
+    }
     return EXIT_DONE;
 }
 

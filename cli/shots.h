@@ -11,7 +11,8 @@ typedef struct {
     int64_t orbit;                                          /* cameras of an orbit; 0: none */
     double azimuth_deg, elevation_deg, distance_m, fov_deg; /* distance 0: far enough to see all of it */
     const char *size;
-    bool every; /* every camera for every pose */
+    bool their_shape; /* take the body shape from a file of poses too */
+    bool every;       /* every camera for every pose */
 } shots_wish;
 
 typedef struct {

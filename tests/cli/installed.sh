@@ -1,0 +1,50 @@
+#!/bin/sh
+# tests/cli/installed.sh BUILD: installs into a temporary folder and uses what is there as a stranger would:
+# compiles docs/example.c with pkg-config (C, C++, shared, static), runs it, looks at the names in view.
+set -eu
+build=$1
+here=$(cd "$(dirname "$0")/../.." && pwd)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+fail() { echo "installed.sh: $*" >&2; exit 1; }
+
+cmake --install "$build" --prefix "$work/usr" >"$work/install.log"
+lib=$(dirname "$(find "$work/usr" -name libsherf.a)")
+for file in bin/sherf include/sherf/sherf.h share/man/man1/sherf.1 share/man/man1/sherf-render.1 \
+    share/bash-completion/completions/sherf share/zsh/site-functions/_sherf; do
+    [ -s "$work/usr/$file" ] || fail "$file was not installed"
+done
+export PKG_CONFIG_PATH="$lib/pkgconfig"
+# The prefix in the file is the one of the configuration; the folder given to --install replaces it here.
+pkg() { pkg-config --define-variable=prefix="$work/usr" "$@"; }
+version=$(pkg --modversion sherf)
+[ "$("$work/usr/bin/sherf" --version)" = "sherf $version" ] || fail "the program and sherf.pc differ in version"
+
+others=$(nm -D --defined-only "$lib/libsherf.so" | awk '$2 != "A" {print $3}' | grep -v '^sherf_' || true)
+[ -z "$others" ] || fail "libsherf.so shows" $others
+others=$(nm -g --defined-only "$lib/libsherf.a" | awk 'NF == 3 {print $3}' | grep -v '^sherf_' || true)
+[ -z "$others" ] || fail "libsherf.a shows" $others
+
+# shellcheck disable=SC2046
+cc -std=c11 -Wall -Wextra -Werror "$here/docs/example.c" $(pkg --cflags --libs sherf) -o "$work/example"
+# shellcheck disable=SC2046
+cc -std=c11 "$here/docs/example.c" $(pkg --cflags sherf) "$lib/libsherf.a" $(pkg --static --libs sherf) -o "$work/example-static"
+# shellcheck disable=SC2046
+c++ -std=c++20 -Wall -x c++ "$here/docs/example.c" -x none $(pkg --cflags --libs sherf) -o "$work/example-cxx"
+# shellcheck disable=SC2046
+cc -std=c11 "$here/tests/cli/make_model.c" $(pkg --cflags --libs sherf) -o "$work/make_model"
+
+export LD_LIBRARY_PATH="$lib" OMP_WAIT_POLICY=passive
+"$work/make_model" "$work/model.safetensors"
+"$work/usr/bin/sherf" synth tube -q -o "$work/people" --people 1 --poses 1 --views 4 --size 64
+person=$(ls "$work/people" | grep -v -e '\.' | head -n 1)
+for example in example example-static example-cxx; do
+    "$work/$example" "$work/people/tubeman.safetensors" "$work/model.safetensors" \
+        "thuman:$work/people#$person/0/0" "$work/$example.png"
+    [ -s "$work/$example.png" ] || fail "$example wrote no picture"
+done
+cmp "$work/example.png" "$work/example-static.png"
+cmp "$work/example.png" "$work/example-cxx.png"
+! "$work/example" "$work/none" b c d 2>"$work/error" || fail "a missing body was accepted"
+grep -q "$work/none" "$work/error" || fail "the message does not name the file"
+echo "installed, compiled, ran"

@@ -1,0 +1,365 @@
+/* The program as a person or a script meets it: words, exit statuses, one line an error, JSON. */
+#include "support.h"
+
+#include <cjson/cJSON.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+enum { WORDS_MOST = 40, TEXT_MOST = 1 << 16 };
+static const char *const verbs[] = {"avatar",  "render", "train", "eval", "synth",
+                                    "convert", "check",  "info",  "bench"};
+
+typedef struct {
+    int status; /* exit status; -1: ended by a signal */
+    char out[TEXT_MOST], err[TEXT_MOST];
+} outcome;
+
+static void text_read(const char *path, char *text) {
+    FILE *f = fopen(path, "rb");
+    size_t n = f ? fread(text, 1, TEXT_MOST - 1, f) : 0;
+    text[n] = 0;
+    if (f) fclose(f);
+}
+
+static pid_t start(const char *words, const char *out, const char *err) {
+    static char line[8192];
+    char *argument[WORDS_MOST + 2], *rest = line;
+    int count = 0;
+    snprintf(line, sizeof line, "%s", words);
+    argument[count++] = getenv("SHERF_PROGRAM");
+    for (char *w; (w = strsep(&rest, " ")) && count < WORDS_MOST;)
+        if (*w) argument[count++] = w;
+    argument[count] = NULL;
+    fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        int o = open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600),
+            e = open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+        int i = open("/dev/null", O_RDONLY);
+        if (i < 0 || dup2(i, 0) < 0 || dup2(o, 1) < 0 || dup2(e, 2) < 0) _exit(99);
+        execv(argument[0], argument);
+        _exit(99);
+    }
+    assert_true(child > 0);
+    return child;
+}
+
+/* Runs the program with `words`, split at blanks. The answer is valid until the next call. */
+static const outcome *run(const char *format, ...) {
+    static outcome o;
+    char words[8000], out[4096], err[4096];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(words, sizeof words, format, list);
+    va_end(list);
+    snprintf(out, sizeof out, "%s", test_path("stdout"));
+    snprintf(err, sizeof err, "%s", test_path("stderr"));
+    int status;
+    pid_t child = start(words, out, err);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    o.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+    text_read(out, o.out);
+    text_read(err, o.err);
+    return &o;
+}
+
+static void assert_contains(const char *text, const char *part) {
+    if (!strstr(text, part)) fail_msg("no \"%s\" in \"%s\"", part, text);
+}
+
+/* Exit status, nothing on stdout, one line on stderr with both parts in it. */
+static void assert_error(const outcome *o, int status, const char *part, const char *other) {
+    if (o->status != status) fail_msg("status %d, not %d: %s", o->status, status, o->err);
+    assert_string_equal(o->out, "");
+    assert_int_equal(strncmp(o->err, "sherf", 5), 0);
+    const char *end = strchr(o->err, '\n');
+    if (!end || end[1]) fail_msg("not one line: %s", o->err);
+    assert_contains(o->err, part);
+    assert_contains(o->err, other);
+}
+
+/* The JSON on stdout; to be deleted. */
+static cJSON *json_of(const outcome *o) {
+    if (o->status != 0) fail_msg("status %d: %s", o->status, o->err);
+    const char *end;
+    cJSON *json = cJSON_ParseWithOpts(o->out, &end, 0);
+    if (!json) fail_msg("not JSON: %s", o->out);
+    if (end[strspn(end, " \n")]) fail_msg("more than JSON: %s", o->out);
+    return json;
+}
+
+static double number(const cJSON *json, const char *name) {
+    const cJSON *n = cJSON_GetObjectItem(json, name);
+    if (!cJSON_IsNumber(n)) fail_msg("no number \"%s\"", name);
+    return n->valuedouble;
+}
+
+static void file_write(const char *path, const char *text) {
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    fputs(text, f);
+    fclose(f);
+}
+
+static long file_size(const char *path) {
+    struct stat st;
+    return stat(path, &st) == 0 ? (long)st.st_size : -1;
+}
+
+/* ---- words ---- */
+static void version_and_help(void **state) {
+    const outcome *o = run("--version");
+    assert_int_equal(o->status, 0);
+    assert_string_equal(o->out, "sherf " SHERF_VERSION "\n");
+    o = run("--help");
+    assert_int_equal(o->status, 0);
+    for (size_t i = 0; i < COUNT_OF(verbs); i++) assert_contains(o->out, verbs[i]);
+    for (size_t i = 0; i < COUNT_OF(verbs); i++) {
+        o = run("%s --help", verbs[i]);
+        assert_int_equal(o->status, 0);
+        assert_string_equal(o->err, "");
+        char line[64];
+        snprintf(line, sizeof line, "usage: sherf %s", verbs[i]);
+        assert_contains(o->out, line);
+        snprintf(line, sizeof line, "\nexample\n  sherf %s", verbs[i]);
+        assert_contains(o->out, line);
+        assert_contains(o->out, "--precision auto|fp32|bf16");
+        o = run("%s --version", verbs[i]);
+        assert_string_equal(o->out, "sherf " SHERF_VERSION "\n");
+    }
+}
+
+/* Every long option of the help stands in the manual page and in both completions. */
+static void texts_agree(void **state) {
+    static char bash[TEXT_MOST], zsh[TEXT_MOST], help[TEXT_MOST];
+    strcpy(bash, run("--describe bash")->out);
+    strcpy(zsh, run("--describe zsh")->out);
+    int options = 0;
+    for (size_t i = 0; i < COUNT_OF(verbs); i++) {
+        strcpy(help, run("%s --help", verbs[i])->out);
+        const outcome *man = run("--describe man-%s", verbs[i]);
+        assert_int_equal(man->status, 0);
+        for (const char *p = help; (p = strstr(p, "--")); p++) {
+            char name[64] = "--", escaped[128] = "";
+            size_t n = strspn(p + 2, "abcdefghijklmnopqrstuvwxyz-");
+            if (n == 0 || n > 40) continue;
+            memcpy(name + 2, p + 2, n);
+            assert_contains(bash, name);
+            assert_contains(zsh, name);
+            for (const char *q = name; *q; q++) strcat(escaped, *q == '-' ? "\\-" : (char[]){*q, 0});
+            assert_contains(man->out, escaped);
+            options++;
+        }
+    }
+    assert_true(options > 100);
+}
+
+static void wrong_usage(void **state) {
+    const outcome *o = run("");
+    assert_int_equal(o->status, 2);
+    assert_contains(o->err, "usage: sherf VERB");
+    assert_error(run("dance"), 2, "'dance'", "sherf --help");
+    assert_error(run("--threads 2 info x"), 2, "'--threads'", "sherf --help");
+    assert_error(run("convert a b -o c"), 2, "'b'", "sherf convert --help");
+    assert_error(run("convert -o c"), 2, "FILE is missing", "sherf convert --help");
+    assert_error(run("convert a"), 2, "--output FILE is missing", "sherf convert --help");
+    assert_error(run("convert a -o"), 2, "-o wants a value", "sherf convert --help");
+    assert_error(run("convert a --output"), 2, "--output wants a value", "sherf convert --help");
+    assert_error(run("convert a --output="), 2, "--output", "sherf convert --help");
+    assert_error(run("convert a -o b --fast"), 2, "--fast", "sherf convert --help");
+    assert_error(run("convert a -o b -x"), 2, "-x", "sherf convert --help");
+    assert_error(run("convert a -o b --json=1"), 2, "--json takes no value", "sherf convert --help");
+    assert_error(run("info x --precision fp16"), 2, "'fp16' is none of auto|fp32|bf16", "sherf info --help");
+    assert_error(run("info x --threads two"), 2, "--threads: 'two'", "sherf info --help");
+    assert_error(run("info x --threads -1"), 2, "--threads: '-1'", "sherf info --help");
+    assert_error(run("info x --threads 9999999999999999999999"), 2, "--threads", "sherf info --help");
+    assert_error(run("bench nothing"), 2, "'nothing' is none of render|train", "sherf bench --help");
+    assert_error(run("synth cube -o x"), 2, "'cube'", "sherf synth --help");
+    const char *eval = "eval -d a -m b -b c";
+    assert_error(run("%s --observation 4", eval), 2, "--observation: '4'", "sherf eval --help");
+    assert_error(run("%s --views 0,,2", eval), 2, "--views: '0,,2'", "sherf eval --help");
+    assert_error(run("%s --poses 0:1", eval), 2, "--poses: '0:1'", "sherf eval --help");
+    assert_error(run("%s --npy", eval), 2, "--npy needs --output", "sherf eval --help");
+    const char *render = "render a.safetensors -b b -o c";
+    assert_error(run("%s --size 0", render), 2, "--size: '0'", "sherf render --help");
+    assert_error(run("%s --size 10x", render), 2, "--size: '10x'", "sherf render --help");
+    assert_error(run("%s --fov nan", render), 2, "--fov: 'nan'", "sherf render --help");
+    assert_error(run("%s --background 1,2,3", render), 2, "--background: '1,2,3'", "sherf render --help");
+    assert_error(run("%s.mp4 --background transparent", render), 2, "transparent", "sherf render --help");
+    assert_error(run("%s --orbit 3 --cameras f", render), 2, "exclude", "sherf render --help");
+    assert_error(run("%s --views 1", render), 2, "--data", "sherf render --help");
+    assert_error(run("%s --poses 0,1", render), 2, "--poses", "sherf render --help");
+    assert_error(run("render a.json -b b -o c"), 2, "--model FILE is missing", "sherf render --help");
+    assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
+}
+
+static void what_is_missing_or_broken(void **state) {
+    assert_error(run("info /no/such/file"), 1, "sherf: ", "/no/such/file");
+    assert_error(run("convert /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
+    assert_error(run("check /no/such/file"), 1, "sherf: ", "/no/such/file");
+    assert_error(run("avatar a -m b -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
+    assert_error(run("render a -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
+    assert_error(run("eval -d /no/such/data -m b -b c"), 1, "sherf: ", "/no/such/data");
+    assert_error(run("train -d /no/such/data -b c -o %s", test_path("run")), 1, "sherf: ", "/no/such/");
+    assert_error(run("synth tube -o /proc/no/such"), 1, "sherf: ", "/proc/no");
+    assert_error(run("info x --device cuda"), 1, "sherf: ", "not in this build");
+    const char *junk = test_path("junk.safetensors");
+    file_write(junk, "this is nothing that anybody knows");
+    assert_error(run("convert %s -o %s", junk, test_path("none")), 1, "sherf: ", "junk.safetensors");
+    assert_error(run("render x -b %s -o y", junk), 1, "sherf: ", "junk.safetensors");
+    assert_int_equal(file_size(test_path("none")), -1);
+}
+
+static void bench_answers(void **state) {
+    cJSON *json = json_of(run("bench render --preset small --size 64 --repeats 1 --json"));
+    assert_true(number(json, "frame_ms") > 0);
+    assert_true(number(json, "avatar_ms") > 0);
+    assert_true(number(json, "points") > 0);
+    assert_true(number(json, "peak_rss_mb") > 0);
+    assert_true(cJSON_IsString(cJSON_GetObjectItem(json, "precision")));
+    cJSON_Delete(json);
+    json = json_of(run("bench train --preset small --size 64 --repeats 1 --json"));
+    assert_true(number(json, "step_ms") > 0);
+    cJSON_Delete(json);
+}
+
+/* ---- from a data set to frames ---- */
+static void make_model(const char *path) {
+    context *c = test_context();
+    sherf_model *model;
+    assert_ok(c, sherf_model_create(c, "small", 1, &model));
+    assert_ok(c, sherf_model_save(c, model, path));
+    sherf_model_free(model);
+    sherf_context_free(c);
+}
+
+/* Width and height of a PNG, from its header. */
+static void assert_png(const char *path, unsigned width, unsigned height) {
+    unsigned char b[24];
+    FILE *f = fopen(path, "rb");
+    if (!f) fail_msg("%s: is not there", path);
+    assert_int_equal(fread(b, 1, sizeof b, f), sizeof b);
+    fclose(f);
+    assert_memory_equal(b, "\211PNG", 4);
+    assert_int_equal((unsigned)b[18] << 8 | b[19], width);
+    assert_int_equal((unsigned)b[22] << 8 | b[23], height);
+}
+
+static void from_data_to_frames(void **state) {
+    char folder[2048], model[2048], avatar[2048];
+    snprintf(folder, sizeof folder, "%s", test_path("tube"));
+    snprintf(model, sizeof model, "%s", test_path("model.safetensors"));
+    snprintf(avatar, sizeof avatar, "%s", test_path("avatar.safetensors"));
+    cJSON *json = json_of(run("synth tube -o %s --people 1 --poses 2 --views 4 --size 64 --json", folder));
+    assert_int_equal(number(json, "pictures"), 8);
+    cJSON_Delete(json);
+    make_model(model);
+    json = json_of(run("info %s --json", model));
+    cJSON_Delete(json);
+
+    context *c = test_context();
+    sherf_dataset *d;
+    assert_ok(c, sherf_dataset_open(c, folder, &d));
+    char person[256];
+    snprintf(person, sizeof person, "%s", sherf_dataset_person(d, 0));
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+
+    json = json_of(run("check thuman:%s --body %s/tubeman.safetensors --json", folder, folder));
+    assert_int_equal(number(json, "errors"), 0);
+    assert_true(cJSON_IsArray(cJSON_GetObjectItem(json, "findings")));
+    cJSON_Delete(json);
+    json = json_of(run("avatar thuman:%s#%s/0/1 -m %s -b %s/tubeman.safetensors -o %s --json", folder, person,
+                       model, folder, avatar));
+    assert_true(number(json, "bytes") == file_size(avatar));
+    cJSON_Delete(json);
+
+    char render[6000], out[2048], path[2100];
+    snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
+    snprintf(out, sizeof out, "%s", test_path("out"));
+    /* The picture's own camera and pose, then an orbit with everything, then the data set's. */
+    const outcome *o = run("%s -o %s.png --background transparent", render, out);
+    if (o->status) fail_msg("%s", o->err);
+    snprintf(path, sizeof path, "%s.png", out);
+    assert_png(path, 64, 64);
+    json = json_of(run("%s -o %s --orbit 3 --size 48x32 --depth --opacity --npy --strip %s/strip.png --json",
+                       render, out, out));
+    assert_int_equal(number(json, "frames"), 3);
+    assert_true(number(json, "points") > 0); /* the orbit sees the body */
+    cJSON_Delete(json);
+    const char *const names[] = {"frame_0000.png", "frame_0002.png", "depth_0001.png", "opacity_0002.png"};
+    for (size_t i = 0; i < COUNT_OF(names); i++) {
+        snprintf(path, sizeof path, "%s/%s", out, names[i]);
+        assert_png(path, 48, 32);
+    }
+    snprintf(path, sizeof path, "%s/strip.png", out);
+    assert_png(path, 3 * 48, 32);
+    snprintf(path, sizeof path, "%s/depth_0002.npy", out);
+    assert_int_equal(file_size(path), 128 + 48 * 32 * 4);
+    json = json_of(
+        run("%s -o %s.mp4 --data thuman:%s --people %s --views 0,2 --poses 0:1:2 --every --size 32 --json",
+            render, out, folder, person));
+    assert_int_equal(number(json, "frames"), 4);
+    cJSON_Delete(json);
+    snprintf(path, sizeof path, "%s.mp4", out);
+    assert_true(file_size(path) > 200);
+    assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
+    assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
+    /* A full disk: nothing is left behind. */
+    if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
+}
+
+/* The first Ctrl-C ends a training run in order, with a checkpoint. */
+static void interrupt_saves(void **state) {
+    char folder[2048], out[2048], log[2048], words[6400], checkpoint[2100];
+    snprintf(folder, sizeof folder, "%s", test_path("tube"));
+    snprintf(out, sizeof out, "%s", test_path("run"));
+    snprintf(log, sizeof log, "%s", test_path("log"));
+    snprintf(checkpoint, sizeof checkpoint, "%s/checkpoint.safetensors", out);
+    snprintf(
+        words, sizeof words,
+        "train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset small --size 64 --steps 100000 "
+        "--images 1 -o %s",
+        folder, folder, out);
+    char steps[2100];
+    snprintf(steps, sizeof steps, "%s/log.jsonl", out);
+    pid_t child = start(words, log, log);
+    int status = 0;
+    pid_t ended = 0;
+    for (int i = 0; i < 1200 && file_size(steps) <= 0 && !ended; i++) {
+        usleep(50000);
+        ended = waitpid(child, &status, WNOHANG);
+    }
+    if (!ended) kill(child, SIGINT);
+    for (int i = 0; i < 1200 && !ended; i++) {
+        usleep(50000);
+        ended = waitpid(child, &status, WNOHANG);
+    }
+    if (!ended) kill(child, SIGKILL);
+    static char text[TEXT_MOST];
+    text_read(log, text);
+    if (ended != child || !WIFEXITED(status)) fail_msg("did not end by itself: %s", text);
+    if (file_size(checkpoint) <= 0) fail_msg("no checkpoint, status %d: %s", WEXITSTATUS(status), text);
+}
+
+int main(void) {
+    const char *program = getenv("SHERF_PROGRAM");
+    if (!program || !*program) {
+        puts("the program was not built");
+        return 77;
+    }
+    setenv("OMP_WAIT_POLICY", "passive", 1);
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(version_and_help), cmocka_unit_test(texts_agree),
+        cmocka_unit_test(wrong_usage),      cmocka_unit_test(what_is_missing_or_broken),
+        cmocka_unit_test(bench_answers),    cmocka_unit_test(from_data_to_frames),
+        cmocka_unit_test(interrupt_saves),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

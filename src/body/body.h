@@ -17,8 +17,12 @@ struct sherf_body {
     uint32_t *face;          /* F x 3 */
     int parent[BODY_JOINTS]; /* -1 for the root; parent[j] < j */
     uint64_t fingerprint;    /* of all of the above */
-    /* derived once: the canonical body (shape 0, big pose) */
+    /* derived once: regressor * template, regressor * shapedirs; the canonical body (shape 0, big pose), its
+     * blended transform per vertex and that one's inverse, and a grid over its vertices */
+    double joint_template[BODY_JOINTS][3], joint_shape[BODY_JOINTS][3][BODY_SHAPES];
     struct posed_body *canonical;
+    double *canonical_blend, *canonical_inverse; /* V x 12 each */
+    struct vertex_grid *canonical_grid;
 };
 typedef struct sherf_body body_model;
 
@@ -32,6 +36,10 @@ typedef struct posed_body {
     float transform[BODY_JOINTS][12]; /* A_k: rest to posed, relative to the rest pose */
     float R[9], Th[3];                /* body to world */
     float min_smpl[3], max_smpl[3];
+    /* V x 12: the whole way of a point whose nearest vertex is v, one affine map (see deform.c). Where the
+     * blended rotation cannot be inverted, the vertex follows its heaviest joint alone. */
+    float *to_canonical;   /* SMPL space to canonical */
+    float *from_canonical; /* canonical to world */
 } posed_body;
 
 extern const float body_big_pose[72];
@@ -48,12 +56,14 @@ typedef struct {
 sherf_status body_create(context *c, const body_arrays *arrays, body_model **out);
 /* body_load: by content, .pkl .npz .safetensors, is in data/body_file.h (it needs io). */
 
+/* Refuses what is not finite and an R that is not a rotation. */
 sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out);
 void posed_body_free(posed_body *p);
 void body_vertices_world(const body_model *m, const posed_body *p, float *vertices_world); /* V x 3 */
 void rodrigues(const float axis_angle_rad[3], float R[9]);
 void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]);
+bool rotation_is_valid(const float R[9]); /* finite, orthonormal within 1e-2, right-handed */
 
 /* Canonical box (network.md): min/max of the canonical vertices -/+ 0.05, without and with the further 0.1 in
  * z. */
@@ -66,7 +76,8 @@ sherf_status body_normals(context *c, const body_model *m, const float *vertices
 
 /* ---- deformation (network.md: Target to canonical, Canonical to observation) ---- */
 /* Points of the posed body's SMPL space to canonical space by the inverse LBS of their nearest vertex.
- * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. */
+ * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. nearest
+ * NULL: point i belongs to vertex i. A negative nearest (a point that is not finite) counts as vertex 0. */
 void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_smpl,
                          const float *directions_smpl, const int32_t *nearest, float *points_canonical,
                          float *directions_canonical);
@@ -76,14 +87,18 @@ void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, 
 
 /* ---- nearest vertex: exact, over a uniform grid ---- */
 typedef struct vertex_grid vertex_grid;
-/* Answers queries with a nearest vertex closer than `radius_m` (squared distances in float32, lowest index on
- * a tie); further away the answer is -1. radius_m 0: no limit. */
+/* Answers queries with a nearest vertex closer than `radius_m` (squared distances in float32, dx dx + dy dy +
+ * dz dz from the left without fused operations, lowest index on a tie); further away the answer is -1.
+ * radius_m 0: no limit; then only a point that is not finite gets -1. */
 sherf_status vertex_grid_create(context *c, int64_t vertices, const float *vertex, float radius_m,
                                 vertex_grid **out);
 void vertex_grid_free(vertex_grid *g);
 int32_t vertex_grid_nearest(const vertex_grid *g, const float point[3], float *distance_squared);
 void vertex_grid_nearest_many(const context *c, const vertex_grid *g, int64_t n, const float *points,
                               int32_t *nearest);
+/* The same answer, sooner when `guess` (a vertex, or -1) is near the point. */
+int32_t vertex_grid_nearest_from(const vertex_grid *g, const float point[3], int32_t guess,
+                                 float *distance_squared);
 /* The body's canonical vertices have one grid, made with the body. */
 const vertex_grid *body_canonical_grid(const body_model *m);
 

@@ -5,6 +5,9 @@
 #define SHERF_TUBEMAN_H
 #include "body/body.h"
 sherf_status tubeman_create(context *c, body_model **out);
+/* The same in double, as the generator's file holds it: for writing files in SMPL's formats. */
+sherf_status tubeman_arrays_create(context *c, body_arrays *out);
+void tubeman_arrays_free(body_arrays *arrays);
 /* Colour of a surface point of the striped tube person number `person`: limb colours and stripes. */
 void tubeman_color(uint64_t person_key, int vertex, float rgb[3]);
 #endif

@@ -1,0 +1,266 @@
+/* The body model: checked and copied arrays, fingerprint, normals; the public functions on a body. */
+#include <math.h>
+#include <string.h>
+
+#include "body/body.h"
+
+/* big pose: legs apart, feet as they stand then */
+const float body_big_pose[72] = {[5] = 0.785398163397448f,
+                                 [8] = -0.785398163397448f,
+                                 [23] = -0.523598775598299f,
+                                 [26] = 0.523598775598299f};
+
+static sherf_status copy_finite(context *c, const char *name, size_t n, const double *in, float *out) {
+    bool finite = true;
+    for (size_t i = 0; i < n; i++) {
+        out[i] = (float)in[i];
+        finite &= isfinite(out[i]) != 0;
+    }
+    return finite ? SHERF_OK : failure(c, SHERF_BAD_FILE, "body: %s holds values that are not finite", name);
+}
+
+static sherf_status copy_weights(context *c, const body_arrays *a, float *out) {
+    sherf_status status = copy_finite(c, "weights", (size_t)a->vertices * BODY_JOINTS, a->weights, out);
+    if (status != SHERF_OK) return status;
+    for (int v = 0; v < a->vertices; v++) {
+        double sum = 0, least = 0;
+        for (int j = 0; j < BODY_JOINTS; j++) {
+            double w = a->weights[(size_t)v * BODY_JOINTS + j];
+            sum += w;
+            if (w < least) least = w;
+        }
+        if (fabs(sum - 1) > 1e-3 || least < -1e-3)
+            return failure(c, SHERF_BAD_FILE, "body: weights of vertex %d sum to %g, not to 1", v, sum);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status copy_indices(context *c, const body_arrays *a, body_model *m) {
+    for (size_t i = 0; i < 3 * (size_t)a->faces; i++) {
+        if (a->face[i] < 0 || a->face[i] >= a->vertices)
+            return failure(c, SHERF_BAD_FILE, "body: face %zu names vertex %lld of %d", i / 3,
+                           (long long)a->face[i], a->vertices);
+        m->face[i] = (uint32_t)a->face[i];
+    }
+    m->parent[0] = -1;
+    for (int j = 1; j < BODY_JOINTS; j++) {
+        if (a->parent[j] < 0 || a->parent[j] >= j)
+            return failure(c, SHERF_BAD_FILE, "body: the parent of joint %d is %lld, which is not before it",
+                           j, (long long)a->parent[j]);
+        m->parent[j] = (int)a->parent[j];
+    }
+    return SHERF_OK;
+}
+
+/* posedirs V x 3 x 207 to 207 x V x 3, in blocks that stay in cache. */
+static sherf_status copy_posedirs(context *c, const body_arrays *a, float *out) {
+    enum { BLOCK = 64 };
+    size_t rows = 3 * (size_t)a->vertices;
+    bool finite = true;
+    for (size_t r0 = 0; r0 < rows; r0 += BLOCK) {
+        size_t r1 = r0 + BLOCK < rows ? r0 + BLOCK : rows;
+        for (size_t k = 0; k < BODY_POSE_FEATURES; k++)
+            for (size_t r = r0; r < r1; r++) {
+                float x = (float)a->posedirs[r * BODY_POSE_FEATURES + k];
+                finite &= isfinite(x) != 0;
+                out[k * rows + r] = x;
+            }
+    }
+    return finite ? SHERF_OK : failure(c, SHERF_BAD_FILE, "body: posedirs holds values that are not finite");
+}
+
+static uint64_t mix(uint64_t hash, uint64_t word) {
+    hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
+    return hash ^ hash >> 29;
+}
+
+static uint64_t mix_floats(uint64_t hash, size_t n, const float *x) {
+    for (size_t i = 0; i < n; i++) {
+        uint32_t bits;
+        float value = x[i] + 0.0f; /* -0 is 0 */
+        memcpy(&bits, &value, sizeof bits);
+        hash = mix(hash, bits);
+    }
+    return hash;
+}
+
+/* Of the float32 values, so that a body is the same whichever file format it came from. */
+static uint64_t fingerprint_of(const body_model *m) {
+    size_t n = (size_t)m->vertices;
+    uint64_t hash = mix(mix(fnv1a64("sherf-body"), (uint64_t)m->vertices), (uint64_t)m->faces);
+    hash = mix_floats(hash, 3 * n, m->v_template);
+    hash = mix_floats(hash, 3 * n * BODY_SHAPES, m->shapedirs);
+    hash = mix_floats(hash, 3 * n * BODY_POSE_FEATURES, m->posedirs);
+    hash = mix_floats(hash, n * BODY_JOINTS, m->weights);
+    for (size_t i = 0; i < n * BODY_JOINTS; i++) {
+        float value = (float)m->regressor[i];
+        hash = mix_floats(hash, 1, &value);
+    }
+    for (size_t i = 0; i < 3 * (size_t)m->faces; i++) hash = mix(hash, m->face[i]);
+    for (int j = 0; j < BODY_JOINTS; j++) hash = mix(hash, (uint64_t)(m->parent[j] + 1));
+    return hash;
+}
+
+/* J(shape) = regressor * (template + shapedirs * shape) is linear: its two parts. */
+static sherf_status regress_joints(context *c, body_model *m) {
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        double(*shape)[BODY_SHAPES] = m->joint_shape[j], *rest = m->joint_template[j], sum = 0;
+        const double *row = m->regressor + (size_t)j * m->vertices;
+        for (size_t v = 0; v < (size_t)m->vertices; v++) {
+            sum += row[v];
+            if (row[v] == 0) continue;
+            for (size_t a = 0; a < 3; a++) {
+                rest[a] += row[v] * m->v_template[3 * v + a];
+                for (size_t b = 0; b < BODY_SHAPES; b++)
+                    shape[a][b] += row[v] * m->shapedirs[(3 * v + a) * BODY_SHAPES + b];
+            }
+        }
+        if (!isfinite(sum) || !isfinite(rest[0] + rest[1] + rest[2]))
+            return failure(c, SHERF_BAD_FILE, "body: J_regressor holds values that are not finite");
+    }
+    return SHERF_OK;
+}
+
+static sherf_status canonical_create(context *c, body_model *m) {
+    static const float shape[BODY_SHAPES], R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3];
+    m->canonical_inverse = mem_alloc(c, (size_t)m->vertices, 12 * sizeof *m->canonical_inverse);
+    m->canonical_blend = mem_alloc(c, (size_t)m->vertices, 12 * sizeof *m->canonical_blend);
+    if (!m->canonical_inverse || !m->canonical_blend) return SHERF_NO_MEMORY;
+    sherf_status status = posed_body_create(c, m, body_big_pose, shape, R, Th, &m->canonical);
+    if (status != SHERF_OK) return failure_prefix(c, status, "body: canonical pose");
+    return vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0, &m->canonical_grid);
+}
+
+static sherf_status check_sizes(context *c, const body_arrays *a) {
+    if (a->vertices < 1 || a->vertices > BODY_VERTICES_MAX)
+        return failure(c, SHERF_BAD_FILE, "body: %d vertices, must be 1 to %d", a->vertices,
+                       BODY_VERTICES_MAX);
+    if (a->faces < 0 || a->faces > 4 * BODY_VERTICES_MAX)
+        return failure(c, SHERF_BAD_FILE, "body: %d faces, must be 0 to %d", a->faces, 4 * BODY_VERTICES_MAX);
+    if (a->shape_count < 0)
+        return failure(c, SHERF_BAD_FILE, "body: %d shapes, must be at least 0", a->shape_count);
+    return SHERF_OK;
+}
+
+sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
+    *out = NULL;
+    sherf_status status = check_sizes(c, a);
+    if (status != SHERF_OK) return status;
+    size_t n = (size_t)a->vertices;
+    body_model *m = mem_zero(c, 1, sizeof *m);
+    if (!m) return SHERF_NO_MEMORY;
+    status = SHERF_NO_MEMORY;
+    m->vertices = a->vertices;
+    m->faces = a->faces;
+    m->v_template = mem_alloc(c, 3 * n, sizeof *m->v_template);
+    m->shapedirs = mem_zero(c, 3 * n * BODY_SHAPES, sizeof *m->shapedirs);
+    m->posedirs = mem_alloc(c, 3 * n * BODY_POSE_FEATURES, sizeof *m->posedirs);
+    m->weights = mem_alloc(c, n * BODY_JOINTS, sizeof *m->weights);
+    m->regressor = mem_alloc(c, n * BODY_JOINTS, sizeof *m->regressor);
+    m->face = mem_alloc(c, 3 * (size_t)a->faces, sizeof *m->face);
+    if (!m->v_template || !m->shapedirs || !m->posedirs || !m->weights || !m->regressor || !m->face)
+        goto fail;
+    if ((status = copy_finite(c, "v_template", 3 * n, a->v_template, m->v_template)) != SHERF_OK) goto fail;
+    int shapes = a->shape_count < BODY_SHAPES ? a->shape_count : BODY_SHAPES;
+    for (size_t i = 0; i < 3 * n; i++) {
+        status = copy_finite(c, "shapedirs", (size_t)shapes, a->shapedirs + i * (size_t)a->shape_count,
+                             m->shapedirs + i * BODY_SHAPES);
+        if (status != SHERF_OK) goto fail;
+    }
+    if ((status = copy_posedirs(c, a, m->posedirs)) != SHERF_OK) goto fail;
+    if ((status = copy_weights(c, a, m->weights)) != SHERF_OK) goto fail;
+    if ((status = copy_indices(c, a, m)) != SHERF_OK) goto fail;
+    memcpy(m->regressor, a->regressor, n * BODY_JOINTS * sizeof *m->regressor);
+    if ((status = regress_joints(c, m)) != SHERF_OK) goto fail;
+    m->fingerprint = fingerprint_of(m);
+    if ((status = canonical_create(c, m)) != SHERF_OK) goto fail;
+    *out = m;
+    return SHERF_OK;
+fail:
+    sherf_body_free(m);
+    return status;
+}
+
+void sherf_body_free(sherf_body *m) {
+    if (!m) return;
+    mem_free(m->v_template);
+    mem_free(m->shapedirs);
+    mem_free(m->posedirs);
+    mem_free(m->weights);
+    mem_free(m->regressor);
+    mem_free(m->face);
+    posed_body_free(m->canonical);
+    mem_free(m->canonical_blend);
+    mem_free(m->canonical_inverse);
+    vertex_grid_free(m->canonical_grid);
+    mem_free(m);
+}
+
+int sherf_body_vertex_count(const sherf_body *m) {
+    return m->vertices;
+}
+int sherf_body_face_count(const sherf_body *m) {
+    return m->faces;
+}
+const uint32_t *sherf_body_faces(const sherf_body *m) {
+    return m->face;
+}
+const vertex_grid *body_canonical_grid(const body_model *m) {
+    return m->canonical_grid;
+}
+
+void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]) {
+    for (int k = 0; k < 3; k++) {
+        min_canonical[k] = m->canonical->min_smpl[k] - 0.05f;
+        max_canonical[k] = m->canonical->max_smpl[k] + 0.05f;
+    }
+}
+
+void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float max_canonical[3]) {
+    body_canonical_bounds(m, min_canonical, max_canonical);
+    min_canonical[2] -= 0.1f;
+    max_canonical[2] += 0.1f;
+}
+
+sherf_status body_normals(context *c, const body_model *m, const float *vertices, float *normals) {
+    double *sum = mem_zero(c, (size_t)m->vertices, 3 * sizeof *sum);
+    if (!sum) return SHERF_NO_MEMORY;
+    for (int f = 0; f < m->faces; f++) {
+        const uint32_t *i = m->face + 3 * (size_t)f;
+        const float *a = vertices + 3 * (size_t)i[0], *b = vertices + 3 * (size_t)i[1],
+                    *d = vertices + 3 * (size_t)i[2];
+        double u[3], w[3];
+        for (int k = 0; k < 3; k++) u[k] = (double)b[k] - a[k], w[k] = (double)d[k] - a[k];
+        double n[3] = {u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]};
+        double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        if (!(length > 0)) continue; /* a face without area has no normal */
+        for (int corner = 0; corner < 3; corner++)
+            for (int k = 0; k < 3; k++) sum[3 * (size_t)i[corner] + k] += n[k] / length;
+    }
+    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+        const double *n = sum + 3 * v;
+        double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        for (int k = 0; k < 3; k++) normals[3 * v + k] = length > 0 ? (float)(n[k] / length) : 0;
+    }
+    mem_free(sum);
+    return SHERF_OK;
+}
+
+void sherf_pose_identity(sherf_pose *out) {
+    *out = (sherf_pose){.R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+}
+
+sherf_status sherf_body_pose(sherf_context *c, const sherf_body *body, const sherf_pose *pose,
+                             float *vertices_world_m, float *joints_world_m) {
+    posed_body *p;
+    sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &p);
+    if (status != SHERF_OK) return status;
+    if (vertices_world_m) body_vertices_world(body, p, vertices_world_m);
+    for (int j = 0; j < BODY_JOINTS && joints_world_m; j++)
+        for (int k = 0; k < 3; k++)
+            joints_world_m[3 * j + k] = p->R[3 * k] * p->joints_smpl[j][0] +
+                                        p->R[3 * k + 1] * p->joints_smpl[j][1] +
+                                        p->R[3 * k + 2] * p->joints_smpl[j][2] + p->Th[k];
+    posed_body_free(p);
+    return SHERF_OK;
+}

@@ -1,0 +1,418 @@
+/* The samples near the body. A bit per voxel says whether any of it is within 5 cm of a vertex, so that a
+ * ray's samples are tested many at a time and only those near the shell meet the exact search. */
+#include <math.h>
+#include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+#include "render/render.h"
+
+static const float keep_radius_m = 0.05f;
+
+/* ---- occupancy ---- */
+typedef struct {
+    int cells[3];         /* the outermost ones are empty, so that clamped places read 0 */
+    float min[3], cell_m; /* SMPL space */
+    int words;            /* 32-bit words a row (x) */
+    uint32_t *bit;        /* (z * cells[1] + y) * words + x / 32 */
+    const float *vertex;
+    int64_t vertices;
+} occupancy;
+
+static void set_run(uint32_t *row, int begin, int end) { /* bits [begin, end] */
+    int first = begin / 32, last = end / 32;
+    uint32_t low = ~0u << (begin % 32), high = ~0u >> (31 - end % 32);
+    if (first == last) {
+        row[first] |= low & high;
+        return;
+    }
+    row[first] |= low;
+    for (int w = first + 1; w < last; w++) row[w] = ~0u;
+    row[last] |= high;
+}
+
+static int clamp_cell(const occupancy *o, int axis, float x) {
+    float f = floorf((x - o->min[axis]) / o->cell_m);
+    float last = (float)(o->cells[axis] - 1);
+    return !(f > 0) ? 0 : f > last ? (int)last : (int)f;
+}
+
+/* Planes z in [begin, end): every voxel that any vertex's ball touches. */
+static void mark_planes(void *arg, int64_t begin, int64_t end, int thread) {
+    const occupancy *o = arg;
+    float radius = keep_radius_m + 1e-3f * o->cell_m + 1e-5f;
+    for (int64_t i = 0; i < o->vertices; i++) {
+        const float *v = o->vertex + 3 * i;
+        int z0 = clamp_cell(o, 2, v[2] - radius), z1 = clamp_cell(o, 2, v[2] + radius);
+        int y0 = clamp_cell(o, 1, v[1] - radius), y1 = clamp_cell(o, 1, v[1] + radius);
+        for (int z = z0 < begin ? (int)begin : z0; z <= z1 && z < end; z++) {
+            float low = o->min[2] + (float)z * o->cell_m;
+            float dz = fmaxf(fmaxf(low - v[2], v[2] - (low + o->cell_m)), 0);
+            for (int y = y0; y <= y1; y++) {
+                low = o->min[1] + (float)y * o->cell_m;
+                float dy = fmaxf(fmaxf(low - v[1], v[1] - (low + o->cell_m)), 0);
+                float left = radius * radius - dz * dz - dy * dy;
+                if (left < 0) continue;
+                float reach = sqrtf(left);
+                set_run(o->bit + ((size_t)z * (size_t)o->cells[1] + (size_t)y) * (size_t)o->words,
+                        clamp_cell(o, 0, v[0] - reach), clamp_cell(o, 0, v[0] + reach));
+            }
+        }
+    }
+}
+
+static sherf_status occupancy_create(context *c, const body_model *m, const posed_body *p, occupancy *o) {
+    const double cells_max = 1 << 26;
+    double cell = 0.0125, extent[3], count;
+    for (int k = 0; k < 3; k++) extent[k] = (double)p->max_smpl[k] - p->min_smpl[k] + 2 * keep_radius_m;
+    for (;; cell *= 1.25) { /* a body of a person's size never needs larger cells */
+        count = 1;
+        for (int k = 0; k < 3; k++) count *= ceil(extent[k] / cell) + 4;
+        if (count <= cells_max) break;
+    }
+    o->cell_m = (float)cell;
+    for (int k = 0; k < 3; k++) {
+        o->cells[k] = (int)ceil(extent[k] / cell) + 4;
+        o->min[k] = p->min_smpl[k] - keep_radius_m - 2 * o->cell_m;
+    }
+    o->words = (o->cells[0] + 31) / 32;
+    o->vertex = p->vertices_smpl;
+    o->vertices = m->vertices;
+    o->bit = mem_zero(c, (size_t)o->cells[2] * (size_t)o->cells[1], (size_t)o->words * sizeof *o->bit);
+    if (!o->bit) return SHERF_NO_MEMORY;
+    parallel_for(c, o->cells[2], 4, mark_planes, o);
+    return SHERF_OK;
+}
+
+/* ---- one frame's work ---- */
+typedef struct {
+    const body_model *m;
+    const posed_body *target, *observation;
+    const sherf_camera *camera;
+    const ray_bundle *rays;
+    int samples, words; /* words: 64-bit words of sample bits a ray */
+    int64_t chunk;      /* rays of one piece of work */
+    occupancy o;
+    vertex_grid *grid;
+    float *fraction;    /* depth i = near + (far - near) * fraction[i] */
+    uint64_t *sample;   /* rays x words: first the candidates, then the kept */
+    int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
+    int32_t *nearest;   /* of the kept, by chunk from candidate[chunk] on */
+    int32_t *kept;      /* chunks */
+    point_set *out;
+} points_job;
+
+/* A ray in the target's voxels: place = from + t * step. */
+typedef struct {
+    float from[3], step[3], near, span;
+} voxel_ray;
+
+static void voxel_ray_of(const points_job *job, int64_t n, voxel_ray *v) {
+    const float *R = job->target->R, *d = job->rays->direction + 3 * n, *origin = job->rays->origin_world;
+    float x[3];
+    for (int k = 0; k < 3; k++) x[k] = origin[k] - job->target->Th[k];
+    float per_cell = 1 / job->o.cell_m;
+    for (int k = 0; k < 3; k++) { /* (x - Th) R */
+        v->from[k] = (x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k] - job->o.min[k]) * per_cell;
+        v->step[k] = (d[0] * R[k] + d[1] * R[3 + k] + d[2] * R[6 + k]) * per_cell;
+    }
+    v->near = job->rays->near[n];
+    v->span = job->rays->far[n] - job->rays->near[n];
+}
+
+/* Bits of the samples [first, first + count), count <= 64, that lie in a marked voxel. */
+typedef uint64_t test_function(const points_job *job, const voxel_ray *v, int first, int count);
+
+static uint64_t test_plain(const points_job *job, const voxel_ray *v, int first, int count) {
+    const occupancy *o = &job->o;
+    uint64_t bits = 0;
+    for (int i = 0; i < count; i++) {
+        float t = v->near + v->span * job->fraction[first + i];
+        int cell[3];
+        for (int k = 0; k < 3; k++) {
+            float x = v->from[k] + t * v->step[k], last = (float)(o->cells[k] - 1);
+            cell[k] = (int)(x > 0 ? x < last ? x : last : 0); /* NaN gives 0, which is empty */
+        }
+        size_t row = (size_t)cell[2] * (size_t)o->cells[1] + (size_t)cell[1];
+        uint32_t word = o->bit[row * (size_t)o->words + (size_t)cell[0] / 32];
+        bits |= (uint64_t)(word >> (cell[0] % 32) & 1) << i;
+    }
+    return bits;
+}
+
+#if defined(__x86_64__)
+__attribute__((target("avx512f,avx512dq"))) static uint64_t
+test_avx512(const points_job *job, const voxel_ray *v, int first, int count) {
+    const occupancy *o = &job->o;
+    uint64_t bits = 0;
+    __m512 zero = _mm512_setzero_ps();
+    __m512i ny = _mm512_set1_epi32(o->cells[1]), words = _mm512_set1_epi32(o->words);
+    for (int i = 0; i < count; i += 16) {
+        __mmask16 in = count - i < 16 ? (__mmask16)((1u << (count - i)) - 1) : (__mmask16)0xFFFF;
+        __m512 t = _mm512_add_ps(
+            _mm512_set1_ps(v->near),
+            _mm512_mul_ps(_mm512_set1_ps(v->span), _mm512_maskz_loadu_ps(in, job->fraction + first + i)));
+        __m512i cell[3];
+        for (int k = 0; k < 3; k++) {
+            __m512 x =
+                _mm512_add_ps(_mm512_set1_ps(v->from[k]), _mm512_mul_ps(t, _mm512_set1_ps(v->step[k])));
+            x = _mm512_max_ps(x, zero); /* the second operand where x is NaN */
+            x = _mm512_min_ps(x, _mm512_set1_ps((float)(o->cells[k] - 1)));
+            cell[k] = _mm512_cvttps_epi32(x);
+        }
+        __m512i row = _mm512_add_epi32(_mm512_mullo_epi32(cell[2], ny), cell[1]);
+        __m512i at = _mm512_add_epi32(_mm512_mullo_epi32(row, words), _mm512_srli_epi32(cell[0], 5));
+        __m512i word = _mm512_i32gather_epi32(at, o->bit, 4);
+        __m512i bit =
+            _mm512_sllv_epi32(_mm512_set1_epi32(1), _mm512_and_si512(cell[0], _mm512_set1_epi32(31)));
+        bits |= (uint64_t)_mm512_mask_test_epi32_mask(in, word, bit) << i;
+    }
+    return bits;
+}
+
+__attribute__((target("avx2"))) static uint64_t test_avx2(const points_job *job, const voxel_ray *v,
+                                                          int first, int count) {
+    const occupancy *o = &job->o;
+    uint64_t bits = 0;
+    __m256i ny = _mm256_set1_epi32(o->cells[1]), words = _mm256_set1_epi32(o->words);
+    for (int i = 0; i < count; i += 8) { /* fraction is padded */
+        __m256 t =
+            _mm256_add_ps(_mm256_set1_ps(v->near),
+                          _mm256_mul_ps(_mm256_set1_ps(v->span), _mm256_loadu_ps(job->fraction + first + i)));
+        __m256i cell[3];
+        for (int k = 0; k < 3; k++) {
+            __m256 x =
+                _mm256_add_ps(_mm256_set1_ps(v->from[k]), _mm256_mul_ps(t, _mm256_set1_ps(v->step[k])));
+            x = _mm256_max_ps(x, _mm256_setzero_ps()); /* the second operand where x is NaN */
+            x = _mm256_min_ps(x, _mm256_set1_ps((float)(o->cells[k] - 1)));
+            cell[k] = _mm256_cvttps_epi32(x);
+        }
+        __m256i row = _mm256_add_epi32(_mm256_mullo_epi32(cell[2], ny), cell[1]);
+        __m256i at = _mm256_add_epi32(_mm256_mullo_epi32(row, words), _mm256_srli_epi32(cell[0], 5));
+        __m256i word = _mm256_i32gather_epi32((const int *)o->bit, at, 4);
+        __m256i up =
+            _mm256_sub_epi32(_mm256_set1_epi32(31), _mm256_and_si256(cell[0], _mm256_set1_epi32(31)));
+        unsigned set = (unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_sllv_epi32(word, up)));
+        if (count - i < 8) set &= (1u << (count - i)) - 1;
+        bits |= (uint64_t)set << i;
+    }
+    return bits;
+}
+#endif
+
+static test_function *test_best(void) {
+#if defined(__x86_64__)
+    isa_level level = isa_best();
+    if (level >= ISA_AVX512) return test_avx512;
+    if (level >= ISA_AVX2) return test_avx2;
+#endif
+    return test_plain;
+}
+
+static int64_t chunk_count(const points_job *job) {
+    return (job->out->rays + job->chunk - 1) / job->chunk;
+}
+
+static int64_t chunk_end(const points_job *job, int64_t chunk) {
+    int64_t end = (chunk + 1) * job->chunk;
+    return end < job->out->rays ? end : job->out->rays;
+}
+
+/* Pass 1: candidates by voxel; candidate[chunk + 1] is their number. */
+static void find_candidates(const points_job *job, int64_t chunk, test_function *test) {
+    int64_t count = 0;
+    for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
+        uint64_t *bits = job->sample + n * job->words;
+        voxel_ray v;
+        if (!job->rays->at_box[n]) {
+            memset(bits, 0, (size_t)job->words * sizeof *bits);
+            continue;
+        }
+        voxel_ray_of(job, n, &v);
+        for (int w = 0; w < job->words; w++) {
+            int left = job->samples - 64 * w;
+            bits[w] = test(job, &v, 64 * w, left < 64 ? left : 64);
+            count += __builtin_popcountll(bits[w]);
+        }
+    }
+    job->candidate[chunk + 1] = count;
+}
+
+static inline void sample_smpl(const points_job *job, int64_t n, int i, float out[3]) {
+    const ray_bundle *r = job->rays;
+    const float *R = job->target->R, *Th = job->target->Th, *d = r->direction + 3 * n;
+    float t = r->near[n] + (r->far[n] - r->near[n]) * job->fraction[i], x[3];
+    for (int k = 0; k < 3; k++) x[k] = r->origin_world[k] + t * d[k] - Th[k];
+    for (int k = 0; k < 3; k++) out[k] = x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k];
+}
+
+/* Pass 2: the exact test; `sample` keeps the bits of what is closer than 5 cm, first[n + 1] their number. */
+static void keep_near(const points_job *job, int64_t chunk) {
+    int32_t *nearest = job->nearest + job->candidate[chunk], total = 0;
+    for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
+        int32_t guess = -1, count = 0;
+        for (int w = 0; w < job->words; w++) {
+            uint64_t bits = job->sample[n * job->words + w], kept = 0;
+            for (; bits; bits &= bits - 1) {
+                int b = __builtin_ctzll(bits);
+                float x[3];
+                sample_smpl(job, n, 64 * w + b, x);
+                int32_t found = vertex_grid_nearest_from(job->grid, x, guess, NULL);
+                if (found < 0) continue;
+                guess = found;
+                kept |= (uint64_t)1 << b;
+                nearest[total + count++] = found;
+            }
+            job->sample[n * job->words + w] = kept;
+        }
+        job->out->first[n + 1] = count;
+        total += count;
+    }
+    job->kept[chunk] = total;
+}
+
+/* Pass 3: the kept points' numbers, places and projections. */
+static void fill_points(const points_job *job, int64_t chunk) {
+    enum { BATCH = 256 };
+    point_set *p = job->out;
+    int64_t n0 = chunk * job->chunk, at = p->first[n0], total = job->kept[chunk];
+    const int32_t *nearest = job->nearest + job->candidate[chunk];
+    const float *R = job->target->R;
+    int64_t filled = at;
+    for (int64_t n = n0; n < chunk_end(job, chunk); n++) {
+        const float *d = job->rays->direction + 3 * n;
+        float direction[3];
+        for (int k = 0; k < 3; k++) direction[k] = d[0] * R[k] + d[1] * R[3 + k] + d[2] * R[6 + k];
+        for (int w = 0; w < job->words; w++)
+            for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1, filled++) {
+                int i = 64 * w + __builtin_ctzll(bits);
+                p->ray[filled] = (int32_t)n;
+                p->sample[filled] = i;
+                sample_smpl(job, n, i, p->canonical + 3 * filled);
+                memcpy(p->direction_canonical + 3 * filled, direction, sizeof direction);
+            }
+    }
+    if (p->nearest) memcpy(p->nearest + at, nearest, (size_t)total * sizeof *nearest);
+    const vertex_grid *grid = body_canonical_grid(job->m);
+    for (int64_t b = 0; b < total; b += BATCH) {
+        int64_t count = total - b < BATCH ? total - b : BATCH;
+        float *canonical = p->canonical + 3 * (at + b), *direction = p->direction_canonical + 3 * (at + b);
+        deform_to_canonical(job->m, job->target, count, canonical, direction, nearest + b, canonical,
+                            direction);
+        if (!job->observation) continue;
+        int32_t canonical_nearest[BATCH];
+        float own[3 * BATCH], *world = p->observation_world ? p->observation_world + 3 * (at + b) : own;
+        for (int64_t i = 0; i < count; i++) /* the target's nearest vertex is nearly always near here, too */
+            canonical_nearest[i] = vertex_grid_nearest_from(grid, canonical + 3 * i, nearest[b + i], NULL);
+        deform_from_canonical(job->m, job->observation, count, canonical, canonical_nearest, world);
+        camera_project(job->camera, count, world, p->observed_px + 2 * (at + b), NULL);
+    }
+}
+
+static sherf_status points_allocate(context *c, const points_job *job, bool keep_stages, point_set *p) {
+    size_t n = (size_t)p->count;
+    p->ray = mem_alloc(c, n, sizeof *p->ray);
+    p->sample = mem_alloc(c, n, sizeof *p->sample);
+    p->canonical = mem_alloc(c, n, 3 * sizeof *p->canonical);
+    p->direction_canonical = mem_alloc(c, n, 3 * sizeof *p->direction_canonical);
+    if (!p->ray || !p->sample || !p->canonical || !p->direction_canonical) return SHERF_NO_MEMORY;
+    if (job->observation && !(p->observed_px = mem_alloc(c, n, 2 * sizeof *p->observed_px)))
+        return SHERF_NO_MEMORY;
+    if (!keep_stages) return SHERF_OK;
+    if (!(p->nearest = mem_alloc(c, n, sizeof *p->nearest))) return SHERF_NO_MEMORY;
+    if (job->observation && !(p->observation_world = mem_alloc(c, n, 3 * sizeof *p->observation_world)))
+        return SHERF_NO_MEMORY;
+    return SHERF_OK;
+}
+
+/* Depths evenly spaced over [0, 1], both ends included, in float32 and from both ends inwards. */
+static void make_fractions(int samples, float *fraction) {
+    float step = samples > 1 ? 1.0f / (float)(samples - 1) : 0;
+    for (int i = 0; i < samples; i++)
+        fraction[i] = i < samples / 2 ? step * (float)i : 1.0f - step * (float)(samples - 1 - i);
+    if (samples == 1) fraction[0] = 0;
+}
+
+static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
+    point_set *p = job->out;
+    int64_t chunks = chunk_count(job), candidates = 0;
+    job->fraction = mem_zero(c, (size_t)job->samples + 64, sizeof *job->fraction);
+    job->sample = mem_alloc(c, (size_t)p->rays, (size_t)job->words * sizeof *job->sample);
+    job->candidate = mem_zero(c, (size_t)chunks + 1, sizeof *job->candidate);
+    job->kept = mem_zero(c, (size_t)chunks, sizeof *job->kept);
+    p->first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
+    if (!job->fraction || !job->sample || !job->candidate || !job->kept || !p->first) return SHERF_NO_MEMORY;
+    make_fractions(job->samples, job->fraction);
+    sherf_status status = occupancy_create(c, job->m, job->target, &job->o);
+    if (status == SHERF_OK)
+        status =
+            vertex_grid_create(c, job->m->vertices, job->target->vertices_smpl, keep_radius_m, &job->grid);
+    if (status != SHERF_OK) return status;
+    test_function *test = test_best();
+#pragma omp parallel for schedule(dynamic) num_threads(c->threads)
+    for (int64_t i = 0; i < chunks; i++) find_candidates(job, i, test);
+    for (int64_t i = 0; i < chunks; i++) job->candidate[i + 1] = candidates += job->candidate[i + 1];
+    if (candidates > INT32_MAX / 3)
+        return failure(c, SHERF_BAD_ARGUMENT, "points: %lld samples near the body are too many for one frame",
+                       (long long)candidates);
+    if (!(job->nearest = mem_alloc(c, (size_t)candidates, sizeof *job->nearest))) return SHERF_NO_MEMORY;
+#pragma omp parallel for schedule(dynamic) num_threads(c->threads)
+    for (int64_t i = 0; i < chunks; i++) keep_near(job, i);
+    for (int64_t n = 0; n < p->rays; n++) p->first[n + 1] += p->first[n];
+    p->count = p->first[p->rays];
+    if ((status = points_allocate(c, job, keep_stages, p)) != SHERF_OK) return status;
+#pragma omp parallel for schedule(dynamic) num_threads(c->threads)
+    for (int64_t i = 0; i < chunks; i++) fill_points(job, i);
+    return SHERF_OK;
+}
+
+sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
+                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
+                           bool keep_stages, point_set **out) {
+    enum { SAMPLES_MAX = 4096 };
+    *out = NULL;
+    if (samples < 1 || samples > SAMPLES_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "points: %d samples a ray, must be 1 to %d", samples,
+                       SAMPLES_MAX);
+    if (!observation != !observation_camera)
+        return failure(c, SHERF_BAD_ARGUMENT, "points: an observation needs both its body and its camera");
+    points_job job = {.m = m,
+                      .target = target,
+                      .observation = observation,
+                      .camera = observation_camera,
+                      .rays = rays,
+                      .samples = samples,
+                      .words = (samples + 63) / 64,
+                      .chunk = 512};
+    job.out = mem_zero(c, 1, sizeof *job.out);
+    if (!job.out) return SHERF_NO_MEMORY;
+    job.out->rays = (int64_t)rays->width * rays->height;
+    job.out->samples = samples;
+    sherf_status status = points_run(c, &job, keep_stages);
+    mem_free(job.o.bit);
+    vertex_grid_free(job.grid);
+    mem_free(job.fraction);
+    mem_free(job.sample);
+    mem_free(job.candidate);
+    mem_free(job.nearest);
+    mem_free(job.kept);
+    if (status == SHERF_OK)
+        *out = job.out;
+    else
+        points_free(job.out);
+    return status;
+}
+
+void points_free(point_set *p) {
+    if (!p) return;
+    mem_free(p->first);
+    mem_free(p->ray);
+    mem_free(p->sample);
+    mem_free(p->canonical);
+    mem_free(p->direction_canonical);
+    mem_free(p->observed_px);
+    mem_free(p->observation_world);
+    mem_free(p->nearest);
+    mem_free(p);
+}

@@ -1,0 +1,112 @@
+/* Rays through the pixels, and where they cross the body's box (network.md: Rays and points, 1). */
+#include <math.h>
+#include <string.h>
+
+#include "render/render.h"
+
+void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]) {
+    for (int k = 0; k < 3; k++) min_world[k] = INFINITY, max_world[k] = -INFINITY;
+    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+        const float *x = p->vertices_smpl + 3 * v;
+        for (int k = 0; k < 3; k++) { /* as body_vertices_world */
+            float y = p->R[3 * k] * x[0] + p->R[3 * k + 1] * x[1] + p->R[3 * k + 2] * x[2] + p->Th[k];
+            if (y < min_world[k]) min_world[k] = y;
+            if (y > max_world[k]) max_world[k] = y;
+        }
+    }
+    for (int k = 0; k < 3; k++) min_world[k] -= 0.05f, max_world[k] += 0.05f;
+}
+
+/* Depths of the two crossings of origin + t * direction with the box's faces; false unless exactly two. */
+static bool cross_box(const float origin[3], const float direction[3], const float min[3], const float max[3],
+                      float *near, float *far) {
+    const float spare = 1e-6f;
+    float t[6];
+    int crossings = 0;
+    for (int face = 0; face < 6; face++) {
+        int k = face % 3;
+        if (direction[k] == 0) continue;
+        float at = ((face < 3 ? min[k] : max[k]) - origin[k]) / direction[k];
+        bool inside = true;
+        for (int a = 0; a < 3; a++) {
+            float x = at * direction[a] + origin[a];
+            inside &= x >= min[a] - spare && x <= max[a] + spare;
+        }
+        if (inside) t[crossings++] = at;
+    }
+    if (crossings != 2) return false;
+    *near = t[0] < t[1] ? t[0] : t[1];
+    *far = t[0] < t[1] ? t[1] : t[0];
+    return true;
+}
+
+typedef struct {
+    const sherf_camera *camera;
+    ray_bundle *r;
+    float K_inverse[9], min[3], max[3];
+} ray_job;
+
+static void invert(const float K[9], float out[9]) {
+    double a[9];
+    for (int i = 0; i < 9; i++) a[i] = K[i];
+    double c0 = a[4] * a[8] - a[5] * a[7], c1 = a[5] * a[6] - a[3] * a[8], c2 = a[3] * a[7] - a[4] * a[6];
+    double det = a[0] * c0 + a[1] * c1 + a[2] * c2;
+    double adjugate[9] = {c0, a[2] * a[7] - a[1] * a[8], a[1] * a[5] - a[2] * a[4],
+                          c1, a[0] * a[8] - a[2] * a[6], a[2] * a[3] - a[0] * a[5],
+                          c2, a[1] * a[6] - a[0] * a[7], a[0] * a[4] - a[1] * a[3]};
+    for (int i = 0; i < 9; i++) out[i] = (float)(adjugate[i] / det);
+}
+
+/* The pixel's point at z_camera = 1, R^T (K^-1 (i, j, 1) - T), minus the origin: in float32 and this order.
+ */
+static void make_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const ray_job *job = arg;
+    ray_bundle *r = job->r;
+    const float *K = job->K_inverse, *R = job->camera->R, *T = job->camera->T_m, *o = r->origin_world;
+    for (int64_t row = begin; row < end; row++)
+        for (int column = 0; column < r->width; column++) {
+            size_t n = (size_t)(row * r->width + column);
+            float p[3], *d = r->direction + 3 * n;
+            for (int k = 0; k < 3; k++)
+                p[k] = K[3 * k] * (float)column + K[3 * k + 1] * (float)row + K[3 * k + 2] - T[k];
+            for (int k = 0; k < 3; k++) d[k] = R[k] * p[0] + R[3 + k] * p[1] + R[6 + k] * p[2] - o[k];
+            r->at_box[n] = cross_box(o, d, job->min, job->max, r->near + n, r->far + n);
+            if (!r->at_box[n]) r->near[n] = 0, r->far[n] = 1;
+        }
+}
+
+sherf_status rays_create(context *c, const sherf_camera *camera, const float min_world[3],
+                         const float max_world[3], ray_bundle **out) {
+    *out = NULL;
+    sherf_status status = camera_check(c, camera);
+    if (status != SHERF_OK) return status;
+    size_t n = (size_t)camera->width_px * (size_t)camera->height_px;
+    ray_bundle *r = mem_zero(c, 1, sizeof *r);
+    if (!r) return SHERF_NO_MEMORY;
+    r->width = camera->width_px;
+    r->height = camera->height_px;
+    r->direction = mem_alloc(c, n, 3 * sizeof *r->direction);
+    r->near = mem_alloc(c, n, sizeof *r->near);
+    r->far = mem_alloc(c, n, sizeof *r->far);
+    r->at_box = mem_alloc(c, n, sizeof *r->at_box);
+    if (!r->direction || !r->near || !r->far || !r->at_box) {
+        rays_free(r);
+        return SHERF_NO_MEMORY;
+    }
+    ray_job job = {.camera = camera, .r = r};
+    invert(camera->K, job.K_inverse);
+    for (int k = 0; k < 3; k++) job.min[k] = min_world[k] - 0.01f, job.max[k] = max_world[k] + 0.01f;
+    camera_position(camera, r->origin_world);
+    parallel_for(c, r->height, 8, make_rows, &job);
+    *out = r;
+    return SHERF_OK;
+}
+
+void rays_free(ray_bundle *r) {
+    if (!r) return;
+    mem_free(r->direction);
+    mem_free(r->near);
+    mem_free(r->far);
+    mem_free(r->at_box);
+    mem_free(r);
+}

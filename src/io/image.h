@@ -12,9 +12,13 @@ typedef struct {
     int width, height, channels;
     uint8_t *data;
 } image_u8; /* mem_free(data) */
-/* channels: 3 or 1, what the caller wants (grey from colour as OpenCV: .299 .587 .114). 16-bit values are
- * scaled to 8. Alpha is dropped (channels 3), see image_read_alpha. CMYK JPEG: Adobe inversion respected. */
+/* channels: 3, 1 or 4, what the caller wants (grey from colour as OpenCV: .299 .587 .114, a JPEG's Y as it
+ * is; alpha is dropped unless 4 are asked for, 255 where there is none). 16-bit values are scaled to 8. CMYK
+ * JPEG: Adobe inversion respected. */
 sherf_status image_read(context *c, const char *path, int channels, image_u8 *out);
+/* The same from memory; channels 0: only the size, data stays NULL. */
+sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out);
+/* channels: as in the file (a palette counts as colour). */
 sherf_status image_size(context *c, const char *path, int *width, int *height, int *channels);
 /* channels 1, 3 or 4; 8 bit. */
 sherf_status png_write(context *c, const char *path, int width, int height, int channels,

@@ -5,22 +5,26 @@
 
 #include "tensor/tensor.h"
 
+/* Read strictly: a header that does not fit, data that overlaps or leaves holes, names that come twice, types
+ * or ranks not known here are refused. BOOL is read as U8. */
 typedef struct {
     char *name;
     dtype type;
     int rank;
     int64_t dim[TENSOR_RANK];
-    const void *data;
+    const void *data; /* 64-byte aligned */
 } safetensor;
 typedef struct {
     size_t count;
     safetensor *tensor; /* in file order */
     size_t metadata_count;
     char **metadata_key, **metadata_value;
-    void *memory; /* internal: the mapped or read bytes */
+    void *memory; /* internal: the arena of all this */
     size_t memory_bytes;
 } safetensors;
 sherf_status safetensors_read(context *c, const char *path, safetensors **out);
+/* The same from memory, which may go afterwards. */
+sherf_status safetensors_parse(context *c, const void *data, size_t bytes, safetensors **out);
 void safetensors_free(safetensors *s);
 const safetensor *safetensors_find(const safetensors *s, const char *name);
 const char *safetensors_metadata(const safetensors *s, const char *key);

@@ -1,0 +1,23 @@
+/* archive: zip files (npz, torch) through libzip. */
+#ifndef SHERF_ARCHIVE_H
+#define SHERF_ARCHIVE_H
+
+#include <zip.h>
+
+#include "io/build.h"
+
+/* Both NULL with the builder failed; close with zip_discard. The bytes must stay until then. */
+zip_t *archive_open(builder *b, const char *path);
+zip_t *archive_open_bytes(builder *b, const unsigned char *data, size_t bytes);
+/* What members may unpack to: build_limit of the file's length. */
+size_t archive_limit(const char *path);
+/* Length of member i when unpacked; refuses what exceeds the builder's limit. */
+bool archive_size(builder *b, zip_t *zip, uint64_t i, size_t *bytes);
+/* Unpacks member i, all `bytes` of it, and checks its sum. */
+bool archive_member(builder *b, zip_t *zip, uint64_t i, unsigned char *out, size_t bytes);
+
+value *npz_build(builder *b, zip_t *zip);
+value *torch_zip_build(builder *b, zip_t *zip);
+/* A member whose name ends in /data.pkl: a torch file. */
+bool torch_zip_is(zip_t *zip, uint64_t *member);
+#endif

@@ -1,0 +1,126 @@
+/* build: making value trees. Readers take memory for values from a builder, which keeps to a limit that grows
+ * with the file, so that a small hostile file cannot ask for much. Errors stick to the builder. */
+#ifndef SHERF_BUILD_H
+#define SHERF_BUILD_H
+
+#include "io/value.h"
+
+enum { BUILD_NESTING = 256 }; /* levels of a finished tree: readers of trees may recurse */
+
+typedef struct {
+    context *c;
+    arena *memory;
+    sherf_status status; /* the first error */
+    size_t used, limit;  /* bytes */
+    char *slab;          /* small pieces are cut from here */
+    size_t slab_left;
+    struct object *none, *truth[2];
+} builder;
+
+/* What a value still is while it is being read. */
+typedef enum {
+    ROLE_PLAIN,
+    ROLE_BORROWED, /* VALUE_STRING whose text lies in the input */
+    ROLE_CLASS,    /* a class or function by name: VALUE_RECORD without arguments */
+    ROLE_DTYPE,    /* of numpy */
+    ROLE_STORAGE,  /* of torch */
+    ROLE_TENSOR    /* of torch, a view of a storage */
+} object_role;
+
+/* A numpy element type: kind as in its descriptor (b i u f c S U V O M m), size in bytes. */
+typedef struct {
+    char kind;
+    int64_t size;
+    bool big_endian;
+} numpy_type;
+
+/* Bytes of a torch storage, known at once (zip, embedded streams) or later (legacy streams). */
+typedef struct torch_storage torch_storage;
+struct torch_storage {
+    dtype type;
+    int64_t count;
+    const unsigned char *data; /* NULL: not read yet */
+    const char *key;
+    torch_storage *next;
+};
+
+typedef struct {
+    torch_storage *storage;
+    dtype type;
+    int64_t offset, stride[8];
+    int rank;
+    int64_t dim[8];
+} torch_view;
+
+typedef struct object {
+    value v; /* first: a value * made here is an object * */
+    uint8_t role, colour;
+    int height;      /* levels below, once finished */
+    size_t capacity; /* of a list or dict */
+    union {
+        numpy_type numpy;
+        torch_storage *storage;
+        torch_view *view;
+    };
+} object;
+
+/* limit: bytes that values may take. */
+bool build_start(builder *b, context *c, size_t limit);
+/* Hands the tree over, or frees everything and returns the builder's status. */
+sherf_status build_finish(builder *b, value *root, document **out);
+/* Stores the first error; returns NULL so that `return build_fail(...)` reads well. */
+void *build_fail(builder *b, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
+
+/* All return NULL on failure and do nothing when the builder has failed. */
+void *build_memory(builder *b, size_t count, size_t size);
+value *build_value(builder *b, value_kind kind);
+value *build_integer(builder *b, int64_t i);
+value *build_real(builder *b, double r);
+value *build_bool(builder *b, bool truth);
+value *build_none(builder *b);
+value *build_string(builder *b, const char *text, size_t length); /* copied */
+bool build_append(builder *b, value *list, value *item);
+bool build_pair(builder *b, value *dict, value *key, value *item);
+/* An array of rank 0..8, data not initialised; dims are checked. */
+value *build_array(builder *b, dtype type, int rank, const int64_t *dim);
+/* Product of dims, or -1 when a dim is negative or the product is too large. */
+int64_t build_count(int rank, const int64_t *dim);
+
+/* numpy (npy.c). */
+bool numpy_type_parse(const char *text, size_t length, numpy_type *out);
+/* An array (or, of kinds S and U, strings) of the elements at data; exactly count * size bytes. fortran:
+ * first index runs fastest. Booleans become U8; i1, i2, u2 I32; u4 and u8 I64. */
+value *numpy_array(builder *b, numpy_type type, int rank, const int64_t *dim, bool fortran,
+                   const unsigned char *data, size_t bytes);
+/* Items in the shape of an object array: rank 0 the item itself, else nested lists. */
+value *numpy_objects(builder *b, int rank, const int64_t *dim, bool fortran, value **item, size_t count);
+/* The header of a float32 npy file; its length, a multiple of 64. */
+size_t npy_header_f32(int rank, const int64_t *dim, char out[256]);
+/* A whole npy file. */
+value *npy_build(builder *b, const unsigned char *data, size_t bytes);
+
+/* pickle (pickle.c). A torch stream's pickle names its storages; `storage` finds or makes one. */
+typedef struct pickle_source {
+    torch_storage *(*storage)(void *user, builder *b, dtype type, const char *key, int64_t count);
+    void *user;
+    int level; /* torch streams in pickles in torch streams ... */
+} pickle_source;
+/* One pickle at the start of data; *used (may be NULL) gets its length. The result is not finished: views of
+ * storages are still open until pickle_finish. */
+value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const pickle_source *source,
+                    size_t *used);
+/* Makes plain values of everything that root reaches, once all storages are there. */
+value *pickle_finish(builder *b, value *root);
+
+/* torch (torch.c). */
+bool torch_legacy_is(const unsigned char *data, size_t bytes);
+/* A legacy stream; the result is not finished. */
+value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, int level);
+bool torch_dtype(const char *name, size_t length, dtype *out); /* "FloatStorage", "float32" */
+
+/* safetensors as a dict of name to array, and "__metadata__" (safetensors.c). */
+sherf_status safetensors_document(context *c, const char *path, document **out);
+
+/* What a reader may use for an input of this many bytes. */
+size_t build_limit(size_t input_bytes);
+#endif

@@ -1,0 +1,497 @@
+/* image: PNG through libpng, JPEG through libjpeg-turbo. Both report errors by longjmp; what must be freed is
+ * kept in a struct that the setjmp frame only points to. Decoding is OpenCV's (slow DCT, fancy upsampling,
+ * grey from colour by .299 .587 .114), so that scores agree. */
+#include <errno.h>
+#include <png.h>
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <jpeglib.h>
+
+#include "base/path.h"
+#include "io/image.h"
+
+static const size_t image_bytes_max = (size_t)1 << 30;
+
+typedef struct {
+    context *c;
+    const unsigned char *data;
+    size_t bytes, at;
+    sherf_status status;
+    jmp_buf back;
+    char text[200];
+    image_u8 out;
+    unsigned char *row; /* scratch: a row, or the whole picture when interlaced */
+    int channels;       /* wanted; 0: only the size is asked for */
+    int own_channels;
+    png_bytep *rows; /* interlaced PNG */
+} decoder;
+
+static sherf_status check_size(decoder *d, uint64_t width, uint64_t height) {
+    if (!width || !height || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX ||
+        width * height > image_pixels_max)
+        return failure(d->c, SHERF_BAD_FILE, "a picture of %llu x %llu pixels, which is not read",
+                       (unsigned long long)width, (unsigned long long)height);
+    d->out.width = (int)width;
+    d->out.height = (int)height;
+    return SHERF_OK;
+}
+
+static bool make_room(decoder *d, size_t row_bytes) {
+    d->out.channels = d->channels;
+    d->out.data = mem_alloc(d->c, (size_t)d->out.width * (size_t)d->out.height, (size_t)d->channels);
+    d->row = d->out.data ? mem_alloc(d->c, row_bytes, 1) : NULL;
+    if (!d->row) d->status = SHERF_NO_MEMORY;
+    return d->row != NULL;
+}
+
+/* OpenCV's grey: 14-bit fixed point, rounded. */
+static uint8_t grey_of(const uint8_t *p) {
+    return (uint8_t)((4899 * p[0] + 9617 * p[1] + 1868 * p[2] + (1 << 13)) >> 14);
+}
+
+/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
+static void put_row(decoder *d, const uint8_t *row, int y, int from) {
+    size_t width = (size_t)d->out.width;
+    uint8_t *to = d->out.data + (size_t)y * width * (size_t)d->channels;
+    if (from == d->channels) {
+        memcpy(to, row, width * (size_t)from);
+        return;
+    }
+    for (size_t i = 0; i < width; i++, row += from, to += d->channels) {
+        bool grey = from < 3;
+        if (d->channels == 1)
+            to[0] = grey ? row[0] : grey_of(row);
+        else {
+            to[0] = row[0];
+            to[1] = row[grey ? 0 : 1];
+            to[2] = row[grey ? 0 : 2];
+            if (d->channels == 4) to[3] = from == 4 ? row[3] : from == 2 ? row[1] : 255;
+        }
+    }
+}
+
+/* ---------------------------------------------------------------- PNG -------------------------------- */
+static void png_bytes(png_structp png, png_bytep out, png_size_t n) {
+    decoder *d = png_get_io_ptr(png);
+    if (n > d->bytes - d->at) png_error(png, "truncated");
+    memcpy(out, d->data + d->at, n);
+    d->at += n;
+}
+
+static void png_failed(png_structp png, png_const_charp text) {
+    decoder *d = png_get_error_ptr(png);
+    snprintf(d->text, sizeof d->text, "%s", text);
+    longjmp(d->back, 1);
+}
+
+static void png_warned(png_structp png, png_const_charp text) {
+    (void)png;
+    (void)text;
+}
+
+static png_voidp png_memory(png_structp png, png_alloc_size_t n) {
+    decoder *d = png_get_mem_ptr(png);
+    void *p = mem_alloc(d->c, n, 1);
+    if (!p) d->status = SHERF_NO_MEMORY;
+    return p;
+}
+
+static void png_memory_free(png_structp png, png_voidp p) {
+    (void)png;
+    mem_free(p);
+}
+
+/* To 8 bits; palette and transparent colours become RGB and alpha. */
+static void png_transforms(png_structp png, png_infop info) {
+    int type = png_get_color_type(png, info), depth = png_get_bit_depth(png, info);
+    if (depth == 16) png_set_scale_16(png);
+    if (type == PNG_COLOR_TYPE_PALETTE) png_set_palette_to_rgb(png);
+    if (type == PNG_COLOR_TYPE_GRAY && depth < 8) png_set_expand_gray_1_2_4_to_8(png);
+    if (png_get_valid(png, info, PNG_INFO_tRNS)) png_set_tRNS_to_alpha(png);
+}
+
+static void png_rows(decoder *d, png_structp png, png_infop info) {
+    int passes = png_set_interlace_handling(png);
+    png_read_update_info(png, info);
+    int from = png_get_channels(png, info);
+    size_t row_bytes = png_get_rowbytes(png, info), height = (size_t)d->out.height;
+    if (from < 1 || from > 4 || row_bytes != (size_t)d->out.width * (size_t)from) png_error(png, "odd rows");
+    if (!make_room(d, passes > 1 ? row_bytes * height : row_bytes)) longjmp(d->back, 1);
+    if (passes > 1) {
+        d->rows = mem_alloc(d->c, height, sizeof *d->rows);
+        if (!d->rows) {
+            d->status = SHERF_NO_MEMORY;
+            longjmp(d->back, 1);
+        }
+        for (size_t y = 0; y < height; y++) d->rows[y] = d->row + y * row_bytes;
+        png_read_image(png, d->rows);
+        for (size_t y = 0; y < height; y++) put_row(d, d->rows[y], (int)y, from);
+    } else
+        for (size_t y = 0; y < height; y++) {
+            png_read_row(png, d->row, NULL);
+            put_row(d, d->row, (int)y, from);
+        }
+    png_read_end(png, NULL); /* the last sums are looked at, too */
+}
+
+static void png_decode(decoder *d) {
+    png_infop volatile info = NULL;
+    png_structp volatile png = png_create_read_struct_2(PNG_LIBPNG_VER_STRING, d, png_failed, png_warned, d,
+                                                        png_memory, png_memory_free);
+    if (!png) {
+        d->status = SHERF_NO_MEMORY;
+        return;
+    }
+    if (setjmp(d->back)) {
+        if (d->status == SHERF_OK) d->status = failure(d->c, SHERF_BAD_FILE, "PNG: %s", d->text);
+        goto done;
+    }
+    info = png_create_info_struct(png);
+    if (!info) {
+        d->status = SHERF_NO_MEMORY;
+        goto done;
+    }
+    png_set_user_limits(png, IMAGE_SIDE_MAX, IMAGE_SIDE_MAX);
+    png_set_chunk_cache_max(png, 128);
+    png_set_chunk_malloc_max(png, (png_alloc_size_t)8 << 20);
+    png_set_read_fn(png, d, png_bytes);
+    png_read_info(png, info);
+    d->status = check_size(d, png_get_image_width(png, info), png_get_image_height(png, info));
+    int own = png_get_channels(png, info);
+    d->own_channels = png_get_color_type(png, info) == PNG_COLOR_TYPE_PALETTE ? 3 : own;
+    if (png_get_valid(png, info, PNG_INFO_tRNS)) d->own_channels++;
+    if (d->status == SHERF_OK && d->channels) {
+        png_transforms(png, info);
+        png_rows(d, png, info);
+    }
+done : {
+    png_structp p = png;
+    png_infop i = info;
+    png_destroy_read_struct(&p, &i, NULL);
+}
+}
+
+/* ---------------------------------------------------------------- JPEG ------------------------------- */
+typedef struct {
+    struct jpeg_error_mgr base;
+    decoder *d;
+} jpeg_error;
+
+static void jpeg_failed(j_common_ptr j) {
+    decoder *d = ((jpeg_error *)j->err)->d;
+    char text[JMSG_LENGTH_MAX];
+    j->err->format_message(j, text);
+    snprintf(d->text, sizeof d->text, "%.190s", text);
+    longjmp(d->back, 1);
+}
+
+/* Warnings are of damaged data: a picture that is not whole is refused. */
+static void jpeg_warned(j_common_ptr j, int level) {
+    if (level < 0) jpeg_failed(j);
+}
+
+static void jpeg_silent(j_common_ptr j) {
+    (void)j;
+}
+
+/* CMYK as Adobe writes it (inverted) and plainly, to RGB: r = (255 - c)(255 - k) / 255. */
+static void cmyk_to_rgb(uint8_t *row, size_t width, bool inverted) {
+    uint8_t *to = row;
+    for (size_t i = 0; i < width; i++, row += 4, to += 3) {
+        int k = inverted ? row[3] : 255 - row[3];
+        for (int x = 0; x < 3; x++) {
+            int v = inverted ? row[x] : 255 - row[x];
+            to[x] = (uint8_t)((v * k + 127) / 255);
+        }
+    }
+}
+
+static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
+    bool cmyk = j->jpeg_color_space == JCS_CMYK || j->jpeg_color_space == JCS_YCCK;
+    bool adobe = j->saw_Adobe_marker;
+    j->dct_method = JDCT_ISLOW;
+    j->do_fancy_upsampling = TRUE;
+    /* the grey of a colour JPEG is its Y, as in OpenCV */
+    bool grey = j->num_components == 1 || (d->channels == 1 && j->jpeg_color_space == JCS_YCbCr);
+    j->out_color_space = cmyk ? JCS_CMYK : grey ? JCS_GRAYSCALE : JCS_RGB;
+    jpeg_start_decompress(j);
+    int from = j->output_components;
+    if (from < 1 || from > 4 || j->output_width != (JDIMENSION)d->out.width ||
+        j->output_height != (JDIMENSION)d->out.height) {
+        snprintf(d->text, sizeof d->text, "an unusual layout");
+        longjmp(d->back, 1);
+    }
+    if (!make_room(d, (size_t)d->out.width * (size_t)from)) longjmp(d->back, 1);
+    while (j->output_scanline < j->output_height) {
+        int y = (int)j->output_scanline;
+        JSAMPROW row = d->row;
+        if (jpeg_read_scanlines(j, &row, 1) != 1) continue;
+        if (cmyk) cmyk_to_rgb(d->row, (size_t)d->out.width, adobe);
+        put_row(d, d->row, y, cmyk ? 3 : from);
+    }
+    jpeg_finish_decompress(j);
+}
+
+static void jpeg_decode(decoder *d) {
+    struct jpeg_decompress_struct j = {0};
+    jpeg_error error = {.d = d};
+    j.err = jpeg_std_error(&error.base);
+    error.base.error_exit = jpeg_failed;
+    error.base.emit_message = jpeg_warned;
+    error.base.output_message = jpeg_silent;
+    if (setjmp(d->back)) {
+        if (d->status == SHERF_OK) d->status = failure(d->c, SHERF_BAD_FILE, "JPEG: %s", d->text);
+        jpeg_destroy_decompress(&j);
+        return;
+    }
+    jpeg_create_decompress(&j);
+    j.mem->max_memory_to_use = 1L << 30;
+    jpeg_mem_src(&j, d->data, d->bytes);
+    jpeg_read_header(&j, TRUE);
+    d->status = check_size(d, j.image_width, j.image_height);
+    d->own_channels = j.num_components;
+    if (d->status == SHERF_OK && d->channels) jpeg_rows(d, &j);
+    jpeg_destroy_decompress(&j);
+}
+
+/* ---------------------------------------------------------------- reading ---------------------------- */
+static sherf_status decode(decoder *d) {
+    static const unsigned char png_start[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+    if (d->bytes >= 8 && !memcmp(d->data, png_start, 8))
+        png_decode(d);
+    else if (d->bytes >= 3 && d->data[0] == 0xff && d->data[1] == 0xd8 && d->data[2] == 0xff)
+        jpeg_decode(d);
+    else
+        d->status = failure(d->c, SHERF_BAD_FILE, "neither PNG nor JPEG");
+    mem_free(d->row);
+    mem_free(d->rows);
+    if (d->status != SHERF_OK) {
+        mem_free(d->out.data);
+        d->out = (image_u8){0};
+    }
+    return d->status;
+}
+
+sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out) {
+    decoder *d = mem_zero(c, 1, sizeof *d);
+    *out = (image_u8){0};
+    if (!d) return SHERF_NO_MEMORY;
+    d->c = c;
+    d->data = data;
+    d->bytes = bytes;
+    d->channels = channels;
+    sherf_status status = decode(d);
+    *out = d->out;
+    if (status == SHERF_OK && !channels) out->channels = d->own_channels;
+    mem_free(d);
+    return status;
+}
+
+static sherf_status read_file(context *c, const char *path, int channels, image_u8 *out) {
+    unsigned char *data;
+    size_t bytes;
+    *out = (image_u8){0};
+    sherf_status status = file_read(c, path, image_bytes_max, &data, &bytes);
+    if (status != SHERF_OK) return status;
+    status = image_parse(c, data, bytes, channels, out);
+    mem_free(data);
+    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}
+
+sherf_status image_read(context *c, const char *path, int channels, image_u8 *out) {
+    *out = (image_u8){0};
+    if (channels != 1 && channels != 3 && channels != 4)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: pictures have 1, 3 or 4 channels, not %d", path, channels);
+    return read_file(c, path, channels, out);
+}
+
+sherf_status image_size(context *c, const char *path, int *width, int *height, int *channels) {
+    image_u8 picture;
+    sherf_status status = read_file(c, path, 0, &picture);
+    *width = picture.width;
+    *height = picture.height;
+    *channels = picture.channels;
+    return status;
+}
+
+/* ---------------------------------------------------------------- writing ---------------------------- */
+typedef struct {
+    context *c;
+    output_file file;
+    sherf_status status;
+    jmp_buf back;
+    char text[200];
+    unsigned char block[16384]; /* JPEG */
+} encoder;
+
+static void png_out(png_structp png, png_bytep data, png_size_t n) {
+    encoder *e = png_get_io_ptr(png);
+    e->status = output_write(e->c, &e->file, data, n);
+    if (e->status != SHERF_OK) longjmp(e->back, 1);
+}
+
+static void png_flush_nothing(png_structp png) {
+    (void)png;
+}
+
+static void png_write_failed(png_structp png, png_const_charp text) {
+    encoder *e = png_get_error_ptr(png);
+    snprintf(e->text, sizeof e->text, "%s", text);
+    longjmp(e->back, 1);
+}
+
+static png_voidp png_write_memory(png_structp png, png_alloc_size_t n) {
+    encoder *e = png_get_mem_ptr(png);
+    void *p = mem_alloc(e->c, n, 1);
+    if (!p) e->status = SHERF_NO_MEMORY;
+    return p;
+}
+
+static void png_encode(encoder *e, int width, int height, int channels, const uint8_t *data) {
+    png_infop volatile info = NULL;
+    png_structp volatile png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, e, png_write_failed,
+                                                         png_warned, e, png_write_memory, png_memory_free);
+    if (!png) {
+        e->status = SHERF_NO_MEMORY;
+        return;
+    }
+    if (setjmp(e->back)) {
+        if (e->status == SHERF_OK)
+            e->status = failure(e->c, SHERF_WRITE_FAILED, "%s: PNG: %s", e->file.final, e->text);
+    } else {
+        int type = channels == 1   ? PNG_COLOR_TYPE_GRAY
+                   : channels == 3 ? PNG_COLOR_TYPE_RGB
+                                   : PNG_COLOR_TYPE_RGB_ALPHA;
+        info = png_create_info_struct(png);
+        if (!info) png_error(png, "no memory");
+        png_set_write_fn(png, e, png_out, png_flush_nothing);
+        png_set_compression_level(png, 4);
+        png_set_IHDR(png, info, (png_uint_32)width, (png_uint_32)height, 8, type, PNG_INTERLACE_NONE,
+                     PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+        png_write_info(png, info);
+        for (int y = 0; y < height; y++)
+            png_write_row(png, data + (size_t)y * (size_t)width * (size_t)channels);
+        png_write_end(png, NULL);
+    }
+    png_structp p = png;
+    png_infop i = info;
+    png_destroy_write_struct(&p, &i);
+}
+
+static sherf_status start_writing(context *c, const char *path, int width, int height, encoder **out) {
+    *out = NULL;
+    if (width < 1 || height < 1 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: a picture of %d x %d pixels cannot be written", path,
+                       width, height);
+    encoder *e = mem_zero(c, 1, sizeof *e);
+    if (!e) return SHERF_NO_MEMORY;
+    e->c = c;
+    sherf_status status = output_open(c, path, &e->file);
+    if (status != SHERF_OK)
+        mem_free(e);
+    else
+        *out = e;
+    return status;
+}
+
+static sherf_status end_writing(encoder *e) {
+    sherf_status status = e->status;
+    if (status == SHERF_OK) status = output_commit(e->c, &e->file);
+    output_abort(&e->file);
+    mem_free(e);
+    return status;
+}
+
+sherf_status png_write(context *c, const char *path, int width, int height, int channels,
+                       const uint8_t *data) {
+    encoder *e;
+    if (channels != 1 && channels != 3 && channels != 4)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: pictures have 1, 3 or 4 channels, not %d", path, channels);
+    sherf_status status = start_writing(c, path, width, height, &e);
+    if (status != SHERF_OK) return status;
+    png_encode(e, width, height, channels, data);
+    return end_writing(e);
+}
+
+typedef struct {
+    struct jpeg_error_mgr base;
+    encoder *e;
+} jpeg_write_error;
+
+static void jpeg_write_failed(j_common_ptr j) {
+    encoder *e = ((jpeg_write_error *)j->err)->e;
+    char text[JMSG_LENGTH_MAX];
+    j->err->format_message(j, text);
+    snprintf(e->text, sizeof e->text, "%.190s", text);
+    longjmp(e->back, 1);
+}
+
+static void jpeg_start(j_compress_ptr j) {
+    encoder *e = j->client_data;
+    j->dest->next_output_byte = e->block;
+    j->dest->free_in_buffer = sizeof e->block;
+}
+
+static boolean jpeg_block_full(j_compress_ptr j) {
+    encoder *e = j->client_data;
+    e->status = output_write(e->c, &e->file, e->block, sizeof e->block);
+    if (e->status != SHERF_OK) longjmp(e->back, 1);
+    jpeg_start(j);
+    return TRUE;
+}
+
+static void jpeg_end(j_compress_ptr j) {
+    encoder *e = j->client_data;
+    e->status = output_write(e->c, &e->file, e->block, sizeof e->block - j->dest->free_in_buffer);
+    if (e->status != SHERF_OK) longjmp(e->back, 1);
+}
+
+static void jpeg_encode(encoder *e, int width, int height, const uint8_t *rgb, int quality) {
+    struct jpeg_compress_struct j = {0};
+    jpeg_write_error error = {.e = e};
+    struct jpeg_destination_mgr destination = {
+        .init_destination = jpeg_start, .empty_output_buffer = jpeg_block_full, .term_destination = jpeg_end};
+    j.err = jpeg_std_error(&error.base);
+    error.base.error_exit = jpeg_write_failed;
+    error.base.output_message = jpeg_silent;
+    if (setjmp(e->back)) {
+        if (e->status == SHERF_OK)
+            e->status = failure(e->c, SHERF_WRITE_FAILED, "%s: JPEG: %s", e->file.final, e->text);
+        jpeg_destroy_compress(&j);
+        return;
+    }
+    jpeg_create_compress(&j);
+    j.client_data = e;
+    j.dest = &destination;
+    j.image_width = (JDIMENSION)width;
+    j.image_height = (JDIMENSION)height;
+    j.input_components = 3;
+    j.in_color_space = JCS_RGB;
+    jpeg_set_defaults(&j);
+    jpeg_set_quality(&j, quality, TRUE);
+    jpeg_start_compress(&j, TRUE);
+    while (j.next_scanline < j.image_height) {
+        JSAMPROW row = (JSAMPROW)(rgb + (size_t)j.next_scanline * (size_t)width * 3);
+        jpeg_write_scanlines(&j, &row, 1);
+    }
+    jpeg_finish_compress(&j);
+    jpeg_destroy_compress(&j);
+}
+
+sherf_status jpeg_write(context *c, const char *path, int width, int height, const uint8_t *rgb,
+                        int quality) {
+    encoder *e;
+    if (quality < 1 || quality > 100)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: JPEG quality is 1 to 100, not %d", path, quality);
+    sherf_status status = start_writing(c, path, width, height, &e);
+    if (status != SHERF_OK) return status;
+    jpeg_encode(e, width, height, rgb, quality);
+    return end_writing(e);
+}
+
+uint8_t float_to_u8(float v) {
+    return v >= 1 ? 255 : v > 0 ? (uint8_t)(v * 255 + 0.5f) : 0; /* NaN becomes 0 */
+}

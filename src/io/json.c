@@ -1,0 +1,120 @@
+/* json: cJSON's tree copied into ours. cJSON itself takes NaN for a name and would let 1e999 through as
+ * infinity, nests by recursion and does not mind what comes after the text; all that is looked at here. */
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <pthread.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "io/build.h"
+
+static const size_t json_bytes_max = (size_t)256 << 20;
+enum { JSON_NESTING = 128 };
+
+/* cJSON's memory comes from where all memory comes from. Its hooks take no context. */
+static _Thread_local bool memory_lacking;
+static void *json_memory(size_t bytes) {
+    context quiet = {0};
+    void *p = mem_alloc(&quiet, bytes, 1);
+    if (!p) memory_lacking = true;
+    return p;
+}
+static void json_hooks(void) {
+    cJSON_Hooks hooks = {json_memory, mem_free};
+    cJSON_InitHooks(&hooks);
+}
+
+/* Deepest nesting of brackets outside strings; also refuses a 0 byte and bare control characters, which
+ * cJSON would accept. */
+static bool scan(builder *b, const char *text, size_t bytes) {
+    int depth = 0;
+    bool quoted = false;
+    for (size_t i = 0; i < bytes; i++) {
+        unsigned char ch = (unsigned char)text[i];
+        if (!ch || (quoted && ch < 0x20)) {
+            build_fail(b, SHERF_BAD_FILE, "JSON: a control character at byte %zu", i);
+            return false;
+        }
+        if (quoted) {
+            if (ch == '\\')
+                i++;
+            else if (ch == '"')
+                quoted = false;
+        } else if (ch == '"')
+            quoted = true;
+        else if ((ch == '[' || ch == '{') && ++depth > JSON_NESTING) {
+            build_fail(b, SHERF_BAD_FILE, "JSON: nested deeper than %d", JSON_NESTING);
+            return false;
+        } else if ((ch == ']' || ch == '}') && depth > 0)
+            depth--;
+    }
+    return true;
+}
+
+static value *number(builder *b, double x) {
+    if (!isfinite(x)) return build_fail(b, SHERF_BAD_FILE, "JSON: a number that is not finite");
+    if (x == floor(x) && fabs(x) <= 9007199254740992.0) return build_integer(b, (int64_t)x);
+    return build_real(b, x);
+}
+
+/* Nesting is at most JSON_NESTING here. */
+static value *tree(builder *b, const cJSON *j) {
+    if (cJSON_IsNull(j)) return build_none(b);
+    if (cJSON_IsBool(j)) return build_bool(b, cJSON_IsTrue(j));
+    if (cJSON_IsNumber(j)) return number(b, j->valuedouble);
+    if (cJSON_IsString(j)) return build_string(b, j->valuestring, strlen(j->valuestring));
+    if (!cJSON_IsArray(j) && !cJSON_IsObject(j)) return build_fail(b, SHERF_BAD_FILE, "JSON: unknown item");
+    bool dict = cJSON_IsObject(j);
+    value *v = build_value(b, dict ? VALUE_DICT : VALUE_LIST);
+    for (const cJSON *child = j->child; child && v; child = child->next) {
+        value *item = tree(b, child);
+        if (dict ? !build_pair(b, v, build_string(b, child->string, strlen(child->string)), item)
+                 : !build_append(b, v, item))
+            return NULL;
+    }
+    return v;
+}
+
+static value *parse(builder *b, const char *text, size_t bytes) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, json_hooks);
+    if (bytes > json_bytes_max)
+        return build_fail(b, SHERF_BAD_FILE, "JSON: %zu bytes, more than the %zu allowed", bytes,
+                          json_bytes_max);
+    if (!scan(b, text, bytes)) return NULL;
+    memory_lacking = false;
+    const char *end = NULL;
+    cJSON *j = cJSON_ParseWithLengthOpts(text, bytes, &end, 0);
+    if (!j) {
+        if (memory_lacking) return build_fail(b, SHERF_NO_MEMORY, "out of memory");
+        return build_fail(b, SHERF_BAD_FILE, "not JSON, near byte %zu", end ? (size_t)(end - text) : 0);
+    }
+    value *v = NULL;
+    size_t rest = (size_t)(end - text);
+    while (rest < bytes && strchr(" \t\r\n", text[rest])) rest++;
+    if (rest < bytes)
+        build_fail(b, SHERF_BAD_FILE, "JSON: something follows it at byte %zu", rest);
+    else
+        v = tree(b, j);
+    cJSON_Delete(j);
+    return v;
+}
+
+sherf_status json_parse(context *c, const char *text, size_t bytes, document **out) {
+    builder b;
+    *out = NULL;
+    /* a value of ours takes about 150 bytes, a number in the text as few as two */
+    if (!build_start(&b, c, ((size_t)64 << 20) + (bytes < SIZE_MAX / 512 ? bytes * 128 : 0))) return b.status;
+    return build_finish(&b, parse(&b, text, bytes), out);
+}
+
+sherf_status json_read(context *c, const char *path, document **out) {
+    unsigned char *data;
+    size_t bytes;
+    *out = NULL;
+    sherf_status status = file_read(c, path, json_bytes_max, &data, &bytes);
+    if (status != SHERF_OK) return status;
+    status = json_parse(c, (const char *)data, bytes, out);
+    mem_free(data);
+    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}

@@ -1,0 +1,921 @@
+/* pickle: the machine. It knows every opcode of protocols 0 to 5 and nothing that runs code: a call of a
+ * known constructor becomes an array or container, any other call or object becomes a record of its class's
+ * name, arguments and state. No opcode recurses.
+ * https://github.com/python/cpython/blob/main/Lib/pickletools.py documents the opcodes. */
+#include <errno.h>
+#include <locale.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "io/pickle.h"
+
+static const size_t pickle_bytes_max = (size_t)8 << 30;
+
+typedef struct {
+    builder *b;
+    const unsigned char *data;
+    size_t bytes, pos;
+    value **stack; /* NULL entries are marks */
+    size_t depth, stack_room;
+    value **memo;
+    size_t memo_count, memo_room; /* highest used + 1 */
+    const pickle_source *source;
+    value *result;
+} machine;
+
+static void *fail_at(machine *m, const char *what) {
+    return build_fail(m->b, SHERF_BAD_FILE, "pickle: %s at byte %zu", what, m->pos);
+}
+
+/* ---------------------------------------------------------------- stack and memo --------------------- */
+static bool ensure(machine *m, value ***table, size_t *have, size_t want) {
+    if (want <= *have) return true;
+    size_t more = *have ? *have : 64;
+    while (more < want) more *= 2;
+    if (more > (m->b->limit - m->b->used) / sizeof(value *)) {
+        fail_at(m, "too many values");
+        return false;
+    }
+    value **grown = mem_grow(m->b->c, *table, *have, more, sizeof **table);
+    if (!grown) {
+        if (m->b->status == SHERF_OK) m->b->status = SHERF_NO_MEMORY;
+        return false;
+    }
+    memset(grown + *have, 0, (more - *have) * sizeof *grown);
+    *table = grown;
+    *have = more;
+    return true;
+}
+
+static bool push_any(machine *m, value *v) {
+    if (!ensure(m, &m->stack, &m->stack_room, m->depth + 1)) return false;
+    m->stack[m->depth++] = v;
+    return true;
+}
+
+static bool push(machine *m, value *v) {
+    return v && push_any(m, v);
+}
+
+static value *top(machine *m) {
+    if (!m->depth || !m->stack[m->depth - 1]) return fail_at(m, "nothing on the stack");
+    return m->stack[m->depth - 1];
+}
+
+static value *pop(machine *m) {
+    value *v = top(m);
+    if (v) m->depth--;
+    return v;
+}
+
+/* First place above the newest mark, or SIZE_MAX. */
+static size_t above_mark(machine *m) {
+    size_t i = m->depth;
+    while (i && m->stack[i - 1]) i--;
+    if (i) return i;
+    fail_at(m, "no mark on the stack");
+    return SIZE_MAX;
+}
+
+static value *pop_marked_list(machine *m) {
+    size_t first = above_mark(m);
+    if (first == SIZE_MAX) return NULL;
+    value *list = build_value(m->b, VALUE_LIST);
+    if (!list) return NULL;
+    size_t n = m->depth - first;
+    if (n) {
+        list->list.item = build_memory(m->b, n, sizeof(value *));
+        if (!list->list.item) return NULL;
+        memcpy(list->list.item, m->stack + first, n * sizeof(value *));
+        list->list.count = n;
+        object_of(list)->capacity = n;
+    }
+    m->depth = first - 1;
+    return list;
+}
+
+static bool remember(machine *m, uint64_t index) {
+    value *v = top(m);
+    if (!v) return false;
+    if (index >= SIZE_MAX / 4 || !ensure(m, &m->memo, &m->memo_room, (size_t)index + 1))
+        return fail_at(m, "impossible memo index") != NULL;
+    m->memo[index] = v;
+    if (index >= m->memo_count) m->memo_count = (size_t)index + 1;
+    return true;
+}
+
+static bool recall(machine *m, uint64_t index) {
+    if (index >= m->memo_room || !m->memo[index]) return fail_at(m, "unknown memo index") != NULL;
+    return push(m, m->memo[index]);
+}
+
+/* ---------------------------------------------------------------- reading --------------------------- */
+static const unsigned char *take(machine *m, uint64_t n) {
+    if (n > m->bytes - m->pos) return fail_at(m, "truncated");
+    const unsigned char *p = m->data + m->pos;
+    m->pos += (size_t)n;
+    return p;
+}
+
+/* Little-endian unsigned number of n <= 8 bytes. */
+static bool number(machine *m, int n, uint64_t *out) {
+    const unsigned char *p = take(m, (uint64_t)n);
+    if (!p) return false;
+    *out = 0;
+    for (int i = 0; i < n; i++) *out |= (uint64_t)p[i] << 8 * i;
+    return true;
+}
+
+/* A line without its end. */
+static const char *line(machine *m, size_t *length) {
+    const unsigned char *p = m->data + m->pos, *end = memchr(p, '\n', m->bytes - m->pos);
+    if (!end) return fail_at(m, "truncated line");
+    *length = (size_t)(end - p);
+    m->pos += *length + 1;
+    return (const char *)p;
+}
+
+static value *borrowed(machine *m, int length_bytes) {
+    uint64_t n;
+    if (!number(m, length_bytes, &n)) return NULL;
+    const unsigned char *p = take(m, n);
+    value *v = p ? build_value(m->b, VALUE_STRING) : NULL;
+    if (!v) return NULL;
+    v->string.text = (char *)p; /* copied when the tree is finished */
+    v->string.length = (size_t)n;
+    object_of(v)->role = ROLE_BORROWED;
+    return v;
+}
+
+/* Two's complement, little-endian. What does not fit in 64 bits becomes a real. */
+static value *long_bytes(machine *m, uint64_t n) {
+    const unsigned char *p = take(m, n);
+    if (!p) return NULL;
+    bool negative = n && (p[n - 1] & 0x80);
+    while (n > 1 && p[n - 1] == (negative ? 0xff : 0) && (p[n - 2] >> 7) == negative) n--;
+    if (n <= 8) {
+        uint64_t x = negative ? UINT64_MAX : 0;
+        for (uint64_t i = n; i-- > 0;) x = x << 8 | p[i];
+        return build_integer(m->b, (int64_t)x);
+    }
+    double x = negative ? -1 : 0; /* sum of bytes, as if sign bits went on for ever */
+    for (uint64_t i = n; i-- > 0 && isfinite(x);) x = x * 256 + p[i];
+    return build_real(m->b, x);
+}
+
+static value *text_number(machine *m, bool real) {
+    size_t n = 0;
+    const char *p = line(m, &n);
+    char text[64], *end;
+    if (!p) return NULL;
+    if (n == 2 && !real && p[0] == '0' && (p[1] == '0' || p[1] == '1')) return build_bool(m->b, p[1] == '1');
+    if (n && p[n - 1] == 'L') n--;
+    if (!n || n >= sizeof text) return fail_at(m, "a number that is not one");
+    memcpy(text, p, n);
+    text[n] = 0;
+    errno = 0;
+    if (!real) {
+        long long i = strtoll(text, &end, 10);
+        if (*end) return fail_at(m, "a number that is not one");
+        if (!errno) return build_integer(m->b, i);
+    }
+    char *point = strchr(text, '.');
+    if (point) *point = *localeconv()->decimal_point;
+    double r = strtod(text, &end);
+    if (*end) return fail_at(m, "a number that is not one");
+    return build_real(m->b, r);
+}
+
+static int hex(char ch) {
+    return ch >= '0' && ch <= '9'   ? ch - '0'
+           : ch >= 'a' && ch <= 'f' ? ch - 'a' + 10
+           : ch >= 'A' && ch <= 'F' ? ch - 'A' + 10
+                                    : -1;
+}
+
+static size_t utf8_put(char *out, uint32_t u) {
+    if (u < 0x80) {
+        out[0] = (char)u;
+        return 1;
+    }
+    int more = u < 0x800 ? 1 : u < 0x10000 ? 2 : 3;
+    out[0] = (char)((0xff00 >> (more + 1) & 0xff) | u >> 6 * more);
+    for (int i = 1; i <= more; i++) out[i] = (char)(0x80 | (u >> 6 * (more - i) & 63));
+    return (size_t)more + 1;
+}
+
+/* STRING: 'text' with backslash escapes, protocol 0 of Python 2. */
+static value *quoted_string(machine *m) {
+    size_t n = 0, used = 0;
+    const char *p = line(m, &n);
+    if (!p) return NULL;
+    if (n && p[n - 1] == '\r') n--;
+    if (n < 2 || (p[0] != '\'' && p[0] != '"') || p[n - 1] != p[0])
+        return fail_at(m, "a string without quotes");
+    char *text = build_memory(m->b, n, 1);
+    if (!text) return NULL;
+    for (size_t i = 1; i < n - 1; i++) {
+        if (p[i] != '\\') {
+            text[used++] = p[i];
+            continue;
+        }
+        if (++i >= n - 1) return fail_at(m, "a broken escape");
+        const char *plain = "\\'\"abfnrtv", *meant = "\\'\"\a\b\f\n\r\t\v", *at = strchr(plain, p[i]);
+        if (p[i] && at)
+            text[used++] = meant[at - plain];
+        else if (p[i] == 'x' && i + 2 < n - 1 && hex(p[i + 1]) >= 0 && hex(p[i + 2]) >= 0) {
+            text[used++] = (char)(hex(p[i + 1]) * 16 + hex(p[i + 2]));
+            i += 2;
+        } else if (p[i] >= '0' && p[i] <= '7') {
+            int octal = 0;
+            for (int k = 0; k < 3 && i < n - 1 && p[i] >= '0' && p[i] <= '7'; k++)
+                octal = octal * 8 + (p[i++] - '0');
+            i--;
+            text[used++] = (char)octal;
+        } else {
+            text[used++] = '\\';
+            text[used++] = p[i];
+        }
+    }
+    return build_string(m->b, text, used);
+}
+
+/* UNICODE: Latin-1 with \uXXXX and \UXXXXXXXX, to UTF-8. */
+static value *escaped_unicode(machine *m) {
+    size_t n = 0, used = 0;
+    const char *p = line(m, &n);
+    char *text = p ? build_memory(m->b, n * 2 + 1, 1) : NULL;
+    if (!text) return NULL;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t u = (unsigned char)p[i];
+        if (u == '\\' && i + 1 < n && (p[i + 1] == 'u' || p[i + 1] == 'U')) {
+            size_t digits = p[i + 1] == 'u' ? 4 : 8;
+            if (n - i - 2 < digits) return fail_at(m, "a broken escape");
+            u = 0;
+            for (size_t k = 0; k < digits; k++) {
+                int h = hex(p[i + 2 + k]);
+                if (h < 0 || u > 0x10ffff) return fail_at(m, "a broken escape");
+                u = u * 16 + (uint32_t)h;
+            }
+            if (u > 0x10ffff) return fail_at(m, "a broken escape");
+            i += digits + 1;
+        }
+        used += utf8_put(text + used, u);
+    }
+    return build_string(m->b, text, used);
+}
+
+/* ---------------------------------------------------------------- classes ---------------------------- */
+const char *pickle_class(const value *v) {
+    return v && v->kind == VALUE_RECORD && ((const object *)v)->role == ROLE_CLASS ? v->record.class_name
+                                                                                   : NULL;
+}
+
+bool pickle_name_is(const char *class_name, const char *module, const char *name) {
+    size_t n = strlen(module);
+    return !strncmp(class_name, module, n) && class_name[n] == '.' && !strcmp(class_name + n + 1, name);
+}
+
+value *pickle_record(builder *b, const char *class_name, value *arguments) {
+    value *v = build_value(b, VALUE_RECORD);
+    if (!v) return NULL;
+    v->record.class_name = (char *)class_name; /* lives in the same arena */
+    v->record.arguments = arguments;
+    return v;
+}
+
+static value *class_value(machine *m, const char *module, size_t n, const char *name, size_t k) {
+    if (!n || !k || n > 512 || k > 512) return fail_at(m, "a class without a proper name");
+    char *text = build_memory(m->b, n + k + 2, 1);
+    if (!text) return NULL;
+    memcpy(text, module, n);
+    text[n] = '.';
+    memcpy(text + n + 1, name, k);
+    text[n + k + 1] = 0;
+    for (size_t i = 0; i < n + k + 1; i++)
+        if ((unsigned char)text[i] <= ' ' || (unsigned char)text[i] >= 0x7f) text[i] = '?';
+    value *v = pickle_record(m->b, text, NULL);
+    if (v) object_of(v)->role = ROLE_CLASS;
+    return v;
+}
+
+static value *global_lines(machine *m) {
+    size_t n = 0, k = 0;
+    const char *module = line(m, &n), *name = module ? line(m, &k) : NULL;
+    return name ? class_value(m, module, n, name, k) : NULL;
+}
+
+static value *stack_global(machine *m) {
+    value *name = pop(m), *module = name ? pop(m) : NULL;
+    if (!module) return NULL;
+    if (name->kind != VALUE_STRING || module->kind != VALUE_STRING)
+        return fail_at(m, "a class without a name");
+    return class_value(m, module->string.text, module->string.length, name->string.text, name->string.length);
+}
+
+bool pickle_arguments(const value *v, size_t least) {
+    return v && v->kind == VALUE_LIST && v->list.count >= least;
+}
+
+bool pickle_integer(const value *v, int64_t *out) {
+    if (v && v->kind == VALUE_INTEGER)
+        *out = v->integer;
+    else if (v && v->kind == VALUE_BOOL)
+        *out = v->boolean;
+    else
+        return false;
+    return true;
+}
+
+bool pickle_dims(const value *v, int *rank, int64_t dim[8]) {
+    if (!v || v->kind != VALUE_LIST || v->list.count > 8) return false;
+    *rank = (int)v->list.count;
+    for (int i = 0; i < *rank; i++)
+        if (!pickle_integer(v->list.item[i], &dim[i])) return false;
+    return true;
+}
+
+/* ---------------------------------------------------------------- plain Python ----------------------- */
+static bool is_builtin(const char *name, const char *what) {
+    return pickle_name_is(name, "builtins", what) || pickle_name_is(name, "__builtin__", what);
+}
+
+/* list(x), tuple(x), set(x): a new list of x's items. */
+static value *list_of(machine *m, value *arguments) {
+    value *v = build_value(m->b, VALUE_LIST);
+    if (!v || !arguments->list.count) return v;
+    value *items = arguments->list.item[0];
+    if (items->kind != VALUE_LIST) return fail_at(m, "a container made of something else");
+    for (size_t i = 0; i < items->list.count; i++)
+        if (!build_append(m->b, v, items->list.item[i])) return NULL;
+    return v;
+}
+
+/* dict(x), OrderedDict(x): of another dict or of pairs. */
+static value *dict_of(machine *m, value *arguments) {
+    value *v = build_value(m->b, VALUE_DICT);
+    if (!v || !arguments->list.count) return v;
+    value *items = arguments->list.item[0];
+    if (items->kind == VALUE_DICT) {
+        for (size_t i = 0; i < items->dict.count; i++)
+            if (!build_pair(m->b, v, items->dict.pair[i].key, items->dict.pair[i].item)) return NULL;
+        return v;
+    }
+    if (items->kind != VALUE_LIST) return fail_at(m, "a dict made of something else");
+    for (size_t i = 0; i < items->list.count; i++) {
+        value *pair = items->list.item[i];
+        if (pair->kind != VALUE_LIST || pair->list.count != 2)
+            return fail_at(m, "a dict made of something else");
+        if (!build_pair(m->b, v, pair->list.item[0], pair->list.item[1])) return NULL;
+    }
+    return v;
+}
+
+/* _codecs.encode(text, 'latin1'): how protocols below 3 write bytes from Python 3. */
+static value *encoded(machine *m, value *arguments) {
+    value *text = arguments->list.count ? arguments->list.item[0] : NULL;
+    if (!text || text->kind != VALUE_STRING) return fail_at(m, "encode of something else than text");
+    value *how = arguments->list.count > 1 ? arguments->list.item[1] : NULL;
+    bool latin = how && how->kind == VALUE_STRING && how->string.length >= 5 &&
+                 !strncasecmp(how->string.text, "latin", 5);
+    if (!latin) return text;
+    const unsigned char *p = (const unsigned char *)text->string.text;
+    size_t n = text->string.length, used = 0;
+    char *out = build_memory(m->b, n + 1, 1);
+    if (!out) return NULL;
+    for (size_t i = 0; i < n; i++) {
+        if (p[i] >= 0x80 && ((p[i] != 0xc2 && p[i] != 0xc3) || i + 1 >= n || (p[i + 1] & 0xc0) != 0x80))
+            return fail_at(m, "bytes that are not Latin-1");
+        if (p[i] >= 0x80) {
+            out[used++] = (char)((p[i] & 3) << 6 | (p[i + 1] & 63));
+            i++;
+        } else
+            out[used++] = (char)p[i];
+    }
+    return build_string(m->b, out, used);
+}
+
+static value *call_plain(machine *m, const char *name, value *arguments, bool *known) {
+    builder *b = m->b;
+    *known = true;
+    if (is_builtin(name, "list") || is_builtin(name, "tuple") || is_builtin(name, "set") ||
+        is_builtin(name, "frozenset") || pickle_name_is(name, "sets", "Set") || !strcmp(name, "torch.Size"))
+        return list_of(m, arguments);
+    if (is_builtin(name, "dict") || !strcmp(name, "collections.OrderedDict")) return dict_of(m, arguments);
+    if (!strcmp(name, "collections.defaultdict")) return build_value(b, VALUE_DICT);
+    if (!strcmp(name, "_codecs.encode")) return encoded(m, arguments);
+    if (is_builtin(name, "bytes") || is_builtin(name, "bytearray") || is_builtin(name, "str")) {
+        if (arguments->list.count && arguments->list.item[0]->kind == VALUE_STRING)
+            return arguments->list.item[0];
+        if (!arguments->list.count) return build_string(b, "", 0);
+    }
+    *known = false;
+    return NULL;
+}
+
+/* StyleGAN's persistent objects carry {class_name, state, source text ...} in one dict. */
+static value *persistent_object(machine *m, const char *name, value *arguments) {
+    const value *meta = arguments->list.count ? arguments->list.item[0] : NULL;
+    const value *class_name = value_get(meta, "class_name"), *state = value_get(meta, "state");
+    value *v = pickle_record(m->b, name, NULL);
+    if (v && class_name && class_name->kind == VALUE_STRING && state) {
+        value *text = build_string(m->b, class_name->string.text, class_name->string.length);
+        if (!text) return NULL;
+        v->record.class_name = text->string.text;
+        v->record.state = (value *)state;
+    } else if (v)
+        v->record.arguments = arguments;
+    return v;
+}
+
+static value *call(machine *m, value *function, value *arguments) {
+    builder *b = m->b;
+    const char *name = pickle_class(function);
+    if (arguments->kind != VALUE_LIST) return fail_at(m, "arguments that are no tuple");
+    if (!name) return pickle_record(b, "(call of an object)", arguments);
+    bool known = false;
+    value *v = call_plain(m, name, arguments, &known);
+    if (!known) v = pickle_call_numpy(b, name, function, arguments, &known);
+    if (!known) v = pickle_call_torch(b, name, arguments, m->source, &known);
+    if (known) return v;
+    if (pickle_name_is(name, "torch_utils.persistence", "_reconstruct_persistent_obj"))
+        return persistent_object(m, name, arguments);
+    /* objects: copyreg._reconstructor(class, base, state) and copyreg.__newobj__(class, ...) */
+    const char *of = arguments->list.count ? pickle_class(arguments->list.item[0]) : NULL;
+    if (of && (pickle_name_is(name, "copy_reg", "_reconstructor") ||
+               pickle_name_is(name, "copyreg", "_reconstructor"))) {
+        value *inner = call_plain(m, of, build_value(b, VALUE_LIST), &known);
+        if (b->status != SHERF_OK) return NULL;
+        return known ? inner : pickle_record(b, of, NULL);
+    }
+    if (of &&
+        (pickle_name_is(name, "copy_reg", "__newobj__") || pickle_name_is(name, "copyreg", "__newobj__"))) {
+        value *rest = build_value(b, VALUE_LIST);
+        for (size_t i = 1; i < arguments->list.count; i++)
+            if (!build_append(b, rest, arguments->list.item[i])) return NULL;
+        return pickle_record(b, of, rest);
+    }
+    return pickle_record(b, name, arguments);
+}
+
+static value *new_object(machine *m, value *class, value *arguments) {
+    const char *name = pickle_class(class);
+    if (arguments->kind != VALUE_LIST) return fail_at(m, "arguments that are no tuple");
+    if (!name) return fail_at(m, "an object without a class");
+    bool known = false;
+    value *v = call_plain(m, name, arguments, &known);
+    return known ? v : pickle_record(m->b, name, arguments);
+}
+
+/* ---------------------------------------------------------------- filling ---------------------------- */
+/* Items and pairs may go to a record as well: classes derived from list and dict. */
+static bool append(machine *m, value *target, value *item) {
+    if (target->kind == VALUE_RECORD && object_of(target)->role == ROLE_PLAIN) {
+        if (!target->record.state) target->record.state = build_value(m->b, VALUE_LIST);
+        target = target->record.state;
+    }
+    if (!target) return false;
+    if (target->kind != VALUE_LIST) return fail_at(m, "an item for something that is no list") != NULL;
+    return build_append(m->b, target, item);
+}
+
+static bool set_pair(machine *m, value *target, value *key, value *item) {
+    if (target->kind == VALUE_RECORD && object_of(target)->role == ROLE_PLAIN) {
+        if (!target->record.state) target->record.state = build_value(m->b, VALUE_DICT);
+        target = target->record.state;
+    }
+    if (!target) return false;
+    if (target->kind != VALUE_DICT) return fail_at(m, "a pair for something that is no dict") != NULL;
+    return build_pair(m->b, target, key, item);
+}
+
+static bool append_marked(machine *m) {
+    size_t first = above_mark(m);
+    if (first == SIZE_MAX) return false;
+    size_t end = m->depth;
+    m->depth = first - 1; /* the mark is gone */
+    value *target = top(m);
+    for (size_t i = first; i < end && target; i++)
+        if (!append(m, target, m->stack[i])) return false;
+    return target != NULL;
+}
+
+static bool pairs_marked(machine *m) {
+    size_t first = above_mark(m);
+    if (first == SIZE_MAX) return false;
+    size_t end = m->depth;
+    if ((end - first) % 2) return fail_at(m, "a key without a value") != NULL;
+    m->depth = first - 1;
+    value *target = top(m);
+    for (size_t i = first; i < end && target; i += 2)
+        if (!set_pair(m, target, m->stack[i], m->stack[i + 1])) return false;
+    return target != NULL;
+}
+
+static value *dict_marked(machine *m) {
+    value *flat = pop_marked_list(m), *dict = flat ? build_value(m->b, VALUE_DICT) : NULL;
+    if (!dict) return NULL;
+    if (flat->list.count % 2) return fail_at(m, "a key without a value");
+    for (size_t i = 0; i < flat->list.count; i += 2)
+        if (!build_pair(m->b, dict, flat->list.item[i], flat->list.item[i + 1])) return NULL;
+    return dict;
+}
+
+static bool set_state(machine *m) {
+    value *state = pop(m), *target = state ? top(m) : NULL;
+    if (!target) return false;
+    bool known = false, ok = pickle_state_numpy(m->b, target, state, &known);
+    if (known) return ok;
+    if (target->kind != VALUE_RECORD) return true; /* attributes of an OrderedDict and the like: dropped */
+    if (object_of(target)->role != ROLE_PLAIN) return fail_at(m, "a state for a class") != NULL;
+    value *have = target->record.state;
+    if (have && have->kind == VALUE_DICT && state->kind == VALUE_DICT && have != state) {
+        for (size_t i = 0; i < state->dict.count; i++)
+            if (!build_pair(m->b, have, state->dict.pair[i].key, state->dict.pair[i].item)) return false;
+        return true;
+    }
+    target->record.state = state;
+    return true;
+}
+
+/* ---------------------------------------------------------------- opcodes ---------------------------- */
+static bool push_number(machine *m, int bytes, bool is_signed) {
+    uint64_t n;
+    if (!number(m, bytes, &n)) return false;
+    return push(m, build_integer(m->b, is_signed ? (int32_t)(uint32_t)n : (int64_t)n));
+}
+
+static bool push_float(machine *m) {
+    const unsigned char *p = take(m, 8);
+    if (!p) return false;
+    uint64_t bits = 0;
+    double r;
+    for (int i = 0; i < 8; i++) bits = bits << 8 | p[i];
+    memcpy(&r, &bits, sizeof r);
+    return push(m, build_real(m->b, r));
+}
+
+static bool push_long(machine *m, int length_bytes) {
+    uint64_t n;
+    return number(m, length_bytes, &n) && push(m, long_bytes(m, n));
+}
+
+/* The newest n values as a tuple. */
+static bool push_tuple(machine *m, size_t n) {
+    if (m->depth < n) return fail_at(m, "nothing on the stack") != NULL;
+    value *list = build_value(m->b, VALUE_LIST);
+    for (size_t i = m->depth - n; i < m->depth && list; i++) {
+        if (!m->stack[i]) return fail_at(m, "a mark in a tuple") != NULL;
+        if (!build_append(m->b, list, m->stack[i])) return false;
+    }
+    if (!list) return false;
+    m->depth -= n;
+    return push(m, list);
+}
+
+static bool text_index(machine *m, uint64_t *index) {
+    size_t n = 0;
+    const char *p = line(m, &n);
+    if (!p) return false;
+    *index = 0;
+    if (!n || n > 12) return fail_at(m, "impossible memo index") != NULL;
+    for (size_t i = 0; i < n; i++) {
+        if (p[i] < '0' || p[i] > '9') return fail_at(m, "impossible memo index") != NULL;
+        *index = *index * 10 + (uint64_t)(p[i] - '0');
+    }
+    return true;
+}
+
+static bool put_or_get(machine *m, int bytes, bool get) {
+    uint64_t index;
+    if (bytes ? !number(m, bytes, &index) : !text_index(m, &index)) return false;
+    return get ? recall(m, index) : remember(m, index);
+}
+
+static bool do_call(machine *m, value *(*how)(machine *, value *, value *)) {
+    value *arguments = pop(m), *function = arguments ? pop(m) : NULL;
+    return function && push(m, how(m, function, arguments));
+}
+
+/* NEWOBJ_EX has keyword arguments; they are kept behind the others. */
+static bool do_newobj_ex(machine *m) {
+    value *keywords = pop(m), *arguments = keywords ? pop(m) : NULL, *class = arguments ? pop(m) : NULL;
+    if (!class) return false;
+    if (value_count(keywords)) {
+        value *both = build_value(m->b, VALUE_LIST);
+        if (!build_append(m->b, both, arguments) || !build_append(m->b, both, keywords)) return false;
+        arguments = both;
+    }
+    return push(m, new_object(m, class, arguments));
+}
+
+/* OBJ: mark, class, arguments; INST: the class in two lines, mark, arguments. */
+static bool do_old_object(machine *m, bool inst) {
+    value *class = inst ? global_lines(m) : NULL, *arguments;
+    if (inst && !class) return false;
+    arguments = pop_marked_list(m);
+    if (!arguments) return false;
+    if (!inst) {
+        if (!arguments->list.count) return fail_at(m, "an object without a class") != NULL;
+        class = arguments->list.item[0];
+        arguments->list.item++;
+        arguments->list.count--;
+        object_of(arguments)->capacity--;
+    }
+    return push(m, new_object(m, class, arguments));
+}
+
+static bool do_persistent(machine *m, bool binary) {
+    value *id;
+    if (binary)
+        id = pop(m);
+    else {
+        size_t n = 0;
+        const char *p = line(m, &n);
+        id = p ? build_string(m->b, p, n) : NULL;
+    }
+    return id && push(m, pickle_persistent(m->b, id, m->source));
+}
+
+static bool step(machine *m, unsigned char op) {
+    builder *b = m->b;
+    uint64_t n;
+    switch (op) {
+    case 0x80: /* PROTO */
+        if (!number(m, 1, &n)) return false;
+        if (n > 5) return fail_at(m, "a newer protocol than 5") != NULL;
+        return true;
+    case 0x95: /* FRAME */
+        return number(m, 8, &n);
+    case '(':
+        return push_any(m, NULL);
+    case '0': /* POP; of a mark as well */
+        if (!m->depth) return fail_at(m, "nothing on the stack") != NULL;
+        m->depth--;
+        return true;
+    case '1': /* POP_MARK */ {
+        size_t first = above_mark(m);
+        if (first == SIZE_MAX) return false;
+        m->depth = first - 1;
+        return true;
+    }
+    case '2':
+        return push(m, top(m));
+    case 'N':
+        return push(m, build_none(b));
+    case 0x88:
+    case 0x89:
+        return push(m, build_bool(b, op == 0x88));
+    case 'I':
+    case 'L':
+    case 'F':
+        return push(m, text_number(m, op == 'F'));
+    case 'J':
+        return push_number(m, 4, true);
+    case 'K':
+        return push_number(m, 1, false);
+    case 'M':
+        return push_number(m, 2, false);
+    case 'G':
+        return push_float(m);
+    case 0x8a:
+        return push_long(m, 1);
+    case 0x8b:
+        return push_long(m, 4);
+    case 'S':
+        return push(m, quoted_string(m));
+    case 'V':
+        return push(m, escaped_unicode(m));
+    case 'T': /* BINSTRING, BINUNICODE, BINBYTES */
+    case 'X':
+    case 'B':
+        return push(m, borrowed(m, 4));
+    case 'U': /* their short forms */
+    case 'C':
+    case 0x8c:
+        return push(m, borrowed(m, 1));
+    case 0x8d: /* BINUNICODE8, BINBYTES8, BYTEARRAY8 */
+    case 0x8e:
+    case 0x96:
+        return push(m, borrowed(m, 8));
+    case ']':
+    case ')':
+    case 0x8f:
+        return push(m, build_value(b, VALUE_LIST));
+    case '}':
+        return push(m, build_value(b, VALUE_DICT));
+    case 'l':
+    case 't':
+    case 0x91:
+        return push(m, pop_marked_list(m));
+    case 'd':
+        return push(m, dict_marked(m));
+    case 0x85:
+    case 0x86:
+    case 0x87:
+        return push_tuple(m, (size_t)(op - 0x84));
+    case 'a': {
+        value *item = pop(m), *target = item ? top(m) : NULL;
+        return target && append(m, target, item);
+    }
+    case 'e':
+    case 0x90:
+        return append_marked(m);
+    case 's': {
+        value *item = pop(m), *key = item ? pop(m) : NULL, *target = key ? top(m) : NULL;
+        return target && set_pair(m, target, key, item);
+    }
+    case 'u':
+        return pairs_marked(m);
+    case 'c':
+        return push(m, global_lines(m));
+    case 0x93:
+        return push(m, stack_global(m));
+    case 'R':
+        return do_call(m, call);
+    case 0x81:
+        return do_call(m, new_object);
+    case 0x92:
+        return do_newobj_ex(m);
+    case 'o':
+    case 'i':
+        return do_old_object(m, op == 'i');
+    case 'b':
+        return set_state(m);
+    case 'P':
+    case 'Q':
+        return do_persistent(m, op == 'Q');
+    case 'p':
+        return put_or_get(m, 0, false);
+    case 'q':
+        return put_or_get(m, 1, false);
+    case 'r':
+        return put_or_get(m, 4, false);
+    case 0x94:
+        return remember(m, m->memo_count);
+    case 'g':
+        return put_or_get(m, 0, true);
+    case 'h':
+        return put_or_get(m, 1, true);
+    case 'j':
+        return put_or_get(m, 4, true);
+    case 0x82:
+    case 0x83:
+    case 0x84:
+        return fail_at(m, "an extension code, which nothing explains,") != NULL;
+    case 0x97:
+    case 0x98:
+        return fail_at(m, "a buffer outside the file") != NULL;
+    default:
+        m->pos--;
+        build_fail(b, SHERF_BAD_FILE, "not a pickle, or damaged: byte 0x%02x at %zu is no instruction", op,
+                   m->pos);
+        return false;
+    }
+}
+
+value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const pickle_source *source,
+                    size_t *used) {
+    machine m = {.b = b, .data = data, .bytes = bytes, .source = source};
+    value *result = NULL;
+    for (size_t count = 0;; count++) {
+        if ((count & 0xffff) == 0xffff && cancelled(b->c)) {
+            build_fail(b, SHERF_CANCELLED, "cancelled");
+            break;
+        }
+        if (m.pos >= bytes) {
+            fail_at(&m, "truncated");
+            break;
+        }
+        unsigned char op = data[m.pos++];
+        if (op == '.') {
+            result = pop(&m);
+            break;
+        }
+        if (!step(&m, op)) {
+            if (b->status == SHERF_OK) fail_at(&m, "an instruction that cannot be followed");
+            break;
+        }
+    }
+    if (used) *used = m.pos;
+    mem_free(m.stack);
+    mem_free(m.memo);
+    return b->status == SHERF_OK ? result : NULL;
+}
+
+/* ---------------------------------------------------------------- finishing -------------------------- */
+enum { WHITE, GREY, BLACK };
+typedef struct {
+    object *o;
+    size_t next;
+} visit;
+
+/* The i-th place that o refers to another value from, or NULL. */
+static value **child(object *o, size_t i) {
+    value *v = &o->v;
+    switch (v->kind) {
+    case VALUE_LIST:
+        return i < v->list.count ? &v->list.item[i] : NULL;
+    case VALUE_DICT:
+        if (i / 2 >= v->dict.count) return NULL;
+        return i % 2 ? &v->dict.pair[i / 2].item : &v->dict.pair[i / 2].key;
+    case VALUE_RECORD:
+        return i == 0 ? &v->record.arguments : i == 1 ? &v->record.state : NULL;
+    default:
+        return NULL;
+    }
+}
+
+static bool settle(builder *b, object *o) {
+    o->colour = GREY;
+    o->height = 0;
+    if (o->role == ROLE_BORROWED) {
+        value *copy = build_string(b, o->v.string.text, o->v.string.length);
+        if (!copy) return false;
+        o->v.string.text = copy->string.text;
+    } else if ((o->role == ROLE_TENSOR || o->role == ROLE_STORAGE) && !pickle_settle(b, o))
+        return false;
+    o->role = ROLE_PLAIN;
+    return true;
+}
+
+/* Depth first, without recursion. A reference back to a value that is still open (a list within itself) is
+ * cut, and no tree deeper than BUILD_NESTING is handed out, so that whoever reads it may recurse. */
+static bool finish(builder *b, value *root, visit **stack, size_t *space) {
+    size_t depth = 0;
+    if (!settle(b, object_of(root))) return false;
+    (*stack)[depth++] = (visit){object_of(root), 0};
+    while (depth) {
+        visit *at = &(*stack)[depth - 1];
+        object *o = at->o;
+        value **place = child(o, at->next++);
+        if (!place) {
+            o->colour = BLACK;
+            if (o->height > BUILD_NESTING) {
+                build_fail(b, SHERF_BAD_FILE, "nested deeper than %d", BUILD_NESTING);
+                return false;
+            }
+            depth--;
+            if (depth && (*stack)[depth - 1].o->height < o->height + 1)
+                (*stack)[depth - 1].o->height = o->height + 1;
+            continue;
+        }
+        if (!*place) continue;
+        object *next = object_of(*place);
+        if (next->colour == GREY) {
+            *place = pickle_record(b, "(a value that holds this one)", NULL);
+            if (!*place) return false;
+            object_of(*place)->colour = BLACK;
+        } else if (next->colour == BLACK) {
+            if (o->height < next->height + 1) o->height = next->height + 1;
+        } else {
+            if (!settle(b, next)) return false;
+            if (depth == *space) {
+                visit *grown = mem_grow(b->c, *stack, *space, *space * 2, sizeof **stack);
+                if (!grown) {
+                    b->status = SHERF_NO_MEMORY;
+                    return false;
+                }
+                *stack = grown;
+                *space *= 2;
+            }
+            (*stack)[depth++] = (visit){next, 0};
+        }
+    }
+    return true;
+}
+
+value *pickle_finish(builder *b, value *root) {
+    if (!root || b->status != SHERF_OK) return NULL;
+    size_t space = 64;
+    visit *stack = mem_alloc(b->c, space, sizeof *stack);
+    if (!stack) {
+        b->status = SHERF_NO_MEMORY;
+        return NULL;
+    }
+    bool ok = finish(b, root, &stack, &space);
+    mem_free(stack);
+    return ok ? root : NULL;
+}
+
+/* ---------------------------------------------------------------- files ------------------------------ */
+sherf_status pickle_parse(context *c, const unsigned char *data, size_t bytes, document **out) {
+    builder b;
+    *out = NULL;
+    if (!build_start(&b, c, build_limit(bytes))) return b.status;
+    return build_finish(&b, pickle_finish(&b, pickle_build(&b, data, bytes, NULL, NULL)), out);
+}
+
+sherf_status pickle_read(context *c, const char *path, document **out) {
+    unsigned char *data;
+    size_t bytes;
+    *out = NULL;
+    sherf_status status = file_read(c, path, pickle_bytes_max, &data, &bytes);
+    if (status != SHERF_OK) return status;
+    status = pickle_parse(c, data, bytes, out);
+    mem_free(data);
+    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}

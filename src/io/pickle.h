@@ -1,0 +1,29 @@
+/* pickle: what the machine (pickle.c) and the classes it builds (pickle_numpy.c, pickle_torch.c) share. */
+#ifndef SHERF_PICKLE_H
+#define SHERF_PICKLE_H
+
+#include "io/build.h"
+
+static inline object *object_of(value *v) {
+    return (object *)v;
+}
+
+/* Name of a class or function: "module.name". NULL when v is none. */
+const char *pickle_class(const value *v);
+bool pickle_name_is(const char *class_name, const char *module, const char *name);
+value *pickle_record(builder *b, const char *class_name, value *arguments);
+bool pickle_arguments(const value *v, size_t least); /* a tuple of at least so many */
+bool pickle_integer(const value *v, int64_t *out);
+bool pickle_dims(const value *v, int *rank, int64_t dim[8]); /* a tuple of up to 8 sizes */
+
+/* function(*arguments) for what is known: *known is set, and the value returned (NULL: failed). */
+value *pickle_call_numpy(builder *b, const char *name, value *function, value *arguments, bool *known);
+value *pickle_call_torch(builder *b, const char *name, value *arguments, const pickle_source *source,
+                         bool *known);
+/* Sets the state of an object of a known class in place; *known as above. */
+bool pickle_state_numpy(builder *b, value *v, value *state, bool *known);
+/* The storage that a persistent id names. */
+value *pickle_persistent(builder *b, value *id, const pickle_source *source);
+/* Turns an open view or storage into an array. */
+bool pickle_settle(builder *b, object *o);
+#endif

@@ -1,0 +1,280 @@
+/* torch: files of torch.save, the zip form (1.6 and later: NAME/data.pkl and NAME/data/KEY) and the legacy
+ * form (four pickles, the list of storage keys, then per key its count and its bytes). */
+#include <string.h>
+
+#include "base/path.h"
+#include "io/archive.h"
+#include "io/pickle.h"
+
+static const size_t torch_bytes_max = (size_t)8 << 30;
+enum { STORAGE_BUCKETS = 4096 };
+
+typedef struct {
+    torch_storage *bucket[STORAGE_BUCKETS];
+    zip_t *zip;         /* zip form: where bytes come from */
+    const char *prefix; /* "NAME/" */
+    size_t prefix_length;
+} storage_table;
+
+static torch_storage *storage_find(storage_table *t, const char *key) {
+    torch_storage *s = t->bucket[fnv1a64(key) % STORAGE_BUCKETS];
+    while (s && strcmp(s->key, key)) s = s->next;
+    return s;
+}
+
+/* The storage of this key; a new one is made when the key is new. */
+static torch_storage *storage_named(storage_table *t, builder *b, dtype type, const char *key,
+                                    int64_t count) {
+    torch_storage *s = storage_find(t, key);
+    if (count > INT64_MAX / 16) return build_fail(b, SHERF_BAD_FILE, "torch: a storage of impossible size");
+    if (s) {
+        if (s->type == type && s->count == count) return s;
+        return build_fail(b, SHERF_BAD_FILE, "torch: storage %s has two sizes", key);
+    }
+    s = build_memory(b, 1, sizeof *s);
+    if (!s) return NULL;
+    torch_storage **head = &t->bucket[fnv1a64(key) % STORAGE_BUCKETS];
+    *s = (torch_storage){.type = type, .count = count, .key = key, .next = *head};
+    *head = s;
+    return s;
+}
+
+/* ---------------------------------------------------------------- legacy ----------------------------- */
+/* 0x1950a86a20f9469cfc6c as a pickled long, behind the protocol (and frame) instructions. */
+bool torch_legacy_is(const unsigned char *data, size_t bytes) {
+    static const unsigned char magic[] = {0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46, 0xf9,
+                                          0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
+    if (bytes < 2 + sizeof magic || data[0] != 0x80) return false;
+    size_t start = data[2] == 0x95 ? 11 : 2;
+    return bytes >= start + sizeof magic && !memcmp(data + start, magic, sizeof magic);
+}
+
+static torch_storage *legacy_storage(void *user, builder *b, dtype type, const char *key, int64_t count) {
+    return storage_named(user, b, type, key, count);
+}
+
+typedef struct {
+    builder *b;
+    const unsigned char *data;
+    size_t bytes;
+} stream;
+
+static value *next_pickle(stream *s, const pickle_source *source) {
+    size_t used = 0;
+    value *v = pickle_build(s->b, s->data, s->bytes, source, &used);
+    s->data += used;
+    s->bytes -= used;
+    return v;
+}
+
+static bool storage_bytes(stream *s, storage_table *t, const value *key) {
+    builder *b = s->b;
+    uint64_t count = 0;
+    value *text =
+        key && key->kind == VALUE_STRING ? build_string(b, key->string.text, key->string.length) : NULL;
+    torch_storage *storage = text ? storage_find(t, text->string.text) : NULL;
+    if (!storage) {
+        build_fail(b, SHERF_BAD_FILE, "torch: a storage that nothing refers to");
+        return false;
+    }
+    if (s->bytes < 8) {
+        build_fail(b, SHERF_BAD_FILE, "torch: truncated");
+        return false;
+    }
+    for (int i = 0; i < 8; i++) count |= (uint64_t)s->data[i] << 8 * i;
+    s->data += 8;
+    s->bytes -= 8;
+    size_t unit = dtype_size(storage->type);
+    if (count != (uint64_t)storage->count || count > s->bytes / unit) {
+        build_fail(b, SHERF_BAD_FILE, "torch: storage %.40s is truncated or of another size", storage->key);
+        return false;
+    }
+    storage->data = s->data;
+    s->data += (size_t)count * unit;
+    s->bytes -= (size_t)count * unit;
+    return true;
+}
+
+value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, int level) {
+    if (!torch_legacy_is(data, bytes))
+        return build_fail(b, SHERF_BAD_FILE, "torch: not a stream of torch.save");
+    storage_table *table = mem_zero(b->c, 1, sizeof *table);
+    if (!table) {
+        b->status = SHERF_NO_MEMORY;
+        return NULL;
+    }
+    stream s = {b, data, bytes};
+    pickle_source source = {legacy_storage, table, level};
+    value *root = NULL, *magic = next_pickle(&s, NULL), *protocol = magic ? next_pickle(&s, NULL) : NULL;
+    value *system = protocol ? next_pickle(&s, NULL) : NULL;
+    const value *little = value_get(system, "little_endian");
+    if (protocol && (protocol->kind != VALUE_INTEGER || protocol->integer != 1001))
+        build_fail(b, SHERF_BAD_FILE, "torch: another protocol than 1001");
+    if (little && little->kind == VALUE_BOOL && !little->boolean)
+        build_fail(b, SHERF_UNSUPPORTED, "torch: written on a big-endian machine");
+    if (system) root = next_pickle(&s, &source);
+    value *keys = root ? next_pickle(&s, NULL) : NULL;
+    if (keys && keys->kind != VALUE_LIST) build_fail(b, SHERF_BAD_FILE, "torch: no list of storages");
+    for (size_t i = 0; keys && b->status == SHERF_OK && i < keys->list.count; i++)
+        if (!storage_bytes(&s, table, keys->list.item[i])) break;
+    mem_free(table);
+    return b->status == SHERF_OK ? root : NULL;
+}
+
+/* ---------------------------------------------------------------- zip -------------------------------- */
+bool torch_zip_is(zip_t *zip, uint64_t *member) {
+    zip_int64_t count = zip_get_num_entries(zip, 0);
+    for (zip_int64_t i = 0; i < count; i++) {
+        const char *name = zip_get_name(zip, (zip_uint64_t)i, 0);
+        if (!name || !path_ends(name, "/data.pkl")) continue;
+        *member = (uint64_t)i;
+        return true;
+    }
+    return false;
+}
+
+static unsigned char *zip_bytes(builder *b, zip_t *zip, uint64_t i, size_t *bytes) {
+    if (!archive_size(b, zip, i, bytes)) return NULL;
+    unsigned char *data = build_memory(b, *bytes, 1);
+    return data && archive_member(b, zip, i, data, *bytes) ? data : NULL;
+}
+
+static zip_int64_t locate(storage_table *t, const char *name) {
+    char path[1024];
+    size_t n = strlen(name);
+    if (t->prefix_length + n >= sizeof path) return -1;
+    memcpy(path, t->prefix, t->prefix_length);
+    memcpy(path + t->prefix_length, name, n + 1);
+    return zip_name_locate(t->zip, path, 0);
+}
+
+static torch_storage *zip_storage(void *user, builder *b, dtype type, const char *key, int64_t count) {
+    storage_table *t = user;
+    torch_storage *s = storage_named(t, b, type, key, count);
+    char name[256] = "data/";
+    if (!s || s->data) return s;
+    size_t bytes;
+    if (strlen(key) > 200) return build_fail(b, SHERF_BAD_FILE, "torch: a storage with an impossible name");
+    zip_int64_t i = locate(t, strcat(name, key));
+    if (i < 0) return build_fail(b, SHERF_BAD_FILE, "torch: storage %s is missing", key);
+    s->data = zip_bytes(b, t->zip, (uint64_t)i, &bytes);
+    if (!s->data) return NULL;
+    if (bytes != (uint64_t)count * dtype_size(type))
+        return build_fail(b, SHERF_BAD_FILE, "torch: storage %s has %zu bytes", key, bytes);
+    return s;
+}
+
+value *torch_zip_build(builder *b, zip_t *zip) {
+    uint64_t member;
+    size_t bytes;
+    if (!torch_zip_is(zip, &member)) return build_fail(b, SHERF_BAD_FILE, "not a torch file: no data.pkl");
+    storage_table *table = mem_zero(b->c, 1, sizeof *table);
+    if (!table) {
+        b->status = SHERF_NO_MEMORY;
+        return NULL;
+    }
+    table->zip = zip;
+    table->prefix = zip_get_name(zip, member, 0);
+    table->prefix_length = strlen(table->prefix) - strlen("data.pkl");
+    value *root = NULL;
+    zip_int64_t order = locate(table, "byteorder");
+    unsigned char *data = zip_bytes(b, zip, member, &bytes), *text;
+    size_t n;
+    if (order >= 0 && data && (text = zip_bytes(b, zip, (uint64_t)order, &n)) &&
+        (n != 6 || memcmp(text, "little", 6)))
+        build_fail(b, SHERF_UNSUPPORTED, "torch: written on a big-endian machine");
+    pickle_source source = {zip_storage, table, 0};
+    if (data) root = pickle_finish(b, pickle_build(b, data, bytes, &source, NULL));
+    mem_free(table);
+    return root;
+}
+
+/* ---------------------------------------------------------------- files ------------------------------ */
+static sherf_status read_zip(context *c, const char *path, document **out, const char **kind) {
+    builder b;
+    uint64_t member;
+    if (!build_start(&b, c, archive_limit(path))) return b.status;
+    zip_t *zip = archive_open(&b, path);
+    bool torch = zip && torch_zip_is(zip, &member);
+    value *root = !zip ? NULL : torch ? torch_zip_build(&b, zip) : npz_build(&b, zip);
+    if (zip) zip_discard(zip);
+    if (kind) *kind = torch ? "torch" : "npz";
+    return build_finish(&b, root, out);
+}
+
+static sherf_status parse_legacy(context *c, const unsigned char *data, size_t bytes, document **out) {
+    builder b;
+    if (!build_start(&b, c, build_limit(bytes))) return b.status;
+    return build_finish(&b, pickle_finish(&b, torch_legacy_build(&b, data, bytes, 0)), out);
+}
+
+static size_t beginning(const char *path, unsigned char *data, size_t room) {
+    FILE *f = fopen(path, "rb");
+    size_t n = f && path_is_file(path) ? fread(data, 1, room, f) : 0;
+    if (f) fclose(f);
+    return n;
+}
+
+sherf_status torch_read(context *c, const char *path, document **out) {
+    unsigned char start[4], *data = NULL;
+    size_t bytes = 0;
+    sherf_status status;
+    *out = NULL;
+    if (beginning(path, start, 4) == 4 && !memcmp(start, "PK\3\4", 4)) {
+        const char *kind;
+        status = read_zip(c, path, out, &kind);
+        if (status == SHERF_OK && strcmp(kind, "torch")) {
+            document_free(*out);
+            *out = NULL;
+            status = failure(c, SHERF_BAD_FILE, "not a torch file: no data.pkl");
+        }
+    } else {
+        status = file_read(c, path, torch_bytes_max, &data, &bytes);
+        if (status != SHERF_OK) return status;
+        status = parse_legacy(c, data, bytes, out);
+        mem_free(data);
+    }
+    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}
+
+/* A text that begins like JSON. */
+static bool json_is(const unsigned char *data, size_t bytes) {
+    size_t i = bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
+    while (i < bytes && (data[i] == ' ' || (data[i] >= 9 && data[i] <= 13))) i++;
+    return i < bytes && (data[i] == '{' || data[i] == '[');
+}
+
+/* safetensors: the length of a header that begins with '{'. */
+static bool safetensors_is(const unsigned char *data, size_t bytes) {
+    return bytes > 8 && data[8] == '{' && data[5] == 0 && data[6] == 0 && data[7] == 0;
+}
+
+sherf_status document_read(context *c, const char *path, document **out, const char **kind) {
+    unsigned char start[64];
+    const char *found = "pickle";
+    size_t n = beginning(path, start, sizeof start);
+    sherf_status status;
+    *out = NULL;
+    if (kind) *kind = NULL;
+    if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) {
+        status = read_zip(c, path, out, &found);
+        if (status != SHERF_OK) failure_prefix(c, status, "%s", path);
+    } else if (n >= 2 && start[0] == 0x1f && start[1] == 0x8b)
+        return failure(c, SHERF_UNSUPPORTED, "%s: packed with gzip; unpack it first (gunzip)", path);
+    else if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) {
+        found = "npy";
+        status = npy_read(c, path, out);
+    } else if (safetensors_is(start, n)) {
+        found = "safetensors";
+        status = safetensors_document(c, path, out);
+    } else if (torch_legacy_is(start, n)) {
+        found = "torch";
+        status = torch_read(c, path, out);
+    } else if (json_is(start, n)) {
+        found = "json";
+        status = json_read(c, path, out);
+    } else
+        status = pickle_read(c, path, out);
+    if (kind && status == SHERF_OK) *kind = found;
+    return status;
+}

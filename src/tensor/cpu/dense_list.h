@@ -1,7 +1,7 @@
 /* Dense kernels of the CPU backend. No include guard. */
 CPU_SHARED(linear)
-CPU_SHARED(conv2d)
-CPU_SHARED(conv2d_transpose)
+CPU_KERNEL(conv2d)
+CPU_KERNEL(conv2d_transpose)
 CPU_SHARED(fir_upsample)
 CPU_SHARED(demodulation)
 CPU_SHARED(scale_channels)

@@ -1,0 +1,29 @@
+#include "tensor/cpu/bf16.h"
+
+#if defined(__x86_64__)
+#include <immintrin.h>
+
+typedef struct {
+    const float *from;
+    uint16_t *to;
+} rounding;
+
+__attribute__((target("avx512f,avx512bw,avx512vl,avx512bf16"))) static void
+round_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const rounding *r = arg;
+    int64_t i = begin;
+    for (; i + 32 <= end; i += 32) {
+        __m512bh v = _mm512_cvtne2ps_pbh(_mm512_loadu_ps(r->from + i + 16), _mm512_loadu_ps(r->from + i));
+        _mm512_storeu_si512(r->to + i, (__m512i)v);
+    }
+    for (; i < end; i += 16) {
+        const __mmask16 rest = end - i >= 16 ? 0xffff : (__mmask16)((1 << (end - i)) - 1);
+        __m256bh v = _mm512_cvtneps_pbh(_mm512_maskz_loadu_ps(rest, r->from + i));
+        _mm256_mask_storeu_epi16(r->to + i, rest, (__m256i)v);
+    }
+}
+
+void bf16_round(const context *c, const float *from, uint16_t *to, int64_t n) {
+    parallel_for(c, n, 1 << 14, round_range, &(rounding){from, to});
+}
+#endif

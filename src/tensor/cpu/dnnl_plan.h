@@ -1,0 +1,53 @@
+/* oneDNN behind a cache: a plan is a primitive for one shape with the reorder of its weights, made once and
+ * kept. For cpu/dnnl_*.c only. */
+#ifndef SHERF_DNNL_PLAN_H
+#define SHERF_DNNL_PLAN_H
+
+#include <dnnl.h>
+
+#include "tensor/cpu/cpu.h"
+
+typedef enum { PASS_FORWARD, PASS_DATA, PASS_WEIGHTS, PASS_COUNT } plan_pass;
+
+/* What a plan is made for; 4-byte fields only, compared as bytes. */
+typedef struct {
+    int32_t transpose; /* transposed convolution */
+    int32_t pass;
+    int32_t bf16;
+    int32_t threads; /* oneDNN splits its work for a thread count when it makes the primitive */
+    int32_t H, W, I; /* the input x [H, W, I] */
+    int32_t O, k, stride, pad;
+    float gain;
+} plan_key;
+
+typedef struct {
+    dnnl_primitive_desc_t main_desc, weights_desc;
+    dnnl_primitive_t main, weights; /* weights: OIHW to the packed form, or back, adding, in PASS_WEIGHTS */
+    const dnnl_memory_desc_t *x, *w, *y, *scratch, *weights_scratch; /* of main; owned by the descs */
+    dnnl_memory_desc_t w_plain;
+    plan_key key;
+    int users;     /* calls that are running it */
+    uint64_t used; /* the cache's clock at its last use; 0: the slot is free */
+} plan;
+
+/* Finds or makes the plan. SHERF_UNSUPPORTED, without a message: oneDNN has no implementation. */
+sherf_status plan_acquire(context *c, const plan_key *key, plan **out);
+void plan_release(plan *p);
+
+/* Sets the threads of the OpenMP regions that oneDNN opens from here; returns what was set before. */
+int threads_set(int n);
+
+/* Fills in the primitives of p for p->key (dnnl_conv.c). */
+dnnl_status_t plan_build(plan *p, dnnl_engine_t engine);
+void plan_clear(plan *p);
+
+/* One argument of a primitive: which, how it lies, where. */
+typedef struct {
+    int arg;
+    const dnnl_memory_desc_t *desc;
+    void *data;
+} plan_arg;
+/* Runs a primitive with its scratchpad taken from the call's scratch; waits for it. */
+sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memory_desc_t *scratch, int count,
+                      const plan_arg *args);
+#endif

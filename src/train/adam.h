@@ -1,0 +1,33 @@
+/* adam: the optimiser, its schedule and the moving average, over plain arrays (nn/parameters.h). */
+#ifndef SHERF_ADAM_H
+#define SHERF_ADAM_H
+
+#include "base/base.h"
+
+/* Adam with beta1 = 0, as the network is trained: the first moment is the gradient itself, so that only the
+ * second is kept. v <- b2 v + (1 - b2) g^2; x <- x - rate g / (sqrt(v / (1 - b2^t)) + eps). */
+static const double adam_beta2 = 0.99, adam_eps = 1e-8;
+typedef struct {
+    int64_t n;
+    float *second; /* n, zero before the first update; owned */
+    int64_t updates;
+} adam;
+sherf_status adam_create(context *c, int64_t n, adam *out);
+void adam_free(adam *a);
+void adam_step(const context *c, adam *a, float *values, const float *gradients, double rate);
+
+/* The sum of squares, in double, in an order that does not depend on the thread count. Not finite when any
+ * gradient is not. */
+double gradients_square_sum(const context *c, int64_t n, const float *gradients);
+
+/* rate / 2^floor(step / halve_every). */
+double schedule_rate(double rate, int64_t step, int64_t halve_every);
+
+/* Exponential moving average: half of what is in it is forgotten after `half_life` steps,
+ * min(312.5, 5 % of the steps so far), StyleGAN's choice (10 000 / 32 steps, with a ramp), so that short
+ * trainings are not ruled by their beginning. average <- value + decay (average - value), decay 0.5^(1 /
+ * half_life). */
+double average_decay(int64_t step);
+void average_update(const context *c, int64_t n, float *average, const float *values, double decay);
+
+#endif

@@ -1,0 +1,152 @@
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/safetensors.h"
+#include "train/checkpoint.h"
+
+/* ---- the state as metadata ---- */
+enum { STATE_KEYS = 9 };
+static const char *const state_keys[STATE_KEYS] = {"step",       "skipped",         "updates",
+                                                   "seed",       "images_per_step", "size_px",
+                                                   "front_view", "learning_rate",   "halve_every"};
+
+static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
+    snprintf(text[0], 32, "%" PRId64, s->step);
+    snprintf(text[1], 32, "%" PRId64, s->skipped);
+    snprintf(text[2], 32, "%" PRId64, updates);
+    snprintf(text[3], 32, "%" PRIu64, s->seed);
+    snprintf(text[4], 32, "%d", s->images_per_step);
+    snprintf(text[5], 32, "%d", s->size_px);
+    snprintf(text[6], 32, "%d", s->front_view);
+    snprintf(text[7], 32, "%.17g", s->learning_rate);
+    snprintf(text[8], 32, "%" PRId64, s->halve_every);
+}
+
+static bool integer(const safetensors *f, const char *key, int64_t low, int64_t high, int64_t *out) {
+    const char *text = safetensors_metadata(f, key);
+    char *end;
+    if (!text || !*text) return false;
+    errno = 0;
+    *out = strtoll(text, &end, 10);
+    return !*end && !errno && *out >= low && *out <= high;
+}
+
+static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
+    int64_t images, size, front;
+    const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
+    char *end;
+    const int64_t most = (int64_t)1 << 50;
+    if (!integer(f, "step", 0, most, &s->step) || !integer(f, "skipped", 0, s->step, &s->skipped) ||
+        !integer(f, "updates", 0, s->step, updates) || !integer(f, "images_per_step", 1, 65536, &images) ||
+        !integer(f, "size_px", 0, 32768, &size) || !integer(f, "front_view", 0, 1, &front) ||
+        !integer(f, "halve_every", 1, most, &s->halve_every) || !seed || !*seed || !rate || !*rate)
+        return failure(c, SHERF_BAD_FILE, "the state of the training is missing or out of range");
+    s->images_per_step = (int)images;
+    s->size_px = (int)size;
+    s->front_view = (int)front;
+    errno = 0;
+    s->seed = strtoull(seed, &end, 10);
+    if (*end || errno) return failure(c, SHERF_BAD_FILE, "seed is not a number");
+    s->learning_rate = strtod(rate, &end);
+    if (*end || !(s->learning_rate > 0) || !isfinite(s->learning_rate))
+        return failure(c, SHERF_BAD_FILE, "learning_rate is not a positive number");
+    return SHERF_OK;
+}
+
+/* ---- tensors: the same loop over the three groups writes and reads ---- */
+enum { GROUPS = 3 };
+static const char *const group_names[GROUPS] = {"model", "average", "second"};
+
+static float *group_values(int group, const parameter *q, const model *m, const model *average,
+                           const adam *a) {
+    if (group == 2) return q->buffer ? NULL : a->second + q->offset;
+    return (group ? average : m)->weights->values + q->offset;
+}
+
+sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
+                              const adam *a, const train_state *state) {
+    const parameters *p = m->weights;
+    const size_t most = (size_t)p->count * GROUPS;
+    char text[STATE_KEYS][32];
+    size_t n = 0;
+    sherf_status status = SHERF_NO_MEMORY;
+    safetensor_metadata metadata[STATE_KEYS + 2] = {{"format", "sherf-checkpoint"}};
+    char *config = model_config_text(c, &m->config);
+    char(*name)[288] = mem_alloc(c, most, sizeof *name);
+    safetensor_item *item = mem_zero(c, most, sizeof *item);
+    if (!config || !name || !item) goto done;
+    metadata[1] = (safetensor_metadata){"config", config};
+    state_text(state, a->updates, text);
+    for (int i = 0; i < STATE_KEYS; i++) metadata[i + 2] = (safetensor_metadata){state_keys[i], text[i]};
+    for (int group = 0; group < GROUPS; group++)
+        for (int i = 0; i < p->count; i++) {
+            const parameter *q = p->item[i];
+            float *values = group_values(group, q, m, average, a);
+            if (!values) continue;
+            snprintf(name[n], sizeof name[n], "%s.%s", group_names[group], q->name);
+            item[n] =
+                (safetensor_item){.name = name[n], .type = T_F32, .rank = q->value.rank, .data = values};
+            memcpy(item[n].dim, q->value.dim, sizeof item[n].dim);
+            n++;
+        }
+    status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
+done:
+    mem_free(config);
+    mem_free(name);
+    mem_free(item);
+    return status;
+}
+
+static sherf_status tensors_read(context *c, const safetensors *f, const model *m, const model *average,
+                                 const adam *a) {
+    const parameters *p = m->weights;
+    char name[288];
+    for (int group = 0; group < GROUPS; group++)
+        for (int i = 0; i < p->count; i++) {
+            const parameter *q = p->item[i];
+            float *values = group_values(group, q, m, average, a);
+            if (!values) continue;
+            snprintf(name, sizeof name, "%s.%s", group_names[group], q->name);
+            sherf_status status = safetensors_floats(c, f, name, q->value.rank, q->value.dim, values);
+            if (status != SHERF_OK) return status;
+        }
+    return SHERF_OK;
+}
+
+sherf_status checkpoint_read(context *c, const char *path, model **m, model **average, adam *a,
+                             train_state *state) {
+    safetensors *f = NULL;
+    model_config config;
+    int64_t updates = 0;
+    *m = *average = NULL;
+    *a = (adam){0};
+    *state = (train_state){0};
+    sherf_status status = safetensors_read(c, path, &f);
+    if (status != SHERF_OK) return status; /* names the file itself */
+    const char *format = safetensors_metadata(f, "format"), *text = safetensors_metadata(f, "config");
+    if (!format || strcmp(format, "sherf-checkpoint") || !text) {
+        status = failure(c, SHERF_BAD_FILE, "not a checkpoint of a training");
+        goto done;
+    }
+    if ((status = model_config_parse(c, text, &config)) != SHERF_OK) goto done;
+    if ((status = state_parse(c, f, state, &updates)) != SHERF_OK) goto done;
+    if ((status = model_create(c, &config, 0, m)) != SHERF_OK) goto done;
+    if ((status = model_create(c, &config, 0, average)) != SHERF_OK) goto done;
+    if ((status = adam_create(c, (*m)->weights->trained_floats, a)) != SHERF_OK) goto done;
+    a->updates = updates;
+    status = tensors_read(c, f, *m, *average, a);
+done:
+    safetensors_free(f);
+    if (status != SHERF_OK) {
+        failure_prefix(c, status, "%s", path);
+        model_free(*m);
+        model_free(*average);
+        *m = *average = NULL;
+        adam_free(a);
+    }
+    return status;
+}

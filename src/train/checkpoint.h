@@ -1,0 +1,25 @@
+/* checkpoint: all that a training needs to go on with the same bits, in one safetensors file. */
+#ifndef SHERF_CHECKPOINT_H
+#define SHERF_CHECKPOINT_H
+
+#include "model/model.h"
+#include "train/adam.h"
+
+/* Steps made, and what has to be the same for the coming ones to be the same. */
+typedef struct {
+    int64_t step, skipped; /* skipped: steps without an update, their gradients were not finite */
+    uint64_t seed;
+    int images_per_step, size_px, front_view;
+    double learning_rate;
+    int64_t halve_every;
+} train_state;
+
+/* The tensors: model.NAME, average.NAME (moving average), second.NAME (Adam's second moment). The metadata:
+ * format=sherf-checkpoint, config, and the state. */
+sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
+                              const adam *a, const train_state *state);
+/* Makes both models and the optimiser's state. */
+sherf_status checkpoint_read(context *c, const char *path, model **m, model **average, adam *a,
+                             train_state *state);
+
+#endif

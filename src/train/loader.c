@@ -1,0 +1,163 @@
+#include <pthread.h>
+#include <string.h>
+
+#include "train/loader.h"
+
+void sample_free(sample *s) {
+    sherf_observation_free(s->observation);
+    sherf_observation_free(s->target);
+    observation_geometry_free(s->observation_geometry);
+    target_geometry_free(s->target_geometry);
+    *s = (sample){0};
+}
+
+sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
+                         const body_model *body, draw drawn, int width, sample *out) {
+    *out = (sample){.drawn = drawn};
+    sherf_status status =
+        dataset_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
+    if (status == SHERF_OK)
+        status = dataset_view(c, d, drawn.person, drawn.pose, drawn.view, width, &out->target);
+    if (status != SHERF_OK) goto fail;
+    const data_view *o = out->observation, *t = out->target;
+    status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true, NULL,
+                                         &out->observation_geometry);
+    if (status == SHERF_OK)
+        status = target_geometry_create(c, config, body, &t->camera, &t->pose, out->observation_geometry,
+                                        false, &out->target_geometry);
+    if (status == SHERF_OK) return SHERF_OK;
+    failure_prefix(c, status, "%s, pose %d, view %d", sherf_dataset_person(d, drawn.person), drawn.pose,
+                   drawn.view);
+fail:
+    sample_free(out);
+    return status;
+}
+
+/* A slot holds image number n of this loader, n % slots being its place. */
+typedef struct {
+    bool ready;
+    sherf_status status;
+    sample sample;
+    char message[sizeof((context *)0)->message];
+} slot;
+
+struct loader {
+    loader_options options;
+    int slots, started;
+    slot *slot;
+    int64_t claimed, taken; /* images given to workers, images handed out */
+    bool stop;
+    double waited;
+    pthread_mutex_t lock;
+    pthread_cond_t ready, room;
+    struct worker {
+        loader *loader;
+        context *c;
+        pthread_t thread;
+    } * worker;
+};
+
+static int64_t image_number(const loader_options *o, int64_t n) {
+    int64_t share = o->end - o->begin;
+    return (o->first_step + n / share) * o->images_per_step + o->begin + n % share;
+}
+
+static void *work(void *arg) {
+    struct worker *w = arg;
+    loader *l = w->loader;
+    pthread_mutex_lock(&l->lock);
+    for (;;) {
+        while (!l->stop && l->claimed >= l->taken + l->slots) pthread_cond_wait(&l->room, &l->lock);
+        if (l->stop) break;
+        int64_t n = l->claimed++;
+        slot *s = &l->slot[n % l->slots];
+        pthread_mutex_unlock(&l->lock);
+        draw drawn = sampling_draw(l->options.sampling, image_number(&l->options, n));
+        s->status = sample_load(w->c, l->options.data, l->options.config, l->options.body, drawn,
+                                l->options.width, &s->sample);
+        memcpy(s->message, w->c->message, sizeof s->message);
+        pthread_mutex_lock(&l->lock);
+        s->ready = true;
+        pthread_cond_broadcast(&l->ready);
+    }
+    pthread_mutex_unlock(&l->lock);
+    return NULL;
+}
+
+void loader_free(loader *l) {
+    if (!l) return;
+    pthread_mutex_lock(&l->lock);
+    l->stop = true;
+    pthread_cond_broadcast(&l->room);
+    pthread_mutex_unlock(&l->lock);
+    for (int i = 0; l->worker && i < l->options.workers; i++) {
+        if (i < l->started) {
+            sherf_cancel(l->worker[i].c);
+            pthread_join(l->worker[i].thread, NULL);
+        }
+        if (l->worker[i].c) sherf_context_free(l->worker[i].c);
+    }
+    for (int i = 0; l->slot && i < l->slots; i++) sample_free(&l->slot[i].sample);
+    pthread_cond_destroy(&l->ready);
+    pthread_cond_destroy(&l->room);
+    pthread_mutex_destroy(&l->lock);
+    mem_free(l->worker);
+    mem_free(l->slot);
+    mem_free(l);
+}
+
+sherf_status loader_create(context *c, const loader_options *options, loader **out) {
+    *out = NULL;
+    loader *l = mem_zero(c, 1, sizeof *l);
+    if (!l) return SHERF_NO_MEMORY;
+    pthread_mutex_init(&l->lock, NULL);
+    pthread_cond_init(&l->ready, NULL);
+    pthread_cond_init(&l->room, NULL);
+    l->options = *options;
+    l->slots = options->workers + 1;
+    l->slot = mem_zero(c, (size_t)l->slots, sizeof *l->slot);
+    l->worker = mem_zero(c, (size_t)options->workers, sizeof *l->worker);
+    sherf_status status = l->slot && l->worker ? SHERF_OK : SHERF_NO_MEMORY;
+    const sherf_options quiet = {.threads = 1, .precision = c->precision};
+    for (int i = 0; i < options->workers && status == SHERF_OK; i++) {
+        l->worker[i].loader = l;
+        status = sherf_context_create(&quiet, &l->worker[i].c);
+        if (status != SHERF_OK) {
+            failure(c, status, "out of memory: a loading thread");
+        } else if (pthread_create(&l->worker[i].thread, NULL, work, &l->worker[i])) {
+            status = failure(c, SHERF_NO_MEMORY, "a loading thread cannot be started");
+        } else {
+            l->started++;
+        }
+    }
+    if (status != SHERF_OK) {
+        loader_free(l);
+        return status;
+    }
+    *out = l;
+    return SHERF_OK;
+}
+
+sherf_status loader_next(context *c, loader *l, sample *out) {
+    double start = time_seconds();
+    *out = (sample){0};
+    pthread_mutex_lock(&l->lock);
+    slot *s = &l->slot[l->taken % l->slots];
+    while (!s->ready) pthread_cond_wait(&l->ready, &l->lock);
+    sherf_status status = s->status;
+    if (status == SHERF_OK)
+        *out = s->sample;
+    else
+        failure(c, status, "%s", s->message);
+    s->sample = (sample){0};
+    s->ready = false;
+    l->taken++;
+    pthread_cond_broadcast(&l->room);
+    l->waited += time_seconds() - start;
+    pthread_mutex_unlock(&l->lock);
+    return status;
+}
+
+double loader_waited(const loader *l) {
+    return l->waited;
+}

@@ -1,0 +1,39 @@
+/* loader: threads that read the pictures of the coming images and prepare their geometry, so that a step
+ * never waits for files. */
+#ifndef SHERF_LOADER_H
+#define SHERF_LOADER_H
+
+#include "model/model.h"
+#include "train/sampling.h"
+
+typedef struct {
+    draw drawn;
+    data_view *observation, *target;
+    observation_geometry *observation_geometry;
+    target_geometry *target_geometry;
+} sample;
+/* One image, here and now; sizes as in sherf_train_options. */
+sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
+                         const body_model *body, draw drawn, int width, sample *out);
+void sample_free(sample *s); /* its parts; fine on zeroes */
+
+typedef struct {
+    const sherf_dataset *data;
+    const body_model *body;
+    const model_config *config;
+    const sampling *sampling;
+    int width;                       /* 0: the protocol's */
+    int64_t first_step;              /* images from this step on */
+    int images_per_step, begin, end; /* of each step, the images [begin, end) */
+    int workers;                     /* at least 1 */
+} loader_options;
+
+typedef struct loader loader;
+/* What options point to must outlive the loader. */
+sherf_status loader_create(context *c, const loader_options *options, loader **out);
+void loader_free(loader *l);
+/* The next image in order, whatever the number of workers; it is the caller's (sample_free). */
+sherf_status loader_next(context *c, loader *l, sample *out);
+double loader_waited(const loader *l); /* seconds that loader_next stood still, in all */
+
+#endif

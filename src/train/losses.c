@@ -1,0 +1,88 @@
+#include <math.h>
+#include <string.h>
+
+#include "train/losses.h"
+
+enum { SSIM_WINDOW = 11 };
+static const float weight_color = 100, weight_mask = 10; /* of SSIM and LPIPS: 1 */
+
+static double scalar(const tensor *x) {
+    if (!x) return NAN;
+    return x->type == T_F64 ? *(const double *)x->data : *(const float *)x->data;
+}
+
+/* Rays that count, as a row mask, and the bounding rectangle of those at the box; NULL when there are none.
+ */
+static tensor *selected(tape *t, const loss_target *g, bool by_box, shift_scale_attr *rectangle) {
+    int64_t N = (int64_t)g->width * g->height;
+    int64_t left = g->width, right = -1, top = g->height, bottom = -1;
+    tensor *rows = tape_tensor(t, T_I32, 1, &N);
+    if (!rows) return NULL;
+    for (int64_t i = 0; i < N; i++) {
+        tensor_i32(rows)[i] = (!by_box || g->at_box[i]) && !(g->unknown && g->unknown[i]);
+        if (!g->at_box[i]) continue;
+        int64_t x = i % g->width, y = i / g->width;
+        if (x < left) left = x;
+        if (x > right) right = x;
+        if (y < top) top = y;
+        bottom = y;
+    }
+    if (right < 0) return NULL;
+    *rectangle = (shift_scale_attr){.scale = {1, 1, 1, 1},
+                                    .left = left,
+                                    .top = top,
+                                    .width = right - left + 1,
+                                    .height = bottom - top + 1};
+    return rows;
+}
+
+static tensor *mask_column(tape *t, const loss_target *g) {
+    int64_t shape[2] = {(int64_t)g->width * g->height, 1};
+    float *mask = tape_alloc(t, (size_t)shape[0], sizeof *mask);
+    if (!mask) return NULL;
+    for (int64_t i = 0; i < shape[0]; i++) mask[i] = g->mask[i] != 0;
+    return tape_input(t, mask, 2, shape);
+}
+
+/* [N, 3] -> [height, width, 3] of the rectangle; unknown pixels are black on both sides. */
+static tensor *cropped(tape *t, const loss_target *g, tensor *rgb, tensor *known, const shift_scale_attr *r) {
+    if (g->unknown) rgb = op_mask_rows(t, rgb, known);
+    return op_shift_scale(t, tape_reshape(t, rgb, 3, (int64_t[]){g->height, g->width, 3}), r);
+}
+
+static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
+    return op_add(t, a, factor == 1 ? b : op_scale(t, b, factor));
+}
+
+sherf_status losses_forward(tape *t, const lpips_network *lpips, tensor *frame, const loss_target *g,
+                            tensor **total, loss_values *values) {
+    const int64_t shape[2] = {(int64_t)g->width * g->height, 3};
+    shift_scale_attr r = {.scale = {0}};
+    tensor *ssim = NULL, *distance = NULL;
+    *total = NULL;
+    *values = (loss_values){NAN, NAN, NAN, NAN, NAN};
+    tensor *rows = selected(t, g, true, &r);
+    if (!rows) {
+        *values = (loss_values){.ssim = NAN, .lpips = NAN};
+        return tape_status(t);
+    }
+    tensor *rgb = op_slice(t, frame, 0, 3), *truth = tape_input(t, g->image, 2, shape);
+    tensor *color = op_mean_square(t, rgb, truth, rows);
+    tensor *mask = op_mean_square(t, op_slice(t, frame, 3, 1), mask_column(t, g), rows);
+    tensor *loss = sum(t, op_scale(t, color, weight_color), mask, weight_mask);
+    if (r.width >= SSIM_WINDOW && r.height >= SSIM_WINDOW) {
+        tensor *known = g->unknown ? selected(t, g, false, &r) : NULL;
+        tensor *a = cropped(t, g, rgb, known, &r), *b = cropped(t, g, truth, known, &r);
+        ssim = op_ssim(t, a, b);
+        loss = sum(t, loss, ssim, -1);
+        if (lpips && r.width >= LPIPS_SIDE_MIN && r.height >= LPIPS_SIDE_MIN) {
+            distance = lpips_distance(t, lpips, a, b);
+            loss = sum(t, loss, distance, 1);
+        }
+    }
+    if (tape_status(t) != SHERF_OK) return tape_status(t);
+    *total = loss;
+    *values = (loss_values){scalar(loss) + (ssim ? 1 : 0), scalar(color), scalar(mask), scalar(ssim),
+                            scalar(distance)};
+    return SHERF_OK;
+}

@@ -1,0 +1,36 @@
+/* sampling: which pictures each image of a step is made of. Image number n (counted from the start of the
+ * training, over all processes) is a pure function of the seed and n. */
+#ifndef SHERF_SAMPLING_H
+#define SHERF_SAMPLING_H
+
+#include "data/data.h"
+
+typedef struct {
+    uint64_t seed;
+    int people;
+    int *person;     /* of the data set; owned */
+    int *poses;      /* of each, on the protocol's grid; owned */
+    int *views;      /* of each; owned */
+    int64_t *before; /* people + 1: pictures of all people before this one; owned */
+    int pose_step;
+    int front_view; /* -1: any view observes */
+} sampling;
+
+/* people: as in sherf_train_options. */
+sherf_status sampling_create(context *c, const sherf_dataset *d, const char *people, bool front_view,
+                             uint64_t seed, sampling *out);
+void sampling_free(sampling *s);
+/* Target pictures: an epoch shows each of them once, in an order of its own. */
+int64_t sampling_pictures(const sampling *s);
+
+typedef struct {
+    int person, pose, view; /* the target's */
+    int observed_view;      /* of the same pose */
+    uint64_t noise_key;     /* never 0 */
+} draw;
+draw sampling_draw(const sampling *s, int64_t image);
+
+/* Position i of a permutation of [0, n) that `key` names, n >= 1. */
+int64_t permuted(uint64_t key, int64_t i, int64_t n);
+
+#endif

@@ -1,0 +1,313 @@
+/* sherf bench: how long an avatar, a frame and a training step take, on the built-in tube person with made-up
+ * weights. The medians of the repeats count. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "data/tubeman.h"
+#include "train/trainer.h"
+
+enum { REPEATS_MOST = 1000, SIDE_MOST = 8192 };
+
+/* ---- the tube person, photographed ---- */
+
+/* Arms down by an angle and a bent knee: a stance, not the rest pose with its arms out. */
+static void stance(float arms_rad, float knee_rad, sherf_pose *out) {
+    sherf_pose_identity(out);
+    out->poses_rad[3 * 16 + 2] = -arms_rad;
+    out->poses_rad[3 * 17 + 2] = arms_rad;
+    out->poses_rad[3 * 4] = knee_rad;
+    out->poses_rad[3 * 1] = -knee_rad / 2;
+}
+
+/* A camera in which the body's larger extent takes 90 % of the picture. */
+static sherf_status frame_camera(context *c, const body_model *body, const sherf_pose *pose,
+                                 float azimuth_rad, int size, sherf_camera *out) {
+    const float fov = 0.7f;
+    float low[3], high[3], centre[3], extent = 0, depth = 0;
+    posed_body *posed = NULL;
+    sherf_status status =
+        posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed);
+    if (status != SHERF_OK) return status;
+    body_world_box(body, posed, low, high);
+    posed_body_free(posed);
+    for (int k = 0; k < 3; k++) {
+        centre[k] = (low[k] + high[k]) / 2;
+        extent = fmaxf(extent, high[k] - low[k]);
+    }
+    depth = (high[2] - low[2]) / 2;
+    sherf_camera_orbit(centre, extent / 2 / 0.9f / tanf(fov / 2) + depth, azimuth_rad, 0, fov, size, size,
+                       out);
+    return SHERF_OK;
+}
+
+static void paint(const raster *r, const body_model *body, sherf_image *image, sherf_image *mask) {
+    const uint64_t key = fnv1a64("bench");
+    for (int64_t i = 0; i < (int64_t)r->width * r->height; i++) {
+        if (r->face[i] < 0) continue;
+        mask->data[i] = 1;
+        for (int k = 0; k < 3; k++) {
+            float rgb[3];
+            tubeman_color(key, (int)body->face[3 * r->face[i] + k], rgb);
+            for (int channel = 0; channel < 3; channel++)
+                image->data[3 * i + channel] += r->barycentric[3 * i + k] * rgb[channel];
+        }
+    }
+}
+
+static sherf_status photograph(context *c, const body_model *body, const sherf_pose *pose, float azimuth_rad,
+                               int size, sherf_observation **out) {
+    sherf_camera camera;
+    raster *r = NULL;
+    const size_t pixels = (size_t)size * (size_t)size;
+    sherf_image image = {size, size, 3, mem_zero(c, pixels, 3 * sizeof(float))};
+    sherf_image mask = {size, size, 1, mem_zero(c, pixels, sizeof(float))};
+    float *vertices = mem_alloc(c, (size_t)body->vertices, 3 * sizeof(float));
+    sherf_status status = SHERF_NO_MEMORY;
+    if (!image.data || !mask.data || !vertices) goto done;
+    if ((status = frame_camera(c, body, pose, azimuth_rad, size, &camera)) != SHERF_OK) goto done;
+    if ((status = sherf_body_pose(c, body, pose, vertices, NULL)) != SHERF_OK) goto done;
+    status = raster_create(c, &camera, 1, body->vertices, vertices, body->faces, body->face, &r);
+    if (status != SHERF_OK) goto done;
+    paint(r, body, &image, &mask);
+    status = sherf_observation_create(c, &image, &mask, &camera, pose, out);
+done:
+    raster_free(r);
+    mem_free(vertices);
+    mem_free(mask.data);
+    mem_free(image.data);
+    return status;
+}
+
+/* ---- timing ---- */
+typedef struct {
+    context *c;
+    const char *preset;
+    int size, repeats;
+    body_model *body;
+    sherf_observation *observation, *target;
+    model *model;
+    int64_t points;
+} bench;
+
+static void bench_free(bench *b) {
+    model_free(b->model);
+    sherf_observation_free(b->target);
+    sherf_observation_free(b->observation);
+    sherf_body_free(b->body);
+}
+
+static sherf_status bench_open(bench *b) {
+    context *c = b->c;
+    model_config config;
+    sherf_pose seen, shown;
+    stance(1.0f, 0.2f, &seen);
+    stance(0.7f, 0.6f, &shown);
+    sherf_status status = model_config_parse(c, b->preset, &config);
+    if (status == SHERF_OK) status = model_create(c, &config, 1, &b->model);
+    if (status == SHERF_OK) status = tubeman_create(c, &b->body);
+    if (status == SHERF_OK) status = photograph(c, b->body, &seen, 0.2f, b->size, &b->observation);
+    if (status == SHERF_OK) status = photograph(c, b->body, &shown, 0.8f, b->size, &b->target);
+    return status;
+}
+
+static int compare(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The median milliseconds of `once`: one run to warm up, then `repeats`, or what fits in some seconds. */
+static sherf_status timed(bench *b, sherf_status (*once)(bench *b, void *arg), void *arg, double *ms) {
+    const double budget_s = 5;
+    static const int least = 5, most = 200;
+    double *took = mem_alloc(b->c, REPEATS_MOST, sizeof *took);
+    if (!took) return SHERF_NO_MEMORY;
+    int n = 0;
+    sherf_status status = once(b, arg);
+    const double start = time_seconds();
+    while (status == SHERF_OK) {
+        double from = time_seconds();
+        if (b->repeats ? n >= b->repeats : n >= most || (n >= least && from - start > budget_s)) break;
+        if (cancelled(b->c)) {
+            status = failure(b->c, SHERF_CANCELLED, "cancelled");
+            break;
+        }
+        status = once(b, arg);
+        took[n++] = 1e3 * (time_seconds() - from);
+    }
+    if (status == SHERF_OK) {
+        qsort(took, (size_t)n, sizeof *took, compare);
+        *ms = n % 2 ? took[n / 2] : (took[n / 2 - 1] + took[n / 2]) / 2;
+    }
+    mem_free(took);
+    return status;
+}
+
+/* ---- render ---- */
+static sherf_status avatar_once(bench *b, void *arg) {
+    sherf_avatar **avatar = arg;
+    sherf_avatar_free(*avatar);
+    *avatar = NULL;
+    return sherf_avatar_create(b->c, b->model, b->body, b->observation, avatar);
+}
+
+typedef struct {
+    sherf_avatar *avatar;
+    sherf_frame frame;
+} frame_job;
+
+static sherf_status frame_once(bench *b, void *arg) {
+    frame_job *j = arg;
+    return sherf_render(b->c, j->avatar, b->body, &b->target->pose, &b->target->camera, NULL, &j->frame);
+}
+
+static const char *precision_name(const context *c) {
+    return c->precision == SHERF_PRECISION_BF16 ? "bf16" : "fp32";
+}
+
+static sherf_status bench_render(bench *b, int json, char **text) {
+    context *c = b->c;
+    frame_job job = {0};
+    double avatar_ms = 0, frame_ms = 0;
+    sherf_status status = timed(b, avatar_once, &job.avatar, &avatar_ms);
+    if (status == SHERF_OK) status = timed(b, frame_once, &job, &frame_ms);
+    if (status == SHERF_OK) {
+        *text = mem_format(
+            c,
+            json
+                ? "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": %.3f, "
+                  "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"isa\": \"%s\", "
+                  "\"threads\": %d, \"peak_rss_mb\": %.1f}\n"
+                : "%s, %d px: a frame %.1f ms, an avatar %.1f ms, %lld points, %s on %s, %d threads, at most "
+                  "%.0f MB\n",
+            b->preset, b->size, frame_ms, avatar_ms, (long long)job.frame.points, precision_name(c),
+            isa_name(isa_best()), c->threads, (double)memory_peak_bytes() / 1e6);
+        if (!*text) status = SHERF_NO_MEMORY;
+    }
+    sherf_frame_free(&job.frame);
+    sherf_avatar_free(job.avatar);
+    return status;
+}
+
+/* ---- train ---- */
+typedef struct {
+    sample sample;
+    tape *tape;
+    adam adam;
+    model *average;
+    lpips_network *lpips; /* NULL: the step without it */
+    int64_t step;
+} step_job;
+
+static sherf_status prepare_once(bench *b, void *arg) {
+    step_job *j = arg;
+    const sherf_observation *o = b->observation, *t = b->target;
+    context one = *b->c; /* a loading thread works on its own */
+    one.threads = 1;
+    observation_geometry_free(j->sample.observation_geometry);
+    target_geometry_free(j->sample.target_geometry);
+    j->sample.observation_geometry = NULL;
+    j->sample.target_geometry = NULL;
+    sherf_status status = observation_geometry_create(&one, &b->model->config, b->body, &o->image, &o->camera,
+                                                      &o->pose, true, NULL, &j->sample.observation_geometry);
+    if (status == SHERF_OK)
+        status = target_geometry_create(&one, &b->model->config, b->body, &t->camera, &t->pose,
+                                        j->sample.observation_geometry, false, &j->sample.target_geometry);
+    if (status != SHERF_OK) failure(b->c, status, "%s", one.message);
+    return status;
+}
+
+static sherf_status step_once(bench *b, void *arg) {
+    step_job *j = arg;
+    parameters *p = b->model->weights;
+    loss_values values;
+    j->sample.drawn.noise_key = (uint64_t)++j->step;
+    parameters_zero_grads(p);
+    sherf_status status = image_gradients(j->tape, b->model, b->body, j->lpips, &j->sample, 1, &values);
+    if (status != SHERF_OK) return status;
+    if (!isfinite(gradients_square_sum(b->c, p->trained_floats, p->grads)))
+        return failure(b->c, SHERF_BAD_ARGUMENT, "the step's gradients are not finite");
+    adam_step(b->c, &j->adam, p->values, p->grads, 1e-4);
+    average_update(b->c, p->total_floats, j->average->weights->values, p->values, average_decay(j->step));
+    return SHERF_OK;
+}
+
+static sherf_status made_up_lpips(context *c, lpips_network **out) {
+    sherf_status status = lpips_create(c, out);
+    for (int i = 0; i < LPIPS_CONVOLUTIONS && status == SHERF_OK; i++) {
+        tensor *w = (*out)->weight[i];
+        double bound = sqrt(6.0 / (double)(tensor_count(w) / w->dim[0]));
+        for (int64_t k = 0; k < tensor_count(w); k++)
+            tensor_f32(w)[k] = (float)(bound * (2 * random_uniform((uint64_t)i << 32, (uint64_t)k) - 1));
+    }
+    for (int i = 0; i < LPIPS_STAGES && status == SHERF_OK; i++)
+        for (int64_t k = 0; k < tensor_count((*out)->head[i]); k++) tensor_f32((*out)->head[i])[k] = 1e-3f;
+    return status;
+}
+
+static sherf_status bench_train(bench *b, int json, char **text) {
+    context *c = b->c;
+    double prepare_ms = 0, step_ms = 0, lpips_ms = 0;
+    step_job job = {.sample = {.observation = b->observation, .target = b->target}};
+    lpips_network *lpips = NULL;
+    sherf_status status = timed(b, prepare_once, &job, &prepare_ms);
+    if (status == SHERF_OK) status = parameters_make_grads(c, b->model->weights);
+    if (status == SHERF_OK) status = adam_create(c, b->model->weights->trained_floats, &job.adam);
+    if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job.average);
+    if (status == SHERF_OK) status = made_up_lpips(c, &lpips);
+    if (status != SHERF_OK) goto done;
+    job.tape = tape_create(c, (tape_options){.backend = &backend_cpu,
+                                             .record = true,
+                                             .training = true,
+                                             .bf16 = c->precision == SHERF_PRECISION_BF16});
+    if (!job.tape) {
+        status = SHERF_NO_MEMORY;
+        goto done;
+    }
+    if ((status = timed(b, step_once, &job, &step_ms)) != SHERF_OK) goto done;
+    double peak = (double)memory_peak_bytes() / 1e6;
+    job.lpips = lpips;
+    if ((status = timed(b, step_once, &job, &lpips_ms)) != SHERF_OK) goto done;
+    *text = mem_format(
+        c,
+        json ? "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
+               "\"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", "
+               "\"isa\": \"%s\", \"threads\": %d, \"peak_rss_mb\": %.1f, \"peak_rss_lpips_mb\": %.1f}\n"
+             : "%s, %d px: a step of one picture %.1f ms (with LPIPS %.1f ms), its preparation by a loading "
+               "thread %.1f ms, %lld points, %s on %s, %d threads, at most %.0f MB (with LPIPS %.0f MB)\n",
+        b->preset, b->size, step_ms, lpips_ms, prepare_ms,
+        (long long)job.sample.target_geometry->points->count, precision_name(c), isa_name(isa_best()),
+        c->threads, peak, (double)memory_peak_bytes() / 1e6);
+    if (!*text) status = SHERF_NO_MEMORY;
+done:
+    tape_free(job.tape);
+    lpips_free(lpips);
+    model_free(job.average);
+    adam_free(&job.adam);
+    observation_geometry_free(job.sample.observation_geometry);
+    target_geometry_free(job.sample.target_geometry);
+    return status;
+}
+
+sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_options *options,
+                         char **text) {
+    const sherf_bench_options none = {0};
+    if (!options) options = &none;
+    *text = NULL;
+    bench b = {.c = c,
+               .preset = options->preset ? options->preset : "paper",
+               .size = options->size_px ? options->size_px : 512,
+               .repeats = options->repeats};
+    bool render = what && !strcmp(what, "render");
+    if (!render && (!what || strcmp(what, "train")))
+        return failure(c, SHERF_BAD_ARGUMENT, "bench: \"render\" or \"train\" is expected");
+    if (b.size < 16 || b.size > SIDE_MOST || b.repeats < 0 || b.repeats > REPEATS_MOST)
+        return failure(c, SHERF_BAD_ARGUMENT, "bench: sizes are 16 to %d pixels, repeats at most %d",
+                       SIDE_MOST, REPEATS_MOST);
+    sherf_status status = bench_open(&b);
+    if (status == SHERF_OK)
+        status = render ? bench_render(&b, options->json, text) : bench_train(&b, options->json, text);
+    bench_free(&b);
+    return status;
+}

@@ -1,0 +1,353 @@
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "eval/lpips_file.h"
+#include "train/picture.h"
+#include "train/trainer.h"
+
+enum { SKIPS_IN_A_ROW = 20, IMAGES_MOST = 65536 };
+
+typedef struct {
+    context *c;
+    const sherf_train_options *options;
+    ranks ranks;
+    sherf_dataset *data;
+    body_model *body;
+    lpips_network *lpips; /* NULL: three losses */
+    model *model, *average;
+    adam adam;
+    train_state state;
+    sampling sampling;
+    loader *loader; /* NULL: this process has no share of a step */
+    tape *tape;
+    step_total total;
+    history history; /* of rank 0 */
+    int64_t first_step, last_step;
+    double started, waited;
+    int skips_in_a_row;
+    bool resumed;
+} trainer;
+
+static void trainer_free(trainer *t) {
+    loader_free(t->loader);
+    history_close(&t->history);
+    total_free(&t->total);
+    tape_free(t->tape);
+    sampling_free(&t->sampling);
+    adam_free(&t->adam);
+    model_free(t->model);
+    model_free(t->average);
+    lpips_free(t->lpips);
+    sherf_body_free(t->body);
+    sherf_dataset_free(t->data);
+}
+
+static sherf_status output_path(trainer *t, char path[PATH_LENGTH], const char *name) {
+    if (snprintf(path, PATH_LENGTH, "%s/%s", t->options->output, name) < PATH_LENGTH) return SHERF_OK;
+    return failure(t->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", t->options->output);
+}
+
+/* ---- beginning ---- */
+
+static sherf_status options_check(context *c, const sherf_train_options *o) {
+    if (!o->data || !o->body || !o->output)
+        return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and an output folder are needed");
+    if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
+        o->images_per_step > IMAGES_MOST || o->learning_rate < 0 || o->halve_every < 0 ||
+        o->sample_every < 0 || o->save_every < 0 || o->workers < 0 || o->workers > 1024 ||
+        !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
+        return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
+    return SHERF_OK;
+}
+
+/* New weights, and the state as the options say. */
+static sherf_status begin_new(trainer *t) {
+    const sherf_train_options *o = t->options;
+    model_config config;
+    sherf_camera camera;
+    sherf_status status = model_config_parse(t->c, o->preset ? o->preset : "paper", &config);
+    if (status != SHERF_OK) return status;
+    t->state = (train_state){.seed = o->seed,
+                             .images_per_step = o->images_per_step ? o->images_per_step : 4,
+                             .size_px = o->size_px,
+                             .front_view = o->front_view != 0,
+                             .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
+    status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.seed, &t->sampling);
+    if (status != SHERF_OK) return status;
+    int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
+    t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
+    status = dataset_camera(t->c, t->data, t->sampling.person[0], 0, &camera);
+    if (status != SHERF_OK) return status;
+    config.image_size = o->size_px ? o->size_px : camera.width_px;
+    if ((status = model_create(t->c, &config, t->state.seed, &t->model)) != SHERF_OK) return status;
+    if (o->resnet && (status = model_load_resnet(t->c, t->model, o->resnet)) != SHERF_OK) return status;
+    if ((status = model_create(t->c, &config, t->state.seed, &t->average)) != SHERF_OK) return status;
+    memcpy(t->average->weights->values, t->model->weights->values,
+           (size_t)t->model->weights->total_floats * sizeof(float));
+    return adam_create(t->c, t->model->weights->trained_floats, &t->adam);
+}
+
+/* The checkpoint's state; what the options say otherwise is taken and told. */
+static sherf_status begin_again(trainer *t, const char *path) {
+    const sherf_train_options *o = t->options;
+    train_state *s = &t->state;
+    sherf_status status = checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, s);
+    if (status != SHERF_OK) return status;
+    t->resumed = true;
+    train_state old = *s;
+    if (o->seed) s->seed = o->seed;
+    if (o->images_per_step) s->images_per_step = o->images_per_step;
+    if (o->size_px) s->size_px = o->size_px;
+    if (o->front_view) s->front_view = 1;
+    if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
+    if (o->halve_every) s->halve_every = o->halve_every;
+    if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
+        old.front_view != s->front_view || old.learning_rate != s->learning_rate ||
+        old.halve_every != s->halve_every)
+        log_line(t->c, SHERF_LOG_WARNING,
+                 "%s was made with other options: the training goes on with those given now", path);
+    return sampling_create(t->c, t->data, o->people, s->front_view, s->seed, &t->sampling);
+}
+
+static sherf_status begin(trainer *t) {
+    context *c = t->c;
+    const sherf_train_options *o = t->options;
+    char path[PATH_LENGTH];
+    sherf_status status = sherf_dataset_open(c, o->data, &t->data);
+    if (status == SHERF_OK) status = sherf_body_load(c, o->body, &t->body);
+    if (status == SHERF_OK && o->lpips) status = lpips_load(c, o->lpips, &t->lpips);
+    if (status == SHERF_OK) status = output_path(t, path, "checkpoint.safetensors");
+    if (status != SHERF_OK) return status;
+    if (o->resume)
+        status = begin_again(t, o->resume);
+    else
+        status = path_is_file(path) ? begin_again(t, path) : begin_new(t);
+    if (status != SHERF_OK) return status;
+    t->first_step = t->state.step;
+    double epochs = o->epochs > 0 ? o->epochs : 5;
+    double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);
+    t->last_step = o->steps ? o->steps : (int64_t)fmin(fmax(steps, 1), 1e15);
+    return parameters_make_grads(c, t->model->weights);
+}
+
+/* Threads, arrays and files of the loop. */
+static sherf_status prepare(trainer *t) {
+    context *c = t->c;
+    const sherf_train_options *o = t->options;
+    const train_state *s = &t->state;
+    char path[PATH_LENGTH];
+    int begins = (int)((int64_t)s->images_per_step * t->ranks.rank / t->ranks.count);
+    int ends = (int)((int64_t)s->images_per_step * (t->ranks.rank + 1) / t->ranks.count);
+    sherf_status status = total_create(c, t->model->weights, s->images_per_step, begins, ends, &t->total);
+    if (status != SHERF_OK) return status;
+    t->tape = tape_create(c, (tape_options){.backend = &backend_cpu,
+                                            .record = true,
+                                            .training = true,
+                                            .bf16 = c->precision == SHERF_PRECISION_BF16});
+    if (!t->tape) return SHERF_NO_MEMORY;
+    const loader_options load = {.data = t->data,
+                                 .body = t->body,
+                                 .config = &t->model->config,
+                                 .sampling = &t->sampling,
+                                 .width = s->size_px,
+                                 .first_step = t->first_step,
+                                 .images_per_step = s->images_per_step,
+                                 .begin = begins,
+                                 .end = ends,
+                                 .workers = o->workers ? o->workers : 2};
+    if (begins < ends && t->first_step < t->last_step)
+        if ((status = loader_create(c, &load, &t->loader)) != SHERF_OK) return status;
+    if (t->ranks.rank) return SHERF_OK;
+    if ((status = output_path(t, path, "samples")) != SHERF_OK) return status;
+    if ((status = folder_make(c, path)) != SHERF_OK) return status;
+    if ((status = output_path(t, path, "log.jsonl")) != SHERF_OK) return status;
+    return history_open(c, path, t->first_step, &t->history);
+}
+
+static void announce(trainer *t) {
+    context *c = t->c;
+    const train_state *s = &t->state;
+    if (t->ranks.rank) return;
+    log_line(c, SHERF_LOG_INFO,
+             "training %s (%.1f million parameters) on %" PRId64 " pictures of %d people, %d images a step, "
+             "steps %" PRId64 " to %" PRId64,
+             t->model->config.preset, (double)parameters_trained_count(t->model->weights) / 1e6,
+             sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
+             t->last_step);
+    if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
+    if (!t->lpips)
+        log_line(c, SHERF_LOG_INFO,
+                 "LPIPS is left out of the loss: no VGG16 weights were given; the other three are used");
+}
+
+/* ---- a step ---- */
+
+static sherf_status share(trainer *t) {
+    context *c = t->c;
+    const double scale = 1.0 / t->state.images_per_step;
+    for (int i = t->total.begin; i < t->total.end; i++) {
+        sample s;
+        loss_values values;
+        if (cancelled(c)) return failure(c, SHERF_CANCELLED, "cancelled");
+        sherf_status status = loader_next(c, t->loader, &s);
+        if (status == SHERF_OK)
+            status = image_gradients(t->tape, t->model, t->body, t->lpips, &s, scale, &values);
+        sample_free(&s);
+        if (status == SHERF_OK) status = total_add(c, &t->total, i, &values);
+        if (status != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
+/* One step; on failure the model is as before it. */
+static sherf_status step(trainer *t, loss_values *mean, bool *skipped) {
+    context *c = t->c;
+    parameters *p = t->model->weights;
+    train_state *s = &t->state;
+    total_start(&t->total);
+    sherf_status status = ranks_agree(c, &t->ranks, share(t));
+    if (status == SHERF_OK) status = total_finish(c, &t->total, &t->ranks, mean);
+    if (status != SHERF_OK) {
+        total_undo(&t->total);
+        return status;
+    }
+    *skipped = !isfinite(gradients_square_sum(c, p->trained_floats, p->grads)) || !isfinite(mean->total);
+    s->step++;
+    if (*skipped) {
+        total_undo(&t->total);
+        s->skipped++;
+        log_line(c, SHERF_LOG_WARNING, "step %" PRId64 ": its gradients are not finite and are left out",
+                 s->step);
+        if (++t->skips_in_a_row < SKIPS_IN_A_ROW) return SHERF_OK;
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "the training has come apart: %d steps in a row gave gradients that are not finite; a "
+                       "lower learning rate may help",
+                       SKIPS_IN_A_ROW);
+    }
+    t->skips_in_a_row = 0;
+    adam_step(c, &t->adam, p->values, p->grads, schedule_rate(s->learning_rate, s->step - 1, s->halve_every));
+    average_update(c, p->total_floats, t->average->weights->values, p->values, average_decay(s->step));
+    return SHERF_OK;
+}
+
+/* ---- files ---- */
+
+static sherf_status save(trainer *t) {
+    char path[PATH_LENGTH];
+    if (t->ranks.rank) return SHERF_OK;
+    sherf_status status = output_path(t, path, "checkpoint.safetensors");
+    if (status == SHERF_OK) status = checkpoint_write(t->c, path, t->model, t->average, &t->adam, &t->state);
+    if (status == SHERF_OK) status = output_path(t, path, "model.safetensors");
+    if (status == SHERF_OK) status = sherf_model_save(t->c, t->average, path);
+    if (status == SHERF_OK) status = output_path(t, path, "loss.png");
+    if (status == SHERF_OK) status = history_plot(t->c, &t->history, path);
+    return status;
+}
+
+static sherf_status sample_picture(trainer *t) {
+    char name[64], path[PATH_LENGTH];
+    if (t->ranks.rank) return SHERF_OK;
+    uint64_t at = random_key(t->state.seed, "train.sample", (uint64_t)t->state.step);
+    draw drawn = sampling_draw(&t->sampling, random_below(at, 0, sampling_pictures(&t->sampling)));
+    snprintf(name, sizeof name, "samples/%06" PRId64 ".png", t->state.step);
+    sherf_status status = output_path(t, path, name);
+    if (status != SHERF_OK) return status;
+    return picture_write(t->c, t->data, t->average, t->body, drawn, t->state.size_px, path);
+}
+
+/* The line of the log, progress with the steps that are still to come in the time allowed. */
+static sherf_status tell(trainer *t, const loss_values *mean, double step_seconds, bool skipped) {
+    const train_state *s = &t->state;
+    const double elapsed = time_seconds() - t->started;
+    const double pace = elapsed / (double)(s->step - t->first_step);
+    double left = (double)(t->last_step - s->step);
+    if (t->options->seconds > 0) left = fmin(left, fmax(t->options->seconds - elapsed, 0) / pace);
+    if (t->ranks.rank) return SHERF_OK;
+    double waited = t->loader ? loader_waited(t->loader) : 0;
+    const history_extra extra = {.rate = schedule_rate(s->learning_rate, s->step - 1, s->halve_every),
+                                 .seconds = step_seconds,
+                                 .eta_seconds = left * pace,
+                                 .waited_seconds = waited - t->waited,
+                                 .skipped = skipped};
+    t->waited = waited;
+    if (t->c->progress)
+        t->c->progress(t->c->user, "training steps", (double)s->step, ceil((double)s->step + left));
+    return history_add(t->c, &t->history, (history_point){s->step, *mean}, &extra);
+}
+
+/* Whether every process stops here: asked to, or out of time. */
+static sherf_status stop(trainer *t, bool *cancel, bool *stops) {
+    double limit = t->options->seconds;
+    int flags[2] = {cancelled(t->c), limit > 0 && time_seconds() - t->started >= limit};
+    sherf_status status = ranks_max(t->c, &t->ranks, 2, flags);
+    *cancel = flags[0];
+    *stops = flags[0] || flags[1];
+    return status;
+}
+
+static sherf_status loop(trainer *t, bool *cancel) {
+    const int64_t sample_every = t->options->sample_every ? t->options->sample_every : 500;
+    const int64_t save_every = t->options->save_every ? t->options->save_every : 500;
+    while (t->state.step < t->last_step) {
+        bool stops, skipped = false;
+        loss_values mean;
+        sherf_status status = stop(t, cancel, &stops);
+        if (status != SHERF_OK || stops) return status;
+        double begins = time_seconds();
+        status = step(t, &mean, &skipped);
+        if (status == SHERF_CANCELLED) *cancel = true;
+        if (status != SHERF_OK) return status == SHERF_CANCELLED ? SHERF_OK : status;
+        status = tell(t, &mean, time_seconds() - begins, skipped);
+        if (status == SHERF_OK && t->state.step % sample_every == 0) status = sample_picture(t);
+        if (status == SHERF_OK && t->state.step % save_every == 0) status = save(t);
+        if (status == SHERF_CANCELLED) {
+            *cancel = true;
+            status = SHERF_OK;
+        }
+        if ((status = ranks_agree(t->c, &t->ranks, status)) != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
+/* Runs the loop and saves what it made, also after a failure, whose message then stands. */
+static sherf_status run(trainer *t) {
+    context *c = t->c;
+    bool cancel = false;
+    char message[sizeof c->message];
+    t->started = time_seconds();
+    announce(t);
+    sherf_status status = loop(t, &cancel);
+    memcpy(message, c->message, sizeof message);
+    sherf_status saved = t->skips_in_a_row < SKIPS_IN_A_ROW ? save(t) : SHERF_OK;
+    if (status != SHERF_OK) {
+        memcpy(c->message, message, sizeof message);
+        return status;
+    }
+    if (saved != SHERF_OK) return saved;
+    if (cancel)
+        return failure(c, SHERF_CANCELLED, "stopped after step %" PRId64 "; the same command goes on from %s",
+                       t->state.step, t->options->output);
+    return SHERF_OK;
+}
+
+sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
+    trainer t = {.c = c, .options = options};
+    const int threads = c->threads;
+    sherf_status status = options_check(c, options);
+    if (status == SHERF_OK) status = ranks_open(c, &t.ranks);
+    if (status != SHERF_OK) return status;
+    /* Processes of one machine share its cores, unless the caller has said how many each takes. */
+    if (t.ranks.local > 1 && threads == threads_available())
+        c->threads = threads > t.ranks.local ? threads / t.ranks.local : 1;
+    status = begin(&t);
+    if (status == SHERF_OK) status = prepare(&t);
+    status = ranks_agree(c, &t.ranks, status);
+    if (status == SHERF_OK) status = run(&t);
+    trainer_free(&t);
+    ranks_close(&t.ranks);
+    c->threads = threads;
+    return status;
+}

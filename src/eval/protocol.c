@@ -96,7 +96,7 @@ static sherf_status score(evaluation *e, const float *prediction, const data_vie
     sherf_status status = posed_body_create(c, e->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
     if (status != SHERF_OK) goto done;
     body_world_box(e->body, posed, min_world, max_world);
-    box_mask(&truth->camera, min_world, max_world, mask);
+    box_ray_mask(&truth->camera, min_world, max_world, mask);
     if (!mask_bounds(mask, width, height, &r) || r.width < METRIC_SSIM_WINDOW ||
         r.height < METRIC_SSIM_WINDOW)
         goto done;

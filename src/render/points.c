@@ -326,14 +326,6 @@ static sherf_status points_allocate(context *c, const points_job *job, bool keep
     return SHERF_OK;
 }
 
-/* Depths evenly spaced over [0, 1], both ends included, in float32 and from both ends inwards. */
-static void make_fractions(int samples, float *fraction) {
-    float step = samples > 1 ? 1.0f / (float)(samples - 1) : 0;
-    for (int i = 0; i < samples; i++)
-        fraction[i] = i < samples / 2 ? step * (float)i : 1.0f - step * (float)(samples - 1 - i);
-    if (samples == 1) fraction[0] = 0;
-}
-
 static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     point_set *p = job->out;
     int64_t chunks = chunk_count(job), candidates = 0;
@@ -343,7 +335,7 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     job->kept = mem_zero(c, (size_t)chunks, sizeof *job->kept);
     p->first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
     if (!job->fraction || !job->sample || !job->candidate || !job->kept || !p->first) return SHERF_NO_MEMORY;
-    make_fractions(job->samples, job->fraction);
+    for (int i = 0; i < job->samples; i++) job->fraction[i] = ray_fraction(i, job->samples);
     sherf_status status = occupancy_create(c, job->m, job->target, &job->o);
     if (status == SHERF_OK)
         status =

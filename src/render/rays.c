@@ -43,7 +43,7 @@ static bool cross_box(const float origin[3], const float direction[3], const flo
 typedef struct {
     const sherf_camera *camera;
     ray_bundle *r;
-    float K_inverse[9], min[3], max[3];
+    float K_inverse[9], min[3], max[3], origin[3];
 } ray_job;
 
 static void invert(const float K[9], float out[9]) {
@@ -57,21 +57,46 @@ static void invert(const float K[9], float out[9]) {
     for (int i = 0; i < 9; i++) out[i] = (float)(adjugate[i] / det);
 }
 
+static void ray_job_init(ray_job *job, const sherf_camera *camera, const float min_world[3],
+                         const float max_world[3]) {
+    job->camera = camera;
+    invert(camera->K, job->K_inverse);
+    for (int k = 0; k < 3; k++) job->min[k] = min_world[k] - 0.01f, job->max[k] = max_world[k] + 0.01f;
+    camera_position(camera, job->origin);
+}
+
 /* The pixel's point at z_camera = 1, R^T (K^-1 (i, j, 1) - T), minus the origin: in float32 and this order.
- */
+ * True when the ray has its two crossings. */
+static bool make_ray(const ray_job *job, int column, int row, float direction[3], float *near, float *far) {
+    const float *K = job->K_inverse, *R = job->camera->R, *T = job->camera->T_m;
+    float p[3];
+    for (int k = 0; k < 3; k++)
+        p[k] = K[3 * k] * (float)column + K[3 * k + 1] * (float)row + K[3 * k + 2] - T[k];
+    for (int k = 0; k < 3; k++)
+        direction[k] = R[k] * p[0] + R[3 + k] * p[1] + R[6 + k] * p[2] - job->origin[k];
+    return cross_box(job->origin, direction, job->min, job->max, near, far);
+}
+
 static void make_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const ray_job *job = arg;
     ray_bundle *r = job->r;
-    const float *K = job->K_inverse, *R = job->camera->R, *T = job->camera->T_m, *o = r->origin_world;
-    for (int64_t row = begin; row < end; row++)
+    for (int row = (int)begin; row < end; row++)
         for (int column = 0; column < r->width; column++) {
-            size_t n = (size_t)(row * r->width + column);
-            float p[3], *d = r->direction + 3 * n;
-            for (int k = 0; k < 3; k++)
-                p[k] = K[3 * k] * (float)column + K[3 * k + 1] * (float)row + K[3 * k + 2] - T[k];
-            for (int k = 0; k < 3; k++) d[k] = R[k] * p[0] + R[3 + k] * p[1] + R[6 + k] * p[2] - o[k];
-            r->at_box[n] = cross_box(o, d, job->min, job->max, r->near + n, r->far + n);
-            if (!r->at_box[n]) r->near[n] = 0, r->far[n] = 1;
+            size_t n = (size_t)row * (size_t)r->width + (size_t)column;
+            r->near[n] = 0, r->far[n] = 1;
+            r->at_box[n] = make_ray(job, column, row, r->direction + 3 * n, r->near + n, r->far + n);
+        }
+}
+
+void box_ray_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3],
+                  uint8_t *mask) {
+    ray_job job = {0};
+    ray_job_init(&job, camera, min_world, max_world);
+    for (int row = 0; row < camera->height_px; row++)
+        for (int column = 0; column < camera->width_px; column++) {
+            float direction[3], near, far;
+            mask[(size_t)row * (size_t)camera->width_px + (size_t)column] =
+                make_ray(&job, column, row, direction, &near, &far);
         }
 }
 
@@ -93,10 +118,9 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
         rays_free(r);
         return SHERF_NO_MEMORY;
     }
-    ray_job job = {.camera = camera, .r = r};
-    invert(camera->K, job.K_inverse);
-    for (int k = 0; k < 3; k++) job.min[k] = min_world[k] - 0.01f, job.max[k] = max_world[k] + 0.01f;
-    camera_position(camera, r->origin_world);
+    ray_job job = {.r = r};
+    ray_job_init(&job, camera, min_world, max_world);
+    memcpy(r->origin_world, job.origin, sizeof r->origin_world);
     parallel_for(c, r->height, 8, make_rows, &job);
     *out = r;
     return SHERF_OK;

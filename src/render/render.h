@@ -22,6 +22,13 @@ typedef struct {
     float *near, *far; /* N; 0 and 1 where the ray misses */
     uint8_t *at_box;   /* N */
 } ray_bundle;
+/* Depth of sample i of `samples`: near + (far - near) * fraction, evenly spaced, both ends included, in
+ * float32 and from both ends inwards. */
+static inline float ray_fraction(int i, int samples) {
+    if (samples < 2) return 0;
+    float step = 1.0f / (float)(samples - 1);
+    return i < samples / 2 ? step * (float)i : 1.0f - step * (float)(samples - 1 - i);
+}
 sherf_status rays_create(context *c, const sherf_camera *camera, const float min_world[3],
                          const float max_world[3],
                          ray_bundle **out); /* min/max: the target vertices' -/+ 0.05, see body_world_box */
@@ -66,7 +73,14 @@ sherf_status raster_create(context *c, const sherf_camera *camera, int supersamp
                            const float *vertex_world, int64_t faces, const uint32_t *face, raster **out);
 void raster_free(raster *r);
 
-/* ---- the projected box mask (evaluation, box losses), as OpenCV's fillPoly on the 8 projected corners' 6
+/* ---- the box's masks ---- */
+/* The mask of the scores and losses: 1 where the pixel's ray crosses the box as in rays_create (its at_box).
+ * The reference's PSNR and bounding rectangles are those of this mask. The camera must have passed
+ * camera_check. */
+void box_ray_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3],
+                  uint8_t *mask);
+
+/* ---- the projected box, as OpenCV's fillPoly on the 8 projected corners' 6
  * faces ---- */
 /* mask: H x W, 1 inside. Corners of the world box (min/max -/+ 0.05) are projected, rounded to nearest (half
  * to even) to integers, each of the box's 6 faces is filled as a polygon including its border. */

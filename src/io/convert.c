@@ -1,0 +1,386 @@
+/* convert: sherf_convert. What a file is follows from what it holds: SMPL bodies, the authors' snapshots, and
+ * torch's weights of ResNet-18, VGG16 and the heads of LPIPS. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/build.h"
+#include "io/checkpoint.h"
+#include "io/half.h"
+#include "io/safetensors.h"
+
+/* ---------------------------------------------------------------- what is written -------------------- */
+typedef struct {
+    context *c;
+    arena *memory;
+    safetensor_item *item;
+    size_t count, room;
+    safetensor_metadata metadata[24];
+    size_t metadata_count;
+} output;
+
+static char *text(output *o, const char *format, ...) PRINTF_LIKE(2, 3);
+static char *text(output *o, const char *format, ...) {
+    char line[1024];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(line, sizeof line, format, args);
+    va_end(args);
+    size_t n = strlen(line) + 1;
+    char *p = arena_alloc(o->c, o->memory, n, 1);
+    if (p) memcpy(p, line, n);
+    return p;
+}
+
+static void describe(output *o, const char *key, const char *said) {
+    if (said && o->metadata_count < COUNT_OF(o->metadata))
+        o->metadata[o->metadata_count++] = (safetensor_metadata){key, said};
+}
+
+static double number_at(const value *v, int64_t i) {
+    switch (v->array.type) {
+    case T_F32:
+        return ((const float *)v->array.data)[i];
+    case T_F64:
+        return ((const double *)v->array.data)[i];
+    case T_I32:
+        return ((const int32_t *)v->array.data)[i];
+    case T_I64:
+        return (double)((const int64_t *)v->array.data)[i];
+    case T_U8:
+        return ((const uint8_t *)v->array.data)[i];
+    case T_BF16:
+        return bf16_to_float(((const uint16_t *)v->array.data)[i]);
+    case T_F16:
+        return half_to_float(((const uint16_t *)v->array.data)[i]);
+    }
+    return 0;
+}
+
+/* Adds an array under a name, as the given type (float32, float64, I32 or I64) and shape. */
+static sherf_status put(output *o, const char *name, const value *v, dtype type, int rank,
+                        const int64_t *dim) {
+    int64_t n = build_count(v->array.rank, v->array.dim);
+    size_t size = dtype_size(type);
+    if (rank > TENSOR_RANK)
+        return failure(o->c, SHERF_UNSUPPORTED, "tensor %s has more than %d dimensions", name, TENSOR_RANK);
+    if (o->count == o->room) {
+        size_t room = o->room ? o->room * 2 : 64;
+        safetensor_item *grown = mem_grow(o->c, o->item, o->count, room, sizeof *grown);
+        if (!grown) return SHERF_NO_MEMORY;
+        o->item = grown;
+        o->room = room;
+    }
+    void *data = v->array.data;
+    if (v->array.type != type || type == T_I64) {
+        data = arena_alloc(o->c, o->memory, (size_t)n, size);
+        if (!data) return SHERF_NO_MEMORY;
+        bool whole = v->array.type == T_I64 || v->array.type == T_I32;
+        for (int64_t i = 0; i < n; i++)
+            if (type == T_F32)
+                ((float *)data)[i] = (float)number_at(v, i);
+            else if (type == T_F64)
+                ((double *)data)[i] = number_at(v, i);
+            else {
+                int64_t k = v->array.type == T_I64 ? ((const int64_t *)v->array.data)[i]
+                            : whole                ? ((const int32_t *)v->array.data)[i]
+                                                   : (int64_t)number_at(v, i);
+                if (type == T_I64 && k == UINT32_MAX) k = -1; /* "no parent" of the tree's root */
+                if (type == T_I32 && (k < INT32_MIN || k > INT32_MAX))
+                    return failure(o->c, SHERF_BAD_FILE, "%s: index %lld is too large", name, (long long)k);
+                if (type == T_I32)
+                    ((int32_t *)data)[i] = (int32_t)k;
+                else
+                    ((int64_t *)data)[i] = k;
+            }
+    }
+    safetensor_item *item = &o->item[o->count++];
+    *item = (safetensor_item){.name = name, .type = type, .rank = rank, .data = data};
+    for (int i = 0; i < rank; i++) item->dim[i] = dim[i];
+    return SHERF_OK;
+}
+
+static sherf_status put_floats(output *o, const char *name, const value *v) {
+    return put(o, name, v, T_F32, v->array.rank, v->array.dim);
+}
+
+/* ---------------------------------------------------------------- SMPL ------------------------------- */
+enum { JOINTS = 24, SHAPES = 10, POSE_FEATURES = 207 };
+
+/* A body's array of the wanted shape; -1 in `want` is any size, which is filled in. */
+static sherf_status body_array(output *o, const value *root, const char *key, int rank, int64_t *want,
+                               const value **out) {
+    const value *v = value_get(root, key);
+    if (!v) return failure(o->c, SHERF_BAD_FILE, "body: %s is missing", key);
+    if (v->kind == VALUE_RECORD)
+        return failure(o->c, SHERF_UNSUPPORTED, "body: %s is a %s, which is not read", key,
+                       v->record.class_name);
+    if (v->kind != VALUE_ARRAY) return failure(o->c, SHERF_BAD_FILE, "body: %s is no array", key);
+    bool same = v->array.rank == rank;
+    for (int i = 0; same && i < rank; i++) {
+        if (want[i] < 0) want[i] = v->array.dim[i];
+        same = v->array.dim[i] == want[i];
+    }
+    if (!same) return failure(o->c, SHERF_BAD_FILE, "body: %s has another shape than a body's", key);
+    *out = v;
+    return SHERF_OK;
+}
+
+/* The first SHAPES of the shape components; fewer are filled up with zeros. */
+static sherf_status put_shapes(output *o, const value *v) {
+    int64_t vertices = v->array.dim[0], have = v->array.dim[2], dim[3] = {vertices, 3, SHAPES};
+    float *data = arena_alloc(o->c, o->memory, (size_t)(vertices * 3 * SHAPES), sizeof *data);
+    if (!data) return SHERF_NO_MEMORY;
+    for (int64_t i = 0; i < vertices * 3; i++)
+        for (int64_t k = 0; k < SHAPES; k++)
+            data[i * SHAPES + k] = k < have ? (float)number_at(v, i * have + k) : 0;
+    value whole = {.kind = VALUE_ARRAY};
+    whole.array.type = T_F32;
+    whole.array.rank = 3;
+    memcpy(whole.array.dim, dim, sizeof dim);
+    whole.array.data = data;
+    return put(o, "shapedirs", &whole, T_F32, 3, dim);
+}
+
+static sherf_status smpl(output *o, const value *root, char **said) {
+    int64_t v_dim[] = {-1, 3}, f_dim[] = {-1, 3}, tree_dim[] = {2, -1}, w_dim[] = {-1, -1},
+            s_dim[] = {-1, 3, -1}, p_dim[] = {-1, 3, POSE_FEATURES}, r_dim[] = {JOINTS, -1};
+    const value *v, *f, *tree, *weights, *shapes, *poses, *regressor;
+    sherf_status status = body_array(o, root, "v_template", 2, v_dim, &v);
+    if (status == SHERF_OK) status = body_array(o, root, "weights", 2, w_dim, &weights);
+    if (status != SHERF_OK) return status;
+    if (w_dim[1] != JOINTS)
+        return failure(o->c, SHERF_UNSUPPORTED,
+                       "a body of %lld joints; only SMPL bodies (24 joints) are taken", (long long)w_dim[1]);
+    s_dim[0] = p_dim[0] = r_dim[1] = v_dim[0];
+    tree_dim[1] = JOINTS;
+    if (status == SHERF_OK && w_dim[0] != v_dim[0])
+        return failure(o->c, SHERF_BAD_FILE, "body: weights are not one row a vertex");
+    if (status == SHERF_OK) status = body_array(o, root, "f", 2, f_dim, &f);
+    if (status == SHERF_OK) status = body_array(o, root, "kintree_table", 2, tree_dim, &tree);
+    if (status == SHERF_OK) status = body_array(o, root, "shapedirs", 3, s_dim, &shapes);
+    if (status == SHERF_OK) status = body_array(o, root, "posedirs", 3, p_dim, &poses);
+    if (status == SHERF_OK) status = body_array(o, root, "J_regressor", 2, r_dim, &regressor);
+    if (status == SHERF_OK) status = put(o, "v_template", v, T_F32, 2, v_dim);
+    if (status == SHERF_OK) status = put_shapes(o, shapes);
+    if (status == SHERF_OK) status = put(o, "posedirs", poses, T_F32, 3, p_dim);
+    if (status == SHERF_OK) status = put(o, "weights", weights, T_F32, 2, w_dim);
+    /* sums over thousands of vertices: kept as precise as the file has it */
+    if (status == SHERF_OK)
+        status = put(o, "J_regressor", regressor, regressor->array.type == T_F32 ? T_F32 : T_F64, 2, r_dim);
+    if (status == SHERF_OK) status = put(o, "f", f, T_I32, 2, f_dim);
+    if (status == SHERF_OK) status = put(o, "kintree_table", tree, T_I64, 2, tree_dim);
+    if (status != SHERF_OK) return status;
+    describe(o, "format", "sherf-body");
+    *said =
+        text(o, "SMPL body: %lld vertices, %lld faces, %lld shape components%s", (long long)v_dim[0],
+             (long long)f_dim[0], (long long)s_dim[2], s_dim[2] > SHAPES ? " (the first 10 are kept)" : "");
+    return *said ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+/* ---------------------------------------------------------------- snapshots -------------------------- */
+static char *plain_text(output *o, const value *v) {
+    if (!v) return NULL;
+    switch (v->kind) {
+    case VALUE_BOOL:
+        return text(o, "%s", v->boolean ? "true" : "false");
+    case VALUE_INTEGER:
+        return text(o, "%lld", (long long)v->integer);
+    case VALUE_REAL:
+        return text(o, "%.9g", v->real);
+    case VALUE_STRING:
+        for (size_t i = 0; i < v->string.length; i++)
+            if (v->string.text[i] < ' ' || v->string.text[i] > '~') return NULL;
+        return text(o, "%.200s", v->string.text);
+    default:
+        return NULL;
+    }
+}
+
+/* What the snapshot says about itself, for people; the model's sizes follow from its tensors. */
+static void snapshot_settings(output *o, const value *root, const value *network) {
+    static const struct {
+        const char *key, *of_rendering, *of_network;
+    } setting[] = {{"snapshot.image_resolution", "image_resolution", NULL},
+                   {"snapshot.depth_resolution", "depth_resolution", NULL},
+                   {"snapshot.white_back", "white_back", NULL},
+                   {"snapshot.density_noise", "density_noise", NULL},
+                   {"snapshot.use_1d_feature", NULL, "use_1d_feature"},
+                   {"snapshot.use_2d_feature", NULL, "use_2d_feature"},
+                   {"snapshot.use_3d_feature", NULL, "use_3d_feature"},
+                   {"snapshot.z_dim", NULL, "z_dim"},
+                   {"snapshot.w_dim", NULL, "w_dim"}};
+    const value *rendering = value_get(network, "rendering_kwargs");
+    const value *widths = value_get(network, "_init_kwargs"), *data = value_get(root, "training_set_kwargs");
+    describe(o, "snapshot.class", network->record.class_name);
+    for (size_t i = 0; i < COUNT_OF(setting); i++)
+        describe(o, setting[i].key,
+                 plain_text(o, setting[i].of_network ? value_get(network, setting[i].of_network)
+                                                     : value_get(rendering, setting[i].of_rendering)));
+    describe(o, "snapshot.channel_base", plain_text(o, value_get(widths, "channel_base")));
+    describe(o, "snapshot.channel_max", plain_text(o, value_get(widths, "channel_max")));
+    describe(o, "snapshot.data", plain_text(o, value_get(data, "class_name")));
+    describe(o, "snapshot.data_resolution", plain_text(o, value_get(data, "resolution")));
+}
+
+static sherf_status snapshot(output *o, const value *root, named_arrays *arrays, char **said) {
+    bool average = module_is(value_get(root, "G_ema"));
+    const value *network = value_get(root, average ? "G_ema" : "G");
+    sherf_status status = module_flatten(o->c, network, arrays);
+    if (status != SHERF_OK) return status;
+    if (!named_arrays_find(arrays, "renderer.encoder_3d.conv0.0.weight") ||
+        !named_arrays_find(arrays, "backbone.synthesis.b4.const"))
+        return failure(o->c, SHERF_MISMATCH,
+                       "a snapshot of %.200s with %zu tensors, which is no SHERF network",
+                       network->record.class_name, arrays->count);
+    int64_t numbers = 0;
+    for (size_t i = 0; i < arrays->count && status == SHERF_OK; i++) {
+        status = put_floats(o, arrays->item[i].name, arrays->item[i].array);
+        numbers += build_count(arrays->item[i].array->array.rank, arrays->item[i].array->array.dim);
+    }
+    if (status != SHERF_OK) return status;
+    describe(o, "format", "sherf-model");
+    describe(o, "source", "snapshot");
+    snapshot_settings(o, root, network);
+    *said = text(o, "SHERF snapshot (%s): %zu tensors, %.1f million numbers", average ? "G_ema" : "G",
+                 arrays->count, (double)numbers * 1e-6);
+    return *said ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+/* ---------------------------------------------------------------- torch weights ---------------------- */
+static const int vgg_index[13] = {0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28};
+static const int vgg_width[13] = {64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512};
+static const int vgg_stage[13] = {1, 1, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5};
+static const int head_width[5] = {64, 128, 256, 512, 512};
+
+static bool resnet18_is(const named_arrays *n) {
+    const int64_t first[] = {64, 3, 7, 7}, last[] = {512, 512, 3, 3};
+    return named_arrays_has_shape(n, "conv1.weight", 4, first) &&
+           named_arrays_has_shape(n, "layer4.1.conv2.weight", 4, last) &&
+           named_arrays_find(n, "layer1.0.conv1.weight") && !named_arrays_find(n, "layer1.2.conv1.weight") &&
+           !named_arrays_find(n, "layer1.0.conv3.weight");
+}
+
+/* Name of VGG16's layer k in the file: torchvision's, or that of the LPIPS package's slices. */
+static const value *vgg_tensor(const named_arrays *n, int k, const char *part) {
+    char name[64];
+    snprintf(name, sizeof name, "features.%d.%s", vgg_index[k], part);
+    const value *v = named_arrays_find(n, name);
+    if (v) return v;
+    snprintf(name, sizeof name, "net.slice%d.%d.%s", vgg_stage[k], vgg_index[k], part);
+    return named_arrays_find(n, name);
+}
+
+static bool vgg16_is(const named_arrays *n) {
+    for (int k = 0, in = 3; k < 13; in = vgg_width[k++]) {
+        const value *w = vgg_tensor(n, k, "weight"), *b = vgg_tensor(n, k, "bias");
+        if (!w || !b || w->array.rank != 4 || w->array.dim[0] != vgg_width[k] || w->array.dim[1] != in ||
+            w->array.dim[2] != 3 || w->array.dim[3] != 3 || b->array.rank != 1 ||
+            b->array.dim[0] != vgg_width[k])
+            return false;
+    }
+    return true;
+}
+
+static const value *head(const named_arrays *n, int k) {
+    static const char *const form[] = {"lin%d.model.1.weight", "lin%d.weight", "lin%d",
+                                       "lins.%d.model.1.weight"};
+    char name[64];
+    for (size_t i = 0; i < COUNT_OF(form); i++) {
+        snprintf(name, sizeof name, form[i], k);
+        const value *v = named_arrays_find(n, name);
+        if (v && build_count(v->array.rank, v->array.dim) == head_width[k]) return v;
+    }
+    return NULL;
+}
+
+static sherf_status put_vgg16(output *o, const named_arrays *n) {
+    static const char *const part[] = {"weight", "bias"};
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < 26 && status == SHERF_OK; i++) {
+        const char *name = text(o, "features.%d.%s", vgg_index[i / 2], part[i % 2]);
+        status = name ? put_floats(o, name, vgg_tensor(n, i / 2, part[i % 2])) : SHERF_NO_MEMORY;
+    }
+    return status;
+}
+
+static sherf_status put_heads(output *o, const named_arrays *n) {
+    sherf_status status = SHERF_OK;
+    for (int k = 0; k < 5 && status == SHERF_OK; k++) {
+        const char *name = text(o, "lin%d", k);
+        const int64_t dim[1] = {head_width[k]};
+        status = name ? put(o, name, head(n, k), T_F32, 1, dim) : SHERF_NO_MEMORY;
+    }
+    return status;
+}
+
+static sherf_status weights(output *o, const value *root, const char *kind, named_arrays *n, char **said) {
+    sherf_status status = state_dict_flatten(o->c, root, n);
+    if (status == SHERF_BAD_FILE)
+        return failure(o->c, SHERF_MISMATCH,
+                       "a %s file that is neither a body nor a snapshot nor known weights", kind);
+    if (status != SHERF_OK) return status;
+    bool heads = true, vgg = vgg16_is(n);
+    for (int k = 0; k < 5; k++) heads = heads && head(n, k);
+    if (resnet18_is(n)) {
+        describe(o, "format", "resnet18");
+        *said = text(o, "ResNet-18: %zu tensors", n->count);
+        for (size_t i = 0; i < n->count && status == SHERF_OK; i++)
+            status = put_floats(o, n->item[i].name, n->item[i].array);
+    } else if (vgg || heads) {
+        describe(o, "format", vgg && heads ? "lpips" : vgg ? "vgg16" : "lpips-heads");
+        *said = text(o, vgg && heads ? "LPIPS: VGG16 and its five heads"
+                        : vgg        ? "VGG16: its 13 convolutions"
+                                     : "LPIPS: five heads");
+        if (vgg) status = put_vgg16(o, n);
+        if (heads && status == SHERF_OK) status = put_heads(o, n);
+    } else
+        return failure(o->c, SHERF_MISMATCH,
+                       "%zu tensors (%.100s ...), which are neither ResNet-18 nor VGG16 nor heads of LPIPS",
+                       n->count, n->item[0].name);
+    return status == SHERF_OK && !*said ? SHERF_NO_MEMORY : status;
+}
+
+/* ---------------------------------------------------------------- the verb --------------------------- */
+static sherf_status recognise(output *o, const value *root, const char *kind, named_arrays *arrays,
+                              char **said) {
+    const value *format = value_get(value_get(root, "__metadata__"), "format");
+    if (!strcmp(kind, "safetensors") && format && format->kind == VALUE_STRING)
+        return failure(o->c, SHERF_BAD_ARGUMENT, "is converted already (%.40s)", format->string.text);
+    if (value_get(root, "v_template")) return smpl(o, root, said);
+    if (root->kind == VALUE_DICT && (module_is(value_get(root, "G_ema")) || module_is(value_get(root, "G"))))
+        return snapshot(o, root, arrays, said);
+    return weights(o, root, kind, arrays, said);
+}
+
+sherf_status sherf_convert(sherf_context *c, const char *input, const char *path, char **description) {
+    document *d = NULL;
+    const char *kind;
+    char *said = NULL;
+    output o = {.c = c};
+    named_arrays arrays = {0};
+    if (description) *description = NULL;
+    sherf_status status = document_read(c, input, &d, &kind);
+    if (status != SHERF_OK) return status;
+    o.memory = arena_create(c);
+    status = o.memory ? recognise(&o, d->root, kind, &arrays, &said) : SHERF_NO_MEMORY;
+    if (status != SHERF_OK) {
+        failure_prefix(c, status, "%s", input);
+        goto done;
+    }
+    if (description && !(*description = mem_string(c, said))) {
+        status = SHERF_NO_MEMORY;
+        goto done;
+    }
+    status = safetensors_write(c, path, o.count, o.item, o.metadata_count, o.metadata);
+    if (status != SHERF_OK && description) {
+        mem_free(*description);
+        *description = NULL;
+    }
+done:
+    named_arrays_free(&arrays);
+    mem_free(o.item);
+    if (o.memory) arena_free(o.memory);
+    document_free(d);
+    return status;
+}

@@ -3,12 +3,16 @@
 set -eu
 cd "$(dirname "$0")/.."
 groups=" $* "
-missing=
+wanted=
 while read -r group package _; do
-    case $groups in *" $group "*) ;; *) continue ;; esac
-    dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q '^install ok installed$' ||
-        missing="$missing $package"
+    case $groups in *" $group "*) wanted="$wanted $package" ;; esac
 done <packages.txt
+# shellcheck disable=SC2086
+installed=" $(dpkg-query -W -f '${Package}=${Status} ' $wanted 2>/dev/null | tr '\n' ' ') "
+missing=
+for package in $wanted; do
+    case $installed in *" $package=install ok installed "*) ;; *) missing="$missing $package" ;; esac
+done
 [ -n "$missing" ] || exit 0
 echo "installing:$missing"
 root=
@@ -16,9 +20,7 @@ if [ "$(id -u)" != 0 ]; then
     command -v sudo >/dev/null || { echo "tools/install.sh: not root and no sudo; install these by hand:$missing" >&2; exit 1; }
     root=sudo
 fi
-
-# shellcheck disable=SC2086
-install() { $root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $missing </dev/null; }
 # The package lists may be absent or old: fetch them, and go on with what is there should that fail.
 $root apt-get update -q </dev/null || true
-install
+# shellcheck disable=SC2086
+$root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $missing </dev/null

@@ -10,7 +10,7 @@ people=$out/people
 body=$people/tubeman.safetensors
 model=$out/run/model.safetensors
 last=7
-held_out=$(printf 'tube_%04d' $last)
+held_out=$(printf 'tube_%03d' $last)
 export OMP_WAIT_POLICY=passive
 
 step() { printf '\n== %s\n   %s\n' "$1" "$2"; }

@@ -37,7 +37,7 @@ cc -std=c11 "$here/tests/cli/make_model.c" $(pkg --cflags --libs sherf) -o "$wor
 export LD_LIBRARY_PATH="$lib" OMP_WAIT_POLICY=passive
 "$work/make_model" "$work/model.safetensors"
 "$work/usr/bin/sherf" synth tube -q -o "$work/people" --people 1 --poses 1 --views 4 --size 64
-person=$(ls "$work/people" | grep -v -e '\.' | head -n 1)
+person=$(head -n 1 "$work/people/human_list.txt")
 for example in example example-static example-cxx; do
     "$work/$example" "$work/people/tubeman.safetensors" "$work/model.safetensors" \
         "thuman:$work/people#$person/0/0" "$work/$example.png"

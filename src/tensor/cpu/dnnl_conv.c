@@ -5,6 +5,7 @@
 
 #include "tensor/cpu/bf16.h"
 #include "tensor/cpu/dnnl_plan.h"
+#include "tensor/cpu/rows.h"
 
 #define TRY(call)                                                                                            \
     do {                                                                                                     \
@@ -203,16 +204,6 @@ static sherf_status forward(op_call *call, bool transpose) {
     return status;
 }
 
-typedef struct {
-    const float *from;
-    float *to, gain;
-} addition;
-
-static void add_range(void *arg, int64_t begin, int64_t end, int thread) {
-    const addition *a = arg;
-    for (int64_t i = begin; i < end; i++) a->to[i] += a->gain * a->from[i];
-}
-
 /* dx += gain * (dy over w turned round) */
 static sherf_status backward_data(op_call *call, bool transpose) {
     plan *p;
@@ -228,8 +219,7 @@ static sherf_status backward_data(op_call *call, bool transpose) {
                           (plan_arg[]){{DNNL_ARG_DIFF_SRC, p->x, dx},
                                        {DNNL_ARG_WEIGHTS, p->w, w},
                                        {DNNL_ARG_DIFF_DST, p->y, dy}});
-    if (status == SHERF_OK)
-        parallel_for(call->c, n, 1 << 14, add_range, &(addition){dx, tensor_f32(call->din[0]), p->key.gain});
+    if (status == SHERF_OK) cpu_add_scaled(call->c, n, p->key.gain, dx, call->din[0]->data);
     plan_release(p);
     return status;
 }

@@ -7,15 +7,29 @@
 
 enum { CHUNK_POINTS = 8192 };
 
+/* A tape that does not record works inside, part by part, and keeps each part's result only. */
+static tensor *keep(tape *t, tape *work, tensor *x) {
+    if (work == t) return x;
+    tensor *copy = NULL;
+    if (!x)
+        tape_fail(t, tape_status(work), "%s", tape_context(t)->message);
+    else if ((copy = tape_tensor(t, x->type, x->rank, x->dim)))
+        memcpy(copy->data, x->data, (size_t)tensor_count(x) * dtype_size(x->type));
+    tape_reset(work);
+    return copy;
+}
+
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, model_stages *stages) {
     *bank = (model_bank){0};
     const int64_t D = m->config.token_width;
+    tape *work = tape_records(t) || stages ? t : tape_nested(t, false);
+    if (!work) return tape_status(t);
     bank->image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
-    bank->features = encoder_features(t, m, bank->image);
-    bank->latent = encoder_global(t, m, bank->image);
+    bank->features = keep(t, work, encoder_features(work, m, bank->image));
+    bank->latent = keep(t, work, encoder_global(work, m, bank->image));
     bank->style = triplane_style(t, m, bank->latent);
-    tensor *planes = triplane_synthesis(t, m, bank->style, stages);
+    tensor *planes = keep(t, work, triplane_synthesis(work, m, bank->style, stages));
     for (int k = 0; k < 3; k++) bank->plane[k] = op_slice(t, planes, k * D, D);
     return volume_encode(t, m, g, bank);
 }

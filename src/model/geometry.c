@@ -121,6 +121,19 @@ static sherf_status levels_create(context *c, observation_geometry *g, int verti
     return status;
 }
 
+sherf_status volume_size_of(context *c, const model_config *config, const body_model *body, int size_zyx[3]) {
+    float min[3], max[3];
+    body_canonical_bounds(body, min, max);
+    for (int a = 0; a < 3; a++) { /* a counts x y z */
+        float cells = ceilf((max[a] - min[a]) / config->voxel_size_m);
+        if (!(cells >= 1 && cells <= 2048))
+            return failure(c, SHERF_BAD_ARGUMENT, "the canonical body is %g m wide: not a body in metres",
+                           (double)(max[a] - min[a]));
+        size_zyx[2 - a] = ((int)cells | 31) + 1;
+    }
+    return SHERF_OK;
+}
+
 /* Voxel of each vertex, the volume's sizes, the active voxels and rules of every level (network.md 3). The
  * observation's vertices go to canonical space by the inverse LBS, which puts them on the canonical body. */
 static sherf_status volume_layout(context *c, const model_config *config, const body_model *body,
@@ -128,20 +141,15 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
     float max[3];
     body_canonical_bounds(body, g->volume_min, max);
     g->voxel_size_m = config->voxel_size_m;
-    for (int a = 0; a < 3; a++) { /* a counts x y z; sizes are z y x */
-        float cells = ceilf((max[a] - g->volume_min[a]) / g->voxel_size_m);
-        if (!(cells >= 1 && cells <= 2048))
-            return failure(c, SHERF_BAD_ARGUMENT, "the canonical body is %g m wide: not a body in metres",
-                           (double)(max[a] - g->volume_min[a]));
-        g->volume_size[2 - a] = ((int)cells | 31) + 1;
-    }
+    sherf_status status = volume_size_of(c, config, body, g->volume_size);
+    if (status != SHERF_OK) return status;
     for (int l = 0; l < POINT_LEVELS + 2; l++)
         for (int a = 0; a < 3; a++) g->level[l].size[a] = g->volume_size[a] >> l;
     g->vertex_zyx = mem_alloc(c, (size_t)body->vertices * 3, sizeof(int32_t));
     g->vertex_voxel = mem_alloc(c, (size_t)body->vertices, sizeof(int32_t));
     int32_t *self = mem_alloc(c, (size_t)body->vertices, sizeof(int32_t));
     float *canonical = mem_alloc(c, (size_t)body->vertices * 3, sizeof(float));
-    sherf_status status = g->vertex_zyx && g->vertex_voxel && self && canonical ? SHERF_OK : SHERF_NO_MEMORY;
+    status = g->vertex_zyx && g->vertex_voxel && self && canonical ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
         for (int v = 0; v < body->vertices; v++) self[v] = v;
         deform_to_canonical(body, g->body, body->vertices, g->body->vertices_smpl, NULL, self, canonical,

@@ -5,6 +5,7 @@
 #define SHERF_MODEL_H
 
 #include "body/body.h"
+#include "io/safetensors.h"
 #include "nn/parameters.h"
 #include "render/pointnet.h"
 #include "render/render.h"
@@ -81,6 +82,8 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool down3, const int32_t *fixed_voxels,
                                          observation_geometry **out);
+/* Full-resolution size of the sparse volume, z y x: ceil(extent / voxel) | 31, plus 1. */
+sherf_status volume_size_of(context *c, const model_config *config, const body_model *body, int size_zyx[3]);
 void observation_geometry_free(observation_geometry *g);
 
 /* ---- and once per target ---- */
@@ -131,6 +134,11 @@ sherf_status model_frame(tape *t, const model *m, const body_model *body, const 
 /* ---- files ---- */
 sherf_status model_load(context *c, const char *path, model **out); /* ours, or converted from the authors' */
 sherf_status model_save(context *c, const model *m, const char *path);
+/* With other values in the place of the weights' own (moving averages): total_floats of them. */
+sherf_status model_save_values(context *c, const model *m, const float *values, const char *path);
+/* All tensors as a file holds them; mem_free both results. For checkpoints. */
+sherf_status model_items(context *c, const model *m, const float *values, safetensor_item **out,
+                         float **memory);
 /* Values of all tensors of `from` (a converted ResNet-18) into both encoders where shapes agree. */
 sherf_status model_load_resnet(context *c, model *m, const char *path);
 
@@ -140,9 +148,8 @@ struct sherf_avatar {
     sherf_pose pose; /* the observation's */
     sherf_camera camera;
     uint64_t body_fingerprint;
-    parameters *weights; /* the point network's only */
-    point_bank bank;     /* pointers into `memory` */
-    void *memory;
+    parameters *weights;    /* the point network's only */
+    point_bank bank;        /* its arrays are the avatar's own */
     posed_body *observed;   /* observation pose, for the pixel-aligned features */
     point_network *network; /* packed for the context's precision it was made or loaded in */
 };

@@ -1,0 +1,365 @@
+/* Avatars: the feature bank of one observation with the point network's weights, and the frames made from it.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "data/data.h"
+#include "model/model.h"
+
+static int64_t plane_floats(const model_config *k) {
+    return 3 * (int64_t)k->plane_resolution * k->plane_resolution * k->token_width;
+}
+
+void sherf_avatar_free(sherf_avatar *a) {
+    if (!a) return;
+    point_network_free(a->network);
+    posed_body_free(a->observed);
+    parameters_free(a->weights);
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        mem_free((void *)a->bank.level[l].value);
+        mem_free((void *)a->bank.level[l].grid);
+    }
+    mem_free((void *)a->bank.planes);
+    mem_free((void *)a->bank.features);
+    mem_free((void *)a->bank.image);
+    mem_free(a);
+}
+
+/* The point network's weights of a model (from != NULL), or room for them. */
+static sherf_status point_parameters(context *c, const parameters *like, parameters **out) {
+    parameters *p = *out = parameters_create(c);
+    if (!p) return SHERF_NO_MEMORY;
+    for (int i = 0; i < like->count; i++) {
+        const parameter *q = like->item[i];
+        if (model_is_point_weight(q->name) &&
+            !parameter_add(c, p, false, q->value.rank, q->value.dim, "%s", q->name))
+            return SHERF_NO_MEMORY;
+    }
+    sherf_status status = parameters_lay_out(c, p);
+    for (int i = 0; status == SHERF_OK && i < p->count; i++) {
+        tensor *to = &p->item[i]->value, *from = &parameter_find(like, p->item[i]->name)->value;
+        memcpy(to->data, from->data, (size_t)tensor_count(to) * sizeof(float));
+    }
+    return status;
+}
+
+static void *copy_of(context *c, const void *data, size_t count, size_t size) {
+    void *p = mem_alloc(c, count, size);
+    if (p) memcpy(p, data, count * size);
+    return p;
+}
+
+/* What the canonical body decides, and the network packed for this context's precision. */
+static sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) {
+    body_canonical_bounds_z(body, a->bank.plane_min, a->bank.plane_max);
+    float max[3];
+    body_canonical_bounds(body, a->bank.volume_min, max);
+    a->bank.voxel_size_m = a->config.voxel_size_m;
+    a->body_fingerprint = body->fingerprint;
+    if (!a->observed) {
+        sherf_status status = posed_body_create(c, body, a->pose.poses_rad, a->pose.shapes, a->pose.R,
+                                                a->pose.Th_m, &a->observed);
+        if (status != SHERF_OK) return status;
+    }
+    point_sizes sizes;
+    point_weights weights;
+    model_point_sizes(&a->config, &sizes);
+    model_point_weights(a->weights, &a->config, &weights);
+    return point_network_create(c, &sizes, &weights, &a->bank, c->precision == SHERF_PRECISION_BF16,
+                                &a->network);
+}
+
+static sherf_status bank_copy(context *c, const model_bank *from, observation_geometry *g, sherf_avatar *a) {
+    point_bank *b = &a->bank;
+    b->plane_size = a->config.plane_resolution;
+    size_t each = (size_t)plane_floats(&a->config) / 3;
+    float *planes = mem_alloc(c, 3 * each, sizeof *planes);
+    b->planes = planes;
+    if (!planes) return SHERF_NO_MEMORY;
+    for (int k = 0; k < 3; k++)
+        memcpy(planes + (size_t)k * each, from->plane[k]->data, each * sizeof *planes);
+    b->feature_height = (int)from->features->dim[0];
+    b->feature_width = (int)from->features->dim[1];
+    b->features = copy_of(c, from->features->data, (size_t)tensor_count(from->features), sizeof(float));
+    b->image_width = g->width;
+    b->image_height = g->height;
+    b->image = copy_of(c, g->image, (size_t)g->width * (size_t)g->height * 3, sizeof(float));
+    if (!b->features || !b->image) return SHERF_NO_MEMORY;
+    memcpy(b->volume_size, g->volume_size, sizeof b->volume_size);
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        memcpy(b->level[l].size, g->level[l + 1].size, sizeof b->level[l].size);
+        b->level[l].voxels = g->level[l + 1].voxels;
+        b->level[l].value =
+            copy_of(c, from->level[l]->data, (size_t)tensor_count(from->level[l]), sizeof(float));
+        b->level[l].grid = g->level[l + 1].grid; /* taken over */
+        g->level[l + 1].grid = NULL;
+        if (!b->level[l].value) return SHERF_NO_MEMORY;
+    }
+    return SHERF_OK;
+}
+
+sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const sherf_body *body,
+                                 const sherf_observation *observation, sherf_avatar **out) {
+    *out = NULL;
+    observation_geometry *g = NULL;
+    tape *t = NULL;
+    model_bank bank;
+    sherf_avatar *a = mem_zero(c, 1, sizeof *a);
+    if (!a) return SHERF_NO_MEMORY;
+    a->config = m->config;
+    a->pose = observation->pose;
+    a->camera = observation->camera;
+    sherf_status status = observation_geometry_create(
+        c, &m->config, body, &observation->image, &observation->camera, &observation->pose, false, NULL, &g);
+    if (status != SHERF_OK) goto done;
+    t = tape_create(c, (tape_options){&backend_cpu, false, false, c->precision == SHERF_PRECISION_BF16});
+    status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = point_parameters(c, m->weights, &a->weights);
+    if (status == SHERF_OK) status = bank_copy(c, &bank, g, a);
+    if (status != SHERF_OK) goto done;
+    a->observed = g->body;
+    g->body = NULL;
+    status = avatar_finish(c, body, a);
+done:
+    tape_free(t);
+    observation_geometry_free(g);
+    if (status == SHERF_OK)
+        *out = a;
+    else
+        sherf_avatar_free(a);
+    return status;
+}
+
+const sherf_pose *sherf_avatar_pose(const sherf_avatar *a) {
+    return &a->pose;
+}
+const sherf_camera *sherf_avatar_camera(const sherf_avatar *a) {
+    return &a->camera;
+}
+
+/* ---- the file ---- */
+enum { AVATAR_ITEMS = 128, NUMBERS = 72 + 10 + 9 + 3 + 9 + 9 + 3 };
+
+/* The observation's pose and camera as one row of numbers and back. */
+static void numbers_put(const sherf_avatar *a, float n[NUMBERS]) {
+    memcpy(n, a->pose.poses_rad, 72 * sizeof *n);
+    memcpy(n + 72, a->pose.shapes, 10 * sizeof *n);
+    memcpy(n + 82, a->pose.R, 9 * sizeof *n);
+    memcpy(n + 91, a->pose.Th_m, 3 * sizeof *n);
+    memcpy(n + 94, a->camera.K, 9 * sizeof *n);
+    memcpy(n + 103, a->camera.R, 9 * sizeof *n);
+    memcpy(n + 112, a->camera.T_m, 3 * sizeof *n);
+}
+
+static sherf_status numbers_get(context *c, const float n[NUMBERS], sherf_avatar *a) {
+    for (int i = 0; i < NUMBERS; i++)
+        if (!isfinite(n[i])) return failure(c, SHERF_BAD_FILE, "tensor observation: not a finite number");
+    memcpy(a->pose.poses_rad, n, 72 * sizeof *n);
+    memcpy(a->pose.shapes, n + 72, 10 * sizeof *n);
+    memcpy(a->pose.R, n + 82, 9 * sizeof *n);
+    memcpy(a->pose.Th_m, n + 91, 3 * sizeof *n);
+    memcpy(a->camera.K, n + 94, 9 * sizeof *n);
+    memcpy(a->camera.R, n + 103, 9 * sizeof *n);
+    memcpy(a->camera.T_m, n + 112, 3 * sizeof *n);
+    a->camera.width_px = a->bank.image_width;
+    a->camera.height_px = a->bank.image_height;
+    return camera_check(c, &a->camera);
+}
+
+/* Linear voxel numbers of a level's rows: the grid turned round. */
+static int32_t *voxel_numbers(context *c, const point_bank *b, int l) {
+    int32_t *number = mem_zero(c, (size_t)b->level[l].voxels, sizeof *number);
+    int64_t cells = (int64_t)b->level[l].size[0] * b->level[l].size[1] * b->level[l].size[2];
+    for (int64_t i = 0; number && i < cells; i++)
+        if (b->level[l].grid[i] >= 0) number[b->level[l].grid[i]] = (int32_t)i;
+    return number;
+}
+
+static const char *const level_value[] = {"volume.1.value", "volume.2.value", "volume.3.value"};
+static const char *const level_voxel[] = {"volume.1.voxel", "volume.2.voxel", "volume.3.voxel"};
+
+sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const char *path) {
+    const point_bank *b = &a->bank;
+    safetensor_item item[AVATAR_ITEMS];
+    size_t n = 0;
+    int32_t *voxel[POINT_LEVELS] = {NULL};
+    float numbers[NUMBERS];
+    char fingerprint[32], *config = model_config_text(c, &a->config);
+    sherf_status status = config ? SHERF_OK : SHERF_NO_MEMORY;
+    numbers_put(a, numbers);
+    snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)a->body_fingerprint);
+    item[n++] = (safetensor_item){"observation", T_F32, 1, {NUMBERS}, numbers};
+    item[n++] = (safetensor_item){"image", T_F32, 3, {b->image_height, b->image_width, 3}, b->image};
+    item[n++] = (safetensor_item){
+        "features", T_F32, 3, {b->feature_height, b->feature_width, a->config.feature_width}, b->features};
+    item[n++] = (safetensor_item){
+        "planes", T_F32, 4, {3, b->plane_size, b->plane_size, a->config.token_width}, b->planes};
+    for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++) {
+        voxel[l] = voxel_numbers(c, b, l);
+        if (!voxel[l]) status = SHERF_NO_MEMORY;
+        item[n++] = (safetensor_item){
+            level_value[l], T_F32, 2, {b->level[l].voxels, a->config.volume_channels[l]}, b->level[l].value};
+        item[n++] = (safetensor_item){level_voxel[l], T_I32, 1, {b->level[l].voxels}, voxel[l]};
+    }
+    for (int i = 0; i < a->weights->count && n < AVATAR_ITEMS; i++) {
+        const tensor *w = &a->weights->item[i]->value;
+        item[n] = (safetensor_item){
+            .name = a->weights->item[i]->name, .type = T_F32, .rank = w->rank, .data = w->data};
+        memcpy(item[n++].dim, w->dim, sizeof w->dim);
+    }
+    if (status == SHERF_OK) {
+        safetensor_metadata metadata[] = {
+            {"format", "sherf-avatar"}, {"sherf.config", config}, {"body", fingerprint}};
+        status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
+    }
+    for (int l = 0; l < POINT_LEVELS; l++) mem_free(voxel[l]);
+    mem_free(config);
+    return status;
+}
+
+/* A float tensor of the given rank whose last dimension is known; the others are told. */
+static sherf_status floats_load(context *c, const safetensors *s, const char *name, int rank, int64_t *dim,
+                                const float **out) {
+    const safetensor *t = safetensors_find(s, name);
+    if (!t || t->rank != rank || t->dim[rank - 1] != dim[rank - 1])
+        return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", name);
+    int64_t count = 1;
+    for (int i = 0; i < rank; i++) {
+        dim[i] = t->dim[i];
+        if (dim[i] < 1 || dim[i] > 1 << 24) return failure(c, SHERF_BAD_FILE, "tensor %s: bad size", name);
+        count *= dim[i];
+    }
+    float *data = mem_alloc(c, (size_t)count, sizeof *data);
+    *out = data;
+    return data ? safetensors_floats(c, s, name, rank, dim, data) : SHERF_NO_MEMORY;
+}
+
+static sherf_status level_load(context *c, const safetensors *s, sherf_avatar *a, int l) {
+    point_bank *b = &a->bank;
+    int64_t dim[2] = {0, a->config.volume_channels[l]};
+    sherf_status status = floats_load(c, s, level_value[l], 2, dim, &b->level[l].value);
+    if (status != SHERF_OK) return status;
+    const safetensor *t = safetensors_find(s, level_voxel[l]);
+    if (!t || t->type != T_I32 || t->rank != 1 || t->dim[0] != dim[0])
+        return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", level_voxel[l]);
+    int64_t cells = 1;
+    for (int i = 0; i < 3; i++) {
+        b->level[l].size[i] = b->volume_size[i] >> (l + 1);
+        cells *= b->level[l].size[i];
+    }
+    int32_t *grid = mem_alloc(c, (size_t)cells, sizeof *grid);
+    b->level[l].grid = grid;
+    b->level[l].voxels = dim[0];
+    if (!grid) return SHERF_NO_MEMORY;
+    memset(grid, 0xff, (size_t)cells * sizeof *grid);
+    for (int64_t i = 0; i < dim[0]; i++) {
+        int32_t at;
+        memcpy(&at, (const char *)t->data + (size_t)i * sizeof at, sizeof at);
+        if (at < 0 || at >= cells || grid[at] >= 0)
+            return failure(c, SHERF_BAD_FILE, "tensor %s: voxel %lld out of place", level_voxel[l],
+                           (long long)i);
+        grid[at] = (int32_t)i;
+    }
+    return SHERF_OK;
+}
+
+static sherf_status bank_load(context *c, const safetensors *s, const body_model *body, sherf_avatar *a) {
+    point_bank *b = &a->bank;
+    int64_t image[3] = {0, 0, 3}, features[3] = {0, 0, a->config.feature_width},
+            planes[4] = {0, 0, 0, a->config.token_width};
+    int64_t numbers_dim[1] = {NUMBERS};
+    float numbers[NUMBERS];
+    sherf_status status = floats_load(c, s, "image", 3, image, &b->image);
+    if (status == SHERF_OK) status = floats_load(c, s, "features", 3, features, &b->features);
+    if (status == SHERF_OK) status = floats_load(c, s, "planes", 4, planes, &b->planes);
+    if (status == SHERF_OK) status = safetensors_floats(c, s, "observation", 1, numbers_dim, numbers);
+    if (status != SHERF_OK) return status;
+    if (planes[0] != 3 || planes[1] != a->config.plane_resolution || planes[2] != a->config.plane_resolution)
+        return failure(c, SHERF_BAD_FILE, "tensor planes is of the wrong shape");
+    b->plane_size = a->config.plane_resolution;
+    b->image_height = (int)image[0];
+    b->image_width = (int)image[1];
+    b->feature_height = (int)features[0];
+    b->feature_width = (int)features[1];
+    status = numbers_get(c, numbers, a);
+    if (status == SHERF_OK) status = volume_size_of(c, &a->config, body, b->volume_size);
+    for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++) status = level_load(c, s, a, l);
+    return status;
+}
+
+static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar *a) {
+    model *shape = NULL; /* names and shapes of this configuration */
+    sherf_status status = model_create(c, &a->config, 0, &shape);
+    if (status == SHERF_OK) status = point_parameters(c, shape->weights, &a->weights);
+    for (int i = 0; status == SHERF_OK && i < a->weights->count; i++) {
+        tensor *w = &a->weights->item[i]->value;
+        status = safetensors_floats(c, s, a->weights->item[i]->name, w->rank, w->dim, w->data);
+    }
+    model_free(shape);
+    return status;
+}
+
+sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
+                               sherf_avatar **out) {
+    *out = NULL;
+    safetensors *s = NULL;
+    sherf_status status = safetensors_read(c, path, &s);
+    if (status != SHERF_OK) return status;
+    sherf_avatar *a = mem_zero(c, 1, sizeof *a);
+    const char *format = safetensors_metadata(s, "format"), *config = safetensors_metadata(s, "sherf.config");
+    const char *fingerprint = safetensors_metadata(s, "body");
+    if (!a)
+        status = SHERF_NO_MEMORY;
+    else if (!format || strcmp(format, "sherf-avatar") || !config || !fingerprint)
+        status =
+            failure(c, SHERF_BAD_FILE, "not an avatar%s%s", format ? " but a " : "", format ? format : "");
+    else if (strtoull(fingerprint, NULL, 16) != body->fingerprint)
+        status = failure(c, SHERF_MISMATCH, "made with another body: give the body file it was made with");
+    if (status == SHERF_OK) status = model_config_parse(c, config, &a->config);
+    if (status == SHERF_OK) status = bank_load(c, s, body, a);
+    if (status == SHERF_OK) status = weights_load(c, s, a);
+    if (status == SHERF_OK) status = avatar_finish(c, body, a);
+    safetensors_free(s);
+    if (status == SHERF_OK) {
+        *out = a;
+        return SHERF_OK;
+    }
+    sherf_avatar_free(a);
+    return failure_prefix(c, status, "%s", path);
+}
+
+/* ---- frames ---- */
+sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_body *body,
+                          const sherf_pose *pose, const sherf_camera *camera,
+                          const sherf_render_options *options, sherf_frame *frame) {
+    static const sherf_render_options plain = {{0, 0, 0}, 0, 0};
+    const sherf_render_options *o = options ? options : &plain;
+    if (body->fingerprint != a->body_fingerprint)
+        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    if (o->samples < 0 || o->samples > 1024)
+        return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to 1024, or 0 for the model's",
+                       o->samples);
+    sherf_status status = camera_check(c, camera);
+    posed_body *target = NULL;
+    ray_bundle *rays = NULL;
+    point_set *points = NULL;
+    float min[3], max[3];
+    if (status == SHERF_OK)
+        status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &target);
+    if (status != SHERF_OK) goto done;
+    body_world_box(body, target, min, max);
+    status = rays_create(c, camera, min, max, &rays);
+    if (status != SHERF_OK) goto done;
+    int samples = o->samples ? o->samples : a->config.samples;
+    status = points_create(c, body, target, rays, samples, a->observed, &a->camera, false, &points);
+    if (status != SHERF_OK) goto done;
+    status = point_network_render(c, a->network, rays, points, o->background, o->early_stop != 0, frame);
+    if (status == SHERF_OK) frame->points = points->count;
+done:
+    posed_body_free(target);
+    rays_free(rays);
+    points_free(points);
+    return status;
+}

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "data/data.h"
+#include "io/safetensors.h"
 #include "model/model.h"
 
 static int64_t plane_floats(const model_config *k) {
@@ -109,10 +109,10 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     sherf_avatar *a = mem_zero(c, 1, sizeof *a);
     if (!a) return SHERF_NO_MEMORY;
     a->config = m->config;
-    a->pose = observation->pose;
-    a->camera = observation->camera;
+    a->pose = *sherf_observation_pose(observation);
+    a->camera = *sherf_observation_camera(observation);
     sherf_status status = observation_geometry_create(
-        c, &m->config, body, &observation->image, &observation->camera, &observation->pose, false, NULL, &g);
+        c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, NULL, &g);
     if (status != SHERF_OK) goto done;
     t = tape_create(c, (tape_options){&backend_cpu, false, false, c->precision == SHERF_PRECISION_BF16});
     status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;

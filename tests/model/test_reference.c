@@ -1,0 +1,243 @@
+/* Stage by stage against the reference, in the order of the computation: the first stage that is off is the
+ * wrong one. */
+#include "reference.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "data/tubeman.h"
+
+/* float32 stages: at most 3e-4 of the stage's largest value, 2e-5 root mean square. */
+static const reference_bound stage = {3e-4, 2e-5};
+
+typedef struct {
+    context *c;
+    safetensors *want;
+    body_model *body;
+    model *m;
+    sherf_camera camera[2]; /* target, observation */
+    sherf_pose pose[2];
+    sherf_image image;
+    observation_geometry *g;
+    target_geometry *target;
+} reference;
+
+static void reference_open(reference *r, const char *file, bool training) {
+    static const char *const who[] = {"target", "observation"};
+    r->c = test_context();
+    context *c = r->c;
+    r->want = reference_read(c, file);
+    assert_ok(c, tubeman_create(c, &r->body));
+    assert_ok(c, sherf_model_create(c, "paper", 0, &r->m));
+    reference_weights(r->m);
+    for (int i = 0; i < 2; i++) {
+        reference_camera(r->want, who[i], &r->camera[i]);
+        reference_pose(r->want, who[i], &r->pose[i]);
+    }
+    reference_image(c, false, &r->image);
+    const int32_t *voxels = safetensors_find(r->want, "volume.voxels")->data;
+    assert_ok(c, observation_geometry_create(c, &r->m->config, r->body, &r->image, &r->camera[1], &r->pose[1],
+                                             training, voxels, &r->g));
+    assert_ok(c, target_geometry_create(c, &r->m->config, r->body, &r->camera[0], &r->pose[0], r->g, true,
+                                        &r->target));
+}
+
+static void reference_close(reference *r) {
+    target_geometry_free(r->target);
+    observation_geometry_free(r->g);
+    sherf_image_free(&r->image);
+    sherf_model_free(r->m);
+    sherf_body_free(r->body);
+    safetensors_free(r->want);
+    sherf_context_free(r->c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* [C, h, w] of every `channel`-th channel and `step`-th pixel of a channels-last map. */
+static void compare_map(const reference *r, const char *name, const tensor *map, int channel, int step) {
+    int64_t H = (map->dim[0] + step - 1) / step, W = (map->dim[1] + step - 1) / step,
+            C = (map->dim[2] + channel - 1) / channel;
+    const float *want = reference_floats(r->want, name, C * H * W);
+    float *got = mem_alloc(r->c, (size_t)(C * H * W), sizeof *got);
+    for (int64_t k = 0; k < C; k++)
+        for (int64_t i = 0; i < H; i++)
+            for (int64_t j = 0; j < W; j++)
+                got[(k * H + i) * W + j] =
+                    tensor_f32(map)[(i * step * map->dim[1] + j * step) * map->dim[2] + k * channel];
+    reference_compare(name, want, got, C * H * W, stage);
+    mem_free(got);
+}
+
+static void check_voxels(const reference *r) {
+    static const int ties[] = {810, 815, 870, 875}; /* on a rounding tie of the grid */
+    context *c = r->c;
+    observation_geometry *own = NULL;
+    assert_ok(c, observation_geometry_create(c, &r->m->config, r->body, &r->image, &r->camera[1], &r->pose[1],
+                                             false, NULL, &own));
+    const int32_t *want = safetensors_find(r->want, "volume.voxels")->data;
+    for (int v = 0; v < r->body->vertices; v++) {
+        bool tie = false;
+        for (size_t i = 0; i < COUNT_OF(ties); i++) tie = tie || ties[i] == v;
+        for (int a = 0; a < 3; a++) {
+            int off = abs(own->vertex_zyx[3 * v + a] - want[3 * v + a]);
+            if (off > (tie ? 1 : 0)) fail_msg("voxel of vertex %d differs", v);
+        }
+    }
+    assert_memory_equal(own->volume_size, safetensors_find(r->want, "volume.size")->data,
+                        sizeof own->volume_size);
+    observation_geometry_free(own);
+}
+
+static void check_encoder(const reference *r, const model_bank *bank, const model_stages *stages) {
+    reference_compare("encoder.latent", reference_floats(r->want, "encoder.latent", 512), bank->latent->data,
+                      512, stage);
+    compare_map(r, "encoder.features", bank->features, 1, 4);
+    reference_compare("generator.ws", reference_floats(r->want, "generator.ws", 512), bank->style->data, 512,
+                      stage);
+    for (int i = 0, res = 4; i < stages->blocks; i++, res *= 2) {
+        char name[64];
+        int step = res > 8 ? res / 8 : 1,
+            cut = res > 4 ? 2 : 1; /* the files' own step, and the cut of the copy */
+        snprintf(name, sizeof name, "generator.b%d.x", res);
+        compare_map(r, name, stages->block_x[i], 16, step * cut);
+        snprintf(name, sizeof name, "generator.b%d.image", res);
+        compare_map(r, name, stages->block_image[i], 1, step * cut);
+    }
+}
+
+/* Index of each picked point among ours, by ray and sample. */
+static void find_picks(const reference *r, int64_t n, int64_t *row) {
+    const int32_t *ray = safetensors_find(r->want, "pick.ray")->data,
+                  *sample = safetensors_find(r->want, "pick.sample")->data;
+    const point_set *p = r->target->points;
+    for (int64_t i = 0; i < n; i++) {
+        row[i] = -1;
+        for (int32_t k = p->first[ray[i]]; k < p->first[ray[i] + 1]; k++)
+            if (p->sample[k] == sample[i]) row[i] = k;
+        if (row[i] < 0) fail_msg("point of ray %d, sample %d is not among ours", ray[i], sample[i]);
+    }
+}
+
+/* Rows `row` of x, `columns` wide, against the stored ones. */
+static void compare_rows(const reference *r, const char *name, const float *x, int64_t columns, int64_t n,
+                         const int64_t *row, reference_bound bound) {
+    float *got = mem_alloc(r->c, (size_t)(n * columns), sizeof *got);
+    for (int64_t i = 0; i < n; i++)
+        memcpy(got + i * columns, x + row[i] * columns, (size_t)columns * sizeof *got);
+    reference_compare(name, reference_floats(r->want, name, n * columns), got, n * columns, bound);
+    mem_free(got);
+}
+
+static void check_points(const reference *r, tape *t, const model_bank *bank) {
+    const point_set *p = r->target->points;
+    int64_t n = safetensors_find(r->want, "pick.ray")->dim[0], row[4096];
+    point_outputs out;
+    assert_true(n <= (int64_t)COUNT_OF(row));
+    int64_t want_count = *(const int64_t *)safetensors_find(r->want, "points.count")->data;
+    assert_in_range(p->count, want_count - 3, want_count + 3);
+    find_picks(r, n, row);
+    const reference_bound metres = {1e-5, 1e-5};
+    compare_rows(r, "deform.canonical", p->canonical, 3, n, row, metres);
+    compare_rows(r, "deform.viewdir", p->direction_canonical, 3, n, row, metres);
+    compare_rows(r, "project.points", p->observed_px, 2, n, row, stage);
+    assert_ok(r->c, model_points(t, r->m, r->body, r->g, bank, p, 0, p->count, &out));
+    const float *planes = reference_floats(r->want, "triplane.features", 3 * n * 32);
+    for (int k = 0; k < 3; k++)
+        for (int64_t i = 0; i < n; i++)
+            for (int64_t j = 0; j < 32; j++)
+                if (fabsf(tensor_f32(out.plane[k])[row[i] * 32 + j] - planes[(k * n + i) * 32 + j]) >
+                    3e-4f * 30)
+                    fail_msg("triplane.features: plane %d of point %d", k, (int)i);
+    compare_rows(r, "volume.features", out.volume->data, 192, n, row, stage);
+    compare_rows(r, "fusion.out", out.fusion->data, 96, n, row, stage);
+    compare_rows(r, "decoder.sigma", out.sigma->data, 1, n, row, stage);
+    compare_rows(r, "decoder.rgb", out.rgb->data, 3, n, row, stage);
+}
+
+static double psnr(const float *a, const float *b, int64_t count) {
+    double sum = 0;
+    for (int64_t i = 0; i < count; i++) sum += ((double)a[i] - (double)b[i]) * ((double)a[i] - (double)b[i]);
+    return -10 * log10(fmax(sum / (double)count, 1e-20));
+}
+
+/* The stored picture is [3, S, S]; ours S x S x `columns` with colour first. */
+static double picture_psnr(const reference *r, const float *frame, int columns) {
+    const int n = REFERENCE_SIZE * REFERENCE_SIZE;
+    const float *want = reference_floats(r->want, "render.rgb", 3 * n);
+    float *a = mem_alloc(r->c, (size_t)(3 * n), sizeof *a);
+    for (int i = 0; i < n; i++)
+        for (int k = 0; k < 3; k++) a[k * n + i] = frame[i * columns + k];
+    double result = psnr(a, want, 3 * n);
+    mem_free(a);
+    return result;
+}
+
+static void stages_agree(void **state) {
+    reference r;
+    reference_open(&r, "reference_eval.safetensors", false);
+    context *c = r.c;
+    check_voxels(&r);
+    tape *t = tape_create(c, (tape_options){&backend_cpu, false, false, false});
+    model_bank bank;
+    model_stages stages = {.blocks = 0};
+    assert_ok(c, model_encode(t, r.m, r.body, r.g, &bank, &stages));
+    check_encoder(&r, &bank, &stages);
+    check_points(&r, t, &bank);
+    tensor *frame;
+    assert_ok(c, model_frame(t, r.m, r.body, r.g, &bank, r.target, 0, 0, &frame));
+    double db = picture_psnr(&r, frame->data, 5);
+    if (!(db >= 60)) fail_msg("the picture agrees to %.1f dB only", db);
+    const int n = REFERENCE_SIZE * REFERENCE_SIZE;
+    const float *opacity = reference_floats(r.want, "render.opacity", n),
+                *depth = reference_floats(r.want, "render.depth", n);
+    for (int i = 0; i < n; i++) {
+        assert_true(fabsf(tensor_f32(frame)[5 * i + 3] - opacity[i]) <= 3e-4f);
+        /* depth = sum w t / sum w: where hardly anything is hit, a rounding of both is left */
+        if (opacity[i] > 1e-3f || opacity[i] == 0)
+            assert_true(fabsf(tensor_f32(frame)[5 * i + 4] - depth[i]) <= 3e-4f * 4);
+    }
+    tape_free(t);
+    reference_close(&r);
+}
+
+/* The program's way: avatar and fused point network, float32 and bf16. */
+static void avatars_agree(void **state) {
+    reference r;
+    reference_open(&r, "reference_eval.safetensors", false);
+    sherf_image mask = {REFERENCE_SIZE, REFERENCE_SIZE, 1,
+                        mem_alloc(r.c, REFERENCE_SIZE * REFERENCE_SIZE, sizeof(float))};
+    for (int i = 0; i < REFERENCE_SIZE * REFERENCE_SIZE; i++) mask.data[i] = 1;
+    sherf_frame frame[2] = {{.points = 0}};
+    for (int k = 0; k < 2; k++) {
+        context *c = r.c;
+        c->precision = k ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
+        sherf_observation *o = NULL;
+        sherf_avatar *a = NULL;
+        assert_ok(c, sherf_observation_create(c, &r.image, &mask, &r.camera[1], &r.pose[1], &o));
+        assert_ok(c, sherf_avatar_create(c, r.m, r.body, o, &a));
+        assert_ok(c, sherf_avatar_save(c, a, test_path("avatar")));
+        sherf_avatar_free(a);
+        assert_ok(c, sherf_avatar_load(c, test_path("avatar"), r.body, &a));
+        assert_ok(c, sherf_render(c, a, r.body, &r.pose[0], &r.camera[0], NULL, &frame[k]));
+        sherf_avatar_free(a);
+        sherf_observation_free(o);
+    }
+    double db = picture_psnr(&r, frame[0].color.data, 3);
+    /* 4 vertices on a rounding tie may fall into other voxels here, which moves the picture a little */
+    if (!(db >= 55)) fail_msg("the float32 avatar's picture agrees to %.1f dB only", db);
+    double half = psnr(frame[1].color.data, frame[0].color.data, 3 * REFERENCE_SIZE * REFERENCE_SIZE);
+    if (getenv("SHERF_TEST_VERBOSE"))
+        printf("float32 avatar %.1f dB, bf16 against float32 %.1f dB\n", db, half);
+    if (!(half >= 45)) fail_msg("bf16 agrees with float32 to %.1f dB only", half);
+    sherf_frame_free(&frame[0]);
+    sherf_frame_free(&frame[1]);
+    mem_free(mask.data);
+    reference_close(&r);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(stages_agree), cmocka_unit_test(avatars_agree)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -363,3 +363,10 @@ done:
     points_free(points);
     return status;
 }
+
+void sherf_frame_free(sherf_frame *frame) {
+    sherf_image_free(&frame->color);
+    sherf_image_free(&frame->opacity);
+    sherf_image_free(&frame->depth);
+    frame->points = 0;
+}

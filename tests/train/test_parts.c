@@ -1,0 +1,195 @@
+/* The trainer's parts on their own: optimiser, schedule, average, order of pictures, sums of a step. */
+#include <math.h>
+#include <string.h>
+
+#include "support.h"
+#include "train/adam.h"
+#include "train/sampling.h"
+#include "train/trainer.h"
+
+static void adam_follows_its_equations(void **state) {
+    enum { N = 40000 };
+    static float x[N], g[N];
+    static double want[N], v[N];
+    context *c = test_context();
+    adam a;
+    assert_ok(c, adam_create(c, N, &a));
+    test_centred("adam.x", N, 1, x);
+    for (int i = 0; i < N; i++) want[i] = x[i];
+    for (int t = 1; t <= 5; t++) {
+        char name[32];
+        snprintf(name, sizeof name, "adam.g%d", t);
+        test_centred(name, N, pow(10, -t), g);
+        g[7] = 0;
+        adam_step(c, &a, x, g, 2e-3);
+        for (int i = 0; i < N; i++) {
+            v[i] = 0.99 * v[i] + 0.01 * (double)g[i] * g[i];
+            want[i] -= 2e-3 * g[i] / (sqrt(v[i] / (1 - pow(0.99, t))) + 1e-8);
+        }
+    }
+    for (int i = 0; i < N; i++) assert_true(fabs(x[i] - want[i]) < 2e-6);
+    double square = 0;
+    for (int i = 0; i < N; i++) square += (double)g[i] * g[i];
+    assert_true(fabs(gradients_square_sum(c, N, g) / square - 1) < 1e-12);
+    g[39999] = INFINITY;
+    assert_false(isfinite(gradients_square_sum(c, N, g)));
+    g[39999] = NAN;
+    assert_false(isfinite(gradients_square_sum(c, N, g)));
+    adam_free(&a);
+    sherf_context_free(c);
+}
+
+static void schedule_and_average(void **state) {
+    assert_true(schedule_rate(2e-3, 0, 10) == 2e-3 && schedule_rate(2e-3, 9, 10) == 2e-3);
+    assert_true(schedule_rate(2e-3, 10, 10) == 1e-3 && schedule_rate(2e-3, 39, 10) == 2.5e-4);
+    assert_true(fabs(average_decay(20) - 0.5) < 1e-12); /* half-life of one step */
+    assert_true(fabs(pow(average_decay(1000000), 312.5) - 0.5) < 1e-9);
+    context *c = test_context();
+    float a[3] = {1, 2, 3}, x[3] = {3, 2, -1};
+    average_update(c, 3, a, x, 0.75);
+    assert_true(a[0] == 1.5f && a[1] == 2 && a[2] == 2);
+    sherf_context_free(c);
+}
+
+static void permutations_are_permutations(void **state) {
+    static bool seen[3000];
+    const int64_t sizes[] = {1, 2, 3, 4, 5, 16, 17, 1000, 3000};
+    for (size_t k = 0; k < COUNT_OF(sizes); k++) {
+        int64_t moved = 0;
+        memset(seen, 0, sizeof seen);
+        for (int64_t i = 0; i < sizes[k]; i++) {
+            int64_t p = permuted(42 + k, i, sizes[k]);
+            assert_true(p >= 0 && p < sizes[k] && !seen[p]);
+            seen[p] = true;
+            moved += p != i;
+        }
+        if (sizes[k] >= 16) assert_true(moved > sizes[k] / 2);
+    }
+}
+
+/* Two people, 3 and 2 poses on a grid of 5, 4 views. */
+static sampling two_people(int front_view) {
+    static int person[] = {4, 9}, poses[] = {3, 2}, views[] = {4, 4};
+    static int64_t before[] = {0, 12, 20};
+    return (sampling){.seed = 3,
+                      .people = 2,
+                      .person = person,
+                      .poses = poses,
+                      .views = views,
+                      .before = before,
+                      .pose_step = 5,
+                      .front_view = front_view};
+}
+
+static void every_picture_once_an_epoch(void **state) {
+    sampling s = two_people(-1);
+    int seen[2][3][4] = {0}, same_order = 0, observed[4] = {0};
+    for (int64_t i = 0; i < 40; i++) {
+        draw d = sampling_draw(&s, i);
+        assert_true(d.person == 4 || d.person == 9);
+        assert_true(d.pose % 5 == 0 && d.view < 4 && d.observed_view < 4 && d.noise_key);
+        seen[d.person == 9][d.pose / 5][d.view]++;
+        observed[d.observed_view]++;
+        draw e = sampling_draw(&s, (i + 20) % 40);
+        same_order += e.person == d.person && e.pose == d.pose && e.view == d.view;
+        draw again = sampling_draw(&s, i);
+        assert_memory_equal(&again, &d, sizeof d);
+    }
+    for (int p = 0; p < 2; p++)
+        for (int q = 0; q < 3 - p; q++)
+            for (int v = 0; v < 4; v++) assert_int_equal(seen[p][q][v], 2);
+    assert_true(same_order < 12);
+    for (int v = 0; v < 4; v++) assert_true(observed[v] > 2);
+    sampling front = two_people(2);
+    for (int64_t i = 0; i < 20; i++) {
+        draw a = sampling_draw(&front, i), b = sampling_draw(&s, i);
+        assert_true(a.observed_view == 2 && a.pose == b.pose && a.view == b.view);
+    }
+}
+
+/* ---- sums of a step ---- */
+static parameters *made_up_weights(context *c) {
+    parameters *p = parameters_create(c);
+    assert_non_null(p);
+    assert_non_null(parameter_add(c, p, false, 2, (int64_t[]){5, 7}, "w"));
+    assert_non_null(parameter_add(c, p, true, 1, (int64_t[]){6}, "s.running_mean"));
+    assert_ok(c, parameters_lay_out(c, p));
+    assert_ok(c, parameters_make_grads(c, p));
+    for (int64_t i = 0; i < p->total_floats; i++) p->values[i] = (float)i / 7;
+    return p;
+}
+
+/* What the images [begin, end) of 8 make of gradients and statistics; `rows`: the sum of by_image. */
+static void run_share(context *c, parameters *p, int begin, int end, step_total *s) {
+    assert_ok(c, total_create(c, p, 8, begin, end, s));
+    total_start(s);
+    for (int i = begin; i < end; i++) {
+        char name[32];
+        float *g = p->grads, *b = p->values + p->trained_floats;
+        snprintf(name, sizeof name, "total.%d", i);
+        float add[64];
+        test_centred(name, 48, pow(3, i % 4), add);
+        for (int64_t k = 0; k < p->trained_floats; k++) g[k] += add[k % 48];
+        for (int64_t k = 0; k < 6; k++) b[k] += 0.1f * (add[k] - b[k]);
+        assert_ok(c, total_add(c, s, i, &(loss_values){i, 1, 2, i == 3 ? NAN : 0.5, NAN}));
+    }
+}
+
+static void shares_add_up_to_the_same_bits(void **state) {
+    context *c = test_context();
+    const ranks alone = {.count = 1};
+    loss_values mean;
+    step_total whole, half[2];
+    parameters *p = made_up_weights(c), *q[2] = {made_up_weights(c), made_up_weights(c)};
+    run_share(c, p, 0, 8, &whole);
+    assert_ok(c, total_finish(c, &whole, &alone, &mean));
+    assert_true(mean.total == 3.5 && mean.ssim == 0.5 && isnan(mean.lpips));
+    for (int k = 0; k < 2; k++) run_share(c, q[k], 4 * k, 4 * k + 4, &half[k]);
+    for (int k = 0; k < 2; k++) { /* what ranks_sum does to the rows */
+        size_t row = (size_t)half[k].buffers + TOTAL_LOSSES;
+        for (size_t i = 0; i < 8 * row; i++)
+            if (i / row / 4 != (size_t)k) assert_true(half[k].by_image[i] == 0);
+    }
+    size_t rows = ((size_t)half[0].buffers + TOTAL_LOSSES) * 8;
+    for (size_t i = 0; i < rows; i++) half[0].by_image[i] += half[1].by_image[i];
+    for (int k = 0; k < 2; k++) assert_ok(c, total_finish(c, &half[k], &alone, &mean));
+    for (int64_t i = 0; i < p->trained_floats; i++)
+        assert_true(p->grads[i] == q[0]->grads[i] + q[1]->grads[i]);
+    size_t bytes = (size_t)(p->total_floats - p->trained_floats) * sizeof(float);
+    assert_memory_equal(p->values + p->trained_floats, q[0]->values + p->trained_floats, bytes);
+    total_undo(&whole);
+    for (int64_t i = 0; i < p->total_floats; i++) assert_true(p->values[i] == (float)i / 7);
+    total_free(&whole);
+    for (int k = 0; k < 2; k++) {
+        total_free(&half[k]);
+        parameters_free(q[k]);
+    }
+    parameters_free(p);
+    sherf_context_free(c);
+}
+
+static void one_image_is_the_plain_update(void **state) {
+    context *c = test_context();
+    const ranks alone = {.count = 1};
+    loss_values mean;
+    step_total s;
+    parameters *p = made_up_weights(c);
+    assert_ok(c, total_create(c, p, 1, 0, 1, &s));
+    total_start(&s);
+    float moved[6];
+    for (int k = 0; k < 6; k++) moved[k] = p->values[p->trained_floats + k] += 0.1f * (float)k / 3;
+    assert_ok(c, total_add(c, &s, 0, &(loss_values){1, 1, 1, 1, 1}));
+    assert_ok(c, total_finish(c, &s, &alone, &mean));
+    assert_memory_equal(p->values + p->trained_floats, moved, sizeof moved);
+    total_free(&s);
+    parameters_free(p);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(adam_follows_its_equations),     cmocka_unit_test(schedule_and_average),
+        cmocka_unit_test(permutations_are_permutations),  cmocka_unit_test(every_picture_once_an_epoch),
+        cmocka_unit_test(shares_add_up_to_the_same_bits), cmocka_unit_test(one_image_is_the_plain_update)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,117 @@
+#include <math.h>
+#include <string.h>
+
+#include "support.h"
+#include "train/losses.h"
+
+enum { W = 30, H = 26, N = W * H };
+
+/* A frame, and a target whose box covers columns 4 to 23 and rows 2 to 21. */
+typedef struct {
+    float frame[5 * N], image[3 * N];
+    uint8_t mask[N], unknown[N], at_box[N];
+} scene;
+
+static void make_scene(scene *s) {
+    test_centred("losses.frame", 5 * N, 0.5, s->frame);
+    test_centred("losses.image", 3 * N, 0.5, s->image);
+    for (int i = 0; i < 5 * N; i++) s->frame[i] += 0.5f;
+    for (int i = 0; i < N; i++) {
+        int x = i % W, y = i / W;
+        for (int k = 0; k < 3; k++) s->image[3 * i + k] += 0.5f;
+        s->mask[i] = hypot(x - 14, y - 12) < 6;
+        s->unknown[i] = s->mask[i] && hypot(x - 14, y - 12) > 5;
+        s->at_box[i] = x >= 4 && x < 24 && y >= 2 && y < 22;
+    }
+}
+
+static tape *made_up_tape(context *c) {
+    tape *t = tape_create(c, (tape_options){.backend = &backend_ref_f32, .record = true, .training = true});
+    assert_non_null(t);
+    return t;
+}
+
+static void values_are_the_means(void **state) {
+    static scene s;
+    make_scene(&s);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    for (int with_unknown = 0; with_unknown < 2; with_unknown++) {
+        tape_reset(t);
+        tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
+        frame->needs_grad = true;
+        loss_target g = {W, H, s.image, s.mask, with_unknown ? s.unknown : NULL, s.at_box};
+        loss_values v;
+        assert_ok(c, losses_forward(t, NULL, frame, &g, &total, &v));
+        double color = 0, mask = 0;
+        int n = 0;
+        for (int i = 0; i < N; i++) {
+            if (!s.at_box[i] || (with_unknown && s.unknown[i])) continue;
+            for (int k = 0; k < 3; k++) color += pow(s.frame[5 * i + k] - s.image[3 * i + k], 2) / 3;
+            mask += pow(s.frame[5 * i + 3] - s.mask[i], 2);
+            n++;
+        }
+        assert_true(fabs(v.color - color / n) < 1e-6 && fabs(v.mask - mask / n) < 1e-6);
+        assert_true(v.ssim > -1 && v.ssim < 0.5 && isnan(v.lpips));
+        assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim)) < 1e-4);
+        assert_ok(c, tape_backward(t, total, 1));
+        const float *d = tensor_f32(frame->grad);
+        for (int i = 0; i < N; i++) {
+            bool counts = s.at_box[i] && !(with_unknown && s.unknown[i]);
+            for (int k = 0; k < 4; k++) assert_int_equal(d[5 * i + k] != 0, counts);
+            assert_true(d[5 * i + 4] == 0); /* depth */
+        }
+    }
+    tape_free(t);
+    sherf_context_free(c);
+}
+
+static void lpips_adds_its_distance(void **state) {
+    static scene s;
+    make_scene(&s);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    lpips_network *l;
+    assert_ok(c, lpips_create(c, &l));
+    for (int i = 0; i < LPIPS_CONVOLUTIONS; i++)
+        test_centred("losses.vgg", tensor_count(l->weight[i]), sqrt(6.0 / (9 * lpips_layers[i].in)),
+                     tensor_f32(l->weight[i]));
+    for (int i = 0; i < LPIPS_STAGES; i++)
+        for (int64_t k = 0; k < tensor_count(l->head[i]); k++) tensor_f32(l->head[i])[k] = 0.01f;
+    tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
+    loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
+    loss_values v;
+    assert_ok(c, losses_forward(t, l, frame, &g, &total, &v));
+    assert_true(v.lpips > 0);
+    assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim + v.lpips)) < 1e-4);
+    for (int i = 0; i < N; i++) memcpy(s.frame + 5 * i, s.image + 3 * i, 3 * sizeof(float));
+    tape_reset(t);
+    assert_ok(c, losses_forward(t, l, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+    assert_true(v.lpips == 0 && v.color == 0 && fabs(v.ssim - 1) < 1e-5);
+    lpips_free(l);
+    tape_free(t);
+    sherf_context_free(c);
+}
+
+static void nothing_at_the_box(void **state) {
+    static scene s;
+    make_scene(&s);
+    memset(s.at_box, 0, sizeof s.at_box);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    tensor *total;
+    loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
+    loss_values v;
+    assert_ok(c, losses_forward(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+    assert_null(total);
+    assert_true(v.total == 0);
+    tape_free(t);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(values_are_the_means),
+                                       cmocka_unit_test(lpips_adds_its_distance),
+                                       cmocka_unit_test(nothing_at_the_box)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,6 +1,7 @@
 /* image: PNG through libpng, JPEG through libjpeg-turbo. Both report errors by longjmp; what must be freed is
  * kept in a struct that the setjmp frame only points to. Decoding is OpenCV's (slow DCT, fancy upsampling,
- * grey from colour by .299 .587 .114), so that scores agree. */
+ * upright by
+ * EXIF), so that scores agree. */
 #include <errno.h>
 #include <png.h>
 #include <setjmp.h>
@@ -10,9 +11,12 @@
 
 #include <jpeglib.h>
 
+#include <jerror.h>
+
 #include "base/path.h"
 #include "io/image.h"
 
+enum { JPEG_SCANS = 200 };
 static const size_t image_bytes_max = (size_t)1 << 30;
 
 typedef struct {
@@ -26,6 +30,7 @@ typedef struct {
     unsigned char *row; /* scratch: a row, or the whole picture when interlaced */
     int channels;       /* wanted; 0: only the size is asked for */
     int own_channels;
+    int orientation; /* of a JPEG, as EXIF says; 0 or 1: upright */
     png_bytep *rows; /* interlaced PNG */
 } decoder;
 
@@ -47,9 +52,10 @@ static bool make_room(decoder *d, size_t row_bytes) {
     return d->row != NULL;
 }
 
-/* OpenCV's grey: 14-bit fixed point, rounded. */
+/* Grey as libpng (and so OpenCV) takes it: 15-bit fixed point, grey pixels as they are. */
 static uint8_t grey_of(const uint8_t *p) {
-    return (uint8_t)((4899 * p[0] + 9617 * p[1] + 1868 * p[2] + (1 << 13)) >> 14);
+    if (p[0] == p[1] && p[0] == p[2]) return p[0];
+    return (uint8_t)((9798 * p[0] + 19235 * p[1] + 3735 * p[2] + 16384) >> 15);
 }
 
 /* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
@@ -188,25 +194,87 @@ static void jpeg_failed(j_common_ptr j) {
     longjmp(d->back, 1);
 }
 
-/* Warnings are of damaged data: a picture that is not whole is refused. */
+/* Warnings: a picture that is not whole is refused, oddities around the data are not. */
 static void jpeg_warned(j_common_ptr j, int level) {
-    if (level < 0) jpeg_failed(j);
+    int code = j->err->msg_code;
+    if (level < 0 && code != JWRN_EXTRANEOUS_DATA && code != JWRN_ADOBE_XFORM && code != JWRN_JFIF_MAJOR)
+        jpeg_failed(j);
+}
+
+/* A small progressive file can ask for thousands of passes over a large picture. */
+static void jpeg_progressed(j_common_ptr j) {
+    if (((j_decompress_ptr)j)->input_scan_number <= JPEG_SCANS) return;
+    snprintf(((jpeg_error *)j->err)->d->text, 200, "more than %d scans", JPEG_SCANS);
+    longjmp(((jpeg_error *)j->err)->d->back, 1);
 }
 
 static void jpeg_silent(j_common_ptr j) {
     (void)j;
 }
 
-/* CMYK as Adobe writes it (inverted) and plainly, to RGB: r = (255 - c)(255 - k) / 255. */
+/* CMYK to RGB with OpenCV's rounding. Adobe writes the inks inverted, which is what the formula takes. */
 static void cmyk_to_rgb(uint8_t *row, size_t width, bool inverted) {
     uint8_t *to = row;
     for (size_t i = 0; i < width; i++, row += 4, to += 3) {
         int k = inverted ? row[3] : 255 - row[3];
         for (int x = 0; x < 3; x++) {
-            int v = inverted ? row[x] : 255 - row[x];
-            to[x] = (uint8_t)((v * k + 127) / 255);
+            int ink = inverted ? 255 - row[x] : row[x];
+            to[x] = (uint8_t)(k - (ink * k >> 8));
         }
     }
+}
+
+static unsigned exif_number(const uint8_t *p, int bytes, bool big_endian) {
+    unsigned n = 0;
+    for (int i = 0; i < bytes; i++) n |= (unsigned)p[i] << 8 * (big_endian ? bytes - 1 - i : i);
+    return n;
+}
+
+/* Tag 0x112 of the first directory in the EXIF marker: 1 upright ... 8; 1 when there is none. */
+static int exif_orientation(const struct jpeg_decompress_struct *j) {
+    for (jpeg_saved_marker_ptr m = j->marker_list; m; m = m->next) {
+        if (m->marker != JPEG_APP0 + 1 || m->data_length < 14 || memcmp(m->data, "Exif\0", 6)) continue;
+        const uint8_t *p = m->data + 6;
+        size_t bytes = m->data_length - 6;
+        bool big = p[0] == 'M';
+        size_t at = exif_number(p + 4, 4, big);
+        if (at > bytes - 2) return 1;
+        unsigned entries = exif_number(p + at, 2, big);
+        for (at += 2; entries-- && bytes >= 12 && at <= bytes - 12; at += 12)
+            if (exif_number(p + at, 2, big) == 0x112) {
+                unsigned o = exif_number(p + at + 8, 2, big);
+                return o >= 1 && o <= 8 ? (int)o : 1;
+            }
+        return 1;
+    }
+    return 1;
+}
+
+/* Turns the picture upright: orientations 5 to 8 swap rows and columns. The pixel at (x, y) of the result
+ * comes from (u, v) of the file's picture. */
+static void turn(decoder *d) {
+    int w = d->out.width, h = d->out.height, n = d->channels, o = d->orientation;
+    bool swap = o >= 5;
+    int width = swap ? h : w, height = swap ? w : h;
+    if (d->channels) {
+        uint8_t *to = mem_alloc(d->c, (size_t)w * (size_t)h, (size_t)n);
+        if (!to) {
+            d->status = SHERF_NO_MEMORY;
+            return;
+        }
+        for (int y = 0; y < height; y++)
+            for (int x = 0; x < width; x++) {
+                int u = swap ? y : x, v = swap ? x : y;
+                if (o == 2 || o == 3 || o == 7 || o == 8) u = w - 1 - u;
+                if (o == 3 || o == 4 || o == 6 || o == 7) v = h - 1 - v;
+                memcpy(to + ((size_t)y * (size_t)width + (size_t)x) * (size_t)n,
+                       d->out.data + ((size_t)v * (size_t)w + (size_t)u) * (size_t)n, (size_t)n);
+            }
+        mem_free(d->out.data);
+        d->out.data = to;
+    }
+    d->out.width = width;
+    d->out.height = height;
 }
 
 static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
@@ -249,12 +317,17 @@ static void jpeg_decode(decoder *d) {
     }
     jpeg_create_decompress(&j);
     j.mem->max_memory_to_use = 1L << 30;
+    struct jpeg_progress_mgr progress_manager = {.progress_monitor = jpeg_progressed};
+    j.progress = &progress_manager;
+    jpeg_save_markers(&j, JPEG_APP0 + 1, 0xffff);
     jpeg_mem_src(&j, d->data, d->bytes);
     jpeg_read_header(&j, TRUE);
     d->status = check_size(d, j.image_width, j.image_height);
     d->own_channels = j.num_components;
+    d->orientation = exif_orientation(&j);
     if (d->status == SHERF_OK && d->channels) jpeg_rows(d, &j);
     jpeg_destroy_decompress(&j);
+    if (d->status == SHERF_OK && d->orientation > 1) turn(d);
 }
 
 /* ---------------------------------------------------------------- reading ---------------------------- */

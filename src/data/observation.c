@@ -226,7 +226,7 @@ static sherf_status observation_from_json(context *c, const value *root, const c
     int size[2], channels;
     const value *camera = value_get(root, "camera"), *body = value_get(root, "body");
     if ((status = named_file(c, root, "image", folder, names->image)) ||
-        (status = named_file(c, root, "mask", folder, names->mask)) ||
+        (value_get(root, "mask") && (status = named_file(c, root, "mask", folder, names->mask))) ||
         (status = image_size(c, names->image, &size[0], &size[1], &channels)))
         return status;
     if (camera && camera->kind == VALUE_STRING) {
@@ -262,13 +262,13 @@ static sherf_status first_file(context *c, const char *folder, const char *const
 static sherf_status observation_from_folder(context *c, const char *folder, file_names *names,
                                             view_source *source) {
     static const char *const images[] = {"image.png", "image.jpg", "image.jpeg", NULL};
-    static const char *const masks[] = {"mask.png", NULL}, *const cameras[] = {"camera.json", NULL};
+    static const char *const cameras[] = {"camera.json", NULL};
     static const char *const bodies[] = {"body.json", "body.npz", "body.npy", NULL};
     int size[2], channels;
     document *d = NULL;
     sherf_status status;
     if ((status = first_file(c, folder, images, names->image)) ||
-        (status = first_file(c, folder, masks, names->mask)) ||
+        (status = path_join(c, names->mask, sizeof names->mask, folder, "mask.png")) ||
         (status = image_size(c, names->image, &size[0], &size[1], &channels)) ||
         (status = first_file(c, folder, cameras, names->other)) || (status = json_read(c, names->other, &d)))
         return status;
@@ -287,7 +287,7 @@ static sherf_status observation_from_files(context *c, const char *path, sherf_o
     bool folder = path_is_folder(path);
     char json[PATH_LENGTH], base[PATH_LENGTH];
     view_source source = {.scale = 1};
-    file_names *names = mem_alloc(c, 1, sizeof *names);
+    file_names *names = mem_zero(c, 1, sizeof *names);
     if (!names) return SHERF_NO_MEMORY;
     if ((status = path_join(c, base, sizeof base, "", path))) goto done;
     if (folder) {
@@ -310,7 +310,7 @@ static sherf_status observation_from_files(context *c, const char *path, sherf_o
         if (status) failure_prefix(c, status, "%s", json);
     }
     source.image = names->image;
-    source.mask = names->mask;
+    source.mask = names->mask[0] ? names->mask : NULL;
     if (status || (status = view_assemble(c, &source, out))) goto done;
     status = observation_check(c, *out);
     if (status) failure_prefix(c, status, "%s", path);

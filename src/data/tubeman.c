@@ -265,7 +265,7 @@ void tubeman_color(uint64_t person_key, int vertex, float rgb[3]) {
     double hue = random_uniform(person_key, 0) + 0.61803398875 * t,
            full = 0.75 + 0.2 * random_uniform(person_key, 1);
     hue = 6 * (hue - floor(hue));
-    int width = 1 + (int)(3 * random_uniform(person_key, 2)); /* rings of a stripe */
+    int width = 5 + (int)(4 * random_uniform(person_key, 2)); /* rings of a stripe: 4 to 6 cm */
     int dark = ring / width % 2;
     for (int k = 0; k < 3; k++) { /* hue to RGB: a trapezoid a third of the wheel apart */
         double x = fmod(hue + (k == 0 ? 0 : k == 1 ? 4 : 2), 6);

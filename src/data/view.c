@@ -17,19 +17,35 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
-/* 1 where any channel is not 0. */
-static sherf_status mask_read(context *c, const char *path, image_u8 *out) {
+/* 1 where any channel is not 0, or, without a mask file, where the picture's alpha is at least a half. */
+static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
-    sherf_status status = image_read(c, path, 3, &color);
+    int channels = s->mask ? 3 : 4;
+    sherf_status status = image_read(c, s->mask ? s->mask : s->image, channels, &color);
     if (status) return status;
     size_t n = (size_t)color.width * color.height;
-    for (size_t i = 0; i < n; i++) {
-        const uint8_t *p = color.data + i * 3;
-        color.data[i] = p[0] || p[1] || p[2]; /* in place: i <= 3 i */
+    for (size_t i = 0; i < n; i++) { /* in place: i <= channels * i */
+        const uint8_t *p = color.data + i * channels;
+        color.data[i] = s->mask ? p[0] || p[1] || p[2] : p[3] >= 128;
     }
     color.channels = 1;
     *out = color;
     return SHERF_OK;
+}
+
+/* The mask's size must be the picture's; without a mask file the picture needs an alpha channel. */
+static sherf_status mask_check(context *c, const view_source *s, int width, int height) {
+    int mask_width, mask_height, channels;
+    if (!s->mask) {
+        sherf_status status = image_size(c, s->image, &mask_width, &mask_height, &channels);
+        if (status || channels == 4 || channels == 2) return status;
+        return failure(c, SHERF_BAD_FILE, "%s: no mask is named, and the picture has no alpha channel",
+                       s->image);
+    }
+    sherf_status status = size_check(c, s->mask, &mask_width, &mask_height);
+    if (status || (width == mask_width && height == mask_height)) return status;
+    return failure(c, SHERF_MISMATCH, "%s: a mask of %d x %d pixels for a picture of %d x %d", s->mask,
+                   mask_width, mask_height, width, height);
 }
 
 /* Largest and smallest value within EDGE_REACH along one axis, both kept as bits: 1 some are set, 2 some are
@@ -100,19 +116,14 @@ static sherf_status target_size(context *c, const view_source *s, int width, int
 sherf_status view_assemble(context *c, const view_source *s, data_view **out) {
     *out = NULL;
     image_u8 mask = {0};
-    int width, height, mask_width, mask_height, to_width, to_height;
+    int width, height, to_width, to_height;
     data_view *v = mem_zero(c, 1, sizeof *v);
     sherf_status status = v ? SHERF_OK : SHERF_NO_MEMORY;
     if (status || (status = size_check(c, s->image, &width, &height)) ||
-        (status = size_check(c, s->mask, &mask_width, &mask_height)))
+        (status = mask_check(c, s, width, height)))
         goto done;
-    if (width != mask_width || height != mask_height) {
-        status = failure(c, SHERF_MISMATCH, "%s: a mask of %d x %d pixels for a picture of %d x %d", s->mask,
-                         mask_width, mask_height, width, height);
-        goto done;
-    }
     if ((status = target_size(c, s, width, height, &to_width, &to_height)) ||
-        (status = mask_read(c, s->mask, &mask)) || (status = picture_read(c, s->image, &v->image)) ||
+        (status = mask_read(c, s, &mask)) || (status = picture_read(c, s->image, &v->image)) ||
         (s->edge_band && (status = mark_edge(c, &mask))) ||
         (status = image_undistort_f32(c, &v->image, s->camera.K, s->camera.D)) ||
         (status = image_undistort(c, &mask, s->camera.K, s->camera.D)))

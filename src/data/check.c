@@ -1,0 +1,399 @@
+/* What is wrong with a body file, an observation or a data set, in one line a finding. A file that cannot be
+ * read is a finding, not a failure; only lack of memory, cancelling and the overlay's writing fail. */
+#include <math.h>
+#include <string.h>
+
+#include "data/dataset.h"
+#include "data/silhouette.h"
+#include "data/text.h"
+
+enum { SAME_KIND_MOST = 20 }; /* findings of one kind that are written out */
+
+typedef enum { NOTE, WARNING, FINDING_ERROR } severity;
+typedef struct {
+    context *c;
+    const body_model *body; /* may be NULL */
+    const char *overlay;    /* may be NULL; emptied once written */
+    sherf_findings *out;
+    text_builder text;
+} checker;
+
+static void PRINTF_LIKE(3, 4) finding(checker *k, severity s, const char *format, ...) {
+    static const char *const names[] = {"", "warning: ", "error: "};
+    va_list args;
+    va_start(args, format);
+    text_add(&k->text, "%s", names[s]);
+    text_add_list(&k->text, format, args);
+    text_add(&k->text, "\n");
+    va_end(args);
+    k->out->errors += s == FINDING_ERROR;
+    k->out->warnings += s == WARNING;
+}
+
+/* A failed read becomes an error finding; a lack of memory stays a failure. */
+static sherf_status finding_of(checker *k, sherf_status status) {
+    if (status == SHERF_NO_MEMORY || status == SHERF_CANCELLED || status == SHERF_OK) return status;
+    finding(k, FINDING_ERROR, "%s", k->c->message);
+    return SHERF_OK;
+}
+
+/* ---- cameras ---- */
+
+static void check_camera(checker *k, const char *what, const double K[9], const double T[3], int width,
+                         int height) {
+    double distance = sqrt(T[0] * T[0] + T[1] * T[1] + T[2] * T[2]);
+    if (distance > 100)
+        finding(k, FINDING_ERROR, "%s: T is %.0f long: metres are expected, these look like %s", what,
+                distance, distance > 1000 ? "millimetres" : "centimetres");
+    if (!width) return;
+    if (K[2] < 0 || K[2] > width || K[5] < 0 || K[5] > height)
+        finding(k, WARNING,
+                "%s: the centre (%.0f, %.0f) lies outside the picture of %d x %d pixels: is K for "
+                "another size?",
+                what, K[2], K[5], width, height);
+    else if (fabs(K[2] - width / 2.) > 0.3 * width || fabs(K[5] - height / 2.) > 0.3 * height)
+        finding(k, WARNING,
+                "%s: the centre (%.0f, %.0f) is far from the middle of %d x %d pixels: is K for "
+                "another size?",
+                what, K[2], K[5], width, height);
+    double longer = width > height ? width : height;
+    if (K[0] < 0 || K[4] < 0) finding(k, WARNING, "%s: a negative focal length mirrors the picture", what);
+    if (fabs(K[0]) < 0.2 * longer || fabs(K[0]) > 30 * longer)
+        finding(k, WARNING, "%s: a focal length of %.0f pixels for a picture of %d x %d", what, K[0], width,
+                height);
+}
+
+/* ---- the body over the mask ---- */
+
+static void mirrored_pose(const sherf_pose *in, sherf_pose *out) {
+    static const int left[] = {1, 4, 7, 10, 13, 16, 18, 20, 22}, right[] = {2, 5, 8, 11, 14, 17, 19, 21, 23};
+    *out = *in;
+    for (size_t i = 0; i < COUNT_OF(left); i++)
+        for (int a = 0; a < 3; a++) {
+            out->poses_rad[left[i] * 3 + a] = in->poses_rad[right[i] * 3 + a];
+            out->poses_rad[right[i] * 3 + a] = in->poses_rad[left[i] * 3 + a];
+        }
+    for (int j = 0; j < BODY_JOINTS; j++)
+        for (int a = 1; a < 3; a++) out->poses_rad[j * 3 + a] *= -1;
+}
+
+/* x = R^T (x' - T): what the camera is when R and T were camera to world. */
+static void inverted_camera(const sherf_camera *in, sherf_camera *out) {
+    *out = *in;
+    for (int i = 0; i < 3; i++) {
+        double sum = 0;
+        for (int j = 0; j < 3; j++) {
+            out->R[i * 3 + j] = in->R[j * 3 + i];
+            sum += (double)in->R[j * 3 + i] * in->T_m[j];
+        }
+        out->T_m[i] = (float)-sum;
+    }
+}
+
+/* When the body misses the mask: would a usual mistake explain it? */
+static sherf_status explain_miss(checker *k, const char *what, const sherf_observation *o, double overlap) {
+    enum { MILLIMETRES, TO_WORLD, OPENGL, TH_MILLIMETRES, MIRRORED_POSE, MIRRORED_PICTURE, EXPLANATIONS };
+    static const char *const says[EXPLANATIONS] = {
+        "the camera's T in metres (are these millimetres?)",
+        "R and T inverted (are these camera to world? world to camera is expected)",
+        "y and z of the camera turned round (OpenGL axes? OpenCV's are expected)",
+        "Th in metres (are these millimetres?)",
+        "left and right of the pose exchanged",
+        "the picture mirrored",
+    };
+    double best = overlap + 0.15;
+    int which = -1;
+    for (int e = 0; e < EXPLANATIONS; e++) {
+        sherf_camera camera = o->camera;
+        sherf_pose pose = o->pose;
+        double now;
+        if (e == TO_WORLD) inverted_camera(&o->camera, &camera);
+        if (e == MIRRORED_POSE) mirrored_pose(&o->pose, &pose);
+        for (int i = 0; i < 3; i++) {
+            if (e == MILLIMETRES) camera.T_m[i] /= 1000;
+            if (e == TH_MILLIMETRES) pose.Th_m[i] /= 1000;
+        }
+        for (int i = 1; i < 3 && e == OPENGL; i++) {
+            camera.T_m[i] *= -1;
+            for (int j = 0; j < 3; j++) camera.R[i * 3 + j] *= -1;
+        }
+        sherf_status status =
+            silhouette_overlap(k->c, o, k->body, &pose, &camera, e == MIRRORED_PICTURE, &now);
+        if (status) return status;
+        if (now > best) best = now, which = e;
+    }
+    if (which >= 0)
+        finding(k, NOTE, "%s: with %s the body would cover the mask to %.0f %%", what, says[which],
+                best * 100);
+    return SHERF_OK;
+}
+
+static sherf_status check_view(checker *k, const char *what, const sherf_observation *o) {
+    size_t n = (size_t)o->image.width * o->image.height, person = 0, lit = 0;
+    for (size_t i = 0; i < n; i++) {
+        person += o->mask[i] != 0;
+        const float *p = o->image.data + i * 3;
+        lit += p[0] > 0.02f || p[1] > 0.02f || p[2] > 0.02f;
+    }
+    if (person * 100 < n)
+        finding(k, WARNING, "%s: the person fills only %.2f %% of the picture", what, 100. * person / n);
+    if (lit * 4 < person) finding(k, WARNING, "%s: the picture is nearly black inside the mask", what);
+    if (!k->body) return SHERF_OK;
+    double overlap;
+    sherf_status status = silhouette_overlap(k->c, o, k->body, &o->pose, &o->camera, false, &overlap);
+    if (!status) {
+        severity s = overlap < 0.3 ? FINDING_ERROR : overlap < 0.6 ? WARNING : NOTE;
+        finding(k, s,
+                s == NOTE ? "%s: the body covers the mask (overlap %.0f %%)"
+                          : "%s: the body does not cover the mask (overlap %.0f %%)",
+                what, overlap * 100);
+        if (s != NOTE) status = explain_miss(k, what, o, overlap);
+    }
+    if (!status && k->overlay) {
+        status = silhouette_draw(k->c, o, k->body, k->overlay);
+        if (!status) finding(k, NOTE, "%s: the body is drawn over the picture of %s", k->overlay, what);
+        k->overlay = NULL;
+    }
+    return status;
+}
+
+static sherf_status check_observation(checker *k, const char *path) {
+    sherf_observation *o = NULL;
+    sherf_status status = sherf_observation_load(k->c, path, &o);
+    if (status) return finding_of(k, status);
+    double K[9], T[3];
+    for (int i = 0; i < 9; i++) K[i] = o->camera.K[i];
+    for (int i = 0; i < 3; i++) T[i] = o->camera.T_m[i];
+    finding(k, NOTE, "%s: an observation of %d x %d pixels", path, o->image.width, o->image.height);
+    check_camera(k, "camera", K, T, o->image.width, o->image.height);
+    for (int i = 0; i < 10; i++)
+        if (fabsf(o->pose.shapes[i]) > 6) {
+            finding(k, WARNING, "body: shape %d is %.1f, people lie within 5 or so", i, o->pose.shapes[i]);
+            break;
+        }
+    status = check_view(k, path, o);
+    sherf_observation_free(o);
+    return status;
+}
+
+/* ---- body files ---- */
+
+static sherf_status check_body_file(checker *k, const char *path) {
+    body_model *m = NULL;
+    posed_body *posed = NULL;
+    sherf_pose rest;
+    sherf_status status = body_load(k->c, path, &m);
+    if (status) return finding_of(k, status);
+    sherf_pose_identity(&rest);
+    status = posed_body_create(k->c, m, rest.poses_rad, rest.shapes, rest.R, rest.Th_m, &posed);
+    if (!status) {
+        finding(k, NOTE, "%s: a body of %d vertices, %d faces, 24 joints", path, m->vertices, m->faces);
+        float size[3];
+        for (int i = 0; i < 3; i++) size[i] = posed->max_smpl[i] - posed->min_smpl[i];
+        float tall = fmaxf(size[0], fmaxf(size[1], size[2]));
+        if (tall < 0.5f || tall > 3)
+            finding(k, FINDING_ERROR, "the body is %.3g tall: metres are expected", tall);
+        if (size[1] < size[2]) finding(k, WARNING, "the body does not stand along y");
+        if (posed->joints_rest[1][0] < posed->joints_rest[2][0])
+            finding(k, WARNING,
+                    "joint 1, the left hip, lies to the right of joint 2: are left and right "
+                    "exchanged?");
+        int bad = 0;
+        for (int j = 0; j < BODY_JOINTS; j++) {
+            double sum = 0;
+            for (int i = 0; i < m->vertices; i++) sum += m->regressor[(size_t)j * m->vertices + i];
+            bad += fabs(sum - 1) > 1e-2;
+        }
+        if (bad) finding(k, WARNING, "J_regressor: the rows of %d joints do not sum to 1", bad);
+        if (!m->faces) finding(k, WARNING, "f: no faces, so nothing can face a camera");
+    }
+    posed_body_free(posed);
+    sherf_body_free(m);
+    return status;
+}
+
+/* ---- data sets ---- */
+
+typedef struct {
+    int missing_pictures, missing_masks, missing_poses, unreadable, bad_vertices;
+} dataset_count;
+
+static void missing(checker *k, int *count, const char *what, const char *path) {
+    if ((*count)++ < SAME_KIND_MOST)
+        finding(k, FINDING_ERROR, "%s: %s is missing", path, what);
+    else
+        k->out->errors++;
+}
+
+/* Every file that the person's records name. */
+static sherf_status check_files(checker *k, const sherf_dataset *d, int person, const person_record *r,
+                                dataset_count *n) {
+    char image[PATH_LENGTH], other[PATH_LENGTH];
+    sherf_status status;
+    for (int pose = 0; pose < r->poses; pose++) {
+        if (r->present && !r->present[pose]) continue;
+        if ((status = dataset_pose_paths(k->c, d, person, pose, image, other))) return status;
+        if (!path_is_file(image)) missing(k, &n->missing_poses, "the pose", image);
+        for (int view = 0; view < r->views; view++) {
+            status = dataset_picture_paths(k->c, d, person, pose, view, image, other);
+            if (status == SHERF_BAD_FILE) {
+                missing(k, &n->missing_pictures, "a view", k->c->message);
+                continue;
+            }
+            if (status) return status;
+            if (!path_is_file(image)) missing(k, &n->missing_pictures, "the picture", image);
+            if (!path_is_file(other)) missing(k, &n->missing_masks, "the mask", other);
+        }
+        if (cancelled(k->c)) return failure(k->c, SHERF_CANCELLED, "cancelled");
+    }
+    return SHERF_OK;
+}
+
+/* Sizes and cameras of every view, by one pose's files. */
+static sherf_status check_views(checker *k, const sherf_dataset *d, int person, int pose,
+                                const person_record *r) {
+    char image[PATH_LENGTH], mask[PATH_LENGTH], what[1200];
+    for (int view = 0; view < r->views; view++) {
+        int size[2] = {0}, mask_size[2] = {0}, channels;
+        snprintf(what, sizeof what, "%.1000s, view %d", d->name[person], view);
+        sherf_status status = dataset_picture_paths(k->c, d, person, pose, view, image, mask);
+        bool there = !status && path_is_file(image) && path_is_file(mask);
+        if (there && !(status = image_size(k->c, image, &size[0], &size[1], &channels)))
+            status = image_size(k->c, mask, &mask_size[0], &mask_size[1], &channels);
+        if (there && status && (status = finding_of(k, status))) return status;
+        if (there && (size[0] != mask_size[0] || size[1] != mask_size[1]))
+            finding(k, FINDING_ERROR, "%s: a mask of %d x %d pixels for a picture of %d x %d", mask,
+                    mask_size[0], mask_size[1], size[0], size[1]);
+        check_camera(k, what, r->camera[view].K, r->camera[view].T, size[0], size[1]);
+    }
+    return SHERF_OK;
+}
+
+/* new_vertices/N.npy against the body model in the stored pose. */
+static sherf_status check_vertices(checker *k, const sherf_dataset *d, int person, int pose,
+                                   const sherf_pose *p, dataset_count *n) {
+    char parameters[PATH_LENGTH], path[PATH_LENGTH];
+    document *doc = NULL;
+    posed_body *posed = NULL;
+    size_t count = (size_t)k->body->vertices * 3;
+    float *ours = NULL, *theirs = NULL;
+    sherf_status status = dataset_pose_paths(k->c, d, person, pose, parameters, path);
+    if (status || !path[0] || !path_is_file(path)) return status;
+    ours = mem_alloc(k->c, count, sizeof *ours);
+    theirs = mem_alloc(k->c, count, sizeof *theirs);
+    status = SHERF_NO_MEMORY;
+    if (!ours || !theirs) goto done;
+    status = npy_read(k->c, path, &doc);
+    if (!status) status = value_floats(k->c, doc->root, path, count, theirs);
+    if (status) {
+        status = finding_of(k, status);
+        goto done;
+    }
+    status = posed_body_create(k->c, k->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    if (status) goto done;
+    body_vertices_world(k->body, posed, ours);
+    double worst = 0;
+    for (size_t i = 0; i < count; i++) worst = fmax(worst, fabs((double)ours[i] - theirs[i]));
+    if (worst > 5e-3 && n->bad_vertices++ < SAME_KIND_MOST)
+        finding(k, WARNING,
+                "%s: up to %.3g m away from the body in the stored pose: another body model (gender, "
+                "version), or other conventions",
+                path, worst);
+done:
+    document_free(doc);
+    posed_body_free(posed);
+    mem_free(ours);
+    mem_free(theirs);
+    return status;
+}
+
+static sherf_status check_person(checker *k, const sherf_dataset *d, int person, dataset_count *n) {
+    const person_record *r;
+    sherf_pose pose;
+    data_view *view = NULL;
+    char what[1200];
+    const data_protocol *protocol = data_protocol_of(d->kind);
+    sherf_status status = dataset_record(k->c, d, person, &r);
+    if (status) return finding_of(k, status);
+    int first = 0, errors = k->out->errors,
+        front = protocol->front_view < r->views ? protocol->front_view : 0;
+    while (r->present && first + 1 < r->poses && !r->present[first]) first++;
+    if (r->views < protocol->views)
+        finding(k, WARNING, "%s: %d views, the paper uses %d", d->name[person], r->views, protocol->views);
+    if ((status = check_files(k, d, person, r, n)) || (status = check_views(k, d, person, first, r)))
+        return status;
+    if (k->out->errors > errors) return SHERF_OK; /* said already */
+    status = dataset_pose(k->c, d, person, first, &pose);
+    if (!status) status = dataset_view(k->c, d, person, first, front, 0, &view);
+    if (status) return finding_of(k, status);
+    snprintf(what, sizeof what, "%.1000s, pose %d, view %d", d->name[person], first, front);
+    status = observation_check(k->c, view);
+    status = status ? finding_of(k, failure_prefix(k->c, status, "%s", what)) : check_view(k, what, view);
+    if (!status && k->body) status = check_vertices(k, d, person, first, &pose, n);
+    sherf_observation_free(view);
+    return status;
+}
+
+static sherf_status check_dataset(checker *k, const char *spec) {
+    sherf_dataset *d = NULL;
+    dataset_count n = {0};
+    sherf_status status = sherf_dataset_open(k->c, spec, &d);
+    if (status) return finding_of(k, status);
+    finding(k, NOTE, "%s: %s, %d people", d->root, data_protocol_of(d->kind)->name, d->people);
+    for (int i = 0; i < d->people && !status; i++) {
+        status = check_person(k, d, i, &n);
+        if (!status) status = progress(k->c, "people", i + 1, d->people);
+    }
+    int more = 0, *counts[] = {&n.missing_pictures, &n.missing_masks, &n.missing_poses};
+    for (size_t i = 0; i < COUNT_OF(counts); i++)
+        if (*counts[i] > SAME_KIND_MOST) more += *counts[i] - SAME_KIND_MOST;
+    if (more) finding(k, NOTE, "%s: %d more files are missing", d->root, more);
+    sherf_dataset_free(d);
+    return status;
+}
+
+/* ---- which of the three ---- */
+
+static bool is_dataset(const char *path) {
+    context quiet = {.threads = 1};
+    sherf_dataset *d = NULL;
+    bool is = sherf_dataset_open(&quiet, path, &d) == SHERF_OK;
+    sherf_dataset_free(d);
+    return is;
+}
+
+static bool has_dataset_kind(const char *path) {
+    for (int i = 0; i < DATA_KINDS; i++) {
+        const char *name = data_protocol_of((data_kind)i)->name;
+        size_t n = strlen(name);
+        if (!strncmp(path, name, n) && path[n] == ':') return true;
+    }
+    return false;
+}
+
+static sherf_status check_any(checker *k, const char *path) {
+    bool file = path_is_file(path), folder = path_is_folder(path);
+    if (file && !path_ends(path, ".json")) return check_body_file(k, path);
+    if (!file && !folder && strchr(path, '#')) return check_observation(k, path);
+    if (!file && has_dataset_kind(path)) return check_dataset(k, path);
+    if (folder && is_dataset(path)) return check_dataset(k, path);
+    return check_observation(k, path);
+}
+
+sherf_status sherf_check(sherf_context *c, const char *path, const sherf_body *body, const char *overlay_png,
+                         sherf_findings *out) {
+    *out = (sherf_findings){0};
+    checker k = {.c = c, .body = body, .overlay = overlay_png, .out = out, .text = {.c = c}};
+    if (overlay_png && !body)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: an overlay needs a body", overlay_png);
+    sherf_status status = check_any(&k, path);
+    if (!status && k.overlay)
+        finding(&k, NOTE, "%s: not written, there is no picture to draw over", k.overlay);
+    out->text = text_take(&k.text);
+    if (!status && !out->text) status = SHERF_NO_MEMORY;
+    if (status) {
+        mem_free(out->text);
+        *out = (sherf_findings){0};
+    }
+    return status;
+}

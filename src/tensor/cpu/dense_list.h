@@ -1,5 +1,5 @@
 /* Dense kernels of the CPU backend. No include guard. */
-CPU_SHARED(linear)
+CPU_KERNEL(linear)
 CPU_KERNEL(conv2d)
 CPU_KERNEL(conv2d_transpose)
 CPU_KERNEL(fir_upsample)

@@ -86,24 +86,9 @@ sherf_status cpu_max_pool_backward(op_call *call) {
 /* ---- average_pool ---- */
 typedef struct {
     row_view view;
-    const float *x, *dy;
-    float *dx, *sums;
+    const float *dy;
+    float *dx;
 } average_job;
-
-static VARIANT_BODY void average_sums(void *arg, int64_t begin, int64_t end, int thread) {
-    const average_job *j = arg;
-    const row_view *v = &j->view;
-    for (int64_t block = begin; block < end; block++) {
-        float *restrict sum = j->sums + block * v->width;
-        memset(sum, 0, (size_t)v->width * sizeof *sum);
-        for (int64_t r = block * v->block_rows; r < v->rows && r < (block + 1) * v->block_rows; r++) {
-            const float *restrict x = j->x + r * v->width;
-            const int64_t n = row_width(v, r);
-            for (int64_t i = 0; i < n; i++) sum[i] += x[i];
-        }
-    }
-}
-VARIANTS(average_sums)
 
 static VARIANT_BODY void average_back(void *arg, int64_t begin, int64_t end, int thread) {
     const average_job *j = arg;
@@ -117,12 +102,9 @@ static VARIANT_BODY void average_back(void *arg, int64_t begin, int64_t end, int
 VARIANTS(average_back)
 
 sherf_status cpu_average_pool_forward(op_call *call) {
-    average_job j = {.view = rows_of(call->in[0]), .x = call->in[0]->data};
-    if (!(j.sums = block_sums(call, &j.view, 1))) return SHERF_NO_MEMORY;
-    parallel_for(call->c, j.view.blocks, 1, average_sums_best(), &j);
-    memset(call->out[0]->data, 0, (size_t)j.view.channels * sizeof(float));
-    block_sums_add(&j.view, j.sums, 1, 0, 1 / (float)tensor_rows(call->in[0]), call->out[0]->data);
-    return SHERF_OK;
+    const tensor *x = call->in[0];
+    memset(call->out[0]->data, 0, (size_t)tensor_columns(x) * sizeof(float));
+    return column_sums_add(call, x, 1 / (float)tensor_rows(x), call->out[0]->data);
 }
 
 sherf_status cpu_average_pool_backward(op_call *call) {

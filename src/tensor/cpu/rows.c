@@ -1,6 +1,7 @@
 #include <string.h>
 
 #include "tensor/cpu/rows.h"
+#include "tensor/cpu/variants.h"
 
 row_view rows_of(const tensor *t) {
     const int64_t R = tensor_rows(t), C = tensor_columns(t);
@@ -37,4 +38,33 @@ void block_sums_add(const row_view *v, const float *sums, int kinds, int kind, f
             }
         for (int64_t i = 0; i < n; i++) to[first + i] += (float)(factor * total[i]);
     }
+}
+
+typedef struct {
+    row_view view;
+    const float *x;
+    float *sums;
+} sums_job;
+
+static VARIANT_BODY void sum_blocks(void *arg, int64_t begin, int64_t end, int thread) {
+    const sums_job *j = arg;
+    const row_view *v = &j->view;
+    for (int64_t block = begin; block < end; block++) {
+        float *restrict sum = j->sums + block * v->width;
+        memset(sum, 0, (size_t)v->width * sizeof *sum);
+        for (int64_t r = block * v->block_rows; r < v->rows && r < (block + 1) * v->block_rows; r++) {
+            const float *restrict x = j->x + r * v->width;
+            const int64_t n = row_width(v, r);
+            for (int64_t i = 0; i < n; i++) sum[i] += x[i];
+        }
+    }
+}
+VARIANTS(sum_blocks)
+
+sherf_status column_sums_add(op_call *call, const tensor *x, float factor, float *to) {
+    sums_job j = {.view = rows_of(x), .x = x->data};
+    if (!(j.sums = block_sums(call, &j.view, 1))) return SHERF_NO_MEMORY;
+    parallel_for(call->c, j.view.blocks, 1, sum_blocks_best(), &j);
+    block_sums_add(&j.view, j.sums, 1, 0, factor, to);
+    return SHERF_OK;
 }

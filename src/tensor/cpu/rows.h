@@ -27,6 +27,8 @@ float *row_pattern(op_call *call, const row_view *v, const float *channel);
 float *block_sums(op_call *call, const row_view *v, int kinds);
 /* to[c] += factor * the sum over blocks of one kind (and over the repetitions), in a fixed order. */
 void block_sums_add(const row_view *v, const float *sums, int kinds, int kind, float factor, float *to);
+/* to[c] += factor * the sum over x's rows. */
+sherf_status column_sums_add(op_call *call, const tensor *x, float factor, float *to);
 /* to[i] += factor * from[i], over the context's threads. */
 void cpu_add_scaled(const context *c, int64_t n, float factor, const float *from, float *to);
 #endif

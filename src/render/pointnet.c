@@ -7,6 +7,10 @@
 
 #include "render/pointnet_inside.h"
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 uint16_t point_half(float x) {
     uint32_t bits;
     memcpy(&bits, &x, 4);
@@ -104,6 +108,22 @@ static sherf_status copy_vectors(context *c, point_network *n, const point_weigh
     return SHERF_OK;
 }
 
+/* The AMX tile reads a float16 bank with AVX512-FP16, which isa_best() does not promise; its offsets are 32
+ * bits. */
+static bool amx_possible(const point_sizes *s, const point_bank *b) {
+#if defined(__x86_64__)
+    unsigned eax, ebx, ecx, edx;
+    if (isa_best() < ISA_AMX || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx) || !(edx & (1u << 23)))
+        return false;
+    if ((int64_t)b->feature_width * b->feature_height > 10000000 ||
+        (int64_t)b->image_width * b->image_height > 100000000)
+        return false;
+    return point_amx_fits(s);
+#else
+    return false;
+#endif
+}
+
 sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
                                   const point_bank *bank, bool bf16, point_network **out) {
     *out = NULL;
@@ -114,6 +134,7 @@ sherf_status point_network_create(context *c, const point_sizes *sizes, const po
     if (!n) return SHERF_NO_MEMORY;
     n->s = *sizes;
     n->isa = isa_best();
+    n->bf16 = bf16 && amx_possible(sizes, bank);
     n->fused = 3 * sizes->token_width;
     n->position_width = 3 * (1 + 2 * sizes->position_frequencies);
     n->direction_width = 3 * (1 + 2 * sizes->direction_frequencies);
@@ -124,7 +145,10 @@ sherf_status point_network_create(context *c, const point_sizes *sizes, const po
     status = point_bank_prepare(c, n, weights, bank);
     if (!status) status = copy_vectors(c, n, weights);
     if (!status) status = point_matrices_make(c, n, weights, &m);
-    if (!status) status = pack_float(c, n, &m);
+#if defined(__x86_64__)
+    if (!status && n->bf16) status = point_amx_create(c, n, &m);
+#endif
+    if (!status && !n->bf16) status = pack_float(c, n, &m);
     point_matrices_free(&m);
     if (status)
         point_network_free(n);
@@ -157,6 +181,9 @@ void point_network_free(point_network *n) {
         mem_free(n->level[i].value);
         mem_free(n->level[i].half);
     }
+#if defined(__x86_64__)
+    point_amx_free(n->amx);
+#endif
     mem_free(n->norm0_w);
     mem_free(n->norm0_b);
     mem_free(n->norm1_w);

@@ -93,9 +93,12 @@ static void block_product(const float *w, const float *b, const float *x, int co
             for (int v = 0; v < VECTORS; v++) sum[r][v] += weight * in[v];
         }
     }
-    for (int r = 0; r < ROWS && r < rows; r++)
+    if (relu)
+        for (int r = 0; r < ROWS; r++)
+            for (int v = 0; v < VECTORS; v++) sum[r][v] = vmax(sum[r][v], splat(0));
+    for (int r = 0; r < ROWS; r++)
         for (int v = 0; v < VECTORS; v++)
-            ((vf *)(y + (size_t)r * POINT_TILE))[v] = relu ? vmax(sum[r][v], splat(0)) : sum[r][v];
+            if (r < rows) ((vf *)(y + (size_t)r * POINT_TILE))[v] = sum[r][v];
 }
 
 static void product(const point_layer *l, const float *x, float *y, bool relu) {

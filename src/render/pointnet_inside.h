@@ -112,6 +112,11 @@ void point_tile_avx2(const point_network *n, point_tile *t, void *scratch);
 void point_tile_avx512(const point_network *n, point_tile *t, void *scratch);
 size_t point_tile_float_bytes(const point_network *n);
 
+/* pointnet_amx.c: bf16. m is used up. */
+bool point_amx_fits(const point_sizes *s);
+sherf_status point_amx_create(context *c, point_network *n, point_matrices *m);
+void point_amx_free(point_amx *a);
+
 static inline int round_up(int n, int to) {
     return (n + to - 1) / to * to;
 }

@@ -11,6 +11,7 @@
 #include "render/pointnet.h"
 
 static const point_sizes made_paper = {32, 64, {32, 64, 96}, 3, 16, 128, 8, 4, 64, 6, 4, 5};
+static const point_sizes made_narrow = {32, 68, {8, 20, 28}, 2, 8, 40, 3, 0, 24, 4, 3, 5};
 static const point_sizes made_odd = {24, 40, {8, 20, 28}, 2, 12, 48, 5, 2, 24, 4, 3, 5};
 
 typedef struct {
@@ -156,8 +157,8 @@ static void made_points(made *m, int width, int height, int samples) {
     for (int64_t i = 0; i < n; i++) {
         p->first[i] = (int32_t)count;
         float *d = m->rays.direction + 3 * i;
-        d[0] = ((float)(i % width) - (float)width / 2) / (float)height * 1.05f;
-        d[1] = ((float)(i / width) - (float)height / 2) / (float)height * 1.05f;
+        d[0] = ((float)(i % width) - (float)width / 2) / (float)height * 1.85f;
+        d[1] = ((float)(i / width) - (float)height / 2) / (float)height * 1.85f;
         d[2] = 1;
         if (fabsf(d[0] * 2) > 0.4f || fabsf(d[1] * 2) > 1) {
             m->rays.far[i] = 1;

@@ -194,10 +194,10 @@ typedef struct {
     made m;
     double *out; /* P x 4 */
 } example;
-static example paper, odd;
+static example paper, narrow, odd;
 
 static void example_create(example *e, const point_sizes *s) {
-    made_create(&e->m, s, 40, 64, 0.02f, 36, 40, 24);
+    made_create(&e->m, s, 40, 64, 0.02f, 56, 60, 24);
     /* hostile places: far away, exactly on borders, not a number */
     float *x = e->m.points.canonical, *uv = e->m.points.observed_px;
     x[0] = 100;
@@ -215,14 +215,17 @@ static void example_create(example *e, const point_sizes *s) {
 
 static int create(void **state) {
     example_create(&paper, &made_paper);
+    example_create(&narrow, &made_narrow);
     example_create(&odd, &made_odd);
     return 0;
 }
 
 static int destroy(void **state) {
     free(paper.out);
+    free(narrow.out);
     free(odd.out);
     made_free(&paper.m);
+    made_free(&narrow.m);
     made_free(&odd.m);
     return 0;
 }
@@ -295,6 +298,7 @@ static void float_points(void **state) {
 static void bf16_points(void **state) {
     for (int i = 0; i <= (int)isa_best(); i++) {
         check_run(&paper, levels[i], true, 4e-2, 8e-3);
+        check_run(&narrow, levels[i], true, 4e-2, 8e-3);
         check_run(&odd, levels[i], true, 4e-2, 8e-3);
     }
 }
@@ -347,6 +351,7 @@ static void frames(void **state) {
         check_frame(&odd, levels[i], false, true, 1e-4, 90);
         check_frame(&paper, levels[i], true, false, 0.1, 45);
         check_frame(&paper, levels[i], true, true, 0.1, 45);
+        check_frame(&narrow, levels[i], true, true, 0.1, 45);
         check_frame(&odd, levels[i], true, true, 0.1, 45);
     }
 }
@@ -406,9 +411,9 @@ static void every_allocation_fails(void **state) {
             sherf_frame frame = {0};
             static const float black[3];
             mem_fail_after(k);
-            sherf_status status = point_network_create(c, &odd.m.s, &odd.m.w, &odd.m.bank, bf16, &n);
+            sherf_status status = point_network_create(c, &narrow.m.s, &narrow.m.w, &narrow.m.bank, bf16, &n);
             if (!status)
-                status = point_network_render(c, n, &odd.m.rays, &odd.m.points, black, false, &frame);
+                status = point_network_render(c, n, &narrow.m.rays, &narrow.m.points, black, false, &frame);
             mem_fail_after(-1);
             done = !status;
             assert_true(done || status == SHERF_NO_MEMORY);

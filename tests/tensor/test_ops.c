@@ -152,7 +152,7 @@ static void compare(const op_case *k, const backend *b, const char *what, const 
     for (int64_t i = 0; i < tensor_count(want); i++) largest = fmax(largest, fabs(value(want, i)));
     for (int64_t i = 0; i < tensor_count(want); i++) {
         double error = fabs(value(want, i) - value(got, i));
-        if (!(error <= worst)) worst = error;
+        if (!(error <= worst)) worst = isnan(error) ? INFINITY : error;
     }
     if (!(worst <= tolerance * fmax(largest, 1e-6)))
         fail_msg("%s on %s: %s differs by %g of %g", k->name, b->name, what, worst, largest);
@@ -201,6 +201,60 @@ static void backends_agree(void **state) {
     sherf_context_free(c);
 }
 
+/* The spatial kernels at the levels that the tests above did not take. */
+static void levels_agree(void **state) {
+    context *c = test_context();
+    const char *old = getenv("SHERF_ISA");
+    char *kept = old ? strdup(old) : NULL;
+    const isa_level best = isa_best();
+    for (int level = ISA_PLAIN; level <= ISA_AVX2 && level < (int)best; level++) {
+        setenv("SHERF_ISA", isa_name((isa_level)level), 1);
+        for (int i = 0; i < cases_spatial_count; i++)
+            check_backend(c, &cases_spatial[i], &backend_cpu, false);
+    }
+    if (kept)
+        setenv("SHERF_ISA", kept, 1);
+    else
+        unsetenv("SHERF_ISA");
+    free(kept);
+    sherf_context_free(c);
+}
+
+static void run_with_threads(context *c, const op_case *k, int threads, tensor **in, tape **t, tensor **y) {
+    c->threads = threads;
+    inputs_make(c, k, T_F32, in);
+    *t = tape_create(c, (tape_options){&backend_cpu, differentiable[k->op], k->training, false});
+    assert_non_null(*t);
+    *y = run_case(*t, k, in);
+    if (differentiable[k->op]) seed_backward(*t, *y);
+}
+
+/* The spatial kernels give the same bits with any number of threads. */
+static void threads_agree(void **state) {
+    context *c = test_context();
+    for (int i = 0; i < cases_spatial_count; i++) {
+        const op_case *k = &cases_spatial[i];
+        tensor *one_in[OP_MAX_IN], *in[OP_MAX_IN], *one, *y;
+        tape *one_tape, *t;
+        run_with_threads(c, k, 1, one_in, &one_tape, &one);
+        for (int threads = 2; threads <= 5; threads += 3) {
+            run_with_threads(c, k, threads, in, &t, &y);
+            if (memcmp(one->data, y->data, (size_t)tensor_count(y) * sizeof(float)))
+                fail_msg("%s: %d threads give another value than one", k->name, threads);
+            for (int j = 0; j < k->inputs; j++)
+                if (in[j] && in[j]->needs_grad &&
+                    memcmp(one_in[j]->grad->data, in[j]->grad->data,
+                           (size_t)tensor_count(in[j]) * sizeof(float)))
+                    fail_msg("%s: %d threads give another gradient %d than one", k->name, threads, j);
+            tape_free(t);
+            inputs_free(k, in);
+        }
+        tape_free(one_tape);
+        inputs_free(k, one_in);
+    }
+    sherf_context_free(c);
+}
+
 static void nothing_forgotten(void **state) {
     for (int op = 0; op < OP_COUNT; op++) {
         bool found = false;
@@ -229,7 +283,8 @@ static void errors_stick(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients), cmocka_unit_test(backends_agree),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients),         cmocka_unit_test(backends_agree),
+                                       cmocka_unit_test(levels_agree),      cmocka_unit_test(threads_agree),
                                        cmocka_unit_test(nothing_forgotten), cmocka_unit_test(errors_stick)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

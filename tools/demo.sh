@@ -27,7 +27,7 @@ step "2. training" "the preset small on people 0 to 6, for $seconds seconds"
 run train --data "thuman:$people" --people "0-$((last - 1))" --body "$body" --preset small --size 128 \
     --seconds "$seconds" -o "$out/run"
 step "3. avatar" "of $held_out, who was not in training, from one picture"
-run avatar "thuman:$people#$held_out/0/0" --model "$model" --body "$body" -o "$out/avatar.safetensors"
+run avatar "thuman:$people#$held_out/0/12" --model "$model" --body "$body" -o "$out/avatar.safetensors"
 step "4. turntable" "the avatar from all round"
 run render "$out/avatar.safetensors" --body "$body" --orbit 72 --elevation 10 --size 256 \
     -o "$out/turntable.mp4" --strip "$out/turntable.png"
@@ -36,6 +36,6 @@ tools/walk.sh 48 >"$out/walk.json"
 run render "$out/avatar.safetensors" --body "$body" --poses "$out/walk.json" --orbit 1 --azimuth 30 --elevation 10 \
     --size 256 -o "$out/walk.mp4" --strip "$out/walk.png"
 step "6. scores" "against the true pictures of $held_out"
-run eval --data "thuman:$people" --people "$held_out" --model "$model" --body "$body" --observation 0:0 \
+run eval --data "thuman:$people" --people "$held_out" --model "$model" --body "$body" --observation 0:12 \
     --poses 0,1,2,3,4,5 --views 0:2:12 -o "$out/eval"
 printf '\nmade: %s\n' "$out/turntable.mp4 $out/turntable.png $out/walk.mp4 $out/walk.png $out/eval/"

@@ -27,8 +27,10 @@ others=$(nm -g --defined-only "$lib/libsherf.a" | awk 'NF == 3 {print $3}' | gre
 
 # shellcheck disable=SC2046
 cc -std=c11 -Wall -Wextra -Werror "$here/docs/example.c" $(pkg --cflags --libs sherf) -o "$work/example"
+# The archive with the shared libraries of others: --static would ask for theirs too.
 # shellcheck disable=SC2046
-cc -std=c11 "$here/docs/example.c" $(pkg --cflags sherf) "$lib/libsherf.a" $(pkg --static --libs sherf) -o "$work/example-static"
+cc -std=c11 "$here/docs/example.c" $(pkg --cflags sherf) "$lib/libsherf.a" \
+    $(pkg-config --libs $(pkg --print-requires-private sherf)) -ldnnl -lm -fopenmp -o "$work/example-static"
 # shellcheck disable=SC2046
 c++ -std=c++20 -Wall -x c++ "$here/docs/example.c" -x none $(pkg --cflags --libs sherf) -o "$work/example-cxx"
 # shellcheck disable=SC2046

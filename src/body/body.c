@@ -128,7 +128,10 @@ static sherf_status canonical_create(context *c, body_model *m) {
     if (!m->canonical_inverse || !m->canonical_blend) return SHERF_NO_MEMORY;
     sherf_status status = posed_body_create(c, m, body_big_pose, shape, R, Th, &m->canonical);
     if (status != SHERF_OK) return failure_prefix(c, status, "body: canonical pose");
-    return vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0, &m->canonical_grid);
+    status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0, &m->canonical_grid);
+    /* points closer than 5 cm to a posed vertex are hardly ever farther from the canonical body */
+    if (status == SHERF_OK) status = vertex_grid_refine(c, m->canonical_grid, 0.06f);
+    return status;
 }
 
 static sherf_status check_sizes(context *c, const body_arrays *a) {

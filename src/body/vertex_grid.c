@@ -1,7 +1,8 @@
-/* Exact nearest vertex. Vertices are sorted by the cell of a uniform grid, x fastest, so that a run of cells
- * along x is one contiguous run of vertices. A search visits rows (y, z) in rings around the point's own row
- * and stops where a ring is farther than the best vertex so far. This file is compiled without fused
- * multiply-add: every instruction set gives the same squared distances. */
+/* Exact nearest vertex: from a voxel's list where there is one (vertex_list.c), by rings elsewhere. Vertices
+ * are sorted by the cell of a uniform grid, x fastest, so that a run of cells along x is one contiguous run
+ * of vertices. A search visits rows (y, z) in rings around the point's own row and stops where a ring is
+ * farther than the best vertex so far. This file is compiled without fused multiply-add: every instruction
+ * set gives the same squared distances. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -9,34 +10,9 @@
 #include <immintrin.h>
 #endif
 
-#include "body/body.h"
-
-typedef struct {
-    float d2, reach; /* best squared distance, and a little more than its root */
-    int32_t index;   /* INT32_MAX: none */
-} nearest_state;
-typedef void search_function(const vertex_grid *g, const float p[3], nearest_state *best);
-
-struct vertex_grid {
-    int32_t vertices, cells[3];
-    float min[3], cell_m, per_m; /* per_m = 1 / cell_m */
-    float slack_m;               /* bounds the rounding error of a cell's place */
-    float limit_d2;              /* the largest squared distance that counts */
-    float *x, *y, *z;            /* by cell, padded with 16 values */
-    int32_t *index;              /* their vertices */
-    int32_t *start;              /* cells + 1 */
-    float *vertex;               /* V x 3, as given */
-    search_function *search;
-};
+#include "body/vertex_grid.h"
 
 #define INLINE static inline __attribute__((always_inline))
-
-/* Monotone in x, so that a range of x is a range of cells. NaN gives 0. */
-INLINE int cell_of(const vertex_grid *g, int axis, float x) {
-    float f = (x - g->min[axis]) * g->per_m;
-    int last = g->cells[axis] - 1;
-    return !(f > 0) ? 0 : f >= (float)last ? last : (int)f;
-}
 
 INLINE void improve(const vertex_grid *g, nearest_state *best, float d2, int32_t index) {
     if (d2 < best->d2 || (d2 == best->d2 && index < best->index)) {
@@ -73,12 +49,14 @@ INLINE void scan_row(const vertex_grid *g, const float p[3], int y, int z, float
                      scan_function *scan) {
     if (d2 > best->d2) return;
     const int32_t *row = g->start + ((int64_t)z * g->cells[1] + y) * g->cells[0];
-    int32_t begin = row[cell_of(g, 0, p[0] - best->reach)], end = row[cell_of(g, 0, p[0] + best->reach) + 1];
+    int32_t begin = row[vertex_grid_cell(g, 0, p[0] - best->reach)],
+            end = row[vertex_grid_cell(g, 0, p[0] + best->reach) + 1];
     if (begin < end) scan(g, p, begin, end, best);
 }
 
 INLINE void search_rings(const vertex_grid *g, const float p[3], nearest_state *best, scan_function *scan) {
-    int ny = g->cells[1], nz = g->cells[2], cy = cell_of(g, 1, p[1]), cz = cell_of(g, 2, p[2]);
+    int ny = g->cells[1], nz = g->cells[2], cy = vertex_grid_cell(g, 1, p[1]),
+        cz = vertex_grid_cell(g, 2, p[2]);
     float own_y = slab_distance(g, 1, cy, p[1]), own_z = slab_distance(g, 2, cz, p[2]);
     scan_row(g, p, cy, cz, own_y * own_y + own_z * own_z, best, scan);
     for (int k = 1;; k++) {
@@ -199,7 +177,8 @@ static void choose_cells(vertex_grid *g, const float max[3]) {
 }
 
 static int32_t cell_index(const vertex_grid *g, const float p[3]) {
-    return (cell_of(g, 2, p[2]) * g->cells[1] + cell_of(g, 1, p[1])) * g->cells[0] + cell_of(g, 0, p[0]);
+    return (vertex_grid_cell(g, 2, p[2]) * g->cells[1] + vertex_grid_cell(g, 1, p[1])) * g->cells[0] +
+           vertex_grid_cell(g, 0, p[0]);
 }
 
 /* Counting sort by cell; within a cell in the order of the vertices. */
@@ -263,6 +242,9 @@ fail:
 
 void vertex_grid_free(vertex_grid *g) {
     if (!g) return;
+    mem_free(g->shell.bit);
+    mem_free(g->entry);
+    for (int i = 0; i < g->slabs; i++) mem_free(g->slab[i]);
     mem_free(g->x);
     mem_free(g->y);
     mem_free(g->z);
@@ -274,13 +256,27 @@ void vertex_grid_free(vertex_grid *g) {
 
 int32_t vertex_grid_nearest_from(const vertex_grid *g, const float point[3], int32_t guess,
                                  float *distance_squared) {
-    nearest_state best = {g->limit_d2, sqrtf(g->limit_d2) * 1.00001f + g->slack_m, INT32_MAX};
-    if (guess >= 0) {
-        const float *v = g->vertex + 3 * (size_t)guess;
-        float d2 = squared(v[0] - point[0], v[1] - point[1], v[2] - point[2]);
-        if (d2 <= best.d2) improve(g, &best, d2, guess);
+    nearest_state best = {g->limit_d2, INFINITY, INT32_MAX};
+    int32_t entry = LIST_NONE;
+    if (g->entry) {
+        const vertex_shell *s = &g->shell;
+        int x = vertex_shell_cell(g, 0, point[0]), y = vertex_shell_cell(g, 1, point[1]),
+            z = vertex_shell_cell(g, 2, point[2]);
+        entry = g->entry[((int64_t)z * s->cells[1] + y) * s->cells[0] + x];
+        if (entry == 0 && g->reach_m * g->reach_m < g->limit_d2) entry = LIST_NONE;
     }
-    g->search(g, point, &best);
+    if (entry > LIST_NONE) {
+        int32_t block = entry >> 6;
+        g->list(g->slab[block / SLAB_BLOCKS] + block % SLAB_BLOCKS, entry & 63, point, &best);
+    } else if (entry == LIST_NONE) {
+        best.reach = sqrtf(g->limit_d2) * 1.00001f + g->slack_m;
+        if (guess >= 0) {
+            const float *v = g->vertex + 3 * (size_t)guess;
+            float d2 = squared(v[0] - point[0], v[1] - point[1], v[2] - point[2]);
+            if (d2 <= best.d2) improve(g, &best, d2, guess);
+        }
+        g->search(g, point, &best);
+    }
     if (distance_squared) *distance_squared = best.d2;
     return best.index == INT32_MAX ? -1 : best.index;
 }

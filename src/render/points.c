@@ -10,81 +10,6 @@
 
 static const float keep_radius_m = 0.05f;
 
-/* ---- occupancy ---- */
-typedef struct {
-    int cells[3];         /* the outermost ones are empty, so that clamped places read 0 */
-    float min[3], cell_m; /* SMPL space */
-    int words;            /* 32-bit words a row (x) */
-    uint32_t *bit;        /* (z * cells[1] + y) * words + x / 32 */
-    const float *vertex;
-    int64_t vertices;
-} occupancy;
-
-static void set_run(uint32_t *row, int begin, int end) { /* bits [begin, end] */
-    int first = begin / 32, last = end / 32;
-    uint32_t low = ~0u << (begin % 32), high = ~0u >> (31 - end % 32);
-    if (first == last) {
-        row[first] |= low & high;
-        return;
-    }
-    row[first] |= low;
-    for (int w = first + 1; w < last; w++) row[w] = ~0u;
-    row[last] |= high;
-}
-
-static int clamp_cell(const occupancy *o, int axis, float x) {
-    float f = floorf((x - o->min[axis]) / o->cell_m);
-    float last = (float)(o->cells[axis] - 1);
-    return !(f > 0) ? 0 : f > last ? (int)last : (int)f;
-}
-
-/* Planes z in [begin, end): every voxel that any vertex's ball touches. */
-static void mark_planes(void *arg, int64_t begin, int64_t end, int thread) {
-    const occupancy *o = arg;
-    float radius = keep_radius_m + 1e-3f * o->cell_m + 1e-5f;
-    for (int64_t i = 0; i < o->vertices; i++) {
-        const float *v = o->vertex + 3 * i;
-        int z0 = clamp_cell(o, 2, v[2] - radius), z1 = clamp_cell(o, 2, v[2] + radius);
-        int y0 = clamp_cell(o, 1, v[1] - radius), y1 = clamp_cell(o, 1, v[1] + radius);
-        for (int z = z0 < begin ? (int)begin : z0; z <= z1 && z < end; z++) {
-            float low = o->min[2] + (float)z * o->cell_m;
-            float dz = fmaxf(fmaxf(low - v[2], v[2] - (low + o->cell_m)), 0);
-            for (int y = y0; y <= y1; y++) {
-                low = o->min[1] + (float)y * o->cell_m;
-                float dy = fmaxf(fmaxf(low - v[1], v[1] - (low + o->cell_m)), 0);
-                float left = radius * radius - dz * dz - dy * dy;
-                if (left < 0) continue;
-                float reach = sqrtf(left);
-                set_run(o->bit + ((size_t)z * (size_t)o->cells[1] + (size_t)y) * (size_t)o->words,
-                        clamp_cell(o, 0, v[0] - reach), clamp_cell(o, 0, v[0] + reach));
-            }
-        }
-    }
-}
-
-static sherf_status occupancy_create(context *c, const body_model *m, const posed_body *p, occupancy *o) {
-    const double cells_max = 1 << 26;
-    double cell = 0.0125, extent[3], count;
-    for (int k = 0; k < 3; k++) extent[k] = (double)p->max_smpl[k] - p->min_smpl[k] + 2 * keep_radius_m;
-    for (;; cell *= 1.25) { /* a body of a person's size never needs larger cells */
-        count = 1;
-        for (int k = 0; k < 3; k++) count *= ceil(extent[k] / cell) + 4;
-        if (count <= cells_max) break;
-    }
-    o->cell_m = (float)cell;
-    for (int k = 0; k < 3; k++) {
-        o->cells[k] = (int)ceil(extent[k] / cell) + 4;
-        o->min[k] = p->min_smpl[k] - keep_radius_m - 2 * o->cell_m;
-    }
-    o->words = (o->cells[0] + 31) / 32;
-    o->vertex = p->vertices_smpl;
-    o->vertices = m->vertices;
-    o->bit = mem_zero(c, (size_t)o->cells[2] * (size_t)o->cells[1], (size_t)o->words * sizeof *o->bit);
-    if (!o->bit) return SHERF_NO_MEMORY;
-    parallel_for(c, o->cells[2], 4, mark_planes, o);
-    return SHERF_OK;
-}
-
 /* ---- one frame's work ---- */
 typedef struct {
     const body_model *m;
@@ -93,8 +18,8 @@ typedef struct {
     const ray_bundle *rays;
     int samples, words; /* words: 64-bit words of sample bits a ray */
     int64_t chunk;      /* rays of one piece of work */
-    occupancy o;
     vertex_grid *grid;
+    const vertex_shell *shell;
     float *fraction;    /* depth i = near + (far - near) * fraction[i] */
     uint64_t *sample;   /* rays x words: first the candidates, then the kept */
     int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
@@ -112,9 +37,9 @@ static void voxel_ray_of(const points_job *job, int64_t n, voxel_ray *v) {
     const float *R = job->target->R, *d = job->rays->direction + 3 * n, *origin = job->rays->origin_world;
     float x[3];
     for (int k = 0; k < 3; k++) x[k] = origin[k] - job->target->Th[k];
-    float per_cell = 1 / job->o.cell_m;
+    float per_cell = 1 / job->shell->cell_m;
     for (int k = 0; k < 3; k++) { /* (x - Th) R */
-        v->from[k] = (x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k] - job->o.min[k]) * per_cell;
+        v->from[k] = (x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k] - job->shell->min[k]) * per_cell;
         v->step[k] = (d[0] * R[k] + d[1] * R[3 + k] + d[2] * R[6 + k]) * per_cell;
     }
     v->near = job->rays->near[n];
@@ -125,7 +50,7 @@ static void voxel_ray_of(const points_job *job, int64_t n, voxel_ray *v) {
 typedef uint64_t test_function(const points_job *job, const voxel_ray *v, int first, int count);
 
 static uint64_t test_plain(const points_job *job, const voxel_ray *v, int first, int count) {
-    const occupancy *o = &job->o;
+    const vertex_shell *o = job->shell;
     uint64_t bits = 0;
     for (int i = 0; i < count; i++) {
         float t = v->near + v->span * job->fraction[first + i];
@@ -144,7 +69,7 @@ static uint64_t test_plain(const points_job *job, const voxel_ray *v, int first,
 #if defined(__x86_64__)
 __attribute__((target("avx512f,avx512dq"))) static uint64_t
 test_avx512(const points_job *job, const voxel_ray *v, int first, int count) {
-    const occupancy *o = &job->o;
+    const vertex_shell *o = job->shell;
     uint64_t bits = 0;
     __m512 zero = _mm512_setzero_ps();
     __m512i ny = _mm512_set1_epi32(o->cells[1]), words = _mm512_set1_epi32(o->words);
@@ -173,7 +98,7 @@ test_avx512(const points_job *job, const voxel_ray *v, int first, int count) {
 
 __attribute__((target("avx2"))) static uint64_t test_avx2(const points_job *job, const voxel_ray *v,
                                                           int first, int count) {
-    const occupancy *o = &job->o;
+    const vertex_shell *o = job->shell;
     uint64_t bits = 0;
     __m256i ny = _mm256_set1_epi32(o->cells[1]), words = _mm256_set1_epi32(o->words);
     for (int i = 0; i < count; i += 8) { /* fraction is padded */
@@ -336,11 +261,11 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     p->first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
     if (!job->fraction || !job->sample || !job->candidate || !job->kept || !p->first) return SHERF_NO_MEMORY;
     for (int i = 0; i < job->samples; i++) job->fraction[i] = ray_fraction(i, job->samples);
-    sherf_status status = occupancy_create(c, job->m, job->target, &job->o);
-    if (status == SHERF_OK)
-        status =
-            vertex_grid_create(c, job->m->vertices, job->target->vertices_smpl, keep_radius_m, &job->grid);
+    sherf_status status =
+        vertex_grid_create(c, job->m->vertices, job->target->vertices_smpl, keep_radius_m, &job->grid);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, job->grid, keep_radius_m);
     if (status != SHERF_OK) return status;
+    job->shell = vertex_grid_shell(job->grid);
     test_function *test = test_best();
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
     for (int64_t i = 0; i < chunks; i++) find_candidates(job, i, test);
@@ -382,7 +307,6 @@ sherf_status points_create(context *c, const body_model *m, const posed_body *ta
     job.out->rays = (int64_t)rays->width * rays->height;
     job.out->samples = samples;
     sherf_status status = points_run(c, &job, keep_stages);
-    mem_free(job.o.bit);
     vertex_grid_free(job.grid);
     mem_free(job.fraction);
     mem_free(job.sample);

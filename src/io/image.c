@@ -52,10 +52,10 @@ static bool make_room(decoder *d, size_t row_bytes) {
     return d->row != NULL;
 }
 
-/* Grey as libpng (and so OpenCV) takes it: 15-bit fixed point, grey pixels as they are. */
+/* Grey as libpng (and so OpenCV) takes it: 15-bit fixed point, cut off, grey pixels as they are. */
 static uint8_t grey_of(const uint8_t *p) {
     if (p[0] == p[1] && p[0] == p[2]) return p[0];
-    return (uint8_t)((9798 * p[0] + 19235 * p[1] + 3735 * p[2] + 16384) >> 15);
+    return (uint8_t)((9797 * p[0] + 19234 * p[1] + 3737 * p[2]) >> 15);
 }
 
 /* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */

@@ -120,6 +120,7 @@ bool torch_dtype(const char *name, size_t length, dtype *out); /* "FloatStorage"
 
 /* safetensors as a dict of name to array, and "__metadata__" (safetensors.c). */
 sherf_status safetensors_document(context *c, const char *path, document **out);
+sherf_status safetensors_document_parse(context *c, const void *data, size_t bytes, document **out);
 
 /* What a reader may use for an input of this many bytes. */
 size_t build_limit(size_t input_bytes);

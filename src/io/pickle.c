@@ -449,7 +449,11 @@ static value *call(machine *m, value *function, value *arguments) {
                pickle_name_is(name, "copyreg", "_reconstructor"))) {
         value *inner = call_plain(m, of, build_value(b, VALUE_LIST), &known);
         if (b->status != SHERF_OK) return NULL;
-        return known ? inner : pickle_record(b, of, NULL);
+        if (known) return inner;
+        value *items = (value *)value_at(arguments, 2);
+        v = pickle_record(b, of, NULL);
+        if (v && items && (items->kind == VALUE_LIST || items->kind == VALUE_DICT)) v->record.state = items;
+        return v; /* items: of a class derived from list or dict */
     }
     if (of &&
         (pickle_name_is(name, "copy_reg", "__newobj__") || pickle_name_is(name, "copyreg", "__newobj__"))) {

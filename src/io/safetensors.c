@@ -303,18 +303,27 @@ static value *as_value(builder *b, const safetensors *s) {
     return root;
 }
 
-sherf_status safetensors_document(context *c, const char *path, document **out) {
-    safetensors *s;
+/* Takes s. */
+static sherf_status as_document(context *c, safetensors *s, document **out) {
     builder b;
-    *out = NULL;
-    sherf_status status = safetensors_read(c, path, &s);
-    if (status != SHERF_OK) return status;
-    if (build_start(&b, c, SIZE_MAX / 4))
-        status = build_finish(&b, as_value(&b, s), out);
-    else
-        status = b.status;
+    sherf_status status = SHERF_NO_MEMORY;
+    if (build_start(&b, c, SIZE_MAX / 4)) status = build_finish(&b, as_value(&b, s), out);
     safetensors_free(s);
     return status;
+}
+
+sherf_status safetensors_document(context *c, const char *path, document **out) {
+    safetensors *s;
+    *out = NULL;
+    sherf_status status = safetensors_read(c, path, &s);
+    return status == SHERF_OK ? as_document(c, s, out) : status;
+}
+
+sherf_status safetensors_document_parse(context *c, const void *data, size_t bytes, document **out) {
+    safetensors *s;
+    *out = NULL;
+    sherf_status status = safetensors_parse(c, data, bytes, &s);
+    return status == SHERF_OK ? as_document(c, s, out) : status;
 }
 
 /* ---------------------------------------------------------------- writing ---------------------------- */

@@ -190,22 +190,36 @@ value *torch_zip_build(builder *b, zip_t *zip) {
 }
 
 /* ---------------------------------------------------------------- files ------------------------------ */
-static sherf_status read_zip(context *c, const char *path, document **out, const char **kind) {
-    builder b;
-    uint64_t member;
-    if (!build_start(&b, c, archive_limit(path))) return b.status;
-    zip_t *zip = archive_open(&b, path);
-    bool torch = zip && torch_zip_is(zip, &member);
-    value *root = !zip ? NULL : torch ? torch_zip_build(&b, zip) : npz_build(&b, zip);
-    if (zip) zip_discard(zip);
-    if (kind) *kind = torch ? "torch" : "npz";
-    return build_finish(&b, root, out);
-}
-
 static sherf_status parse_legacy(context *c, const unsigned char *data, size_t bytes, document **out) {
     builder b;
+    *out = NULL;
     if (!build_start(&b, c, build_limit(bytes))) return b.status;
     return build_finish(&b, pickle_finish(&b, torch_legacy_build(&b, data, bytes, 0)), out);
+}
+
+/* Either kind of zip file. */
+static value *zip_build(builder *b, zip_t *zip, const char **kind) {
+    uint64_t member;
+    bool torch = zip && torch_zip_is(zip, &member);
+    value *root = !zip ? NULL : torch ? torch_zip_build(b, zip) : npz_build(b, zip);
+    if (zip) zip_discard(zip);
+    *kind = torch ? "torch" : "npz";
+    return root;
+}
+
+static sherf_status read_zip(context *c, const char *path, document **out, const char **kind) {
+    builder b;
+    *out = NULL;
+    if (!build_start(&b, c, archive_limit(path))) return b.status;
+    return build_finish(&b, zip_build(&b, archive_open(&b, path), kind), out);
+}
+
+static sherf_status parse_zip(context *c, const unsigned char *data, size_t bytes, document **out,
+                              const char **kind) {
+    builder b;
+    *out = NULL;
+    if (!build_start(&b, c, build_limit(bytes))) return b.status;
+    return build_finish(&b, zip_build(&b, archive_open_bytes(&b, data, bytes), kind), out);
 }
 
 static size_t beginning(const char *path, unsigned char *data, size_t room) {
@@ -249,32 +263,72 @@ static bool safetensors_is(const unsigned char *data, size_t bytes) {
     return bytes > 8 && data[8] == '{' && data[5] == 0 && data[6] == 0 && data[7] == 0;
 }
 
+typedef enum { FORM_ZIP, FORM_GZIP, FORM_NPY, FORM_SAFETENSORS, FORM_TORCH, FORM_JSON, FORM_PICKLE } form;
+static const char *const form_name[] = {"zip", "gzip", "npy", "safetensors", "torch", "json", "pickle"};
+
+static form form_of(const unsigned char *start, size_t n) {
+    if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) return FORM_ZIP;
+    if (n >= 2 && start[0] == 0x1f && start[1] == 0x8b) return FORM_GZIP;
+    if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) return FORM_NPY;
+    if (safetensors_is(start, n)) return FORM_SAFETENSORS;
+    if (torch_legacy_is(start, n)) return FORM_TORCH;
+    return json_is(start, n) ? FORM_JSON : FORM_PICKLE;
+}
+
+sherf_status document_parse(context *c, const unsigned char *data, size_t bytes, document **out,
+                            const char **kind) {
+    form f = form_of(data, bytes < 64 ? bytes : 64);
+    const char *found = form_name[f];
+    sherf_status status = SHERF_OK;
+    *out = NULL;
+    switch (f) {
+    case FORM_ZIP:
+        status = parse_zip(c, data, bytes, out, &found);
+        break;
+    case FORM_GZIP:
+        status = failure(c, SHERF_UNSUPPORTED, "packed with gzip; unpack it first (gunzip)");
+        break;
+    case FORM_NPY:
+        status = npy_parse(c, data, bytes, out);
+        break;
+    case FORM_SAFETENSORS:
+        status = safetensors_document_parse(c, data, bytes, out);
+        break;
+    case FORM_TORCH:
+        status = parse_legacy(c, data, bytes, out);
+        break;
+    case FORM_JSON:
+        status = json_parse(c, (const char *)data, bytes, out);
+        break;
+    case FORM_PICKLE:
+        status = pickle_parse(c, data, bytes, out);
+        break;
+    }
+    if (kind) *kind = status == SHERF_OK ? found : NULL;
+    return status;
+}
+
+/* Zip and safetensors files are read piece by piece; the others come whole. */
 sherf_status document_read(context *c, const char *path, document **out, const char **kind) {
-    unsigned char start[64];
-    const char *found = "pickle";
-    size_t n = beginning(path, start, sizeof start);
+    unsigned char start[64], *data = NULL;
+    size_t bytes;
+    form f = form_of(start, beginning(path, start, sizeof start));
+    const char *found = form_name[f];
     sherf_status status;
     *out = NULL;
     if (kind) *kind = NULL;
-    if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) {
+    if (f == FORM_SAFETENSORS) {
+        status = safetensors_document(c, path, out); /* names the file itself */
+    } else if (f == FORM_ZIP) {
         status = read_zip(c, path, out, &found);
         if (status != SHERF_OK) failure_prefix(c, status, "%s", path);
-    } else if (n >= 2 && start[0] == 0x1f && start[1] == 0x8b)
-        return failure(c, SHERF_UNSUPPORTED, "%s: packed with gzip; unpack it first (gunzip)", path);
-    else if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) {
-        found = "npy";
-        status = npy_read(c, path, out);
-    } else if (safetensors_is(start, n)) {
-        found = "safetensors";
-        status = safetensors_document(c, path, out);
-    } else if (torch_legacy_is(start, n)) {
-        found = "torch";
-        status = torch_read(c, path, out);
-    } else if (json_is(start, n)) {
-        found = "json";
-        status = json_read(c, path, out);
-    } else
-        status = pickle_read(c, path, out);
+    } else {
+        status = file_read(c, path, torch_bytes_max, &data, &bytes);
+        if (status != SHERF_OK) return status;
+        status = document_parse(c, data, bytes, out, &found);
+        mem_free(data);
+        if (status != SHERF_OK) failure_prefix(c, status, "%s", path);
+    }
     if (kind && status == SHERF_OK) *kind = found;
     return status;
 }

@@ -90,6 +90,8 @@ sherf_status torch_read(context *c, const char *path, document **out); /* zip or
 /* Any of the above, and safetensors, by looking at the content. `kind` (may be NULL): "json", "pickle", ...
  * static. */
 sherf_status document_read(context *c, const char *path, document **out, const char **kind);
+sherf_status document_parse(context *c, const unsigned char *data, size_t bytes, document **out,
+                            const char **kind);
 
 /* float32 .npy, written whole or not at all. */
 sherf_status npy_write_f32(context *c, const char *path, int rank, const int64_t *dim, const float *data);

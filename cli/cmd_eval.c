@@ -45,7 +45,8 @@ static int run(session *s, int count, char **argument) {
                             .views = set.views,
                             .output = set.output,
                             .write_png = set.output && !set.no_png,
-                            .write_npy = set.npy};
+                            .write_npy = set.npy,
+                            .precision = (sherf_precision)common.precision};
     sherf_scores scores = {0};
     int status = session_status(s, sherf_eval(s->context, &o, &scores));
     if (!status && common.json) {
@@ -67,7 +68,9 @@ const verb verb_eval = {
     .description =
         "Renders people of a data set from one picture each and compares with the truth, by the paper's "
         "protocol: novel view (the observation's pose) and novel pose (others). The observed view itself is "
-        "left out. Scores are printed by person with their means and go to OUT/scores.json.",
+        "left out. Scores are printed by person with their means and go to OUT/scores.json. They are "
+        "computed in "
+        "float32 unless --precision bf16 is given.",
     .example =
         "sherf eval --data thuman:THuman/nerf_data_ --model model.safetensors --body body.safetensors -o "
         "out\n"

@@ -244,6 +244,7 @@ typedef struct {
     const char *views;        /* "0,2,..."; NULL: the paper's */
     const char *output;       /* folder for scores.json, pictures; NULL: none */
     int write_png, write_npy;
+    sherf_precision precision; /* AUTO: float32, whatever the context's; bf16 moves PSNR by some 0.02 dB */
 } sherf_eval_options;
 
 typedef struct {

@@ -216,7 +216,9 @@ done:
 sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out) {
     evaluation e = {.c = c, .options = options};
     char path[PATH_LENGTH];
+    const sherf_precision precision = c->precision;
     *out = (sherf_scores){0};
+    c->precision = options->precision == SHERF_PRECISION_AUTO ? SHERF_PRECISION_FP32 : options->precision;
     sherf_status status = evaluation_open(&e);
     for (int i = 0; i < e.people_count && status == SHERF_OK; i++)
         for (int k = 0; k < e.selection[i].observations && status == SHERF_OK; k++)
@@ -237,5 +239,6 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
     *out = (sherf_scores){report_mean(&e.report, -1, false), report_mean(&e.report, -1, true), table};
 done:
     evaluation_free(&e);
+    c->precision = precision;
     return status;
 }

@@ -1,0 +1,234 @@
+/* The whole trainer on a small made-up data set: the loss falls, a stopped training goes on with the same
+ * bits, several processes equal one. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "base/path.h"
+#include "io/safetensors.h"
+#include "io/value.h"
+#include "support.h"
+
+#define TINY                                                                                                 \
+    "small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,"              \
+    "volume_channels0=8,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,"             \
+    "decoder_skip=0,view_width=16,samples=16,voxel_size_m=0.05"
+
+static char root[512];
+static char program[4096]; /* this one, started again under mpirun */
+
+static const char *path_of(const char *name) {
+    static char path[8][1024];
+    static int next;
+    next = (next + 1) % 8;
+    snprintf(path[next], sizeof path[next], "%s/%s", root, name);
+    return path[next];
+}
+
+static context *float_context(int threads) {
+    context *c;
+    const sherf_options o = {.threads = threads, .precision = SHERF_PRECISION_FP32};
+    if (sherf_context_create(&o, &c) != SHERF_OK) abort();
+    return c;
+}
+
+static int make_data(void **state) {
+    context *c = float_context(2);
+    snprintf(root, sizeof root, "%s", test_path("data"));
+    const sherf_synth_options synth = {.people = 2, .poses = 2, .views = 4, .size_px = 48, .seed = 5};
+    sherf_status status = sherf_synth_tube(c, root, &synth);
+    if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
+    sherf_context_free(c);
+    return status != SHERF_OK;
+}
+
+static sherf_train_options options_for(const char *output, int64_t steps) {
+    static char spec[600], body[600];
+    snprintf(spec, sizeof spec, "thuman:%s", root);
+    snprintf(body, sizeof body, "%s", path_of("tubeman.safetensors"));
+    return (sherf_train_options){.data = spec,
+                                 .people = "0-1",
+                                 .body = body,
+                                 .output = output,
+                                 .preset = TINY,
+                                 .steps = steps,
+                                 .images_per_step = 4,
+                                 .seed = 11,
+                                 .sample_every = 1000};
+}
+
+/* The largest difference of two files' tensors over the largest value of each; both have the same names. */
+static double difference(context *c, const char *a, const char *b) {
+    safetensors *x, *y;
+    double worst = 0;
+    assert_ok(c, safetensors_read(c, a, &x));
+    assert_ok(c, safetensors_read(c, b, &y));
+    assert_int_equal(x->count, y->count);
+    for (size_t i = 0; i < x->count; i++) {
+        const safetensor *p = &x->tensor[i], *q = safetensors_find(y, p->name);
+        assert_non_null(q);
+        int64_t n = 1;
+        for (int k = 0; k < p->rank; k++) n *= p->dim[k];
+        double most = 0, off = 0;
+        for (int64_t k = 0; k < n; k++) {
+            double u = ((const float *)p->data)[k], v = ((const float *)q->data)[k];
+            most = fmax(most, fabs(u));
+            off = fmax(off, fabs(u - v));
+        }
+        if (most > 0) worst = fmax(worst, off / most);
+    }
+    safetensors_free(x);
+    safetensors_free(y);
+    return worst;
+}
+
+static double logged(context *c, const char *folder, int line, const char *key) {
+    char path[1200], text[4096];
+    snprintf(path, sizeof path, "%s/log.jsonl", folder);
+    FILE *f = fopen(path, "r");
+    assert_non_null(f);
+    for (int i = 0; i < line; i++) assert_non_null(fgets(text, sizeof text, f));
+    fclose(f);
+    document *d;
+    assert_ok(c, json_parse(c, text, strlen(text), &d));
+    double v = NAN;
+    const value *got = value_get(d->root, key);
+    assert_non_null(got);
+    if (got->kind == VALUE_REAL) v = got->real;
+    if (got->kind == VALUE_INTEGER) v = (double)got->integer;
+    document_free(d);
+    return v;
+}
+
+static void learns_and_writes(void **state) {
+    context *c = float_context(2);
+    const char *run = path_of("learn");
+    sherf_train_options o = options_for(run, 60);
+    o.sample_every = 30;
+    assert_ok(c, sherf_train(c, &o));
+    double first = 0, last = 0;
+    for (int i = 1; i <= 10; i++) {
+        first += logged(c, run, i, "loss");
+        last += logged(c, run, 50 + i, "loss");
+    }
+    assert_true(last < 0.7 * first);
+    assert_true(logged(c, run, 60, "step") == 60 && isnan(logged(c, run, 60, "lpips")));
+    const char *files[] = {"learn/checkpoint.safetensors", "learn/model.safetensors", "learn/loss.png",
+                           "learn/samples/000030.png", "learn/samples/000060.png"};
+    for (size_t i = 0; i < COUNT_OF(files); i++) assert_true(path_is_file(path_of(files[i])));
+    sherf_model *m;
+    assert_ok(c, sherf_model_load(c, path_of("learn/model.safetensors"), &m));
+    sherf_model_free(m);
+    assert_ok(c, sherf_train(c, &o)); /* nothing is left to do */
+    assert_true(logged(c, run, 60, "step") == 60);
+    sherf_context_free(c);
+}
+
+static void resuming_gives_the_same_bits(void **state) {
+    context *c = float_context(2);
+    const char *whole = path_of("whole"), *parts = path_of("parts");
+    sherf_train_options o = options_for(whole, 7);
+    assert_ok(c, sherf_train(c, &o));
+    o = options_for(parts, 3);
+    assert_ok(c, sherf_train(c, &o));
+    o = options_for(parts, 7);
+    o.workers = 5;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(
+        difference(c, path_of("whole/checkpoint.safetensors"), path_of("parts/checkpoint.safetensors")) == 0);
+    assert_true(difference(c, path_of("whole/model.safetensors"), path_of("parts/model.safetensors")) == 0);
+    for (int i = 1; i <= 7; i++) assert_true(logged(c, whole, i, "loss") == logged(c, parts, i, "loss"));
+    sherf_context_free(c);
+}
+
+static void stop_after_first(void *user, const char *text, double done, double total) {
+    if (done >= 2) sherf_cancel(*(context **)user);
+}
+
+static void cancelling_saves(void **state) {
+    context *c;
+    const sherf_options told = {
+        .threads = 2, .precision = SHERF_PRECISION_FP32, .progress = stop_after_first, .user = &c};
+    assert_int_equal(sherf_context_create(&told, &c), SHERF_OK);
+    sherf_train_options o = options_for(path_of("cancelled"), 7);
+    assert_int_equal(sherf_train(c, &o), SHERF_CANCELLED);
+    assert_non_null(strstr(c->message, "after step 2"));
+    sherf_context_free(c);
+    c = float_context(2);
+    assert_ok(c, sherf_train(c, &o)); /* picks its checkpoint up by itself */
+    assert_true(difference(c, path_of("whole/checkpoint.safetensors"),
+                           path_of("cancelled/checkpoint.safetensors")) == 0);
+    sherf_context_free(c);
+}
+
+static void a_bad_checkpoint_is_one_line(void **state) {
+    context *c = float_context(2);
+    sherf_train_options o = options_for(path_of("bad"), 7);
+    o.resume = path_of("whole/model.safetensors"); /* weights, not a checkpoint */
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "model.safetensors: not a checkpoint"));
+    assert_false(path_is_folder(path_of("bad")));
+    o.resume = path_of("none.safetensors");
+    assert_int_equal(sherf_train(c, &o), SHERF_NO_FILE);
+    o = options_for(path_of("bad"), 7);
+    o.preset = "tiny";
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
+    o = options_for(path_of("bad"), 7);
+    o.learning_rate = 1e30;
+    assert_int_equal(sherf_train(c, &o), SHERF_OK); /* seven steps are too few to give up */
+    sherf_context_free(c);
+}
+
+/* ---- several processes ---- */
+
+static void processes_equal_one(void **state) {
+    char command[16384];
+    if (system("command -v mpirun >/dev/null 2>&1")) skip();
+    context *c = float_context(1);
+    sherf_train_options o = options_for(path_of("one"), 3);
+    assert_ok(c, sherf_train(c, &o));
+    const int counts[] = {2, 3};
+    for (size_t i = 0; i < COUNT_OF(counts); i++) {
+        char name[32];
+        snprintf(name, sizeof name, "ranks%d", counts[i]);
+        snprintf(command, sizeof command,
+                 "mpirun --allow-run-as-root --oversubscribe -n %d '%s' --rank '%s' '%s' >'%s.txt' 2>&1",
+                 counts[i], program, root, path_of(name), path_of(name));
+        int rc = system(command);
+        if (rc != 0) fail_msg("%s: %d", command, rc);
+        char a[64];
+        snprintf(a, sizeof a, "%s/model.safetensors", name);
+        double off = difference(c, path_of("one/model.safetensors"), path_of(a));
+        print_message("%d processes against one: %.2g of the largest weight\n", counts[i], off);
+        assert_true(off <= 1e-5);
+        for (int k = 1; k <= 3; k++) {
+            double want = logged(c, path_of("one"), k, "loss");
+            assert_true(fabs(logged(c, path_of(name), k, "loss") / want - 1) < 1e-5);
+        }
+    }
+    sherf_context_free(c);
+}
+
+static int run_rank(const char *data, const char *output) {
+    context *c = float_context(1);
+    snprintf(root, sizeof root, "%s", data);
+    sherf_train_options o = options_for(output, 3);
+    sherf_status status = sherf_train(c, &o);
+    if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
+    sherf_context_free(c);
+    return status != SHERF_OK;
+}
+
+int main(int argc, char **argv) {
+    if (argc == 4 && !strcmp(argv[1], "--rank")) return run_rank(argv[2], argv[3]);
+    ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
+    program[n > 0 ? n : 0] = 0;
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(learns_and_writes), cmocka_unit_test(resuming_gives_the_same_bits),
+        cmocka_unit_test(cancelling_saves), cmocka_unit_test(a_bad_checkpoint_is_one_line),
+        cmocka_unit_test(processes_equal_one)};
+    return cmocka_run_group_tests(tests, make_data, NULL);
+}

@@ -36,7 +36,7 @@ static context *float_context(int threads) {
 }
 
 static int make_data(void **state) {
-    context *c = float_context(2);
+    context *c = float_context(1);
     snprintf(root, sizeof root, "%s", test_path("data"));
     const sherf_synth_options synth = {.people = 2, .poses = 2, .views = 4, .size_px = 48, .seed = 5};
     sherf_status status = sherf_synth_tube(c, root, &synth);
@@ -104,7 +104,7 @@ static double logged(context *c, const char *folder, int line, const char *key) 
 }
 
 static void learns_and_writes(void **state) {
-    context *c = float_context(2);
+    context *c = float_context(1);
     const char *run = path_of("learn");
     sherf_train_options o = options_for(run, 60);
     o.sample_every = 30;
@@ -128,7 +128,7 @@ static void learns_and_writes(void **state) {
 }
 
 static void resuming_gives_the_same_bits(void **state) {
-    context *c = float_context(2);
+    context *c = float_context(1);
     const char *whole = path_of("whole"), *parts = path_of("parts");
     sherf_train_options o = options_for(whole, 7);
     assert_ok(c, sherf_train(c, &o));
@@ -151,13 +151,13 @@ static void stop_after_first(void *user, const char *text, double done, double t
 static void cancelling_saves(void **state) {
     context *c;
     const sherf_options told = {
-        .threads = 2, .precision = SHERF_PRECISION_FP32, .progress = stop_after_first, .user = &c};
+        .threads = 1, .precision = SHERF_PRECISION_FP32, .progress = stop_after_first, .user = &c};
     assert_int_equal(sherf_context_create(&told, &c), SHERF_OK);
     sherf_train_options o = options_for(path_of("cancelled"), 7);
     assert_int_equal(sherf_train(c, &o), SHERF_CANCELLED);
     assert_non_null(strstr(c->message, "after step 2"));
     sherf_context_free(c);
-    c = float_context(2);
+    c = float_context(1);
     assert_ok(c, sherf_train(c, &o)); /* picks its checkpoint up by itself */
     assert_true(difference(c, path_of("whole/checkpoint.safetensors"),
                            path_of("cancelled/checkpoint.safetensors")) == 0);
@@ -165,7 +165,7 @@ static void cancelling_saves(void **state) {
 }
 
 static void a_bad_checkpoint_is_one_line(void **state) {
-    context *c = float_context(2);
+    context *c = float_context(1);
     sherf_train_options o = options_for(path_of("bad"), 7);
     o.resume = path_of("whole/model.safetensors"); /* weights, not a checkpoint */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);

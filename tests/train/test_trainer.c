@@ -21,9 +21,9 @@ static char root[512];
 static char program[4096]; /* this one, started again under mpirun */
 
 static const char *path_of(const char *name) {
-    static char path[8][1024];
+    static char path[64][1024];
     static int next;
-    next = (next + 1) % 8;
+    next = (next + 1) % 64;
     snprintf(path[next], sizeof path[next], "%s/%s", root, name);
     return path[next];
 }
@@ -108,6 +108,7 @@ static void learns_and_writes(void **state) {
     const char *run = path_of("learn");
     sherf_train_options o = options_for(run, 60);
     o.sample_every = 30;
+    o.halve_every = 1000;
     assert_ok(c, sherf_train(c, &o));
     double first = 0, last = 0;
     for (int i = 1; i <= 10; i++) {

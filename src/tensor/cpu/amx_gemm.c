@@ -1,98 +1,9 @@
 #include "tensor/cpu/amx_gemm.h"
 
 #if defined(__x86_64__)
-#include <immintrin.h>
 #include <string.h>
 
-#define AMX __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512bf16,amx-tile,amx-bf16")))
-#define AMX_INLINE AMX static inline __attribute__((always_inline))
-
-/* A tile of a product's operand is 16 rows of 16 pairs of bf16, 1 KiB: for A rows are m and pairs run along
- * k, for B rows are pairs of k and columns are n. */
-enum { TILE = 512 /* bf16 values */, SIDE = 16, DEPTH = 32 /* k of a tile */ };
-
-static int64_t tiles(int64_t n, int64_t side) {
-    return (n + side - 1) / side;
-}
-
-AMX_INLINE __mmask16 lanes(int64_t n) {
-    return n >= 16 ? 0xffff : n <= 0 ? 0 : (__mmask16)((1u << n) - 1);
-}
-
-/* Row j: 32 values of row j of m, from column 0; rows and columns past the given ones are 0. */
-AMX_INLINE void load_across(const float *m, int64_t ld, int64_t rows, int64_t columns, __m512i out[16]) {
-    const __mmask16 low = lanes(columns), high = lanes(columns - 16);
-    for (int j = 0; j < 16; j++) {
-        if (j >= rows) {
-            out[j] = _mm512_setzero_si512();
-            continue;
-        }
-        const __m512 a = _mm512_maskz_loadu_ps(low, m + j * ld);
-        const __m512 b = _mm512_maskz_loadu_ps(high, m + j * ld + 16);
-        out[j] = (__m512i)_mm512_cvtne2ps_pbh(b, a);
-    }
-}
-
-/* Row p: the pairs (m[2p][c], m[2p + 1][c]) for 16 columns c. */
-AMX_INLINE void load_down(const float *m, int64_t ld, int64_t rows, int64_t columns, __m512i out[16]) {
-    const __mmask16 mask = lanes(columns);
-    const __m512i low =
-        _mm512_cvtepi16_epi32(_mm256_setr_epi16(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15));
-    const __m512i order =
-        _mm512_or_si512(low, _mm512_slli_epi32(_mm512_add_epi32(low, _mm512_set1_epi32(16)), 16));
-    for (int p = 0; p < 16; p++) {
-        const __m512 zero = _mm512_setzero_ps();
-        const __m512 a = 2 * p < rows ? _mm512_maskz_loadu_ps(mask, m + 2 * p * ld) : zero;
-        const __m512 b = 2 * p + 1 < rows ? _mm512_maskz_loadu_ps(mask, m + (2 * p + 1) * ld) : zero;
-        out[p] = _mm512_permutexvar_epi16(order, (__m512i)_mm512_cvtne2ps_pbh(b, a));
-    }
-}
-
-/* The 16 x 16 matrix of 32-bit values turned over. */
-AMX_INLINE void turn_over(__m512i v[16]) {
-    __m512i t[16];
-    for (int i = 0; i < 16; i += 2) {
-        t[i] = _mm512_unpacklo_epi32(v[i], v[i + 1]);
-        t[i + 1] = _mm512_unpackhi_epi32(v[i], v[i + 1]);
-    }
-    for (int i = 0; i < 16; i += 4) {
-        v[i] = _mm512_unpacklo_epi64(t[i], t[i + 2]);
-        v[i + 1] = _mm512_unpackhi_epi64(t[i], t[i + 2]);
-        v[i + 2] = _mm512_unpacklo_epi64(t[i + 1], t[i + 3]);
-        v[i + 3] = _mm512_unpackhi_epi64(t[i + 1], t[i + 3]);
-    }
-    for (int i = 0; i < 4; i++) {
-        t[i] = _mm512_shuffle_i32x4(v[i], v[i + 4], 0x88);
-        t[i + 4] = _mm512_shuffle_i32x4(v[i], v[i + 4], 0xdd);
-        t[i + 8] = _mm512_shuffle_i32x4(v[i + 8], v[i + 12], 0x88);
-        t[i + 12] = _mm512_shuffle_i32x4(v[i + 8], v[i + 12], 0xdd);
-    }
-    for (int i = 0; i < 4; i++) {
-        v[i] = _mm512_shuffle_i32x4(t[i], t[i + 8], 0x88);
-        v[i + 8] = _mm512_shuffle_i32x4(t[i], t[i + 8], 0xdd);
-        v[i + 4] = _mm512_shuffle_i32x4(t[i + 4], t[i + 12], 0x88);
-        v[i + 12] = _mm512_shuffle_i32x4(t[i + 4], t[i + 12], 0xdd);
-    }
-}
-
-AMX_INLINE void tile_write(const __m512i v[16], uint16_t *to) {
-    for (int i = 0; i < 16; i++) _mm512_store_si512(to + 32 * i, v[i]);
-}
-
-typedef struct {
-    uint8_t palette, start_row, reserved[14];
-    uint16_t row_bytes[16];
-    uint8_t rows[16];
-} tile_config;
-
-AMX_INLINE void tiles_begin(void) {
-    tile_config config __attribute__((aligned(64))) = {.palette = 1};
-    for (int i = 0; i < 8; i++) {
-        config.row_bytes[i] = 64;
-        config.rows[i] = 16;
-    }
-    _tile_loadconfig(&config);
-}
+#include "tensor/cpu/amx_tiles.h"
 
 /* c[32][32] = or += A (two tile rows, a_step values between k's tiles, 2nd row at a2) times B (likewise).
  * wide: the second column of tiles is there. */

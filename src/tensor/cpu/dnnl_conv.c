@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "tensor/cpu/bf16.h"
+#include "tensor/cpu/dnnl_conv.h"
 #include "tensor/cpu/dnnl_plan.h"
 #include "tensor/cpu/rows.h"
 
@@ -188,7 +189,7 @@ static void *packed_weights(op_call *call, const plan *p, const tensor *w) {
     return plan_run(call, p->weights, p->weights_scratch, 2, args) == SHERF_OK ? packed : NULL;
 }
 
-static sherf_status forward(op_call *call, bool transpose) {
+sherf_status dnnl_conv_forward(op_call *call, bool transpose) {
     plan *p;
     sherf_status status = plan_for(call, transpose, PASS_FORWARD, &p);
     if (status != SHERF_OK) return status;
@@ -205,7 +206,7 @@ static sherf_status forward(op_call *call, bool transpose) {
 }
 
 /* dx += gain * (dy over w turned round) */
-static sherf_status backward_data(op_call *call, bool transpose) {
+sherf_status dnnl_conv_data(op_call *call, bool transpose) {
     plan *p;
     sherf_status status = plan_for(call, transpose, PASS_DATA, &p);
     if (status != SHERF_OK) return status;
@@ -225,7 +226,7 @@ static sherf_status backward_data(op_call *call, bool transpose) {
 }
 
 /* dw += gain * (x correlated with dy) */
-static sherf_status backward_weights(op_call *call, bool transpose) {
+sherf_status dnnl_conv_weights(op_call *call, bool transpose) {
     plan *p;
     sherf_status status = plan_for(call, transpose, PASS_WEIGHTS, &p);
     if (status != SHERF_OK) return status;
@@ -244,26 +245,4 @@ static sherf_status backward_weights(op_call *call, bool transpose) {
                      (plan_arg[]){{DNNL_ARG_FROM, p->w, dw}, {DNNL_ARG_TO, &p->w_plain, call->din[1]->data}});
     plan_release(p);
     return status;
-}
-
-static sherf_status backward(op_call *call, bool transpose) {
-    sherf_status status = SHERF_OK;
-    const arena_mark mark = arena_position(call->scratch);
-    if (call->din[0]) status = backward_data(call, transpose);
-    arena_rewind(call->scratch, mark);
-    if (status == SHERF_OK && call->din[1]) status = backward_weights(call, transpose);
-    return status;
-}
-
-sherf_status cpu_conv2d_forward(op_call *call) {
-    return forward(call, false);
-}
-sherf_status cpu_conv2d_backward(op_call *call) {
-    return backward(call, false);
-}
-sherf_status cpu_conv2d_transpose_forward(op_call *call) {
-    return forward(call, true);
-}
-sherf_status cpu_conv2d_transpose_backward(op_call *call) {
-    return backward(call, true);
 }

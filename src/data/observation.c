@@ -272,6 +272,7 @@ static sherf_status observation_from_folder(context *c, const char *folder, file
         (status = image_size(c, names->image, &size[0], &size[1], &channels)) ||
         (status = first_file(c, folder, cameras, names->other)) || (status = json_read(c, names->other, &d)))
         return status;
+    if (!path_is_file(names->mask)) names->mask[0] = 0; /* the picture's alpha then */
     const value *camera = value_get(d->root, "camera");
     status = camera_object(c, camera ? camera : d->root, size, &source->camera);
     if (status) failure_prefix(c, status, "%s", names->other);

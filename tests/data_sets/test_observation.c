@@ -1,0 +1,373 @@
+/* Observations from memory, JSON, folders and data sets; files of poses and cameras; what is refused. */
+#include "data/tubeman.h"
+#include "make_files.h"
+
+#define CAMERA "{\"K\": [[50, 0, 20], [0, 55, 15], [0, 0, 1]], \"T\": [0, 0.2, 3]}"
+#define BODY                                                                                                 \
+    "{\"body_pose\": %s, \"global_orient\": [0.1, 0.2, 0.3], \"transl\": [1, 2, 3], \"betas\": [0.5, -1]}"
+
+static char folder[PATH_LENGTH], zeros_69[1024], zeros_72[1024];
+
+static void zeros(char *out, int n) {
+    strcpy(out, "[0");
+    for (int i = 1; i < n; i++) strcat(out, i == 5 ? ", 0.25" : ", 0");
+    strcat(out, "]");
+}
+
+static int make_basics(void **state) {
+    context *c = test_context();
+    snprintf(folder, sizeof folder, "%s", test_path("observation"));
+    zeros(zeros_69, 69);
+    zeros(zeros_72, 72);
+    make_picture(c, join(folder, "a.png"), 0, MADE_WIDTH, MADE_HEIGHT);
+    make_mask(c, join(folder, "m.png"), MADE_WIDTH, MADE_HEIGHT, 0, 255);
+    make_mask(c, join(folder, "empty.png"), MADE_WIDTH, MADE_HEIGHT, 0, 0);
+    make_mask(c, join(folder, "full.png"), MADE_WIDTH, MADE_HEIGHT, 255, 255);
+    make_mask(c, join(folder, "small.png"), MADE_WIDTH - 1, MADE_HEIGHT, 0, 255);
+    uint8_t *wide = mem_zero(c, 5000 * 2, 3);
+    assert_ok(c, png_write(c, join(folder, "wide.png"), 5000, 2, 3, wide));
+    mem_free(wide);
+    make_text(c, join(folder, "rubbish.png"), "\x89PNG\r\n\x1a\nrubbish");
+    sherf_context_free(c);
+    return 0;
+}
+
+/* observation.json of these parts. */
+static const char *json(context *c, const char *image, const char *mask, const char *camera,
+                        const char *body) {
+    static char text[16384];
+    char object[4096];
+    snprintf(object, sizeof object, body ? body : BODY, zeros_69);
+    snprintf(text, sizeof text, "{\"image\": \"%s\", %s%s%s \"camera\": %s, \"body\": %s}", image,
+             mask ? "\"mask\": \"" : "", mask ? mask : "", mask ? "\"," : "", camera ? camera : CAMERA,
+             object);
+    const char *path = join(folder, "o.json");
+    make_text(c, path, text);
+    return path;
+}
+
+static void from_json(void **state) {
+    context *c = test_context();
+    sherf_observation *o = NULL;
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", NULL, NULL), &o));
+    const sherf_image *image = sherf_observation_image(o);
+    const sherf_camera *camera = sherf_observation_camera(o);
+    const sherf_pose *pose = sherf_observation_pose(o);
+    assert_int_equal(image->width, MADE_WIDTH);
+    assert_int_equal(camera->height_px, MADE_HEIGHT);
+    assert_float_equal(image->data[0], 0, 0);
+    int at = 10 * MADE_WIDTH + 15;
+    assert_float_equal(image->data[at * 3 + 2], made_color(0, 15, 10, 2) / 255., 1e-7);
+    assert_float_equal(camera->K[4], 55, 0);
+    assert_float_equal(camera->R[0], 1, 0);
+    assert_float_equal(camera->T_m[2], 3, 0);
+    assert_float_equal(pose->poses_rad[1], 0.2, 1e-7);
+    assert_float_equal(pose->poses_rad[8], 0.25, 1e-7);
+    assert_float_equal(pose->Th_m[2], 3, 0);
+    assert_float_equal(pose->shapes[1], -1, 0);
+    assert_float_equal(pose->shapes[2], 0, 0);
+    assert_float_equal(pose->R[4], 1, 0);
+    sherf_observation_free(o);
+    /* a field of view of 90 degrees: focal length half the height */
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", "{\"fov_deg\": 90}", NULL), &o));
+    assert_float_equal(o->camera.K[0], 15, 1e-5);
+    assert_float_equal(o->camera.K[2], 20, 1e-5);
+    sherf_observation_free(o);
+    assert_ok(c, sherf_observation_load(
+                     c, json(c, "a.png", "m.png", "{\"focal_px\": 77, \"R\": [0, 0, 0.5]}", NULL), &o));
+    assert_float_equal(o->camera.K[4], 77, 0);
+    assert_float_equal(o->camera.R[0], cos(0.5), 1e-6);
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
+/* Rotation matrices in place of axis-angles, Rh beside the pose. */
+static void body_forms(void **state) {
+    context *c = test_context();
+    sherf_observation *o = NULL;
+    char matrices[8192] = "{\"body_pose\": [";
+    float turn[3] = {0.1f, -0.2f, 0.3f}, R[9];
+    rodrigues(turn, R);
+    for (int j = 0; j < 23; j++) {
+        strcat(matrices, j ? ", [" : "[");
+        for (int i = 0; i < 9; i++) sprintf(matrices + strlen(matrices), "%s%.7f", i ? ", " : "", R[i]);
+        strcat(matrices, "]");
+    }
+    strcat(matrices, "], \"Rh\": [0, 1, 0], \"Th\": [[4, 5, 6]]}");
+    make_text(c, join(folder, "body.json"), matrices);
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", NULL, "\"body.json\""), &o));
+    for (int j = 1; j < 24; j++)
+        for (int i = 0; i < 3; i++) assert_float_equal(o->pose.poses_rad[j * 3 + i], turn[i], 1e-5);
+    assert_float_equal(o->pose.R[0], cos(1), 1e-6);
+    assert_float_equal(o->pose.Th_m[1], 5, 0);
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
+static void from_a_folder_with_alpha(void **state) {
+    context *c = test_context();
+    sherf_observation *o = NULL;
+    uint8_t *rgba = mem_zero(c, MADE_WIDTH * MADE_HEIGHT, 4);
+    for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++) {
+        for (int k = 0; k < 3; k++) rgba[i * 4 + k] = 200;
+        rgba[i * 4 + 3] = made_person(i % MADE_WIDTH, i / MADE_WIDTH) ? 128 : 127;
+    }
+    make_text(c, join(folder, "alpha/camera.json"), "{\"camera\": " CAMERA "}");
+    char body[2048];
+    snprintf(body, sizeof body, "{\"poses\": %s}", zeros_72);
+    make_text(c, join(folder, "alpha/body.json"), body);
+    const char *alpha = join(folder, "alpha");
+    assert_fails(c, sherf_observation_load(c, alpha, &o), SHERF_NO_FILE, "image.png");
+    assert_ok(c, png_write(c, join(folder, "alpha/image.png"), MADE_WIDTH, MADE_HEIGHT, 4, rgba));
+    assert_ok(c, sherf_observation_load(c, alpha, &o));
+    for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++)
+        assert_int_equal(o->mask[i], made_person(i % MADE_WIDTH, i / MADE_WIDTH));
+    sherf_observation_free(o);
+    make_mask(c, join(folder, "alpha/mask.png"), MADE_WIDTH, MADE_HEIGHT, 255,
+              0); /* a mask file goes first */
+    assert_ok(c, sherf_observation_load(c, alpha, &o));
+    assert_int_equal(o->mask[0], 1);
+    sherf_observation_free(o);
+    mem_free(rgba);
+    sherf_context_free(c);
+}
+
+static void faults_are_told(void **state) {
+    static const struct {
+        const char *image, *mask, *camera, *body, *message;
+        sherf_status status;
+    } cases[] = {
+        {"none.png", "m.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
+        {"rubbish.png", "m.png", NULL, NULL, "rubbish.png", SHERF_BAD_FILE},
+        {"a.png", "none.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
+        {"a.png", NULL, NULL, NULL, "no alpha channel", SHERF_BAD_FILE},
+        {"a.png", "small.png", NULL, NULL, "a mask of 39 x 30 pixels for a picture of 40 x 30",
+         SHERF_MISMATCH},
+        {"a.png", "empty.png", NULL, NULL, "the mask is empty", SHERF_BAD_ARGUMENT},
+        {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
+        {"wide.png", "m.png", NULL, NULL, "5000 x 2 pixels, at most 4096", SHERF_UNSUPPORTED},
+        {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"K\": [1e999, 0, 20, 0, 5, 15, 0, 0, 1]}", NULL, "finite", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 180}", NULL, "fov_deg", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 2]}", NULL, "not a rotation",
+         SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, -1]}", NULL, "mirroring",
+         SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60, \"width\": 80}", NULL, "the picture has 40 x 30",
+         SHERF_MISMATCH},
+        {"a.png", "m.png", "\"none.json\"", NULL, "none.json", SHERF_NO_FILE},
+        {"a.png", "m.png", NULL, "{}", "a body needs poses", SHERF_BAD_FILE},
+        {"a.png", "m.png", NULL, "{\"poses\": [1, 2, 3]}", "poses", SHERF_BAD_FILE},
+        {"a.png", "m.png", NULL, "{\"body_pose\": \"x\"}", "body_pose", SHERF_BAD_FILE},
+        {"a.png", "m.png", NULL, "7", "body", SHERF_BAD_FILE},
+        {"a.png", "m.png", NULL, "\"none.npz\"", "none.npz", SHERF_NO_FILE},
+        {"", "m.png", NULL, NULL, "\"image\" should name a file", SHERF_BAD_FILE},
+    };
+    context *c = test_context();
+    size_t live = mem_live();
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        sherf_observation *o = NULL;
+        const char *path = json(c, cases[i].image, cases[i].mask, cases[i].camera, cases[i].body);
+        assert_fails(c, sherf_observation_load(c, path, &o), cases[i].status, cases[i].message);
+        assert_null(o);
+        assert_null(strchr(c->message, '\n'));
+        assert_true(mem_live() == live);
+    }
+    sherf_observation *o = NULL;
+    make_text(c, join(folder, "bad.json"), "{\"image\": ");
+    assert_fails(c, sherf_observation_load(c, join(folder, "bad.json"), &o), SHERF_BAD_FILE, "bad.json");
+    make_text(c, join(folder, "bad.json"), "[1, 2]");
+    assert_fails(c, sherf_observation_load(c, join(folder, "bad.json"), &o), SHERF_BAD_FILE, "bad.json");
+    assert_fails(c, sherf_observation_load(c, "/nonexistent", &o), SHERF_NO_FILE, "/nonexistent");
+    assert_fails(c, sherf_observation_load(c, "/nonexistent#a/0/1", &o), SHERF_NO_FILE, "/nonexistent");
+    assert_fails(c, sherf_observation_load(c, "thuman:x#a/0", &o), SHERF_BAD_ARGUMENT, "PERSON/POSE/VIEW");
+    assert_fails(c, sherf_observation_load(c, "thuman:x#a/0/1x", &o), SHERF_BAD_ARGUMENT, "PERSON/POSE/VIEW");
+    sherf_context_free(c);
+}
+
+static void from_memory(void **state) {
+    context *c = test_context();
+    float pixels[6 * 4 * 3], mask_pixels[6 * 4] = {0};
+    for (int i = 0; i < 72; i++) pixels[i] = 0.5f;
+    mask_pixels[9] = 0.001f;
+    sherf_image image = {6, 4, 3, pixels}, mask = {6, 4, 1, mask_pixels};
+    sherf_camera camera;
+    sherf_pose pose;
+    const float centre[3] = {0, -0.3f, 0};
+    sherf_camera_orbit(centre, 3, 0, 0, 0.8f, 6, 4, &camera);
+    sherf_pose_identity(&pose);
+    sherf_observation *o = NULL;
+    assert_ok(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o));
+    assert_float_equal(o->image.data[9 * 3], 0.5, 0);
+    assert_float_equal(o->image.data[8 * 3], 0, 0);
+    body_model *body = NULL;
+    assert_ok(c, tubeman_create(c, &body));
+    assert_ok(c, observation_check_body(c, o, body));
+    o->pose.Th_m[0] = 50;
+    assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "outside the picture");
+    o->pose.Th_m[0] = 0;
+    o->pose.Th_m[2] = 10; /* behind the camera */
+    assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "outside the picture");
+    sherf_observation_free(o);
+    sherf_body_free(body);
+    mask.width = 5;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
+                 "5 x 4 x 1");
+    mask.width = 6;
+    pose.poses_rad[70] = NAN;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
+                 "value 70");
+    pose.poses_rad[70] = 0;
+    pose.R[0] = 2;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_FILE, "R");
+    pose.R[0] = 1;
+    camera.T_m[1] = INFINITY;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT, "T");
+    camera.T_m[1] = 0;
+    camera.width_px = 7;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_MISMATCH, "7 x 4");
+    camera.width_px = 6;
+    pixels[9 * 3 + 1] = NAN;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
+                 "picture");
+    assert_null(o);
+    sherf_context_free(c);
+}
+
+static void poses_from_files(void **state) {
+    context *c = test_context();
+    sherf_pose *pose = NULL;
+    int count = 0;
+    float poses[3 * 72], trans[9], betas[10] = {1, 2}, few[3 * 69];
+    for (int i = 0; i < 216; i++) poses[i] = (float)i / 100;
+    for (int i = 0; i < 207; i++) few[i] = (float)i / 100;
+    for (int i = 0; i < 9; i++) trans[i] = (float)i;
+    const char *path = join(folder, "motion.npz");
+    npz_member member[] = {
+        {"poses", 2, {3, 72}, poses}, {"trans", 2, {3, 3}, trans}, {"betas", 1, {10}, betas}};
+    assert_ok(c, npz_write(c, path, 3, member));
+    assert_ok(c, sherf_poses_load(c, path, &pose, &count));
+    assert_int_equal(count, 3);
+    assert_float_equal(pose[2].poses_rad[1], 1.45, 1e-6);
+    assert_float_equal(pose[1].Th_m[2], 5, 0);
+    assert_float_equal(pose[2].shapes[1], 2, 0);
+    sherf_free(pose);
+    npz_member smpl[] = {{"body_pose", 2, {3, 69}, few},
+                         {"global_orient", 2, {3, 3}, trans},
+                         {"transl", 2, {1, 3}, trans + 3}};
+    assert_ok(c, npz_write(c, path, 3, smpl)); /* 3 x 69 numbers, not 23 matrices */
+    assert_ok(c, sherf_poses_load(c, path, &pose, &count));
+    assert_int_equal(count, 3);
+    assert_float_equal(pose[1].poses_rad[3], 0.69, 1e-6);
+    assert_float_equal(pose[2].poses_rad[0], 6, 0);
+    assert_float_equal(pose[2].Th_m[0], 3, 0); /* one row for all */
+    sherf_free(pose);
+    make_parameters(c, join(folder, "7.npy"), 7, true);
+    assert_ok(c, sherf_poses_load(c, join(folder, "7.npy"), &pose, &count));
+    assert_int_equal(count, 1);
+    sherf_free(pose);
+    char text[8192];
+    snprintf(text, sizeof text, "{\"frames\": [{\"poses\": %s}, {\"body_pose\": %s, \"Th\": [0, 1, 2]}]}",
+             zeros_72, zeros_69);
+    make_text(c, join(folder, "frames.json"), text);
+    assert_ok(c, sherf_poses_load(c, join(folder, "frames.json"), &pose, &count));
+    assert_int_equal(count, 2);
+    assert_float_equal(pose[0].poses_rad[5], 0.25, 1e-7);
+    assert_float_equal(pose[1].Th_m[2], 2, 0);
+    sherf_free(pose);
+    assert_ok(c, sherf_poses_load(c, json(c, "a.png", "m.png", NULL, NULL), &pose, &count));
+    assert_float_equal(pose->Th_m[0], 1, 0);
+    sherf_free(pose);
+    npz_member hands[] = {{"poses", 2, {1, 156}, poses}};
+    assert_ok(c, npz_write(c, path, 1, hands));
+    assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "poses");
+    poses[80] = NAN;
+    assert_ok(c, npz_write(c, path, 3, member));
+    assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "pose 1: poses");
+    assert_null(pose);
+    make_text(c, join(folder, "frames.json"), "[]");
+    assert_fails(c, sherf_poses_load(c, join(folder, "frames.json"), &pose, &count), SHERF_BAD_FILE,
+                 "no poses");
+    sherf_context_free(c);
+}
+
+static void cameras_from_files(void **state) {
+    context *c = test_context();
+    sherf_camera *camera = NULL;
+    int count = 0;
+    char text[4096] = "{\"kinect_depth_000\": {\"K\": [1]}, ";
+    for (int v = 0; v < 2; v++) {
+        char name[32];
+        snprintf(name, sizeof name, "kinect_color_%03d", v);
+        made_camera_json(text + strlen(text), sizeof text - strlen(text), name, v);
+    }
+    strcat(text, "}");
+    const char *path = join(folder, "cameras.json");
+    make_text(c, path, text);
+    assert_ok(c, sherf_cameras_load(c, path, &camera, &count));
+    assert_int_equal(count, 2);
+    assert_int_equal(camera[1].width_px, 0);
+    assert_float_equal(camera[1].T_m[2], 3, 0);
+    sherf_free(camera);
+    make_text(c, path,
+              "{\"cameras\": [{\"K\": [9, 0, 1, 0, 9, 2, 0, 0, 1], \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 1], "
+              "\"T\": [0, 0, 4], "
+              "\"width\": 640, \"height\": 480}]}");
+    assert_ok(c, sherf_cameras_load(c, path, &camera, &count));
+    assert_int_equal(count, 1);
+    assert_int_equal(camera->height_px, 480);
+    sherf_free(camera);
+    make_text(c, path, "{\"cameras\": []}");
+    assert_fails(c, sherf_cameras_load(c, path, &camera, &count), SHERF_BAD_FILE, "no cameras");
+    make_text(c, path,
+              "{\"cameras\": [{\"K\": [0, 0, 1, 0, 9, 2, 0, 0, 1], \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 1], "
+              "\"T\": [0, 0, 4]}]}");
+    assert_fails(c, sherf_cameras_load(c, path, &camera, &count), SHERF_BAD_FILE,
+                 "camera 0: camera: K is singular");
+    assert_null(camera);
+    sherf_context_free(c);
+}
+
+static void memory_runs_out(void **state) {
+    context *c = test_context();
+    make_text(c, join(folder, "camera_of.json"),
+              "{\"cameras\": [{\"K\": [50, 0, 20, 0, 50, 15, 0, 0, 1], \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 1], "
+              "\"T\": [0, 0, 4]}]}");
+    make_parameters(c, join(folder, "body_of.npy"), 3, true);
+    char path[PATH_LENGTH];
+    strcpy(path, json(c, "a.png", "m.png", "\"camera_of.json\"", "\"body_of.npy\""));
+    size_t live = mem_live();
+    long n = 0;
+    for (bool done = false; !done; n++) {
+        sherf_observation *o = NULL;
+        mem_fail_after(n);
+        sherf_status status = sherf_observation_load(c, path, &o);
+        mem_fail_after(-1);
+        done = status == SHERF_OK;
+        if (!done) {
+            assert_int_equal(status, SHERF_NO_MEMORY);
+            assert_null(o);
+            assert_non_null(strstr(c->message, "memory"));
+        }
+        sherf_observation_free(o);
+        assert_true(mem_live() == live);
+    }
+    assert_true(n > 15);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(from_json),
+        cmocka_unit_test(body_forms),
+        cmocka_unit_test(from_a_folder_with_alpha),
+        cmocka_unit_test(faults_are_told),
+        cmocka_unit_test(from_memory),
+        cmocka_unit_test(poses_from_files),
+        cmocka_unit_test(cameras_from_files),
+        cmocka_unit_test(memory_runs_out),
+    };
+    return cmocka_run_group_tests(tests, make_basics, NULL);
+}

@@ -1,0 +1,348 @@
+/* Tube people made, read again, checked and described; body files. */
+#include <cjson/cJSON.h>
+#include <sys/stat.h>
+
+#include "data/silhouette.h"
+#include "data/tubeman.h"
+#include "make_files.h"
+
+static char people[PATH_LENGTH];
+static const sherf_synth_options options = {.people = 2, .poses = 2, .views = 4, .size_px = 64, .seed = 3};
+
+static int make_people(void **state) {
+    context *c = test_context();
+    snprintf(people, sizeof people, "%s", test_path("people"));
+    assert_ok(c, sherf_synth_tube(c, people, &options));
+    sherf_context_free(c);
+    return 0;
+}
+
+static void assert_same_file(context *c, const char *a, const char *b) {
+    unsigned char *x = NULL, *y = NULL;
+    size_t n, m;
+    assert_ok(c, file_read(c, a, 1 << 27, &x, &n));
+    assert_ok(c, file_read(c, b, 1 << 27, &y, &m));
+    assert_int_equal(n, m);
+    assert_memory_equal(x, y, n);
+    mem_free(x);
+    mem_free(y);
+}
+
+static void the_seed_decides(void **state) {
+    static const char *const files[] = {"human_list.txt",
+                                        "tubeman.safetensors",
+                                        "tube_001/annots.npy",
+                                        "tube_001/view03/000001.png",
+                                        "tube_000/mask_cihp/view02/000000.png",
+                                        "tube_001/new_params_neutral/1.npy",
+                                        "tube_000/new_vertices/0.npy"};
+    context *c = test_context();
+    char again[PATH_LENGTH];
+    snprintf(again, sizeof again, "%s", test_path("again"));
+    make_text(c, join(again, "tube_000.part/rubbish"), "left by an interrupted run");
+    make_text(c, join(again, "tube_001/rubbish"), "left by an interrupted run");
+    c->threads = 1;
+    assert_ok(c, sherf_synth_tube(c, again, &options));
+    for (size_t i = 0; i < COUNT_OF(files); i++)
+        assert_same_file(c, join(people, files[i]), join(again, files[i]));
+    assert_false(path_is_file(join(again, "tube_001/rubbish")) ||
+                 path_is_folder(join(again, "tube_000.part")));
+    assert_fails(c, sherf_synth_tube(c, again, &options), SHERF_WRITE_FAILED, "holds a data set already");
+    sherf_synth_options bad = options;
+    bad.size_px = 1;
+    assert_fails(c, sherf_synth_tube(c, test_path("bad"), &bad), SHERF_BAD_ARGUMENT, "pixels");
+    assert_false(path_is_folder(test_path("bad")));
+    make_text(c, test_path("file"), "");
+    assert_fails(c, sherf_synth_tube(c, test_path("file/below"), &options), SHERF_WRITE_FAILED, "file");
+    sherf_cancel(c);
+    assert_fails(c, sherf_synth_tube(c, test_path("cancelled"), &options), SHERF_CANCELLED, "cancelled");
+    assert_false(path_is_folder(test_path("cancelled/tube_000")) ||
+                 path_is_folder(test_path("cancelled/tube_000.part")));
+    sherf_context_free(c);
+}
+
+/* The set reads as THuman, the body lies over every mask, and the stored vertices are the body's. */
+static void people_fit_their_pictures(void **state) {
+    context *c = test_context();
+    sherf_dataset *d = NULL;
+    body_model *body = NULL;
+    assert_ok(c, body_load(c, join(people, "tubeman.safetensors"), &body));
+    assert_ok(c, sherf_dataset_open(c, people, &d));
+    assert_int_equal(dataset_kind(d), DATA_THUMAN);
+    assert_string_equal(sherf_dataset_person(d, 1), "tube_001");
+    for (int i = 0; i < 16; i++) {
+        data_view *v = NULL;
+        double overlap;
+        assert_ok(c, dataset_view(c, d, i / 8, i / 4 % 2, i % 4, 0, &v));
+        assert_ok(c, observation_check(c, v));
+        assert_ok(c, observation_check_body(c, v, body));
+        assert_ok(c, silhouette_overlap(c, v, body, &v->pose, &v->camera, false, &overlap));
+        assert_true(overlap > 0.9);
+        size_t person = 0;
+        double bright = 0;
+        for (int k = 0; k < 64 * 64; k++) {
+            person += v->mask[k];
+            bright += v->image.data[k * 3] + v->image.data[k * 3 + 1] + v->image.data[k * 3 + 2];
+        }
+        assert_in_range(person, 64 * 64 / 25, 64 * 64 / 3);
+        assert_true(bright / (double)person > 0.5); /* coloured, not black */
+        sherf_observation_free(v);
+    }
+    sherf_dataset_free(d);
+    sherf_body_free(body);
+    sherf_context_free(c);
+}
+
+/* ---- check ---- */
+
+static void assert_finding(context *c, const char *path, const body_model *body, int errors,
+                           const char *text) {
+    sherf_findings f;
+    assert_ok(c, sherf_check(c, path, body, NULL, &f));
+    if (f.errors != errors || !strstr(f.text, text))
+        fail_msg("%s: %d errors, expected %d and \"%s\":\n%s", path, f.errors, errors, text, f.text);
+    sherf_free(f.text);
+}
+
+/* Takes the THuman annots of person 0 apart and writes them again with T scaled and, if asked, inverted. */
+static void rewrite_cameras(context *c, const char *folder, double scale, bool invert) {
+    static const int square[] = {3, 3}, column[] = {3, 1};
+    document *d = NULL;
+    pickle_writer w;
+    assert_ok(c, npy_read(c, join(people, "tube_000/annots.npy"), &d));
+    const value *cams = value_get(d->root, "cams"), *ims = value_get(d->root, "ims");
+    pickle_begin(&w, c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "cams");
+    pickle_dict_open(&w);
+    for (const char *what = "KRT"; *what; what++) {
+        char name[2] = {*what, 0};
+        pickle_string(&w, name);
+        pickle_list_open(&w);
+        for (size_t v = 0; v < 4; v++) {
+            double K[9], R[9], T[3], Ri[9], Ti[3] = {0};
+            assert_ok(c, value_doubles(c, value_at(value_get(cams, "K"), v), "K", 9, K));
+            assert_ok(c, value_doubles(c, value_at(value_get(cams, "R"), v), "R", 9, R));
+            assert_ok(c, value_doubles(c, value_at(value_get(cams, "T"), v), "T", 3, T));
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    Ri[i * 3 + j] = R[j * 3 + i];
+                    Ti[i] -= R[j * 3 + i] * T[j];
+                }
+            for (int i = 0; i < 3; i++) T[i] = scale * (invert ? Ti[i] : T[i]);
+            if (*what == 'T')
+                pickle_doubles(&w, 2, column, T);
+            else
+                pickle_doubles(&w, 2, square, *what == 'K' ? K : invert ? Ri : R);
+        }
+        pickle_list_close(&w);
+    }
+    pickle_dict_close(&w);
+    pickle_string(&w, "ims");
+    pickle_list_open(&w);
+    for (size_t p = 0; p < 2; p++) {
+        pickle_dict_open(&w);
+        pickle_string(&w, "ims");
+        pickle_list_open(&w);
+        for (size_t v = 0; v < 4; v++)
+            pickle_string(&w, value_at(value_get(value_at(ims, p), "ims"), v)->string.text);
+        pickle_list_close(&w);
+        pickle_dict_close(&w);
+    }
+    pickle_list_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(c, pickle_finish_npy(&w, join(folder, "tube_000/annots.npy")));
+    document_free(d);
+}
+
+static void check_finds_faults(void **state) {
+    context *c = test_context();
+    body_model *body = NULL;
+    char broken[PATH_LENGTH], overlay[PATH_LENGTH];
+    assert_ok(c, tubeman_create(c, &body));
+    snprintf(overlay, sizeof overlay, "%s", test_path("overlay.png"));
+    sherf_findings f;
+    assert_ok(c, sherf_check(c, people, body, overlay, &f));
+    assert_int_equal(f.errors, 0);
+    assert_int_equal(f.warnings, 2); /* 4 views where the paper has 24, of both people */
+    sherf_free(f.text);
+    int width, height, channels;
+    assert_ok(c, image_size(c, overlay, &width, &height, &channels));
+    assert_int_equal(width, 64);
+    assert_finding(c, join(people, "tubeman.safetensors"), NULL, 0, "a body of 6890 vertices");
+    /* another person: the first one's folder, faults put in one after the other */
+    sherf_synth_options one = options;
+    one.people = 1;
+    snprintf(broken, sizeof broken, "%s", test_path("faults"));
+    assert_ok(c, sherf_synth_tube(c, broken, &one));
+    rewrite_cameras(c, broken, 1000, false);
+    assert_finding(c, broken, body, 4, "millimetres");
+    rewrite_cameras(c, broken, 20, false);
+    assert_finding(c, broken, body, 1, "does not cover the mask");
+    rewrite_cameras(c, broken, 1, true);
+    assert_finding(c, broken, body, 1, "camera to world");
+    rewrite_cameras(c, broken, 1, false);
+    assert_finding(c, broken, body, 0, "covers the mask");
+    make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 40, 30, 0, 1);
+    assert_int_equal(unlink(join(broken, "tube_000/view03/000001.png")), 0);
+    assert_finding(c, broken, body, 2, "a mask of 40 x 30 pixels for a picture of 64 x 64");
+    assert_finding(c, broken, body, 2, "view03/000001.png: the picture is missing");
+    assert_int_equal(unlink(join(broken, "tube_000/new_params_neutral/1.npy")), 0);
+    assert_finding(c, broken, NULL, 3, "1.npy: the pose is missing");
+    make_text(c, join(broken, "tube_000/annots.npy"), "rubbish");
+    assert_finding(c, broken, NULL, 1, "annots.npy");
+    assert_finding(c, "/nonexistent", NULL, 1, "/nonexistent");
+    assert_finding(c, "thuman:/nonexistent", NULL, 1, "/nonexistent");
+    assert_finding(c, join(people, "tube_000/annots.npy"), NULL, 1, "no SMPL body");
+    assert_fails(c, sherf_check(c, people, NULL, overlay, &f), SHERF_BAD_ARGUMENT, "needs a body");
+    assert_fails(c, sherf_check(c, people, body, "/nonexistent/o.png", &f), SHERF_WRITE_FAILED,
+                 "/nonexistent/o.png");
+    assert_null(f.text);
+    sherf_body_free(body);
+    sherf_context_free(c);
+}
+
+static void info_describes(void **state) {
+    static const struct {
+        const char *file, *says;
+    } cases[] = {
+        {"", "a multi-view data set"},
+        {"#tube_001/1/2", "one picture of a person"},
+        {"tubeman.safetensors", "a body model"},
+        {"tube_000/annots.npy", "a data set's cameras and pictures"},
+        {"tube_000/new_params_neutral/0.npy", "poses"},
+        {"tube_000/new_vertices/0.npy", "an array"},
+        {"tube_000/view00/000000.png", "a picture"},
+    };
+    context *c = test_context();
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        char path[PATH_LENGTH], *text = NULL;
+        snprintf(path, sizeof path, "%.2000s%s%s", people,
+                 cases[i].file[0] && cases[i].file[0] != '#' ? "/" : "", cases[i].file);
+        assert_ok(c, sherf_info(c, path, 0, &text));
+        assert_non_null(strstr(text, cases[i].says));
+        sherf_free(text);
+        assert_ok(c, sherf_info(c, path, 1, &text));
+        cJSON *json = cJSON_Parse(text);
+        assert_non_null(json);
+        const char *what = cJSON_GetStringValue(cJSON_GetObjectItem(json, "what"));
+        assert_true(what && strstr(what, cases[i].says));
+        cJSON_Delete(json);
+        sherf_free(text);
+    }
+    char *text = NULL;
+    assert_fails(c, sherf_info(c, "/nonexistent", 0, &text), SHERF_NO_FILE, "/nonexistent");
+    assert_fails(c, sherf_info(c, "/tmp", 0, &text), SHERF_BAD_FILE, "/tmp");
+    make_text(c, test_path("odd\"name.json"), "{\"a\\u0001\\\"b\": [1, {\"c\": null}]}");
+    assert_ok(c, sherf_info(c, test_path("odd\"name.json"), 1, &text));
+    cJSON *json = cJSON_Parse(text);
+    assert_non_null(json);
+    assert_non_null(cJSON_GetObjectItem(cJSON_GetObjectItem(json, "content"), "a\x01\"b"));
+    cJSON_Delete(json);
+    sherf_free(text);
+    sherf_context_free(c);
+}
+
+/* ---- body files ---- */
+
+enum { TINY = 12 };
+typedef struct {
+    float v_template[TINY * 3], shapedirs[TINY * 3 * 300], posedirs[TINY * 3 * 207], weights[TINY * 55],
+        regressor[24 * TINY], face[6 * 3], tree[2 * 24];
+} tiny_body;
+
+static void make_tiny(tiny_body *b) {
+    static const int parent[] = {-1, 0, 0, 0,  1,  2,  3,  4,  5,  6,  7,  8,
+                                 9,  9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
+    memset(b, 0, sizeof *b);
+    test_centred("tiny.v", TINY * 3, 1, b->v_template);
+    test_centred("tiny.s", TINY * 3 * 300, 0.1, b->shapedirs);
+    test_centred("tiny.p", TINY * 3 * 207, 0.01, b->posedirs);
+    for (int i = 0; i < TINY; i++) b->weights[i * 24 + 2 * i] = 1;
+    for (int j = 0; j < 24; j++) b->regressor[j * TINY + j / 2] = 1;
+    for (int i = 0; i < 18; i++) b->face[i] = (float)((i * 5 + i / 3) % TINY);
+    for (int j = 0; j < 24; j++) {
+        b->tree[j] = parent[j] < 0 ? 4294967296.f : (float)parent[j];
+        b->tree[24 + j] = (float)j;
+    }
+}
+
+static sherf_status load_tiny(context *c, const tiny_body *b, int joints, int shapes, int faces,
+                              const char *without, body_model **out) {
+    npz_member all[] = {
+        {"v_template", 2, {TINY, 3}, b->v_template},  {"shapedirs", 3, {TINY, 3, shapes}, b->shapedirs},
+        {"posedirs", 3, {TINY, 3, 207}, b->posedirs}, {"weights", 2, {TINY, joints}, b->weights},
+        {"J_regressor", 2, {24, TINY}, b->regressor}, {"f", 2, {faces, 3}, b->face},
+        {"kintree_table", 2, {2, 24}, b->tree}};
+    int n = 0;
+    for (size_t i = 0; i < COUNT_OF(all); i++)
+        if (!without || strcmp(all[i].name, without) != 0) all[n++] = all[i];
+    assert_ok(c, npz_write(c, test_path("tiny.npz"), n, all));
+    return sherf_body_load(c, test_path("tiny.npz"), out);
+}
+
+static void body_files(void **state) {
+    context *c = test_context();
+    static tiny_body b;
+    body_model *m = NULL, *again = NULL;
+    make_tiny(&b);
+    assert_ok(c, load_tiny(c, &b, 24, 300, 6, NULL, &m)); /* 300 shapes, any number of vertices */
+    assert_int_equal(sherf_body_vertex_count(m), TINY);
+    assert_int_equal(m->parent[0], -1);
+    assert_int_equal(m->parent[23], 21);
+    for (int i = 0; i < TINY * 3; i++)
+        for (int k = 0; k < 10; k++)
+            assert_float_equal(m->shapedirs[i * 10 + k], b.shapedirs[i * 300 + k], 0);
+    for (int k = 0; k < 207; k++)
+        for (int i = 0; i < TINY * 3; i++)
+            assert_float_equal(m->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
+    const char *path = test_path("tiny.safetensors");
+    assert_ok(c, body_save(c, m, path));
+    assert_ok(c, body_load(c, path, &again));
+    assert_true(again->fingerprint == m->fingerprint);
+    sherf_body_free(again);
+    sherf_body_free(m);
+    m = NULL;
+    assert_fails(c, load_tiny(c, &b, 52, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-H");
+    assert_fails(c, load_tiny(c, &b, 55, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-X");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "posedirs", &m), SHERF_BAD_FILE, "posedirs is missing");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "v_template", &m), SHERF_BAD_FILE, "holds no SMPL body");
+    b.face[4] = TINY;
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    b.face[4] = -1;
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    make_tiny(&b);
+    b.tree[5] = 7; /* a child before its parent */
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    make_tiny(&b);
+    b.weights[3] = NAN;
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "weights");
+    assert_null(m);
+    assert_fails(c, body_load(c, people, &m), SHERF_BAD_FILE, "a folder");
+    size_t live = mem_live();
+    make_tiny(&b);
+    assert_ok(c, load_tiny(c, &b, 24, 10, 6, NULL, &m));
+    sherf_body_free(m);
+    long n = 0;
+    for (bool done = false; !done; n++) {
+        m = NULL;
+        mem_fail_after(n);
+        sherf_status status = body_load(c, test_path("tiny.npz"), &m);
+        mem_fail_after(-1);
+        done = status == SHERF_OK;
+        if (!done) assert_int_equal(status, SHERF_NO_MEMORY);
+        sherf_body_free(m);
+        assert_true(mem_live() == live);
+    }
+    assert_true(n > 15);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_seed_decides),   cmocka_unit_test(people_fit_their_pictures),
+        cmocka_unit_test(check_finds_faults), cmocka_unit_test(info_describes),
+        cmocka_unit_test(body_files),
+    };
+    return cmocka_run_group_tests(tests, make_people, NULL);
+}

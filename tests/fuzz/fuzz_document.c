@@ -1,0 +1,11 @@
+/* Every form that is told by its beginning: npz and torch zips, torch legacy streams, and the others again.
+ */
+#include "fuzz.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    context *c = fuzz_context();
+    size_t live = mem_live();
+    document *d;
+    sherf_status status = document_parse(c, data, size, &d, NULL);
+    return fuzz_document(c, status, d, live);
+}

@@ -35,8 +35,10 @@ static bool cross_box(const float origin[3], const float direction[3], const flo
         if (inside) t[crossings++] = at;
     }
     if (crossings != 2) return false;
-    *near = t[0] < t[1] ? t[0] : t[1];
-    *far = t[0] < t[1] ? t[1] : t[0];
+    float first = t[0] < t[1] ? t[0] : t[1], last = t[0] < t[1] ? t[1] : t[0];
+    if (!(last > 0)) return false; /* the box is behind the camera */
+    *near = first > 0 ? first : 0; /* nothing behind a camera that stands in the box */
+    *far = last;
     return true;
 }
 

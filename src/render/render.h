@@ -19,7 +19,7 @@ typedef struct {
     int width, height;
     float origin_world[3];
     float *direction;  /* N x 3, world, z_camera = 1 */
-    float *near, *far; /* N; 0 and 1 where the ray misses */
+    float *near, *far; /* N; 0 and 1 where the ray misses; what lies behind the camera is cut off */
     uint8_t *at_box;   /* N */
 } ray_bundle;
 /* Depth of sample i of `samples`: near + (far - near) * fraction, evenly spaced, both ends included, in

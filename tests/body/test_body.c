@@ -1,0 +1,240 @@
+/* Body: posing, deformation and the nearest vertex against the reference, by properties, and when refused. */
+#include "body_reference.h"
+
+static void vertices_agree(void **state) {
+    body_reference *r = *state;
+    int64_t rows;
+    const int32_t *row = reference_ints(r, "vertex", &rows);
+    float *x = mem_alloc(r->c, (size_t)r->m->vertices, 3 * sizeof *x);
+    body_vertices_world(r->m, r->target, x);
+    assert_rows(x, reference_floats(r, "smpl.target.vertices"), row, rows, 3, 1e-6, "target");
+    body_vertices_world(r->m, r->observation, x);
+    assert_rows(x, reference_floats(r, "smpl.observation.vertices"), row, rows, 3, 1e-6, "observation");
+    assert_rows(r->m->canonical->vertices_smpl, reference_floats(r, "smpl.canonical.vertices"), row, rows, 3,
+                1e-6, "canonical");
+    deform_to_canonical(r->m, r->observation, r->m->vertices, r->observation->vertices_smpl, NULL, NULL, x,
+                        NULL);
+    assert_rows(x, reference_floats(r, "deform.observation_vertices"), row, rows, 3, 2e-6, "to canonical");
+    float bounds[6];
+    static const int32_t both[2] = {0, 1};
+    body_canonical_bounds_z(r->m, bounds, bounds + 3);
+    assert_rows(bounds, reference_floats(r, "canonical.bounds"), both, 2, 3, 1e-6, "bounds");
+    mem_free(x);
+}
+
+static void poses_agree_with_public_function(void **state) {
+    body_reference *r = *state;
+    sherf_pose pose;
+    sherf_pose_identity(&pose);
+    memcpy(pose.poses_rad, reference_floats(r, "in.target.poses"), sizeof pose.poses_rad);
+    memcpy(pose.shapes, reference_floats(r, "in.target.shapes"), sizeof pose.shapes);
+    memcpy(pose.R, reference_floats(r, "in.target.R"), sizeof pose.R);
+    memcpy(pose.Th_m, reference_floats(r, "in.target.Th"), sizeof pose.Th_m);
+    assert_int_equal(sherf_body_vertex_count(r->m), 6890);
+    assert_int_equal(sherf_body_face_count(r->m), 13280);
+    float *x = mem_alloc(r->c, 6890, 6 * sizeof *x), joints[72];
+    assert_ok(r->c, sherf_body_pose(r->c, r->m, &pose, x, joints));
+    body_vertices_world(r->m, r->target, x + 3 * 6890);
+    assert_memory_equal(x, x + 3 * 6890, 3 * 6890 * sizeof *x);
+    for (int i = 0; i < 72; i++) assert_true(fabsf(joints[i]) < 2);
+    pose.poses_rad[7] = NAN;
+    assert_int_equal(sherf_body_pose(r->c, r->m, &pose, x, NULL), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(r->c->message, "joint 2"));
+    pose.poses_rad[7] = 0;
+    pose.R[4] = 2;
+    assert_int_equal(sherf_body_pose(r->c, r->m, &pose, x, NULL), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(r->c->message, "not a rotation"));
+    mem_free(x);
+}
+
+/* There and back by the same vertex is the identity. */
+static void deformation_round_trip(void **state) {
+    body_reference *r = *state;
+    enum { N = 2000 };
+    float x[3 * N], y[3 * N], z[3 * N];
+    int32_t nearest[N];
+    for (int i = 0; i < N; i++) {
+        nearest[i] = (int32_t)random_below(5, (uint64_t)i, r->m->vertices);
+        for (int k = 0; k < 3; k++)
+            x[3 * i + k] = r->target->vertices_smpl[3 * nearest[i] + k] +
+                           0.05f * (float)(2 * random_uniform(6, (uint64_t)(3 * i + k)) - 1);
+    }
+    deform_to_canonical(r->m, r->target, N, x, NULL, nearest, y, NULL);
+    deform_from_canonical(r->m, r->target, N, y, nearest, z);
+    for (int i = 0; i < N; i++)
+        for (int k = 0; k < 3; k++) { /* back in SMPL space: (world - Th) R */
+            double back = 0;
+            for (int a = 0; a < 3; a++)
+                back += ((double)z[3 * i + a] - r->target->Th[a]) * r->target->R[3 * a + k];
+            assert_true(fabs(back - x[3 * i + k]) < 3e-6);
+        }
+    /* a vertex goes to its canonical place but for the difference of the shapes */
+    float *v = mem_alloc(r->c, 6890, 3 * sizeof *v);
+    deform_to_canonical(r->m, r->m->canonical, 6890, r->m->canonical->vertices_smpl, NULL, NULL, v, NULL);
+    for (int i = 0; i < 3 * 6890; i++) assert_true(fabsf(v[i] - r->m->canonical->vertices_smpl[i]) < 1e-6f);
+    mem_free(v);
+}
+
+static int32_t brute(const float *v, int n, const float p[3], float radius, float *best) {
+    int32_t found = -1;
+    *best = radius > 0 ? nextafterf(radius * radius, 0) : INFINITY;
+    for (int i = 0; i < n; i++) {
+        float dx = v[3 * i] - p[0], dy = v[3 * i + 1] - p[1], dz = v[3 * i + 2] - p[2];
+        float d2 = (dx * dx + dy * dy) + dz * dz;
+        if (d2 < *best || (d2 == *best && found < 0)) *best = d2, found = i;
+    }
+    return found;
+}
+
+static void check_grid(context *c, const float *v, int n, float radius, float reach, double spread) {
+    vertex_grid *g;
+    assert_ok(c, vertex_grid_create(c, n, v, radius, &g));
+    if (reach > 0) assert_ok(c, vertex_grid_refine(c, g, reach));
+    for (int i = 0; i < 1500; i++) {
+        int near = (int)random_below(1, (uint64_t)i, n);
+        float p[3], d2, expected_d2;
+        for (int k = 0; k < 3; k++)
+            p[k] = v[3 * near + k] + (float)(spread * random_normal(2, (uint64_t)(3 * i + k)));
+        if (i % 10 == 0) memcpy(p, v + 3 * near, sizeof p); /* on a vertex: ties where vertices coincide */
+        int32_t expected = brute(v, n, p, radius, &expected_d2);
+        int32_t found = vertex_grid_nearest_from(g, p, (int32_t)random_below(3, (uint64_t)i, n), &d2);
+        if (found != expected || (found >= 0 && d2 != expected_d2))
+            fail_msg("n %d radius %g reach %g: %d at %.9g, should be %d at %.9g", n, radius, reach, found, d2,
+                     expected, expected_d2);
+        assert_int_equal(vertex_grid_nearest(g, p, NULL), expected);
+    }
+    const float no_number[3] = {NAN, 0, 0};
+    assert_int_equal(vertex_grid_nearest(g, no_number, NULL), -1);
+    vertex_grid_free(g);
+}
+
+static void nearest_is_exact(void **state) {
+    body_reference *r = *state;
+    static const char *const levels[] = {"plain", "avx2", "avx512"};
+    const float *v = r->m->canonical->vertices_smpl;
+    float few[3 * 200];
+    for (int i = 0; i < 600; i++) /* coarse values: many ties */
+        few[i] = 0.05f * (float)random_below(4, (uint64_t)i, 12);
+    for (size_t i = 0; i < COUNT_OF(levels); i++) {
+        setenv("SHERF_ISA", levels[i], 1);
+        check_grid(r->c, v, r->m->vertices, 0, 0, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0, 0.06f, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0.05f, 0, 0.03);
+        check_grid(r->c, few, 200, 0, 0.1f, 0.05);
+        check_grid(r->c, few, 200, 0.1f, 0, 0.5);
+        check_grid(r->c, few, 1, 0, 0.1f, 100);
+        check_grid(r->c, few, 2, 0, 0, 0.01);
+    }
+    unsetenv("SHERF_ISA");
+    vertex_grid *g;
+    few[4] = INFINITY;
+    assert_int_equal(vertex_grid_create(r->c, 200, few, 0, &g), SHERF_BAD_ARGUMENT);
+    assert_null(g);
+}
+
+static void rotations_round_trip(void **state) {
+    for (int i = 0; i < 2000; i++) {
+        float a[3], R[9], b[3], S[9];
+        double norm = 0, angle = i % 5 == 0 ? M_PI - 1e-5 * i : M_PI * random_uniform(8, (uint64_t)i);
+        if (i % 7 == 0) angle = 1e-6 * i;
+        for (int k = 0; k < 3; k++) {
+            a[k] = (float)random_normal(7, (uint64_t)(3 * i + k));
+            norm += a[k] * a[k];
+        }
+        for (int k = 0; k < 3; k++) a[k] = (float)(a[k] * angle / sqrt(norm));
+        rodrigues(a, R);
+        assert_true(rotation_is_valid(R));
+        rotation_to_axis_angle(R, b);
+        rodrigues(b, S);
+        for (int k = 0; k < 9; k++) assert_true(fabsf(R[k] - S[k]) < 1e-6f);
+    }
+    const float quarter[3] = {0, 0, (float)M_PI_2}, expected[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1};
+    float R[9];
+    rodrigues(quarter, R);
+    for (int k = 0; k < 9; k++) assert_true(fabsf(R[k] - expected[k]) < 1e-7f);
+}
+
+static void normals_point_out(void **state) {
+    body_reference *r = *state;
+    /* a cube's corner: the mean of three unit normals, whatever the faces' areas */
+    float *n = mem_alloc(r->c, 6890, 3 * sizeof *n);
+    assert_ok(r->c, body_normals(r->c, r->m, r->m->v_template, n));
+    for (int v = 0; v < 6890; v++) {
+        double length = 0;
+        for (int k = 0; k < 3; k++) length += (double)n[3 * v + k] * n[3 * v + k];
+        assert_true(fabs(length - 1) < 1e-5);
+    }
+    mem_free(n);
+}
+
+static void bad_bodies_are_refused(void **state) {
+    body_reference *r = *state;
+    context *c = r->c;
+    body_arrays a;
+    body_model *m;
+    assert_ok(c, tubeman_arrays_create(c, &a));
+    double *w = (double *)a.weights, *v = (double *)a.v_template;
+    int64_t *f = (int64_t *)a.face;
+    const double w0 = w[0], v0 = v[5];
+    w[0] += 0.1;
+    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "vertex 0"));
+    w[0] = w0, v[5] = NAN;
+    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "v_template"));
+    v[5] = v0, f[7] = 6890;
+    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "face 2"));
+    f[7] = 0;
+    int64_t parent[BODY_JOINTS];
+    memcpy(parent, a.parent, sizeof parent);
+    a.parent = parent;
+    parent[4] = 9;
+    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "joint 4"));
+    parent[4] = 1;
+    a.vertices = 0;
+    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    a.vertices = 6890;
+    assert_ok(c, body_create(c, &a, &m));
+    assert_true(m->fingerprint != r->m->fingerprint); /* face 2 was changed */
+    sherf_body_free(m);
+    tubeman_arrays_free(&a);
+}
+
+static void allocations_may_fail(void **state) {
+    body_reference *r = *state;
+    context *c = r->c;
+    body_arrays a;
+    assert_ok(c, tubeman_arrays_create(c, &a));
+    a.vertices = 40, a.faces = 20; /* the first 40 vertices: quick */
+    for (int j = 0; j < BODY_JOINTS; j++)
+        memmove((double *)a.regressor + 40 * j, a.regressor + (size_t)6890 * (size_t)j, 40 * sizeof(double));
+    size_t live = mem_live();
+    for (long n = 0;; n++) {
+        body_model *m;
+        mem_fail_after(n);
+        sherf_status status = body_create(c, &a, &m);
+        mem_fail_after(-1);
+        if (status == SHERF_OK) {
+            sherf_body_free(m);
+            assert_true(n > 10);
+            break;
+        }
+        assert_int_equal(status, SHERF_NO_MEMORY);
+        assert_null(m);
+        assert_int_equal(mem_live(), live);
+    }
+    assert_int_equal(mem_live(), live);
+    tubeman_arrays_free(&a);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(vertices_agree),         cmocka_unit_test(poses_agree_with_public_function),
+        cmocka_unit_test(deformation_round_trip), cmocka_unit_test(nearest_is_exact),
+        cmocka_unit_test(rotations_round_trip),   cmocka_unit_test(normals_point_out),
+        cmocka_unit_test(bad_bodies_are_refused), cmocka_unit_test(allocations_may_fail)};
+    return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
+}

@@ -1,0 +1,401 @@
+/* Cameras, rays, points, masks and the rasteriser: against the reference, brute force, OpenCV and analysis.
+ */
+#include "body_reference.h"
+
+/* ---- cameras ---- */
+static void projection_agrees(void **state) {
+    body_reference *r = *state;
+    int64_t rows;
+    const int32_t *row = reference_ints(r, "vertex", &rows);
+    float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 2 * sizeof *uv);
+    int32_t *visible = mem_alloc(r->c, 6890, sizeof *visible);
+    body_vertices_world(r->m, r->observation, x);
+    camera_project(&r->observation_camera, 6890, x, uv, NULL);
+    assert_rows(uv, reference_floats(r, "project.vertices"), row, rows, 2, 1e-4, "pixels");
+    assert_ok(r->c, vertices_visible(r->c, r->m, x, &r->observation_camera, visible));
+    const uint8_t *expected = reference_find(r, "project.visible")->data;
+    for (int v = 0; v < 6890; v++) assert_int_equal(visible[v], expected[v]);
+    mem_free(x);
+    mem_free(uv);
+    mem_free(visible);
+}
+
+static void orbit_looks_at_the_centre(void **state) {
+    context *c = ((body_reference *)*state)->c;
+    const float centre[3] = {0.3f, -0.2f, 0.1f};
+    for (int i = 0; i < 200; i++) {
+        float azimuth = 0.2f * (float)i, elevation = 1.5f * (float)sin(i), uv[4], depth[2], at[3];
+        float points[6] = {0.3f, -0.2f, 0.1f, 0.3f, 0.1f, 0.1f}; /* the centre, and above it */
+        sherf_camera k;
+        sherf_camera_orbit(centre, 2, azimuth, elevation, 0.8f, 320, 200, &k);
+        assert_ok(c, camera_check(c, &k));
+        camera_project(&k, 2, points, uv, depth);
+        assert_true(fabsf(uv[0] - 160) < 0.01f && fabsf(uv[1] - 100) < 0.01f && fabsf(depth[0] - 2) < 1e-5f);
+        assert_true(uv[3] < uv[1]); /* up is up */
+        camera_position(&k, at);
+        assert_true(fabs(at[0] - (0.3 + 2 * sin(azimuth) * cos(elevation))) < 1e-5);
+        assert_true(fabs(at[1] - (-0.2 + 2 * sin(elevation))) < 1e-5);
+        assert_true(fabs(at[2] - (0.1 + 2 * cos(azimuth) * cos(elevation))) < 1e-5);
+    }
+    sherf_camera k;
+    sherf_camera_orbit(centre, 2, 0, 0, 0.8f, 320, 200, &k);
+    float p[3] = {0.3f, -0.2f + 2 * (float)tan(0.4), 0.1f}, uv[2]; /* half the field of view up */
+    camera_project(&k, 1, p, uv, NULL);
+    assert_true(fabsf(uv[1]) < 0.01f);
+    camera_resize(&k, 160, 50);
+    camera_project(&k, 1, centre, uv, NULL);
+    assert_true(fabsf(uv[0] - 80) < 0.01f && fabsf(uv[1] - 25) < 0.01f);
+}
+
+static void bad_cameras_are_refused(void **state) {
+    body_reference *r = *state;
+    context *c = r->c;
+    const float box[6] = {0, 0, 0, 1, 1, 1};
+    static const struct {
+        int field; /* of K R T */
+        float value;
+        const char *says;
+    } bad[] = {{0, NAN, "K is not finite"},      {13, INFINITY, "R is not finite"},
+               {20, NAN, "T is not finite"},     {4, 0, "K is singular"},
+               {9, 2, "R is not a rotation"},    {8, 2, "last row of K"},
+               {10, 0.5f, "R is not a rotation"}};
+    for (size_t i = 0; i < COUNT_OF(bad); i++) {
+        sherf_camera k = r->target_camera;
+        float *field = bad[i].field < 9    ? k.K + bad[i].field
+                       : bad[i].field < 18 ? k.R + bad[i].field - 9
+                                           : k.T_m + bad[i].field - 18;
+        *field = bad[i].value;
+        ray_bundle *rays;
+        assert_int_equal(rays_create(c, &k, box, box + 3, &rays), SHERF_BAD_ARGUMENT);
+        assert_null(rays);
+        if (!strstr(c->message, bad[i].says)) fail_msg("%s, not: %s", c->message, bad[i].says);
+        raster *picture;
+        assert_int_equal(raster_create(c, &k, 1, 0, NULL, 0, NULL, &picture), SHERF_BAD_ARGUMENT);
+    }
+    sherf_camera k = r->target_camera;
+    k.width_px = 0;
+    assert_int_equal(camera_check(c, &k), SHERF_BAD_ARGUMENT);
+    k.width_px = 100000;
+    assert_int_equal(camera_check(c, &k), SHERF_BAD_ARGUMENT);
+}
+
+/* ---- rays and points ---- */
+static ray_bundle *target_rays(body_reference *r, const sherf_camera *camera) {
+    float min[3], max[3];
+    ray_bundle *rays;
+    body_world_box(r->m, r->target, min, max);
+    assert_ok(r->c, rays_create(r->c, camera, min, max, &rays));
+    return rays;
+}
+
+static void rays_agree(void **state) {
+    body_reference *r = *state;
+    int64_t rows;
+    const int32_t *row = reference_ints(r, "ray", &rows);
+    ray_bundle *rays = target_rays(r, &r->target_camera);
+    assert_memory_equal(rays->direction, reference_floats(r, "rays.direction.0"), 48 * sizeof(float));
+    assert_rows(rays->near, reference_floats(r, "rays.near"), row, rows, 1, 5e-7, "near");
+    assert_rows(rays->far, reference_floats(r, "rays.far"), row, rows, 1, 5e-7, "far");
+    assert_memory_equal(rays->at_box, reference_find(r, "rays.at_box")->data, 128 * 128);
+    uint8_t *mask = mem_alloc(r->c, 128, 128);
+    float min[3], max[3];
+    body_world_box(r->m, r->target, min, max);
+    box_ray_mask(&r->target_camera, min, max, mask);
+    assert_memory_equal(mask, rays->at_box, 128 * 128);
+    mem_free(mask);
+    rays_free(rays);
+}
+
+/* Row of the reference's picked point among ours. */
+static int64_t find_point(const point_set *p, int32_t ray, int32_t sample) {
+    for (int32_t i = p->first[ray]; i < p->first[ray + 1]; i++)
+        if (p->sample[i] == sample) return i;
+    fail_msg("sample %d of ray %d was not kept", sample, ray);
+    return -1;
+}
+
+/* Ties of the nearest canonical vertex: where another vertex is as near but for rounding, either may be
+ * taken. */
+static bool tied(const body_reference *r, const float p[3]) {
+    double best = 1e30, second = 1e30;
+    for (int v = 0; v < r->m->vertices; v++) {
+        const float *x = r->m->canonical->vertices_smpl + 3 * v;
+        double a = (double)x[0] - p[0], b = (double)x[1] - p[1], d = (double)x[2] - p[2],
+               d2 = a * a + b * b + d * d;
+        if (d2 < best)
+            second = best, best = d2;
+        else if (d2 < second)
+            second = d2;
+    }
+    return second - best < 1e-5 * best;
+}
+
+static void points_agree(void **state) {
+    body_reference *r = *state;
+    ray_bundle *rays = target_rays(r, &r->target_camera);
+    point_set *p;
+    int64_t picked, n;
+    assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
+                                  true, &p));
+    assert_int_equal(p->count, *reference_ints(r, "points.count", NULL));
+    const int32_t *ray = reference_ints(r, "pick.ray", &picked),
+                  *sample = reference_ints(r, "pick.sample", NULL);
+    for (int64_t i = 0; i < picked; i++) find_point(p, ray[i], sample[i]);
+    const int32_t *point = reference_ints(r, "point", &n), zero = 0;
+    int ties = 0;
+    for (int64_t i = 0; i < n; i++) {
+        int64_t at = find_point(p, ray[point[i]], sample[point[i]]);
+        const float *canonical = reference_floats(r, "deform.canonical") + 3 * i;
+        assert_rows(p->canonical + 3 * at, canonical, &zero, 1, 3, 2e-6, "canonical");
+        assert_rows(p->direction_canonical + 3 * at, reference_floats(r, "deform.viewdir") + 3 * i, &zero, 1,
+                    3, 2e-6, "direction");
+        if (tied(r, canonical)) {
+            ties++;
+            continue;
+        }
+        assert_rows(p->observation_world + 3 * at, reference_floats(r, "deform.observation") + 3 * i, &zero,
+                    1, 3, 3e-6, "observation");
+        assert_rows(p->observed_px + 2 * at, reference_floats(r, "project.points") + 2 * i, &zero, 1, 2, 5e-4,
+                    "pixels");
+    }
+    assert_true(ties <= 2);
+    points_free(p);
+    rays_free(rays);
+}
+
+/* Every sample of a small frame one by one, on every instruction set, with one thread and three. */
+static void points_are_exact(void **state) {
+    body_reference *r = *state;
+    static const char *const levels[] = {"plain", "avx2", "avx512"};
+    const int samples = 70; /* more than one word of bits */
+    sherf_camera small = r->target_camera;
+    camera_resize(&small, 20, 24);
+    ray_bundle *rays = target_rays(r, &small);
+    vertex_grid *g;
+    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, r->target->vertices_smpl, 0.05f, &g));
+    for (int run = 0; run < 6; run++) {
+        setenv("SHERF_ISA", levels[run % 3], 1);
+        r->c->threads = run < 3 ? 1 : 3;
+        point_set *p;
+        assert_ok(r->c, points_create(r->c, r->m, r->target, rays, samples, NULL, NULL, true, &p));
+        assert_null(p->observed_px);
+        int64_t at = 0;
+        for (int n = 0; n < 20 * 24; n++) {
+            assert_int_equal(p->first[n], at);
+            for (int i = 0; i < samples && rays->at_box[n]; i++) {
+                float t = rays->near[n] + (rays->far[n] - rays->near[n]) * ray_fraction(i, samples), x[3],
+                      s[3];
+                for (int k = 0; k < 3; k++)
+                    x[k] = rays->origin_world[k] + t * rays->direction[3 * n + k] - r->target->Th[k];
+                for (int k = 0; k < 3; k++)
+                    s[k] = x[0] * r->target->R[k] + x[1] * r->target->R[3 + k] + x[2] * r->target->R[6 + k];
+                int32_t nearest = vertex_grid_nearest(g, s, NULL);
+                if (nearest < 0) continue;
+                assert_true(at < p->count);
+                assert_int_equal(p->ray[at], n);
+                assert_int_equal(p->sample[at], i);
+                assert_int_equal(p->nearest[at], nearest);
+                at++;
+            }
+        }
+        assert_int_equal(at, p->count);
+        assert_int_equal(p->first[20 * 24], at);
+        assert_true(at > 500);
+        points_free(p);
+    }
+    unsetenv("SHERF_ISA");
+    r->c->threads = 2;
+    vertex_grid_free(g);
+    rays_free(rays);
+}
+
+static void nobody_in_sight(void **state) {
+    body_reference *r = *state;
+    sherf_camera away = r->target_camera;
+    for (int k = 0; k < 6; k++) away.R[k + 3] = -away.R[k + 3]; /* half a turn about x: looks the other way */
+    away.T_m[2] = -away.T_m[2] - 10;
+    ray_bundle *rays = target_rays(r, &away);
+    point_set *p;
+    assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
+                                  false, &p));
+    assert_int_equal(p->count, 0);
+    for (int n = 0; n < 128 * 128; n++) assert_false(rays->at_box[n]);
+    points_free(p);
+    assert_int_equal(points_create(r->c, r->m, r->target, rays, 0, NULL, NULL, false, &p),
+                     SHERF_BAD_ARGUMENT);
+    assert_int_equal(points_create(r->c, r->m, r->target, rays, 48, r->observation, NULL, false, &p),
+                     SHERF_BAD_ARGUMENT);
+    rays_free(rays);
+}
+
+/* ---- the box mask, as cv2.fillPoly (OpenCV 4.6) drew it ---- */
+static const struct {
+    int number, pixels;
+    uint64_t hash; /* FNV-1a of the mask's bytes */
+} boxes[] = {
+    {0, 2133, 0x1bec3206d99920fau},  {1, 829, 0x02e6ff38f181f92cu},   {2, 221, 0x15b6508884ecde70u},
+    {3, 1330, 0xe7183bfff6c840e7u},  {4, 2753, 0x78b0ed1c10cefb6au},  {5, 885, 0xe07c7773e93faf5eu},
+    {6, 258, 0x2a23a05cc73e8ed3u},   {7, 2075, 0x932e753f644e43aau},  {8, 2613, 0x8fe00b68956e9176u},
+    {9, 2689, 0xc4a848d430fd7da8u},  {10, 437, 0xffbb38e4cc6ee7acu},  {11, 562, 0x87a3d048ca888e6du},
+    {12, 1194, 0x30bd2f7dadce2919u}, {13, 2064, 0xa30f6cc9eab904d7u}, {14, 97, 0x86f0bb72ed1fb5d2u},
+    {15, 497, 0x7d776f5429b5caaau},  {16, 3192, 0x1540786fb2414c8bu}, {17, 612, 0xc7d30f1f36de172fu},
+    {18, 278, 0x0c347fba278dde49u},  {19, 2646, 0x6a8a579a4e6d421bu}, {20, 151, 0xa0caad382a700a10u},
+    {21, 2073, 0xbe2ce0be4757e3a0u}, {22, 278, 0xfcb72ce71a4aa195u},  {23, 3132, 0x87c4d51386775431u},
+    {24, 626, 0x182d9b8559c4a9c3u},  {25, 365, 0xff013561ec00ff7au},  {26, 264, 0xaf6b05292270dc6bu},
+    {27, 237, 0x131e9f5909fbdb0cu},  {28, 202, 0x7f3de342b30f8567u},  {29, 54, 0x79c14559fc9c19afu},
+    {30, 1236, 0x857e1a548dfe122bu}, {31, 2164, 0x4a23898f51ed0b01u}, {32, 53, 0x1a6d350f73ca5ea8u},
+    {33, 465, 0x8e18c7b2e7372cd4u},  {34, 1999, 0xbbfcceebb24de2c0u}, {35, 1375, 0x1304da9e9772d790u},
+    {36, 214, 0xa7718e6493a507abu},  {37, 1004, 0x99b0e30b8c4b6b3bu}, {38, 1567, 0x2a6a84742ddd5b7eu},
+    {39, 3231, 0xc51712e861f2929au}};
+
+static void box_mask_is_opencvs(void **state) {
+    static uint8_t mask[84 * 84];
+    for (size_t i = 0; i < COUNT_OF(boxes); i++) {
+        int t = boxes[i].number, pixels = 0;
+        float v[16];
+        for (int k = 0; k < 16; k++)
+            v[k] = (float)random_uniform(fnv1a64("box_mask"), (uint64_t)(16 * t + k));
+        sherf_camera c = {.width_px = 24 + (int)(60 * v[0]), .height_px = 24 + (int)(60 * v[1])};
+        const float turn[3] = {6 * v[2] - 3, 6 * v[3] - 3, 6 * v[4] - 3};
+        const float min[3] = {-v[9], -v[10], -v[11]}, max[3] = {v[12] + 0.1f, v[13] + 0.1f, v[9] + 0.1f};
+        rodrigues(turn, c.R);
+        c.T_m[0] = v[5] - 0.5f, c.T_m[1] = v[6] - 0.5f;
+        c.T_m[2] = t % 4 == 3 ? v[7] + 0.25f : 3 * v[7] + 2; /* every fourth stands in the box */
+        c.K[0] = c.K[4] = (float)c.width_px * (0.5f + 2.5f * v[8]);
+        c.K[2] = (float)c.width_px * v[14], c.K[5] = (float)c.height_px * v[15], c.K[8] = 1;
+        box_mask(&c, min, max, mask);
+        uint64_t hash = 0xCBF29CE484222325u;
+        for (int n = 0; n < c.width_px * c.height_px; n++) {
+            hash = (hash ^ mask[n]) * 0x100000001B3u;
+            pixels += mask[n];
+        }
+        if (pixels != boxes[i].pixels || hash != boxes[i].hash)
+            fail_msg("box %d: %d pixels, should be %d", t, pixels, boxes[i].pixels);
+    }
+}
+
+/* ---- rasteriser ---- */
+/* A slanted plane seen in perspective: depth and barycentric coordinates at every pixel, one face in front of
+ * the camera and reaching behind it. */
+static void raster_is_analytic(void **state) {
+    context *c = ((body_reference *)*state)->c;
+    sherf_camera k = {.width_px = 60, .height_px = 40, .K = {50, 0, 29.5f, 0, 50, 19.5f, 0, 0, 1}};
+    k.R[0] = k.R[4] = k.R[8] = 1;
+    const float v[9] = {-3, 1, -2, 3, 1, -1, 0.5f, 1, 30}; /* the ground, y = 1, from behind to far ahead */
+    const uint32_t f[3] = {0, 1, 2};
+    for (int s = 1; s <= 3; s++) {
+        raster *r;
+        int inside = 0;
+        assert_ok(c, raster_create(c, &k, s, 3, v, 1, f, &r));
+        assert_int_equal(r->width, 60 * s);
+        for (int j = 0; j < r->height; j++)
+            for (int i = 0; i < r->width; i++) {
+                size_t n = (size_t)(j * r->width + i);
+                double x = ((i + 0.5) / s - 0.5 - 29.5) / 50, y = ((j + 0.5) / s - 0.5 - 19.5) / 50,
+                       z = 1 / y;
+                double p[3] = {x * z, 1, z}, b[3], det = 6 * 32 - 1 * 3.5; /* in the plane's x, z */
+                b[1] = ((p[0] + 3) * 32 - (p[2] + 2) * 3.5) / det;
+                b[2] = (6 * (p[2] + 2) - 1 * (p[0] + 3)) / det;
+                b[0] = 1 - b[1] - b[2];
+                double least = fmin(b[0], fmin(b[1], b[2]));
+                if (y > 0 && fabs(least) < 1e-9) continue;
+                bool hit = y > 0 && least > 0;
+                assert_int_equal(r->face[n], hit ? 0 : -1);
+                if (!hit) {
+                    assert_true(isinf(r->depth[n]));
+                    continue;
+                }
+                inside++;
+                assert_true(fabs(r->depth[n] - z) < 1e-5 * z);
+                for (int a = 0; a < 3; a++)
+                    assert_true(fabs(r->barycentric[3 * n + (size_t)a] - b[a]) < 1e-5);
+            }
+        assert_true(inside > 300 * s * s);
+        raster_free(r);
+    }
+}
+
+/* The body: what is seen at each vertex' pixel is not behind it, no holes inside, the same on any thread
+ * count. */
+static void raster_draws_the_body(void **state) {
+    body_reference *r = *state;
+    float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 3 * sizeof *uv);
+    body_vertices_world(r->m, r->target, x);
+    camera_project(&r->target_camera, 6890, x, uv, uv + 2 * 6890);
+    raster *one, *two;
+    r->c->threads = 1;
+    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->m->faces, r->m->face, &one));
+    r->c->threads = 2;
+    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->m->faces, r->m->face, &two));
+    assert_memory_equal(one->depth, two->depth, 256 * 256 * sizeof(float));
+    assert_memory_equal(one->face, two->face, 256 * 256 * sizeof(int32_t));
+    int seen = 0;
+    for (size_t n = 0; n < 256 * 256; n++) {
+        if (one->face[n] < 0) continue;
+        double depth = 0, sum = 0;
+        for (int k = 0; k < 3; k++) {
+            depth += one->barycentric[3 * n + (size_t)k] *
+                     uv[2 * 6890 + r->m->face[3 * (size_t)one->face[n] + (size_t)k]];
+            sum += one->barycentric[3 * n + (size_t)k];
+        }
+        assert_true(fabs(sum - 1) < 1e-5 && fabs(depth - one->depth[n]) < 1e-4);
+        seen++;
+    }
+    assert_in_range(seen, 3000, 20000);
+    uint32_t bad[3] = {0, 1, 6890};
+    raster *none;
+    assert_int_equal(raster_create(r->c, &r->target_camera, 1, 6890, x, 1, bad, &none), SHERF_BAD_ARGUMENT);
+    assert_int_equal(raster_create(r->c, &r->target_camera, 0, 6890, x, 0, bad, &none), SHERF_BAD_ARGUMENT);
+    raster_free(one);
+    raster_free(two);
+    mem_free(x);
+    mem_free(uv);
+}
+
+/* ---- every allocation failing in turn ---- */
+static void allocations_may_fail(void **state) {
+    body_reference *r = *state;
+    context *c = r->c;
+    sherf_camera small = r->target_camera;
+    camera_resize(&small, 16, 16);
+    float min[3], max[3];
+    body_world_box(r->m, r->target, min, max);
+    size_t live = mem_live();
+    for (long n = 0;; n++) {
+        ray_bundle *rays = NULL;
+        point_set *p = NULL;
+        raster *picture = NULL;
+        mem_fail_after(n);
+        sherf_status status = rays_create(c, &small, min, max, &rays);
+        if (status == SHERF_OK)
+            status = points_create(c, r->m, r->target, rays, 48, r->observation, &small, true, &p);
+        if (status == SHERF_OK)
+            status = raster_create(c, &small, 1, 6890, r->target->vertices_smpl, r->m->faces, r->m->face,
+                                   &picture);
+        mem_fail_after(-1);
+        rays_free(rays);
+        points_free(p);
+        raster_free(picture);
+        assert_int_equal(mem_live(), live);
+        if (status == SHERF_OK) {
+            assert_true(n > 20);
+            return;
+        }
+        assert_int_equal(status, SHERF_NO_MEMORY);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(projection_agrees),
+                                       cmocka_unit_test(orbit_looks_at_the_centre),
+                                       cmocka_unit_test(bad_cameras_are_refused),
+                                       cmocka_unit_test(rays_agree),
+                                       cmocka_unit_test(points_agree),
+                                       cmocka_unit_test(points_are_exact),
+                                       cmocka_unit_test(nobody_in_sight),
+                                       cmocka_unit_test(box_mask_is_opencvs),
+                                       cmocka_unit_test(raster_is_analytic),
+                                       cmocka_unit_test(raster_draws_the_body),
+                                       cmocka_unit_test(allocations_may_fail)};
+    return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
+}

@@ -69,8 +69,7 @@ const verb verb_eval = {
         "Renders people of a data set from one picture each and compares with the truth, by the paper's "
         "protocol: novel view (the observation's pose) and novel pose (others). The observed view itself is "
         "left out. Scores are printed by person with their means and go to OUT/scores.json. They are "
-        "computed in "
-        "float32 unless --precision bf16 is given.",
+        "computed in float32 unless --precision bf16 is given.",
     .example =
         "sherf eval --data thuman:THuman/nerf_data_ --model model.safetensors --body body.safetensors -o "
         "out\n"

@@ -9,6 +9,7 @@
 
 #include "data/data.h"
 #include "data/tubeman.h"
+#include "train/losses.h"
 
 /* float32 stages: at most 3e-4 of the stage's largest value, 2e-5 root mean square. */
 static const reference_bound stage = {3e-4, 2e-5};
@@ -233,7 +234,135 @@ static void avatars_agree(void **state) {
     reference_close(&r);
 }
 
+/* ---- training: losses, batch statistics, all gradients ---- */
+static void fill(tensor *w, const char *name, double scale) {
+    test_centred(name, tensor_count(w), scale, w->data);
+}
+
+/* LPIPS with made-up weights, by the stated rules. */
+static lpips_network *reference_lpips(context *c) {
+    lpips_network *n = NULL;
+    assert_ok(c, lpips_create(c, &n));
+    for (int i = 0; i < LPIPS_CONVOLUTIONS; i++) {
+        char name[64];
+        snprintf(name, sizeof name, "lpips.vgg16.features.%d.weight", lpips_layers[i].index);
+        fill(n->weight[i], name, sqrt(6 / (9.0 * lpips_layers[i].in)));
+        snprintf(name, sizeof name, "lpips.vgg16.features.%d.bias", lpips_layers[i].index);
+        fill(n->bias[i], name, 0.05);
+    }
+    for (int i = 0; i < LPIPS_STAGES; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "lpips.lin%d", i);
+        fill(n->head[i], name, 1);
+        int64_t C = tensor_count(n->head[i]);
+        float *head = n->head[i]->data;
+        for (int64_t k = 0; k < C; k++) head[k] = (float)(fabs((double)head[k]) / (double)C * 10);
+    }
+    return n;
+}
+
+static void check_loss(const reference *r, const char *name, double got) {
+    double want = (double)*reference_floats(r->want, name, 1);
+    if (getenv("SHERF_TEST_VERBOSE")) printf("%-28s %.8g, should be %.8g\n", name, got, want);
+    if (!(fabs(got - want) <= 1e-4 * fabs(want))) fail_msg("%s is %g, should be %g", name, got, want);
+}
+
+static void check_statistics(const reference *r) {
+    for (size_t i = 0; i < r->want->count; i++) {
+        const char *name = r->want->tensor[i].name;
+        if (strncmp(name, "stats.", 6)) continue;
+        parameter *q = parameter_find(r->m->weights, name + 6);
+        /* Layers that never run are not in our models; the file holds what they started with. */
+        if (!q) continue;
+        reference_compare(name, r->want->tensor[i].data, q->value.data, tensor_count(&q->value), stage);
+    }
+}
+
+/* Norm and 16 entries, at floor(linspace(0, n - 1, 16)) of the flattened tensor in the files' order. */
+static void check_gradient(const reference *r, const parameter *q, double worst[2]) {
+    char name[160];
+    int64_t n = tensor_count(&q->value), C = q->value.dim[2];
+    const float *g = q->grad.data;
+    bool is_const = !strcmp(q->name, "backbone.synthesis.b4.const");
+    bool noisy = strstr(q->name, "encoder_3d") || !strncmp(q->name, "conv1d_projection", 17) ||
+                 !strncmp(q->name, "encoder_2d_feature", 18); /* float32 itself is that noisy */
+    double norm = 0, top = 0, error = 0;
+    for (int64_t k = 0; k < n; k++) norm += (double)g[k] * (double)g[k];
+    norm = sqrt(norm);
+    snprintf(name, sizeof name, "grad.%s.norm", q->name);
+    double want_norm = (double)*reference_floats(r->want, name, 1);
+    snprintf(name, sizeof name, "grad.%s.sample", q->name);
+    const safetensor *s = safetensors_find(r->want, name);
+    assert_non_null(s);
+    const float *want = s->data;
+    int64_t last = -1, count = 0;
+    for (int i = 0; i < 16; i++) {
+        int64_t k = (int64_t)floor((double)i * (double)(n - 1) / 15);
+        if (k == last) continue;
+        last = k;
+        int64_t at = is_const ? k % 16 * C + k / 16 : k;
+        top = fmax(top, fabs((double)want[count]));
+        error = fmax(error, fabs((double)g[at] - (double)want[count]));
+        count++;
+    }
+    assert_int_equal(count, s->dim[0]);
+    double off = fabs(norm - want_norm) / want_norm;
+    if (getenv("SHERF_TEST_VERBOSE")) printf("grad %-60s norm %.2e sample %.2e\n", q->name, off, error / top);
+    worst[0] = fmax(worst[0], off / (noisy ? 10 : 1));
+    worst[1] = fmax(worst[1], error / top / (noisy ? 6 : 1));
+    if (!(off <= (noisy ? 1e-2 : 1e-3)))
+        fail_msg("gradient of %s: norm %g, should be %g", q->name, norm, want_norm);
+    if (!(error <= (noisy ? 6e-2 : 1e-2) * top))
+        fail_msg("gradient of %s: a sample is off by %g of %g", q->name, error, top);
+}
+
+static void training_agrees(void **state) {
+    reference r;
+    reference_open(&r, "reference_train.safetensors", true);
+    context *c = r.c;
+    lpips_network *lpips = reference_lpips(c);
+    assert_ok(c, parameters_make_grads(c, r.m->weights));
+    tape *t = tape_create(c, (tape_options){&backend_cpu, true, true, false});
+    model_bank bank;
+    tensor *frame, *total;
+    assert_ok(c, model_encode(t, r.m, r.body, r.g, &bank, NULL));
+    assert_ok(c, model_frame(t, r.m, r.body, r.g, &bank, r.target, 0, 0, &frame));
+    double db = picture_psnr(&r, frame->data, 5);
+    if (!(db >= 60)) fail_msg("the picture agrees to %.1f dB only", db);
+    sherf_image image;
+    reference_image(c, true, &image);
+    static uint8_t mask[REFERENCE_SIZE * REFERENCE_SIZE];
+    for (int i = 0; i < REFERENCE_SIZE * REFERENCE_SIZE; i++)
+        mask[i] = hypot((double)(i % REFERENCE_SIZE) / REFERENCE_SIZE - 0.5,
+                        (double)(i / REFERENCE_SIZE) / REFERENCE_SIZE - 0.5) < 0.3;
+    loss_target target = {REFERENCE_SIZE, REFERENCE_SIZE, image.data, mask, NULL, r.target->rays->at_box};
+    loss_values values;
+    assert_ok(c, losses_forward(t, lpips, frame, &target, &total, &values));
+    check_loss(&r, "loss.color", values.color);
+    check_loss(&r, "loss.mask", values.mask);
+    check_loss(&r, "loss.ssim", values.ssim);
+    check_loss(&r, "loss.lpips", values.lpips);
+    check_loss(&r, "loss.total", values.total);
+    assert_ok(c, tape_backward(t, total, 1));
+    check_statistics(&r);
+    double worst[2] = {0, 0};
+    int gradients = 0;
+    for (int i = 0; i < r.m->weights->count; i++) {
+        if (r.m->weights->item[i]->buffer) continue;
+        check_gradient(&r, r.m->weights->item[i], worst);
+        gradients++;
+    }
+    if (getenv("SHERF_TEST_VERBOSE"))
+        printf("gradients: worst norm %.1e of 1e-3, sample %.1e of 1e-2\n", worst[0], worst[1]);
+    assert_int_equal(gradients, 240);
+    tape_free(t);
+    lpips_free(lpips);
+    sherf_image_free(&image);
+    reference_close(&r);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(stages_agree), cmocka_unit_test(avatars_agree)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(stages_agree), cmocka_unit_test(avatars_agree),
+                                       cmocka_unit_test(training_agrees)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

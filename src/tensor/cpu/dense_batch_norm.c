@@ -1,5 +1,7 @@
 /* batch_norm: statistics in one pass over memory (a block's mean, then its squares about that mean while it
- * is in the cache; blocks joined in double), then one pass that normalises. */
+ * is in the cache; blocks joined in double), then one pass that normalises. The mean is kept as two floats:
+ * with one, its rounding moves a whole channel, by more than the rounding of the products where the mean is
+ * large beside the deviation. */
 #include <math.h>
 #include <string.h>
 
@@ -11,8 +13,8 @@ typedef struct {
     bool relu, training;
     const float *x, *dy;
     float *y, *dx, *sums;
-    float *mean, *scale, *bias; /* patterns: y = (x - mean) scale + bias */
-    float *shift, *slope;       /* backward: dx += scale (g - shift - slope (x - mean)) */
+    float *mean, *rest, *scale, *bias; /* patterns: y = (x - mean - rest) scale + bias */
+    float *shift, *slope;              /* backward: dx += scale (g - shift - slope (x - mean - rest)) */
 } norm_job;
 
 /* sums: the block's mean, then the sum of squares about it; for every column of the view. */
@@ -66,14 +68,15 @@ static void statistics_join(const norm_job *j, int64_t c, double *mean, double *
 
 static VARIANT_BODY void normalise(void *arg, int64_t begin, int64_t end, int thread) {
     const norm_job *j = arg;
-    const float *restrict mean = j->mean, *restrict scale = j->scale, *restrict bias = j->bias;
+    const float *restrict mean = j->mean, *restrict rest = j->rest;
+    const float *restrict scale = j->scale, *restrict bias = j->bias;
     const float low = j->relu ? 0 : -__builtin_inff();
     for (int64_t r = begin; r < end; r++) {
         const int64_t n = row_width(&j->view, r);
         const float *restrict x = j->x + r * j->view.width;
         float *restrict y = j->y + r * j->view.width;
         for (int64_t i = 0; i < n; i++) {
-            const float v = (x[i] - mean[i]) * scale[i] + bias[i];
+            const float v = ((x[i] - mean[i]) - rest[i]) * scale[i] + bias[i];
             y[i] = v < low ? low : v;
         }
     }
@@ -84,9 +87,10 @@ VARIANTS(normalise)
 static bool patterns(op_call *call, norm_job *j) {
     const float *weight = call->in[1]->data, *mean = call->saved, *inverse = mean + j->view.channels;
     j->mean = row_pattern(call, &j->view, mean);
+    j->rest = row_pattern(call, &j->view, inverse + j->view.channels);
     j->scale = row_pattern(call, &j->view, inverse);
     j->bias = row_pattern(call, &j->view, call->in[2]->data);
-    if (!j->mean || !j->scale || !j->bias) return false;
+    if (!j->mean || !j->rest || !j->scale || !j->bias) return false;
     for (int64_t i = 0; i < j->view.width; i++) j->scale[i] *= weight[i % j->view.channels];
     return true;
 }
@@ -98,7 +102,7 @@ sherf_status cpu_batch_norm_forward(op_call *call) {
     j.x = call->in[0]->data;
     j.y = call->out[0]->data;
     float *running_mean = call->in[3]->data, *running_var = call->in[4]->data;
-    float *mean = call->saved, *inverse = mean + j.view.channels;
+    float *mean = call->saved, *inverse = mean + j.view.channels, *rest = inverse + j.view.channels;
     if (call->training) {
         if (!(j.sums = block_sums(call, &j.view, 2))) return SHERF_NO_MEMORY;
         parallel_for(call->c, j.view.blocks, 1, statistics_best(), &j);
@@ -112,6 +116,7 @@ sherf_status cpu_batch_norm_forward(op_call *call) {
             variance /= R;
         }
         mean[c] = (float)m;
+        rest[c] = (float)(m - (double)mean[c]);
         inverse[c] = (float)(1 / sqrt(variance + (double)a->eps));
     }
     if (!patterns(call, &j)) return SHERF_NO_MEMORY;
@@ -123,7 +128,8 @@ sherf_status cpu_batch_norm_forward(op_call *call) {
 static VARIANT_BODY void gradient_sums(void *arg, int64_t begin, int64_t end, int thread) {
     const norm_job *j = arg;
     const row_view *v = &j->view;
-    const float *restrict mean = j->mean, *restrict scale = j->scale, *restrict bias = j->bias;
+    const float *restrict mean = j->mean, *restrict rest = j->rest;
+    const float *restrict scale = j->scale, *restrict bias = j->bias;
     const float low = j->relu ? 0 : -__builtin_inff();
     for (int64_t block = begin; block < end; block++) {
         float *restrict sum = j->sums + block * 2 * v->width, *restrict dot = sum + v->width;
@@ -132,7 +138,7 @@ static VARIANT_BODY void gradient_sums(void *arg, int64_t begin, int64_t end, in
             const int64_t n = row_width(v, r);
             const float *restrict x = j->x + r * v->width, *restrict dy = j->dy + r * v->width;
             for (int64_t i = 0; i < n; i++) {
-                const float d = x[i] - mean[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
+                const float d = (x[i] - mean[i]) - rest[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
                 sum[i] += g;
                 dot[i] += g * d;
             }
@@ -143,7 +149,8 @@ VARIANTS(gradient_sums)
 
 static VARIANT_BODY void gradient_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const norm_job *j = arg;
-    const float *restrict mean = j->mean, *restrict scale = j->scale, *restrict bias = j->bias;
+    const float *restrict mean = j->mean, *restrict rest = j->rest;
+    const float *restrict scale = j->scale, *restrict bias = j->bias;
     const float *restrict shift = j->shift, *restrict slope = j->slope;
     const float low = j->relu ? 0 : -__builtin_inff();
     for (int64_t r = begin; r < end; r++) {
@@ -151,7 +158,7 @@ static VARIANT_BODY void gradient_rows(void *arg, int64_t begin, int64_t end, in
         const float *restrict x = j->x + r * j->view.width, *restrict dy = j->dy + r * j->view.width;
         float *restrict dx = j->dx + r * j->view.width;
         for (int64_t i = 0; i < n; i++) {
-            const float d = x[i] - mean[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
+            const float d = (x[i] - mean[i]) - rest[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
             dx[i] += scale[i] * (g - shift[i] - slope[i] * d);
         }
     }

@@ -13,7 +13,7 @@ tensor *op_batch_norm(tape *t, tensor *x, tensor *weight, tensor *bias, tensor *
     tensor *y = tape_tensor(t, x->type, x->rank, x->dim);
     NEED(y);
     batch_norm_attr attr = {eps, momentum, relu};
-    /* saved: mean[C], 1 / standard deviation[C] as used */
-    const size_t saved = 2 * (size_t)tensor_columns(x) * dtype_size(x->type);
+    /* saved: mean[C], 1 / standard deviation[C] as used; mean_rest[C]: what the mean's type could not hold */
+    const size_t saved = 3 * (size_t)tensor_columns(x) * dtype_size(x->type);
     return tape_call(t, OP_batch_norm, 5, in, 1, &y, &attr, sizeof attr, saved) ? y : NULL;
 }

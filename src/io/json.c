@@ -2,27 +2,15 @@
  * infinity, nests by recursion and does not mind what comes after the text; all that is looked at here. */
 #include <cjson/cJSON.h>
 #include <math.h>
-#include <pthread.h>
 #include <string.h>
 
 #include "base/path.h"
 #include "io/build.h"
 
-static const size_t json_bytes_max = (size_t)256 << 20;
+/* cJSON takes up to 30 bytes for one of the text. Its memory is its own: its hooks are the whole process's.
+ */
+static const size_t json_bytes_max = (size_t)64 << 20;
 enum { JSON_NESTING = 128 };
-
-/* cJSON's memory comes from where all memory comes from. Its hooks take no context. */
-static _Thread_local bool memory_lacking;
-static void *json_memory(size_t bytes) {
-    context quiet = {0};
-    void *p = mem_alloc(&quiet, bytes, 1);
-    if (!p) memory_lacking = true;
-    return p;
-}
-static void json_hooks(void) {
-    cJSON_Hooks hooks = {json_memory, mem_free};
-    cJSON_InitHooks(&hooks);
-}
 
 /* Deepest nesting of brackets outside strings; also refuses a 0 byte and bare control characters, which
  * cJSON would accept. */
@@ -76,19 +64,13 @@ static value *tree(builder *b, const cJSON *j) {
 }
 
 static value *parse(builder *b, const char *text, size_t bytes) {
-    static pthread_once_t once = PTHREAD_ONCE_INIT;
-    pthread_once(&once, json_hooks);
     if (bytes > json_bytes_max)
         return build_fail(b, SHERF_BAD_FILE, "JSON: %zu bytes, more than the %zu allowed", bytes,
                           json_bytes_max);
     if (!scan(b, text, bytes)) return NULL;
-    memory_lacking = false;
     const char *end = NULL;
     cJSON *j = cJSON_ParseWithLengthOpts(text, bytes, &end, 0);
-    if (!j) {
-        if (memory_lacking) return build_fail(b, SHERF_NO_MEMORY, "out of memory");
-        return build_fail(b, SHERF_BAD_FILE, "not JSON, near byte %zu", end ? (size_t)(end - text) : 0);
-    }
+    if (!j) return build_fail(b, SHERF_BAD_FILE, "not JSON, near byte %zu", end ? (size_t)(end - text) : 0);
     value *v = NULL;
     size_t rest = (size_t)(end - text);
     while (rest < bytes && strchr(" \t\r\n", text[rest])) rest++;

@@ -10,7 +10,7 @@
 #include "io/half.h"
 #include "io/safetensors.h"
 
-static const uint64_t header_bytes_max = (uint64_t)100 << 20; /* as the format's own library */
+static const uint64_t header_bytes_max = (uint64_t)32 << 20;
 
 /* ---------------------------------------------------------------- names ------------------------------ */
 static const struct {

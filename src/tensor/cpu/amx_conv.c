@@ -292,15 +292,17 @@ sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, 
 
 /* ---- gradient of the weights ---- */
 /* sums[m,n,t] = sum over positions of u[position, m] v[position + offset_t, n]. For conv2d u is dy and v is
- * x, for conv2d_transpose u is x and v is dy. */
+ * x, for conv2d_transpose u is x and v is dy. Positions go by in chunks that fit the second cache together
+ * with all of u's channels and 32 of v's, over which all products are taken. */
 typedef struct {
     flat_map u, v;
     tap_list taps;
     int64_t k;             /* taps in a row of the kernel: one unit of work */
-    int64_t steps;         /* of 32 positions */
+    int64_t steps, chunk;  /* of 32 positions */
     int64_t rows, columns; /* pairs of tiles along m and n */
+    int64_t window;        /* positions of a phase of v that a chunk sees */
     uint16_t *u_tiles;     /* [2 rows][steps] tiles: m by pairs of positions */
-    uint32_t *v_pairs;     /* [2 columns][positions][16]: (v[position], v[position + 1]) */
+    uint32_t *v_pairs;     /* a thread: [2][phases][window][16], (v[position], v[position + 1]) */
     float *sums;           /* [rows][columns][taps][2][2] tiles */
     float *dw, gain;
     int64_t m_step, n_step; /* in dw */
@@ -322,61 +324,75 @@ AMX static void u_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-AMX static void v_range(void *arg, int64_t begin, int64_t end, int thread) {
-    const weight_job *j = arg;
-    for (int64_t block = 0; block < j->v.blocks; block++) {
-        const uint16_t *from = j->v.data + block * j->v.positions * 32;
-        uint32_t *to = j->v_pairs + 2 * block * j->v.positions * 16;
-        for (int64_t p = begin; p < end; p++)
-            for (int half = 0; half < 2; half++) {
-                const uint16_t *at = from + p * 32 + half * 16;
-                const __m512i a = _mm512_cvtepu16_epi32(_mm256_load_si256((const __m256i *)at));
-                __m512i b = _mm512_setzero_si512();
-                if (p + 1 < j->v.positions)
-                    b = _mm512_cvtepu16_epi32(_mm256_load_si256((const __m256i *)(at + 32)));
-                _mm512_store_si512(to + (half * j->v.positions + p) * 16,
-                                   _mm512_or_si512(a, _mm512_slli_epi32(b, 16)));
+/* The chunk from step `first` on, of one pair of tiles along n. */
+AMX_INLINE void v_build(const weight_job *j, int64_t column, int64_t first, uint32_t *to) {
+    const int64_t phases = j->v.step * j->v.step;
+    for (int64_t phase = 0; phase < phases; phase++) {
+        const int64_t start = phase * j->v.rows * j->v.width + first * 32;
+        const uint16_t *from = j->v.data + (column * j->v.positions + start) * 32;
+        uint32_t *low = to + phase * j->window * 16, *high = low + phases * j->window * 16;
+        for (int64_t p = 0; p < j->window; p++) {
+            if (start + p + 1 >= j->v.positions) {
+                memset(low + p * 16, 0, 64);
+                memset(high + p * 16, 0, 64);
+                continue;
             }
+            const __m512i a = _mm512_load_si512(from + p * 32), b = _mm512_load_si512(from + p * 32 + 32);
+            const __m512i even = _mm512_cvtepu16_epi32(_mm512_castsi512_si256(a));
+            const __m512i odd = _mm512_cvtepu16_epi32(_mm512_castsi512_si256(b));
+            const __m512i even2 = _mm512_cvtepu16_epi32(_mm512_extracti64x4_epi64(a, 1));
+            const __m512i odd2 = _mm512_cvtepu16_epi32(_mm512_extracti64x4_epi64(b, 1));
+            _mm512_store_si512(low + p * 16, _mm512_or_si512(even, _mm512_slli_epi32(odd, 16)));
+            _mm512_store_si512(high + p * 16, _mm512_or_si512(even2, _mm512_slli_epi32(odd2, 16)));
+        }
     }
 }
 
-/* One row of taps, one pair of tiles each way; a few steps at a time, so that taps find them in the cache. */
-AMX_INLINE void weight_unit(const weight_job *j, int64_t row, int64_t column, int64_t tap) {
+/* sums[2][2] tiles = or += u's two rows of tiles times v's two columns, over some steps. */
+AMX_INLINE void weight_product(const uint16_t *a, const uint16_t *a2, const uint32_t *b, const uint32_t *b2,
+                               int64_t steps, bool add, float *sums) {
+    if (add) {
+        _tile_loadd(0, sums, 64);
+        _tile_loadd(1, sums + 256, 64);
+        _tile_loadd(2, sums + 512, 64);
+        _tile_loadd(3, sums + 768, 64);
+    } else {
+        _tile_zero(0);
+        _tile_zero(1);
+        _tile_zero(2);
+        _tile_zero(3);
+    }
+    for (int64_t s = 0; s < steps; s++) {
+        _tile_loadd(4, a + s * TILE, 64);
+        _tile_loadd(5, a2 + s * TILE, 64);
+        _tile_loadd(6, b + s * 512, 128);
+        _tile_loadd(7, b2 + s * 512, 128);
+        _tile_dpbf16ps(0, 4, 6);
+        _tile_dpbf16ps(1, 4, 7);
+        _tile_dpbf16ps(2, 5, 6);
+        _tile_dpbf16ps(3, 5, 7);
+    }
+    _tile_stored(0, sums, 64);
+    _tile_stored(1, sums + 256, 64);
+    _tile_stored(2, sums + 512, 64);
+    _tile_stored(3, sums + 768, 64);
+}
+
+/* One row of taps, one pair of tiles each way, one chunk; a few steps at a time, so that every tap finds them
+ * in the first cache. */
+AMX_INLINE void weight_unit(const weight_job *j, int64_t row, int64_t column, int64_t tap, int64_t first,
+                            const uint32_t *v) {
     enum { FEW = 8 };
-    float *sums = j->sums + ((row * j->columns + column) * j->taps.count + tap) * 1024;
-    for (int64_t first = 0; first < j->steps; first += FEW) {
-        const int64_t steps = j->steps - first < FEW ? j->steps - first : FEW;
-        for (int64_t t = 0; t < j->k; t++) {
-            const uint16_t *a = j->u_tiles + (2 * row * j->steps + first) * TILE, *a2 = a + j->steps * TILE;
-            const int64_t at = first * 32 + j->taps.offset[tap + t];
-            const uint32_t *b = j->v_pairs + (2 * column * j->v.positions + at) * 16,
-                           *b2 = b + j->v.positions * 16;
-            float *c = sums + t * 1024;
-            if (first) {
-                _tile_loadd(0, c, 64);
-                _tile_loadd(1, c + 256, 64);
-                _tile_loadd(2, c + 512, 64);
-                _tile_loadd(3, c + 768, 64);
-            } else {
-                _tile_zero(0);
-                _tile_zero(1);
-                _tile_zero(2);
-                _tile_zero(3);
-            }
-            for (int64_t s = 0; s < steps; s++) {
-                _tile_loadd(4, a + s * TILE, 64);
-                _tile_loadd(5, a2 + s * TILE, 64);
-                _tile_loadd(6, b + s * 512, 128);
-                _tile_loadd(7, b2 + s * 512, 128);
-                _tile_dpbf16ps(0, 4, 6);
-                _tile_dpbf16ps(1, 4, 7);
-                _tile_dpbf16ps(2, 5, 6);
-                _tile_dpbf16ps(3, 5, 7);
-            }
-            _tile_stored(0, c, 64);
-            _tile_stored(1, c + 256, 64);
-            _tile_stored(2, c + 512, 64);
-            _tile_stored(3, c + 768, 64);
+    const int64_t last = first + j->chunk < j->steps ? first + j->chunk : j->steps;
+    const int64_t phase = j->v.rows * j->v.width, half = j->v.step * j->v.step * j->window * 16;
+    for (int64_t at = first; at < last; at += FEW) {
+        const int64_t steps = last - at < FEW ? last - at : FEW;
+        const uint16_t *a = j->u_tiles + (2 * row * j->steps + at) * TILE;
+        for (int64_t t = tap; t < tap + j->k; t++) {
+            const int64_t offset = j->taps.offset[t];
+            const uint32_t *b = v + (offset / phase * j->window + (at - first) * 32 + offset % phase) * 16;
+            weight_product(a, a + j->steps * TILE, b, b + half, steps, at > 0,
+                           j->sums + ((row * j->columns + column) * j->taps.count + t) * 1024);
         }
     }
 }
@@ -384,11 +400,15 @@ AMX_INLINE void weight_unit(const weight_job *j, int64_t row, int64_t column, in
 AMX static void weight_range(void *arg, int64_t begin, int64_t end, int thread) {
     const weight_job *j = arg;
     const int64_t groups = j->taps.count / j->k;
+    uint32_t *v = j->v_pairs + thread * 2 * j->v.step * j->v.step * j->window * 16;
     tiles_begin();
-    for (int64_t at = begin; at < end; at++) {
-        const int64_t pair = at / groups;
-        weight_unit(j, pair % j->rows, pair / j->rows, at % groups * j->k);
-    }
+    for (int64_t first = 0; first < j->steps; first += j->chunk)
+        for (int64_t at = begin, built = -1; at < end; at++) {
+            const int64_t row = at / groups % j->rows, column = at / groups / j->rows;
+            if (column != built) v_build(j, column, first, v);
+            built = column;
+            weight_unit(j, row, column, at % groups * j->k, first, v);
+        }
     _tile_release();
 }
 
@@ -420,14 +440,18 @@ static sherf_status weight_run(op_call *call, weight_job *j) {
     j->steps = tiles(j->u.rows * j->u.width, 32);
     j->rows = j->u.blocks;
     j->columns = j->v.blocks;
-    const size_t units = (size_t)(j->rows * j->columns);
+    const int64_t phases = j->v.step * j->v.step;
+    j->chunk = (3 << 12) / (32 * j->u.blocks * phases); /* u's part of a chunk: 768 KiB */
+    if (j->chunk < 8) j->chunk = 8;
+    if (j->chunk > j->steps) j->chunk = j->steps;
+    const int64_t reach = (j->k - 1) / j->v.step;
+    j->window = j->chunk * 32 + reach * (j->v.width + 1);
+    const size_t units = (size_t)(j->rows * j->columns), pairs = (size_t)(phases * j->window * c->threads);
     j->u_tiles = arena_alloc(c, call->scratch, 2 * (size_t)(j->rows * j->steps), TILE * sizeof *j->u_tiles);
-    j->v_pairs =
-        arena_alloc(c, call->scratch, 2 * (size_t)(j->columns * j->v.positions), 16 * sizeof *j->v_pairs);
+    j->v_pairs = arena_alloc(c, call->scratch, 2 * pairs, 16 * sizeof *j->v_pairs);
     j->sums = arena_alloc(c, call->scratch, units * (size_t)j->taps.count, 1024 * sizeof *j->sums);
     if (!j->u_tiles || !j->v_pairs || !j->sums) return SHERF_NO_MEMORY;
     parallel_for(c, 2 * j->rows * j->steps, 64, u_range, j);
-    parallel_for(c, j->v.positions, 1 + 1024 / j->columns, v_range, j);
     parallel_for(c, (int64_t)units * (j->taps.count / j->k), 1 + 32 / (j->steps * j->k), weight_range, j);
     parallel_for(c, (int64_t)units, 1 + 8 / j->taps.count, weight_add_range, j);
     return SHERF_OK;

@@ -279,6 +279,7 @@ static const float opaque = 1e-3f; /* transmittance at which the rest of a ray i
 /* A ray's way from front to back (network.md 6). */
 typedef struct {
     int64_t ray, at, end;
+    float near, far, step, delta; /* depths; step in depth and in metres */
     float transmittance, color[3], opacity, depth;
 } ray_state;
 
@@ -290,22 +291,32 @@ typedef struct {
     point_tile tile;
 } block_space;
 
+static ray_state start_ray(const work *w, int64_t ray) {
+    const float *d = w->rays->direction + 3 * ray;
+    float near = w->rays->near[ray], far = w->rays->far[ray];
+    float step = w->points->samples > 1 ? (far - near) / (float)(w->points->samples - 1) : 0;
+    return (ray_state){.ray = ray,
+                       .at = w->points->first[ray],
+                       .end = w->points->first[ray + 1],
+                       .near = near,
+                       .far = far,
+                       .step = step,
+                       .delta = step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]),
+                       .transmittance = 1};
+}
+
 static void composite_tile(const work *w, block_space *b) {
-    const ray_bundle *rays = w->rays;
+    int last = w->points->samples - 1;
     for (int p = 0; p < b->tile.count; p++) {
         ray_state *s = &b->state[b->owner[p]];
         float sigma = b->tile.out[3][p];
         if (!(sigma > 0)) continue;
-        int sample = w->points->sample[b->index[p]], last = w->points->samples - 1;
-        const float *d = rays->direction + 3 * s->ray;
-        float length = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-        float near = rays->near[s->ray], far = rays->far[s->ray];
-        float step = last > 0 ? (far - near) / (float)last : 0;
-        float delta = sample == last ? 1e10f : step * length;
-        float alpha = 1.0f - expf(-sigma * delta), weight = alpha * s->transmittance;
+        int sample = w->points->sample[b->index[p]];
+        float alpha = 1.0f - expf(-sigma * (sample == last ? 1e10f : s->delta));
+        float weight = alpha * s->transmittance;
         for (int k = 0; k < 3; k++) s->color[k] += weight * b->tile.out[k][p];
         s->opacity += weight;
-        s->depth += weight * (sample == last ? far : near + step * (float)sample);
+        s->depth += weight * (sample == last ? s->far : s->near + s->step * (float)sample);
         s->transmittance *= 1.0f - alpha + 1e-10f;
     }
 }
@@ -338,13 +349,8 @@ static void run_blocks(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t i; (i = next_piece(w)) >= 0;) {
         int x0 = (int)(i % across) * BLOCK_SIDE, y0 = (int)(i / across) * BLOCK_SIDE, count = 0;
         for (int y = y0; y < y0 + BLOCK_SIDE && y < height; y++)
-            for (int x = x0; x < x0 + BLOCK_SIDE && x < width; x++) {
-                int64_t ray = (int64_t)y * width + x;
-                b->state[count++] = (ray_state){.ray = ray,
-                                                .at = w->points->first[ray],
-                                                .end = w->points->first[ray + 1],
-                                                .transmittance = 1};
-            }
+            for (int x = x0; x < x0 + BLOCK_SIDE && x < width; x++)
+                b->state[count++] = start_ray(w, (int64_t)y * width + x);
         b->tile.count = 0;
         bool more = true;
         while (more) {

@@ -3,7 +3,8 @@
  * All layers run as y^T = W x^T: the A tiles are weights (16 outputs x 32 inputs), the B tiles activations
  * of 16 points (16 pairs of inputs x 16 points), so that sums come out as [channel][point] and everything
  * between two products (norms, attention, GELU, encodings) works on 16 points a vector without a shuffle.
- * An activation buffer is [pair of channels][POINT_TILE][2] bf16, which is a B tile's layout at any offset.
+ * An activation buffer is [group of points][pair of channels][16 points][2] bf16: 16 pairs are a B tile of
+ * contiguous memory. Sums are [group][channel][16 points].
  * The bank is float16: 32 channels a vector, one FMA for every texel or voxel row of 32. */
 #if defined(__AMX_BF16__) && defined(__AVX512FP16__)
 #include <immintrin.h>
@@ -16,8 +17,8 @@ enum {
     WIDTH = 32, /* of a token: the only one supported here */
     GROUP = 16, /* points of a vector */
     GROUPS = POINT_TILE / GROUP,
-    PAIR = POINT_TILE * 4, /* bytes between rows of pairs in an activation buffer */
-    TILE = 1024            /* bytes of a tile */
+    PAIR = 64,  /* bytes of a pair of channels */
+    TILE = 1024 /* bytes of a tile */
 };
 
 /* gcc's tile loads do not say that they read memory. */
@@ -38,6 +39,7 @@ struct point_amx {
     int mixed_blocks; /* attention's result and two ones for the bias */
     float *mlp1_b;
     /* where the parts of the scratch are, bytes */
+    size_t x_pitch, v_pitch, h_pitch; /* of the activation buffers */
     size_t token, x, v, a, b, c, sample, row, color_tiles, normed, mixed, sums;
 };
 
@@ -118,49 +120,58 @@ static inline void sincos_16(__m512 x, __m512 *s, __m512 *c) {
 typedef struct {
     const float *sums; /* [2 row tiles][2 groups][16][16]; NULL: nothing waits */
     char *out;         /* where the block's first pair goes */
+    size_t pitch;      /* from group to group there */
 } waiting;
 
-/* Pairs [from, to) of the block's 32, with ReLU (on bf16 a maximum of signed 16-bit integers). */
+/* An activation buffer: bytes from group to group. */
+typedef struct {
+    char *at;
+    size_t pitch;
+} channels;
+
+/* Eighths [from, to) of the block, with ReLU (on bf16 a maximum of signed 16-bit integers). */
 static inline void finish(const waiting *w, int from, int to) {
-    for (int i = from; i < to; i++) { /* i = row tile x 16 + pair x 2 + group */
-        const float *c = w->sums + (i >> 4) * 512 + (i & 1) * 256 + (i >> 1 & 7) * 32;
-        __m512i y = pairs(_mm512_load_ps(c), _mm512_load_ps(c + GROUP));
-        y = _mm512_max_epi16(y, _mm512_setzero_si512());
-        _mm512_store_si512(w->out + (i >> 1) * PAIR + (i & 1) * 64, y);
+    for (int i = from; i < to; i++) { /* half a tile: i = row tile x 4 + group x 2 + half */
+        const float *c = w->sums + i * 128;
+        char *out = w->out + (size_t)(i >> 1 & 1) * w->pitch + ((i >> 2) * 8 + (i & 1) * 4) * PAIR;
+        for (int r = 0; r < 4; r++) {
+            __m512i y = pairs(_mm512_load_ps(c + r * 32), _mm512_load_ps(c + r * 32 + GROUP));
+            _mm512_store_si512(out + r * PAIR, _mm512_max_epi16(y, _mm512_setzero_si512()));
+        }
     }
 }
 
 static inline void finish_all(waiting *w) {
-    if (w->sums) finish(w, 0, 32);
+    if (w->sums) finish(w, 0, 8);
     w->sums = NULL;
     ORDER();
 }
 
 /* y = ReLU(W x + b), rounded, for all points: row tiles must be even in number. The last block is left
  * waiting, so that its rounding runs beside the next layer's products; c has room for two blocks. */
-static void dense(const tiles *l, const char *x, char *y, float *c, waiting *w) {
+static void dense(const tiles *l, channels x, channels y, float *c, waiting *w) {
     int blocks = l->blocks;
     for (int m = 0; m < l->row_tiles; m += 2)
         for (int g = 0; g < GROUPS; g += 2) {
             const char *weight = (const char *)l->w + (size_t)m * (size_t)blocks * TILE;
-            const char *in = x + g * 64;
+            const char *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
             const float *bias = l->bias + m * 256;
             float *sums = w->sums == c ? c + 1024 : c;
             _tile_loadd(0, bias, 64);
             _tile_loadd(1, bias, 64);
             _tile_loadd(2, bias + 256, 64);
             _tile_loadd(3, bias + 256, 64);
-            int done = 0, share = w->sums ? (32 + blocks - 1) / blocks : 0;
-            for (int k = 0; k < blocks; k++, weight += 2 * TILE, in += 16 * PAIR) {
-                _tile_loadd(6, in, PAIR);
+            int done = 0, share = w->sums ? (8 + blocks - 1) / blocks : 0;
+            for (int k = 0; k < blocks; k++, weight += 2 * TILE, in += TILE, next += TILE) {
+                _tile_loadd(6, in, 64);
                 _tile_loadd(4, weight, 64);
                 _tile_dpbf16ps(0, 4, 6);
-                _tile_loadd(7, in + 64, PAIR);
+                _tile_loadd(7, next, 64);
                 _tile_dpbf16ps(1, 4, 7);
                 _tile_loadd(5, weight + TILE, 64);
                 _tile_dpbf16ps(2, 5, 6);
                 _tile_dpbf16ps(3, 5, 7);
-                int to = done + share < 32 ? done + share : 32;
+                int to = done + share < 8 ? done + share : 8;
                 if (share) finish(w, done, to);
                 done = to;
             }
@@ -170,50 +181,45 @@ static void dense(const tiles *l, const char *x, char *y, float *c, waiting *w) 
             _tile_stored(2, sums + 512, 64);
             _tile_stored(3, sums + 768, 64);
             w->sums = sums;
-            w->out = y + m * 8 * PAIR + g * 64;
+            w->out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;
+            w->pitch = y.pitch;
             ORDER();
         }
 }
 
-/* One row tile for all four groups, sums as [16][POINT_TILE] floats. */
-static void dense_last(const tiles *l, const char *x, float *y) {
-    const char *weight = (const char *)l->w;
-    _tile_loadd(0, l->bias, 64);
-    _tile_loadd(1, l->bias, 64);
-    _tile_loadd(2, l->bias, 64);
-    _tile_loadd(3, l->bias, 64);
-    for (int k = 0; k < l->blocks; k++, weight += TILE, x += 16 * PAIR) {
-        _tile_loadd(4, weight, 64);
-        _tile_loadd(5, x, PAIR);
-        _tile_dpbf16ps(0, 4, 5);
-        _tile_loadd(6, x + 64, PAIR);
-        _tile_dpbf16ps(1, 4, 6);
-        _tile_loadd(5, x + 128, PAIR);
-        _tile_dpbf16ps(2, 4, 5);
-        _tile_loadd(6, x + 192, PAIR);
-        _tile_dpbf16ps(3, 4, 6);
+/* One row tile for all groups, sums as [group][16][16]. */
+static void dense_last(const tiles *l, channels x, float *y) {
+    for (int g = 0; g < GROUPS; g += 2) {
+        const char *weight = (const char *)l->w, *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
+        _tile_loadd(0, l->bias, 64);
+        _tile_loadd(1, l->bias, 64);
+        for (int k = 0; k < l->blocks; k++) {
+            _tile_loadd(4, weight + k * TILE, 64);
+            _tile_loadd(5, in + k * TILE, 64);
+            _tile_dpbf16ps(0, 4, 5);
+            _tile_loadd(6, next + k * TILE, 64);
+            _tile_dpbf16ps(1, 4, 6);
+        }
+        _tile_stored(0, y + g * 256, 64);
+        _tile_stored(1, y + g * 256 + 256, 64);
     }
-    _tile_stored(0, y, POINT_TILE * 4);
-    _tile_stored(1, y + 16, POINT_TILE * 4);
-    _tile_stored(2, y + 32, POINT_TILE * 4);
-    _tile_stored(3, y + 48, POINT_TILE * 4);
     ORDER();
 }
 
-/* y [32 rows][POINT_TILE] += W x, one group; x is [16 x blocks pairs] with `stride` bytes between them. */
-static inline void add_product(const tiles *l, const char *x, int stride, float *y) {
+/* y [32 rows][16] += W x, one group; x: B tiles. */
+static inline void add_product(const tiles *l, const char *x, float *y) {
     const char *weight = (const char *)l->w;
-    _tile_loadd(0, y, PAIR);
-    _tile_loadd(1, y + 16 * POINT_TILE, PAIR);
-    for (int k = 0; k < l->blocks; k++, weight += 2 * TILE, x += 16 * stride) {
-        _tile_loadd(6, x, stride);
+    _tile_loadd(0, y, 64);
+    _tile_loadd(1, y + 256, 64);
+    for (int k = 0; k < l->blocks; k++, weight += 2 * TILE, x += TILE) {
+        _tile_loadd(6, x, 64);
         _tile_loadd(4, weight, 64);
         _tile_dpbf16ps(0, 4, 6);
         _tile_loadd(5, weight + TILE, 64);
         _tile_dpbf16ps(1, 5, 6);
     }
-    _tile_stored(0, y, PAIR);
-    _tile_stored(1, y + 16 * POINT_TILE, PAIR);
+    _tile_stored(0, y, 64);
+    _tile_stored(1, y + 256, 64);
 }
 
 /* ---- sampling ---- */
@@ -356,24 +362,25 @@ static inline void read_point(const point_network *n, samples *s, int p) {
     _mm_store_ps(s->color[p], color);
 }
 
-/* 16 points' 16 channels to 16 channels of 16 points: y[c] = (x[p * stride + c]) for p. */
-static inline void transpose(const float *x, int stride, __m512 y[16]) {
-    for (int j = 0; j < 4; j++) {
-        __m512 r[4];
-        for (int i = 0; i < 4; i++) {
-            const float *from = x + i * stride + 4 * j;
-            __m512 a = _mm512_castps128_ps512(_mm_load_ps(from));
-            a = _mm512_insertf32x4(a, _mm_load_ps(from + 4 * stride), 1);
-            a = _mm512_insertf32x4(a, _mm_load_ps(from + 8 * stride), 2);
-            r[i] = _mm512_insertf32x4(a, _mm_load_ps(from + 12 * stride), 3);
-        }
-        __m512 a = _mm512_unpacklo_ps(r[0], r[1]), b = _mm512_unpacklo_ps(r[2], r[3]);
-        __m512 c = _mm512_unpackhi_ps(r[0], r[1]), d = _mm512_unpackhi_ps(r[2], r[3]);
-        y[4 * j] = _mm512_shuffle_ps(a, b, 0x44);
-        y[4 * j + 1] = _mm512_shuffle_ps(a, b, 0xee);
-        y[4 * j + 2] = _mm512_shuffle_ps(c, d, 0x44);
-        y[4 * j + 3] = _mm512_shuffle_ps(c, d, 0xee);
+/* Four channels of 16 points ([point][stride]) to rows of 16 points: y[c] = x[c] * scale + bias[c]. */
+static inline void transpose(const float *x, int stride, __m512 scale, const float *bias, float *y) {
+    __m512 r[4];
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; i++) {
+        const float *from = x + i * stride;
+        __m512 a = _mm512_castps128_ps512(_mm_load_ps(from));
+        a = _mm512_insertf32x4(a, _mm_load_ps(from + 4 * stride), 1);
+        a = _mm512_insertf32x4(a, _mm_load_ps(from + 8 * stride), 2);
+        r[i] = _mm512_insertf32x4(a, _mm_load_ps(from + 12 * stride), 3);
     }
+    __m512 a = _mm512_unpacklo_ps(r[0], r[1]), b = _mm512_unpacklo_ps(r[2], r[3]);
+    __m512 c = _mm512_unpackhi_ps(r[0], r[1]), d = _mm512_unpackhi_ps(r[2], r[3]);
+    __m512 y0 = _mm512_shuffle_ps(a, b, 0x44), y1 = _mm512_shuffle_ps(a, b, 0xee);
+    __m512 y2 = _mm512_shuffle_ps(c, d, 0x44), y3 = _mm512_shuffle_ps(c, d, 0xee);
+    _mm512_store_ps(y, _mm512_fmadd_ps(y0, scale, _mm512_set1_ps(bias[0])));
+    _mm512_store_ps(y + GROUP, _mm512_fmadd_ps(y1, scale, _mm512_set1_ps(bias[1])));
+    _mm512_store_ps(y + 2 * GROUP, _mm512_fmadd_ps(y2, scale, _mm512_set1_ps(bias[2])));
+    _mm512_store_ps(y + 3 * GROUP, _mm512_fmadd_ps(y3, scale, _mm512_set1_ps(bias[3])));
 }
 
 /* ---- encodings ---- */
@@ -399,35 +406,43 @@ static inline void encode(const __m512 x[3], int frequencies, float *out) {
         }
 }
 
-/* rows (even) of 16 points to pairs, `stride` bytes from pair to pair */
-static inline void pack_rows(const float *x, int rows, int row_floats, char *out, int stride) {
+/* rows (even) of 16 points to pairs */
+static inline void pack_rows(const float *x, int rows, char *out) {
     for (int r = 0; r < rows; r += 2)
-        _mm512_store_si512(out + (r >> 1) * stride, pairs(_mm512_load_ps(x + r * row_floats),
-                                                          _mm512_load_ps(x + (r + 1) * row_floats)));
+        _mm512_store_si512(out + r * 32,
+                           pairs(_mm512_load_ps(x + r * GROUP), _mm512_load_ps(x + (r + 1) * GROUP)));
 }
 
 /* ---- fusion ---- */
 /* One token of one group: layer norm, rounded to a B tile. */
 static inline void norm_tile(const float *x, const float *weight, const float *bias, char *out) {
-    __m512 sum[2] = {_mm512_setzero_ps(), _mm512_setzero_ps()}, square[2] = {sum[0], sum[0]};
-    for (int r = 0; r < WIDTH; r++) {
-        __m512 v = _mm512_load_ps(x + r * POINT_TILE);
-        sum[r & 1] = _mm512_add_ps(sum[r & 1], v);
-        square[r & 1] = _mm512_fmadd_ps(v, v, square[r & 1]);
+    __m512 a = _mm512_setzero_ps(), b = a, c = a, d = a, aa = a, bb = a, cc = a, dd = a;
+    for (int r = 0; r < WIDTH; r += 4, x += 4 * GROUP) {
+        __m512 v = _mm512_load_ps(x), w = _mm512_load_ps(x + GROUP);
+        a = _mm512_add_ps(a, v);
+        aa = _mm512_fmadd_ps(v, v, aa);
+        b = _mm512_add_ps(b, w);
+        bb = _mm512_fmadd_ps(w, w, bb);
+        v = _mm512_load_ps(x + 2 * GROUP);
+        w = _mm512_load_ps(x + 3 * GROUP);
+        c = _mm512_add_ps(c, v);
+        cc = _mm512_fmadd_ps(v, v, cc);
+        d = _mm512_add_ps(d, w);
+        dd = _mm512_fmadd_ps(w, w, dd);
     }
+    x -= WIDTH * GROUP;
     const __m512 part = _mm512_set1_ps(1.0f / WIDTH);
-    __m512 mean = _mm512_mul_ps(_mm512_add_ps(sum[0], sum[1]), part);
-    __m512 variance = _mm512_mul_ps(_mm512_add_ps(square[0], square[1]), part);
+    __m512 mean = _mm512_mul_ps(_mm512_add_ps(_mm512_add_ps(a, b), _mm512_add_ps(c, d)), part);
+    __m512 variance = _mm512_mul_ps(_mm512_add_ps(_mm512_add_ps(aa, bb), _mm512_add_ps(cc, dd)), part);
     variance = _mm512_max_ps(_mm512_fnmadd_ps(mean, mean, variance), _mm512_setzero_ps());
     __m512 scale = _mm512_rsqrt14_ps(_mm512_add_ps(variance, _mm512_set1_ps(1e-5f)));
     __m512 shift = _mm512_mul_ps(mean, scale);
     for (int r = 0; r < WIDTH; r += 2) {
-        __m512 y[2];
-        for (int i = 0; i < 2; i++) {
-            __m512 v = _mm512_fmsub_ps(_mm512_load_ps(x + (r + i) * POINT_TILE), scale, shift);
-            y[i] = _mm512_fmadd_ps(v, _mm512_set1_ps(weight[r + i]), _mm512_set1_ps(bias[r + i]));
-        }
-        _mm512_store_si512(out + r * 32, pairs(y[0], y[1]));
+        __m512 v = _mm512_fmsub_ps(_mm512_load_ps(x + r * GROUP), scale, shift);
+        __m512 w = _mm512_fmsub_ps(_mm512_load_ps(x + (r + 1) * GROUP), scale, shift);
+        v = _mm512_fmadd_ps(v, _mm512_set1_ps(weight[r]), _mm512_set1_ps(bias[r]));
+        w = _mm512_fmadd_ps(w, _mm512_set1_ps(weight[r + 1]), _mm512_set1_ps(bias[r + 1]));
+        _mm512_store_si512(out + r * 32, pairs(v, w));
     }
 }
 
@@ -518,26 +533,24 @@ typedef struct {
     float *sums;
 } fusion_space;
 
-/* token [3 x 32][POINT_TILE]: tokens 0 and 1 in place (token 2 serves as key and value only, since the
- * decoder never reads its result); the last bias, mlp1's, is left to the reader. */
+/* token [group][3 x 32][16]: tokens 0 and 1 in place (token 2 serves as key and value only, since the decoder
+ * never reads its result); the last bias, mlp1's, is left to the reader. */
 static void transformer(const point_network *n, float *token, fusion_space f) {
     const point_amx *a = n->amx;
-    size_t one = WIDTH * POINT_TILE, mixed = (size_t)a->mixed_blocks * TILE;
-    for (int g = 0; g < GROUPS; g++)
-        for (int i = 0; i < 3; i++)
-            norm_tile(token + i * one + g * GROUP, n->norm0_w, n->norm0_b, f.normed + (g * 3 + i) * TILE);
+    enum { ONE = WIDTH * GROUP, ALL = 3 * ONE };
+    size_t mixed = (size_t)a->mixed_blocks * TILE;
+    for (int k = 0; k < 3 * GROUPS; k++)
+        norm_tile(token + k * ONE, n->norm0_w, n->norm0_b, f.normed + k * TILE);
     for (int g = 0; g < GROUPS; g++) {
         qkv_product(n, f.normed + g * 3 * TILE, f.sums);
         attention(n, f.sums, f.mixed + (size_t)g * 2 * mixed);
     }
     ORDER();
-    for (int g = 0; g < GROUPS; g++)
-        for (int i = 0; i < 2; i++)
-            add_product(&a->attention_out, f.mixed + (size_t)(g * 2 + i) * mixed, 64,
-                        token + i * one + g * GROUP);
+    for (int k = 0; k < 2 * GROUPS; k++)
+        add_product(&a->attention_out, f.mixed + (size_t)k * mixed, token + (k >> 1) * ALL + (k & 1) * ONE);
     ORDER();
     for (int k = 0; k < 2 * GROUPS; k++)
-        norm_tile(token + (k & 1) * one + (k >> 1) * GROUP, n->norm1_w, n->norm1_b, f.normed + k * TILE);
+        norm_tile(token + (k >> 1) * ALL + (k & 1) * ONE, n->norm1_w, n->norm1_b, f.normed + k * TILE);
     for (int k = 0; k < 2 * GROUPS; k++) mlp_product(&a->mlp0, f.normed + k * TILE, f.sums + k * 512);
     for (int k = 0; k < 2 * GROUPS; k++)
         for (int r = 0; r < WIDTH; r += 2) {
@@ -547,19 +560,18 @@ static void transformer(const point_network *n, float *token, fusion_space f) {
         }
     ORDER();
     for (int k = 0; k < 2 * GROUPS; k++)
-        add_product(&a->mlp1, f.normed + k * TILE, 64, token + (k & 1) * one + (k >> 1) * GROUP);
+        add_product(&a->mlp1, f.normed + k * TILE, token + (k >> 1) * ALL + (k & 1) * ONE);
     ORDER();
 }
 
-/* A finished token into an activation buffer. */
-static inline void pack_token(const float *x, const float *bias, char *out) {
-    for (int g = 0; g < GROUPS; g++)
-        for (int r = 0; r < WIDTH; r += 2) {
-            const float *from = x + r * POINT_TILE + g * GROUP;
-            __m512 even = _mm512_add_ps(_mm512_load_ps(from), _mm512_set1_ps(bias[r]));
-            __m512 odd = _mm512_add_ps(_mm512_load_ps(from + POINT_TILE), _mm512_set1_ps(bias[r + 1]));
-            _mm512_store_si512(out + (r >> 1) * PAIR + g * 64, pairs(even, odd));
-        }
+/* Behind an encoding: token i, then zeros up to `pairs_all`. */
+static inline void pack_token(const float *x, const float *bias, char *out, int pairs_all) {
+    for (int r = 0; r < WIDTH; r += 2) {
+        __m512 even = _mm512_add_ps(_mm512_load_ps(x + r * GROUP), _mm512_set1_ps(bias[r]));
+        __m512 odd = _mm512_add_ps(_mm512_load_ps(x + (r + 1) * GROUP), _mm512_set1_ps(bias[r + 1]));
+        _mm512_store_si512(out + r * 32, pairs(even, odd));
+    }
+    for (int i = WIDTH / 2; i < pairs_all; i++) _mm512_store_si512(out + i * PAIR, _mm512_setzero_si512());
 }
 
 /* ---- the tile ---- */
@@ -577,97 +589,101 @@ static void load_config(void) {
     _tile_loadconfig(&config);
 }
 
-/* Everything read at the points of one group, as tokens [3 x 32][POINT_TILE] before the transformer. */
+/* Everything read at the points of one group, as tokens [3 x 32][16] before the transformer. */
 static void sample_group(const point_network *n, const point_tile *t, int first, samples *s, float *row,
                          char *color, float *token) {
     find_taps(n, t, first, s);
     for (int p = 0; p < GROUP; p++) read_point(n, s, p);
     const __m512 scale = _mm512_set1_ps(1.0f / n->bank_scale);
-    for (int i = 0; i < 3 * WIDTH; i += 16) {
-        __m512 y[16];
-        transpose(s->value[0] + i, 3 * WIDTH, y);
-        for (int k = 0; k < 16; k++)
-            _mm512_store_ps(token + (i + k) * POINT_TILE + first,
-                            _mm512_fmadd_ps(y[k], scale, _mm512_set1_ps(n->token_b[i + k])));
-    }
+    for (int i = 0; i < 3 * WIDTH; i += 4)
+        transpose(s->value[0] + i, 3 * WIDTH, scale, n->token_b + i, token + i * GROUP);
     if (!n->color_width) return;
     const __m512i at = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56, 60);
     __m512 rgb[3];
     for (int i = 0; i < 3; i++) rgb[i] = _mm512_i32gather_ps(at, s->color[0] + i, 4);
     encode(rgb, n->s.color_frequencies, row);
-    pack_rows(row, round_up(n->color_width, 2), GROUP, color, 64);
+    pack_rows(row, round_up(n->color_width, 2), color);
     ORDER();
     for (int i = n->color_token; i < 3; i++) {
         tiles l = n->amx->color;
         l.w += (size_t)(i - n->color_token) * 2 * (size_t)l.blocks * (TILE / 2);
-        add_product(&l, color, 64, token + i * WIDTH * POINT_TILE + first);
+        add_product(&l, color, token + i * WIDTH * GROUP);
     }
     ORDER();
 }
 
-static void encode_tile(const float x[3][POINT_TILE], int frequencies, float *row, char *out) {
-    for (int g = 0; g < GROUPS; g++) {
-        __m512 v[3];
-        for (int i = 0; i < 3; i++) v[i] = _mm512_load_ps(x[i] + g * GROUP);
-        encode(v, frequencies, row);
-        pack_rows(row, 6 + 6 * frequencies, GROUP, out + g * 64, PAIR);
-    }
+/* One group's encoding of x, then its token. */
+static void pack_input(const float x[3][POINT_TILE], int g, int frequencies, const float *token,
+                       const float *bias, float *row, char *out, int blocks) {
+    __m512 v[3];
+    for (int i = 0; i < 3; i++) v[i] = _mm512_load_ps(x[i] + g * GROUP);
+    encode(v, frequencies, row);
+    int encoded = 3 + 3 * frequencies; /* pairs */
+    pack_rows(row, 2 * encoded, out);
+    pack_token(token, bias, out + encoded * PAIR, blocks * 16 - encoded);
 }
 
-static void decoder(const point_network *n, char *x, char *v, char *a, char *b, float *c, point_tile *t) {
+static inline channels further(channels x, int blocks) {
+    return (channels){x.at + (size_t)blocks * TILE, x.pitch};
+}
+
+/* x: [PE(position), token 0], h; v: h, [PE(direction), token 1] */
+static void decoder(const point_network *n, channels x, channels v, channels a, channels b, float *c,
+                    point_tile *t) {
     const point_amx *p = n->amx;
-    char *behind = x + p->x_blocks * 16 * PAIR;
-    const char *in = x;
+    channels in = x;
     waiting w = {0};
     for (int i = 0; i < n->s.decoder_depth; i++) {
         bool last = i == n->s.decoder_depth - 1, skip = i == n->s.decoder_skip && !last;
-        char *out = last ? v : skip ? behind : in == a ? b : a;
+        channels out = last ? v : skip ? further(x, p->x_blocks) : in.at == a.at ? b : a;
         dense(&p->pts[i], in, out, c, &w);
         in = skip ? x : out;
     }
     dense(&p->views, v, a, c, &w);
     finish_all(&w);
+    float *y = c + GROUPS * 256;
     dense_last(&p->alpha, v, c);
-    dense_last(&p->rgb, a, c + 16 * POINT_TILE);
-    for (int g = 0; g < POINT_TILE; g += GROUP) {
-        __m512 density = _mm512_add_ps(_mm512_load_ps(c + g), _mm512_load_ps(c + POINT_TILE + g));
-        _mm512_store_ps(t->out[3] + g, density);
+    dense_last(&p->rgb, a, y);
+    for (int g = 0; g < GROUPS; g++, c += 256, y += 256) {
+        _mm512_store_ps(t->out[3] + g * GROUP, _mm512_add_ps(_mm512_load_ps(c), _mm512_load_ps(c + GROUP)));
         for (int k = 0; k < 3; k++) {
-            const float *y = c + (16 + k) * POINT_TILE + g;
-            __m512 e = _mm512_add_ps(_mm512_load_ps(y), _mm512_load_ps(y + 3 * POINT_TILE));
+            __m512 e = _mm512_add_ps(_mm512_load_ps(y + k * GROUP), _mm512_load_ps(y + (k + 3) * GROUP));
             e = exp2_16(_mm512_mul_ps(e, _mm512_set1_ps(-1.44269504f)));
             e = _mm512_div_ps(_mm512_set1_ps(1.002f), _mm512_add_ps(e, _mm512_set1_ps(1)));
-            _mm512_store_ps(t->out[k] + g, _mm512_sub_ps(e, _mm512_set1_ps(0.001f)));
+            _mm512_store_ps(t->out[k] + g * GROUP, _mm512_sub_ps(e, _mm512_set1_ps(0.001f)));
         }
     }
 }
 
 static void tile_amx(const point_network *n, point_tile *t, void *scratch) {
     const point_amx *p = n->amx;
-    char *base = scratch, *x = base + p->x, *v = base + p->v;
+    char *base = scratch;
+    channels x = {base + p->x, p->x_pitch}, v = {base + p->v, p->v_pitch}, a = {base + p->a, p->h_pitch},
+             b = {base + p->b, p->h_pitch};
     float *token = (float *)(base + p->token), *row = (float *)(base + p->row);
     fusion_space f = {base + p->normed, base + p->mixed, (float *)(base + p->sums)};
     load_config();
     memset(base + p->color_tiles, 0, (size_t)p->color.blocks * TILE);
     for (int g = 0; g < GROUPS; g++)
-        sample_group(n, t, g * GROUP, (samples *)(base + p->sample), row, base + p->color_tiles, token);
+        sample_group(n, t, g * GROUP, (samples *)(base + p->sample), row, base + p->color_tiles,
+                     token + g * 3 * WIDTH * GROUP);
     /* behind attention's result: two ones for its bias, then zeros */
     const __m512i ones = _mm512_set1_epi32(0x3f803f80);
     for (int k = 0; k < 2 * GROUPS; k++)
         for (int r = n->attention_width / 2; r < p->mixed_blocks * 16; r++)
-            _mm512_store_si512(f.mixed + k * p->mixed_blocks * TILE + r * 64,
+            _mm512_store_si512(f.mixed + k * p->mixed_blocks * TILE + r * PAIR,
                                r == n->attention_width / 2 ? ones : _mm512_setzero_si512());
     transformer(n, token, f);
-    int pairs_x = (n->position_width + 3) / 2, pairs_v = (n->direction_width + 3) / 2;
-    char *direction = v + p->h_blocks * 16 * PAIR;
-    encode_tile((const float(*)[POINT_TILE])t->position, n->s.position_frequencies, row, x);
-    encode_tile((const float(*)[POINT_TILE])t->direction, n->s.direction_frequencies, row, direction);
-    pack_token(token, p->mlp1_b, x + pairs_x * PAIR);
-    pack_token(token + WIDTH * POINT_TILE, p->mlp1_b, direction + pairs_v * PAIR);
-    memset(x + (pairs_x + 16) * PAIR, 0, (size_t)(p->x_blocks * 16 - pairs_x - 16) * PAIR);
-    memset(direction + (pairs_v + 16) * PAIR, 0, (size_t)(p->v_blocks * 16 - pairs_v - 16) * PAIR);
+    for (int g = 0; g < GROUPS; g++) {
+        const float *first = token + g * 3 * WIDTH * GROUP;
+        pack_input((const float(*)[POINT_TILE])t->position, g, n->s.position_frequencies, first, p->mlp1_b,
+                   row, x.at + (size_t)g * x.pitch, p->x_blocks);
+        pack_input((const float(*)[POINT_TILE])t->direction, g, n->s.direction_frequencies,
+                   first + WIDTH * GROUP, p->mlp1_b, row,
+                   v.at + (size_t)g * v.pitch + (size_t)p->h_blocks * TILE, p->v_blocks);
+    }
     ORDER();
-    decoder(n, x, v, base + p->a, base + p->b, (float *)(base + p->c), t);
+    decoder(n, x, v, a, b, (float *)(base + p->c), t);
     _tile_release();
 }
 
@@ -801,17 +817,20 @@ static sherf_status pack_decoder(context *c, const point_network *n, const point
 static void lay_out(point_network *n, point_amx *a) {
     size_t at = 0,
            wide = (size_t)(a->h_blocks > a->views.row_tiles / 2 ? a->h_blocks : a->views.row_tiles / 2);
-    const size_t block = 16 * PAIR;
+    /* a line more, so that groups do not fall on the same sets of the cache */
+    a->x_pitch = (size_t)(a->x_blocks + a->h_blocks) * TILE + 64;
+    a->v_pitch = (size_t)(a->h_blocks + a->v_blocks) * TILE + 64;
+    a->h_pitch = wide * TILE + 64;
     size_t sums = (size_t)a->qkv.row_tiles * 3 * TILE;
     if (sums < 4 * GROUPS * TILE) sums = 4 * GROUPS * TILE;
     struct {
         size_t *place, bytes;
     } parts[] = {
         {&a->token, 3 * WIDTH * POINT_TILE * sizeof(float)},
-        {&a->x, (size_t)(a->x_blocks + a->h_blocks) * block},
-        {&a->v, (size_t)(a->h_blocks + a->v_blocks) * block},
-        {&a->a, wide * block},
-        {&a->b, wide * block},
+        {&a->x, GROUPS * a->x_pitch},
+        {&a->v, GROUPS * a->v_pitch},
+        {&a->a, GROUPS * a->h_pitch},
+        {&a->b, GROUPS * a->h_pitch},
         {&a->c, 2 * 1024 * sizeof(float)},
         {&a->sample, sizeof(samples)},
         {&a->row, (size_t)(6 + 6 * 16) * GROUP * sizeof(float)},

@@ -101,11 +101,16 @@ static void block_product(const float *w, const float *b, const float *x, int co
             if (r < rows) ((vf *)(y + (size_t)r * POINT_TILE))[v] = sum[r][v];
 }
 
-static void product(const point_layer *l, const float *x, float *y, bool relu) {
+/* Rows from `from` (a multiple of ROWS) on; y is that of row 0. */
+static void product_from(const point_layer *l, int from, const float *x, float *y, bool relu) {
     for (int p = 0; p < POINT_TILE; p += VECTORS * LANES)
-        for (int r = 0; r < l->rows; r += ROWS)
+        for (int r = from; r < l->rows; r += ROWS)
             block_product(l->w + (size_t)r * l->columns, l->b + r, x + p, l->columns,
                           y + (size_t)r * POINT_TILE + p, l->rows - r, relu);
+}
+
+static void product(const point_layer *l, const float *x, float *y, bool relu) {
+    product_from(l, 0, x, y, relu);
 }
 
 /* ---- sampling: point by point, channels side by side ---- */
@@ -227,7 +232,8 @@ static void layer_norm(const float *x, int width, const float *weight, const flo
     }
 }
 
-/* qkv[3 tokens][q k v][heads][head_width]; out[3 tokens][heads][head_width] */
+/* qkv[3 tokens][q k v][heads][head_width] to out[2 tokens][heads][head_width]: the decoder reads tokens 0 and
+ * 1 only, so that token 2 is key and value. */
 static void attention(const point_network *n, const float *qkv, float *out) {
     int head = n->s.head_width, all = n->attention_width;
     float scale = 1.0f / sqrtf((float)head);
@@ -235,7 +241,7 @@ static void attention(const point_network *n, const float *qkv, float *out) {
         for (int v = 0; v < PARTS; v++) {
             const vf *at = (const vf *)qkv + (size_t)(h * head) * PARTS + v;
             size_t token = (size_t)(3 * all) * PARTS, part = (size_t)all * PARTS;
-            for (int i = 0; i < 3; i++) {
+            for (int i = 0; i < 2; i++) {
                 vf dot[3] = {splat(0), splat(0), splat(0)};
                 for (int d = 0; d < head; d++)
                     for (int j = 0; j < 3; j++)
@@ -257,16 +263,17 @@ static void add_rows(float *x, const float *y, int rows) {
     for (int i = 0; i < rows * PARTS; i++) ((vf *)x)[i] += ((const vf *)y)[i];
 }
 
-/* token[3 D][tile] in place; a and b are scratch of 3 x 3 attention_width and 3 attention_width rows (or 3 D
- * where that is more). */
+/* token[3 D][tile], tokens 0 and 1 in place; a and b are scratch of 3 x 3 attention_width and 3
+ * attention_width rows (or 3 D where that is more). */
 static void transformer(const point_network *n, float *token, float *a, float *b) {
     int width = n->s.token_width, all = n->attention_width;
     for (int i = 0; i < 3; i++) {
         layer_norm(token + i * width * POINT_TILE, width, n->norm0_w, n->norm0_b, b);
-        product(&n->qkv, b, a + (size_t)(i * 3 * all) * POINT_TILE, false);
+        product_from(&n->qkv, i < 2 ? 0 : all / ROWS * ROWS, b, a + (size_t)(i * 3 * all) * POINT_TILE,
+                     false);
     }
     attention(n, a, b);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 2; i++) {
         float *x = token + i * width * POINT_TILE;
         product(&n->attention_out, b + (size_t)(i * all) * POINT_TILE, a, false);
         add_rows(x, a, width);
@@ -307,13 +314,12 @@ static inline int more(int a, int b) {
 #ifdef TILE_BYTES_FUNCTION
 size_t TILE_BYTES_FUNCTION(const point_network *n) {
     const point_sizes *s = &n->s;
-    int rows = n->fused;                                                              /* token */
-    rows += more(9 * n->attention_width, more(s->decoder_width, 3 * s->token_width)); /* a */
-    rows = more(rows, n->fused + more(s->view_width, s->decoder_width));
-    rows += more(3 * n->attention_width, more(s->decoder_width, n->fused)); /* b */
-    rows += n->position_width + s->token_width + s->decoder_width;          /* x */
-    rows += s->decoder_width + n->direction_width + s->token_width;         /* v */
-    rows += n->color_width + 64;
+    int a = more(9 * n->attention_width, more(s->view_width, s->decoder_width));
+    a = more(a, more(n->fused, 8)); /* four points' tokens with a margin each */
+    int b = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
+    int x = n->position_width + s->token_width + s->decoder_width;
+    int v = s->decoder_width + n->direction_width + s->token_width;
+    int rows = n->fused + a + b + x + v;
     return (size_t)rows * POINT_TILE * sizeof(float);
 }
 #endif
@@ -325,15 +331,20 @@ void TILE_FUNCTION(const point_network *n, point_tile *t, void *scratch) {
     float *x = token + (size_t)n->fused * POINT_TILE;
     float *v = x + (size_t)(n->position_width + width + s->decoder_width) * POINT_TILE;
     float *b = v + (size_t)(s->decoder_width + n->direction_width + width) * POINT_TILE;
-    float *a = b + (size_t)more(3 * n->attention_width, more(s->decoder_width, n->fused)) * POINT_TILE;
+    int b_rows = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
+    float *a = b + (size_t)b_rows * POINT_TILE;
     float color[3][POINT_TILE] __attribute__((aligned(64)));
     memset(color, 0, sizeof color);
     memset(token, 0, (size_t)n->fused * POINT_TILE * sizeof(float));
-    for (int p = 0; p < t->count; p++) { /* `a` holds one point's tokens here */
+    for (int first = 0; first < t->count; first += 4) { /* `a` holds four points' tokens here */
+        int pitch = round_up(n->fused, 16) + 16;
         float rgb[4];
-        sample_point(n, t, p, a, rgb);
-        for (int i = 0; i < n->fused; i++) token[i * POINT_TILE + p] = a[i];
-        for (int i = 0; i < 3; i++) color[i][p] = rgb[i];
+        for (int p = 0; p < 4; p++) {
+            sample_point(n, t, first + p, a + p * pitch, rgb);
+            for (int i = 0; i < 3; i++) color[i][first + p] = rgb[i];
+        }
+        for (int i = 0; i < n->fused; i++)
+            for (int p = 0; p < 4; p++) token[i * POINT_TILE + first + p] = a[p * pitch + i];
     }
     if (n->color_width) {
         encode((const float(*)[POINT_TILE])color, s->color_frequencies, n->color_width, b);

@@ -100,7 +100,8 @@ static value *pop_marked_list(machine *m) {
 static bool remember(machine *m, uint64_t index) {
     value *v = top(m);
     if (!v) return false;
-    if (index >= SIZE_MAX / 4 || !ensure(m, &m->memo, &m->memo_room, (size_t)index + 1))
+    /* whoever wrote it counts what he keeps, and everything kept takes a byte at least */
+    if (index > m->bytes || !ensure(m, &m->memo, &m->memo_room, (size_t)index + 1))
         return fail_at(m, "impossible memo index") != NULL;
     m->memo[index] = v;
     if (index >= m->memo_count) m->memo_count = (size_t)index + 1;

@@ -12,13 +12,16 @@ enum { REPEATS_MOST = 1000, SIDE_MOST = 8192 };
 
 /* ---- the tube person, photographed ---- */
 
-/* Arms down by an angle and a bent knee: a stance, not the rest pose with its arms out. */
-static void stance(float arms_rad, float knee_rad, sherf_pose *out) {
+/* Arms down, and a stride of this angle: legs apart, arms swinging against them. */
+static void stride(float angle_rad, sherf_pose *out) {
     sherf_pose_identity(out);
-    out->poses_rad[3 * 16 + 2] = -arms_rad;
-    out->poses_rad[3 * 17 + 2] = arms_rad;
-    out->poses_rad[3 * 4] = knee_rad;
-    out->poses_rad[3 * 1] = -knee_rad / 2;
+    out->poses_rad[3 * 16 + 2] = -1.1f;
+    out->poses_rad[3 * 17 + 2] = 1.1f;
+    out->poses_rad[3 * 16 + 1] = angle_rad;
+    out->poses_rad[3 * 17 + 1] = angle_rad;
+    out->poses_rad[3 * 1] = -angle_rad;
+    out->poses_rad[3 * 2] = angle_rad;
+    out->poses_rad[3 * 5] = angle_rad / 2;
 }
 
 /* A camera in which the body's larger extent takes 90 % of the picture. */
@@ -102,8 +105,8 @@ static sherf_status bench_open(bench *b) {
     context *c = b->c;
     model_config config;
     sherf_pose seen, shown;
-    stance(1.0f, 0.2f, &seen);
-    stance(0.7f, 0.6f, &shown);
+    stride(0.2f, &seen);
+    stride(0.6f, &shown);
     sherf_status status = model_config_parse(c, b->preset, &config);
     if (status == SHERF_OK) status = model_create(c, &config, 1, &b->model);
     if (status == SHERF_OK) status = tubeman_create(c, &b->body);

@@ -5,11 +5,10 @@
  * into its four phases (even or odd row, even or odd column), and each tap reads one phase. */
 #include "tensor/cpu/amx_conv.h"
 
-enum { MIN_CHANNELS = 16, MAX_KERNEL = 7, MAX_TAPS = MAX_KERNEL * MAX_KERNEL };
+enum { MAX_KERNEL = 7, MAX_TAPS = MAX_KERNEL * MAX_KERNEL };
 
 bool amx_conv_fits(const conv_shape *s) {
-    return s->I >= MIN_CHANNELS && s->O >= MIN_CHANNELS && s->k <= MAX_KERNEL &&
-           (s->stride == 1 || s->stride == 2);
+    return s->k <= MAX_KERNEL && (s->stride == 1 || s->stride == 2);
 }
 
 #if defined(__x86_64__)

@@ -148,7 +148,7 @@ dnnl_status_t plan_build(plan *p, dnnl_engine_t engine) {
 }
 
 /* The plan in bf16 if asked for and there, else in float32 (which oneDNN always has). */
-static sherf_status plan_for(op_call *call, bool transpose, plan_pass pass, plan **out) {
+static sherf_status plan_for(op_call *call, bool transpose, bool bf16, plan_pass pass, plan **out) {
     const tensor *x = call->in[0], *w = call->in[1];
     const conv2d_attr *a = transpose ? &(conv2d_attr){2, 0, 1} : call->attr;
     plan_key key = {.transpose = transpose, .pass = (int32_t)pass, .threads = call->c->threads};
@@ -160,7 +160,7 @@ static sherf_status plan_for(op_call *call, bool transpose, plan_pass pass, plan
     key.stride = a->stride;
     key.pad = a->pad;
     key.gain = a->gain;
-    key.bf16 = call->bf16 && isa_best() >= ISA_AMX;
+    key.bf16 = bf16;
     const int threads = threads_set(call->c->threads);
     sherf_status status = plan_acquire(call->c, &key, out);
     if (status == SHERF_UNSUPPORTED && key.bf16) {
@@ -189,9 +189,9 @@ static void *packed_weights(op_call *call, const plan *p, const tensor *w) {
     return plan_run(call, p->weights, p->weights_scratch, 2, args) == SHERF_OK ? packed : NULL;
 }
 
-sherf_status dnnl_conv_forward(op_call *call, bool transpose) {
+sherf_status dnnl_conv_forward(op_call *call, bool transpose, bool bf16) {
     plan *p;
-    sherf_status status = plan_for(call, transpose, PASS_FORWARD, &p);
+    sherf_status status = plan_for(call, transpose, bf16, PASS_FORWARD, &p);
     if (status != SHERF_OK) return status;
     status = SHERF_NO_MEMORY;
     void *x = activation(call, p, call->in[0]);
@@ -206,9 +206,9 @@ sherf_status dnnl_conv_forward(op_call *call, bool transpose) {
 }
 
 /* dx += gain * (dy over w turned round) */
-sherf_status dnnl_conv_data(op_call *call, bool transpose) {
+sherf_status dnnl_conv_data(op_call *call, bool transpose, bool bf16) {
     plan *p;
-    sherf_status status = plan_for(call, transpose, PASS_DATA, &p);
+    sherf_status status = plan_for(call, transpose, bf16, PASS_DATA, &p);
     if (status != SHERF_OK) return status;
     status = SHERF_NO_MEMORY;
     const int64_t n = tensor_count(call->in[0]);
@@ -226,9 +226,9 @@ sherf_status dnnl_conv_data(op_call *call, bool transpose) {
 }
 
 /* dw += gain * (x correlated with dy) */
-sherf_status dnnl_conv_weights(op_call *call, bool transpose) {
+sherf_status dnnl_conv_weights(op_call *call, bool transpose, bool bf16) {
     plan *p;
-    sherf_status status = plan_for(call, transpose, PASS_WEIGHTS, &p);
+    sherf_status status = plan_for(call, transpose, bf16, PASS_WEIGHTS, &p);
     if (status != SHERF_OK) return status;
     status = SHERF_NO_MEMORY;
     void *x = activation(call, p, call->in[0]);

@@ -61,26 +61,10 @@ sherf_status observation_check(context *c, const sherf_observation *o) {
 
 sherf_status observation_check_body(context *c, const sherf_observation *o, const body_model *body) {
     posed_body *posed = NULL;
-    size_t V = (size_t)body->vertices, inside = 0;
-    float *vertices = mem_alloc(c, V * 3, sizeof *vertices);
-    float *uv = mem_alloc(c, V * 2, sizeof *uv), *depth = mem_alloc(c, V, sizeof *depth);
-    sherf_status status = SHERF_NO_MEMORY;
-    if (!vertices || !uv || !depth) goto done;
-    status = posed_body_create(c, body, o->pose.poses_rad, o->pose.shapes, o->pose.R, o->pose.Th_m, &posed);
-    if (status) goto done;
-    body_vertices_world(body, posed, vertices);
-    camera_project(&o->camera, (int64_t)V, vertices, uv, depth);
-    for (size_t i = 0; i < V; i++)
-        inside += depth[i] > 0 && uv[2 * i] >= 0 && uv[2 * i] < o->camera.width_px && uv[2 * i + 1] >= 0 &&
-                  uv[2 * i + 1] < o->camera.height_px;
-    if (!inside)
-        status = failure(c, SHERF_MISMATCH,
-                         "the body lies outside the picture: camera and body do not belong together "
-                         "(metres? world to camera?)");
-done:
-    mem_free(vertices);
-    mem_free(uv);
-    mem_free(depth);
+    const sherf_pose *pose = &o->pose;
+    sherf_status status =
+        posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed);
+    if (!status) status = body_in_picture(c, body, posed, &o->camera);
     posed_body_free(posed);
     return status;
 }

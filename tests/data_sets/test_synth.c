@@ -93,6 +93,27 @@ static void people_fit_their_pictures(void **state) {
     sherf_context_free(c);
 }
 
+/* A body that the camera does not see makes no avatar. */
+static void a_body_outside_makes_no_avatar(void **state) {
+    context *c = test_context();
+    sherf_model *model = NULL;
+    body_model *body = NULL;
+    sherf_observation *o = NULL;
+    sherf_avatar *avatar = NULL;
+    char path[PATH_LENGTH];
+    snprintf(path, sizeof path, "%.2000s#tube_000/0/2", people);
+    assert_ok(c, sherf_model_create(c, "small", 1, &model));
+    assert_ok(c, tubeman_create(c, &body));
+    assert_ok(c, sherf_observation_load(c, path, &o));
+    o->pose.Th_m[0] = 50;
+    assert_fails(c, sherf_avatar_create(c, model, body, o, &avatar), SHERF_MISMATCH, "outside the picture");
+    assert_null(avatar);
+    sherf_observation_free(o);
+    sherf_body_free(body);
+    sherf_model_free(model);
+    sherf_context_free(c);
+}
+
 /* ---- check ---- */
 
 static void assert_finding(context *c, const char *path, const body_model *body, int errors,
@@ -340,8 +361,11 @@ static void body_files(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_seed_decides),   cmocka_unit_test(people_fit_their_pictures),
-        cmocka_unit_test(check_finds_faults), cmocka_unit_test(info_describes),
+        cmocka_unit_test(the_seed_decides),
+        cmocka_unit_test(people_fit_their_pictures),
+        cmocka_unit_test(a_body_outside_makes_no_avatar),
+        cmocka_unit_test(check_finds_faults),
+        cmocka_unit_test(info_describes),
         cmocka_unit_test(body_files),
     };
     return cmocka_run_group_tests(tests, make_people, NULL);

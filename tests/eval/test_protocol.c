@@ -1,0 +1,169 @@
+/* sherf_eval on two small tube people and a made-up model: which pictures are scored, what is written. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "data/data.h"
+#include "support.h"
+
+static char root[512], spec[600], body[600], weights[600];
+
+static int make_data(void **state) {
+    context *c = test_context();
+    sherf_model *m = NULL;
+    snprintf(root, sizeof root, "%s", test_path("people"));
+    snprintf(spec, sizeof spec, "thuman:%s", root);
+    snprintf(body, sizeof body, "%s/tubeman.safetensors", root);
+    snprintf(weights, sizeof weights, "%s/model.safetensors", root);
+    const sherf_synth_options synth = {.people = 2, .poses = 3, .views = 6, .size_px = 48, .seed = 5};
+    sherf_status status = sherf_synth_tube(c, root, &synth);
+    if (!status)
+        status = sherf_model_create(
+            c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m);
+    if (!status) status = sherf_model_save(c, m, weights);
+    if (status) fprintf(stderr, "%s\n", c->message);
+    sherf_model_free(m);
+    sherf_context_free(c);
+    return status != SHERF_OK;
+}
+
+static double number(const value *o, const char *key) {
+    const value *v = value_get(o, key);
+    assert_non_null(v);
+    return v->kind == VALUE_REAL ? v->real : v->kind == VALUE_INTEGER ? (double)v->integer : NAN;
+}
+
+/* PSNR of a written prediction, anew: over the pixels whose rays cross the box. */
+static double psnr_again(context *c, const sherf_dataset *d, const char *folder, const value *image) {
+    char path[1200];
+    const value *name = value_get(image, "rgb");
+    assert_true(name && name->kind == VALUE_STRING);
+    snprintf(path, sizeof path, "%s/%s", folder, name->string.text);
+    document *npy;
+    assert_ok(c, npy_read(c, path, &npy));
+    const value *rgb = npy->root;
+    assert_true(rgb->kind == VALUE_ARRAY && rgb->array.type == T_F32 && rgb->array.rank == 3);
+    assert_true(rgb->array.dim[0] == 48 && rgb->array.dim[1] == 48 && rgb->array.dim[2] == 3);
+    data_view *view;
+    assert_ok(c, dataset_view(c, d, 0, (int)number(image, "pose"), (int)number(image, "view"), 0, &view));
+    body_model *m;
+    posed_body *p;
+    assert_ok(c, body_load(c, body, &m));
+    assert_ok(c, posed_body_create(c, m, view->pose.poses_rad, view->pose.shapes, view->pose.R,
+                                   view->pose.Th_m, &p));
+    float low[3], high[3];
+    static uint8_t mask[48 * 48];
+    body_world_box(m, p, low, high);
+    box_ray_mask(&view->camera, low, high, mask);
+    double sum = 0;
+    int n = 0;
+    for (int i = 0; i < 48 * 48; i++)
+        for (int k = 0; mask[i] && k < 3; k++, n++)
+            sum += pow(((const float *)rgb->array.data)[3 * i + k] - (double)view->image.data[3 * i + k], 2);
+    posed_body_free(p);
+    sherf_body_free(m);
+    sherf_observation_free(view);
+    document_free(npy);
+    return -10 * log10(sum / n);
+}
+
+static void listed_pictures(void **state) {
+    context *c = test_context();
+    char folder[600], path[700];
+    snprintf(folder, sizeof folder, "%s/out/listed", root);
+    sherf_eval_options o = {.data = spec,
+                            .people = "0",
+                            .body = body,
+                            .model = weights,
+                            .observations = "0:4",
+                            .poses = "0,2",
+                            .views = "0:2:3",
+                            .output = folder,
+                            .write_png = 1,
+                            .write_npy = 1};
+    sherf_scores s;
+    assert_ok(c, sherf_eval(c, &o, &s));
+    assert_int_equal(s.novel_view.count, 2); /* views 0 and 2; 4 is observed */
+    assert_int_equal(s.novel_pose.count, 3);
+    assert_true(isnan(s.novel_view.lpips));
+    assert_non_null(strstr(s.table, "novel pose"));
+    assert_non_null(strstr(s.table, "mean"));
+    document *d;
+    sherf_dataset *data;
+    snprintf(path, sizeof path, "%s/scores.json", folder);
+    assert_ok(c, json_read(c, path, &d));
+    assert_ok(c, sherf_dataset_open(c, spec, &data));
+    const value *images = value_get(d->root, "images");
+    assert_int_equal(value_count(images), 5);
+    double psnr = 0, ssim = 0;
+    for (size_t i = 0; i < 5; i++) {
+        const value *image = value_at(images, i), *seen = value_get(image, "observation");
+        assert_true(value_is_string(value_get(image, "person"), sherf_dataset_person(data, 0)));
+        assert_true(value_at(seen, 0)->integer == 0 && value_at(seen, 1)->integer == 4);
+        assert_true(value_get(image, "lpips")->kind == VALUE_NONE);
+        assert_true(fabs(psnr_again(c, data, folder, image) - number(image, "psnr")) < 1e-4);
+        snprintf(path, sizeof path, "%s/%s", folder, value_get(image, "png")->string.text);
+        assert_true(path_is_file(path));
+        if (number(image, "pose") != 0) psnr += number(image, "psnr") / 3, ssim += number(image, "ssim") / 3;
+    }
+    assert_true(fabs(s.novel_pose.psnr - psnr) < 1e-6 && fabs(s.novel_pose.ssim - ssim) < 1e-6);
+    assert_true(fabs(number(value_get(d->root, "novel_pose"), "psnr") - psnr) < 1e-6);
+    assert_int_equal(value_count(value_get(d->root, "people")), 1);
+    document_free(d);
+    sherf_dataset_free(data);
+    sherf_free(s.table);
+    sherf_context_free(c);
+}
+
+/* Of THuman's protocol the people have poses 0 and 2, views 0, 2, 4 and observation view 4. */
+static void the_protocol_as_far_as_it_goes(void **state) {
+    context *c = test_context();
+    sherf_eval_options o = {.data = spec, .people = "0-1", .body = body, .model = weights};
+    sherf_scores s;
+    assert_ok(c, sherf_eval(c, &o, &s));
+    assert_int_equal(s.novel_view.count, 2 * 2 * 2); /* people, poses, views but the observed one */
+    assert_int_equal(s.novel_pose.count, 2 * 3);
+    sherf_free(s.table);
+    sherf_context_free(c);
+}
+
+static void mistakes_are_one_line(void **state) {
+    context *c = test_context();
+    const sherf_eval_options good = {.data = spec,
+                                     .people = "0",
+                                     .body = body,
+                                     .model = weights,
+                                     .observations = "0:4",
+                                     .poses = "0",
+                                     .views = "0"};
+    sherf_scores s;
+    size_t live = mem_live();
+    sherf_eval_options o = good;
+    o.people = "nobody";
+    assert_int_not_equal(sherf_eval(c, &o, &s), SHERF_OK);
+    o = good, o.observations = "0:6";
+    assert_int_equal(sherf_eval(c, &o, &s), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "views 0 to 5"));
+    o = good, o.views = "6";
+    assert_int_equal(sherf_eval(c, &o, &s), SHERF_BAD_ARGUMENT);
+    o = good, o.views = "4";
+    assert_int_equal(sherf_eval(c, &o, &s), SHERF_BAD_ARGUMENT); /* only the observed one */
+    o = good, o.model = body;
+    assert_int_not_equal(sherf_eval(c, &o, &s), SHERF_OK);
+    o = good, o.lpips = weights;
+    assert_int_equal(sherf_eval(c, &o, &s), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "VGG16"));
+    o = good, o.output = "/dev/null/out";
+    assert_int_equal(sherf_eval(c, &o, &s), SHERF_WRITE_FAILED);
+    assert_null(s.table);
+    assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(listed_pictures),
+                                       cmocka_unit_test(the_protocol_as_far_as_it_goes),
+                                       cmocka_unit_test(mistakes_are_one_line)};
+    return cmocka_run_group_tests(tests, make_data, NULL);
+}

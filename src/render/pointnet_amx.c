@@ -6,7 +6,7 @@
  * An activation buffer is [group of points][pair of channels][16 points][2] bf16: 16 pairs are a B tile of
  * contiguous memory. Sums are [group][channel][16 points].
  * The bank is float16: 32 channels a vector, one FMA for every texel or voxel row of 32. */
-#if defined(__AMX_BF16__) && defined(__AVX512FP16__)
+#if (defined(__AMX_BF16__) || defined(__AMXBF16__)) && defined(__AVX512FP16__) /* clang 14 says AMXBF16 */
 #include <immintrin.h>
 #include <math.h>
 #include <string.h>

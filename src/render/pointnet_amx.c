@@ -116,52 +116,130 @@ static inline void sincos_16(__m512 x, __m512 *s, __m512 *c) {
 }
 
 /* ---- products ---- */
-/* A block of sums (2 row tiles x 2 groups) that waits to be rounded into an activation buffer. */
-typedef struct {
-    const float *sums; /* [2 row tiles][2 groups][16][16]; NULL: nothing waits */
-    char *out;         /* where the block's first pair goes */
-    size_t pitch;      /* from group to group there */
-} waiting;
-
 /* An activation buffer: bytes from group to group. */
 typedef struct {
     char *at;
     size_t pitch;
 } channels;
 
-/* Eighths [from, to) of the block, with ReLU (on bf16 a maximum of signed 16-bit integers). */
-static inline void finish(const waiting *w, int from, int to) {
-    for (int i = from; i < to; i++) { /* half a tile: i = row tile x 4 + group x 2 + half */
-        const float *c = w->sums + i * 128;
-        char *out = w->out + (size_t)(i >> 1 & 1) * w->pitch + ((i >> 2) * 8 + (i & 1) * 4) * PAIR;
-        for (int r = 0; r < 4; r++) {
-            __m512i y = pairs(_mm512_load_ps(c + r * 32), _mm512_load_ps(c + r * 32 + GROUP));
-            _mm512_store_si512(out + r * PAIR, _mm512_max_epi16(y, _mm512_setzero_si512()));
-        }
+/* Tiles of sums that wait to be rounded into an activation buffer: it is done beside later products. */
+typedef struct {
+    int count;
+    struct {
+        const float *sums;
+        char *out;
+    } tile[4];
+} waiting;
+
+static inline void wait_for(waiting *w, const float *sums, char *out) {
+    w->tile[w->count].sums = sums;
+    w->tile[w->count++].out = out;
+}
+
+/* Half a tile, with ReLU (on bf16 a maximum of signed 16-bit integers). */
+static inline void finish_half(const float *sums, char *out) {
+#pragma GCC unroll 4
+    for (int r = 0; r < 4; r++) {
+        __m512i y = pairs(_mm512_load_ps(sums + r * 32), _mm512_load_ps(sums + r * 32 + GROUP));
+        _mm512_store_si512(out + r * PAIR, _mm512_max_epi16(y, _mm512_setzero_si512()));
     }
 }
 
+static inline void finish(const waiting *w, int i) {
+    finish_half(w->tile[i].sums, w->tile[i].out);
+    finish_half(w->tile[i].sums + 128, w->tile[i].out + 4 * PAIR);
+}
+
 static inline void finish_all(waiting *w) {
-    if (w->sums) finish(w, 0, 8);
-    w->sums = NULL;
+    for (int i = 0; i < w->count; i++) finish(w, i);
+    w->count = 0;
     ORDER();
 }
 
-/* y = ReLU(W x + b), rounded, for all points: row tiles must be even in number. The last block is left
- * waiting, so that its rounding runs beside the next layer's products; c has room for two blocks. */
-static void dense(const tiles *l, channels x, channels y, float *c, waiting *w) {
+/* Room for 8 tiles of sums: the half that nothing waits in. */
+static inline float *free_half(const waiting *w, float *c) {
+    return w->count && w->tile[0].sums < c + 1024 ? c + 1024 : c;
+}
+
+#define PREFETCH                                                                                             \
+    if (soon && g < blocks)                                                                                  \
+        for (int i = 0; i < TILE; i += 64) _mm_prefetch(soon + g * 2 * TILE + i, _MM_HINT_T0)
+/* The product of a tile of rows (weights in tiles 4 to 7) with one group, into CURRENT. Storing a tile of
+ * sums keeps the product unit from starting anything (16 cycles), unless products that do not need the tile
+ * are under way: so the step before's sums (PREVIOUS) are stored here, after the second product. */
+#define STEP(CURRENT, PREVIOUS)                                                                              \
+    do {                                                                                                     \
+        const char *in = x.at + (size_t)g * x.pitch;                                                         \
+        _tile_loadd(CURRENT, bias, 64);                                                                      \
+        _tile_loadd(2, in, 64);                                                                              \
+        _tile_dpbf16ps(CURRENT, 4, 2);                                                                       \
+        if (blocks > 1) {                                                                                    \
+            _tile_loadd(3, in + TILE, 64);                                                                   \
+            _tile_dpbf16ps(CURRENT, 5, 3);                                                                   \
+        }                                                                                                    \
+        int before = w->count;                                                                               \
+        if (previous) {                                                                                      \
+            _tile_stored(PREVIOUS, sums, 64);                                                                \
+            wait_for(w, sums, previous);                                                                     \
+            step++;                                                                                          \
+            sums = ring + (step & 3) * 256;                                                                  \
+        }                                                                                                    \
+        if (blocks > 2) {                                                                                    \
+            _tile_loadd(2, in + 2 * TILE, 64);                                                               \
+            _tile_dpbf16ps(CURRENT, 6, 2);                                                                   \
+        }                                                                                                    \
+        if (blocks > 3) {                                                                                    \
+            _tile_loadd(3, in + 3 * TILE, 64);                                                               \
+            _tile_dpbf16ps(CURRENT, 7, 3);                                                                   \
+        }                                                                                                    \
+        int done = before > 2 ? 2 : before;                                                                  \
+        for (int i = 0; i < done; i++) finish(w, i);                                                         \
+        for (int i = done; i < w->count; i++) w->tile[i - done] = w->tile[i];                                \
+        w->count -= done;                                                                                    \
+        PREFETCH;                                                                                            \
+        previous = y.at + (size_t)g * y.pitch + m * 8 * PAIR;                                                \
+        g++;                                                                                                 \
+    } while (0)
+
+/* y = ReLU(W x + b), rounded, for all points, of up to 4 column blocks: the weights of 16 rows stay in tiles.
+ * The last two tiles are left waiting. */
+static void dense_short(const tiles *l, channels x, channels y, float *c, waiting *w) {
+    float *ring = free_half(w, c), *sums = ring;
+    char *previous = NULL;
+    int blocks = l->blocks, step = 0;
+    for (int m = 0; m < l->row_tiles; m++) {
+        const char *weight = (const char *)l->w + (size_t)(m / 2 * 2 * blocks + m % 2) * TILE;
+        const float *bias = l->bias + m * 256;
+        const char *soon =
+            m + 1 < l->row_tiles ? (m & 1 ? weight + (2 * blocks - 1) * TILE : weight + TILE) : NULL;
+        _tile_loadd(4, weight, 64);
+        if (blocks > 1) _tile_loadd(5, weight + 2 * TILE, 64);
+        if (blocks > 2) _tile_loadd(6, weight + 4 * TILE, 64);
+        if (blocks > 3) _tile_loadd(7, weight + 6 * TILE, 64);
+        for (int g = 0; g < GROUPS;) {
+            STEP(0, 1);
+            STEP(1, 0);
+        }
+    }
+    _tile_stored(1, sums, 64);
+    wait_for(w, sums, previous);
+    ORDER();
+}
+
+/* The same for any number of blocks, by 2 row tiles x 2 groups; the last four tiles are left waiting. */
+static void dense_long(const tiles *l, channels x, channels y, float *c, waiting *w) {
     int blocks = l->blocks;
     for (int m = 0; m < l->row_tiles; m += 2)
         for (int g = 0; g < GROUPS; g += 2) {
             const char *weight = (const char *)l->w + (size_t)m * (size_t)blocks * TILE;
             const char *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
             const float *bias = l->bias + m * 256;
-            float *sums = w->sums == c ? c + 1024 : c;
+            float *sums = free_half(w, c);
             _tile_loadd(0, bias, 64);
             _tile_loadd(1, bias, 64);
             _tile_loadd(2, bias + 256, 64);
             _tile_loadd(3, bias + 256, 64);
-            int done = 0, share = w->sums ? (8 + blocks - 1) / blocks : 0;
+            int done = 0;
             for (int k = 0; k < blocks; k++, weight += 2 * TILE, in += TILE, next += TILE) {
                 _tile_loadd(6, in, 64);
                 _tile_loadd(4, weight, 64);
@@ -171,20 +249,27 @@ static void dense(const tiles *l, channels x, channels y, float *c, waiting *w) 
                 _tile_loadd(5, weight + TILE, 64);
                 _tile_dpbf16ps(2, 5, 6);
                 _tile_dpbf16ps(3, 5, 7);
-                int to = done + share < 8 ? done + share : 8;
-                if (share) finish(w, done, to);
-                done = to;
+                if (done < w->count) finish(w, done++);
             }
+            while (done < w->count) finish(w, done++);
             ORDER();
             _tile_stored(0, sums, 64);
             _tile_stored(1, sums + 256, 64);
             _tile_stored(2, sums + 512, 64);
             _tile_stored(3, sums + 768, 64);
-            w->sums = sums;
-            w->out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;
-            w->pitch = y.pitch;
+            char *out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;
+            w->count = 0;
+            for (int i = 0; i < 4; i++)
+                wait_for(w, sums + i * 256, out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR);
             ORDER();
         }
+}
+
+static void dense(const tiles *l, channels x, channels y, float *c, waiting *w) {
+    if (l->blocks <= 4)
+        dense_short(l, x, y, c, w);
+    else
+        dense_long(l, x, y, c, w);
 }
 
 /* One row tile for all groups, sums as [group][16][16]. */

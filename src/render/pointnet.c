@@ -396,8 +396,10 @@ sherf_status point_network_render(context *c, const point_network *n, const ray_
     w.depth_min = INFINITY;
     w.depth_max = -INFINITY;
     for (int64_t i = 0; i < count; i++) {
-        w.depth_min = fminf(w.depth_min, fminf(rays->near[i], rays->far[i]));
-        w.depth_max = fmaxf(w.depth_max, fmaxf(rays->near[i], rays->far[i]));
+        float near = rays->near[i], far = rays->far[i], low = near < far ? near : far;
+        w.depth_min = low < w.depth_min ? low : w.depth_min;
+        float high = near < far ? far : near;
+        w.depth_max = high > w.depth_max ? high : w.depth_max;
     }
     w.pieces = (int64_t)((rays->width + BLOCK_SIDE - 1) / BLOCK_SIDE) *
                ((rays->height + BLOCK_SIDE - 1) / BLOCK_SIDE);

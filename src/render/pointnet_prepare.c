@@ -182,7 +182,7 @@ static sherf_status halve(context *c, float **from, uint16_t **to, size_t count,
 }
 
 static float largest(const float *x, size_t count, float so_far) {
-    for (size_t i = 0; i < count; i++) so_far = fmaxf(so_far, fabsf(x[i]));
+    for (size_t i = 0; i < count; i++) so_far = fabsf(x[i]) <= so_far ? so_far : fabsf(x[i]);
     return so_far;
 }
 

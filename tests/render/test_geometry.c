@@ -62,8 +62,8 @@ static void bad_cameras_are_refused(void **state) {
     for (size_t i = 0; i < COUNT_OF(bad); i++) {
         sherf_camera k = r->target_camera;
         float *field = bad[i].field < 9    ? k.K + bad[i].field
-                       : bad[i].field < 18 ? k.R + bad[i].field - 9
-                                           : k.T_m + bad[i].field - 18;
+                       : bad[i].field < 18 ? k.R + (bad[i].field - 9)
+                                           : k.T_m + (bad[i].field - 18);
         *field = bad[i].value;
         ray_bundle *rays;
         assert_int_equal(rays_create(c, &k, box, box + 3, &rays), SHERF_BAD_ARGUMENT);

@@ -116,13 +116,26 @@ static sherf_status points_backward(tape *t, void *payload) {
 
 /* Standard normal noise on the raw density, by point of the frame so that it does not depend on what was
  * kept. */
+typedef struct {
+    const point_set *points;
+    uint64_t key;
+    float *noise;
+} noise_job;
+
+static void noise_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const noise_job *j = arg;
+    const point_set *p = j->points;
+    for (int64_t i = begin; i < end; i++)
+        j->noise[i] =
+            (float)random_normal(j->key, (uint64_t)p->ray[i] * (uint64_t)p->samples + (uint64_t)p->sample[i]);
+}
+
 static tensor *noise_add(tape *t, tensor *sigma, const point_set *points, uint64_t key) {
     if (!key || !sigma) return sigma;
     float *noise = tape_alloc(t, (size_t)points->count, sizeof *noise);
     if (!noise) return NULL;
-    for (int64_t i = 0; i < points->count; i++)
-        noise[i] = (float)random_normal(key, (uint64_t)points->ray[i] * (uint64_t)points->samples +
-                                                 (uint64_t)points->sample[i]);
+    noise_job job = {points, key, noise};
+    parallel_for(tape_context(t), points->count, 4096, noise_range, &job);
     return op_add(t, sigma, tape_input(t, noise, 2, (int64_t[]){points->count, 1}));
 }
 

@@ -130,6 +130,7 @@ static void learns_and_writes(void **state) {
 
 static void resuming_gives_the_same_bits(void **state) {
     context *c = float_context(1);
+    const size_t live = mem_live();
     const char *whole = path_of("whole"), *parts = path_of("parts");
     sherf_train_options o = options_for(whole, 7);
     assert_ok(c, sherf_train(c, &o));
@@ -142,6 +143,7 @@ static void resuming_gives_the_same_bits(void **state) {
         difference(c, path_of("whole/checkpoint.safetensors"), path_of("parts/checkpoint.safetensors")) == 0);
     assert_true(difference(c, path_of("whole/model.safetensors"), path_of("parts/model.safetensors")) == 0);
     for (int i = 1; i <= 7; i++) assert_true(logged(c, whole, i, "loss") == logged(c, parts, i, "loss"));
+    assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
 
@@ -167,6 +169,7 @@ static void cancelling_saves(void **state) {
 
 static void a_bad_checkpoint_is_one_line(void **state) {
     context *c = float_context(1);
+    const size_t live = mem_live();
     sherf_train_options o = options_for(path_of("bad"), 7);
     o.resume = path_of("whole/model.safetensors"); /* weights, not a checkpoint */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
@@ -180,6 +183,7 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     o = options_for(path_of("bad"), 7);
     o.learning_rate = 1e30;
     assert_int_equal(sherf_train(c, &o), SHERF_OK); /* seven steps are too few to give up */
+    assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
 

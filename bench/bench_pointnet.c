@@ -149,9 +149,10 @@ int main(int argc, char **argv) {
         double median = w->seconds[w->count / 2];
         if (!first) first = median;
         double rate = macs * (double)m.points.count / median, top = w->bf16 ? amx : fma;
-        printf("%-20s median %.4f s (best %.4f; wall %.4f, best %.4f), %.0f ns a point, %.1f x the first, %.0f GMAC/s",
-               w->name, median, w->seconds[0], w->wall[w->count / 2], w->wall[0], median / (double)m.points.count * 1e9, first / median,
-               rate * 1e-9);
+        printf("%-20s median %.4f s (best %.4f; wall %.4f, best %.4f), %.0f ns a point, %.1f x the first, "
+               "%.0f GMAC/s",
+               w->name, median, w->seconds[0], w->wall[w->count / 2], w->wall[0],
+               median / (double)m.points.count * 1e9, first / median, rate * 1e-9);
         if (top > 0) printf(", %.0f %% of peak", 100 * rate / top);
         printf("\n");
         point_network_free(w->n);

@@ -2,6 +2,7 @@
  * distance to the voxel is not beyond U, the smallest of all vertices' largest distances to the voxel: some
  * vertex is within U of every point inside. Voxels are worked on in blocks of 4 x 4 x 4 that share the
  * vertices around them. */
+#include <pthread.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -188,11 +189,14 @@ typedef struct {
     int used, slab; /* used == SLAB_BLOCKS: a new one is needed */
 } slab_cursor;
 
+/* For the grid's list of slabs; an OpenMP critical section would be a symbol of the shared library. */
+static pthread_mutex_t slab_lock = PTHREAD_MUTEX_INITIALIZER;
+
 static vertex_block *blocks_take(refine_job *job, slab_cursor *at, int blocks, int32_t *number) {
     vertex_grid *g = job->g;
     if (at->used + blocks > SLAB_BLOCKS) {
         bool taken = false;
-#pragma omp critical(vertex_list_slab)
+        pthread_mutex_lock(&slab_lock);
         if (g->slabs < SLABS_MAX) {
             context quiet = {0}; /* the caller's message is not this thread's to write */
             vertex_block *slab = mem_alloc(&quiet, SLAB_BLOCKS, sizeof *slab);
@@ -204,6 +208,7 @@ static vertex_block *blocks_take(refine_job *job, slab_cursor *at, int blocks, i
                 job->failed = true;
             }
         }
+        pthread_mutex_unlock(&slab_lock);
         if (!taken) return NULL;
         at->used = 0;
     }

@@ -3,19 +3,22 @@
 add_library(sherf_shared SHARED $<TARGET_OBJECTS:sherf_objects>)
 set_target_properties(sherf_shared PROPERTIES OUTPUT_NAME sherf VERSION ${PROJECT_VERSION} SOVERSION 0)
 target_link_libraries(sherf_shared PRIVATE sherf_needs)
-target_link_options(sherf_shared PRIVATE LINKER:--no-undefined)
+target_link_options(sherf_shared PRIVATE LINKER:--no-undefined
+                    LINKER:--version-script=${CMAKE_SOURCE_DIR}/cmake/sherf.map)
+set_property(TARGET sherf_shared PROPERTY LINK_DEPENDS ${CMAKE_SOURCE_DIR}/cmake/sherf.map)
 if(SHERF_SANITIZE)
   # The sanitizers' own names are resolved in the program, and their sections do not survive the next step.
   set_property(TARGET sherf_shared PROPERTY LINK_OPTIONS)
   set(SHERF_ARCHIVE $<TARGET_FILE:sherf_static>)
   add_custom_target(sherf_archive DEPENDS sherf_static)
 else()
-  # One object in which every hidden name is local.
+  # One object in which every hidden name is local (so are the locks of named critical sections, which gcc
+  # makes common symbols in view of all).
   set(SHERF_ARCHIVE ${CMAKE_BINARY_DIR}/libsherf.a)
   add_custom_command(
     OUTPUT ${SHERF_ARCHIVE}
-    COMMAND ${CMAKE_LINKER} -r -o sherf_whole.o $<TARGET_OBJECTS:sherf_objects>
-    COMMAND ${CMAKE_OBJCOPY} --localize-hidden sherf_whole.o
+    COMMAND ${CMAKE_LINKER} -r -d -o sherf_whole.o $<TARGET_OBJECTS:sherf_objects>
+    COMMAND ${CMAKE_OBJCOPY} --localize-hidden --wildcard --localize-symbol=.gomp_critical_user_* sherf_whole.o
     COMMAND ${CMAKE_COMMAND} -E rm -f ${SHERF_ARCHIVE}
     COMMAND ${CMAKE_AR} rcs ${SHERF_ARCHIVE} sherf_whole.o
     DEPENDS sherf_objects $<TARGET_OBJECTS:sherf_objects>

@@ -1,6 +1,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "base/base.h"
 
@@ -25,6 +26,22 @@ static bool told_to_fail(void) {
     return false;
 }
 
+static const size_t huge_page = (size_t)2 << 20;
+
+static void *allocate_plain(size_t bytes) {
+    size_t rounded = (bytes + 63) / 64 * 64;
+    return aligned_alloc(64, rounded ? rounded : 64);
+}
+
+/* Large blocks ask for huge pages: touching a gigabyte of arena for the first time costs 500 page faults
+ * instead of 260,000, which was a quarter of the time of an avatar. */
+static void *allocate_huge(size_t bytes) {
+    size_t rounded = (bytes + huge_page - 1) / huge_page * huge_page;
+    void *p = aligned_alloc(huge_page, rounded);
+    if (p) madvise(p, rounded, MADV_HUGEPAGE);
+    return p;
+}
+
 static void *allocate(context *c, size_t count, size_t size) {
     size_t bytes;
     if (__builtin_mul_overflow(count, size, &bytes) || bytes > SIZE_MAX / 2) {
@@ -32,8 +49,7 @@ static void *allocate(context *c, size_t count, size_t size) {
         return NULL;
     }
     atomic_fetch_add(&allocations, 1);
-    size_t rounded = (bytes + 63) / 64 * 64;
-    void *p = told_to_fail() ? NULL : aligned_alloc(64, rounded ? rounded : 64);
+    void *p = told_to_fail() ? NULL : bytes >= 2 * huge_page ? allocate_huge(bytes) : allocate_plain(bytes);
     if (!p)
         failure(c, SHERF_NO_MEMORY, "out of memory: %zu bytes asked for", bytes);
     else

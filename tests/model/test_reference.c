@@ -316,11 +316,20 @@ static void check_gradient(const reference *r, const parameter *q, double worst[
         fail_msg("gradient of %s: a sample is off by %g of %g", q->name, error, top);
 }
 
+/* One unit of the global encoder's last ReLU (pixel 6, channel 268) is 2e-6 above its kink, less than float32
+ * noise: on which side a processor's rounding puts it decides 1e-2 of the encoder's gradients. Its channel's
+ * bias is raised by 4e-5, which moves the latent by less than that noise and puts the unit on the reference's
+ * side everywhere. */
+static void off_the_kink(model *m) {
+    tensor_f32(model_tensor(m, "encoder_2d.backbone.layer4.1.bn2.bias"))[268] += 4e-5f;
+}
+
 static void training_agrees(void **state) {
     reference r;
     reference_open(&r, "reference_train.safetensors", true);
     context *c = r.c;
     lpips_network *lpips = reference_lpips(c);
+    off_the_kink(r.m);
     assert_ok(c, parameters_make_grads(c, r.m->weights));
     tape *t = tape_create(c, (tape_options){&backend_cpu, true, true, false});
     model_bank bank;

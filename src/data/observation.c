@@ -339,7 +339,14 @@ static sherf_status observation_from_dataset(context *c, const char *path, const
 }
 
 sherf_status sherf_observation_load(sherf_context *c, const char *path, sherf_observation **out) {
+    static const char *const picture[] = {".png", ".jpg", ".jpeg"};
     *out = NULL;
+    for (size_t i = 0; i < COUNT_OF(picture); i++)
+        if (path_is_file(path) && path_ends(path, picture[i]))
+            return failure(c, SHERF_BAD_FILE,
+                           "%s: a picture alone is no observation: camera, body pose and mask belong to it, "
+                           "named in an observation.json (docs/observation.md)",
+                           path);
     if (path_is_folder(path) || path_is_file(path)) return observation_from_files(c, path, out);
     const char *hash = strrchr(path, '#');
     if (hash) return observation_from_dataset(c, path, hash, out);

@@ -13,7 +13,8 @@ may_include() {
     model) echo "base tensor io nn body render model" ;;
     io) echo "base tensor io" ;;
     data) echo "base tensor io body render data" ;;
-    train | eval) echo "base tensor nn body render model io data train eval" ;;
+    people) echo "base tensor io body render data people" ;;
+    train | eval) echo "base tensor nn body render model io data people train eval" ;;
     *) return 1 ;;
     esac
 }

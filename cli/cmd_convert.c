@@ -31,9 +31,12 @@ const verb verb_convert = {
     .summary = "turn weights and body files of others into safetensors",
     .description =
         "Recognises FILE by its content: an SMPL body (pickle or npz), a SHERF snapshot, a torch state dict "
-        "(ResNet-18, VGG16, LPIPS heads; zip or legacy). Pickles are read as data; nothing in them runs.",
+        "(ResNet-18, VGG16, LPIPS heads; zip or legacy), a TensorFlow.js layers model of ResNet-50 "
+        "(model.json or its folder; what the "
+        "perceptual distance uses is kept). Pickles are read as data; nothing in them runs.",
     .example = "sherf convert checkpoint.pkl -o model.safetensors\n"
-               "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors",
+               "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors\n"
+               "sherf convert package/ResNet50/model.json -o assets/resnet50.safetensors",
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,

@@ -1,26 +1,18 @@
-/* convert: sherf_convert. What a file is follows from what it holds: SMPL bodies, the authors' snapshots, and
- * torch's weights of ResNet-18, VGG16 and the heads of LPIPS. */
+/* convert: sherf_convert. What a file is follows from what it holds: SMPL bodies, the authors' snapshots,
+ * torch's weights of ResNet-18, VGG16 and the heads of LPIPS, TensorFlow.js's of ResNet-50. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/path.h"
 #include "io/build.h"
 #include "io/checkpoint.h"
+#include "io/convert.h"
 #include "io/half.h"
-#include "io/safetensors.h"
+#include "io/tfjs.h"
 
 /* ---------------------------------------------------------------- what is written -------------------- */
-typedef struct {
-    context *c;
-    arena *memory;
-    safetensor_item *item;
-    size_t count, room;
-    safetensor_metadata metadata[24];
-    size_t metadata_count;
-} output;
-
-static char *text(output *o, const char *format, ...) PRINTF_LIKE(2, 3);
-static char *text(output *o, const char *format, ...) {
+char *convert_text(conversion *o, const char *format, ...) {
     char line[1024];
     va_list args;
     va_start(args, format);
@@ -32,7 +24,11 @@ static char *text(output *o, const char *format, ...) {
     return p;
 }
 
-static void describe(output *o, const char *key, const char *said) {
+void *convert_memory(conversion *o, int64_t count, size_t size) {
+    return arena_alloc(o->c, o->memory, (size_t)count, size);
+}
+
+void convert_describe(conversion *o, const char *key, const char *said) {
     if (said && o->metadata_count < COUNT_OF(o->metadata))
         o->metadata[o->metadata_count++] = (safetensor_metadata){key, said};
 }
@@ -57,11 +53,8 @@ static double number_at(const value *v, int64_t i) {
     return 0;
 }
 
-/* Adds an array under a name, as the given type (float32, float64, I32 or I64) and shape. */
-static sherf_status put(output *o, const char *name, const value *v, dtype type, int rank,
-                        const int64_t *dim) {
-    int64_t n = build_count(v->array.rank, v->array.dim);
-    size_t size = dtype_size(type);
+sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, const int64_t *dim,
+                         const void *data) {
     if (rank > TENSOR_RANK)
         return failure(o->c, SHERF_UNSUPPORTED, "tensor %s has more than %d dimensions", name, TENSOR_RANK);
     if (o->count == o->room) {
@@ -71,9 +64,20 @@ static sherf_status put(output *o, const char *name, const value *v, dtype type,
         o->item = grown;
         o->room = room;
     }
+    safetensor_item *item = &o->item[o->count++];
+    *item = (safetensor_item){.name = name, .type = type, .rank = rank, .data = data};
+    for (int i = 0; i < rank; i++) item->dim[i] = dim[i];
+    return SHERF_OK;
+}
+
+/* Adds an array under a name, as the given type (float32, float64, I32 or I64) and shape. */
+static sherf_status put(conversion *o, const char *name, const value *v, dtype type, int rank,
+                        const int64_t *dim) {
+    int64_t n = build_count(v->array.rank, v->array.dim);
+    size_t size = dtype_size(type);
     void *data = v->array.data;
     if (v->array.type != type || type == T_I64) {
-        data = arena_alloc(o->c, o->memory, (size_t)n, size);
+        data = convert_memory(o, n, size);
         if (!data) return SHERF_NO_MEMORY;
         bool whole = v->array.type == T_I64 || v->array.type == T_I32;
         for (int64_t i = 0; i < n; i++)
@@ -94,13 +98,10 @@ static sherf_status put(output *o, const char *name, const value *v, dtype type,
                     ((int64_t *)data)[i] = k;
             }
     }
-    safetensor_item *item = &o->item[o->count++];
-    *item = (safetensor_item){.name = name, .type = type, .rank = rank, .data = data};
-    for (int i = 0; i < rank; i++) item->dim[i] = dim[i];
-    return SHERF_OK;
+    return convert_add(o, name, type, rank, dim, data);
 }
 
-static sherf_status put_floats(output *o, const char *name, const value *v) {
+static sherf_status put_floats(conversion *o, const char *name, const value *v) {
     return put(o, name, v, T_F32, v->array.rank, v->array.dim);
 }
 
@@ -108,7 +109,7 @@ static sherf_status put_floats(output *o, const char *name, const value *v) {
 enum { JOINTS = 24, SHAPES = 10, POSE_FEATURES = 207 };
 
 /* A body's array of the wanted shape; -1 in `want` is any size, which is filled in. */
-static sherf_status body_array(output *o, const value *root, const char *key, int rank, int64_t *want,
+static sherf_status body_array(conversion *o, const value *root, const char *key, int rank, int64_t *want,
                                const value **out) {
     const value *v = value_get(root, key);
     if (!v) return failure(o->c, SHERF_BAD_FILE, "body: %s is missing", key);
@@ -127,9 +128,9 @@ static sherf_status body_array(output *o, const value *root, const char *key, in
 }
 
 /* The first SHAPES of the shape components; fewer are filled up with zeros. */
-static sherf_status put_shapes(output *o, const value *v) {
+static sherf_status put_shapes(conversion *o, const value *v) {
     int64_t vertices = v->array.dim[0], have = v->array.dim[2], dim[3] = {vertices, 3, SHAPES};
-    float *data = arena_alloc(o->c, o->memory, (size_t)(vertices * 3 * SHAPES), sizeof *data);
+    float *data = convert_memory(o, vertices * 3 * SHAPES, sizeof *data);
     if (!data) return SHERF_NO_MEMORY;
     for (int64_t i = 0; i < vertices * 3; i++)
         for (int64_t k = 0; k < SHAPES; k++)
@@ -142,7 +143,7 @@ static sherf_status put_shapes(output *o, const value *v) {
     return put(o, "shapedirs", &whole, T_F32, 3, dim);
 }
 
-static sherf_status smpl(output *o, const value *root, char **said) {
+static sherf_status smpl(conversion *o, const value *root, char **said) {
     int64_t v_dim[] = {-1, 3}, f_dim[] = {-1, 3}, tree_dim[] = {2, -1}, w_dim[] = {-1, -1},
             s_dim[] = {-1, 3, -1}, p_dim[] = {-1, 3, POSE_FEATURES}, r_dim[] = {JOINTS, -1};
     const value *v, *f, *tree, *weights, *shapes, *poses, *regressor;
@@ -171,34 +172,34 @@ static sherf_status smpl(output *o, const value *root, char **said) {
     if (status == SHERF_OK) status = put(o, "f", f, T_I32, 2, f_dim);
     if (status == SHERF_OK) status = put(o, "kintree_table", tree, T_I64, 2, tree_dim);
     if (status != SHERF_OK) return status;
-    describe(o, "format", "sherf-body");
-    *said =
-        text(o, "SMPL body: %lld vertices, %lld faces, %lld shape components%s", (long long)v_dim[0],
-             (long long)f_dim[0], (long long)s_dim[2], s_dim[2] > SHAPES ? " (the first 10 are kept)" : "");
+    convert_describe(o, "format", "sherf-body");
+    *said = convert_text(o, "SMPL body: %lld vertices, %lld faces, %lld shape components%s",
+                         (long long)v_dim[0], (long long)f_dim[0], (long long)s_dim[2],
+                         s_dim[2] > SHAPES ? " (the first 10 are kept)" : "");
     return *said ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
 /* ---------------------------------------------------------------- snapshots -------------------------- */
-static char *plain_text(output *o, const value *v) {
+static char *plain_text(conversion *o, const value *v) {
     if (!v) return NULL;
     switch (v->kind) {
     case VALUE_BOOL:
-        return text(o, "%s", v->boolean ? "true" : "false");
+        return convert_text(o, "%s", v->boolean ? "true" : "false");
     case VALUE_INTEGER:
-        return text(o, "%lld", (long long)v->integer);
+        return convert_text(o, "%lld", (long long)v->integer);
     case VALUE_REAL:
-        return text(o, "%.9g", v->real);
+        return convert_text(o, "%.9g", v->real);
     case VALUE_STRING:
         for (size_t i = 0; i < v->string.length; i++)
             if (v->string.text[i] < ' ' || v->string.text[i] > '~') return NULL;
-        return text(o, "%.200s", v->string.text);
+        return convert_text(o, "%.200s", v->string.text);
     default:
         return NULL;
     }
 }
 
 /* What the snapshot says about itself, for people; the model's sizes follow from its tensors. */
-static void snapshot_settings(output *o, const value *root, const value *network) {
+static void snapshot_settings(conversion *o, const value *root, const value *network) {
     static const struct {
         const char *key, *of_rendering, *of_network;
     } setting[] = {{"snapshot.image_resolution", "image_resolution", NULL},
@@ -212,18 +213,19 @@ static void snapshot_settings(output *o, const value *root, const value *network
                    {"snapshot.w_dim", NULL, "w_dim"}};
     const value *rendering = value_get(network, "rendering_kwargs");
     const value *widths = value_get(network, "_init_kwargs"), *data = value_get(root, "training_set_kwargs");
-    describe(o, "snapshot.class", network->record.class_name);
+    convert_describe(o, "snapshot.class", network->record.class_name);
     for (size_t i = 0; i < COUNT_OF(setting); i++)
-        describe(o, setting[i].key,
-                 plain_text(o, setting[i].of_network ? value_get(network, setting[i].of_network)
-                                                     : value_get(rendering, setting[i].of_rendering)));
-    describe(o, "snapshot.channel_base", plain_text(o, value_get(widths, "channel_base")));
-    describe(o, "snapshot.channel_max", plain_text(o, value_get(widths, "channel_max")));
-    describe(o, "snapshot.data", plain_text(o, value_get(data, "class_name")));
-    describe(o, "snapshot.data_resolution", plain_text(o, value_get(data, "resolution")));
+        convert_describe(o, setting[i].key,
+                         plain_text(o, setting[i].of_network
+                                           ? value_get(network, setting[i].of_network)
+                                           : value_get(rendering, setting[i].of_rendering)));
+    convert_describe(o, "snapshot.channel_base", plain_text(o, value_get(widths, "channel_base")));
+    convert_describe(o, "snapshot.channel_max", plain_text(o, value_get(widths, "channel_max")));
+    convert_describe(o, "snapshot.data", plain_text(o, value_get(data, "class_name")));
+    convert_describe(o, "snapshot.data_resolution", plain_text(o, value_get(data, "resolution")));
 }
 
-static sherf_status snapshot(output *o, const value *root, named_arrays *arrays, char **said) {
+static sherf_status snapshot(conversion *o, const value *root, named_arrays *arrays, char **said) {
     bool average = module_is(value_get(root, "G_ema"));
     const value *network = value_get(root, average ? "G_ema" : "G");
     sherf_status status = module_flatten(o->c, network, arrays);
@@ -239,11 +241,11 @@ static sherf_status snapshot(output *o, const value *root, named_arrays *arrays,
         numbers += build_count(arrays->item[i].array->array.rank, arrays->item[i].array->array.dim);
     }
     if (status != SHERF_OK) return status;
-    describe(o, "format", "sherf-model");
-    describe(o, "source", "snapshot");
+    convert_describe(o, "format", "sherf-model");
+    convert_describe(o, "source", "snapshot");
     snapshot_settings(o, root, network);
-    *said = text(o, "SHERF snapshot (%s): %zu tensors, %.1f million numbers", average ? "G_ema" : "G",
-                 arrays->count, (double)numbers * 1e-6);
+    *said = convert_text(o, "SHERF snapshot (%s): %zu tensors, %.1f million numbers", average ? "G_ema" : "G",
+                         arrays->count, (double)numbers * 1e-6);
     return *said ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
@@ -294,27 +296,28 @@ static const value *head(const named_arrays *n, int k) {
     return NULL;
 }
 
-static sherf_status put_vgg16(output *o, const named_arrays *n) {
+static sherf_status put_vgg16(conversion *o, const named_arrays *n) {
     static const char *const part[] = {"weight", "bias"};
     sherf_status status = SHERF_OK;
     for (int i = 0; i < 26 && status == SHERF_OK; i++) {
-        const char *name = text(o, "features.%d.%s", vgg_index[i / 2], part[i % 2]);
+        const char *name = convert_text(o, "features.%d.%s", vgg_index[i / 2], part[i % 2]);
         status = name ? put_floats(o, name, vgg_tensor(n, i / 2, part[i % 2])) : SHERF_NO_MEMORY;
     }
     return status;
 }
 
-static sherf_status put_heads(output *o, const named_arrays *n) {
+static sherf_status put_heads(conversion *o, const named_arrays *n) {
     sherf_status status = SHERF_OK;
     for (int k = 0; k < 5 && status == SHERF_OK; k++) {
-        const char *name = text(o, "lin%d", k);
+        const char *name = convert_text(o, "lin%d", k);
         const int64_t dim[1] = {head_width[k]};
         status = name ? put(o, name, head(n, k), T_F32, 1, dim) : SHERF_NO_MEMORY;
     }
     return status;
 }
 
-static sherf_status weights(output *o, const value *root, const char *kind, named_arrays *n, char **said) {
+static sherf_status weights(conversion *o, const value *root, const char *kind, named_arrays *n,
+                            char **said) {
     sherf_status status = state_dict_flatten(o->c, root, n);
     if (status == SHERF_BAD_FILE)
         return failure(o->c, SHERF_MISMATCH,
@@ -323,15 +326,15 @@ static sherf_status weights(output *o, const value *root, const char *kind, name
     bool heads = true, vgg = vgg16_is(n);
     for (int k = 0; k < 5; k++) heads = heads && head(n, k);
     if (resnet18_is(n)) {
-        describe(o, "format", "resnet18");
-        *said = text(o, "ResNet-18: %zu tensors", n->count);
+        convert_describe(o, "format", "resnet18");
+        *said = convert_text(o, "ResNet-18: %zu tensors", n->count);
         for (size_t i = 0; i < n->count && status == SHERF_OK; i++)
             status = put_floats(o, n->item[i].name, n->item[i].array);
     } else if (vgg || heads) {
-        describe(o, "format", vgg && heads ? "lpips" : vgg ? "vgg16" : "lpips-heads");
-        *said = text(o, vgg && heads ? "LPIPS: VGG16 and its five heads"
-                        : vgg        ? "VGG16: its 13 convolutions"
-                                     : "LPIPS: five heads");
+        convert_describe(o, "format", vgg && heads ? "lpips" : vgg ? "vgg16" : "lpips-heads");
+        *said = convert_text(o, vgg && heads ? "LPIPS: VGG16 and its five heads"
+                                : vgg        ? "VGG16: its 13 convolutions"
+                                             : "LPIPS: five heads");
         if (vgg) status = put_vgg16(o, n);
         if (heads && status == SHERF_OK) status = put_heads(o, n);
     } else
@@ -342,28 +345,48 @@ static sherf_status weights(output *o, const value *root, const char *kind, name
 }
 
 /* ---------------------------------------------------------------- the verb --------------------------- */
-static sherf_status recognise(output *o, const value *root, const char *kind, named_arrays *arrays,
-                              char **said) {
+static sherf_status recognise(conversion *o, const value *root, const char *kind, char *folder,
+                              named_arrays *arrays, char **said) {
     const value *format = value_get(value_get(root, "__metadata__"), "format");
     if (!strcmp(kind, "safetensors") && format && format->kind == VALUE_STRING)
         return failure(o->c, SHERF_BAD_ARGUMENT, "is converted already (%.40s)", format->string.text);
     if (value_get(root, "v_template")) return smpl(o, root, said);
+    if (tfjs_is(root)) return convert_resnet50(o, root, folder, said);
     if (root->kind == VALUE_DICT && (module_is(value_get(root, "G_ema")) || module_is(value_get(root, "G"))))
         return snapshot(o, root, arrays, said);
     return weights(o, root, kind, arrays, said);
 }
 
+/* The file to read, and the folder it is in: a TensorFlow.js model may be given as its folder. */
+static sherf_status input_paths(context *c, const char *input, char file[PATH_LENGTH],
+                                char folder[PATH_LENGTH]) {
+    bool inside = path_is_folder(input);
+    if (snprintf(file, PATH_LENGTH, inside ? "%s/model.json" : "%s", input) >= PATH_LENGTH)
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", input);
+    if (inside && !path_is_file(file))
+        return failure(c, SHERF_NO_FILE, "%s: a folder without a model.json (TensorFlow.js)", input);
+    memcpy(folder, file, PATH_LENGTH);
+    char *slash = strrchr(folder, '/');
+    if (!slash)
+        memcpy(folder, ".", 2);
+    else
+        slash[slash == folder] = 0;
+    return SHERF_OK;
+}
+
 sherf_status sherf_convert(sherf_context *c, const char *input, const char *path, char **description) {
+    char file[PATH_LENGTH], folder[PATH_LENGTH];
     document *d = NULL;
     const char *kind;
     char *said = NULL;
-    output o = {.c = c};
+    conversion o = {.c = c};
     named_arrays arrays = {0};
     if (description) *description = NULL;
-    sherf_status status = document_read(c, input, &d, &kind);
+    sherf_status status = input_paths(c, input, file, folder);
+    if (status == SHERF_OK) status = document_read(c, file, &d, &kind);
     if (status != SHERF_OK) return status;
     o.memory = arena_create(c);
-    status = o.memory ? recognise(&o, d->root, kind, &arrays, &said) : SHERF_NO_MEMORY;
+    status = o.memory ? recognise(&o, d->root, kind, folder, &arrays, &said) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) {
         failure_prefix(c, status, "%s", input);
         goto done;

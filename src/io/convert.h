@@ -1,0 +1,29 @@
+/* convert: sherf_convert, and what its kinds of input share: the tensors and metadata to write. */
+#ifndef SHERF_CONVERT_H
+#define SHERF_CONVERT_H
+
+#include "io/safetensors.h"
+#include "io/value.h"
+
+typedef struct {
+    context *c;
+    arena *memory;
+    safetensor_item *item;
+    size_t count, room;
+    safetensor_metadata metadata[24];
+    size_t metadata_count;
+} conversion;
+
+/* Both kept until the file is written; NULL when memory lacks. */
+char *convert_text(conversion *o, const char *format, ...) PRINTF_LIKE(2, 3);
+void *convert_memory(conversion *o, int64_t count, size_t size);
+/* Metadata; said NULL: left out. */
+void convert_describe(conversion *o, const char *key, const char *said);
+/* A tensor whose data and name stay until the file is written. */
+sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, const int64_t *dim,
+                         const void *data);
+
+/* convert_resnet50.c: the first stages of an ImageNet ResNet-50 as a TensorFlow.js layers model; `root` is
+ * its model.json, in `folder`. */
+sherf_status convert_resnet50(conversion *o, const value *root, char *folder, char **said);
+#endif

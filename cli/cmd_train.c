@@ -2,10 +2,10 @@
 #include "verbs.h"
 
 static struct {
-    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *resume;
+    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume;
     bool front_view;
     int64_t size, steps, images, halve_every, sample_every, save_every, workers;
-    double epochs, seconds, learning_rate;
+    double epochs, seconds, learning_rate, perceptual_weight;
 } set = {.preset = "paper"};
 
 static const option options[] = {
@@ -22,6 +22,10 @@ static const option options[] = {
      "paper, base or small, with settings: small,plane_resolution=64 (paper)"},
     {0, "resnet", OPTION_FILE, &set.resnet, "FILE", "start the encoders from a converted ResNet-18"},
     {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for the fourth loss"},
+    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
+     "converted ResNet-50 for the fourth loss where no --lpips is given; 'none' for three losses "
+     "(assets/resnet50.safetensors, if it is there)"},
+    {0, "perceptual-weight", OPTION_REAL, &set.perceptual_weight, "X", "of that distance (0.3)", 0, 1e6},
     {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
     {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
@@ -48,6 +52,8 @@ static int run(session *s, int count, char **argument) {
                              .preset = set.preset,
                              .resnet = set.resnet,
                              .lpips = set.lpips,
+                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                             .perceptual_weight = set.perceptual_weight,
                              .resume = set.resume,
                              .front_view = set.front_view,
                              .size_px = (int)set.size,
@@ -78,7 +84,8 @@ const verb verb_train = {
     .arguments = "",
     .summary = "train a model on a multi-view data set",
     .description =
-        "Trains the network: colour, mask, SSIM and (given --lpips) LPIPS losses, Adam, a rate halved every "
+        "Trains the network: colour, mask, SSIM and (given --lpips) LPIPS or else the resnet50 distance as "
+        "losses, Adam, a rate halved every "
         "epoch, a moving average of the weights. Ctrl-C saves a checkpoint; the same command goes on from "
         "it, "
         "with the same result as if it had not stopped. Under mpirun the images of a step are shared out.",

@@ -171,6 +171,18 @@ void session_json(cJSON *json) {
     cJSON_Delete(json);
 }
 
+const char *session_asset(const char *given, const char *name) {
+    static char path[4096];
+    const char *folder[] = {getenv("SHERF_ASSETS"), "assets", SHERF_ASSETS_FOLDER};
+    if (given) return strcmp(given, "none") ? given : NULL;
+    for (size_t i = 0; i < sizeof folder / sizeof *folder; i++) {
+        if (!folder[i] || !*folder[i]) continue;
+        if (snprintf(path, sizeof path, "%s/%s", folder[i], name) < (int)sizeof path && !access(path, R_OK))
+            return path;
+    }
+    return NULL;
+}
+
 int session_folder(const char *path) {
     char part[4096];
     size_t n = strlen(path);

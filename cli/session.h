@@ -27,6 +27,10 @@ const char *session_precision(const session *s); /* what is used: "fp32" or "bf1
 /* Prints and deletes `json`. */
 void session_json(cJSON *json);
 
+/* The file an option names: `given`, NULL for "none"; where nothing was given, the asset `name` from the
+ * folder $SHERF_ASSETS, ./assets or that of the installation, NULL when it is in none of them. */
+const char *session_asset(const char *given, const char *name);
+
 double seconds_now(void); /* monotonic */
 /* Makes the folder and those above it. */
 int session_folder(const char *path);

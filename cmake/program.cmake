@@ -31,6 +31,7 @@ file(GLOB SHERF_CLI CONFIGURE_DEPENDS cli/*.c)
 add_executable(sherf ${SHERF_CLI})
 add_dependencies(sherf sherf_archive)
 target_include_directories(sherf PRIVATE include)
+target_compile_definitions(sherf PRIVATE SHERF_ASSETS_FOLDER="${CMAKE_INSTALL_FULL_DATADIR}/sherf")
 target_link_libraries(sherf PRIVATE ${SHERF_ARCHIVE} sherf_needs)
 set_property(TARGET sherf PROPERTY LINK_DEPENDS ${SHERF_ARCHIVE})
 

@@ -206,8 +206,8 @@ SHERF_API sherf_status sherf_dataset_pose(sherf_context *c, const sherf_dataset 
                                           sherf_pose *out);
 
 /* ---------------------------------------------------------------- verbs ------------------------------ */
-/* Recognises `input` by its content, writes safetensors to `output`. *description (may be NULL): one line on
- * what it was, free with sherf_free. */
+/* Recognises `input` (a file, or the folder of a TensorFlow.js model) by its content, writes safetensors to
+ * `output`. *description (may be NULL): one line on what it was, free with sherf_free. */
 SHERF_API sherf_status sherf_convert(sherf_context *c, const char *input, const char *output,
                                      char **description);
 
@@ -276,7 +276,9 @@ typedef struct {
     int64_t sample_every; /* steps between sample renders; 0: 500 */
     int64_t save_every;   /* steps between checkpoints; 0: 500 */
     uint64_t seed;
-    int workers; /* loading threads; 0: 2 */
+    int workers;              /* loading threads; 0: 2 */
+    const char *perceptual;   /* converted ResNet-50, used where lpips is NULL; or NULL */
+    double perceptual_weight; /* of that distance in the loss; 0: 0.3 */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 

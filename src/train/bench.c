@@ -199,7 +199,7 @@ typedef struct {
     tape *tape;
     adam adam;
     model *average;
-    lpips_network *lpips; /* NULL: the step without it */
+    loss_networks networks;
     int64_t step;
 } step_job;
 
@@ -227,7 +227,7 @@ static sherf_status step_once(bench *b, void *arg) {
     loss_values values;
     j->sample.drawn.noise_key = (uint64_t)++j->step;
     parameters_zero_grads(p);
-    sherf_status status = image_gradients(j->tape, b->model, b->body, j->lpips, &j->sample, 1, &values);
+    sherf_status status = image_gradients(j->tape, b->model, b->body, &j->networks, &j->sample, 1, &values);
     if (status != SHERF_OK) return status;
     if (!isfinite(gradients_square_sum(b->c, p->trained_floats, p->grads)))
         return failure(b->c, SHERF_BAD_ARGUMENT, "the step's gradients are not finite");
@@ -236,14 +236,21 @@ static sherf_status step_once(bench *b, void *arg) {
     return SHERF_OK;
 }
 
+static void made_up(tensor *w, int layer) {
+    double bound = sqrt(6.0 / (double)(tensor_count(w) / w->dim[0]));
+    for (int64_t k = 0; k < tensor_count(w); k++)
+        tensor_f32(w)[k] = (float)(bound * (2 * random_uniform((uint64_t)layer << 32, (uint64_t)k) - 1));
+}
+
+static sherf_status made_up_resnet50(context *c, resnet50_network **out) {
+    sherf_status status = resnet50_create(c, out);
+    for (int i = 0; i < RESNET50_CONVOLUTIONS && status == SHERF_OK; i++) made_up((*out)->weight[i], i);
+    return status;
+}
+
 static sherf_status made_up_lpips(context *c, lpips_network **out) {
     sherf_status status = lpips_create(c, out);
-    for (int i = 0; i < LPIPS_CONVOLUTIONS && status == SHERF_OK; i++) {
-        tensor *w = (*out)->weight[i];
-        double bound = sqrt(6.0 / (double)(tensor_count(w) / w->dim[0]));
-        for (int64_t k = 0; k < tensor_count(w); k++)
-            tensor_f32(w)[k] = (float)(bound * (2 * random_uniform((uint64_t)i << 32, (uint64_t)k) - 1));
-    }
+    for (int i = 0; i < LPIPS_CONVOLUTIONS && status == SHERF_OK; i++) made_up((*out)->weight[i], i);
     for (int i = 0; i < LPIPS_STAGES && status == SHERF_OK; i++)
         for (int64_t k = 0; k < tensor_count((*out)->head[i]); k++) tensor_f32((*out)->head[i])[k] = 1e-3f;
     return status;
@@ -251,14 +258,16 @@ static sherf_status made_up_lpips(context *c, lpips_network **out) {
 
 static sherf_status bench_train(bench *b, int json, char **text) {
     context *c = b->c;
-    double prepare_ms = 0, step_ms = 0, lpips_ms = 0;
+    double prepare_ms = 0, step_ms = 0, lpips_ms = 0, resnet50_ms = 0;
     step_job job = {.sample = {.observation = b->observation, .target = b->target}};
     lpips_network *lpips = NULL;
+    resnet50_network *perceptual = NULL;
     sherf_status status = timed(b, prepare_once, &job, &prepare_ms);
     if (status == SHERF_OK) status = parameters_make_grads(c, b->model->weights);
     if (status == SHERF_OK) status = adam_create(c, b->model->weights->trained_floats, &job.adam);
     if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job.average);
     if (status == SHERF_OK) status = made_up_lpips(c, &lpips);
+    if (status == SHERF_OK) status = made_up_resnet50(c, &perceptual);
     if (status != SHERF_OK) goto done;
     job.tape = tape_create(c, (tape_options){.backend = &backend_cpu,
                                              .record = true,
@@ -270,22 +279,27 @@ static sherf_status bench_train(bench *b, int json, char **text) {
     }
     if ((status = timed(b, step_once, &job, &step_ms)) != SHERF_OK) goto done;
     double peak = (double)memory_peak_bytes() / 1e6;
-    job.lpips = lpips;
+    job.networks = (loss_networks){.resnet50 = perceptual};
+    if ((status = timed(b, step_once, &job, &resnet50_ms)) != SHERF_OK) goto done;
+    job.networks = (loss_networks){.lpips = lpips};
     if ((status = timed(b, step_once, &job, &lpips_ms)) != SHERF_OK) goto done;
     *text = mem_format(
         c,
         json ? "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
-               "\"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", "
+               "\"step_resnet50_ms\": %.3f, \"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, \"points\": %lld, "
+               "\"precision\": \"%s\", "
                "\"isa\": \"%s\", \"threads\": %d, \"peak_rss_mb\": %.1f, \"peak_rss_lpips_mb\": %.1f}\n"
-             : "%s, %d px: a step of one picture %.1f ms (with LPIPS %.1f ms), its preparation by a loading "
+             : "%s, %d px: a step of one picture %.1f ms (with resnet50 %.1f ms, with LPIPS %.1f ms), its "
+               "preparation by a loading "
                "thread %.1f ms, %lld points, %s on %s, %d threads, at most %.0f MB (with LPIPS %.0f MB)\n",
-        b->preset, b->size, step_ms, lpips_ms, prepare_ms,
+        b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms,
         (long long)job.sample.target_geometry->points->count, precision_name(c), isa_name(isa_best()),
         c->threads, peak, (double)memory_peak_bytes() / 1e6);
     if (!*text) status = SHERF_NO_MEMORY;
 done:
     tape_free(job.tape);
     lpips_free(lpips);
+    resnet50_free(perceptual);
     model_free(job.average);
     adam_free(&job.adam);
     observation_geometry_free(job.sample.observation_geometry);

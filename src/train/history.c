@@ -38,7 +38,7 @@ static sherf_status read_line(context *c, history *h, const char *text, size_t b
     if (n >= 1 && n <= (double)step) {
         history_point p = {(int64_t)n,
                            {number(d, "loss"), number(d, "color"), number(d, "mask"), number(d, "ssim"),
-                            number(d, "lpips")}};
+                            number(d, "lpips"), number(d, "resnet50")}};
         *keep = true;
         status = remember(c, h, p);
     } else {
@@ -99,6 +99,7 @@ sherf_status history_add(context *c, history *h, history_point p, const history_
     put(h->file, "mask", p.loss.mask);
     put(h->file, "ssim", p.loss.ssim);
     put(h->file, "lpips", p.loss.lpips);
+    put(h->file, "resnet50", p.loss.resnet50);
     put(h->file, "rate", extra->rate);
     put(h->file, "seconds", extra->seconds);
     put(h->file, "waited", extra->waited_seconds);

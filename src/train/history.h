@@ -26,7 +26,7 @@ typedef struct {
 } history_extra;
 sherf_status history_add(context *c, history *h, history_point p, const history_extra *extra);
 void history_close(history *h);
-/* Loss over steps, logarithmic: every step pale, the running mean dark, the four parts beside it. */
+/* Loss over steps, logarithmic: every step pale, the running mean dark, its parts beside it. */
 sherf_status history_plot(context *c, const history *h, const char *path);
 
 #endif

@@ -1,6 +1,6 @@
 #include "train/trainer.h"
 
-sherf_status image_gradients(tape *t, const model *m, const body_model *body, const lpips_network *lpips,
+sherf_status image_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
                              const sample *s, double scale, loss_values *values) {
     model_bank bank;
     tensor *frame, *total;
@@ -16,7 +16,7 @@ sherf_status image_gradients(tape *t, const model *m, const body_model *body, co
                                 .mask = s->target->mask,
                                 .unknown = s->target->unknown,
                                 .at_box = s->target_geometry->rays->at_box};
-    status = losses_forward(t, lpips, frame, &target, &total, values);
+    status = losses_forward(t, networks, frame, &target, &total, values);
     if (status != SHERF_OK || !total) return status;
     return tape_backward(t, total, scale);
 }

@@ -54,16 +54,17 @@ static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
     return op_add(t, a, factor == 1 ? b : op_scale(t, b, factor));
 }
 
-sherf_status losses_forward(tape *t, const lpips_network *lpips, tensor *frame, const loss_target *g,
+sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *g,
                             tensor **total, loss_values *values) {
     const int64_t shape[2] = {(int64_t)g->width * g->height, 3};
     shift_scale_attr r = {.scale = {0}};
-    tensor *ssim = NULL, *distance = NULL;
+    tensor *ssim = NULL, *lpips = NULL, *resnet50 = NULL;
+    const loss_networks none = {0}, *n = networks ? networks : &none;
     *total = NULL;
-    *values = (loss_values){NAN, NAN, NAN, NAN, NAN};
+    *values = (loss_values){NAN, NAN, NAN, NAN, NAN, NAN};
     tensor *rows = selected(t, g, true, &r);
     if (!rows) {
-        *values = (loss_values){.ssim = NAN, .lpips = NAN};
+        *values = (loss_values){.ssim = NAN, .lpips = NAN, .resnet50 = NAN};
         return tape_status(t);
     }
     tensor *rgb = op_slice(t, frame, 0, 3), *truth = tape_input(t, g->image, 2, shape);
@@ -75,14 +76,23 @@ sherf_status losses_forward(tape *t, const lpips_network *lpips, tensor *frame, 
         tensor *a = cropped(t, g, rgb, known, &r), *b = cropped(t, g, truth, known, &r);
         ssim = op_ssim(t, a, b);
         loss = sum(t, loss, ssim, -1);
-        if (lpips && r.width >= LPIPS_SIDE_MIN && r.height >= LPIPS_SIDE_MIN) {
-            distance = lpips_distance(t, lpips, a, b);
-            loss = sum(t, loss, distance, 1);
+        if (n->lpips && r.width >= LPIPS_SIDE_MIN && r.height >= LPIPS_SIDE_MIN) {
+            lpips = lpips_distance(t, n->lpips, a, b);
+            loss = sum(t, loss, lpips, 1);
+        }
+        if (n->resnet50 && r.width >= RESNET50_SIDE_MIN && r.height >= RESNET50_SIDE_MIN) {
+            resnet50 = resnet50_distance(t, n->resnet50, a, b);
+            double weight = n->resnet50_weight > 0 ? n->resnet50_weight : losses_resnet50_weight;
+            loss = sum(t, loss, resnet50, (float)weight);
         }
     }
     if (tape_status(t) != SHERF_OK) return tape_status(t);
     *total = loss;
-    *values = (loss_values){scalar(loss) + (ssim ? 1 : 0), scalar(color), scalar(mask), scalar(ssim),
-                            scalar(distance)};
+    *values = (loss_values){scalar(loss) + (ssim ? 1 : 0),
+                            scalar(color),
+                            scalar(mask),
+                            scalar(ssim),
+                            scalar(lpips),
+                            scalar(resnet50)};
     return SHERF_OK;
 }

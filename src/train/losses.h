@@ -3,6 +3,7 @@
 #define SHERF_LOSSES_H
 
 #include "nn/lpips.h"
+#include "nn/resnet50.h"
 
 /* What a frame is compared with. Pixels that are `unknown` take no part. */
 typedef struct {
@@ -13,15 +14,26 @@ typedef struct {
     const uint8_t *at_box;  /* H x W, rays that meet the target's box */
 } loss_target;
 
+/* Networks that losses look through; each may be NULL, and is then left out. */
 typedef struct {
-    double total, color, mask, ssim, lpips; /* ssim: SSIM itself; not computed: NaN */
+    const lpips_network *lpips;
+    const resnet50_network *resnet50;
+    double resnet50_weight; /* 0: losses_resnet50_weight */
+} loss_networks;
+/* At the paper's 24.7 dB its LPIPS is 0.10, and the distance of people blurred, bent or tinted to that PSNR
+ * is 0.14 to 0.55, 0.31 in the geometric mean: so both terms weigh about the same (docs/training.md). */
+static const double losses_resnet50_weight = 0.3;
+
+typedef struct {
+    double total, color, mask, ssim, lpips, resnet50; /* ssim: SSIM itself; not computed: NaN */
 } loss_values;
 
 /* frame [N, 5] of model_frame. total = 100 color + 10 mask + (1 - ssim) + lpips: colour, 0.1 mask,
- * 0.01 (1 - SSIM), 0.01 LPIPS, times the 100 of the authors' code. ssim and lpips are taken on the bounding
- * rectangle of the rays at the box where it is large enough; lpips needs its network (NULL: left out).
- * *total is the scalar to go back from; NULL, with values of 0, when no ray meets the box. */
-sherf_status losses_forward(tape *t, const lpips_network *lpips, tensor *frame, const loss_target *target,
+ * 0.01 (1 - SSIM), 0.01 LPIPS, times the 100 of the authors' code; + weight resnet50 where that network is
+ * given. ssim and the networks' distances are taken on the bounding rectangle of the rays at the box where it
+ * is large enough. `networks` may be NULL. *total is the scalar to go back from; NULL, with values of 0, when
+ * no ray meets the box. */
+sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *target,
                             tensor **total, loss_values *values);
 
 #endif

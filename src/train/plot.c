@@ -66,16 +66,17 @@ static double y_of(const chart *p, double v) {
     return HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * fmin(fmax(t, 0), 1);
 }
 
-/* ---- curves: the loss and its parts as they are weighted in it ---- */
-enum { CURVES = 5 };
+/* ---- curves: the loss and its parts as they are weighted in it (resnet50 before its weight) ---- */
+enum { CURVES = 6 };
 static const struct {
     const char *name;
     color color;
-} curves[CURVES] = {
-    {"loss", 0x1F3F7F}, {"color", 0xC04030}, {"mask", 0x2F8F4F}, {"1-ssim", 0xC08A1E}, {"lpips", 0x7A4FA0}};
+} curves[CURVES] = {{"loss", 0x1F3F7F},   {"color", 0xC04030}, {"mask", 0x2F8F4F},
+                    {"1-ssim", 0xC08A1E}, {"lpips", 0x7A4FA0}, {"resnet50", 0x3A8A9A}};
 
 static double curve_value(const loss_values *v, int curve) {
-    const double values[CURVES] = {v->total, 100 * v->color, 10 * v->mask, 1 - v->ssim, v->lpips};
+    const double values[CURVES] = {v->total,    100 * v->color, 10 * v->mask,
+                                   1 - v->ssim, v->lpips,       v->resnet50};
     return values[curve];
 }
 

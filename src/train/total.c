@@ -75,8 +75,8 @@ static int gather(context *c, step_total *s) {
 sherf_status total_add(context *c, step_total *s, int image, const loss_values *v) {
     const int64_t n = s->weights->trained_floats;
     float *row = s->by_image + (size_t)image * ((size_t)s->buffers + TOTAL_LOSSES);
-    const float losses[TOTAL_LOSSES] = {(float)v->total, (float)v->color, (float)v->mask, (float)v->ssim,
-                                        (float)v->lpips};
+    const float losses[TOTAL_LOSSES] = {(float)v->total, (float)v->color, (float)v->mask,
+                                        (float)v->ssim,  (float)v->lpips, (float)v->resnet50};
     memcpy(row, losses, sizeof losses);
     memcpy(row + TOTAL_LOSSES, buffers(s), (size_t)s->buffers * sizeof(float));
     if (image + 1 == s->end) return SHERF_OK; /* the last one stays where it is */
@@ -123,7 +123,7 @@ sherf_status total_finish(context *c, step_total *s, const ranks *r, loss_values
     if (status == SHERF_OK) status = ranks_sum(c, r, (s->buffers + TOTAL_LOSSES) * s->images, s->by_image);
     if (status != SHERF_OK) return status;
     mean_buffers(s);
-    *mean =
-        (loss_values){mean_loss(s, 0), mean_loss(s, 1), mean_loss(s, 2), mean_loss(s, 3), mean_loss(s, 4)};
+    *mean = (loss_values){mean_loss(s, 0), mean_loss(s, 1), mean_loss(s, 2),
+                          mean_loss(s, 3), mean_loss(s, 4), mean_loss(s, 5)};
     return SHERF_OK;
 }

@@ -5,6 +5,7 @@
 
 #include "base/path.h"
 #include "eval/lpips_file.h"
+#include "eval/resnet50_file.h"
 #include "train/picture.h"
 #include "train/trainer.h"
 
@@ -16,7 +17,8 @@ typedef struct {
     ranks ranks;
     sherf_dataset *data;
     body_model *body;
-    lpips_network *lpips; /* NULL: three losses */
+    lpips_network *lpips; /* NULL, and resnet50 as well: three losses */
+    resnet50_network *resnet50;
     model *model, *average;
     adam adam;
     train_state state;
@@ -41,6 +43,7 @@ static void trainer_free(trainer *t) {
     model_free(t->model);
     model_free(t->average);
     lpips_free(t->lpips);
+    resnet50_free(t->resnet50);
     sherf_body_free(t->body);
     sherf_dataset_free(t->data);
 }
@@ -58,7 +61,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
         o->images_per_step > IMAGES_MOST || o->learning_rate < 0 || o->halve_every < 0 ||
         o->sample_every < 0 || o->save_every < 0 || o->workers < 0 || o->workers > 1024 ||
-        !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
+        !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) || !isfinite(o->learning_rate) ||
+        !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
     return SHERF_OK;
 }
@@ -118,7 +122,10 @@ static sherf_status begin(trainer *t) {
     char path[PATH_LENGTH];
     sherf_status status = sherf_dataset_open(c, o->data, &t->data);
     if (status == SHERF_OK) status = sherf_body_load(c, o->body, &t->body);
-    if (status == SHERF_OK && o->lpips) status = lpips_load(c, o->lpips, &t->lpips);
+    if (status == SHERF_OK && o->lpips)
+        status = lpips_load(c, o->lpips, &t->lpips);
+    else if (status == SHERF_OK && o->perceptual)
+        status = resnet50_load(c, o->perceptual, &t->resnet50);
     if (status == SHERF_OK) status = output_path(t, path, "checkpoint.safetensors");
     if (status != SHERF_OK) return status;
     if (o->resume)
@@ -178,7 +185,10 @@ static void announce(trainer *t) {
              sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
              t->last_step);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
-    if (!t->lpips)
+    if (t->resnet50)
+        log_line(c, SHERF_LOG_INFO, "the loss has the resnet50 distance (%s) where the paper's has LPIPS",
+                 t->options->perceptual);
+    else if (!t->lpips)
         log_line(c, SHERF_LOG_INFO,
                  "LPIPS is left out of the loss: no VGG16 weights were given; the other three are used");
 }
@@ -188,13 +198,14 @@ static void announce(trainer *t) {
 static sherf_status share(trainer *t) {
     context *c = t->c;
     const double scale = 1.0 / t->state.images_per_step;
+    const loss_networks networks = {t->lpips, t->resnet50, t->options->perceptual_weight};
     for (int i = t->total.begin; i < t->total.end; i++) {
         sample s;
         loss_values values;
         if (cancelled(c)) return failure(c, SHERF_CANCELLED, "cancelled");
         sherf_status status = loader_next(c, t->loader, &s);
         if (status == SHERF_OK)
-            status = image_gradients(t->tape, t->model, t->body, t->lpips, &s, scale, &values);
+            status = image_gradients(t->tape, t->model, t->body, &networks, &s, scale, &values);
         sample_free(&s);
         if (status == SHERF_OK) status = total_add(c, &t->total, i, &values);
         if (status != SHERF_OK) return status;

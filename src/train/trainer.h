@@ -3,7 +3,6 @@
 #define SHERF_TRAINER_H
 
 #include "model/model.h"
-#include "nn/lpips.h"
 #include "train/adam.h"
 #include "train/checkpoint.h"
 #include "train/history.h"
@@ -13,7 +12,7 @@
 /* ---- one image (image.c) ---- */
 /* Forward, losses, and the gradients of total * scale added to the parameters'. The batch norms' running
  * statistics move. The tape is reset first. */
-sherf_status image_gradients(tape *t, const model *m, const body_model *body, const lpips_network *lpips,
+sherf_status image_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
                              const sample *s, double scale, loss_values *values);
 
 /* ---- the sum of a step (total.c) ----
@@ -32,7 +31,7 @@ typedef struct {
     float *before;   /* running statistics at the start of the step */
     float *by_image; /* images x (buffers + TOTAL_LOSSES) */
 } step_total;
-enum { TOTAL_LOSSES = 5 };
+enum { TOTAL_LOSSES = 6 };
 sherf_status total_create(context *c, parameters *weights, int images, int begin, int end, step_total *out);
 void total_free(step_total *s);
 void total_start(step_total *s); /* zeroes gradients */

@@ -346,7 +346,7 @@ static void training_agrees(void **state) {
                         (double)(i / REFERENCE_SIZE) / REFERENCE_SIZE - 0.5) < 0.3;
     loss_target target = {REFERENCE_SIZE, REFERENCE_SIZE, image.data, mask, NULL, r.target->rays->at_box};
     loss_values values;
-    assert_ok(c, losses_forward(t, lpips, frame, &target, &total, &values));
+    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = lpips}, frame, &target, &total, &values));
     check_loss(&r, "loss.color", values.color);
     check_loss(&r, "loss.mask", values.mask);
     check_loss(&r, "loss.ssim", values.ssim);

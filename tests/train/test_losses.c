@@ -81,14 +81,42 @@ static void lpips_adds_its_distance(void **state) {
     tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
     loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
     loss_values v;
-    assert_ok(c, losses_forward(t, l, frame, &g, &total, &v));
+    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = l}, frame, &g, &total, &v));
     assert_true(v.lpips > 0);
     assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim + v.lpips)) < 1e-4);
     for (int i = 0; i < N; i++) memcpy(s.frame + 5 * i, s.image + 3 * i, 3 * sizeof(float));
     tape_reset(t);
-    assert_ok(c, losses_forward(t, l, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = l}, tape_input(t, s.frame, 2, (int64_t[]){N, 5}),
+                                &g, &total, &v));
     assert_true(v.lpips == 0 && v.color == 0 && fabs(v.ssim - 1) < 1e-5);
     lpips_free(l);
+    tape_free(t);
+    sherf_context_free(c);
+}
+
+static void resnet50_adds_its_distance(void **state) {
+    static scene s;
+    make_scene(&s);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    resnet50_network *r;
+    assert_ok(c, resnet50_create(c, &r));
+    for (int i = 0; i < RESNET50_CONVOLUTIONS; i++)
+        test_centred("losses.resnet50", tensor_count(r->weight[i]),
+                     sqrt(6.0 / (double)(tensor_count(r->weight[i]) / r->weight[i]->dim[0])),
+                     tensor_f32(r->weight[i]));
+    loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
+    loss_values v;
+    for (int own = 0; own < 2; own++) { /* its own weight, or one that is given */
+        tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
+        const loss_networks networks = {.resnet50 = r, .resnet50_weight = own ? 2 : 0};
+        assert_ok(c, losses_forward(t, &networks, frame, &g, &total, &v));
+        double weight = own ? 2 : losses_resnet50_weight;
+        assert_true(v.resnet50 > 0 && isnan(v.lpips));
+        assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim + weight * v.resnet50)) < 1e-4);
+        tape_reset(t);
+    }
+    resnet50_free(r);
     tape_free(t);
     sherf_context_free(c);
 }
@@ -110,8 +138,8 @@ static void nothing_at_the_box(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(values_are_the_means),
-                                       cmocka_unit_test(lpips_adds_its_distance),
-                                       cmocka_unit_test(nothing_at_the_box)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(values_are_the_means), cmocka_unit_test(lpips_adds_its_distance),
+        cmocka_unit_test(resnet50_adds_its_distance), cmocka_unit_test(nothing_at_the_box)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

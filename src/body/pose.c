@@ -96,18 +96,37 @@ typedef struct {
     float shape[BODY_SHAPES];
 } pose_job;
 
+/* The offsets that keep volume, see body.h. */
+static void add_volume(const pose_job *job, size_t begin, size_t end) {
+    const body_model *m = job->m;
+    for (size_t v = begin / 3; v < end / 3; v++)
+        for (size_t j = 1; j < BODY_JOINTS; j++) {
+            double k = m->pose_volume[v * BODY_JOINTS + j];
+            const double *F = job->feature + 9 * (j - 1);
+            if (k == 0) continue;
+            double p[3];
+            for (int i = 0; i < 3; i++) p[i] = (double)m->v_template[3 * v + i] - m->joint_template[j][i];
+            for (int r = 0; r < 3; r++) {
+                double sum = 0;
+                for (int i = 0; i < 3; i++) sum += 0.5 * (F[3 * r + i] + F[3 * i + r]) * p[i];
+                job->p->pose_offset[3 * v + r] -= (float)(k * sum);
+            }
+        }
+}
+
 /* Rows (vertex, axis) [begin, end): pose blend shapes, streaming each feature once per block. */
 static void add_blend_shapes(const pose_job *job, size_t begin, size_t end) {
     const body_model *m = job->m;
     size_t rows = 3 * (size_t)m->vertices;
     float *pose = job->p->pose_offset, *shape = job->p->shape_offset;
     memset(pose + begin, 0, (end - begin) * sizeof *pose);
-    for (size_t k = 0; k < BODY_POSE_FEATURES; k++) {
+    for (size_t k = 0; k < BODY_POSE_FEATURES && m->posedirs; k++) {
         float f = (float)job->feature[k];
         const float *dir = m->posedirs + k * rows;
         if (f == 0) continue;
         for (size_t i = begin; i < end; i++) pose[i] += f * dir[i];
     }
+    if (m->pose_volume) add_volume(job, begin, end);
     for (size_t i = begin; i < end; i++) {
         double sum = 0;
         for (size_t b = 0; b < BODY_SHAPES; b++)

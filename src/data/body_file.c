@@ -5,8 +5,8 @@
 #include "data/data.h"
 #include "data/parse.h"
 
-static const char *const body_keys[] = {"v_template",  "shapedirs", "posedirs",     "weights",
-                                        "J_regressor", "f",         "kintree_table"};
+static const char *const body_keys[] = {"v_template", "shapedirs",    "weights", "J_regressor",
+                                        "f",          "kintree_table"}; /* posedirs may be missing */
 
 bool document_is_body(const document *d) {
     if (!d || !d->root) return false;
@@ -49,7 +49,7 @@ sherf_status body_from_document(context *c, const document *d, body_model **out)
     *out = NULL;
     sherf_status status;
     double *v_template = NULL, *shapedirs = NULL, *posedirs = NULL, *weights = NULL, *regressor = NULL,
-           *face = NULL, *tree = NULL;
+           *volume = NULL, *face = NULL, *tree = NULL;
     int64_t *face_index = NULL, *parent = NULL;
     const value *root = d->root;
     int64_t vertices[3] = {0, 3};
@@ -61,7 +61,8 @@ sherf_status body_from_document(context *c, const document *d, body_model **out)
         goto done;
     }
     int64_t weight_dim[3] = {V, 0}, shape_dim[3] = {V, 3, 0}, pose_dim[3] = {V, 3, BODY_POSE_FEATURES},
-            regressor_dim[3] = {BODY_JOINTS, V}, face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS};
+            regressor_dim[3] = {BODY_JOINTS, V}, face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS},
+            volume_dim[3] = {BODY_JOINTS};
     if ((status = body_array(c, root, "weights", 2, weight_dim, &weights))) goto done;
     if (weight_dim[1] != BODY_JOINTS) {
         status = failure(c, SHERF_UNSUPPORTED, "a body of %lld joints%s; sherf takes SMPL bodies (24 joints)",
@@ -72,7 +73,9 @@ sherf_status body_from_document(context *c, const document *d, body_model **out)
         goto done;
     }
     if ((status = body_array(c, root, "shapedirs", 3, shape_dim, &shapedirs)) ||
-        (status = body_array(c, root, "posedirs", 3, pose_dim, &posedirs)) ||
+        (value_get(root, "posedirs") && (status = body_array(c, root, "posedirs", 3, pose_dim, &posedirs))) ||
+        (value_get(root, "pose_volume") &&
+         (status = body_array(c, root, "pose_volume", 1, volume_dim, &volume))) ||
         (status = body_array(c, root, "J_regressor", 2, regressor_dim, &regressor)) ||
         (status = body_array(c, root, "f", 2, face_dim, &face)) ||
         (status = body_array(c, root, "kintree_table", 2, tree_dim, &tree)))
@@ -92,6 +95,7 @@ sherf_status body_from_document(context *c, const document *d, body_model **out)
                           .posedirs = posedirs,
                           .weights = weights,
                           .regressor = regressor,
+                          .volume = volume,
                           .face = face_index,
                           .parent = parent};
     if (shape_dim[2] < 1 || shape_dim[2] > 4096)
@@ -104,6 +108,7 @@ done:
     mem_free(posedirs);
     mem_free(weights);
     mem_free(regressor);
+    mem_free(volume);
     mem_free(face);
     mem_free(tree);
     mem_free(face_index);
@@ -137,23 +142,28 @@ sherf_status body_save(context *c, const body_model *m, const char *path) {
         tree[j] = m->parent[j];
         tree[BODY_JOINTS + j] = j;
     }
-    float *posedirs = mem_alloc(c, V * 3 * BODY_POSE_FEATURES, sizeof *posedirs);
+    float *posedirs = m->posedirs ? mem_alloc(c, V * 3 * BODY_POSE_FEATURES, sizeof *posedirs) : NULL;
     int32_t *face = mem_alloc(c, (size_t)m->faces * 3, sizeof *face);
-    if (!posedirs || !face) goto done;
+    if ((m->posedirs && !posedirs) || !face) goto done;
     for (size_t i = 0; i < (size_t)m->faces * 3; i++) face[i] = (int32_t)m->face[i];
-    for (size_t k = 0; k < BODY_POSE_FEATURES; k++) /* back to the files' order, vertex major */
+    for (size_t k = 0; k < BODY_POSE_FEATURES && posedirs; k++) /* back to the files' order, vertex major */
         for (size_t i = 0; i < V * 3; i++) posedirs[i * BODY_POSE_FEATURES + k] = m->posedirs[k * V * 3 + i];
     safetensor_item item[] = {
         {"v_template", T_F32, 2, {m->vertices, 3}, m->v_template},
         {"shapedirs", T_F32, 3, {m->vertices, 3, BODY_SHAPES}, m->shapedirs},
-        {"posedirs", T_F32, 3, {m->vertices, 3, BODY_POSE_FEATURES}, posedirs},
         {"weights", T_F32, 2, {m->vertices, BODY_JOINTS}, m->weights},
         {"J_regressor", T_F64, 2, {BODY_JOINTS, m->vertices}, m->regressor},
         {"f", T_I32, 2, {m->faces, 3}, face},
         {"kintree_table", T_I64, 2, {2, BODY_JOINTS}, tree},
+        {"pose_volume", T_F32, 1, {BODY_JOINTS}, m->volume},
+        {"posedirs", T_F32, 3, {m->vertices, 3, BODY_POSE_FEATURES}, posedirs},
     };
+    size_t count = COUNT_OF(item) - 2; /* the last two may be missing */
+    if (m->pose_volume) count++;
+    if (!m->pose_volume) item[count] = item[COUNT_OF(item) - 1];
+    if (posedirs) count++;
     safetensor_metadata metadata[] = {{"format", "sherf-body"}};
-    status = safetensors_write(c, path, COUNT_OF(item), item, COUNT_OF(metadata), metadata);
+    status = safetensors_write(c, path, count, item, COUNT_OF(metadata), metadata);
 done:
     mem_free(posedirs);
     mem_free(face);

@@ -326,7 +326,7 @@ static void body_files(void **state) {
     m = NULL;
     assert_fails(c, load_tiny(c, &b, 52, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-H");
     assert_fails(c, load_tiny(c, &b, 55, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-X");
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "posedirs", &m), SHERF_BAD_FILE, "posedirs is missing");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "weights", &m), SHERF_BAD_FILE, "weights is missing");
     assert_fails(c, load_tiny(c, &b, 24, 10, 6, "v_template", &m), SHERF_BAD_FILE, "holds no SMPL body");
     b.face[4] = TINY;
     assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");

@@ -168,12 +168,16 @@ sherf_status model_frame(tape *t, const model *m, const body_model *body, const 
     n->sigma = tape_tensor(t, real, 2, (int64_t[]){P, 1});
     n->rgb = tape_tensor(t, real, 2, (int64_t[]){P, 3});
     if (!n->sigma || !n->rgb) return tape_status(t);
-    sherf_status status = points_forward(t, n);
-    if (status != SHERF_OK) return status;
-    if (tape_records(t)) {
-        n->sigma->needs_grad = n->rgb->needs_grad = true;
-        tape_record(t, points_backward, n);
+    sherf_status status;
+    if (points_fused_possible(t, m)) {
+        status = points_fused(t, m, body, g, bank, target->points, n->sigma, n->rgb);
+        if (status != SHERF_OK) return status;
+    } else {
+        status = points_forward(t, n);
+        if (status != SHERF_OK) return status;
+        if (tape_records(t)) tape_record(t, points_backward, n);
     }
+    n->sigma->needs_grad = n->rgb->needs_grad = tape_records(t);
     *frame =
         composite_frame(t, target, noise_add(t, n->sigma, target->points, noise_key), n->rgb, background);
     return tape_status(t);

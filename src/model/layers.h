@@ -40,4 +40,10 @@ tensor *fusion(tape *t, const model *m, tensor *const plane[3], tensor *pixel, t
 void decoder(tape *t, const model *m, tensor *tokens, const float *points_canonical,
              const float *directions_canonical, int64_t count, tensor **sigma, tensor **rgb);
 
+/* points_fused.c: all points at once through the fused network (render/pointnet_train.h), recorded; for
+ * training in bf16. sigma [P, 1] and rgb [P, 3] are filled. */
+bool points_fused_possible(const tape *t, const model *m);
+sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
+
 #endif

@@ -11,20 +11,6 @@
 #include <cpuid.h>
 #endif
 
-uint16_t point_half(float x) {
-    uint32_t bits;
-    memcpy(&bits, &x, 4);
-    uint32_t sign = bits >> 16 & 0x8000u, magnitude = bits & 0x7fffffffu;
-    if (magnitude >= 0x477ff000u) return (uint16_t)(sign | 0x7bffu); /* the largest finite one */
-    if (magnitude < 0x38800000u) {                                   /* subnormal: multiples of 2^-24 */
-        float a;
-        memcpy(&a, &magnitude, 4);
-        return (uint16_t)(sign | (uint32_t)lrintf(a * 16777216.0f));
-    }
-    magnitude += 0xfffu + (magnitude >> 13 & 1u);
-    return (uint16_t)(sign | ((magnitude - 0x38000000u) >> 13));
-}
-
 /* ---- creation ---- */
 static sherf_status check_sizes(context *c, const point_sizes *s) {
     bool good = s->token_width >= 1 && s->token_width <= 256 && s->feature_channels >= 1 &&
@@ -108,17 +94,21 @@ static sherf_status copy_vectors(context *c, point_network *n, const point_weigh
     return SHERF_OK;
 }
 
-/* The AMX tile reads a float16 bank with AVX512-FP16, which isa_best() does not promise; its offsets are 32
- * bits. */
-static bool amx_possible(const point_sizes *s, const point_bank *b) {
+/* The AMX tile reads a float16 bank with AVX512-FP16, which isa_best() does not promise. */
+bool point_amx_possible(void) {
 #if defined(__x86_64__)
     unsigned eax, ebx, ecx, edx;
-    if (isa_best() < ISA_AMX || !__get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx) || !(edx & (1u << 23)))
-        return false;
-    if ((int64_t)b->feature_width * b->feature_height > 10000000 ||
-        (int64_t)b->image_width * b->image_height > 100000000)
-        return false;
-    return point_amx_fits(s);
+    return isa_best() >= ISA_AMX && __get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx) && (edx & (1u << 23));
+#else
+    return false;
+#endif
+}
+
+/* Its offsets are 32 bits. */
+static bool amx_possible(const point_sizes *s, const point_bank *b) {
+#if defined(__x86_64__)
+    return point_amx_possible() && (int64_t)b->feature_width * b->feature_height <= 10000000 &&
+           (int64_t)b->image_width * b->image_height <= 100000000 && point_amx_fits(s);
 #else
     return false;
 #endif
@@ -135,6 +125,10 @@ sherf_status point_network_create(context *c, const point_sizes *sizes, const po
     n->s = *sizes;
     n->isa = isa_best();
     n->bf16 = bf16 && amx_possible(sizes, bank);
+    if (bank->merged && !n->bf16) {
+        mem_free(n);
+        return failure(c, SHERF_UNSUPPORTED, "point network: a merged bank is for bf16 only");
+    }
     n->fused = 3 * sizes->token_width;
     n->position_width = 3 * (1 + 2 * sizes->position_frequencies);
     n->direction_width = 3 * (1 + 2 * sizes->direction_frequencies);
@@ -193,8 +187,7 @@ void point_network_free(point_network *n) {
 }
 
 /* ---- points through the network ---- */
-static void fill_tile(const point_set *points, const int64_t *index, int64_t first, int count,
-                      point_tile *t) {
+void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t) {
     t->count = count;
     for (int p = 0; p < count; p++) {
         int64_t i = index ? index[p] : first + p;
@@ -238,7 +231,7 @@ static void run_tiles(void *arg, int64_t begin, int64_t end, int thread) {
     point_tile t;
     for (int64_t i; (i = next_piece(w)) >= 0;) {
         int64_t first = i * POINT_TILE, left = w->points->count - first;
-        fill_tile(w->points, NULL, first, left < POINT_TILE ? (int)left : POINT_TILE, &t);
+        point_tile_fill(w->points, NULL, first, left < POINT_TILE ? (int)left : POINT_TILE, &t);
         w->n->tile(w->n, &t, scratch);
         for (int p = 0; p < t.count; p++) {
             for (int k = 0; k < 3; k++) w->rgb[3 * (first + p) + k] = t.out[k][p];
@@ -323,7 +316,7 @@ static void composite_tile(const work *w, block_space *b) {
 
 static void flush(const work *w, block_space *b, void *scratch) {
     if (!b->tile.count) return;
-    fill_tile(w->points, b->index, 0, b->tile.count, &b->tile);
+    point_tile_fill(w->points, b->index, 0, b->tile.count, &b->tile);
     w->n->tile(w->n, &b->tile, scratch);
     composite_tile(w, b);
     b->tile.count = 0;

@@ -42,8 +42,18 @@ typedef struct {
     const float *rgb_w, *rgb_b;         /* decoder.rgb_linear [3, view_width] */
 } point_weights;
 
+/* What sampling reads after the linear layers before fusion have been applied, without their biases: planes
+ * and map through the token projection's columns for them, levels through volume and token projection.
+ * float32. */
+typedef struct {
+    const float *plane[3];            /* [plane_size, plane_size, D] */
+    const float *map;                 /* [feature_height, feature_width, feature_channels], a multiple of D */
+    const float *level[POINT_LEVELS]; /* [voxels, 3 D] */
+} point_merged;
+
 /* The feature bank of one avatar, float32, channels last; owned by somebody else. */
 typedef struct {
+    const point_merged *merged; /* instead of planes, features and level[].value; or NULL. Only for bf16. */
     int plane_size;
     const float *planes;              /* [3, plane_size, plane_size, D] */
     float plane_min[3], plane_max[3]; /* canonical box with the extra z: to [-1, 1] */

@@ -3,87 +3,6 @@
 #define AMX_GROUPS (POINT_TILE / 16)
 #include "render/pointnet_amx.h"
 
-/* q, k, v of one group: sums [token][row][16]; q of token 2 is not needed. */
-static inline void qkv_product(const point_network *n, const char *normed, float *sums) {
-    const tiles *l = &n->amx->qkv;
-    int q_tiles = n->attention_width / 16; /* row tiles with nothing but q */
-    size_t token = (size_t)l->row_tiles * 256;
-    ORDER();
-    _tile_loadd(4, normed, 64);
-    _tile_loadd(5, normed + TILE, 64);
-    _tile_loadd(6, normed + 2 * TILE, 64);
-    for (int m = 0; m < l->row_tiles; m++) {
-        _tile_loadd(7, (const char *)l->w + (size_t)m * TILE, 64);
-        float *y = sums + m * 256;
-        _tile_zero(0);
-        _tile_zero(1);
-        _tile_dpbf16ps(0, 7, 4);
-        _tile_dpbf16ps(1, 7, 5);
-        if (m >= q_tiles) {
-            _tile_zero(2);
-            _tile_dpbf16ps(2, 7, 6);
-            _tile_stored(2, y + 2 * token, 64);
-        }
-        _tile_stored(0, y, 64);
-        _tile_stored(1, y + token, 64);
-    }
-    ORDER();
-}
-
-/* Attention of tokens 0 and 1 to all three, one group; mixed: B tiles of each token. The scale and log2 e
- * are in q's weights. */
-static inline void attention(const point_network *n, const float *sums, char *mixed) {
-    int head = n->s.head_width, all = n->attention_width;
-    size_t token = (size_t)n->amx->qkv.row_tiles * 256;
-    for (int h = 0; h < n->s.heads; h++) {
-        const float *q = sums + h * head * GROUP, *k = q + all * GROUP, *v = k + all * GROUP;
-        __m512 e[2][3];
-        for (int i = 0; i < 2; i++)
-            for (int j = 0; j < 3; j++) e[i][j] = _mm512_setzero_ps();
-        for (int d = 0; d < head; d++)
-            for (int j = 0; j < 3; j++) {
-                __m512 key = _mm512_load_ps(k + (size_t)j * token + d * GROUP);
-                e[0][j] = _mm512_fmadd_ps(_mm512_load_ps(q + d * GROUP), key, e[0][j]);
-                e[1][j] = _mm512_fmadd_ps(_mm512_load_ps(q + token + d * GROUP), key, e[1][j]);
-            }
-        for (int i = 0; i < 2; i++) {
-            __m512 top = _mm512_max_ps(_mm512_max_ps(e[i][0], e[i][1]), e[i][2]);
-            for (int j = 0; j < 3; j++) e[i][j] = exp2_16(_mm512_sub_ps(e[i][j], top));
-            __m512 part = _mm512_rcp14_ps(_mm512_add_ps(_mm512_add_ps(e[i][0], e[i][1]), e[i][2]));
-            for (int j = 0; j < 3; j++) e[i][j] = _mm512_mul_ps(e[i][j], part);
-        }
-        for (int d = 0; d < head; d += 2) {
-            __m512 y[2][2];
-            for (int s = 0; s < 2; s++) {
-                const float *value = v + (d + s) * GROUP;
-                __m512 a = _mm512_load_ps(value), b = _mm512_load_ps(value + token),
-                       c = _mm512_load_ps(value + 2 * token);
-                for (int i = 0; i < 2; i++)
-                    y[i][s] =
-                        _mm512_fmadd_ps(e[i][2], c, _mm512_fmadd_ps(e[i][1], b, _mm512_mul_ps(e[i][0], a)));
-            }
-            for (int i = 0; i < 2; i++)
-                _mm512_store_si512(mixed + i * n->amx->mixed_blocks * TILE + (h * head + d) * 32,
-                                   pairs(y[i][0], y[i][1]));
-        }
-    }
-}
-
-/* The first layer of the feed-forward part for one token of one group: sums [32][16]. */
-static inline void mlp_product(const tiles *l, const char *normed, float *sums) {
-    ORDER();
-    _tile_loadd(0, l->bias, 64);
-    _tile_loadd(1, l->bias + 256, 64);
-    _tile_loadd(6, normed, 64);
-    _tile_loadd(4, (const char *)l->w, 64);
-    _tile_dpbf16ps(0, 4, 6);
-    _tile_loadd(5, (const char *)l->w + TILE, 64);
-    _tile_dpbf16ps(1, 5, 6);
-    _tile_stored(0, sums, 64);
-    _tile_stored(1, sums + 256, 64);
-    ORDER();
-}
-
 /* Scratch of the fusion: B tiles of the norms and of attention, sums. */
 typedef struct {
     char *normed, *mixed;
@@ -100,7 +19,7 @@ static void transformer(const point_network *n, float *token, fusion_space f) {
         norm_tile(token + k * ONE, n->norm0_w, n->norm0_b, f.normed + k * TILE);
     for (int g = 0; g < AMX_GROUPS; g++) {
         qkv_product(n, f.normed + g * 3 * TILE, f.sums);
-        attention(n, f.sums, f.mixed + (size_t)g * 2 * mixed);
+        attention(n, f.sums, f.mixed + (size_t)g * 2 * mixed, NULL);
     }
     ORDER();
     for (int k = 0; k < 2 * AMX_GROUPS; k++)
@@ -131,10 +50,10 @@ static void decoder(const point_network *n, channels x, channels v, channels a, 
     for (int i = 0; i < n->s.decoder_depth; i++) {
         bool last = i == n->s.decoder_depth - 1, skip = i == n->s.decoder_skip && !last;
         channels out = last ? v : skip ? further(x, p->x_blocks) : in.at == a.at ? b : a;
-        dense(&p->pts[i], in, out, c, &w);
+        dense(&p->pts[i], in, out, 0, c, &w);
         in = skip ? x : out;
     }
-    dense(&p->views, v, a, c, &w);
+    dense(&p->views, v, a, 0, c, &w);
     finish_all(&w);
     float *y = c + AMX_GROUPS * 256;
     dense_last(&p->alpha, v, c);
@@ -180,6 +99,15 @@ void point_tile_amx(const point_network *n, point_tile *t, void *scratch) {
     ORDER();
     decoder(n, x, v, a, b, (float *)(base + p->c), t);
     _tile_release();
+}
+void point_halve_amx(const float *from, float scale, uint16_t *to, int64_t count) {
+    const __m512 s = _mm512_set1_ps(scale);
+    for (int64_t i = 0; i < count; i += 16) {
+        const __mmask16 mask = count - i < 16 ? (__mmask16)((1u << (count - i)) - 1) : (__mmask16)0xffff;
+        __m512 x = _mm512_mul_ps(_mm512_maskz_loadu_ps(mask, from + i), s);
+        _mm256_mask_storeu_epi16(to + i, mask,
+                                 _mm512_cvtps_ph(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC));
+    }
 }
 #else
 typedef int nothing_here;

@@ -37,8 +37,9 @@ static inline __m512 exp2_16(__m512 x) {
     return _mm512_scalef_ps(p, n);
 }
 
-/* x Phi(x) to 6e-4: Phi(x) = 1/2 + z P(z^2) with z = x clamped to 3.6, where the polynomial is exactly 1. */
-static inline __m512 gelu_16(__m512 x) {
+/* Phi(x) = 1/2 + z P(z^2), z = x clamped to 3.6, where the polynomial is exactly 1; x Phi(x) is right to
+ * 6e-4. */
+static inline __m512 normal_share(__m512 x) {
     const __m512 end = _mm512_set1_ps(3.6f);
     __m512 z = _mm512_max_ps(_mm512_min_ps(x, end), _mm512_sub_ps(_mm512_setzero_ps(), end));
     __m512 u = _mm512_mul_ps(z, z);
@@ -47,8 +48,11 @@ static inline __m512 gelu_16(__m512 x) {
     p = _mm512_fmadd_ps(p, u, _mm512_set1_ps(0.00772175069f));
     p = _mm512_fmadd_ps(p, u, _mm512_set1_ps(-0.062254751f));
     p = _mm512_fmadd_ps(p, u, _mm512_set1_ps(0.396198f));
-    p = _mm512_fmadd_ps(p, z, _mm512_set1_ps(0.5f));
-    return _mm512_mul_ps(p, x);
+    return _mm512_fmadd_ps(p, z, _mm512_set1_ps(0.5f));
+}
+
+static inline __m512 gelu_16(__m512 x) {
+    return _mm512_mul_ps(normal_share(x), x);
 }
 
 /* sin and cos to 1e-7, as in the float32 tile. */
@@ -89,26 +93,36 @@ typedef struct {
     struct {
         const float *sums;
         char *out;
+        const char *mask;
     } tile[4];
 } waiting;
 
-static inline void wait_for(waiting *w, const float *sums, char *out) {
+static inline void wait_for(waiting *w, const float *sums, char *out, ptrdiff_t mask) {
     w->tile[w->count].sums = sums;
+    w->tile[w->count].mask = mask ? out + mask : NULL;
     w->tile[w->count++].out = out;
 }
 
-/* Half a tile, with ReLU (on bf16 a maximum of signed 16-bit integers). */
-static inline void finish_half(const float *sums, char *out) {
+/* Half a tile, with ReLU (on bf16 a maximum of signed 16-bit integers), or, backwards through one, kept where
+ * the ReLU's result `mask` is not 0. */
+static inline void finish_half(const float *sums, char *out, const char *mask) {
 #pragma GCC unroll 4
     for (int r = 0; r < 4; r++) {
         __m512i y = pairs(_mm512_load_ps(sums + r * 32), _mm512_load_ps(sums + r * 32 + GROUP));
-        _mm512_store_si512(out + r * PAIR, _mm512_max_epi16(y, _mm512_setzero_si512()));
+        if (mask) {
+            __m512i x = _mm512_load_si512(mask + r * PAIR);
+            y = _mm512_maskz_mov_epi16(_mm512_test_epi16_mask(x, x), y);
+        } else {
+            y = _mm512_max_epi16(y, _mm512_setzero_si512());
+        }
+        _mm512_store_si512(out + r * PAIR, y);
     }
 }
 
 static inline void finish(const waiting *w, int i) {
-    finish_half(w->tile[i].sums, w->tile[i].out);
-    finish_half(w->tile[i].sums + 128, w->tile[i].out + 4 * PAIR);
+    const char *mask = w->tile[i].mask;
+    finish_half(w->tile[i].sums, w->tile[i].out, mask);
+    finish_half(w->tile[i].sums + 128, w->tile[i].out + 4 * PAIR, mask ? mask + 4 * PAIR : NULL);
 }
 
 static inline void finish_all(waiting *w) {
@@ -141,7 +155,7 @@ static inline float *free_half(const waiting *w, float *c) {
         int before = w->count;                                                                               \
         if (previous) {                                                                                      \
             _tile_stored(PREVIOUS, sums, 64);                                                                \
-            wait_for(w, sums, previous);                                                                     \
+            wait_for(w, sums, previous, mask);                                                               \
             step++;                                                                                          \
             sums = ring + (step & 3) * 256;                                                                  \
         }                                                                                                    \
@@ -162,9 +176,10 @@ static inline float *free_half(const waiting *w, float *c) {
         g++;                                                                                                 \
     } while (0)
 
-/* y = ReLU(W x + b), rounded, for all points, of up to 4 column blocks: the weights of 16 rows stay in tiles.
- * The last two tiles are left waiting. */
-static inline void dense_short(const tiles *l, channels x, channels y, float *c, waiting *w) {
+/* y = ReLU(W x + b), or (mask not 0) W x + b where the ReLU's result `mask` bytes behind y is not 0; rounded,
+ * for all points, of up to 4 column blocks: the weights of 16 rows stay in tiles. The last two tiles are left
+ * waiting. */
+static inline void dense_short(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
     float *ring = free_half(w, c), *sums = ring;
     char *previous = NULL;
     int blocks = l->blocks, step = 0;
@@ -183,12 +198,12 @@ static inline void dense_short(const tiles *l, channels x, channels y, float *c,
         }
     }
     _tile_stored(1, sums, 64);
-    wait_for(w, sums, previous);
+    wait_for(w, sums, previous, mask);
     ORDER();
 }
 
 /* The same for any number of blocks, by 2 row tiles x 2 groups; the last four tiles are left waiting. */
-static inline void dense_long(const tiles *l, channels x, channels y, float *c, waiting *w) {
+static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
     int blocks = l->blocks;
     for (int m = 0; m < l->row_tiles; m += 2)
         for (int g = 0; g < AMX_GROUPS; g += 2) {
@@ -221,16 +236,16 @@ static inline void dense_long(const tiles *l, channels x, channels y, float *c, 
             char *out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;
             w->count = 0;
             for (int i = 0; i < 4; i++)
-                wait_for(w, sums + i * 256, out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR);
+                wait_for(w, sums + i * 256, out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR, mask);
             ORDER();
         }
 }
 
-static inline void dense(const tiles *l, channels x, channels y, float *c, waiting *w) {
+static inline void dense(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
     if (l->blocks <= 4)
-        dense_short(l, x, y, c, w);
+        dense_short(l, x, y, mask, c, w);
     else
-        dense_long(l, x, y, c, w);
+        dense_long(l, x, y, mask, c, w);
 }
 
 /* One row tile for all groups, sums as [group][16][16]. */
@@ -304,7 +319,7 @@ static inline void map_taps(samples *s, int first, int width, int height, int te
     }
 }
 
-static inline void level_taps(const point_level *l, samples *s, int level, const __m512 p[3]) {
+static inline void level_taps(const point_level *l, samples *s, int level, const __m512 p[3], bool half) {
     __m512 w[3][2];
     __m512i index[3];
     __mmask16 inside = 0xffff;
@@ -324,13 +339,17 @@ static inline void level_taps(const point_level *l, samples *s, int level, const
                        _mm512_mask_i32gather_epi32(_mm512_set1_epi32(-1), inside, at, l->cell, 4));
     for (int k = 0; k < 4; k++) {
         __m512 zy = _mm512_mul_ps(w[2][k >> 1], w[1][k & 1]);
-        _mm512_store_si512(s->cell_weight[level][2 * k], twice_half(_mm512_mul_ps(zy, w[0][0])));
-        _mm512_store_si512(s->cell_weight[level][2 * k + 1], twice_half(_mm512_mul_ps(zy, w[0][1])));
+        __m512 low = _mm512_mul_ps(zy, w[0][0]), high = _mm512_mul_ps(zy, w[0][1]);
+        _mm512_store_si512(s->cell_weight[level][2 * k], half ? twice_half(low) : _mm512_castps_si512(low));
+        _mm512_store_si512(s->cell_weight[level][2 * k + 1],
+                           half ? twice_half(high) : _mm512_castps_si512(high));
     }
 }
 
+/* Plane 0 is read at (x, y), plane 1 at (x, z), plane 2 at (z, y). */
+static const int plane_axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
+
 static inline void find_taps(const point_network *n, const point_tile *t, int first, samples *s) {
-    static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
     __m512 texel[3], at[3];
     for (int i = 0; i < 3; i++) {
         __m512 x = _mm512_load_ps(t->position[i] + first);
@@ -339,15 +358,15 @@ static inline void find_taps(const point_network *n, const point_tile *t, int fi
         at[i] = _mm512_sub_ps(x, _mm512_set1_ps(n->volume_min[i]));
     }
     for (int i = 0; i < 3; i++)
-        map_taps(s, 4 * i, n->plane[i].width, n->plane[i].height, n->plane[i].stride * 2, texel[axis[i][0]],
-                 texel[axis[i][1]], true);
+        map_taps(s, 4 * i, n->plane[i].width, n->plane[i].height, n->plane[i].stride * 2,
+                 texel[plane_axis[i][0]], texel[plane_axis[i][1]], true);
     __m512 u = _mm512_load_ps(t->pixel[0] + first), v = _mm512_load_ps(t->pixel[1] + first);
     map_taps(s, 12, n->map.width, n->map.height, n->map.stride * 2,
              _mm512_mul_ps(u, _mm512_set1_ps(n->map_scale[0])),
              _mm512_mul_ps(v, _mm512_set1_ps(n->map_scale[1])), true);
     map_taps(s, 16, n->image_width, n->image_height, 16, _mm512_mul_ps(u, _mm512_set1_ps(n->image_scale[0])),
              _mm512_mul_ps(v, _mm512_set1_ps(n->image_scale[1])), false);
-    for (int i = 0; i < POINT_LEVELS; i++) level_taps(&n->level[i], s, i, at);
+    for (int i = 0; i < POINT_LEVELS; i++) level_taps(&n->level[i], s, i, at, true);
 }
 
 static inline __m512h weight_of(const int32_t *w) {
@@ -482,6 +501,89 @@ static inline void norm_tile(const float *x, const float *weight, const float *b
         _mm512_store_si512(out + r * 32, pairs(v, w));
     }
 }
+/* q, k, v of one group: sums [token][row][16]; q of token 2 is not needed. */
+static inline void qkv_product(const point_network *n, const char *normed, float *sums) {
+    const tiles *l = &n->amx->qkv;
+    int q_tiles = n->attention_width / 16; /* row tiles with nothing but q */
+    size_t token = (size_t)l->row_tiles * 256;
+    ORDER();
+    _tile_loadd(4, normed, 64);
+    _tile_loadd(5, normed + TILE, 64);
+    _tile_loadd(6, normed + 2 * TILE, 64);
+    for (int m = 0; m < l->row_tiles; m++) {
+        _tile_loadd(7, (const char *)l->w + (size_t)m * TILE, 64);
+        float *y = sums + m * 256;
+        _tile_zero(0);
+        _tile_zero(1);
+        _tile_dpbf16ps(0, 7, 4);
+        _tile_dpbf16ps(1, 7, 5);
+        if (m >= q_tiles) {
+            _tile_zero(2);
+            _tile_dpbf16ps(2, 7, 6);
+            _tile_stored(2, y + 2 * token, 64);
+        }
+        _tile_stored(0, y, 64);
+        _tile_stored(1, y + token, 64);
+    }
+    ORDER();
+}
+
+/* Attention of tokens 0 and 1 to all three, one group; mixed: B tiles of each token. The scale and log2 e
+ * are in q's weights. chance: [head][2 tokens][3][16], what each token takes of each, or NULL. */
+static inline void attention(const point_network *n, const float *sums, char *mixed, float *chance) {
+    int head = n->s.head_width, all = n->attention_width;
+    size_t token = (size_t)n->amx->qkv.row_tiles * 256;
+    for (int h = 0; h < n->s.heads; h++) {
+        const float *q = sums + h * head * GROUP, *k = q + all * GROUP, *v = k + all * GROUP;
+        __m512 e[2][3];
+        for (int i = 0; i < 2; i++)
+            for (int j = 0; j < 3; j++) e[i][j] = _mm512_setzero_ps();
+        for (int d = 0; d < head; d++)
+            for (int j = 0; j < 3; j++) {
+                __m512 key = _mm512_load_ps(k + (size_t)j * token + d * GROUP);
+                e[0][j] = _mm512_fmadd_ps(_mm512_load_ps(q + d * GROUP), key, e[0][j]);
+                e[1][j] = _mm512_fmadd_ps(_mm512_load_ps(q + token + d * GROUP), key, e[1][j]);
+            }
+        for (int i = 0; i < 2; i++) {
+            __m512 top = _mm512_max_ps(_mm512_max_ps(e[i][0], e[i][1]), e[i][2]);
+            for (int j = 0; j < 3; j++) e[i][j] = exp2_16(_mm512_sub_ps(e[i][j], top));
+            __m512 part = _mm512_rcp14_ps(_mm512_add_ps(_mm512_add_ps(e[i][0], e[i][1]), e[i][2]));
+            for (int j = 0; j < 3; j++) e[i][j] = _mm512_mul_ps(e[i][j], part);
+            for (int j = 0; chance && j < 3; j++)
+                _mm512_store_ps(chance + ((h * 2 + i) * 3 + j) * GROUP, e[i][j]);
+        }
+        for (int d = 0; d < head; d += 2) {
+            __m512 y[2][2];
+            for (int s = 0; s < 2; s++) {
+                const float *value = v + (d + s) * GROUP;
+                __m512 a = _mm512_load_ps(value), b = _mm512_load_ps(value + token),
+                       c = _mm512_load_ps(value + 2 * token);
+                for (int i = 0; i < 2; i++)
+                    y[i][s] =
+                        _mm512_fmadd_ps(e[i][2], c, _mm512_fmadd_ps(e[i][1], b, _mm512_mul_ps(e[i][0], a)));
+            }
+            for (int i = 0; i < 2; i++)
+                _mm512_store_si512(mixed + i * n->amx->mixed_blocks * TILE + (h * head + d) * 32,
+                                   pairs(y[i][0], y[i][1]));
+        }
+    }
+}
+
+/* The first layer of the feed-forward part for one token of one group: sums [32][16]. */
+static inline void mlp_product(const tiles *l, const char *normed, float *sums) {
+    ORDER();
+    _tile_loadd(0, l->bias, 64);
+    _tile_loadd(1, l->bias + 256, 64);
+    _tile_loadd(6, normed, 64);
+    _tile_loadd(4, (const char *)l->w, 64);
+    _tile_dpbf16ps(0, 4, 6);
+    _tile_loadd(5, (const char *)l->w + TILE, 64);
+    _tile_dpbf16ps(1, 5, 6);
+    _tile_stored(0, sums, 64);
+    _tile_stored(1, sums + 256, 64);
+    ORDER();
+}
+
 /* Behind an encoding: token i, then zeros up to `pairs_all`. */
 static inline void pack_token(const float *x, const float *bias, char *out, int pairs_all) {
     for (int r = 0; r < WIDTH; r += 2) {

@@ -1,4 +1,5 @@
 /* The weights of the point network as AMX tiles of bf16. */
+#if defined(__x86_64__)
 #include <math.h>
 #include <string.h>
 
@@ -95,6 +96,10 @@ static sherf_status pack_attention_out(context *c, const point_matrix *m, int bl
     return status;
 }
 
+float point_q_scale(const point_network *n) {
+    return 1.44269504f / sqrtf((float)n->s.head_width);
+}
+
 static sherf_status pack_fusion(context *c, const point_network *n, point_matrices *m, int *slot,
                                 point_amx *a) {
     sherf_status status = SHERF_OK;
@@ -103,8 +108,7 @@ static sherf_status pack_fusion(context *c, const point_network *n, point_matric
     if (n->color_width)
         status = tiles_pack(c, &m->color, m->color.rows / 16, (n->color_width + 31) / 32, slot, &a->color);
     /* attention's scale and log2 e go into q */
-    float scale = 1.44269504f / sqrtf((float)n->s.head_width);
-    for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= scale;
+    for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= point_q_scale(n);
     slots_none(slot);
     slots_add(slot, 0, 0, WIDTH);
     if (!status) status = tiles_pack(c, &m->qkv, (3 * n->attention_width + 15) / 16, 1, slot, &a->qkv);
@@ -206,3 +210,6 @@ void point_amx_free(point_amx *a) {
     mem_free(a->mlp1_b);
     mem_free(a);
 }
+#else
+typedef int nothing_here;
+#endif

@@ -52,6 +52,9 @@ sherf_status tiles_pack(context *c, const point_matrix *m, int row_tiles, int bl
                         tiles *out);
 void tiles_free(tiles *l);
 
+/* q's weights are packed times this: attention's scale and log2 e. */
+float point_q_scale(const point_network *n);
+
 /* pointnet_amx.c: runs one tile. */
 void point_tile_amx(const point_network *n, point_tile *t, void *scratch);
 

@@ -103,19 +103,22 @@ sherf_status point_matrices_make(context *c, const point_network *n, const point
                                  point_matrices *out);
 void point_matrices_free(point_matrices *m);
 
-/* float32 to float16, to nearest even; no NaN comes in. */
-uint16_t point_half(float x);
-
 /* One float32 file per instruction set, all from pointnet_float.h. */
 void point_tile_plain(const point_network *n, point_tile *t, void *scratch);
 void point_tile_avx2(const point_network *n, point_tile *t, void *scratch);
 void point_tile_avx512(const point_network *n, point_tile *t, void *scratch);
 size_t point_tile_float_bytes(const point_network *n);
 
-/* pointnet_amx.c: bf16. m is used up. */
+/* pointnet.c: the points index[0 .. count), or those from `first` on, into a tile. */
+void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t);
+bool point_amx_possible(void); /* the processor has all that the bf16 tile takes */
+
+/* pointnet_amx_pack.c: bf16. m is used up. */
 bool point_amx_fits(const point_sizes *s);
 sherf_status point_amx_create(context *c, point_network *n, point_matrices *m);
 void point_amx_free(point_amx *a);
+/* to = float16(from * scale), to nearest even; the products must be finite and below 65504. */
+void point_halve_amx(const float *from, float scale, uint16_t *to, int64_t count);
 
 static inline int round_up(int n, int to) {
     return (n + to - 1) / to * to;

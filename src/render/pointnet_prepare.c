@@ -5,6 +5,8 @@
 
 #include "render/pointnet_inside.h"
 
+enum { PARTS = 64 };
+
 /* y[rows][stride] = x[rows][columns] m^T, m given transposed: mt[columns][out]. */
 typedef struct {
     const float *x, *mt;
@@ -34,7 +36,9 @@ typedef struct {
 
 static void to_half(void *arg, int64_t begin, int64_t end, int thread) {
     const half_job *j = arg;
-    for (int64_t i = begin; i < end; i++) j->to[i] = point_half(j->from[i] * j->scale);
+#if defined(__x86_64__)
+    point_halve_amx(j->from + begin, j->scale, j->to + begin, end - begin); /* bf16 runs on AMX only */
+#endif
 }
 
 /* Rows of x through m (out x columns); *y is new. */
@@ -65,6 +69,7 @@ static sherf_status prepare_planes(context *c, point_network *n, const point_wei
         point_map *p = &n->plane[i];
         *p = (point_map){.width = size, .height = size, .stride = round_up(d, POINT_PAD)};
         int64_t rows = (int64_t)size * size;
+        if (bank->merged) continue;
         status = project(c, bank->planes + (size_t)i * (size_t)rows * (size_t)d, rows, d, m, d, p->stride,
                          &p->texel);
     }
@@ -88,8 +93,9 @@ static sherf_status prepare_map(context *c, point_network *n, const point_weight
     point_map *p = &n->map;
     *p = (point_map){
         .width = bank->feature_width, .height = bank->feature_height, .stride = round_up(out, POINT_PAD)};
-    sherf_status status =
-        project(c, bank->features, (int64_t)p->width * p->height, f, m, out, p->stride, &p->texel);
+    sherf_status status = bank->merged ? SHERF_OK
+                                       : project(c, bank->features, (int64_t)p->width * p->height, f, m, out,
+                                                 p->stride, &p->texel);
     mem_free(m);
     if (status) return status;
     n->image_width = bank->image_width;
@@ -137,7 +143,7 @@ static sherf_status make_cells(context *c, point_level *l, const int32_t *grid) 
     return SHERF_OK;
 }
 
-static sherf_status prepare_level(context *c, point_network *n, const point_weights *w,
+static sherf_status project_level(context *c, point_network *n, const point_weights *w,
                                   const point_bank *bank, int level, int first_column) {
     int d = n->s.token_width, channels = n->s.volume_channels[level], columns = 0;
     for (int i = 0; i < POINT_LEVELS; i++) columns += n->s.volume_channels[i];
@@ -149,13 +155,8 @@ static sherf_status prepare_level(context *c, point_network *n, const point_weig
                 m[(size_t)row * channels + k] +=
                     (double)w->token_projection_w[(size_t)(row % d) * n->fused + 2 * d + j] *
                     w->volume_projection_w[(size_t)(row / d * d + j) * columns + first_column + k];
-    point_level *l = &n->level[level];
-    l->stride = round_up(n->fused, POINT_PAD);
-    memcpy(l->size, bank->level[level].size, sizeof l->size);
-    for (int i = 0; i < 3; i++)
-        l->voxels_per_m[i] =
-            (float)((l->size[2 - i] - 1) / ((double)bank->voxel_size_m * bank->volume_size[2 - i]));
     /* row 0 is for corners without a voxel */
+    point_level *l = &n->level[level];
     int64_t voxels = bank->level[level].voxels;
     float *value = NULL;
     sherf_status status =
@@ -166,46 +167,111 @@ static sherf_status prepare_level(context *c, point_network *n, const point_weig
     if (l->value && voxels)
         memcpy(l->value + l->stride, value, (size_t)voxels * (size_t)l->stride * sizeof(float));
     mem_free(value);
-    l->rows = voxels + 1;
-    if (!l->value) return SHERF_NO_MEMORY;
-    return make_cells(c, l, bank->level[level].grid);
+    return l->value ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static sherf_status halve(context *c, float **from, uint16_t **to, size_t count, float scale) {
-    *to = mem_alloc(c, count, sizeof **to);
-    if (!*to) return SHERF_NO_MEMORY;
-    half_job j = {*from, *to, scale};
-    parallel_for(c, (int64_t)count, 4096, to_half, &j);
-    mem_free(*from);
-    *from = NULL;
-    return SHERF_OK;
+static void shape_level(point_network *n, const point_bank *bank, int level) {
+    point_level *l = &n->level[level];
+    l->stride = round_up(n->fused, POINT_PAD);
+    l->rows = bank->level[level].voxels + 1;
+    memcpy(l->size, bank->level[level].size, sizeof l->size);
+    for (int i = 0; i < 3; i++)
+        l->voxels_per_m[i] =
+            (float)((l->size[2 - i] - 1) / ((double)bank->voxel_size_m * bank->volume_size[2 - i]));
 }
 
-static float largest(const float *x, size_t count, float so_far) {
-    for (size_t i = 0; i < count; i++) so_far = fabsf(x[i]) <= so_far ? so_far : fabsf(x[i]);
+typedef struct {
+    const context *c;
+    point_network *n;
+    const point_bank *bank;
+    sherf_status status[POINT_LEVELS];
+} cells_job;
+
+static void cells_range(void *arg, int64_t begin, int64_t end, int thread) {
+    cells_job *j = arg;
+    for (int64_t l = begin; l < end; l++) {
+        context own = *j->c; /* for its message; memory is everybody's */
+        j->status[l] = make_cells(&own, &j->n->level[l], j->bank->level[l].grid);
+    }
+}
+
+/* The largest magnitude, as bits: floats of one sign order like integers, and NaN comes above all. */
+typedef struct {
+    const float *x;
+    uint32_t top[PARTS];
+    int64_t each, count;
+} top_job;
+
+static void top_range(void *arg, int64_t begin, int64_t end, int thread) {
+    top_job *j = arg;
+    for (int64_t i = begin; i < end; i++) {
+        uint32_t top = 0;
+        int64_t stop = (i + 1) * j->each < j->count ? (i + 1) * j->each : j->count;
+        for (int64_t k = i * j->each; k < stop; k++) {
+            uint32_t bits;
+            memcpy(&bits, &j->x[k], 4);
+            bits &= 0x7fffffffu;
+            top = bits > top ? bits : top;
+        }
+        j->top[i] = top;
+    }
+}
+
+static uint32_t largest(const context *c, const float *x, int64_t count, uint32_t so_far) {
+    top_job j = {.x = x, .each = (count + PARTS - 1) / PARTS, .count = count};
+    parallel_for(c, PARTS, 1, top_range, &j);
+    for (int i = 0; i < PARTS; i++) so_far = j.top[i] > so_far ? j.top[i] : so_far;
     return so_far;
+}
+
+typedef struct {
+    float *own;        /* to be freed, or NULL */
+    const float *from; /* [count] */
+    uint16_t **to;     /* made: `zeros` values 0, then the values */
+    int64_t count, zeros;
+} half_part;
+
+static sherf_status halve(context *c, const half_part *p, float scale) {
+    uint16_t *to = mem_alloc(c, (size_t)(p->zeros + p->count), sizeof *to);
+    *p->to = to;
+    if (!to) return SHERF_NO_MEMORY;
+    memset(to, 0, (size_t)p->zeros * sizeof *to);
+    half_job j = {p->from, to + p->zeros, scale};
+    parallel_for(c, p->count, 4096, to_half, &j);
+    return SHERF_OK;
 }
 
 /* The bank in float16, scaled so that a sum of all its parts stays far from the type's 65504 and its small
  * values far from 6e-8. */
-static sherf_status prepare_half(context *c, point_network *n) {
-    size_t texels = (size_t)n->plane[0].width * (size_t)n->plane[0].height * (size_t)n->plane[0].stride;
-    size_t map = (size_t)n->map.width * (size_t)n->map.height * (size_t)n->map.stride;
-    float top = 1e-20f;
-    for (int i = 0; i < 3; i++) top = largest(n->plane[i].texel, texels, top);
-    top = largest(n->map.texel, map, top);
-    for (int i = 0; i < POINT_LEVELS; i++)
-        top = largest(n->level[i].value, (size_t)n->level[i].rows * (size_t)n->level[i].stride, top);
+static sherf_status prepare_half(context *c, point_network *n, const point_bank *bank) {
+    const point_merged *m = bank->merged;
+    half_part part[4 + POINT_LEVELS];
+    for (int i = 0; i < 3; i++) {
+        point_map *p = &n->plane[i];
+        part[i] = (half_part){p->texel, m ? m->plane[i] : p->texel, &p->half,
+                              (int64_t)p->width * p->height * p->stride, 0};
+        p->texel = NULL;
+    }
+    part[3] = (half_part){n->map.texel, m ? m->map : n->map.texel, &n->map.half,
+                          (int64_t)n->map.width * n->map.height * n->map.stride, 0};
+    n->map.texel = NULL;
+    for (int i = 0; i < POINT_LEVELS; i++) {
+        point_level *l = &n->level[i];
+        part[4 + i] = (half_part){l->value, m ? m->level[i] : l->value + l->stride, &l->half,
+                                  (l->rows - 1) * l->stride, l->stride};
+        l->value = NULL;
+    }
+    uint32_t bits = 0;
+    for (size_t i = 0; i < COUNT_OF(part); i++) bits = largest(c, part[i].from, part[i].count, bits);
+    float top;
+    memcpy(&top, &bits, 4);
+    if (top < 1e-20f) top = 1e-20f;
     n->bank_scale = exp2f(floorf(log2f(4096.0f / top)));
-    if (!isfinite(n->bank_scale) || n->bank_scale <= 0)
-        return failure(c, SHERF_BAD_ARGUMENT, "point network: the avatar's features are not finite");
     sherf_status status = SHERF_OK;
-    for (int i = 0; i < 3 && !status; i++)
-        status = halve(c, &n->plane[i].texel, &n->plane[i].half, texels, n->bank_scale);
-    if (!status) status = halve(c, &n->map.texel, &n->map.half, map, n->bank_scale);
-    for (int i = 0; i < POINT_LEVELS && !status; i++)
-        status = halve(c, &n->level[i].value, &n->level[i].half,
-                       (size_t)n->level[i].rows * (size_t)n->level[i].stride, n->bank_scale);
+    if (!isfinite(n->bank_scale) || n->bank_scale <= 0)
+        status = failure(c, SHERF_BAD_ARGUMENT, "point network: the avatar's features are not finite");
+    for (size_t i = 0; i < COUNT_OF(part) && !status; i++) status = halve(c, &part[i], n->bank_scale);
+    for (size_t i = 0; i < COUNT_OF(part); i++) mem_free(part[i].own);
     return status;
 }
 
@@ -243,11 +309,15 @@ sherf_status point_bank_prepare(context *c, point_network *n, const point_weight
     if (!status) status = prepare_map(c, n, w, bank);
     int column = 0;
     for (int i = 0; i < POINT_LEVELS && !status; i++) {
-        status = prepare_level(c, n, w, bank, i, column);
+        shape_level(n, bank, i);
+        if (!bank->merged) status = project_level(c, n, w, bank, i, column);
         column += n->s.volume_channels[i];
     }
     memcpy(n->volume_min, bank->volume_min, sizeof n->volume_min);
-    if (!status && n->bf16) status = prepare_half(c, n);
+    cells_job cells = {.c = c, .n = n, .bank = bank};
+    if (!status) parallel_for(c, POINT_LEVELS, 1, cells_range, &cells);
+    for (int i = 0; i < POINT_LEVELS && !status; i++) status = cells.status[i];
+    if (!status && n->bf16) status = prepare_half(c, n, bank);
     return status;
 }
 

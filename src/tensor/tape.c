@@ -15,12 +15,21 @@ struct node {
     void *saved;
 };
 
+/* Something that is freed with the tape's memory. */
+typedef struct owned owned;
+struct owned {
+    owned *previous;
+    void *object;
+    void (*release)(void *object);
+};
+
 struct tape {
     context *c;
     tape_options options;
     arena *memory;  /* tensors, nodes, attributes */
     arena *scratch; /* rewound after every kernel */
     node *newest;
+    owned *owned;
     sherf_status status;
     tape *nested[2]; /* not recording, recording */
 };
@@ -50,8 +59,25 @@ tape *tape_create(context *c, tape_options options) {
     return t;
 }
 
+static void release_owned(tape *t) {
+    for (owned *o = t->owned; o; o = o->previous) o->release(o->object);
+    t->owned = NULL;
+}
+
+bool tape_own(tape *t, void *object, void (*release)(void *object)) {
+    owned *o = tape_alloc(t, 1, sizeof *o);
+    if (!o) {
+        release(object);
+        return false;
+    }
+    *o = (owned){t->owned, object, release};
+    t->owned = o;
+    return true;
+}
+
 void tape_free(tape *t) {
     if (!t) return;
+    release_owned(t);
     for (int i = 0; i < 2; i++) tape_free(t->nested[i]);
     arena_free(t->memory);
     arena_free(t->scratch);
@@ -59,6 +85,7 @@ void tape_free(tape *t) {
 }
 
 void tape_reset(tape *t) {
+    release_owned(t);
     arena_reset(t->memory);
     arena_reset(t->scratch);
     t->newest = NULL;

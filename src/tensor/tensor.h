@@ -114,6 +114,9 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same 
 tensor *tape_wrap(tape *t, dtype type, int rank, const int64_t *dim, void *data);
 void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory with the same life */
 
+/* The object is released at the reset, or now if that cannot be noted (false, the status of `t`). */
+bool tape_own(tape *t, void *object, void (*release)(void *object));
+
 /* While not recording, intermediate memory can be given back: everything made after the mark is gone. */
 arena_mark tape_mark(tape *t);
 void tape_rewind(tape *t, arena_mark mark);

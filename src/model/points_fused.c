@@ -1,0 +1,126 @@
+/* Training in bf16: the point network as one step of the tape. The linear layers in front of the fusion are
+ * applied to planes, map and volume by ops, so that the tape takes their gradients; the rest runs in tiles,
+ * forwards and backwards (render/pointnet_train.h). */
+#include "model/layers.h"
+#include "render/pointnet_train.h"
+
+typedef struct {
+    point_network *network;
+    point_weights weights;
+    const model *m;
+    const point_set *points;
+    tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
+    tensor *sigma, *rgb;
+} fused_node;
+
+bool points_fused_possible(const tape *t, const model *m) {
+    point_sizes sizes;
+    model_point_sizes(&m->config, &sizes);
+    return tape_records(t) && tape_settings(t).bf16 && tape_backend(t) == &backend_cpu &&
+           point_training_possible(&sizes);
+}
+
+static void network_release(void *network) {
+    point_network_free(network);
+}
+
+/* y [rows, width] = x [rows, width] w^T, x as rows of w's width whatever its shape. */
+static tensor *through(tape *t, tensor *x, tensor *w) {
+    if (!x || !w) return NULL;
+    const int64_t width = tensor_columns(w);
+    tensor *y =
+        op_linear(t, tape_reshape(t, x, 2, (int64_t[]){tensor_count(x) / width, width}), w, NULL, 1, 1);
+    return tape_reshape(t, y, x->rank, x->dim);
+}
+
+static tensor *as_matrix(tape *t, const model *m, const char *name) {
+    tensor *w = model_tensor(m, "%s", name);
+    return w ? tape_reshape(t, w, 2, (int64_t[]){w->dim[0], tensor_count(w) / w->dim[0]}) : NULL;
+}
+
+static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused_node *n) {
+    const int64_t D = m->config.token_width;
+    tensor *token = as_matrix(t, m, "renderer.conv1d_reprojection.weight"),
+           *volume = as_matrix(t, m, "renderer.conv1d_projection.weight");
+    tensor *part[3];
+    for (int i = 0; i < 3; i++) part[i] = op_slice(t, token, i * D, D); /* of planes, pixel and volume */
+    for (int i = 0; i < 3; i++) n->plane[i] = through(t, bank->plane[i], part[0]);
+    n->map = through(t, bank->features, part[1]);
+    for (int l = 0, column = 0; l < POINT_LEVELS; column += m->config.volume_channels[l++]) {
+        tensor *w = op_slice(t, volume, column, m->config.volume_channels[l]);
+        n->level[l] = through(t, op_linear(t, bank->level[l], w, NULL, 1, 1), part[2]);
+    }
+    return tape_status(t);
+}
+
+static void bank_of(const model *m, const body_model *body, const observation_geometry *g,
+                    const fused_node *n, point_merged *merged, point_bank *b) {
+    *b = (point_bank){.merged = merged,
+                      .plane_size = m->config.plane_resolution,
+                      .feature_width = (int)n->map->dim[1],
+                      .feature_height = (int)n->map->dim[0],
+                      .image_width = g->width,
+                      .image_height = g->height,
+                      .image = g->image,
+                      .voxel_size_m = m->config.voxel_size_m};
+    float max[3];
+    body_canonical_bounds_z(body, b->plane_min, b->plane_max);
+    body_canonical_bounds(body, b->volume_min, max);
+    for (int i = 0; i < 3; i++) {
+        merged->plane[i] = tensor_f32(n->plane[i]);
+        b->volume_size[i] = g->volume_size[i];
+    }
+    merged->map = tensor_f32(n->map);
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        merged->level[l] = tensor_f32(n->level[l]);
+        b->level[l].voxels = g->level[l + 1].voxels;
+        b->level[l].grid = g->level[l + 1].grid;
+        for (int i = 0; i < 3; i++) b->level[l].size[i] = g->level[l + 1].size[i];
+    }
+}
+
+static sherf_status fused_backward(tape *t, void *payload) {
+    fused_node *n = payload;
+    if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
+    tensor *dsigma = tape_grad(t, n->sigma), *drgb = tape_grad(t, n->rgb);
+    const parameters *p = n->m->weights;
+    point_gradients out = {.values = p->values, .grads = p->grads};
+    bool good = dsigma && drgb && p->grads;
+    for (int i = 0; i < 3 && good; i++) {
+        tensor *plane = tape_grad(t, n->plane[i]), *level = tape_grad(t, n->level[i]);
+        good = plane && level;
+        if (good) out.plane[i] = tensor_f32(plane), out.level[i] = tensor_f32(level);
+    }
+    tensor *map = good ? tape_grad(t, n->map) : NULL;
+    if (!map) return tape_status(t);
+    out.map = tensor_f32(map);
+    tape *work = tape_nested(t, false);
+    if (!work) return tape_status(t);
+    tape_reset(work);
+    sherf_status status = point_network_backward(work, n->network, &n->weights, n->points, tensor_f32(n->rgb),
+                                                 tensor_f32(drgb), tensor_f32(dsigma), &out);
+    tape_reset(work);
+    return status;
+}
+
+sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
+    context *c = tape_context(t);
+    point_sizes sizes;
+    point_merged merged;
+    point_bank b;
+    fused_node *n = tape_alloc(t, 1, sizeof *n);
+    if (!n) return tape_status(t);
+    *n = (fused_node){.m = m, .points = points, .sigma = sigma, .rgb = rgb};
+    sherf_status status = merge(t, m, bank, n);
+    if (status != SHERF_OK) return status;
+    model_point_sizes(&m->config, &sizes);
+    model_point_weights(m->weights, &m->config, &n->weights);
+    bank_of(m, body, g, n, &merged, &b);
+    status = point_network_create(c, &sizes, &n->weights, &b, true, &n->network);
+    if (status == SHERF_OK && !tape_own(t, n->network, network_release)) status = tape_status(t);
+    if (status == SHERF_OK)
+        status = point_network_run(c, n->network, points, tensor_f32(rgb), tensor_f32(sigma));
+    if (status == SHERF_OK) tape_record(t, fused_backward, n);
+    return status == SHERF_OK ? tape_status(t) : status;
+}

@@ -30,7 +30,7 @@ cc -std=c11 -Wall -Wextra -Werror "$here/docs/example.c" $(pkg --cflags --libs s
 # The archive with the shared libraries of others: --static would ask for theirs too.
 # shellcheck disable=SC2046
 cc -std=c11 "$here/docs/example.c" $(pkg --cflags sherf) "$lib/libsherf.a" \
-    $(pkg-config --libs $(pkg --print-requires-private sherf)) -ldnnl -lm -fopenmp -o "$work/example-static"
+    $(pkg-config --libs $(pkg --print-requires-private sherf)) -ldnnl -lembree3 -lm -fopenmp -o "$work/example-static"
 # shellcheck disable=SC2046
 c++ -std=c++20 -Wall -x c++ "$here/docs/example.c" -x none $(pkg --cflags --libs sherf) -o "$work/example-cxx"
 # shellcheck disable=SC2046

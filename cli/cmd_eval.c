@@ -2,8 +2,9 @@
 #include "verbs.h"
 
 static struct {
-    const char *data, *people, *model, *body, *lpips, *observation, *poses, *views, *output;
-    bool npy, no_png;
+    const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output;
+    bool npy, no_png, yardsticks;
+    int64_t size;
 } set;
 
 static const option options[] = {
@@ -15,10 +16,17 @@ static const option options[] = {
     {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
     {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
     {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
-     "what the network sees; each is evaluated (the paper's)"},
+     "what the network sees; each is evaluated; 'random': one a person, drawn with --seed (the paper's)"},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
     {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
     {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads; without it no LPIPS"},
+    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
+     "converted ResNet-50, for the resnet50 distance; 'none' for none (assets/resnet50.safetensors, if it is "
+     "there)"},
+    {0, "yardsticks", OPTION_FLAG, &set.yardsticks, NULL,
+     "scores also of the mean colour in the true mask and of the body painted with the picture"},
+    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
+     0, 4096},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
     {0, "no-png", OPTION_FLAG, &set.no_png, NULL, "no pictures"},
@@ -30,7 +38,15 @@ static void score_add(cJSON *json, const char *name, const sherf_score *score) {
     cJSON_AddNumberToObject(o, "psnr", score->psnr);
     cJSON_AddNumberToObject(o, "ssim", score->ssim);
     cJSON_AddNumberToObject(o, "lpips", score->lpips); /* NaN is written as null */
+    cJSON_AddNumberToObject(o, "resnet50", score->resnet50);
     cJSON_AddNumberToObject(o, "count", score->count);
+}
+
+static void yardstick_add(cJSON *json, const char *name, const sherf_score score[2]) {
+    if (!score[0].count && !score[1].count) return;
+    cJSON *o = cJSON_AddObjectToObject(json, name);
+    score_add(o, "novel_view", &score[0]);
+    score_add(o, "novel_pose", &score[1]);
 }
 
 static int run(session *s, int count, char **argument) {
@@ -40,6 +56,10 @@ static int run(session *s, int count, char **argument) {
                             .body = set.body,
                             .model = set.model,
                             .lpips = set.lpips,
+                            .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                            .yardsticks = set.yardsticks,
+                            .size_px = (int)set.size,
+                            .seed = (uint64_t)common.seed,
                             .observations = set.observation,
                             .poses = set.poses,
                             .views = set.views,
@@ -53,6 +73,8 @@ static int run(session *s, int count, char **argument) {
         cJSON *json = cJSON_CreateObject();
         score_add(json, "novel_view", &scores.novel_view);
         score_add(json, "novel_pose", &scores.novel_pose);
+        yardstick_add(json, "mean_color", scores.mean_color);
+        yardstick_add(json, "painted_body", scores.painted_body);
         session_json(json);
     } else if (!status && scores.table) {
         fputs(scores.table, stdout);
@@ -64,7 +86,7 @@ static int run(session *s, int count, char **argument) {
 const verb verb_eval = {
     .name = "eval",
     .arguments = "",
-    .summary = "score a model on a data set: PSNR, SSIM, LPIPS",
+    .summary = "score a model on a data set: PSNR, SSIM, LPIPS, resnet50",
     .description =
         "Renders people of a data set from one picture each and compares with the truth, by the paper's "
         "protocol: novel view (the observation's pose) and novel pose (others). The observed view itself is "
@@ -74,7 +96,10 @@ const verb verb_eval = {
         "sherf eval --data thuman:THuman/nerf_data_ --model model.safetensors --body body.safetensors -o "
         "out\n"
         "sherf eval --data thuman:people --people person_3 --observation 0:4 --poses 0,2 --views 0:2:12 "
-        "-m model.safetensors -b people/tubeman.safetensors",
+        "-m model.safetensors -b people/tubeman.safetensors\n"
+        "sherf eval --data thuman:people --people 0-9 --observation random --seed 1 --size 256 --yardsticks "
+        "-m "
+        "model.safetensors -b body.safetensors -o out",
     .options = options,
     .arguments_least = 0,
     .arguments_most = 0,

@@ -92,6 +92,7 @@ bool list_valid(const char *text) {
 }
 
 static bool pairs_valid(const char *text) {
+    if (strcmp(text, "random") == 0) return true;
     for (;; text++) {
         if (number_take(&text) < 0 || *text++ != ':' || number_take(&text) < 0) return false;
         if (!*text) return true;
@@ -129,7 +130,7 @@ static const char *value_store(const option *o, const char *text) {
         *(const char **)o->value = text;
         return NULL;
     case OPTION_PAIRS:
-        if (!pairs_valid(text)) return "is not a list like POSE:VIEW,POSE:VIEW";
+        if (!pairs_valid(text)) return "is neither a list like POSE:VIEW,POSE:VIEW nor random";
         *(const char **)o->value = text;
         return NULL;
     case OPTION_CHOICE: {

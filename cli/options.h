@@ -15,7 +15,7 @@ typedef enum {
     OPTION_REAL,    /* double */
     OPTION_CHOICE,  /* int: index into the words of `argument`, "a|b|c" */
     OPTION_LIST,    /* const char *: "0,2,4" or "first:step:count", see list_parse */
-    OPTION_PAIRS    /* const char *: "POSE:VIEW,..." */
+    OPTION_PAIRS    /* const char *: "POSE:VIEW,..." or "random" */
 } option_kind;
 
 typedef struct {

@@ -250,22 +250,32 @@ typedef struct {
     const char *body;   /* path */
     const char *model;  /* path */
     const char *lpips;  /* converted VGG16 with heads, or NULL */
-    const char *observations; /* "POSE:VIEW,..."; NULL: the paper's */
+    const char *observations; /* "POSE:VIEW,..."; "random": one of each person, drawn with the seed; NULL: the
+                                 paper's */
     const char *poses;        /* "0,2" or "first:step:count"; NULL: the paper's */
     const char *views;        /* "0,2,..."; NULL: the paper's */
     const char *output;       /* folder for scores.json, pictures; NULL: none */
     int write_png, write_npy;
     sherf_precision precision; /* AUTO: float32, whatever the context's; bf16 moves PSNR by some 0.02 dB */
+    const char *perceptual;    /* converted ResNet-50 of the resnet50 distance, or NULL */
+    int yardsticks;            /* non-zero: what pictures without a network would score as well */
+    int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
+    uint64_t seed;             /* of random observations */
 } sherf_eval_options;
 
 typedef struct {
     double psnr, ssim, lpips;
     int count;
-} sherf_score; /* lpips is NaN when not computed */
+    double resnet50; /* a perceptual distance, not comparable with LPIPS */
+} sherf_score;       /* lpips and resnet50 are NaN when not computed */
 typedef struct {
     sherf_score novel_view, novel_pose;
-    char *table;
-} sherf_scores; /* table: free with sherf_free */
+    char *table; /* free with sherf_free */
+    /* Yardsticks, by novel view and novel pose; counts are 0 when they were not asked for. Mean colour: that
+     * of the observed person, inside the true mask. Painted body: the body mesh, its vertices in the observed
+     * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
+    sherf_score mean_color[2], painted_body[2];
+} sherf_scores;
 SHERF_API sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out);
 
 typedef struct {

@@ -65,6 +65,9 @@ data_kind dataset_kind(const sherf_dataset *d);
  * width. */
 sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
                           data_view **out);
+/* The same, and fit to be observed (observation_check). */
+sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                 int width, sherf_observation **out);
 /* Pose and shape alone, without the picture. */
 sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int pose, sherf_pose *out);
 sherf_status dataset_camera(context *c, const sherf_dataset *d, int person, int view, sherf_camera *out);

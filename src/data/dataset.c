@@ -267,7 +267,12 @@ sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int po
 
 sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d, int person, int pose,
                                        int view, sherf_observation **out) {
-    sherf_status status = dataset_view(c, d, person, pose, view, 0, out);
+    return dataset_observation(c, d, person, pose, view, 0, out);
+}
+
+sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                 int width, sherf_observation **out) {
+    sherf_status status = dataset_view(c, d, person, pose, view, width, out);
     if (status || !(status = observation_check(c, *out))) return status;
     sherf_observation_free(*out);
     *out = NULL;

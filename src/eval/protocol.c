@@ -6,6 +6,8 @@
 #include "eval/lpips_file.h"
 #include "eval/metrics.h"
 #include "eval/report.h"
+#include "eval/resnet50_file.h"
+#include "eval/yardstick.h"
 
 /* Everything an evaluation holds. */
 typedef struct {
@@ -14,8 +16,12 @@ typedef struct {
     sherf_dataset *data;
     body_model *body;
     sherf_model *model;
-    lpips_network *lpips; /* NULL: not computed */
-    tape *tape;           /* of LPIPS */
+    lpips_network *lpips;       /* NULL: not computed */
+    resnet50_network *resnet50; /* NULL: not computed */
+    tape *tape;                 /* of these two */
+    int32_t *mirror;            /* of the body; NULL: no yardsticks */
+    yardsticks yardsticks;      /* of the observation */
+    sherf_image painted;        /* the painted body's picture */
     int *people, people_count;
     selection *selection; /* one a person */
     int64_t done, total;
@@ -31,6 +37,10 @@ static void evaluation_free(evaluation *e) {
     sherf_frame_free(&e->frame);
     tape_free(e->tape);
     lpips_free(e->lpips);
+    resnet50_free(e->resnet50);
+    mem_free(e->mirror);
+    yardsticks_free(&e->yardsticks);
+    sherf_image_free(&e->painted);
     sherf_model_free(e->model);
     sherf_body_free(e->body);
     sherf_dataset_free(e->data);
@@ -42,22 +52,24 @@ static sherf_status evaluation_open(evaluation *e) {
     sherf_status status;
     if (!o->data || !o->body || !o->model)
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and a model are needed");
+    if (o->size_px < 0) return failure(c, SHERF_BAD_ARGUMENT, "the pictures' size is out of range");
     if ((status = sherf_dataset_open(c, o->data, &e->data)) != SHERF_OK) return status;
     if ((status = sherf_body_load(c, o->body, &e->body)) != SHERF_OK) return status;
     if ((status = sherf_model_load(c, o->model, &e->model)) != SHERF_OK) return status;
-    if (o->lpips) {
-        if ((status = lpips_load(c, o->lpips, &e->lpips)) != SHERF_OK) return status;
-        if (!(e->tape = tape_create(c, (tape_options){.backend = &backend_cpu}))) return SHERF_NO_MEMORY;
-    } else {
-        log_line(c, SHERF_LOG_INFO, "LPIPS is not computed: no VGG16 weights were given");
-    }
+    if (o->lpips && (status = lpips_load(c, o->lpips, &e->lpips)) != SHERF_OK) return status;
+    if (o->perceptual && (status = resnet50_load(c, o->perceptual, &e->resnet50)) != SHERF_OK) return status;
+    if (!o->lpips) log_line(c, SHERF_LOG_INFO, "LPIPS is not computed: no VGG16 weights were given");
+    if (!(e->tape = tape_create(c, (tape_options){.backend = &backend_cpu}))) return SHERF_NO_MEMORY;
+    if (o->yardsticks && (status = yardstick_mirror(c, e->body, &e->mirror)) != SHERF_OK) return status;
+    e->report.yardsticks = o->yardsticks != 0;
+    e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
     e->selection = mem_zero(c, (size_t)e->people_count, sizeof *e->selection);
     if (!e->selection) return SHERF_NO_MEMORY;
     for (int i = 0; i < e->people_count; i++) {
-        status =
-            selection_create(c, e->data, e->people[i], o->observations, o->poses, o->views, &e->selection[i]);
+        status = selection_create(c, e->data, e->people[i], o->observations, o->poses, o->views, o->seed,
+                                  &e->selection[i]);
         if (status != SHERF_OK) return status;
         e->total += selection_pairs(&e->selection[i]);
     }
@@ -67,54 +79,91 @@ static sherf_status evaluation_open(evaluation *e) {
 
 /* ---- one picture ---- */
 
-static sherf_status lpips_score(evaluation *e, rectangle r, const float *a, const float *b, double *out) {
-    const int64_t shape[3] = {r.height, r.width, 3};
+/* The crops that are compared, and where. */
+typedef struct {
+    uint8_t *mask;
+    rectangle r;
+    float *truth,
+        *prediction; /* r.height x r.width x 3, black outside the mask; NULL: the box is not to be seen */
+} comparison;
+
+static void comparison_free(comparison *k) {
+    mem_free(k->mask);
+    mem_free(k->truth);
+}
+
+static sherf_status compare_with(evaluation *e, const data_view *truth, comparison *k) {
+    context *c = e->c;
+    const int width = truth->image.width, height = truth->image.height;
+    const sherf_pose *p = &truth->pose;
+    float min_world[3], max_world[3];
+    posed_body *posed = NULL;
+    *k = (comparison){.mask = mem_zero(c, (size_t)width * (size_t)height, 1)};
+    if (!k->mask) return SHERF_NO_MEMORY;
+    sherf_status status = posed_body_create(c, e->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    if (status != SHERF_OK) return status;
+    body_world_box(e->body, posed, min_world, max_world);
+    posed_body_free(posed);
+    box_ray_mask(&truth->camera, min_world, max_world, k->mask);
+    if (!mask_bounds(k->mask, width, height, &k->r) || k->r.width < METRIC_SSIM_WINDOW ||
+        k->r.height < METRIC_SSIM_WINDOW)
+        return SHERF_OK;
+    size_t n = (size_t)k->r.width * (size_t)k->r.height * 3;
+    if (!(k->truth = mem_alloc(c, 2 * n, sizeof *k->truth))) return SHERF_NO_MEMORY;
+    k->prediction = k->truth + n;
+    masked_crop(truth->image.data, k->mask, width, k->r, k->truth);
+    return SHERF_OK;
+}
+
+/* One of the two distances; NaN where its network is not there or the rectangle too small for it. */
+static sherf_status distance(evaluation *e, const comparison *k, bool lpips, double *out) {
+    const int64_t shape[3] = {k->r.height, k->r.width, 3};
+    const int least = lpips ? LPIPS_SIDE_MIN : RESNET50_SIDE_MIN;
     *out = NAN;
-    if (!e->lpips || r.width < LPIPS_SIDE_MIN || r.height < LPIPS_SIDE_MIN) return SHERF_OK;
+    if (!(lpips ? (void *)e->lpips : (void *)e->resnet50) || k->r.width < least || k->r.height < least)
+        return SHERF_OK;
+    tensor *a = tape_input(e->tape, k->prediction, 3, shape), *b = tape_input(e->tape, k->truth, 3, shape);
     tensor *d =
-        lpips_distance(e->tape, e->lpips, tape_input(e->tape, a, 3, shape), tape_input(e->tape, b, 3, shape));
+        lpips ? lpips_distance(e->tape, e->lpips, a, b) : resnet50_distance(e->tape, e->resnet50, a, b);
     sherf_status status = tape_status(e->tape);
     if (status == SHERF_OK) *out = *tensor_f32(d);
     tape_reset(e->tape);
     return status;
 }
 
-/* network.md: PSNR over the pixels of the projected box; SSIM and LPIPS on its bounding rectangle with
- * everything outside the box mask black. psnr is NaN when the box is not in the picture. */
-static sherf_status score(evaluation *e, const float *prediction, const data_view *truth,
-                          report_entry *entry) {
+/* network.md: PSNR over the pixels of the projected box; SSIM and the distances on its bounding rectangle
+ * with everything outside the box mask black. All NaN when the box is not in the picture. */
+static sherf_status score(evaluation *e, comparison *k, const float *prediction, const data_view *truth,
+                          picture_score *out) {
+    const int width = truth->image.width, height = truth->image.height;
+    *out = (picture_score){NAN, NAN, NAN, NAN};
+    if (!k->truth) return SHERF_OK;
+    masked_crop(prediction, k->mask, width, k->r, k->prediction);
+    sherf_status status =
+        metric_ssim(e->c, k->r.width, k->r.height, 3, k->prediction, k->truth, metric_ssim_range, &out->ssim);
+    if (status == SHERF_OK) status = distance(e, k, true, &out->lpips);
+    if (status == SHERF_OK) status = distance(e, k, false, &out->resnet50);
+    out->psnr = metric_psnr((int64_t)width * height, prediction, truth->image.data, k->mask);
+    return status;
+}
+
+/* The two yardsticks; the painted body stays in e->painted. */
+static sherf_status score_yardsticks(evaluation *e, comparison *k, const data_view *truth,
+                                     report_entry *entry) {
     context *c = e->c;
     const int width = truth->image.width, height = truth->image.height;
-    float min_world[3], max_world[3];
-    float *crop = NULL;
-    posed_body *posed = NULL;
-    rectangle r;
-    const sherf_pose *p = &truth->pose;
-    entry->psnr = entry->ssim = entry->lpips = NAN;
-    uint8_t *mask = mem_zero(c, (size_t)width * (size_t)height, 1);
-    if (!mask) return SHERF_NO_MEMORY;
-    sherf_status status = posed_body_create(c, e->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
-    if (status != SHERF_OK) goto done;
-    body_world_box(e->body, posed, min_world, max_world);
-    box_ray_mask(&truth->camera, min_world, max_world, mask);
-    if (!mask_bounds(mask, width, height, &r) || r.width < METRIC_SSIM_WINDOW ||
-        r.height < METRIC_SSIM_WINDOW)
-        goto done;
-    size_t n = (size_t)r.width * (size_t)r.height * 3;
-    if (!(crop = mem_alloc(c, 2 * n, sizeof *crop))) {
-        status = SHERF_NO_MEMORY;
-        goto done;
+    if (e->painted.width != width || e->painted.height != height) {
+        sherf_image_free(&e->painted);
+        e->painted =
+            (sherf_image){width, height, 3, mem_alloc(c, (size_t)width * (size_t)height, 3 * sizeof(float))};
+        if (!e->painted.data) return SHERF_NO_MEMORY;
     }
-    masked_crop(prediction, mask, width, r, crop);
-    masked_crop(truth->image.data, mask, width, r, crop + n);
-    status = metric_ssim(c, r.width, r.height, 3, crop, crop + n, metric_ssim_range, &entry->ssim);
-    if (status != SHERF_OK) goto done;
-    status = lpips_score(e, r, crop, crop + n, &entry->lpips);
-    entry->psnr = metric_psnr((int64_t)width * height, prediction, truth->image.data, mask);
-done:
-    posed_body_free(posed);
-    mem_free(crop);
-    mem_free(mask);
+    yardstick_mean_color(&e->yardsticks, truth, e->painted.data);
+    sherf_status status = score(e, k, e->painted.data, truth, &entry->score[SCORE_MEAN_COLOR]);
+    if (status == SHERF_OK)
+        status =
+            yardstick_painted_body(c, &e->yardsticks, e->body, &truth->camera, &truth->pose, e->painted.data);
+    if (status == SHERF_OK) status = score(e, k, e->painted.data, truth, &entry->score[SCORE_PAINTED_BODY]);
     return status;
 }
 
@@ -127,19 +176,19 @@ static char *file_name(evaluation *e, const report_entry *r, const char *suffix)
     return name;
 }
 
-/* Prediction on the left, ground truth on the right. */
-static sherf_status write_pair(context *c, const char *path, const float *prediction,
-                               const data_view *truth) {
-    const size_t width = (size_t)truth->image.width, height = (size_t)truth->image.height;
-    uint8_t *pair = mem_alloc(c, width * height, 6);
-    if (!pair) return SHERF_NO_MEMORY;
+/* Prediction on the left, ground truth beside it, then the painted body if there is one. */
+static sherf_status write_pictures(evaluation *e, const char *path, const data_view *truth) {
+    const float *const part[] = {e->frame.color.data, truth->image.data, e->painted.data};
+    const size_t parts = e->options->yardsticks ? 3 : 2;
+    const size_t row = 3 * (size_t)truth->image.width, height = (size_t)truth->image.height;
+    uint8_t *all = mem_alloc(e->c, row * height, parts);
+    if (!all) return SHERF_NO_MEMORY;
     for (size_t y = 0; y < height; y++)
-        for (size_t x = 0; x < 3 * width; x++) {
-            pair[y * 6 * width + x] = float_to_u8(prediction[y * 3 * width + x]);
-            pair[y * 6 * width + 3 * width + x] = float_to_u8(truth->image.data[y * 3 * width + x]);
-        }
-    sherf_status status = png_write(c, path, 2 * (int)width, (int)height, 3, pair);
-    mem_free(pair);
+        for (size_t k = 0; k < parts; k++)
+            for (size_t x = 0; x < row; x++)
+                all[(y * parts + k) * row + x] = float_to_u8(part[k][y * row + x]);
+    sherf_status status = png_write(e->c, path, (int)parts * truth->image.width, (int)height, 3, all);
+    mem_free(all);
     return status;
 }
 
@@ -156,8 +205,7 @@ static sherf_status write_files(evaluation *e, const data_view *truth, report_en
         *(i ? &entry->png : &entry->rgb) = name;
         if (snprintf(path, sizeof path, "%s/%s", o->output, name) >= (int)sizeof path)
             return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", o->output);
-        status = i ? write_pair(c, path, e->frame.color.data, truth)
-                   : npy_write_f32(c, path, 3, shape, e->frame.color.data);
+        status = i ? write_pictures(e, path, truth) : npy_write_f32(c, path, 3, shape, e->frame.color.data);
     }
     return status;
 }
@@ -165,15 +213,18 @@ static sherf_status write_files(evaluation *e, const data_view *truth, report_en
 static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, report_entry entry) {
     context *c = e->c;
     data_view *truth = NULL;
-    sherf_status status =
-        dataset_view(c, e->data, entry.person, entry.target.pose, entry.target.view, 0, &truth);
+    comparison k = {0};
+    sherf_status status = dataset_view(c, e->data, entry.person, entry.target.pose, entry.target.view,
+                                       e->options->size_px, &truth);
     if (status != SHERF_OK) return status;
     if (e->frame.color.width != truth->image.width || e->frame.color.height != truth->image.height)
         sherf_frame_free(&e->frame);
     status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, NULL, &e->frame);
     if (status != SHERF_OK) goto done;
-    if ((status = score(e, e->frame.color.data, truth, &entry)) != SHERF_OK) goto done;
-    if (isnan(entry.psnr)) {
+    if ((status = compare_with(e, truth, &k)) != SHERF_OK) goto done;
+    if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
+    if (e->mirror && (status = score_yardsticks(e, &k, truth, &entry)) != SHERF_OK) goto done;
+    if (isnan(entry.score[SCORE_MODEL].psnr)) {
         log_line(c, SHERF_LOG_WARNING, "%s: the person of pose %d is outside view %d, which is left out",
                  sherf_dataset_person(e->data, entry.person), entry.target.pose, entry.target.view);
         goto done;
@@ -184,6 +235,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
 done:
     mem_free(entry.rgb);
     mem_free(entry.png);
+    comparison_free(&k);
     sherf_observation_free(truth);
     return status;
 }
@@ -195,7 +247,10 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     sherf_avatar *avatar = NULL;
     picture from = s->observation[i];
     sherf_status status =
-        sherf_dataset_observation(c, e->data, s->person, from.pose, from.view, &observation);
+        dataset_observation(c, e->data, s->person, from.pose, from.view, e->options->size_px, &observation);
+    if (status != SHERF_OK) goto done;
+    yardsticks_free(&e->yardsticks);
+    if (e->mirror) status = yardsticks_create(c, e->body, e->mirror, observation, &e->yardsticks);
     if (status != SHERF_OK) goto done;
     if ((status = sherf_avatar_create(c, e->model, e->body, observation, &avatar)) != SHERF_OK) goto done;
     for (int p = 0; p < s->poses; p++)
@@ -236,7 +291,13 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
         status = SHERF_NO_MEMORY;
         goto done;
     }
-    *out = (sherf_scores){report_mean(&e.report, -1, false), report_mean(&e.report, -1, true), table};
+    const report *r = &e.report;
+    *out =
+        (sherf_scores){report_mean(r, SCORE_MODEL, -1, false), report_mean(r, SCORE_MODEL, -1, true), table};
+    for (int pose = 0; pose < 2 && r->yardsticks; pose++) {
+        out->mean_color[pose] = report_mean(r, SCORE_MEAN_COLOR, -1, pose);
+        out->painted_body[pose] = report_mean(r, SCORE_PAINTED_BODY, -1, pose);
+    }
 done:
     evaluation_free(&e);
     c->precision = precision;

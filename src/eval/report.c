@@ -31,7 +31,14 @@ static bool belongs(const report_entry *e, int person, bool novel_pose) {
     return e->novel_pose == novel_pose && (person < 0 || e->person == person);
 }
 
-sherf_score report_mean(const report *r, int person, bool novel_pose) {
+static void add_weighted(sherf_score *to, const sherf_score *from, double factor) {
+    to->psnr += factor * from->psnr;
+    to->ssim += factor * from->ssim;
+    to->lpips += factor * from->lpips;
+    to->resnet50 += factor * from->resnet50;
+}
+
+sherf_score report_mean(const report *r, int kind, int person, bool novel_pose) {
     sherf_score total = {0};
     int groups = 0, previous = -1;
     for (;;) { /* the next larger observation view */
@@ -39,25 +46,40 @@ sherf_score report_mean(const report *r, int person, bool novel_pose) {
         sherf_score sum = {0};
         for (int64_t i = 0; i < r->count; i++) {
             const report_entry *e = &r->entry[i];
-            int v = e->observation.view;
+            const picture_score *p = &e->score[kind];
+            int v = r->plain_mean ? 0 : e->observation.view;
             if (!belongs(e, person, novel_pose) || v <= previous || v > view) continue;
             if (v < view) {
                 view = v;
                 sum = (sherf_score){0};
             }
-            sum.psnr += e->psnr, sum.ssim += e->ssim, sum.lpips += e->lpips;
+            add_weighted(
+                &sum,
+                &(sherf_score){.psnr = p->psnr, .ssim = p->ssim, .lpips = p->lpips, .resnet50 = p->resnet50},
+                1);
             sum.count++;
         }
         if (!sum.count) break;
-        total.psnr += sum.psnr / sum.count;
-        total.ssim += sum.ssim / sum.count;
-        total.lpips += sum.lpips / sum.count;
+        add_weighted(&total, &sum, 1.0 / sum.count);
         total.count += sum.count;
         groups++;
         previous = view;
     }
-    if (!groups) return (sherf_score){NAN, NAN, NAN, 0};
-    return (sherf_score){total.psnr / groups, total.ssim / groups, total.lpips / groups, total.count};
+    if (!groups) return (sherf_score){NAN, NAN, NAN, 0, NAN};
+    sherf_score mean = {.count = total.count};
+    add_weighted(&mean, &total, 1.0 / groups);
+    return mean;
+}
+
+sherf_score report_gain(const report *r, int person, bool novel_pose) {
+    const sherf_score m = report_mean(r, SCORE_MODEL, person, novel_pose);
+    const sherf_score a = report_mean(r, SCORE_MEAN_COLOR, person, novel_pose);
+    const sherf_score b = report_mean(r, SCORE_PAINTED_BODY, person, novel_pose);
+    return (sherf_score){.psnr = m.psnr - fmax(a.psnr, b.psnr),
+                         .ssim = m.ssim - fmax(a.ssim, b.ssim),
+                         .lpips = fmin(a.lpips, b.lpips) - m.lpips,
+                         .count = m.count,
+                         .resnet50 = fmin(a.resnet50, b.resnet50) - m.resnet50};
 }
 
 /* The person after `previous` in the report, -1 at its end; `at` is where the walk stands. */
@@ -74,39 +96,59 @@ static void number_text(double v, const char *format, char text[16]) {
         snprintf(text, 16, format, v);
 }
 
-static int line(char *to, size_t room, int name_width, const char *name, sherf_score view, sherf_score pose) {
-    char t[6][16];
-    number_text(view.psnr, "%.3f", t[0]);
-    number_text(view.ssim, "%.4f", t[1]);
-    number_text(view.lpips, "%.4f", t[2]);
-    number_text(pose.psnr, "%.3f", t[3]);
-    number_text(pose.ssim, "%.4f", t[4]);
-    number_text(pose.lpips, "%.4f", t[5]);
-    return snprintf(to, room, "%-*.*s  %7s %7s %7s %6d    %7s %7s %7s %6d\n", name_width, name_width, name,
-                    t[0], t[1], t[2], view.count, t[3], t[4], t[5], pose.count);
+/* "psnr ssim lpips resnet50 count", with the sign of what is a difference. */
+static void columns(sherf_score s, bool gain, char text[96]) {
+    char t[4][16];
+    number_text(s.psnr, gain ? "%+.3f" : "%.3f", t[0]);
+    number_text(s.ssim, gain ? "%+.4f" : "%.4f", t[1]);
+    number_text(s.lpips, gain ? "%+.4f" : "%.4f", t[2]);
+    number_text(s.resnet50, gain ? "%+.4f" : "%.4f", t[3]);
+    snprintf(text, 96, "%7s %7s %7s %8s %6d", t[0], t[1], t[2], t[3], s.count);
+}
+
+static size_t line(char *to, size_t room, int name_width, const char *name, bool gain,
+                   const sherf_score s[2]) {
+    char view[96], pose[96];
+    columns(s[0], gain, view);
+    columns(s[1], gain, pose);
+    return (size_t)snprintf(to, room, "%-*.*s  %s    %s\n", name_width, name_width, name, view, pose);
+}
+
+/* The model, and the yardsticks below it. */
+static size_t block(char *to, size_t room, int name_width, const char *name, const report *r, int person) {
+    static const char *const yardstick[SCORE_KINDS] = {"", "  mean colour", "  painted body"};
+    size_t used = 0;
+    for (int kind = 0; kind < (r->yardsticks ? SCORE_KINDS : 1); kind++)
+        used +=
+            line(to + used, room - used, name_width, kind ? yardstick[kind] : name, false,
+                 (sherf_score[]){report_mean(r, kind, person, false), report_mean(r, kind, person, true)});
+    if (r->yardsticks)
+        used += line(to + used, room - used, name_width, "  model's gain", true,
+                     (sherf_score[]){report_gain(r, person, false), report_gain(r, person, true)});
+    return used;
 }
 
 char *report_table(context *c, const report *r, const sherf_dataset *d) {
-    enum { NAME_MAX_WIDTH = 40, LINE = 160 };
-    size_t lines = 3;
-    int width = 6;
+    enum { NAME_MAX_WIDTH = 40, LINE = 192, BLOCK = SCORE_KINDS + 1 };
+    size_t lines = 2 + BLOCK;
+    int width = r->yardsticks ? 14 : 6;
     int64_t at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p)) {
         int n = (int)strnlen(sherf_dataset_person(d, p), NAME_MAX_WIDTH);
         if (n > width) width = n;
-        lines++;
+        lines += BLOCK;
     }
     size_t room = lines * LINE, used = 0;
     char *text = mem_alloc(c, room, 1);
     if (!text) return NULL;
-    used += (size_t)snprintf(text, room, "%-*s  %-33s  %s\n", width, "", "novel view", "novel pose");
-    used += (size_t)snprintf(text + used, room - used, "%-*s  %7s %7s %7s %6s    %7s %7s %7s %6s\n", width,
-                             "person", "PSNR", "SSIM", "LPIPS", "count", "PSNR", "SSIM", "LPIPS", "count");
+    used += (size_t)snprintf(text, room, "%-*s  %-39s    %s\n", width, "", "novel view", "novel pose");
+    used += (size_t)snprintf(text + used, room - used, "%-*s  %7s %7s %7s %8s %6s    %7s %7s %7s %8s %6s\n",
+                             width, "person", "PSNR", "SSIM", "LPIPS", "resnet50", "count", "PSNR", "SSIM",
+                             "LPIPS", "resnet50", "count");
     at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p))
-        used += (size_t)line(text + used, room - used, width, sherf_dataset_person(d, p),
-                             report_mean(r, p, false), report_mean(r, p, true));
-    line(text + used, room - used, width, "mean", report_mean(r, -1, false), report_mean(r, -1, true));
+        used += block(text + used, room - used, width, sherf_dataset_person(d, p), r, p);
+    block(text + used, room - used, width, "mean", r, -1);
     return text;
 }
 
@@ -118,14 +160,40 @@ static bool add_number(cJSON *to, const char *key, double v) {
 static bool add_score(cJSON *to, const char *key, sherf_score s) {
     cJSON *o = cJSON_AddObjectToObject(to, key);
     return o && add_number(o, "psnr", s.psnr) && add_number(o, "ssim", s.ssim) &&
-           add_number(o, "lpips", s.lpips) && add_number(o, "count", s.count);
+           add_number(o, "lpips", s.lpips) && add_number(o, "resnet50", s.resnet50) &&
+           add_number(o, "count", s.count);
+}
+
+static const char *const kind_key[SCORE_KINDS] = {NULL, "mean_color", "painted_body"};
+
+static bool add_both(cJSON *to, const report *r, int kind, int person) {
+    return add_score(to, "novel_view", report_mean(r, kind, person, false)) &&
+           add_score(to, "novel_pose", report_mean(r, kind, person, true));
+}
+
+/* Of one person, or of all. */
+static bool add_means(cJSON *to, const report *r, int person) {
+    bool ok = add_both(to, r, SCORE_MODEL, person);
+    for (int kind = 1; kind < SCORE_KINDS && r->yardsticks && ok; kind++) {
+        cJSON *o = cJSON_AddObjectToObject(to, kind_key[kind]);
+        ok = o && add_both(o, r, kind, person);
+    }
+    if (!r->yardsticks || !ok) return ok;
+    cJSON *o = cJSON_AddObjectToObject(to, "gain");
+    return o && add_score(o, "novel_view", report_gain(r, person, false)) &&
+           add_score(o, "novel_pose", report_gain(r, person, true));
+}
+
+static bool add_picture_score(cJSON *to, const picture_score *s) {
+    return add_number(to, "psnr", s->psnr) && add_number(to, "ssim", s->ssim) &&
+           add_number(to, "lpips", s->lpips) && add_number(to, "resnet50", s->resnet50);
 }
 
 static bool add_file(cJSON *to, const char *key, const char *name) {
     return (name ? cJSON_AddStringToObject(to, key, name) : cJSON_AddNullToObject(to, key)) != NULL;
 }
 
-static bool add_image(cJSON *images, const sherf_dataset *d, const report_entry *e) {
+static bool add_image(cJSON *images, const sherf_dataset *d, const report *r, const report_entry *e) {
     cJSON *o = cJSON_CreateObject();
     if (!o) return false;
     if (!cJSON_AddItemToArray(images, o)) {
@@ -139,17 +207,21 @@ static bool add_image(cJSON *images, const sherf_dataset *d, const report_entry 
         cJSON_Delete(pair);
         return false;
     }
+    for (int kind = 1; kind < SCORE_KINDS && r->yardsticks; kind++) {
+        cJSON *yardstick = cJSON_AddObjectToObject(o, kind_key[kind]);
+        if (!yardstick || !add_picture_score(yardstick, &e->score[kind])) return false;
+    }
     return add_number(o, "pose", e->target.pose) && add_number(o, "view", e->target.view) &&
            cJSON_AddStringToObject(o, "kind", e->novel_pose ? "novel_pose" : "novel_view") &&
-           add_number(o, "psnr", e->psnr) && add_number(o, "ssim", e->ssim) &&
-           add_number(o, "lpips", e->lpips) && add_file(o, "rgb", e->rgb) && add_file(o, "png", e->png);
+           add_picture_score(o, &e->score[SCORE_MODEL]) && add_file(o, "rgb", e->rgb) &&
+           add_file(o, "png", e->png);
 }
 
 static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
     cJSON *images = cJSON_AddArrayToObject(root, "images");
     if (!images) return false;
     for (int64_t i = 0; i < r->count; i++)
-        if (!add_image(images, d, &r->entry[i])) return false;
+        if (!add_image(images, d, r, &r->entry[i])) return false;
     cJSON *people = cJSON_AddArrayToObject(root, "people");
     if (!people) return false;
     int64_t at = 0;
@@ -160,13 +232,10 @@ static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
             cJSON_Delete(o);
             return false;
         }
-        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, p)) ||
-            !add_score(o, "novel_view", report_mean(r, p, false)) ||
-            !add_score(o, "novel_pose", report_mean(r, p, true)))
+        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, p)) || !add_means(o, r, p))
             return false;
     }
-    return add_score(root, "novel_view", report_mean(r, -1, false)) &&
-           add_score(root, "novel_pose", report_mean(r, -1, true));
+    return add_means(root, r, -1);
 }
 
 sherf_status report_write_json(context *c, const report *r, const sherf_dataset *d, const char *path) {

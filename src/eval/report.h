@@ -1,27 +1,39 @@
-/* report: scores of pictures and their means, as a table and as JSON. */
+/* report: scores of pictures and their means, as a table and as JSON; of the model and perhaps of yardsticks.
+ */
 #ifndef SHERF_REPORT_H
 #define SHERF_REPORT_H
 
 #include "eval/selection.h"
 
+enum { SCORE_MODEL, SCORE_MEAN_COLOR, SCORE_PAINTED_BODY, SCORE_KINDS };
+
+typedef struct {
+    double psnr, ssim, lpips, resnet50; /* the last two NaN: not computed */
+} picture_score;
+
 typedef struct {
     int person; /* of the data set */
     picture observation, target;
     bool novel_pose;
-    double psnr, ssim, lpips; /* lpips NaN: not computed */
-    char *rgb, *png;          /* file names below the output folder; NULL: not written; owned */
+    picture_score score[SCORE_KINDS];
+    char *rgb, *png; /* file names below the output folder; NULL: not written; owned */
 } report_entry;
 
 typedef struct {
     int64_t count, capacity;
     report_entry *entry;
+    bool yardsticks; /* false: only SCORE_MODEL is filled in */
+    bool plain_mean; /* over all pictures alike: observations drawn by chance */
 } report;
 
 sherf_status report_add(context *c, report *r, const report_entry *e); /* takes over rgb and png on success */
 void report_free(report *r);
-/* Means over one person (-1: everyone) of novel view or novel pose. Observations from different views are
- * averaged on their own first, then the means, as in the paper. */
-sherf_score report_mean(const report *r, int person, bool novel_pose);
+/* Means of one kind over one person (-1: everyone) of novel view or novel pose. Observations from different
+ * views are averaged on their own first, then the means, as in the paper, unless it is a plain mean. */
+sherf_score report_mean(const report *r, int kind, int person, bool novel_pose);
+/* By how much the model is better than the better yardstick in each number (which need not be the same one):
+ * positive is better also where small numbers are good. */
+sherf_score report_gain(const report *r, int person, bool novel_pose);
 /* Text to print; mem_free it. NULL when memory lacks. */
 char *report_table(context *c, const report *r, const sherf_dataset *d);
 sherf_status report_write_json(context *c, const report *r, const sherf_dataset *d, const char *path);

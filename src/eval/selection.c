@@ -175,8 +175,32 @@ static sherf_status protocol_observations(context *c, const data_protocol *p, in
     return SHERF_OK;
 }
 
+bool selection_is_random(const char *observations) {
+    return observations && !strcmp(observations, "random");
+}
+
+/* What the caller names, or one by chance. */
+static sherf_status named_observations(context *c, const sherf_dataset *d, const char *observations,
+                                       uint64_t seed, selection *s) {
+    int views = sherf_dataset_view_count(d, s->person);
+    sherf_status status = SHERF_OK;
+    if (!selection_is_random(observations)) {
+        status = selection_pictures(c, observations, sherf_dataset_pose_count(d, s->person), views,
+                                    &s->observation, &s->observations);
+    } else if (s->poses && views) {
+        uint64_t key = random_key(seed, "eval.observation", fnv1a64(sherf_dataset_person(d, s->person)));
+        if (!(s->observation = mem_alloc(c, 1, sizeof *s->observation))) return SHERF_NO_MEMORY;
+        s->observation[s->observations++] =
+            (picture){s->pose[random_below(key, 0, s->poses)], (int)random_below(key, 1, views)};
+    }
+    if (status == SHERF_OK && !(s->novel_pose = mem_alloc(c, (size_t)s->observations, sizeof *s->novel_pose)))
+        status = SHERF_NO_MEMORY;
+    for (int i = 0; i < s->observations && status == SHERF_OK; i++) s->novel_pose[i] = true;
+    return status;
+}
+
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
-                              const char *poses, const char *views, selection *out) {
+                              const char *poses, const char *views, uint64_t seed, selection *out) {
     const data_protocol *p = data_protocol_of(dataset_kind(d));
     int has_poses = sherf_dataset_pose_count(d, person), has_views = sherf_dataset_view_count(d, person);
     int missing = 0;
@@ -190,20 +214,9 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
                    : sequence(c, 0, step, (p->views + step - 1) / step, has_views, &out->view, &out->views,
                               &missing);
     if (status != SHERF_OK) goto fail;
-    if (observations) {
-        status =
-            selection_pictures(c, observations, has_poses, has_views, &out->observation, &out->observations);
-        if (status != SHERF_OK) goto fail;
-        out->novel_pose = mem_alloc(c, (size_t)out->observations, sizeof *out->novel_pose);
-        if (!out->novel_pose) {
-            status = SHERF_NO_MEMORY;
-            goto fail;
-        }
-        for (int i = 0; i < out->observations; i++) out->novel_pose[i] = true;
-    } else {
-        status = protocol_observations(c, p, has_poses, has_views, out, &missing);
-        if (status != SHERF_OK) goto fail;
-    }
+    status = observations ? named_observations(c, d, observations, seed, out)
+                          : protocol_observations(c, p, has_poses, has_views, out, &missing);
+    if (status != SHERF_OK) goto fail;
     if (missing)
         log_line(c, SHERF_LOG_WARNING,
                  "%s: %d poses and views of the paper's protocol are not there and are left out",

@@ -26,11 +26,13 @@ typedef struct {
     int *pose, *view;
 } selection;
 
-/* observations, poses, views as in sherf_eval_options. Where they are NULL the paper's protocol stands: each
- * of its poses is observed from each of its observation views, and novel poses are made from one of them.
- * What of it the person does not have is left out with a warning. */
+/* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one
+ * of the person's listed poses from any view, and the same whoever else is evaluated. Where they are NULL the
+ * paper's protocol stands: each of its poses is observed from each of its observation views, and novel poses
+ * are made from one of them. What of it the person does not have is left out with a warning. */
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
-                              const char *poses, const char *views, selection *out);
+                              const char *poses, const char *views, uint64_t seed, selection *out);
+bool selection_is_random(const char *observations);
 void selection_free(selection *s); /* its arrays; fine on zeroes */
 /* Whether `target` is compared with observation i; *novel_pose says which score it belongs to. */
 bool selection_target(const selection *s, int i, picture target, bool *novel_pose);

@@ -57,16 +57,21 @@ static void means_over_views_first(void **state) {
     report r = {0};
     const double psnr[] = {10, 20, 40}; /* view 4: 10 and 20, view 7: 40 */
     for (int i = 0; i < 3; i++) {
-        report_entry e = {
-            .person = i == 0, .observation = {0, i < 2 ? 4 : 7}, .psnr = psnr[i], .ssim = .5, .lpips = NAN};
+        report_entry e = {.person = i == 0,
+                          .observation = {0, i < 2 ? 4 : 7},
+                          .score = {{.psnr = psnr[i], .ssim = .5, .lpips = NAN, .resnet50 = .25}}};
         assert_ok(c, report_add(c, &r, &e));
     }
-    sherf_score s = report_mean(&r, -1, false);
-    assert_true(fabs(s.psnr - 27.5) < 1e-12 && s.ssim == .5 && isnan(s.lpips) && s.count == 3);
-    s = report_mean(&r, 0, false);
+    sherf_score s = report_mean(&r, SCORE_MODEL, -1, false);
+    assert_true(fabs(s.psnr - 27.5) < 1e-12 && s.ssim == .5 && isnan(s.lpips) && s.resnet50 == .25 &&
+                s.count == 3);
+    s = report_mean(&r, SCORE_MODEL, 0, false);
     assert_true(fabs(s.psnr - 30) < 1e-12);
-    s = report_mean(&r, -1, true);
+    s = report_mean(&r, SCORE_MODEL, -1, true);
     assert_true(isnan(s.psnr) && s.count == 0);
+    r.plain_mean = true;
+    s = report_mean(&r, SCORE_MODEL, -1, false);
+    assert_true(fabs(s.psnr - 70. / 3) < 1e-12 && s.count == 3);
     report_free(&r);
     sherf_context_free(c);
 }

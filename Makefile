@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo install check style format clean
+.PHONY: all program test demo assets install check style format clean
 
 all: program
 
@@ -21,6 +21,11 @@ test:
 
 demo: program
 	tools/demo.sh $(BUILD)/sherf demo
+
+# What the shipped body and the people are made of; the body itself is in assets/ already.
+assets:
+	tools/install.sh assets
+	tools/fetch_assets.sh
 
 install: program
 	ninja -C $(BUILD) -j $(JOBS)

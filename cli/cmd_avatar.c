@@ -7,7 +7,8 @@ static struct { const char *model, *body, *output; } set;
 
 static const option options[] = {
     {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
-    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
     {0},
 };
@@ -35,7 +36,9 @@ static int run(session *s, int count, char **argument) {
     sherf_avatar *avatar = NULL;
     sherf_context *c = s->context;
     double begun_s = 0, avatar_s = 0;
-    int status = session_status(s, sherf_body_load(c, set.body, &body));
+    const char *body_path = session_body(s, set.body, argument[0]);
+    if (!body_path) return EXIT_USAGE;
+    int status = session_status(s, sherf_body_load(c, body_path, &body));
     if (!status) status = session_status(s, sherf_model_load(c, set.model, &model));
     if (!status) status = session_status(s, sherf_observation_load(c, argument[0], &observation));
     begun_s = seconds_now();

@@ -14,7 +14,8 @@ static const option options[] = {
     {'P', "people", OPTION_TEXT, &set.people, "LIST",
      "names, or a range 90-99 of the data set's list (the paper's test people)"},
     {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
-    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
      "what the network sees; each is evaluated; 'random': one a person, drawn with --seed (the paper's)"},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
@@ -51,9 +52,11 @@ static void yardstick_add(cJSON *json, const char *name, const sherf_score score
 
 static int run(session *s, int count, char **argument) {
     if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
+    const char *body = session_body(s, set.body, set.data);
+    if (!body) return EXIT_USAGE;
     sherf_eval_options o = {.data = set.data,
                             .people = set.people,
-                            .body = set.body,
+                            .body = body,
                             .model = set.model,
                             .lpips = set.lpips,
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),

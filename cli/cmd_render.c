@@ -17,7 +17,8 @@ static struct {
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
-    {'b', "body", OPTION_FILE, &set.body, "FILE", "the body model the avatar was made with", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "the body model the avatar was made with (one beside it, or else the open body)"},
     {'m', "model", OPTION_FILE, &set.model, "FILE", "weights; INPUT is then an observation, not an avatar"},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
      "OUT.mp4 for a video, OUT.png for one picture, otherwise a folder of pictures", .needed = true},
@@ -276,7 +277,9 @@ static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
     int status = wishes_check(argument[0], &ground);
-    if (!status) status = session_status(s, sherf_body_load(s->context, set.body, &body));
+    const char *body_path = status ? NULL : session_body(s, set.body, argument[0]);
+    if (!body_path) return status ? status : EXIT_USAGE;
+    status = session_status(s, sherf_body_load(s->context, body_path, &body));
     if (!status) status = avatar_get(s, argument[0], body, &avatar);
     if (!status) status = frames_make(s, avatar, body, &ground);
     sherf_avatar_free(avatar);

@@ -14,7 +14,8 @@ static const option options[] = {
      .needed = true},
     {'P', "people", OPTION_TEXT, &set.people, "LIST",
      "names, or a range 0-89 of the data set's list (the paper's training people)"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model: .safetensors, .npz or .pkl", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER",
      "model, checkpoint, log.jsonl, loss.png, samples; a checkpoint that is there is continued",
      .needed = true},
@@ -45,9 +46,11 @@ static const option options[] = {
 };
 
 static int run(session *s, int count, char **argument) {
+    const char *body = session_body(s, set.body, set.data);
+    if (!body) return EXIT_USAGE;
     sherf_train_options o = {.data = set.data,
                              .people = set.people,
-                             .body = set.body,
+                             .body = body,
                              .output = set.output,
                              .preset = set.preset,
                              .resnet = set.resnet,

@@ -183,6 +183,46 @@ const char *session_asset(const char *given, const char *name) {
     return NULL;
 }
 
+/* "kind:FOLDER#PERSON/..." or a path, to the folder; false: too long. */
+static bool data_folder(const char *data, char *out, size_t size) {
+    static const char *const kinds[] = {"thuman:", "renderpeople:", "zju:", "humman:"};
+    for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+        if (!strncmp(data, kinds[i], strlen(kinds[i]))) {
+            data += strlen(kinds[i]);
+            break;
+        }
+    if ((size_t)snprintf(out, size, "%s", data) >= size) return false;
+    char *picture = strrchr(out, '#');
+    if (picture) *picture = 0;
+    struct stat st;
+    if (stat(out, &st) == 0 && S_ISDIR(st.st_mode)) return true;
+    char *slash = strrchr(out, '/');
+    if (!slash) return (size_t)snprintf(out, size, ".") < size;
+    *slash = 0;
+    return true;
+}
+
+const char *session_body(const session *s, const char *given, const char *data) {
+    static char path[4096];
+    static const char *const names[] = {"body.safetensors", "tubeman.safetensors"};
+    char folder[4000];
+    if (given) return given;
+    for (size_t i = 0; data && i < sizeof names / sizeof *names; i++)
+        if (data_folder(data, folder, sizeof folder) &&
+            snprintf(path, sizeof path, "%s/%s", folder, names[i]) < (int)sizeof path &&
+            !access(path, R_OK)) {
+            session_remark("body: %s", path);
+            return path;
+        }
+    const char *asset = session_asset(NULL, names[0]);
+    if (asset)
+        session_remark("body: %s, the open body (choose another with --body)", asset);
+    else
+        usage_error(s->verb_name,
+                    "--body FILE is missing, and there is no body.safetensors among the assets");
+    return asset;
+}
+
 int session_folder(const char *path) {
     char part[4096];
     size_t n = strlen(path);

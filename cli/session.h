@@ -31,6 +31,12 @@ void session_json(cJSON *json);
  * folder $SHERF_ASSETS, ./assets or that of the installation, NULL when it is in none of them. */
 const char *session_asset(const char *given, const char *name);
 
+/* The body file of --body: `given`; where nothing was given, body.safetensors or tubeman.safetensors in the
+ * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), and else the
+ * asset body.safetensors, the open body, with a remark on stderr. NULL, after one line on stderr: there is
+ * none. */
+const char *session_body(const session *s, const char *given, const char *data);
+
 double seconds_now(void); /* monotonic */
 /* Makes the folder and those above it. */
 int session_folder(const char *path);

@@ -67,3 +67,4 @@ install(FILES ${CMAKE_BINARY_DIR}/sherf.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/p
 install(FILES ${pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES ${texts}/sherf.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME sherf)
 install(FILES ${texts}/_sherf DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
+install(FILES assets/body.safetensors assets/LICENSES.md DESTINATION ${CMAKE_INSTALL_DATADIR}/sherf)

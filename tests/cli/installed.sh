@@ -11,7 +11,7 @@ fail() { echo "installed.sh: $*" >&2; exit 1; }
 cmake --install "$build" --prefix "$work/usr" >"$work/install.log"
 lib=$(dirname "$(find "$work/usr" -name libsherf.a)")
 for file in bin/sherf include/sherf/sherf.h share/man/man1/sherf.1 share/man/man1/sherf-render.1 \
-    share/bash-completion/completions/sherf share/zsh/site-functions/_sherf; do
+    share/sherf/body.safetensors share/bash-completion/completions/sherf share/zsh/site-functions/_sherf; do
     [ -s "$work/usr/$file" ] || fail "$file was not installed"
 done
 export PKG_CONFIG_PATH="$lib/pkgconfig"

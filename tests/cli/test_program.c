@@ -209,6 +209,8 @@ static void what_is_missing_or_broken(void **state) {
     assert_error(run("render a -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
     assert_error(run("eval -d /no/such/data -m b -b c"), 1, "sherf: ", "/no/such/data");
     assert_error(run("train -d /no/such/data -b c -o %s", test_path("run")), 1, "sherf: ", "/no/such/");
+    assert_error(run("synth body -o x"), 2, "--source", "sherf synth --help");
+    assert_error(run("synth body --source /no/such/folder -o x"), 1, "sherf: ", "/no/such/folder");
     assert_error(run("synth tube -o /proc/no/such"), 1, "sherf: ", "/proc/no");
     assert_error(run("info x --device cuda"), 1, "sherf: ", "not in this build");
     const char *junk = test_path("junk.safetensors");
@@ -281,6 +283,11 @@ static void from_data_to_frames(void **state) {
                        model, folder, avatar));
     assert_true(number(json, "bytes") == file_size(avatar));
     cJSON_Delete(json);
+
+    /* without --body: the one in the data set's folder, with a remark */
+    const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);
+    if (by_itself->status) fail_msg("%s", by_itself->err);
+    assert_contains(by_itself->err, "/tubeman.safetensors");
 
     char render[6000], out[2048], path[2100];
     snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);

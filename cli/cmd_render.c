@@ -13,7 +13,7 @@ static struct {
     const char *model, *body, *output, *strip, *background;
     int64_t strip_frames, samples;
     double fps;
-    bool npy, depth, opacity, early_stop;
+    bool npy, depth, opacity, exact;
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
@@ -57,7 +57,8 @@ static const option options[] = {
      1000},
     {0, "fps", OPTION_REAL, &set.fps, "X", "frames a second of a video (25)", 0.1, 1000},
     {0, "samples", OPTION_INTEGER, &set.samples, "N", "depths on a ray (the model's, 48)", 0, 4096},
-    {0, "early-stop", OPTION_FLAG, &set.early_stop, NULL, "rays end where they are opaque (bf16 only)"},
+    {0, "exact", OPTION_FLAG, &set.exact, NULL,
+     "rays are followed to their end; otherwise bf16 stops them at 99.9 % opacity"},
     {0},
 };
 
@@ -195,7 +196,7 @@ static int frame_write(session *s, studio *t, const shots *all, const sherf_body
 
 static int frames_take(session *s, studio *t, const shots *all, const sherf_avatar *avatar,
                        const sherf_body *body, const background *ground) {
-    sherf_render_options o = {.samples = (int)set.samples, .early_stop = set.early_stop};
+    sherf_render_options o = {.samples = (int)set.samples, .exact = set.exact};
     memcpy(o.background, ground->rgb, sizeof o.background);
     int status = EXIT_DONE;
     for (int n = 0; n < all->count && !status; n++) {

@@ -161,7 +161,7 @@ SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
     int samples;         /* depths per ray; 0: the model's (48) */
-    int early_stop;      /* non-zero: rays stop once opaque (bf16 only; bounded by the bf16 tolerance) */
+    int exact; /* non-zero: rays are followed to their end; otherwise, in bf16, until 99.9 % opaque */
 } sherf_render_options;
 
 typedef struct {

@@ -356,7 +356,7 @@ sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_b
     int samples = o->samples ? o->samples : a->config.samples;
     status = points_create(c, body, target, rays, samples, a->observed, &a->camera, false, &points);
     if (status != SHERF_OK) goto done;
-    status = point_network_render(c, a->network, rays, points, o->background, o->early_stop != 0, frame);
+    status = point_network_render(c, a->network, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) frame->points = points->count;
 done:
     posed_body_free(target);

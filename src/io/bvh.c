@@ -1,0 +1,269 @@
+/* A reader of BVH. The text is read word by word; every number is checked, and no size is believed. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/path.h"
+#include "io/bvh.h"
+
+static const size_t file_limit_bytes = (size_t)1 << 30;
+
+typedef struct {
+    context *c;
+    const char *at, *end;
+    int line;
+    bvh *b;
+    int room; /* joints */
+} reader;
+
+typedef struct {
+    const char *text;
+    size_t length;
+} word;
+
+static bool is_space(char ch) {
+    return ch == ' ' || ch == '\t' || ch == '\n' || ch == '\r' || ch == '\f' || ch == '\v';
+}
+
+/* The next word, of length 0 at the end. Braces are words of their own. */
+static word next_word(reader *r) {
+    while (r->at < r->end && is_space(*r->at)) r->line += *r->at++ == '\n';
+    word w = {r->at, 0};
+    while (r->at < r->end && !is_space(*r->at)) {
+        if ((*r->at == '{' || *r->at == '}') && w.length) break;
+        r->at++, w.length++;
+        if (*w.text == '{' || *w.text == '}') break;
+    }
+    return w;
+}
+
+static bool word_is(word w, const char *text) {
+    return w.length == strlen(text) && !strncasecmp(w.text, text, w.length);
+}
+
+static sherf_status expected(reader *r, const char *what, word got) {
+    return failure(r->c, SHERF_BAD_FILE, "line %d: %s expected%s%.*s", r->line, what,
+                   got.length ? ", not " : ", not the end", (int)(got.length < 40 ? got.length : 40),
+                   got.text);
+}
+
+static sherf_status expect(reader *r, const char *text) {
+    word w = next_word(r);
+    return word_is(w, text) ? SHERF_OK : expected(r, text, w);
+}
+
+static sherf_status read_number(reader *r, double *out) {
+    char text[64];
+    word w = next_word(r);
+    if (!w.length || w.length >= sizeof text) return expected(r, "a number", w);
+    memcpy(text, w.text, w.length);
+    text[w.length] = 0;
+    char *rest;
+    *out = strtod(text, &rest);
+    if (*rest || !isfinite(*out) || fabs(*out) > 1e9) return expected(r, "a number", w);
+    return SHERF_OK;
+}
+
+static sherf_status read_count(reader *r, const char *what, int most, int *out) {
+    double number;
+    word here = {r->at, 0};
+    sherf_status status = read_number(r, &number);
+    if (status) return status;
+    if (!(number >= 0 && number <= most) || number != floor(number)) return expected(r, what, here);
+    *out = (int)number;
+    return SHERF_OK;
+}
+
+static sherf_status add_joint(reader *r, int parent, bool end, bvh_joint **out) {
+    bvh *b = r->b;
+    if (b->joints == BVH_JOINTS_MAX)
+        return failure(r->c, SHERF_BAD_FILE, "line %d: more than %d joints", r->line, BVH_JOINTS_MAX);
+    if (b->joints == r->room) {
+        int room = r->room ? 2 * r->room : 64;
+        bvh_joint *grown = mem_grow(r->c, b->joint, (size_t)r->room, (size_t)room, sizeof *grown);
+        if (!grown) return SHERF_NO_MEMORY;
+        b->joint = grown, r->room = room;
+    }
+    bvh_joint *j = &b->joint[b->joints++];
+    *j = (bvh_joint){.parent = parent, .end = end, .first = b->channels};
+    *out = j;
+    return SHERF_OK;
+}
+
+/* A name may have blanks in it: the rest of the line up to the brace. */
+static sherf_status read_name(reader *r, bvh_joint *j) {
+    size_t n = 0;
+    while (r->at < r->end && *r->at != '\n' && *r->at != '{') {
+        if (n + 1 < BVH_NAME && (n || !is_space(*r->at))) j->name[n++] = *r->at;
+        r->at++;
+    }
+    while (n && is_space(j->name[n - 1])) n--;
+    j->name[n] = 0;
+    return n ? SHERF_OK : failure(r->c, SHERF_BAD_FILE, "line %d: a joint without a name", r->line);
+}
+
+static sherf_status read_channels(reader *r, bvh_joint *j) {
+    static const char *const name[] = {"Xposition", "Yposition", "Zposition",
+                                       "Xrotation", "Yrotation", "Zrotation"};
+    int n = 0;
+    if (j->channels) return failure(r->c, SHERF_BAD_FILE, "line %d: channels given twice", r->line);
+    sherf_status status = read_count(r, "0 to 6 channels", 6, &n);
+    for (int i = 0; i < n && !status; i++) {
+        word w = next_word(r);
+        size_t k = 0;
+        while (k < COUNT_OF(name) && !word_is(w, name[k])) k++;
+        if (k == COUNT_OF(name)) return expected(r, "a channel", w);
+        j->channel[i] = (uint8_t)k;
+    }
+    if (status) return status;
+    j->first = r->b->channels;
+    j->channels = n;
+    r->b->channels += n;
+    return SHERF_OK;
+}
+
+/* From ROOT to its closing brace; an explicit stack in place of recursion. */
+static sherf_status read_hierarchy(reader *r) {
+    int stack[BVH_DEPTH_MAX], depth = 0;
+    bvh_joint *j;
+    sherf_status status;
+    if ((status = expect(r, "HIERARCHY")) || (status = expect(r, "ROOT")) ||
+        (status = add_joint(r, -1, false, &j)) || (status = read_name(r, j)) || (status = expect(r, "{")))
+        return status;
+    stack[depth++] = 0;
+    while (depth) {
+        word w = next_word(r);
+        int own = stack[depth - 1];
+        bool end = word_is(w, "End");
+        if (word_is(w, "OFFSET")) {
+            for (int k = 0; k < 3; k++)
+                if ((status = read_number(r, &r->b->joint[own].offset[k]))) return status;
+        } else if (word_is(w, "CHANNELS") && !r->b->joint[own].end) {
+            if ((status = read_channels(r, &r->b->joint[own]))) return status;
+        } else if ((end || word_is(w, "JOINT")) && !r->b->joint[own].end) {
+            if (depth == BVH_DEPTH_MAX)
+                return failure(r->c, SHERF_BAD_FILE, "line %d: joints nested too deeply", r->line);
+            if ((status = add_joint(r, own, end, &j)) ||
+                (status = end ? expect(r, "Site") : read_name(r, j)) || (status = expect(r, "{")))
+                return status;
+            stack[depth++] = r->b->joints - 1;
+        } else if (word_is(w, "}")) {
+            depth--;
+        } else {
+            return expected(r, "OFFSET, CHANNELS, JOINT, End Site or }", w);
+        }
+    }
+    return SHERF_OK;
+}
+
+static sherf_status read_motion(reader *r) {
+    bvh *b = r->b;
+    sherf_status status;
+    if ((status = expect(r, "MOTION")) || (status = expect(r, "Frames:")) ||
+        (status = read_count(r, "a number of frames", 1 << 24, &b->frames)) ||
+        (status = expect(r, "Frame")) || (status = expect(r, "Time:")) ||
+        (status = read_number(r, &b->frame_time_s)))
+        return status;
+    if (!b->channels || !b->frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
+    if (!(b->frame_time_s > 0 && b->frame_time_s < 1e3))
+        return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
+    size_t numbers = (size_t)b->frames * (size_t)b->channels;
+    if (numbers > (size_t)(r->end - r->at)) /* each takes two characters at least, but the last one */
+        return failure(r->c, SHERF_BAD_FILE, "%d frames of %d channels, but the file ends before", b->frames,
+                       b->channels);
+    b->value = mem_alloc(r->c, numbers, sizeof *b->value);
+    if (!b->value) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < numbers; i++) {
+        double number;
+        if ((status = read_number(r, &number))) return status;
+        b->value[i] = (float)number;
+    }
+    return SHERF_OK;
+}
+
+sherf_status bvh_parse(context *c, const unsigned char *data, size_t bytes, bvh **out) {
+    *out = NULL;
+    reader r = {.c = c, .at = (const char *)data, .end = (const char *)data + bytes, .line = 1};
+    r.b = mem_zero(c, 1, sizeof *r.b);
+    if (!r.b) return SHERF_NO_MEMORY;
+    if (bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3)) r.at += 3;
+    sherf_status status = read_hierarchy(&r);
+    if (!status) status = read_motion(&r);
+    if (status) {
+        bvh_free(r.b);
+        return status;
+    }
+    *out = r.b;
+    return SHERF_OK;
+}
+
+sherf_status bvh_read(context *c, const char *path, bvh **out) {
+    unsigned char *data = NULL;
+    size_t bytes;
+    *out = NULL;
+    sherf_status status = file_read(c, path, file_limit_bytes, &data, &bytes);
+    if (status) return status;
+    status = bvh_parse(c, data, bytes, out);
+    mem_free(data);
+    return status == SHERF_BAD_FILE ? failure_prefix(c, status, "%s", path) : status;
+}
+
+void bvh_free(bvh *b) {
+    if (!b) return;
+    mem_free(b->joint);
+    mem_free(b->value);
+    mem_free(b);
+}
+
+static void multiply(const double a[9], const double b[9], double out[9]) {
+    double m[9];
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            m[3 * i + k] = a[3 * i] * b[k] + a[3 * i + 1] * b[3 + k] + a[3 * i + 2] * b[6 + k];
+    memcpy(out, m, sizeof m);
+}
+
+/* R = R(channel 0) R(channel 1) ..., about the joint's own axes. */
+static void joint_rotation(const bvh_joint *j, const float *value, double out[9]) {
+    static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    memcpy(out, unit, sizeof unit);
+    for (int i = 0; i < j->channels; i++) {
+        if (j->channel[i] < BVH_X_ROTATION) continue;
+        int a = j->channel[i] - BVH_X_ROTATION, p = (a + 1) % 3, q = (a + 2) % 3;
+        double angle = value[i] * (M_PI / 180), turn[9] = {0};
+        turn[4 * a] = 1;
+        turn[4 * p] = turn[4 * q] = cos(angle);
+        turn[3 * p + q] = -sin(angle);
+        turn[3 * q + p] = sin(angle);
+        multiply(out, turn, out);
+    }
+}
+
+void bvh_rotations(const bvh *b, int frame, double *local, double *global) {
+    const float *value = b->value + (size_t)frame * (size_t)b->channels;
+    for (int i = 0; i < b->joints; i++) {
+        double R[9];
+        joint_rotation(&b->joint[i], value + b->joint[i].first, R);
+        if (local) memcpy(local + 9 * i, R, sizeof R);
+        if (!global) continue;
+        if (b->joint[i].parent >= 0)
+            multiply(global + 9 * b->joint[i].parent, R, global + 9 * i);
+        else
+            memcpy(global + 9 * i, R, sizeof R);
+    }
+}
+
+void bvh_root_position(const bvh *b, int frame, double position[3]) {
+    const bvh_joint *root = &b->joint[0];
+    const float *value = b->value + (size_t)frame * (size_t)b->channels;
+    memcpy(position, root->offset, sizeof root->offset);
+    for (int i = 0; i < root->channels; i++)
+        if (root->channel[i] < BVH_X_ROTATION) position[root->channel[i]] = value[root->first + i];
+}
+
+int bvh_find(const bvh *b, const char *name) {
+    for (int i = 0; i < b->joints; i++)
+        if (!strcmp(b->joint[i].name, name)) return i;
+    return -1;
+}

@@ -1,14 +1,11 @@
 /* Striped tube people in the THuman layout, drawn by the rasteriser. Everything follows from the seed. */
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "base/path.h"
 #include "data/data.h"
-#include "data/pickle_write.h"
+#include "data/thuman_write.h"
 #include "data/tubeman.h"
 
 enum {
@@ -27,12 +24,6 @@ typedef struct {
     sherf_camera *camera; /* views, of the person at hand */
     char folder[PATH_LENGTH];
 } synth_job;
-
-static sherf_status joined(context *c, char out[PATH_LENGTH], const char *folder, const char *name) {
-    int n = snprintf(out, PATH_LENGTH, "%s/%s", folder, name);
-    if (n > 0 && n < PATH_LENGTH) return SHERF_OK;
-    return failure(c, SHERF_BAD_ARGUMENT, "%.200s: path too long", folder);
-}
 
 /* Uniform in [low, high]. */
 static float between(uint64_t key, uint64_t i, double low, double high) {
@@ -133,7 +124,6 @@ static sherf_status draw_view(context *c, const pose_job *p, int view) {
     const synth_job *job = p->job;
     int size = job->o.size_px;
     raster *r = NULL;
-    char name[64], path[PATH_LENGTH];
     sherf_status status = SHERF_NO_MEMORY;
     uint8_t *rgb = mem_zero(c, (size_t)size * size, 3), *mask = mem_zero(c, (size_t)size * size, 1);
     if (!rgb || !mask) goto done;
@@ -148,12 +138,7 @@ static sherf_status draw_view(context *c, const pose_job *p, int view) {
             mask[at] = hits * 2 >= SAMPLES * SAMPLES;
             for (int k = 0; k < 3 && mask[at]; k++) rgb[at * 3 + k] = float_to_u8(sum[k] / hits);
         }
-    snprintf(name, sizeof name, "view%02d/%06d.png", view, p->pose);
-    if ((status = joined(c, path, p->folder, name)) || (status = png_write(c, path, size, size, 3, rgb)))
-        goto done;
-    snprintf(name, sizeof name, "mask_cihp/view%02d/%06d.png", view, p->pose);
-    if ((status = joined(c, path, p->folder, name))) goto done;
-    status = png_write(c, path, size, size, 1, mask);
+    status = thuman_write_picture(c, p->folder, view, p->pose, size, size, rgb, mask);
 done:
     raster_free(r);
     mem_free(rgb);
@@ -178,91 +163,10 @@ static void draw_views(void *arg, int64_t begin, int64_t end, int thread) {
 
 /* ---- files ---- */
 
-static sherf_status write_parameters(context *c, const char *folder, int pose, const sherf_pose *body_pose) {
-    static const int poses_dim[] = {72, 1}, shapes_dim[] = {10}, R_dim[] = {3, 3}, Th_dim[] = {1, 3};
-    char name[64], path[PATH_LENGTH];
-    pickle_writer w;
-    snprintf(name, sizeof name, "new_params_neutral/%d.npy", pose);
-    sherf_status status = joined(c, path, folder, name);
-    if (status) return status;
-    pickle_begin(&w, c);
-    pickle_dict_open(&w);
-    pickle_string(&w, "poses");
-    pickle_floats(&w, 2, poses_dim, body_pose->poses_rad);
-    pickle_string(&w, "shapes");
-    pickle_floats(&w, 1, shapes_dim, body_pose->shapes);
-    pickle_string(&w, "R");
-    pickle_floats(&w, 2, R_dim, body_pose->R);
-    pickle_string(&w, "Th");
-    pickle_floats(&w, 2, Th_dim, body_pose->Th_m);
-    pickle_dict_close(&w);
-    return pickle_finish_npy(&w, path);
-}
-
-static void write_camera_list(pickle_writer *w, const synth_job *job, char what) {
-    static const int square[] = {3, 3}, column[] = {3, 1}, five[] = {5, 1};
-    char name[2] = {what, 0};
-    pickle_string(w, name);
-    pickle_list_open(w);
-    for (int v = 0; v < job->o.views; v++) {
-        const sherf_camera *camera = &job->camera[v];
-        double number[9] = {0};
-        for (int i = 0; i < 9; i++) number[i] = what == 'K' ? camera->K[i] : what == 'R' ? camera->R[i] : 0;
-        for (int i = 0; i < 3 && what == 'T'; i++) number[i] = camera->T_m[i];
-        pickle_doubles(w, 2, what == 'T' ? column : what == 'D' ? five : square, number);
-    }
-    pickle_list_close(w);
-}
-
-static sherf_status write_annots(context *c, const synth_job *job, const char *folder) {
-    char name[64], path[PATH_LENGTH];
-    pickle_writer w;
-    sherf_status status = joined(c, path, folder, "annots.npy");
-    if (status) return status;
-    pickle_begin(&w, c);
-    pickle_dict_open(&w);
-    pickle_string(&w, "cams");
-    pickle_dict_open(&w);
-    for (const char *what = "KDRT"; *what; what++) write_camera_list(&w, job, *what);
-    pickle_dict_close(&w);
-    pickle_string(&w, "ims");
-    pickle_list_open(&w);
-    for (int p = 0; p < job->o.poses; p++) {
-        pickle_dict_open(&w);
-        pickle_string(&w, "ims");
-        pickle_list_open(&w);
-        for (int v = 0; v < job->o.views; v++) {
-            snprintf(name, sizeof name, "view%02d/%06d.png", v, p);
-            pickle_string(&w, name);
-        }
-        pickle_list_close(&w);
-        pickle_dict_close(&w);
-    }
-    pickle_list_close(&w);
-    pickle_dict_close(&w);
-    return pickle_finish_npy(&w, path);
-}
-
-static sherf_status make_folders(context *c, const synth_job *job, const char *folder) {
-    char name[64], path[PATH_LENGTH];
-    sherf_status status = SHERF_OK;
-    for (int v = -2; v < job->o.views * 2 && !status; v++) {
-        if (v < 0)
-            snprintf(name, sizeof name, "%s", v == -2 ? "new_params_neutral" : "new_vertices");
-        else
-            snprintf(name, sizeof name, v % 2 ? "view%02d" : "mask_cihp/view%02d", v / 2);
-        status = joined(c, path, folder, name);
-        if (!status) status = folder_make(c, path);
-    }
-    return status;
-}
-
 static sherf_status make_pose_files(context *c, const synth_job *job, const char *folder, int pose,
                                     const sherf_pose *body_pose) {
     posed_body *posed = NULL;
     size_t V = (size_t)job->body->vertices, views = (size_t)job->o.views;
-    int64_t dim[2] = {job->body->vertices, 3};
-    char name[64], path[PATH_LENGTH];
     float *vertices = mem_alloc(c, V * 3, sizeof *vertices), *normals = mem_alloc(c, V * 3, sizeof *normals);
     pose_job p = {job,
                   vertices,
@@ -278,10 +182,9 @@ static sherf_status make_pose_files(context *c, const synth_job *job, const char
                                body_pose->Th_m, &posed);
     if (status) goto done;
     body_vertices_world(job->body, posed, vertices);
-    snprintf(name, sizeof name, "new_vertices/%d.npy", pose);
     if ((status = body_normals(c, job->body, vertices, normals)) ||
-        (status = write_parameters(c, folder, pose, body_pose)) || (status = joined(c, path, folder, name)) ||
-        (status = npy_write_f32(c, path, 2, dim, vertices)))
+        (status = thuman_write_parameters(c, folder, pose, body_pose)) ||
+        (status = thuman_write_vertices(c, folder, pose, job->body->vertices, vertices)))
         goto done;
     parallel_for(c, job->o.views, 1, draw_views, &p);
     for (size_t v = 0; v < views && !status; v++)
@@ -297,26 +200,20 @@ done:
     return status;
 }
 
-static int remove_entry(const char *path, const struct stat *info, int type, struct FTW *ftw) {
-    return remove(path);
-}
-
-/* Only folders of this program's own making: PERSON and PERSON.part below the output. */
-static void remove_folder(const char *path) {
-    nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
-}
-
 static sherf_status make_person(context *c, synth_job *job, int person) {
+    static const char *const kinds[] = {"", "mask_cihp/", NULL};
     char name[64], part[PATH_LENGTH], final[PATH_LENGTH];
     uint64_t key = random_key(job->o.seed, "synth.person", (uint64_t)person);
     snprintf(name, sizeof name, "tube_%03d", person);
-    sherf_status status = joined(c, final, job->folder, name);
+    sherf_status status = thuman_path(c, final, job->folder, name);
     snprintf(name, sizeof name, "tube_%03d.part", person);
-    if (status || (status = joined(c, part, job->folder, name))) return status;
-    remove_folder(part);
+    if (status || (status = thuman_path(c, part, job->folder, name))) return status;
+    thuman_remove_folder(part);
     make_cameras(job, random_key(job->o.seed, "synth.cameras", (uint64_t)person));
     for (int i = 0; i < job->body->vertices; i++) tubeman_color(key, i, job->color[i]);
-    if ((status = make_folders(c, job, part)) || (status = write_annots(c, job, part))) goto fail;
+    if ((status = thuman_make_folders(c, part, job->o.views, kinds)) ||
+        (status = thuman_write_annots(c, part, job->o.poses, job->o.views, job->camera)))
+        goto fail;
     for (int p = 0; p < job->o.poses; p++) {
         sherf_pose pose;
         sherf_pose_identity(&pose);
@@ -327,11 +224,11 @@ static sherf_status make_person(context *c, synth_job *job, int person) {
                           (double)job->o.people * job->o.poses * job->o.views);
         if (status) goto fail;
     }
-    remove_folder(final); /* what an interrupted run left: the list is written last */
+    thuman_remove_folder(final); /* what an interrupted run left: the list is written last */
     if (rename(part, final) == 0) return SHERF_OK;
     status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", final);
 fail:
-    remove_folder(part);
+    thuman_remove_folder(part);
     return status;
 }
 
@@ -367,8 +264,8 @@ sherf_status sherf_synth_tube(sherf_context *c, const char *folder, const sherf_
     synth_job job = {0};
     if (options) job.o = *options;
     sherf_status status = options_check(c, &job.o);
-    if (status || (status = joined(c, list, folder, "human_list.txt")) ||
-        (status = joined(c, path, folder, "tubeman.safetensors")))
+    if (status || (status = thuman_path(c, list, folder, "human_list.txt")) ||
+        (status = thuman_path(c, path, folder, "tubeman.safetensors")))
         return status;
     if (path_is_file(list))
         return failure(c, SHERF_WRITE_FAILED, "%s: holds a data set already; choose another folder", folder);

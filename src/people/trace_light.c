@@ -146,15 +146,16 @@ void light_forget(trace_scene *s) {
 /* ---- tracing ---- */
 
 typedef struct {
-    float origin[3], normal[3];
+    float origin[3], normal[3], near_m;
+    unsigned layer;
     uint64_t key; /* of the point's random numbers */
 } light_point;
 
 static void ray_init(struct RTCRay16 *rays, int lane, const light_point *p, const float d[3], int number) {
     rays->org_x[lane] = p->origin[0], rays->org_y[lane] = p->origin[1], rays->org_z[lane] = p->origin[2];
     rays->dir_x[lane] = d[0], rays->dir_y[lane] = d[1], rays->dir_z[lane] = d[2];
-    rays->tnear[lane] = 0, rays->tfar[lane] = INFINITY, rays->time[lane] = 0;
-    rays->mask[lane] = ~0u, rays->flags[lane] = 0;
+    rays->tnear[lane] = p->near_m, rays->tfar[lane] = INFINITY, rays->time[lane] = 0;
+    rays->mask[lane] = ~0u, rays->flags[lane] = p->layer;
     rays->id[lane] = (unsigned)(p->key >> 32) + (unsigned)number;
 }
 
@@ -264,6 +265,8 @@ static uint64_t trace_point(const trace_scene *s, const scene_mesh *m, const lig
     light_point p;
     visible v = {0};
     place_point(m, at, side, &p);
+    p.near_m = m->material.near_m;
+    p.layer = (unsigned)m->material.layer;
     p.key =
         splitmix64(s->light.seed ^ splitmix64(2 * ((uint64_t)m->points_before + at->point) + (uint64_t)side));
     v.sky = sky_share(s, &p);
@@ -315,23 +318,37 @@ void light_at(const trace_scene *s, int mesh, uint32_t face, const float barycen
 }
 
 /* Embree's arrays of N: word n of ray or hit i is at [n * N + i]; its accessors are C++ only. */
-enum { RAY_ID = 10, HIT_U = 3, HIT_V = 4, HIT_FACE = 5 };
+enum { RAY_DIRECTION = 4, RAY_TFAR = 8, RAY_ID = 10, RAY_FLAGS = 11, HIT_U = 3, HIT_V = 4, HIT_FACE = 5 };
+
+/* From a garment outwards through skin that should lie below it. */
+static bool pokes_through(const scene_mesh *m, const struct RTCFilterFunctionNArguments *args, unsigned i) {
+    unsigned N = args->N;
+    const float *ray = (const float *)args->ray, *hit = (const float *)args->hit;
+    if (((const unsigned *)args->ray)[RAY_FLAGS * N + i] <= (unsigned)m->material.layer) return false;
+    if (!(ray[RAY_TFAR * N + i] < TRACE_COVER_M)) return false;
+    float out = 0;
+    for (unsigned k = 0; k < 3; k++) out += hit[k * N + i] * ray[(RAY_DIRECTION + k) * N + i];
+    return out > 0;
+}
+
+static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArguments *args, unsigned i) {
+    unsigned N = args->N, face = ((const unsigned *)args->hit)[HIT_FACE * N + i];
+    const float *hit = (const float *)args->hit, *corner = m->corner_uv + 6 * (size_t)face;
+    float u = hit[HIT_U * N + i], v = hit[HIT_V * N + i], uv[2];
+    for (int k = 0; k < 2; k++) uv[k] = (1 - u - v) * corner[k] + u * corner[2 + k] + v * corner[4 + k];
+    float opacity = texture_opacity(m->material.color, uv), least = m->material.cutoff;
+    if (m->material.alpha == TRACE_BLENDED) {
+        uint64_t id = ((const unsigned *)args->ray)[RAY_ID * N + i], dice = splitmix64(id << 32 | face);
+        least = (float)(dice >> 40) * 0x1p-24f + 0x1p-25f;
+    }
+    return opacity < least;
+}
 
 void light_filter(const struct RTCFilterFunctionNArguments *args) {
     const scene_mesh *m = args->geometryUserPtr;
-    const unsigned *ray = (const unsigned *)args->ray, *hit = (const unsigned *)args->hit;
-    const float *place = (const float *)args->hit;
-    for (unsigned i = 0, N = args->N; i < N; i++) {
+    bool has_holes = m->material.alpha != TRACE_OPAQUE && m->material.color && m->corner_uv;
+    for (unsigned i = 0; i < args->N; i++) {
         if (!args->valid[i]) continue;
-        unsigned face = hit[HIT_FACE * N + i];
-        float u = place[HIT_U * N + i], v = place[HIT_V * N + i], uv[2];
-        const float *corner = m->corner_uv + 6 * (size_t)face;
-        for (int k = 0; k < 2; k++) uv[k] = (1 - u - v) * corner[k] + u * corner[2 + k] + v * corner[4 + k];
-        float opacity = texture_opacity(m->material.color, uv), least = m->material.cutoff;
-        if (m->material.alpha == TRACE_BLENDED) {
-            uint64_t dice = splitmix64((uint64_t)ray[RAY_ID * N + i] << 32 | face);
-            least = (float)(dice >> 40) * 0x1p-24f + 0x1p-25f;
-        }
-        if (opacity < least) args->valid[i] = 0;
+        if (pokes_through(m, args, i) || (has_holes && lets_pass(m, args, i))) args->valid[i] = 0;
     }
 }

@@ -51,9 +51,22 @@ static float distance(const float *a, const float *b) {
     return sqrtf(dot3(d, d));
 }
 
+static float edge_length(const half_edge *e, const float *rest) {
+    return distance(rest + 3 * (e->ends >> 32), rest + 3 * (e->ends & UINT32_MAX));
+}
+
+/* The side of a square as large as two such faces: a strip's long edges are cut no finer than that. */
+static float face_size(const scene_mesh *m, const float *rest, uint32_t face) {
+    const float *p[3];
+    float a[3], b[3], n[3];
+    for (int k = 0; k < 3; k++) p[k] = rest + 3 * (size_t)m->face[3 * (size_t)face + (size_t)k];
+    for (int k = 0; k < 3; k++) a[k] = p[1][k] - p[0][k], b[k] = p[2][k] - p[0][k];
+    cross3(a, b, n);
+    return sqrtf(sqrtf(dot3(n, n)));
+}
+
 /* Numbers the edges and says into how many parts each is cut: the power of two that brings them nearest to
- * the spacing.
- */
+ * the spacing. */
 static sherf_status find_edges(context *c, scene_mesh *m, const float *rest, float spacing_m) {
     size_t n = 3 * (size_t)m->faces;
     half_edge *half = mem_alloc(c, n, sizeof *half);
@@ -64,15 +77,16 @@ static sherf_status find_edges(context *c, scene_mesh *m, const float *rest, flo
     }
     qsort(half, n, sizeof *half, by_ends);
     m->edges = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (i == 0 || half[i].ends != half[i - 1].ends) {
-            const float *a = rest + 3 * (half[i].ends >> 32), *b = rest + 3 * (half[i].ends & UINT32_MAX);
-            float parts = distance(a, b) / spacing_m;
-            int level = 1;
-            while ((float)level * (float)M_SQRT2 < parts && level < LIGHT_LEVEL_MAX) level *= 2;
-            m->edge_level[m->edges++] = (uint8_t)level;
+    for (size_t first = 0, end; first < n; first = end) { /* the half edges [first, end) are one edge */
+        float size = edge_length(&half[first], rest);
+        for (end = first; end < n && half[end].ends == half[first].ends; end++) {
+            float of_face = face_size(m, rest, half[end].corner / 3);
+            size = of_face < size ? of_face : size;
+            m->edge[half[end].corner] = (uint32_t)m->edges;
         }
-        m->edge[half[i].corner] = (uint32_t)(m->edges - 1);
+        int level = 1;
+        while ((float)level * (float)M_SQRT2 < size / spacing_m && level < LIGHT_LEVEL_MAX) level *= 2;
+        m->edge_level[m->edges++] = (uint8_t)level;
     }
     mem_free(half);
     return SHERF_OK;

@@ -45,6 +45,11 @@ sherf_status trace_scene_create(context *c, float spacing_m, trace_scene **out) 
         mem_free(s);
         return status ? status : failure(c, SHERF_UNSUPPORTED, "Embree does not start");
     }
+    if (!rtcGetDeviceProperty(s->device, RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED) ||
+        !rtcGetDeviceProperty(s->device, RTC_DEVICE_PROPERTY_FILTER_FUNCTION_SUPPORTED)) {
+        trace_scene_free(s);
+        return failure(c, SHERF_UNSUPPORTED, "Embree: built without ray masks or filter functions");
+    }
     *out = s;
     return SHERF_OK;
 }
@@ -63,7 +68,8 @@ void trace_scene_free(trace_scene *s) {
 
 static sherf_status check_material(context *c, const trace_material *m) {
     bool fine = m->specular >= 0 && m->specular <= 1 && m->roughness >= 0 && m->roughness <= 1 &&
-                m->cutoff >= 0 && m->cutoff <= 1;
+                m->cutoff >= 0 && m->cutoff <= 1 && m->near_m >= 0 && m->near_m <= 1 && m->layer >= 0 &&
+                m->layer <= 15;
     for (int k = 0; k < 3; k++)
         fine = fine && m->tint[k] >= 0 && m->tint[k] <= 100 && m->wrap[k] >= 0 && m->wrap[k] <= 1;
     if (fine && m->alpha >= TRACE_OPAQUE && m->alpha <= TRACE_BLENDED) return SHERF_OK;
@@ -88,6 +94,7 @@ sherf_status trace_scene_add(context *c, trace_scene *s, const trace_mesh *mesh,
     }
     m->points_before = s->points;
     s->points += m->points;
+    if (material->layer > s->top_layer) s->top_layer = material->layer;
     s->meshes++;
     return SHERF_OK;
 }
@@ -99,7 +106,9 @@ static void attach_mesh(trace_scene *s, scene_mesh *m) {
     rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->face, 0, 3 * sizeof *m->face,
                                (size_t)m->faces);
     rtcSetGeometryUserData(g, m);
-    if (m->material.alpha != TRACE_OPAQUE && m->material.color && m->corner_uv)
+    rtcSetGeometryMask(g, 1u << m->material.layer);
+    if ((m->material.alpha != TRACE_OPAQUE && m->material.color && m->corner_uv) ||
+        m->material.layer < s->top_layer)
         rtcSetGeometryOccludedFilterFunction(g, light_filter);
     rtcCommitGeometry(g);
     rtcAttachGeometry(s->scene, g);

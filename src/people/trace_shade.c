@@ -35,10 +35,10 @@ static void sky_lookup(const trace_scene *s, const float direction[3], float rgb
     for (int k = 0; k < 3; k++) rgb[k] = s->sky[i][k] + t * (s->sky[i + 1][k] - s->sky[i][k]);
 }
 
-/* Schlick: what a surface reflects at the cosine x. */
+/* Schlick: what a surface reflects at the cosine x. At the rim all, or less where it is dull head-on. */
 static float fresnel(float head_on, float x) {
-    float y = 1 - clamp01(x), y2 = y * y;
-    return head_on + (1 - head_on) * y2 * y2 * y;
+    float y = 1 - clamp01(x), y2 = y * y, rim = clamp01(25 * head_on);
+    return head_on + (rim - head_on) * y2 * y2 * y;
 }
 
 /* GGX lobe times cosine over 4 (n l)(n v), and pi since a lamp's colour is what white shows; `wide`: squared
@@ -70,7 +70,8 @@ static void reflect_light(const trace_scene *s, const surface *at, const visible
     for (int k = 0; k < 3; k++) mirrored[k] = direction[k] - 2 * nd * n[k];
     sky_lookup(s, mirrored, sky);
     /* A rough surface's rim shines less than a smooth one's. */
-    float share = (m->specular + (fresnel(m->specular, -nd) - m->specular) * (1 - m->roughness)) * seen->sky;
+    float smooth = 1 - m->roughness, rim = fresnel(m->specular, -nd) - m->specular;
+    float share = (m->specular + rim * smooth * smooth) * seen->sky;
     for (int k = 0; k < 3; k++) rgb[k] += share * sky[k];
 }
 

@@ -369,6 +369,44 @@ static void test_opacity_shadow(void **state) {
     shape_free(&floor), shape_free(&roof);
 }
 
+/* Skin that lies 5 mm outside a shirt is not drawn, and does not darken it; a bead of skin in front of the
+ * shirt and an arm beyond its edge are drawn. */
+static void test_layers(void **state) {
+    context *c = *state;
+    trace_scene *scene;
+    trace_picture p;
+    trace_light light = even_sky();
+    const float bead_at[3] = {0, 0, 0.512f};
+    shape skin = make_sphere(64, 48, (float[3]){0}, 0.5f), shirt = make_sphere(64, 48, (float[3]){0}, 0.495f);
+    shape bead = make_sphere(16, 12, bead_at, 0.006f),
+          arm = make_sphere(24, 16, (float[3]){0.7f, 0, 0}, 0.15f);
+    const float *positions[4] = {skin.vertex, shirt.vertex, bead.vertex, arm.vertex};
+    trace_material red = trace_material_plain(), blue = trace_material_plain();
+    red.tint[1] = red.tint[2] = 0;
+    blue.tint[0] = blue.tint[1] = 0;
+    blue.layer = 2;
+    assert_ok(c, trace_scene_create(c, 0.02f, &scene));
+    add(c, scene, &skin, &red);
+    add(c, scene, &shirt, &blue);
+    add(c, scene, &bead, &red);
+    add(c, scene, &arm, &red);
+    assert_ok(c, trace_scene_pose(c, scene, positions, &light));
+    sherf_camera camera = camera_at(2, 0, 200);
+    assert_ok(c, trace_render(c, scene, &camera, &(trace_options){.depth = true}, &p));
+    size_t in_front = pixel_of(&camera, bead_at), beside = pixel_of(&camera, (float[3]){0.7f, 0, 0.15f});
+    assert_true(p.color[3 * in_front] > 0.5f && p.color[3 * in_front + 2] < 0.01f);
+    assert_float_equal(p.depth_m[in_front], 2 - 0.518, 1e-3);
+    assert_true(p.color[3 * beside] > 0.5f && p.color[3 * beside + 2] == 0);
+    for (float y = -0.4f; y < 0.41f; y += 0.1f) {
+        size_t n = pixel_of(&camera, (float[3]){-0.1f, y, sqrtf(0.245f - 0.01f - y * y)});
+        assert_float_equal(p.color[3 * n], 0, 0);
+        assert_float_equal(p.color[3 * n + 2], 1, 0.04); /* grazing rays meet the skin farther away */
+    }
+    trace_picture_free(&p);
+    trace_scene_free(scene);
+    shape_free(&skin), shape_free(&shirt), shape_free(&bead), shape_free(&arm);
+}
+
 static void must_be_equal(const trace_picture *a, const trace_picture *b) {
     size_t pixels = (size_t)a->width * (size_t)a->height;
     assert_memory_equal(a->color, b->color, pixels * 3 * sizeof(float));
@@ -570,6 +608,7 @@ int main(void) {
         cmocka_unit_test(test_sky),
         cmocka_unit_test(test_opacity),
         cmocka_unit_test(test_opacity_shadow),
+        cmocka_unit_test(test_layers),
         cmocka_unit_test(test_same_bits),
         cmocka_unit_test(test_second_pose),
         cmocka_unit_test(test_srgb),

@@ -4,7 +4,7 @@
 static struct {
     const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume;
     bool front_view;
-    int64_t size, steps, images, halve_every, sample_every, save_every, workers;
+    int64_t size, steps, images, targets, halve_every, sample_every, save_every, workers;
     double epochs, seconds, learning_rate, perceptual_weight;
 } set = {.preset = "paper"};
 
@@ -35,6 +35,8 @@ static const option options[] = {
     {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 0, 1e12},
     {0, "seconds", OPTION_REAL, &set.seconds, "X", "stop after X seconds", 0, 1e9},
     {0, "images", OPTION_INTEGER, &set.images, "N", "images a step, over all processes (4)", 0, 4096},
+    {0, "targets", OPTION_INTEGER, &set.targets, "N",
+     "pictures rendered of each observed person (1, the paper's); the further ones in any pose", 0, 8},
     {0, "learning-rate", OPTION_REAL, &set.learning_rate, "X", "Adam's at the start (0.002)", 0, 10},
     {0, "halve-every", OPTION_INTEGER, &set.halve_every, "N", "steps after which it is halved (an epoch)", 0,
      1e12},
@@ -64,6 +66,7 @@ static int run(session *s, int count, char **argument) {
                              .steps = set.steps,
                              .seconds = set.seconds,
                              .images_per_step = (int)set.images,
+                             .targets = (int)set.targets,
                              .learning_rate = set.learning_rate,
                              .halve_every = set.halve_every,
                              .sample_every = set.sample_every,

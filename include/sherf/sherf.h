@@ -306,7 +306,8 @@ typedef struct {
     double epochs;      /* 0: 5 */
     int64_t steps;      /* 0: by epochs */
     double seconds;     /* stop after this many seconds; 0: no limit */
-    int images_per_step;  /* over all ranks; 0: 4 */
+    int images_per_step; /* over all ranks; 0: 4 */
+    int targets; /* pictures rendered from each observation, 1 to 8; the further ones show any pose; 0: 1 */
     double learning_rate; /* 0: 2e-3 */
     int64_t halve_every;  /* steps; 0: every epoch */
     int64_t sample_every; /* steps between sample renders; 0: 500 */

@@ -156,7 +156,7 @@ static tensor *composite_frame(tape *t, const target_geometry *g, tensor *sigma,
 }
 
 sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                         const model_bank *bank, const target_geometry *target, float background,
+                         model_bank *bank, const target_geometry *target, float background,
                          uint64_t noise_key, tensor **frame) {
     *frame = NULL;
     if (tape_status(t) != SHERF_OK) return tape_status(t);

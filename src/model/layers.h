@@ -44,6 +44,6 @@ void decoder(tape *t, const model *m, tensor *tokens, const float *points_canoni
  * training in bf16. sigma [P, 1] and rgb [P, 3] are filled. */
 bool points_fused_possible(const tape *t, const model *m);
 sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
+                          model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 
 #endif

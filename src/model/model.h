@@ -107,6 +107,7 @@ typedef struct {
     tensor *features;            /* [H/2, W/2, F] */
     tensor *image;               /* [H, W, 3] */
     tensor *level[POINT_LEVELS]; /* [voxels, channels] */
+    struct fused_bank *fused;    /* points_fused.c; made at the first frame when NULL */
 } model_bank;
 /* Stages for the parity tests; NULL in normal use. */
 typedef struct {
@@ -128,7 +129,7 @@ sherf_status model_points(tape *t, const model *m, const body_model *body, const
  * not kept but computed again in the backward pass. noise_key != 0: standard normal noise is added to the raw
  * density (training). */
 sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                         const model_bank *bank, const target_geometry *target, float background,
+                         model_bank *bank, const target_geometry *target, float background,
                          uint64_t noise_key, tensor **frame);
 
 /* ---- files ---- */

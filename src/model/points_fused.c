@@ -4,12 +4,19 @@
 #include "model/layers.h"
 #include "render/pointnet_train.h"
 
-typedef struct {
+/* An encoded observation's, for all its frames. */
+struct fused_bank {
     point_network *network;
     point_weights weights;
     const model *m;
-    const point_set *points;
     tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
+};
+typedef struct fused_bank fused_bank;
+
+/* A frame's. */
+typedef struct {
+    const fused_bank *bank;
+    const point_set *points;
     tensor *sigma, *rgb;
 } fused_node;
 
@@ -38,7 +45,7 @@ static tensor *as_matrix(tape *t, const model *m, const char *name) {
     return w ? tape_reshape(t, w, 2, (int64_t[]){w->dim[0], tensor_count(w) / w->dim[0]}) : NULL;
 }
 
-static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused_node *n) {
+static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused_bank *n) {
     const int64_t D = m->config.token_width;
     tensor *token = as_matrix(t, m, "renderer.conv1d_reprojection.weight"),
            *volume = as_matrix(t, m, "renderer.conv1d_projection.weight");
@@ -54,7 +61,7 @@ static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused
 }
 
 static void bank_of(const model *m, const body_model *body, const observation_geometry *g,
-                    const fused_node *n, point_merged *merged, point_bank *b) {
+                    const fused_bank *n, point_merged *merged, point_bank *b) {
     *b = (point_bank){.merged = merged,
                       .plane_size = m->config.plane_resolution,
                       .feature_width = (int)n->map->dim[1],
@@ -80,47 +87,57 @@ static void bank_of(const model *m, const body_model *body, const observation_ge
 }
 
 static sherf_status fused_backward(tape *t, void *payload) {
-    fused_node *n = payload;
+    const fused_node *n = payload;
+    const fused_bank *f = n->bank;
     if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
-    tensor *dsigma = tape_grad(t, n->sigma), *drgb = tape_grad(t, n->rgb);
-    const parameters *p = n->m->weights;
-    point_gradients out = {.values = p->values, .grads = p->grads};
-    bool good = dsigma && drgb && p->grads;
+    tensor *dsigma = tape_grad(t, n->sigma), *drgb = tape_grad(t, n->rgb), *map = tape_grad(t, f->map);
+    point_gradients out = {.values = f->m->weights->values, .grads = f->m->weights->grads};
+    bool good = dsigma && drgb && map && out.grads;
     for (int i = 0; i < 3 && good; i++) {
-        tensor *plane = tape_grad(t, n->plane[i]), *level = tape_grad(t, n->level[i]);
+        tensor *plane = tape_grad(t, f->plane[i]), *level = tape_grad(t, f->level[i]);
         good = plane && level;
-        if (good) out.plane[i] = tensor_f32(plane), out.level[i] = tensor_f32(level);
+        if (!good) break;
+        out.plane[i] = tensor_f32(plane);
+        out.level[i] = tensor_f32(level);
     }
-    tensor *map = good ? tape_grad(t, n->map) : NULL;
-    if (!map) return tape_status(t);
-    out.map = tensor_f32(map);
-    tape *work = tape_nested(t, false);
+    tape *work = good ? tape_nested(t, false) : NULL;
     if (!work) return tape_status(t);
+    out.map = tensor_f32(map);
     tape_reset(work);
-    sherf_status status = point_network_backward(work, n->network, &n->weights, n->points, tensor_f32(n->rgb),
+    sherf_status status = point_network_backward(work, f->network, &f->weights, n->points, tensor_f32(n->rgb),
                                                  tensor_f32(drgb), tensor_f32(dsigma), &out);
     tape_reset(work);
     return status;
 }
 
-sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
-    context *c = tape_context(t);
+static sherf_status fused_create(tape *t, const model *m, const body_model *body,
+                                 const observation_geometry *g, const model_bank *bank, fused_bank **out) {
     point_sizes sizes;
     point_merged merged;
     point_bank b;
-    fused_node *n = tape_alloc(t, 1, sizeof *n);
-    if (!n) return tape_status(t);
-    *n = (fused_node){.m = m, .points = points, .sigma = sigma, .rgb = rgb};
-    sherf_status status = merge(t, m, bank, n);
+    fused_bank *f = tape_alloc(t, 1, sizeof *f);
+    if (!f) return tape_status(t);
+    *f = (fused_bank){.m = m};
+    sherf_status status = merge(t, m, bank, f);
     if (status != SHERF_OK) return status;
     model_point_sizes(&m->config, &sizes);
-    model_point_weights(m->weights, &m->config, &n->weights);
-    bank_of(m, body, g, n, &merged, &b);
-    status = point_network_create(c, &sizes, &n->weights, &b, true, &n->network);
-    if (status == SHERF_OK && !tape_own(t, n->network, network_release)) status = tape_status(t);
-    if (status == SHERF_OK)
-        status = point_network_run(c, n->network, points, tensor_f32(rgb), tensor_f32(sigma));
+    model_point_weights(m->weights, &m->config, &f->weights);
+    bank_of(m, body, g, f, &merged, &b);
+    status = point_network_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
+    if (status == SHERF_OK && !tape_own(t, f->network, network_release)) status = tape_status(t);
+    *out = f;
+    return status;
+}
+
+sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
+    sherf_status status = SHERF_OK;
+    if (!bank->fused) status = fused_create(t, m, body, g, bank, &bank->fused);
+    fused_node *n = tape_alloc(t, 1, sizeof *n);
+    if (status != SHERF_OK || !n) return status != SHERF_OK ? status : tape_status(t);
+    *n = (fused_node){bank->fused, points, sigma, rgb};
+    status =
+        point_network_run(tape_context(t), bank->fused->network, points, tensor_f32(rgb), tensor_f32(sigma));
     if (status == SHERF_OK) tape_record(t, fused_backward, n);
     return status == SHERF_OK ? tape_status(t) : status;
 }

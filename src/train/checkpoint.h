@@ -4,12 +4,13 @@
 
 #include "model/model.h"
 #include "train/adam.h"
+#include "train/sampling.h"
 
 /* Steps made, and what has to be the same for the coming ones to be the same. */
 typedef struct {
     int64_t step, skipped; /* skipped: steps without an update, their gradients were not finite */
     uint64_t seed;
-    int images_per_step, size_px, front_view;
+    int images_per_step, size_px, front_view, targets;
     double learning_rate;
     int64_t halve_every;
 } train_state;

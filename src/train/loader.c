@@ -8,7 +8,21 @@ void sample_free(sample *s) {
     sherf_observation_free(s->target);
     observation_geometry_free(s->observation_geometry);
     target_geometry_free(s->target_geometry);
+    for (int k = 0; k < s->drawn.further; k++) {
+        sherf_observation_free(s->more[k].target);
+        target_geometry_free(s->more[k].geometry);
+    }
     *s = (sample){0};
+}
+
+static sherf_status target_load(context *c, const sherf_dataset *d, const model_config *config,
+                                const body_model *body, int person, int pose, int view, int width,
+                                const observation_geometry *observation, data_view **target,
+                                target_geometry **geometry) {
+    sherf_status status = dataset_view(c, d, person, pose, view, width, target);
+    if (status != SHERF_OK) return status;
+    const data_view *t = *target;
+    return target_geometry_create(c, config, body, &t->camera, &t->pose, observation, false, geometry);
 }
 
 sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
@@ -16,15 +30,16 @@ sherf_status sample_load(context *c, const sherf_dataset *d, const model_config 
     *out = (sample){.drawn = drawn};
     sherf_status status =
         dataset_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
-    if (status == SHERF_OK)
-        status = dataset_view(c, d, drawn.person, drawn.pose, drawn.view, width, &out->target);
     if (status != SHERF_OK) goto fail;
-    const data_view *o = out->observation, *t = out->target;
+    const data_view *o = out->observation;
     status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true, NULL,
                                          &out->observation_geometry);
     if (status == SHERF_OK)
-        status = target_geometry_create(c, config, body, &t->camera, &t->pose, out->observation_geometry,
-                                        false, &out->target_geometry);
+        status = target_load(c, d, config, body, drawn.person, drawn.pose, drawn.view, width,
+                             out->observation_geometry, &out->target, &out->target_geometry);
+    for (int k = 0; k < drawn.further && status == SHERF_OK; k++)
+        status = target_load(c, d, config, body, drawn.person, drawn.more[k].pose, drawn.more[k].view, width,
+                             out->observation_geometry, &out->more[k].target, &out->more[k].geometry);
     if (status == SHERF_OK) return SHERF_OK;
     failure_prefix(c, status, "%s, pose %d, view %d", sherf_dataset_person(d, drawn.person), drawn.pose,
                    drawn.view);

@@ -11,6 +11,10 @@ typedef struct {
     data_view *observation, *target;
     observation_geometry *observation_geometry;
     target_geometry *target_geometry;
+    struct {
+        data_view *target;
+        target_geometry *geometry;
+    } more[TARGETS_MOST - 1]; /* drawn.further of them */
 } sample;
 /* One image, here and now; sizes as in sherf_train_options. */
 sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,

@@ -13,9 +13,9 @@ static int clipped(int limit, int n) {
 }
 
 sherf_status sampling_create(context *c, const sherf_dataset *d, const char *people, bool front_view,
-                             uint64_t seed, sampling *out) {
+                             int targets, uint64_t seed, sampling *out) {
     const data_protocol *p = data_protocol_of(dataset_kind(d));
-    *out = (sampling){.seed = seed, .front_view = -1};
+    *out = (sampling){.seed = seed, .front_view = -1, .targets = targets};
     sherf_status status = dataset_people(c, d, people, true, &out->person, &out->people);
     if (status != SHERF_OK) goto fail;
     out->poses = mem_alloc(c, (size_t)out->people, sizeof *out->poses);
@@ -81,5 +81,10 @@ draw sampling_draw(const sampling *s, int64_t image) {
               .observed_view = s->front_view,
               .noise_key = splitmix64(key + 1) | 1};
     if (s->front_view < 0) d.observed_view = (int)random_below(key, 0, s->views[i]);
+    d.further = s->targets - 1;
+    for (int k = 0; k < d.further; k++) {
+        d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;
+        d.more[k].view = (int)random_below(key, 3 + 2 * (uint64_t)k, s->views[i]);
+    }
     return d;
 }

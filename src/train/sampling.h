@@ -5,6 +5,8 @@
 
 #include "data/data.h"
 
+enum { TARGETS_MOST = 8 };
+
 typedef struct {
     uint64_t seed;
     int people;
@@ -14,11 +16,12 @@ typedef struct {
     int64_t *before; /* people + 1: pictures of all people before this one; owned */
     int pose_step;
     int front_view; /* -1: any view observes */
+    int targets;    /* of an image, 1 to TARGETS_MOST */
 } sampling;
 
 /* people: as in sherf_train_options. */
 sherf_status sampling_create(context *c, const sherf_dataset *d, const char *people, bool front_view,
-                             uint64_t seed, sampling *out);
+                             int targets, uint64_t seed, sampling *out);
 void sampling_free(sampling *s);
 /* Target pictures: an epoch shows each of them once, in an order of its own. */
 int64_t sampling_pictures(const sampling *s);
@@ -26,7 +29,11 @@ int64_t sampling_pictures(const sampling *s);
 typedef struct {
     int person, pose, view; /* the target's */
     int observed_view;      /* of the same pose */
-    uint64_t noise_key;     /* never 0 */
+    int further;            /* targets beside the first: any pose and view of the person */
+    struct {
+        int pose, view;
+    } more[TARGETS_MOST - 1];
+    uint64_t noise_key; /* never 0 */
 } draw;
 draw sampling_draw(const sampling *s, int64_t image);
 

@@ -59,10 +59,10 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     if (!o->data || !o->body || !o->output)
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and an output folder are needed");
     if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
-        o->images_per_step > IMAGES_MOST || o->learning_rate < 0 || o->halve_every < 0 ||
-        o->sample_every < 0 || o->save_every < 0 || o->workers < 0 || o->workers > 1024 ||
-        !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) || !isfinite(o->learning_rate) ||
-        !isfinite(o->epochs) || !isfinite(o->seconds))
+        o->images_per_step > IMAGES_MOST || o->targets < 0 || o->targets > TARGETS_MOST ||
+        o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
+        o->workers < 0 || o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
+        !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
     return SHERF_OK;
 }
@@ -78,8 +78,10 @@ static sherf_status begin_new(trainer *t) {
                              .images_per_step = o->images_per_step ? o->images_per_step : 4,
                              .size_px = o->size_px,
                              .front_view = o->front_view != 0,
+                             .targets = o->targets ? o->targets : 1,
                              .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
-    status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.seed, &t->sampling);
+    status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets, t->state.seed,
+                             &t->sampling);
     if (status != SHERF_OK) return status;
     int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
     t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
@@ -105,15 +107,16 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->seed) s->seed = o->seed;
     if (o->images_per_step) s->images_per_step = o->images_per_step;
     if (o->size_px) s->size_px = o->size_px;
+    if (o->targets) s->targets = o->targets;
     if (o->front_view) s->front_view = 1;
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
     if (o->halve_every) s->halve_every = o->halve_every;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
-        old.front_view != s->front_view || old.learning_rate != s->learning_rate ||
-        old.halve_every != s->halve_every)
+        old.targets != s->targets || old.front_view != s->front_view ||
+        old.learning_rate != s->learning_rate || old.halve_every != s->halve_every)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
-    return sampling_create(t->c, t->data, o->people, s->front_view, s->seed, &t->sampling);
+    return sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
 }
 
 static sherf_status begin(trainer *t) {

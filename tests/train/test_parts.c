@@ -78,17 +78,24 @@ static sampling two_people(int front_view) {
                       .views = views,
                       .before = before,
                       .pose_step = 5,
+                      .targets = 3,
                       .front_view = front_view};
 }
 
 static void every_picture_once_an_epoch(void **state) {
     sampling s = two_people(-1);
-    int seen[2][3][4] = {0}, same_order = 0, observed[4] = {0};
+    int seen[2][3][4] = {0}, same_order = 0, observed[4] = {0}, other_pose = 0;
     for (int64_t i = 0; i < 40; i++) {
         draw d = sampling_draw(&s, i);
         assert_true(d.person == 4 || d.person == 9);
         assert_true(d.pose % 5 == 0 && d.view < 4 && d.observed_view < 4 && d.noise_key);
         seen[d.person == 9][d.pose / 5][d.view]++;
+        assert_int_equal(d.further, 2);
+        for (int k = 0; k < 2; k++) {
+            assert_true(d.more[k].pose % 5 == 0 && d.more[k].pose / 5 < (d.person == 9 ? 2 : 3));
+            assert_true(d.more[k].view >= 0 && d.more[k].view < 4);
+            other_pose += d.more[k].pose != d.pose;
+        }
         observed[d.observed_view]++;
         draw e = sampling_draw(&s, (i + 20) % 40);
         same_order += e.person == d.person && e.pose == d.pose && e.view == d.view;
@@ -99,6 +106,7 @@ static void every_picture_once_an_epoch(void **state) {
         for (int q = 0; q < 3 - p; q++)
             for (int v = 0; v < 4; v++) assert_int_equal(seen[p][q][v], 2);
     assert_true(same_order < 12);
+    assert_true(other_pose > 20);
     for (int v = 0; v < 4; v++) assert_true(observed[v] > 2);
     sampling front = two_people(2);
     for (int64_t i = 0; i < 20; i++) {

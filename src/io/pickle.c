@@ -190,83 +190,12 @@ static value *text_number(machine *m, bool real) {
     return build_real(m->b, r);
 }
 
-static int hex(char ch) {
-    return ch >= '0' && ch <= '9'   ? ch - '0'
-           : ch >= 'a' && ch <= 'f' ? ch - 'a' + 10
-           : ch >= 'A' && ch <= 'F' ? ch - 'A' + 10
-                                    : -1;
-}
-
-static size_t utf8_put(char *out, uint32_t u) {
-    if (u < 0x80) {
-        out[0] = (char)u;
-        return 1;
-    }
-    int more = u < 0x800 ? 1 : u < 0x10000 ? 2 : 3;
-    out[0] = (char)((0xff00 >> (more + 1) & 0xff) | u >> 6 * more);
-    for (int i = 1; i <= more; i++) out[i] = (char)(0x80 | (u >> 6 * (more - i) & 63));
-    return (size_t)more + 1;
-}
-
-/* STRING: 'text' with backslash escapes, protocol 0 of Python 2. */
-static value *quoted_string(machine *m) {
-    size_t n = 0, used = 0;
-    const char *p = line(m, &n);
-    if (!p) return NULL;
-    if (n && p[n - 1] == '\r') n--;
-    if (n < 2 || (p[0] != '\'' && p[0] != '"') || p[n - 1] != p[0])
-        return fail_at(m, "a string without quotes");
-    char *text = build_memory(m->b, n, 1);
-    if (!text) return NULL;
-    for (size_t i = 1; i < n - 1; i++) {
-        if (p[i] != '\\') {
-            text[used++] = p[i];
-            continue;
-        }
-        if (++i >= n - 1) return fail_at(m, "a broken escape");
-        const char *plain = "\\'\"abfnrtv", *meant = "\\'\"\a\b\f\n\r\t\v", *at = strchr(plain, p[i]);
-        if (p[i] && at)
-            text[used++] = meant[at - plain];
-        else if (p[i] == 'x' && i + 2 < n - 1 && hex(p[i + 1]) >= 0 && hex(p[i + 2]) >= 0) {
-            text[used++] = (char)(hex(p[i + 1]) * 16 + hex(p[i + 2]));
-            i += 2;
-        } else if (p[i] >= '0' && p[i] <= '7') {
-            int octal = 0;
-            for (int k = 0; k < 3 && i < n - 1 && p[i] >= '0' && p[i] <= '7'; k++)
-                octal = octal * 8 + (p[i++] - '0');
-            i--;
-            text[used++] = (char)octal;
-        } else {
-            text[used++] = '\\';
-            text[used++] = p[i];
-        }
-    }
-    return build_string(m->b, text, used);
-}
-
-/* UNICODE: Latin-1 with \uXXXX and \UXXXXXXXX, to UTF-8. */
-static value *escaped_unicode(machine *m) {
-    size_t n = 0, used = 0;
-    const char *p = line(m, &n);
-    char *text = p ? build_memory(m->b, n * 2 + 1, 1) : NULL;
-    if (!text) return NULL;
-    for (size_t i = 0; i < n; i++) {
-        uint32_t u = (unsigned char)p[i];
-        if (u == '\\' && i + 1 < n && (p[i + 1] == 'u' || p[i + 1] == 'U')) {
-            size_t digits = p[i + 1] == 'u' ? 4 : 8;
-            if (n - i - 2 < digits) return fail_at(m, "a broken escape");
-            u = 0;
-            for (size_t k = 0; k < digits; k++) {
-                int h = hex(p[i + 2 + k]);
-                if (h < 0 || u > 0x10ffff) return fail_at(m, "a broken escape");
-                u = u * 16 + (uint32_t)h;
-            }
-            if (u > 0x10ffff) return fail_at(m, "a broken escape");
-            i += digits + 1;
-        }
-        used += utf8_put(text + used, u);
-    }
-    return build_string(m->b, text, used);
+/* STRING and UNICODE, whose lines hold escapes. */
+static value *escaped(machine *m, value *(*decode)(builder *, const char *, size_t, const char **)) {
+    size_t n = 0;
+    const char *p = line(m, &n), *wrong = NULL;
+    value *v = p ? decode(m->b, p, n, &wrong) : NULL;
+    return wrong ? fail_at(m, wrong) : v;
 }
 
 /* ---------------------------------------------------------------- classes ---------------------------- */
@@ -691,9 +620,9 @@ static bool step(machine *m, unsigned char op) {
     case 0x8b:
         return push_long(m, 4);
     case 'S':
-        return push(m, quoted_string(m));
+        return push(m, escaped(m, pickle_quoted));
     case 'V':
-        return push(m, escaped_unicode(m));
+        return push(m, escaped(m, pickle_unicode));
     case 'T': /* BINSTRING, BINUNICODE, BINBYTES */
     case 'X':
     case 'B':
@@ -809,101 +738,6 @@ value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const p
     mem_free(m.stack);
     mem_free(m.memo);
     return b->status == SHERF_OK ? result : NULL;
-}
-
-/* ---------------------------------------------------------------- finishing -------------------------- */
-enum { WHITE, GREY, BLACK };
-typedef struct {
-    object *o;
-    size_t next;
-} visit;
-
-/* The i-th place that o refers to another value from, or NULL. */
-static value **child(object *o, size_t i) {
-    value *v = &o->v;
-    switch (v->kind) {
-    case VALUE_LIST:
-        return i < v->list.count ? &v->list.item[i] : NULL;
-    case VALUE_DICT:
-        if (i / 2 >= v->dict.count) return NULL;
-        return i % 2 ? &v->dict.pair[i / 2].item : &v->dict.pair[i / 2].key;
-    case VALUE_RECORD:
-        return i == 0 ? &v->record.arguments : i == 1 ? &v->record.state : NULL;
-    default:
-        return NULL;
-    }
-}
-
-static bool settle(builder *b, object *o) {
-    o->colour = GREY;
-    o->height = 0;
-    if (o->role == ROLE_BORROWED) {
-        value *copy = build_string(b, o->v.string.text, o->v.string.length);
-        if (!copy) return false;
-        o->v.string.text = copy->string.text;
-    } else if ((o->role == ROLE_TENSOR || o->role == ROLE_STORAGE) && !pickle_settle(b, o))
-        return false;
-    o->role = ROLE_PLAIN;
-    return true;
-}
-
-/* Depth first, without recursion. A reference back to a value that is still open (a list within itself) is
- * cut, and no tree deeper than BUILD_NESTING is handed out, so that whoever reads it may recurse. */
-static bool finish(builder *b, value *root, visit **stack, size_t *space) {
-    size_t depth = 0;
-    if (!settle(b, object_of(root))) return false;
-    (*stack)[depth++] = (visit){object_of(root), 0};
-    while (depth) {
-        visit *at = &(*stack)[depth - 1];
-        object *o = at->o;
-        value **place = child(o, at->next++);
-        if (!place) {
-            o->colour = BLACK;
-            if (o->height > BUILD_NESTING) {
-                build_fail(b, SHERF_BAD_FILE, "nested deeper than %d", BUILD_NESTING);
-                return false;
-            }
-            depth--;
-            if (depth && (*stack)[depth - 1].o->height < o->height + 1)
-                (*stack)[depth - 1].o->height = o->height + 1;
-            continue;
-        }
-        if (!*place) continue;
-        object *next = object_of(*place);
-        if (next->colour == GREY) {
-            *place = pickle_record(b, "(a value that holds this one)", NULL);
-            if (!*place) return false;
-            object_of(*place)->colour = BLACK;
-        } else if (next->colour == BLACK) {
-            if (o->height < next->height + 1) o->height = next->height + 1;
-        } else {
-            if (!settle(b, next)) return false;
-            if (depth == *space) {
-                visit *grown = mem_grow(b->c, *stack, *space, *space * 2, sizeof **stack);
-                if (!grown) {
-                    b->status = SHERF_NO_MEMORY;
-                    return false;
-                }
-                *stack = grown;
-                *space *= 2;
-            }
-            (*stack)[depth++] = (visit){next, 0};
-        }
-    }
-    return true;
-}
-
-value *pickle_finish(builder *b, value *root) {
-    if (!root || b->status != SHERF_OK) return NULL;
-    size_t space = 64;
-    visit *stack = mem_alloc(b->c, space, sizeof *stack);
-    if (!stack) {
-        b->status = SHERF_NO_MEMORY;
-        return NULL;
-    }
-    bool ok = finish(b, root, &stack, &space);
-    mem_free(stack);
-    return ok ? root : NULL;
 }
 
 /* ---------------------------------------------------------------- files ------------------------------ */

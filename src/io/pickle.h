@@ -1,4 +1,5 @@
-/* pickle: what the machine (pickle.c) and the classes it builds (pickle_numpy.c, pickle_torch.c) share. */
+/* pickle: what the machine (pickle.c), its strings (pickle_text.c), the classes it builds (pickle_numpy.c,
+ * pickle_torch.c) and the finishing (pickle_finish.c) share. */
 #ifndef SHERF_PICKLE_H
 #define SHERF_PICKLE_H
 
@@ -15,6 +16,11 @@ value *pickle_record(builder *b, const char *class_name, value *arguments);
 bool pickle_arguments(const value *v, size_t least); /* a tuple of at least so many */
 bool pickle_integer(const value *v, int64_t *out);
 bool pickle_dims(const value *v, int *rank, int64_t dim[8]); /* a tuple of up to 8 sizes */
+
+/* STRING: 'text' with backslash escapes, protocol 0 of Python 2. UNICODE: Latin-1 with \uXXXX and \UXXXXXXXX,
+ * to UTF-8. *wrong is set to what is wrong with a line. */
+value *pickle_quoted(builder *b, const char *line, size_t length, const char **wrong);
+value *pickle_unicode(builder *b, const char *line, size_t length, const char **wrong);
 
 /* function(*arguments) for what is known: *known is set, and the value returned (NULL: failed). */
 value *pickle_call_numpy(builder *b, const char *name, value *function, value *arguments, bool *known);

@@ -4,6 +4,7 @@
 #define ROWS POINT_ROWS_AVX2
 #define VECTORS 2
 #define TILE_FUNCTION point_tile_avx2
+#define PROJECT_FUNCTION point_project_avx2
 #include "render/pointnet_float.h"
 #else
 typedef int nothing_here;

@@ -4,6 +4,7 @@
 #define ROWS POINT_ROWS_AVX512
 #define VECTORS 4
 #define TILE_FUNCTION point_tile_avx512
+#define PROJECT_FUNCTION point_project_avx512
 #include "render/pointnet_float.h"
 #else
 typedef int nothing_here;

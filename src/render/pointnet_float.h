@@ -1,5 +1,5 @@
 /* The float32 tile: included by one file per instruction set, which defines LANES (floats a vector), ROWS x
- * VECTORS (the block of outputs that a product keeps in registers) and TILE_FUNCTION.
+ * VECTORS (the block of outputs that a product keeps in registers), TILE_FUNCTION and PROJECT_FUNCTION.
  * Activations are [channel][POINT_TILE]: all arithmetic runs across points. */
 #include <math.h>
 #include <string.h>
@@ -359,4 +359,29 @@ void TILE_FUNCTION(const point_network *n, point_tile *t, void *scratch) {
     memcpy(direction + n->direction_width * POINT_TILE, token + width * POINT_TILE,
            (size_t)width * POINT_TILE * sizeof(float));
     decoder(n, x, v, a, b, t);
+}
+
+/* ---- the bank ---- */
+/* COUNT rows of x through one block of POINT_PAD columns. */
+#define PROJECT_ROWS(COUNT)                                                                                  \
+    do {                                                                                                     \
+        vf sum[COUNT][POINT_PAD / LANES] = {0};                                                              \
+        for (int k = 0; k < columns; k++)                                                                    \
+            for (int v = 0; v < POINT_PAD / LANES; v++) {                                                    \
+                const vf w = *(const vf_any *)(m + k * POINT_PAD + v * LANES);                               \
+                for (int i = 0; i < COUNT; i++) sum[i][v] += x[(int64_t)i * columns + k] * w;                \
+            }                                                                                                \
+        for (int i = 0; i < COUNT; i++)                                                                      \
+            for (int v = 0; v < POINT_PAD / LANES; v++)                                                      \
+                *(vf_any *)(y + (int64_t)i * stride + v * LANES) = sum[i][v];                                \
+    } while (0)
+
+void PROJECT_FUNCTION(const float *from, int64_t rows, int columns, const float *m, int stride, float *to) {
+    for (int block = 0; block < stride; block += POINT_PAD, m += (size_t)columns * POINT_PAD) {
+        const float *x = from;
+        float *y = to + block;
+        int64_t r = 0;
+        for (; r + 4 <= rows; r += 4, x += 4 * (int64_t)columns, y += 4 * (int64_t)stride) PROJECT_ROWS(4);
+        for (; r < rows; r++, x += columns, y += stride) PROJECT_ROWS(1);
+    }
 }

@@ -107,6 +107,10 @@ void point_matrices_free(point_matrices *m);
 void point_tile_plain(const point_network *n, point_tile *t, void *scratch);
 void point_tile_avx2(const point_network *n, point_tile *t, void *scratch);
 void point_tile_avx512(const point_network *n, point_tile *t, void *scratch);
+/* to [rows][stride] = from [rows][columns] times m, [block of POINT_PAD outputs][column][POINT_PAD]. */
+typedef void point_project(const float *from, int64_t rows, int columns, const float *m, int stride,
+                           float *to);
+point_project point_project_plain, point_project_avx2, point_project_avx512;
 size_t point_tile_float_bytes(const point_network *n);
 
 /* pointnet.c: the points index[0 .. count), or those from `first` on, into a tile. */

@@ -3,5 +3,6 @@
 #define ROWS POINT_ROWS_PLAIN
 #define VECTORS 2
 #define TILE_FUNCTION point_tile_plain
+#define PROJECT_FUNCTION point_project_plain
 #define TILE_BYTES_FUNCTION point_tile_float_bytes
 #include "render/pointnet_float.h"

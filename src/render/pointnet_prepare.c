@@ -7,25 +7,26 @@
 
 enum { PARTS = 64 };
 
-/* y[rows][stride] = x[rows][columns] m^T, m given transposed: mt[columns][out]. */
+/* y[rows][stride] = x[rows][columns] m^T; m as the kernel wants it. */
 typedef struct {
-    const float *x, *mt;
+    point_project *kernel;
+    const float *x, *m;
     float *y;
-    int columns, out, stride;
+    int columns, stride;
 } row_job;
 
 static void project_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const row_job *j = arg;
-    for (int64_t r = begin; r < end; r++) {
-        const float *x = j->x + r * j->columns;
-        float *restrict y = j->y + r * j->stride;
-        memset(y, 0, (size_t)j->stride * sizeof(float));
-        for (int k = 0; k < j->columns; k++) {
-            const float *restrict m = j->mt + (size_t)k * (size_t)j->out;
-            float v = x[k];
-            for (int o = 0; o < j->out; o++) y[o] += v * m[o];
-        }
-    }
+    j->kernel(j->x + begin * j->columns, end - begin, j->columns, j->m, j->stride, j->y + begin * j->stride);
+}
+
+static point_project *best_project(void) {
+#if defined(__x86_64__)
+    const isa_level level = isa_best();
+    if (level >= ISA_AVX512) return point_project_avx512;
+    if (level >= ISA_AVX2) return point_project_avx2;
+#endif
+    return point_project_plain;
 }
 
 typedef struct {
@@ -41,19 +42,20 @@ static void to_half(void *arg, int64_t begin, int64_t end, int thread) {
 #endif
 }
 
-/* Rows of x through m (out x columns); *y is new. */
+/* Rows of x through m (out x columns); *y is new. stride: out rounded up to POINT_PAD. */
 static sherf_status project(context *c, const float *x, int64_t rows, int columns, const double *m, int out,
                             int stride, float **y) {
-    size_t entries = (size_t)columns * (size_t)out;
-    float *mt = mem_alloc(c, entries, sizeof *mt);
-    *y = mt ? mem_alloc(c, (size_t)rows, (size_t)stride * sizeof(float)) : NULL;
+    float *blocks = mem_zero(c, (size_t)columns * (size_t)stride, sizeof *blocks);
+    *y = blocks ? mem_alloc(c, (size_t)rows, (size_t)stride * sizeof(float)) : NULL;
     if (*y) {
         for (int o = 0; o < out; o++)
-            for (int k = 0; k < columns; k++) mt[(size_t)k * out + o] = (float)m[(size_t)o * columns + k];
-        row_job j = {x, mt, *y, columns, out, stride};
+            for (int k = 0; k < columns; k++)
+                blocks[((size_t)(o / POINT_PAD) * (size_t)columns + (size_t)k) * POINT_PAD +
+                       (size_t)(o % POINT_PAD)] = (float)m[(size_t)o * columns + k];
+        row_job j = {best_project(), x, blocks, *y, columns, stride};
         parallel_for(c, rows, 256, project_rows, &j);
     }
-    mem_free(mt);
+    mem_free(blocks);
     return *y ? SHERF_OK : SHERF_NO_MEMORY;
 }
 

@@ -69,6 +69,20 @@ sherf_status observation_check_body(context *c, const sherf_observation *o, cons
     return status;
 }
 
+/* To the size that is worked with, as pictures from files are. */
+static sherf_status shrink(context *c, sherf_observation *o) {
+    int width = o->image.width, height = o->image.height;
+    image_u8 mask = {width, height, 1, o->mask};
+    view_observed_size(c, "observation", &width, &height);
+    if (width == mask.width && height == mask.height) return SHERF_OK;
+    sherf_status status = image_resize_area(c, &o->image, width, height);
+    if (status == SHERF_OK) status = image_resize_nearest(c, &mask, width, height);
+    o->mask = mask.data;
+    if (status != SHERF_OK) return status;
+    camera_resize(&o->camera, width, height);
+    return observation_check(c, o);
+}
+
 sherf_status sherf_observation_create(sherf_context *c, const sherf_image *image, const sherf_image *mask,
                                       const sherf_camera *camera, const sherf_pose *pose,
                                       sherf_observation **out) {
@@ -80,10 +94,10 @@ sherf_status sherf_observation_create(sherf_context *c, const sherf_image *image
                        "one size",
                        image->width, image->height, image->channels, mask->width, mask->height,
                        mask->channels);
-    if (image->width > VIEW_SIDE_MAX || image->height > VIEW_SIDE_MAX)
+    if (image->width > VIEW_READ_SIDE_MAX || image->height > VIEW_READ_SIDE_MAX)
         return failure(c, SHERF_UNSUPPORTED,
                        "%d x %d pixels, at most %d on a side: scale the picture (and K) down", image->width,
-                       image->height, VIEW_SIDE_MAX);
+                       image->height, VIEW_READ_SIDE_MAX);
     size_t n = (size_t)image->width * image->height;
     sherf_status status = SHERF_NO_MEMORY;
     sherf_observation *o = mem_zero(c, 1, sizeof *o);
@@ -97,7 +111,7 @@ sherf_status sherf_observation_create(sherf_context *c, const sherf_image *image
         o->mask[i] = mask->data[i] != 0;
         for (int k = 0; k < 3; k++) o->image.data[i * 3 + k] = o->mask[i] ? image->data[i * 3 + k] : 0;
     }
-    if ((status = observation_check(c, o))) goto fail;
+    if ((status = observation_check(c, o)) || (status = shrink(c, o))) goto fail;
     *out = o;
     return SHERF_OK;
 fail:
@@ -271,7 +285,7 @@ static sherf_status observation_from_files(context *c, const char *path, sherf_o
     document *d = NULL;
     bool folder = path_is_folder(path);
     char json[PATH_LENGTH], base[PATH_LENGTH];
-    view_source source = {.scale = 1};
+    view_source source = {.scale = 1, .observed = true};
     file_names *names = mem_zero(c, 1, sizeof *names);
     if (!names) return SHERF_NO_MEMORY;
     if ((status = path_join(c, base, sizeof base, "", path))) goto done;

@@ -117,36 +117,33 @@ static void undistort_run(const context *c, undistort_job *job) {
     parallel_for(c, job->height, 16, undistort_rows, job);
 }
 
-sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[5]) {
-    if (!undistort_needed(D)) return SHERF_OK;
-    uint8_t *target = mem_alloc(c, (size_t)image->width * image->height, (size_t)image->channels);
+/* *data, whose values take `size` bytes, becomes a new picture. */
+static sherf_status undistort(context *c, undistort_job job, size_t size, void **data) {
+    if (!undistort_needed(job.D)) return SHERF_OK;
+    void *target = mem_alloc(c, (size_t)job.width * (size_t)job.height, (size_t)job.channels * size);
     if (!target) return SHERF_NO_MEMORY;
-    undistort_job job = {.width = image->width,
-                         .height = image->height,
-                         .channels = image->channels,
-                         .K = K,
-                         .D = D,
-                         .source_u8 = image->data,
-                         .target_u8 = target};
+    if (size == 1)
+        job.source_u8 = *data, job.target_u8 = target;
+    else
+        job.source_f32 = *data, job.target_f32 = target;
     undistort_run(c, &job);
-    mem_free(image->data);
-    image->data = target;
+    mem_free(*data);
+    *data = target;
     return SHERF_OK;
 }
 
+sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[5]) {
+    void *data = image->data;
+    sherf_status status =
+        undistort(c, (undistort_job){image->width, image->height, image->channels, K, D}, 1, &data);
+    image->data = data;
+    return status;
+}
+
 sherf_status image_undistort_f32(context *c, sherf_image *image, const double K[9], const double D[5]) {
-    if (!undistort_needed(D)) return SHERF_OK;
-    float *target = mem_alloc(c, (size_t)image->width * image->height, image->channels * sizeof *target);
-    if (!target) return SHERF_NO_MEMORY;
-    undistort_job job = {.width = image->width,
-                         .height = image->height,
-                         .channels = image->channels,
-                         .K = K,
-                         .D = D,
-                         .source_f32 = image->data,
-                         .target_f32 = target};
-    undistort_run(c, &job);
-    mem_free(image->data);
-    image->data = target;
-    return SHERF_OK;
+    void *data = image->data;
+    sherf_status status = undistort(c, (undistort_job){image->width, image->height, image->channels, K, D},
+                                    sizeof(float), &data);
+    image->data = data;
+    return status;
 }

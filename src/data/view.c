@@ -5,15 +5,26 @@
 
 enum { MASK_OUT = 0, MASK_PERSON = 1, MASK_EDGE = 100, EDGE_REACH = 2 };
 
+void view_observed_size(context *c, const char *what, int *width, int *height) {
+    const int longest = *width > *height ? *width : *height, had_width = *width, had_height = *height;
+    if (longest <= VIEW_OBSERVED_SIDE_MAX) return;
+    *width = (int)((int64_t)*width * VIEW_OBSERVED_SIDE_MAX / longest);
+    *height = (int)((int64_t)*height * VIEW_OBSERVED_SIDE_MAX / longest);
+    if (*width < 1) *width = 1;
+    if (*height < 1) *height = 1;
+    log_line(c, SHERF_LOG_INFO, "%s: %d x %d pixels, scaled to %d x %d", what, had_width, had_height, *width,
+             *height);
+}
+
 /* Size and limits before anything is decoded. */
 static sherf_status size_check(context *c, const char *path, int *width, int *height) {
     int channels;
     sherf_status status = image_size(c, path, width, height, &channels);
     if (status) return status;
-    if (*width > VIEW_SIDE_MAX || *height > VIEW_SIDE_MAX)
+    if (*width > VIEW_READ_SIDE_MAX || *height > VIEW_READ_SIDE_MAX)
         return failure(c, SHERF_UNSUPPORTED,
                        "%s: %d x %d pixels, at most %d on a side: scale the picture (and K) down", path,
-                       *width, *height, VIEW_SIDE_MAX);
+                       *width, *height, VIEW_READ_SIDE_MAX);
     return SHERF_OK;
 }
 
@@ -107,6 +118,8 @@ static sherf_status target_size(context *c, const view_source *s, int width, int
     double scale = s->width ? (double)s->width / width : s->scale;
     *to_width = s->width ? s->width : (int)(width * scale + 1e-6);
     *to_height = (int)(height * scale + 1e-6);
+    if (s->observed && *to_width >= 1 && *to_height >= 1)
+        view_observed_size(c, s->image, to_width, to_height);
     if (*to_width >= 1 && *to_height >= 1 && *to_width <= VIEW_SIDE_MAX && *to_height <= VIEW_SIDE_MAX)
         return SHERF_OK;
     return failure(c, SHERF_BAD_ARGUMENT, "%s: %d x %d pixels cannot become %d x %d", s->image, width, height,

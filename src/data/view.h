@@ -4,8 +4,12 @@
 
 #include "data/parse.h"
 
-/* Longer sides would need gigabytes in the encoders; the message says to scale the picture down. */
-enum { VIEW_SIDE_MAX = 4096 };
+/* Longer sides are refused: of files, and of what they become. An observation is scaled down to the last,
+ * since the encoders take gigabytes (4 GB, and an avatar of 0.3 GB, at 2048 x 2048) for what networks have
+ * not seen in training. */
+enum { VIEW_READ_SIDE_MAX = 8192, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
+/* An observation's size: of the same shape, and told when it is another. */
+void view_observed_size(context *c, const char *what, int *width, int *height);
 
 typedef struct {
     const char *image, *mask; /* paths; mask NULL: the picture's alpha channel */
@@ -13,6 +17,7 @@ typedef struct {
     sherf_pose pose;
     double scale;   /* used when width is 0 */
     int width;      /* 0: by scale */
+    bool observed;  /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0 */
     bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is unsure */
 } view_source;
 sherf_status view_assemble(context *c, const view_source *source, data_view **out);

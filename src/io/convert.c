@@ -8,7 +8,6 @@
 #include "io/build.h"
 #include "io/checkpoint.h"
 #include "io/convert.h"
-#include "io/half.h"
 #include "io/tfjs.h"
 
 /* ---------------------------------------------------------------- what is written -------------------- */
@@ -31,26 +30,6 @@ void *convert_memory(conversion *o, int64_t count, size_t size) {
 void convert_describe(conversion *o, const char *key, const char *said) {
     if (said && o->metadata_count < COUNT_OF(o->metadata))
         o->metadata[o->metadata_count++] = (safetensor_metadata){key, said};
-}
-
-static double number_at(const value *v, int64_t i) {
-    switch (v->array.type) {
-    case T_F32:
-        return ((const float *)v->array.data)[i];
-    case T_F64:
-        return ((const double *)v->array.data)[i];
-    case T_I32:
-        return ((const int32_t *)v->array.data)[i];
-    case T_I64:
-        return (double)((const int64_t *)v->array.data)[i];
-    case T_U8:
-        return ((const uint8_t *)v->array.data)[i];
-    case T_BF16:
-        return bf16_to_float(((const uint16_t *)v->array.data)[i]);
-    case T_F16:
-        return half_to_float(((const uint16_t *)v->array.data)[i]);
-    }
-    return 0;
 }
 
 sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, const int64_t *dim,
@@ -82,13 +61,13 @@ static sherf_status put(conversion *o, const char *name, const value *v, dtype t
         bool whole = v->array.type == T_I64 || v->array.type == T_I32;
         for (int64_t i = 0; i < n; i++)
             if (type == T_F32)
-                ((float *)data)[i] = (float)number_at(v, i);
+                ((float *)data)[i] = (float)value_array_number(v, i);
             else if (type == T_F64)
-                ((double *)data)[i] = number_at(v, i);
+                ((double *)data)[i] = value_array_number(v, i);
             else {
                 int64_t k = v->array.type == T_I64 ? ((const int64_t *)v->array.data)[i]
                             : whole                ? ((const int32_t *)v->array.data)[i]
-                                                   : (int64_t)number_at(v, i);
+                                                   : (int64_t)value_array_number(v, i);
                 if (type == T_I64 && k == UINT32_MAX) k = -1; /* "no parent" of the tree's root */
                 if (type == T_I32 && (k < INT32_MIN || k > INT32_MAX))
                     return failure(o->c, SHERF_BAD_FILE, "%s: index %lld is too large", name, (long long)k);
@@ -134,7 +113,7 @@ static sherf_status put_shapes(conversion *o, const value *v) {
     if (!data) return SHERF_NO_MEMORY;
     for (int64_t i = 0; i < vertices * 3; i++)
         for (int64_t k = 0; k < SHAPES; k++)
-            data[i * SHAPES + k] = k < have ? (float)number_at(v, i * have + k) : 0;
+            data[i * SHAPES + k] = k < have ? (float)value_array_number(v, i * have + k) : 0;
     value whole = {.kind = VALUE_ARRAY};
     whole.array.type = T_F32;
     whole.array.rank = 3;

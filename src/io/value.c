@@ -235,7 +235,7 @@ int64_t value_numbers(const value *v) {
     return numbers(v, 0, &visits);
 }
 
-static double array_number(const value *v, size_t i) {
+double value_array_number(const value *v, int64_t i) {
     switch (v->array.type) {
     case T_F32:
         return ((const float *)v->array.data)[i];
@@ -286,7 +286,7 @@ static void collect(const value *v, number_sink *s) { /* v passed numbers(), whi
         break;
     case VALUE_ARRAY: {
         int64_t n = build_count(v->array.rank, v->array.dim);
-        for (int64_t i = 0; i < n; i++) put(s, array_number(v, (size_t)i));
+        for (int64_t i = 0; i < n; i++) put(s, value_array_number(v, (size_t)i));
         break;
     }
     case VALUE_LIST:

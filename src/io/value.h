@@ -72,6 +72,8 @@ bool value_is_string(const value *v, const char *text);
 sherf_status value_floats(context *c, const value *v, const char *what, size_t count, float *out);
 sherf_status value_doubles(context *c, const value *v, const char *what, size_t count, double *out);
 sherf_status value_integer(context *c, const value *v, const char *what, int64_t *out);
+/* Number i of an array of any type; no bounds are checked. */
+double value_array_number(const value *v, int64_t i);
 /* Number of scalars in an array or nested list; -1 when v is neither. */
 int64_t value_numbers(const value *v);
 

@@ -4,64 +4,35 @@
 
 #include "model/model.h"
 
-static const model_config presets[] = {
-    {.preset = "paper",
-     .encoder_width = 64,
-     .feature_width = 64,
-     .style_width = 512,
-     .mapping_layers = 2,
-     .plane_resolution = 256,
-     .channel_base = 32768,
-     .channel_max = 512,
-     .volume_channels = {32, 64, 96},
-     .token_width = 32,
-     .heads = 3,
-     .head_width = 16,
-     .decoder_width = 128,
-     .decoder_depth = 8,
-     .decoder_skip = 4,
-     .view_width = 64,
-     .samples = 48,
-     .voxel_size_m = 0.005f,
-     .image_size = 512},
-    {.preset = "base",
-     .encoder_width = 48,
-     .feature_width = 64,
-     .style_width = 384,
-     .mapping_layers = 2,
-     .plane_resolution = 256,
-     .channel_base = 16384,
-     .channel_max = 320,
-     .volume_channels = {32, 64, 96},
-     .token_width = 32,
-     .heads = 3,
-     .head_width = 16,
-     .decoder_width = 128,
-     .decoder_depth = 8,
-     .decoder_skip = 4,
-     .view_width = 64,
-     .samples = 48,
-     .voxel_size_m = 0.005f,
-     .image_size = 512},
-    {.preset = "small",
-     .encoder_width = 32,
-     .feature_width = 64,
-     .style_width = 256,
-     .mapping_layers = 2,
-     .plane_resolution = 128,
-     .channel_base = 8192,
-     .channel_max = 128,
-     .volume_channels = {32, 48, 64},
-     .token_width = 32,
-     .heads = 3,
-     .head_width = 16,
-     .decoder_width = 96,
-     .decoder_depth = 6,
-     .decoder_skip = 3,
-     .view_width = 64,
-     .samples = 48,
-     .voxel_size_m = 0.01f,
-     .image_size = 256},
+static const model_config paper = {.preset = "paper",
+                                   .encoder_width = 64,
+                                   .feature_width = 64,
+                                   .style_width = 512,
+                                   .mapping_layers = 2,
+                                   .plane_resolution = 256,
+                                   .channel_base = 32768,
+                                   .channel_max = 512,
+                                   .volume_channels = {32, 64, 96},
+                                   .token_width = 32,
+                                   .heads = 3,
+                                   .head_width = 16,
+                                   .decoder_width = 128,
+                                   .decoder_depth = 8,
+                                   .decoder_skip = 4,
+                                   .view_width = 64,
+                                   .samples = 48,
+                                   .voxel_size_m = 0.005f,
+                                   .image_size = 512};
+
+/* The presets, as settings that are not the paper's. */
+static const struct {
+    const char *name, *settings;
+} presets[] = {
+    {"paper", ""},
+    {"base", "encoder_width=48,style_width=384,channel_base=16384,channel_max=320"},
+    {"small", "encoder_width=32,style_width=256,plane_resolution=128,channel_base=8192,channel_max=128,"
+              "volume_channels1=48,volume_channels2=64,decoder_width=96,decoder_depth=6,decoder_skip=3,"
+              "voxel_size_m=0.01,image_size=256"},
 };
 
 /* Every setting: name, where it is, the values that make sense. */
@@ -144,30 +115,53 @@ static sherf_status set_one(context *c, model_config *config, const char *text) 
     return failure(c, SHERF_BAD_ARGUMENT, "model setting '%.60s': no such setting", text);
 }
 
-sherf_status model_config_parse(context *c, const char *text, model_config *out) {
+/* Settings with commas between; none is fine. */
+static sherf_status set_all(context *c, model_config *config, const char *text) {
     char copy[1024];
     if (strlen(text) >= sizeof copy) return failure(c, SHERF_BAD_ARGUMENT, "model preset: text too long");
     strcpy(copy, text);
-    char *rest = copy, *part = strsep(&rest, ",");
-    const model_config *preset = NULL;
-    for (size_t i = 0; i < COUNT_OF(presets); i++)
-        if (!strcmp(part, presets[i].preset)) preset = &presets[i];
-    if (!preset)
-        return failure(c, SHERF_BAD_ARGUMENT,
-                       "model preset '%.60s': should be paper, base or small, or settings behind one", part);
-    *out = *preset;
-    while ((part = strsep(&rest, ","))) {
-        sherf_status status = set_one(c, out, part);
+    for (char *rest = *copy ? copy : NULL, *part; (part = strsep(&rest, ","));) {
+        sherf_status status = set_one(c, config, part);
         if (status != SHERF_OK) return status;
     }
-    return model_config_check(c, out);
+    return SHERF_OK;
+}
+
+/* *found is false, and nothing else happens, where there is no such preset. */
+static sherf_status preset_get(context *c, const char *name, size_t length, model_config *out, bool *found) {
+    *found = false;
+    for (size_t i = 0; i < COUNT_OF(presets); i++) {
+        if (strlen(presets[i].name) != length || strncmp(presets[i].name, name, length)) continue;
+        *found = true;
+        *out = paper;
+        snprintf(out->preset, sizeof out->preset, "%s", presets[i].name);
+        return set_all(c, out, presets[i].settings);
+    }
+    return SHERF_OK;
+}
+
+sherf_status model_config_parse(context *c, const char *text, model_config *out) {
+    const size_t n = strcspn(text, ",");
+    bool found;
+    sherf_status status = preset_get(c, text, n, out, &found);
+    if (status == SHERF_OK && !found)
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "model preset '%.*s': should be paper, base or small, or settings behind one",
+                       n < 60 ? (int)n : 60, text);
+    if (status == SHERF_OK && text[n]) {
+        if (!text[n + 1]) return set_one(c, out, "");
+        status = set_all(c, out, text + n + 1);
+    }
+    return status == SHERF_OK ? model_config_check(c, out) : status;
 }
 
 char *model_config_text(context *c, const model_config *config) {
     char text[1024];
-    const model_config *base = &presets[0];
-    for (size_t i = 0; i < COUNT_OF(presets); i++)
-        if (!strcmp(config->preset, presets[i].preset)) base = &presets[i];
+    model_config from;
+    const model_config *base = &from;
+    bool found;
+    if (preset_get(c, config->preset, strlen(config->preset), &from, &found) != SHERF_OK) return NULL;
+    if (!found) base = &paper;
     int n = snprintf(text, sizeof text, "%s", base->preset);
     for (size_t i = 0; i < COUNT_OF(settings); i++) {
         int v = *field((model_config *)config, &settings[i]);

@@ -24,8 +24,8 @@ static int make_basics(void **state) {
     make_mask(c, join(folder, "empty.png"), MADE_WIDTH, MADE_HEIGHT, 0, 0);
     make_mask(c, join(folder, "full.png"), MADE_WIDTH, MADE_HEIGHT, 255, 255);
     make_mask(c, join(folder, "small.png"), MADE_WIDTH - 1, MADE_HEIGHT, 0, 255);
-    uint8_t *wide = mem_zero(c, 5000 * 2, 3);
-    assert_ok(c, png_write(c, join(folder, "wide.png"), 5000, 2, 3, wide));
+    uint8_t *wide = mem_zero(c, 9000 * 2, 3);
+    assert_ok(c, png_write(c, join(folder, "wide.png"), 9000, 2, 3, wide));
     mem_free(wide);
     make_text(c, join(folder, "rubbish.png"), "\x89PNG\r\n\x1a\nrubbish");
     sherf_context_free(c);
@@ -145,7 +145,7 @@ static void faults_are_told(void **state) {
          SHERF_MISMATCH},
         {"a.png", "empty.png", NULL, NULL, "the mask is empty", SHERF_BAD_ARGUMENT},
         {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
-        {"wide.png", "m.png", NULL, NULL, "5000 x 2 pixels, at most 4096", SHERF_UNSUPPORTED},
+        {"wide.png", "m.png", NULL, NULL, "9000 x 2 pixels, at most 8192", SHERF_UNSUPPORTED},
         {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
         {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
         {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
@@ -233,6 +233,60 @@ static void from_memory(void **state) {
     assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
                  "picture");
     assert_null(o);
+    sherf_context_free(c);
+}
+
+/* 8192 x 64 pixels, four by four alike, grow smaller by four in file and memory; what is larger is refused.
+ */
+static void large_pictures_shrink(void **state) {
+    enum { W = 8192, H = 64 };
+    context *c = test_context();
+    uint8_t *rgb = mem_zero(c, W * H, 3), *inside = mem_zero(c, W * H, 1);
+    float *pixels = mem_zero(c, (W + 1) * H, 3 * sizeof *pixels),
+          *person = mem_zero(c, (W + 1) * H, sizeof *person);
+    for (int i = 0; i < W * H; i++) {
+        int x = i % W / 4, y = i / W / 4;
+        person[i] = inside[i] = x >= 1000 && x < 1100 && y >= 4 && y < 14;
+        for (int k = 0; k < 3; k++)
+            rgb[3 * i + k] = made_color(3, x, y, k), pixels[3 * i + k] = rgb[3 * i + k] / 255.f;
+    }
+    assert_ok(c, png_write(c, join(folder, "large.png"), W, H, 3, rgb));
+    assert_ok(c, png_write(c, join(folder, "large_mask.png"), W, H, 1, inside));
+    sherf_image image = {W, H, 3, pixels}, mask = {W, H, 1, person};
+    sherf_camera camera = {
+        W, H, {5000, 0, 4096, 0, 5500, 32, 0, 0, 1}, {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0.2f, 3}};
+    sherf_pose pose;
+    sherf_pose_identity(&pose);
+    for (int from_memory = 0; from_memory < 2; from_memory++) {
+        sherf_observation *o = NULL;
+        if (from_memory)
+            assert_ok(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o));
+        else
+            assert_ok(c, sherf_observation_load(c,
+                                                json(c, "large.png", "large_mask.png",
+                                                     "{\"K\": [5000, 0, 4096, 0, 5500, 32, 0, 0, 1]}", NULL),
+                                                &o));
+        assert_true(o->image.width == 2048 && o->image.height == 16 && o->camera.width_px == 2048);
+        assert_true(o->camera.K[0] == 1250 && o->camera.K[2] == 1024 && o->camera.K[4] == 1375 &&
+                    o->camera.K[5] == 8);
+        for (int i = 0; i < 2048 * 16; i++) {
+            int x = i % 2048, y = i / 2048;
+            bool is = x >= 1000 && x < 1100 && y >= 4 && y < 14;
+            assert_int_equal(o->mask[i], is);
+            for (int k = 0; k < 3; k++)
+                assert_float_equal(o->image.data[3 * i + k], is ? made_color(3, x, y, k) / 255. : 0, 1e-6);
+        }
+        sherf_observation_free(o);
+    }
+    sherf_observation *o = NULL;
+    image.width = mask.width = W + 1;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_UNSUPPORTED,
+                 "at most 8192");
+    image.width = mask.width = W;
+    camera.width_px = 0;
+    assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
+                 "0 x 64");
+    mem_free(rgb), mem_free(inside), mem_free(pixels), mem_free(person);
     sherf_context_free(c);
 }
 
@@ -365,6 +419,7 @@ int main(void) {
         cmocka_unit_test(from_a_folder_with_alpha),
         cmocka_unit_test(faults_are_told),
         cmocka_unit_test(from_memory),
+        cmocka_unit_test(large_pictures_shrink),
         cmocka_unit_test(poses_from_files),
         cmocka_unit_test(cameras_from_files),
         cmocka_unit_test(memory_runs_out),

@@ -1,6 +1,7 @@
 /* bench_spatial [points [filter]]: the spatial ops at the network's shapes, forward and gradient, reference
- * and CPU backend: medians in milliseconds. Points lie along rays through a thick shell, as they do around a
- * body. The network takes its points 8192 at a time; 300000 is a training picture. */
+ * and CPU backend in float32 and bf16, in turn: best and median in milliseconds, and the medians' ratios.
+ * Points lie along rays through a thick shell, as they do around a body. The network takes its points 8192 at
+ * a time; 300000 is a training picture. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -38,7 +39,7 @@ static void shell_point(int64_t i, int64_t points, float p[3]) {
     const double inside = 1 - 0.5 * (x * x + y * y), z = (i % 8 < 4 ? -1 : 1) * sqrt(inside > 0 ? inside : 0);
     p[0] = (float)(0.5 + 0.45 * x);
     p[1] = (float)(0.5 + 0.45 * y);
-    p[2] = (float)(0.5 + 0.45 * z + 0.02 * (double)(i % 4));
+    p[2] = (float)(0.5 + 0.42 * z + 0.02 * (double)(i % 4)); /* below 1 */
 }
 
 static tensor *positions(context *c, int64_t points, int axes, const int64_t *size) {
@@ -222,31 +223,53 @@ static int by_size(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Up to 21 runs, about a second: best and median of forward (0, 1) and backward (2, 3). */
-static void measure(context *c, const backend *b, const bench_case *k, bench_data *d, double result[4]) {
-    double took[2][21], begin = time_seconds();
-    int n = 0;
-    tape *t = tape_create(c, (tape_options){.backend = b, .record = true});
-    for (; t && n < 21 && (n < 3 || time_seconds() - begin < 1); n++) {
-        tape_reset(t);
-        const double start = time_seconds();
-        tensor *y = k->build(t, d);
-        const double middle = time_seconds();
-        tensor *g = y ? tape_grad(t, y) : NULL;
-        for (int64_t i = 0; g && i < tensor_count(g); i++) tensor_f32(g)[i] = 1e-3f * (float)(i % 7);
-        const double again = time_seconds();
-        if (!g || tape_backward_seeded(t) != SHERF_OK) {
-            fprintf(stderr, "%s: %s\n", k->name, c->message);
-            exit(1);
-        }
-        took[0][n] = middle - start;
-        took[1][n] = time_seconds() - again;
+enum { REFERENCE, FLOAT32, BF16, KINDS, ROUNDS = 21 };
+static const struct {
+    const backend *backend;
+    bool bf16;
+} kinds[KINDS] = {{&backend_ref_f32, false}, {&backend_cpu, false}, {&backend_cpu, true}};
+
+/* One run: seconds forward and backward. */
+static void run(tape *t, const bench_case *k, bench_data *d, double took[2]) {
+    tape_reset(t);
+    const double start = time_seconds();
+    tensor *y = k->build(t, d);
+    const double middle = time_seconds();
+    tensor *g = y ? tape_grad(t, y) : NULL;
+    for (int64_t i = 0; g && i < tensor_count(g); i++) tensor_f32(g)[i] = 1e-3f * (float)(i % 7);
+    const double again = time_seconds();
+    if (!g || tape_backward_seeded(t) != SHERF_OK) {
+        fprintf(stderr, "%s: %s\n", k->name, tape_context(t)->message);
+        exit(1);
     }
-    tape_free(t);
-    for (int i = 0; i < 2; i++) {
-        qsort(took[i], (size_t)n, sizeof(double), by_size);
-        result[2 * i] = 1e3 * took[i][0];
-        result[2 * i + 1] = 1e3 * took[i][n / 2];
+    took[0] = middle - start;
+    took[1] = time_seconds() - again;
+}
+
+/* Up to 21 rounds, about two seconds, of all kinds in turn (the reference in the first three rounds): best
+ * and median of forward (0, 1) and backward (2, 3). */
+static void measure(context *c, const bench_case *k, bench_data *d, double result[KINDS][4]) {
+    double took[KINDS][2][ROUNDS], begin = time_seconds();
+    tape *t[KINDS];
+    int rounds = 0;
+    for (int i = 0; i < KINDS; i++)
+        if (!(t[i] = tape_create(
+                  c, (tape_options){.backend = kinds[i].backend, .record = true, .bf16 = kinds[i].bf16})))
+            exit(1);
+    for (; rounds < ROUNDS && (rounds < 3 || time_seconds() - begin < 2); rounds++)
+        for (int i = rounds < 3 ? 0 : 1; i < KINDS; i++) {
+            double both[2];
+            run(t[i], k, d, both);
+            for (int way = 0; way < 2; way++) took[i][way][rounds] = both[way];
+        }
+    for (int i = 0; i < KINDS; i++) {
+        const int n = i == REFERENCE ? 3 : rounds;
+        tape_free(t[i]);
+        for (int way = 0; way < 2; way++) {
+            qsort(took[i][way], (size_t)n, sizeof(double), by_size);
+            result[i][2 * way] = 1e3 * took[i][way][0];
+            result[i][2 * way + 1] = 1e3 * took[i][way][n / 2];
+        }
     }
 }
 
@@ -257,17 +280,18 @@ int main(int argc, char **argv) {
     if (P < 1 || sherf_context_create(&options, &c) != SHERF_OK) return 1;
     printf("%lld points, %d threads, %s; milliseconds: best (median)\n", (long long)P, c->threads,
            isa_name(isa_best()));
-    printf("%-34s %19s %19s %19s %19s\n", "", "reference forward", "backward", "cpu forward", "backward");
+    printf("%-34s %19s %19s %19s %19s %19s %19s\n", "", "reference forward", "backward", "float32 forward",
+           "backward", "bf16 forward", "backward");
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
         if (argc > 3 && !strstr(cases[i].name, argv[3])) continue;
         bench_data d = {.a = cases[i].a, .b = cases[i].b};
-        double r[8];
+        double r[KINDS][4];
         cases[i].make(c, &d, P);
-        measure(c, &backend_ref_f32, &cases[i], &d, r);
-        measure(c, &backend_cpu, &cases[i], &d, r + 4);
+        measure(c, &cases[i], &d, r);
         printf("%-34s", cases[i].name);
-        for (int j = 0; j < 8; j += 2) printf(" %8.3f (%8.3f)", r[j], r[j + 1]);
-        printf("  x %.1f, %.1f\n", r[0] / r[4], r[2] / r[6]);
+        for (int j = 0; j < 4 * KINDS; j += 2) printf(" %8.3f (%8.3f)", r[j / 4][j % 4], r[j / 4][j % 4 + 1]);
+        printf("  x %.1f, %.1f; bf16 x %.1f, %.1f\n", r[REFERENCE][1] / r[FLOAT32][1],
+               r[REFERENCE][3] / r[FLOAT32][3], r[FLOAT32][1] / r[BF16][1], r[FLOAT32][3] / r[BF16][3]);
         fflush(stdout);
         for (int j = 0; j < 8; j++) tensor_free(d.in[j]);
     }

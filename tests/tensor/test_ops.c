@@ -220,10 +220,11 @@ static void levels_agree(void **state) {
     sherf_context_free(c);
 }
 
-static void run_with_threads(context *c, const op_case *k, int threads, tensor **in, tape **t, tensor **y) {
+static void run_with_threads(context *c, const op_case *k, bool bf16, int threads, tensor **in, tape **t,
+                             tensor **y) {
     c->threads = threads;
     inputs_make(c, k, T_F32, in);
-    *t = tape_create(c, (tape_options){&backend_cpu, differentiable[k->op], k->training, false});
+    *t = tape_create(c, (tape_options){&backend_cpu, differentiable[k->op], k->training, bf16});
     assert_non_null(*t);
     *y = run_case(*t, k, in);
     if (differentiable[k->op]) seed_backward(*t, *y);
@@ -232,13 +233,14 @@ static void run_with_threads(context *c, const op_case *k, int threads, tensor *
 /* The spatial kernels give the same bits with any number of threads. */
 static void threads_agree(void **state) {
     context *c = test_context();
-    for (int i = 0; i < cases_spatial_count; i++) {
-        const op_case *k = &cases_spatial[i];
+    for (int i = 0; i < 2 * cases_spatial_count; i++) {
+        const op_case *k = &cases_spatial[i / 2];
+        const bool bf16 = i % 2;
         tensor *one_in[OP_MAX_IN], *in[OP_MAX_IN], *one, *y;
         tape *one_tape, *t;
-        run_with_threads(c, k, 1, one_in, &one_tape, &one);
+        run_with_threads(c, k, bf16, 1, one_in, &one_tape, &one);
         for (int threads = 2; threads <= 5; threads += 3) {
-            run_with_threads(c, k, threads, in, &t, &y);
+            run_with_threads(c, k, bf16, threads, in, &t, &y);
             if (memcmp(one->data, y->data, (size_t)tensor_count(y) * sizeof(float)))
                 fail_msg("%s: %d threads give another value than one", k->name, threads);
             for (int j = 0; j < k->inputs; j++)

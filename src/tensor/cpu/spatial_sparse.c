@@ -1,7 +1,9 @@
-/* Sparse convolution as register-blocked products over the pairs (output row, input row) that a tap has;
- * empty taps cost nothing. Rows are padded to SPARSE_PANEL channels where they are not multiples of it. */
+/* Sparse convolution: on AMX tiles in bf16; in float32 as register-blocked products over the pairs (output
+ * row, input row) that a tap has, so that empty taps cost nothing. There rows are padded to SPARSE_PANEL
+ * channels where they are not multiples of it. */
 #include <string.h>
 
+#include "tensor/cpu/amx_sparse.h"
 #include "tensor/cpu/spatial_kernels.h"
 
 static int64_t panels(int64_t channels) {
@@ -67,8 +69,13 @@ static sherf_status add_rows(op_call *call, const tensor *x, const int32_t *rule
     return SHERF_OK;
 }
 
+static bool is_amx(const op_call *call) {
+    return call->bf16 && isa_best() >= ISA_AMX && amx_sparse_fits(call->in[1]);
+}
+
 sherf_status cpu_sparse_conv_forward(op_call *call) {
     tensor *y = call->out[0];
+    if (is_amx(call)) return amx_sparse_rows(call, call->in[0], call->in[2]->data, false, false, y);
     memset(y->data, 0, (size_t)tensor_count(y) * sizeof(float));
     return add_rows(call, call->in[0], call->in[2]->data, false, y);
 }
@@ -133,13 +140,22 @@ static sherf_status add_weights(op_call *call, tensor *dw) {
     return SHERF_OK;
 }
 
+static sherf_status backward_data(op_call *call) {
+    int32_t *rule = NULL;
+    sherf_status status = rule_transpose(call, &rule);
+    if (status != SHERF_OK) return status;
+    if (is_amx(call)) return amx_sparse_rows(call, call->dout[0], rule, true, true, call->din[0]);
+    return add_rows(call, call->dout[0], rule, true, call->din[0]);
+}
+
+static sherf_status backward_weights(op_call *call) {
+    if (!is_amx(call)) return add_weights(call, call->din[1]);
+    return amx_sparse_weights(call, call->in[0], call->in[2]->data, call->dout[0], call->din[1]);
+}
+
 sherf_status cpu_sparse_conv_backward(op_call *call) {
-    sherf_status status = SHERF_OK;
-    if (call->din[0]) {
-        int32_t *rule = NULL;
-        status = rule_transpose(call, &rule);
-        if (status == SHERF_OK) status = add_rows(call, call->dout[0], rule, true, call->din[0]);
-    }
-    if (status == SHERF_OK && call->din[1]) status = add_weights(call, call->din[1]);
-    return status;
+    const arena_mark mark = arena_position(call->scratch);
+    sherf_status status = call->din[0] ? backward_data(call) : SHERF_OK;
+    arena_rewind(call->scratch, mark);
+    return status == SHERF_OK && call->din[1] ? backward_weights(call) : status;
 }

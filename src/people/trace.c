@@ -156,9 +156,10 @@ static void place_at(const render_job *job, const found *f, surface *out) {
 /* One surface in front of what is still to come; false when nothing can come any more. */
 static bool draw_surface(const render_job *job, packet *p, int lane, const found *f, bool shade,
                          shaded *last) {
-    const trace_material *material = &job->s->mesh[f->mesh].material;
+    const scene_mesh *mesh = &job->s->mesh[f->mesh];
+    const trace_material *material = &mesh->material;
     bool again = same_place(job, last, f);
-    if (again && material->alpha == TRACE_OPAQUE) {
+    if (again && mesh->solid[f->face]) {
         for (int k = 0; k < 3; k++) p->color[lane][k] += p->through[lane] * last->rgb[k];
         stop_light(p, lane, f->depth, 1, last->normal);
         return false;
@@ -199,9 +200,9 @@ static bool find_surface(const packet *p, int lane, found *f) {
 }
 
 static bool covers(const render_job *job, const found *under, const found *over) {
-    const trace_material *material = &job->s->mesh[over->mesh].material;
-    if (over->side || material->layer <= job->s->mesh[under->mesh].material.layer) return false;
-    if (material->alpha == TRACE_OPAQUE) return true;
+    const scene_mesh *mesh = &job->s->mesh[over->mesh];
+    if (over->side || mesh->material.layer <= job->s->mesh[under->mesh].material.layer) return false;
+    if (mesh->solid[over->face]) return true;
     surface at;
     place_at(job, over, &at);
     return at.rgba[3] > 0.5f;

@@ -46,6 +46,8 @@ struct trace_texture {
 /* Bilinear; the level whose texels are about `width_uv` of a unit square wide. rgba: linear colour, opacity.
  */
 void texture_sample(const trace_texture *t, const float uv[2], float width_uv, float rgba[4]);
+/* The least opacity of the texels that matter to places in a box; 0 where it is too large to look. */
+float texture_least_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]);
 /* The nearest texel's opacity. */
 float texture_opacity(const trace_texture *t, const float uv[2]);
 float srgb_of_linear(float x);
@@ -58,6 +60,7 @@ typedef struct {
     uint32_t *face;        /* F x 3 */
     float *corner_uv;      /* F x 6; NULL: none */
     float *uv_per_m;       /* F, side of the unit square per metre */
+    uint8_t *solid;        /* F: opaque all over, whatever the material says */
     float *vertex;         /* V x 3 and 16 bytes of padding, world */
     float *normal;         /* V x 3, world */
     uint32_t *edge;        /* F x 3: the edge that starts at that corner */

@@ -333,6 +333,7 @@ static bool pokes_through(const scene_mesh *m, const struct RTCFilterFunctionNAr
 
 static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArguments *args, unsigned i) {
     unsigned N = args->N, face = ((const unsigned *)args->hit)[HIT_FACE * N + i];
+    if (m->solid[face]) return false;
     const float *hit = (const float *)args->hit, *corner = m->corner_uv + 6 * (size_t)face;
     float u = hit[HIT_U * N + i], v = hit[HIT_V * N + i], uv[2];
     for (int k = 0; k < 2; k++) uv[k] = (1 - u - v) * corner[k] + u * corner[2 + k] + v * corner[4 + k];
@@ -346,9 +347,8 @@ static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArgume
 
 void light_filter(const struct RTCFilterFunctionNArguments *args) {
     const scene_mesh *m = args->geometryUserPtr;
-    bool has_holes = m->material.alpha != TRACE_OPAQUE && m->material.color && m->corner_uv;
     for (unsigned i = 0; i < args->N; i++) {
         if (!args->valid[i]) continue;
-        if (pokes_through(m, args, i) || (has_holes && lets_pass(m, args, i))) args->valid[i] = 0;
+        if (pokes_through(m, args, i) || lets_pass(m, args, i)) args->valid[i] = 0;
     }
 }

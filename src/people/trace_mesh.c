@@ -128,6 +128,23 @@ static void set_uv(scene_mesh *m, const trace_mesh *from) {
     }
 }
 
+/* A face of a garment with holes that has none itself is drawn and casts shadows as if there were no alpha.
+ */
+static void find_solid(scene_mesh *m) {
+    const trace_material *material = &m->material;
+    float least = material->alpha == TRACE_CUTOUT ? material->cutoff : 0.99f;
+    bool opaque = material->alpha == TRACE_OPAQUE || !material->color || !m->corner_uv;
+    for (int64_t f = 0; f < m->faces; f++) {
+        float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+        for (int k = 0; k < 6 && !opaque; k++) {
+            float x = m->corner_uv[6 * f + k];
+            low[k % 2] = x < low[k % 2] ? x : low[k % 2];
+            high[k % 2] = x > high[k % 2] ? x : high[k % 2];
+        }
+        m->solid[f] = opaque || texture_least_opacity(material->color, low, high) >= least;
+    }
+}
+
 sherf_status scene_mesh_create(context *c, const trace_mesh *from, const trace_material *material,
                                float spacing_m, scene_mesh *out) {
     *out = (scene_mesh){.material = *material, .vertices = from->vertices, .faces = from->faces};
@@ -143,14 +160,16 @@ sherf_status scene_mesh_create(context *c, const trace_mesh *from, const trace_m
     m->edge_level = mem_alloc(c, 3 * F, sizeof *m->edge_level);
     m->face_first = mem_alloc(c, F, sizeof *m->face_first);
     m->face_level = mem_alloc(c, F, sizeof *m->face_level);
+    m->solid = mem_alloc(c, F, sizeof *m->solid);
     m->uv_per_m = mem_zero(c, F, sizeof *m->uv_per_m);
     if (from->uv) m->corner_uv = mem_alloc(c, F, 6 * sizeof *m->corner_uv);
     status = SHERF_NO_MEMORY;
     if (!m->face || !m->vertex || !m->normal || !m->edge || !m->edge_first || !m->edge_level ||
-        !m->face_first || !m->face_level || !m->uv_per_m || (from->uv && !m->corner_uv))
+        !m->face_first || !m->face_level || !m->solid || !m->uv_per_m || (from->uv && !m->corner_uv))
         goto fail;
     memcpy(m->face, from->face, F * 3 * sizeof *m->face);
     if (from->uv) set_uv(m, from);
+    find_solid(m);
     if ((status = find_edges(c, m, from->rest, spacing_m))) goto fail;
     number_points(m);
     return SHERF_OK;
@@ -170,6 +189,7 @@ void scene_mesh_free(scene_mesh *m) {
     mem_free(m->edge_level);
     mem_free(m->face_first);
     mem_free(m->face_level);
+    mem_free(m->solid);
     *m = (scene_mesh){0};
 }
 

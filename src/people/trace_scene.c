@@ -107,8 +107,7 @@ static void attach_mesh(trace_scene *s, scene_mesh *m) {
                                (size_t)m->faces);
     rtcSetGeometryUserData(g, m);
     rtcSetGeometryMask(g, 1u << m->material.layer);
-    if ((m->material.alpha != TRACE_OPAQUE && m->material.color && m->corner_uv) ||
-        m->material.layer < s->top_layer)
+    if (memchr(m->solid, 0, (size_t)m->faces) || m->material.layer < s->top_layer)
         rtcSetGeometryOccludedFilterFunction(g, light_filter);
     rtcCommitGeometry(g);
     rtcAttachGeometry(s->scene, g);

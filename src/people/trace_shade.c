@@ -20,7 +20,7 @@ void surface_at(const trace_scene *s, int mesh, uint32_t face, float u, float v,
         texture_sample(m->material.color, uv, width_m * m->uv_per_m[face], out->rgba);
     }
     for (int k = 0; k < 3; k++) out->rgba[k] *= m->material.tint[k];
-    if (m->material.alpha == TRACE_OPAQUE)
+    if (m->solid[face])
         out->rgba[3] = 1;
     else if (m->material.alpha == TRACE_CUTOUT)
         out->rgba[3] = out->rgba[3] >= m->material.cutoff;

@@ -105,7 +105,7 @@ static trace_material material_of(wear_kind kind, const trace_texture *texture) 
         m.alpha = TRACE_CUTOUT, m.cutoff = 0.3f, m.coat = true;
     } else if (kind == WEAR_HAIR || kind == WEAR_BROWS || kind == WEAR_LASHES) {
         m.alpha = TRACE_BLENDED;
-        m.specular = 0.03f, m.roughness = 0.4f;
+        m.specular = 0.008f, m.roughness = 0.6f; /* more of it draws the cards' edges */
     } else if (kind == WEAR_GLASSES) {
         m.alpha = TRACE_BLENDED;
         m.specular = 0.04f, m.roughness = 0.1f;

@@ -112,9 +112,9 @@ static void leather_color(uint64_t key, uint64_t i, float rgb[3]) {
 }
 
 static void hair_colors(person *p, uint64_t key) {
-    static const float natural[][3] = {{0.07f, 0.06f, 0.06f}, {0.12f, 0.085f, 0.065f}, {0.21f, 0.14f, 0.09f},
-                                       {0.33f, 0.22f, 0.13f}, {0.47f, 0.33f, 0.19f},   {0.66f, 0.51f, 0.31f},
-                                       {0.75f, 0.64f, 0.45f}, {0.44f, 0.19f, 0.09f},   {0.52f, 0.5f, 0.48f},
+    static const float natural[][3] = {{0.11f, 0.1f, 0.1f},   {0.15f, 0.11f, 0.09f}, {0.21f, 0.14f, 0.09f},
+                                       {0.33f, 0.22f, 0.13f}, {0.47f, 0.33f, 0.19f}, {0.66f, 0.51f, 0.31f},
+                                       {0.75f, 0.64f, 0.45f}, {0.44f, 0.19f, 0.09f}, {0.52f, 0.5f, 0.48f},
                                        {0.78f, 0.77f, 0.75f}};
     bool dark = p->macro.caucasian < 0.5;
     int which = (int)(dark ? random_below(key, 0, 3) : random_below(key, 0, 8));
@@ -124,6 +124,14 @@ static void hair_colors(person *p, uint64_t key) {
     for (int k = 0; k < 3; k++) p->hair_color[k] = natural[which][k] * between(key, 4, 0.85, 1.15);
     for (int k = 0; k < 3; k++) p->brow_color[k] = 0.8f * p->hair_color[k];
     if (dyed) from_hsv(random_uniform(key, 5), 0.5 + 0.3 * random_uniform(key, 6), 0.5, p->hair_color);
+}
+
+/* Textures lie by name: blue, blue-green, brown, light brown, ... */
+static int draw_eyes(uint64_t key, uint64_t i, int origin) {
+    enum { BROWN = 2, ALL = 9 };
+    double what = random_uniform(key, i), brown = origin == 2 ? 0.35 : 0.97;
+    if (what < brown) return BROWN + (what > 0.75 * brown);
+    return (int)random_below(key, i + 100, ALL);
 }
 
 /* ---- the person ---- */
@@ -175,7 +183,7 @@ void person_draw(const makehuman *m, uint64_t seed, person *p) {
     p->eyes = draw_item(key, 2, WEAR_EYES, whom, false, false);
     p->shoes = draw_item(key, 3, WEAR_SHOES, whom, false, !strcmp(outfits[p->outfit].item[0], "Tightjeans"));
     p->glasses = random_uniform(key, 4) < 0.1 ? draw_item(key, 5, WEAR_GLASSES, whom, false, false) : -1;
-    p->eye_texture = (int)random_below(key, 6, 64);
+    p->eye_texture = draw_eyes(key, 6, skins[p->skin].origin);
     float tone = between(key, 7, 0.8, 1.12), warm = between(key, 8, -0.05, 0.05);
     for (int k = 0; k < 3; k++) p->skin_tint[k] = tone * (1 + warm * (float)(1 - k));
     hair_colors(p, stream(p, "person.hair", 0));

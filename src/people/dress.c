@@ -95,9 +95,30 @@ static sherf_status dye_garment(context *c, const person *p, int layer, const wo
     return status;
 }
 
-static trace_material material_of(wear_kind kind, const trace_texture *texture) {
+/* What hides what pokes through it by mistake. `number`: of a garment, from the skin outwards. */
+static int layer_of(const wear_item *item, int number) {
+    switch (item->kind) {
+    case WEAR_EYES:
+    case WEAR_LASHES:
+    case WEAR_GLASSES:
+        return 0; /* as the skin: lids are over eyes */
+    case WEAR_BROWS:
+    case WEAR_HAIR:
+        return OUTFIT_ITEMS + 2;
+    case WEAR_HAT:
+        return OUTFIT_ITEMS + 3;
+    case WEAR_SHOES:
+        return item->boots ? OUTFIT_ITEMS + 1 : 1;
+    default:
+        return number + 1;
+    }
+}
+
+static trace_material material_of(const wear_item *item, int number, const trace_texture *texture) {
     trace_material m = trace_material_plain();
+    wear_kind kind = item->kind;
     m.color = texture;
+    m.layer = layer_of(item, number);
     m.roughness = 0.6f;
     m.specular = 0.015f;
     if (kind == WEAR_EYES) {
@@ -106,6 +127,8 @@ static trace_material material_of(wear_kind kind, const trace_texture *texture) 
     } else if (kind == WEAR_HAIR || kind == WEAR_BROWS || kind == WEAR_LASHES) {
         m.alpha = TRACE_BLENDED;
         m.specular = 0.008f, m.roughness = 0.6f; /* more of it draws the cards' edges */
+        m.near_m = 0.005f;
+        for (int k = 0; k < 3; k++) m.wrap[k] = 0.3f;
     } else if (kind == WEAR_GLASSES) {
         m.alpha = TRACE_BLENDED;
         m.specular = 0.04f, m.roughness = 0.1f;
@@ -242,7 +265,7 @@ static sherf_status add_worn(fitting *f, int item, int layer, const dye_cut *cut
     mesh->uvs = p->uvs, mesh->uv = p->uv;
     hide_body(f, t, cut);
     status = dye_garment(f->c, f->p, layer, t, texture % t->textures, cut, &mesh->texture);
-    mesh->material = material_of(t->item->kind, mesh->texture);
+    mesh->material = material_of(t->item, layer, mesh->texture);
     return status;
 }
 

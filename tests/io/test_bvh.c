@@ -43,6 +43,7 @@ static void test_small(void **state) {
     bvh_rotations(b, 0, NULL, global);
     for (int i = 0; i < 27; i++) assert_float_equal(global[i], (i % 9 % 4 == 0 ? 1.0 : 0.0), 1e-9);
     bvh_free(b);
+    sherf_context_free(c);
 }
 
 /* Cut off anywhere it is refused with a word, and nothing is left behind; only the last number may lose
@@ -61,6 +62,7 @@ static void test_truncated(void **state) {
         free(copy);
     }
     assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
 }
 
 static void refused(context *c, const char *from, const char *to, const char *word) {
@@ -88,6 +90,7 @@ static void test_hostile(void **state) {
     refused(c, "1 2 3 90", "1 2 x 90", "number");
     refused(c, "End Site", "End Sight", "Site");
     refused(c, "JOINT Left Arm", "JOINT \n", "name");
+    sherf_context_free(c);
 }
 
 /* More joints, or deeper ones, than there may be. */
@@ -105,6 +108,7 @@ static void test_many(void **state) {
         assert_non_null(strstr(c->message, deep ? "deep" : "more than"));
     }
     free(text);
+    sherf_context_free(c);
 }
 
 /* ---- onto the body ---- */
@@ -168,6 +172,7 @@ static void test_retarget(void **state) {
     assert_float_equal(z, 1, 1e-4);
     strcpy(joint[1].name, "Unknown");
     assert_int_equal(bvh_body_match(c, &b, (const float(*)[3])rest, &map), SHERF_UNSUPPORTED);
+    sherf_context_free(c);
 }
 
 int main(void) {

@@ -61,6 +61,7 @@ static void test_binding(void **state) {
     for (int v = 0; v < 4; v++) assert_float_equal(out[2 * v] + out[2 * v + 1], 1, 1e-6);
     assert_float_equal(out[4], 0.5f, 1e-6);
     proxy_free(p);
+    sherf_context_free(c);
 }
 
 static void test_broken_proxies(void **state) {
@@ -92,6 +93,7 @@ static void test_broken_proxies(void **state) {
         assert_null(p);
     }
     assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
 }
 
 /* A plane of 21 x 21 vertices, 1 cm apart, at a height; half the side. */
@@ -140,6 +142,7 @@ static void test_cover(void **state) {
     for (int i = 0; i < PLANE; i++) high[3 * i + 2] = 0.01f; /* far enough: stays */
     assert_ok(c, proxy_push(c, &below, &above, 0.003f, out));
     assert_memory_equal(out, high, sizeof out);
+    sherf_context_free(c);
 }
 
 /* ---- dyeing ---- */
@@ -210,6 +213,7 @@ static void test_dye(void **state) {
     assert_int_equal(dye_apply(c, m, &(image_u8){W, H / 2, 4, texel}, r, &cut, &out), SHERF_BAD_ARGUMENT);
     dye_map_free(m);
     proxy_free(p);
+    sherf_context_free(c);
 }
 
 /* Every pattern stays within its colours. */
@@ -243,6 +247,7 @@ static void test_tint(void **state) {
     assert_true(out.data[0] < out.data[4] && out.data[4] < out.data[8]);
     assert_int_equal(out.data[4 * 61 + 3], 0);
     mem_free(out.data);
+    sherf_context_free(c);
 }
 
 /* ---- the wardrobe ---- */
@@ -358,6 +363,7 @@ static void test_poses(void **state) {
     assert_float_equal(pose[3 * 4], again[3 * 5], 1e-5);
     assert_float_equal(pose[3 * 16 + 2], -again[3 * 17 + 2], 1e-5);
     assert_true(fabsf(pose[3 * 1] - pose[3 * 2]) > 0.3f); /* legs swing against each other */
+    sherf_context_free(c);
 }
 
 static void test_overlap(void **state) {
@@ -377,6 +383,7 @@ static void test_overlap(void **state) {
     assert_true(share > 0.02f);
     posed_body_free(posed);
     sherf_body_free(m);
+    sherf_context_free(c);
 }
 
 int main(void) {

@@ -1,5 +1,6 @@
 #include <math.h>
 
+#include "tensor/cpu/variants.h"
 #include "train/adam.h"
 
 enum { GRAIN = 1 << 14 };
@@ -20,7 +21,7 @@ typedef struct {
     float beta2, rate, correction, eps;
 } adam_job;
 
-static void adam_range(void *arg, int64_t begin, int64_t end, int thread) {
+static VARIANT_BODY void adam_range(void *arg, int64_t begin, int64_t end, int thread) {
     const adam_job *j = arg;
     float *restrict x = j->values, *restrict v = j->second;
     const float *restrict g = j->gradients;
@@ -31,13 +32,14 @@ static void adam_range(void *arg, int64_t begin, int64_t end, int thread) {
         x[i] -= rate * g[i] / (sqrtf(v[i] * correction) + eps);
     }
 }
+VARIANTS(adam_range)
 
 void adam_step(const context *c, adam *a, float *values, const float *gradients, double rate) {
     a->updates++;
     double correction = 1 / (1 - pow(adam_beta2, (double)a->updates));
     adam_job job = {values,      a->second,         gradients,      (float)adam_beta2,
                     (float)rate, (float)correction, (float)adam_eps};
-    parallel_for(c, a->n, GRAIN, adam_range, &job);
+    parallel_for(c, a->n, GRAIN, adam_range_best(), &job);
 }
 
 /* One partial sum a block of fixed size. */
@@ -48,7 +50,7 @@ typedef struct {
     double sum[BLOCKS];
 } square_job;
 
-static void square_range(void *arg, int64_t begin, int64_t end, int thread) {
+static VARIANT_BODY void square_range(void *arg, int64_t begin, int64_t end, int thread) {
     square_job *j = arg;
     for (int64_t b = begin; b < end; b++) {
         double sum = 0;
@@ -58,10 +60,11 @@ static void square_range(void *arg, int64_t begin, int64_t end, int thread) {
         j->sum[b] = sum;
     }
 }
+VARIANTS(square_range)
 
 double gradients_square_sum(const context *c, int64_t n, const float *gradients) {
     square_job job = {.n = n, .gradients = gradients};
-    parallel_for(c, BLOCKS, 8, square_range, &job);
+    parallel_for(c, BLOCKS, 8, square_range_best(), &job);
     double sum = 0;
     for (int b = 0; b < BLOCKS; b++) sum += job.sum[b];
     return sum;
@@ -82,15 +85,16 @@ typedef struct {
     float decay;
 } average_job;
 
-static void average_range(void *arg, int64_t begin, int64_t end, int thread) {
+static VARIANT_BODY void average_range(void *arg, int64_t begin, int64_t end, int thread) {
     const average_job *j = arg;
     float *restrict a = j->average;
     const float *restrict x = j->values;
 #pragma omp simd
     for (int64_t i = begin; i < end; i++) a[i] = x[i] + j->decay * (a[i] - x[i]);
 }
+VARIANTS(average_range)
 
 void average_update(const context *c, int64_t n, float *average, const float *values, double decay) {
     average_job job = {average, values, (float)decay};
-    parallel_for(c, n, GRAIN, average_range, &job);
+    parallel_for(c, n, GRAIN, average_range_best(), &job);
 }

@@ -137,8 +137,10 @@ static VARIANT_BODY void gradient_sums(void *arg, int64_t begin, int64_t end, in
         for (int64_t r = block * v->block_rows; r < v->rows && r < (block + 1) * v->block_rows; r++) {
             const int64_t n = row_width(v, r);
             const float *restrict x = j->x + r * v->width, *restrict dy = j->dy + r * v->width;
+#pragma omp simd /* without it the choice becomes a branch that is mispredicted half of the time */
             for (int64_t i = 0; i < n; i++) {
-                const float d = (x[i] - mean[i]) - rest[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
+                const float d = (x[i] - mean[i]) - rest[i], whole = dy[i];
+                const float g = d * scale[i] + bias[i] > low ? whole : 0;
                 sum[i] += g;
                 dot[i] += g * d;
             }

@@ -120,8 +120,12 @@ static VARIANT_BODY void channels_backward(void *arg, int64_t begin, int64_t end
             const float *restrict x = j->x + r * v->width, *restrict s = j->s;
             const float *restrict dy = j->dy + r * v->width;
             float *restrict dx = j->dx ? j->dx + r * v->width : NULL;
-            for (int64_t i = 0; dx && i < n; i++) dx[i] += dy[i] * s[i];
-            for (int64_t i = 0; sum && i < n; i++) sum[i] += dy[i] * x[i];
+            if (dx)
+#pragma omp simd
+                for (int64_t i = 0; i < n; i++) dx[i] += dy[i] * s[i];
+            if (sum)
+#pragma omp simd
+                for (int64_t i = 0; i < n; i++) sum[i] += dy[i] * x[i];
         }
     }
 }

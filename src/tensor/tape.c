@@ -153,9 +153,13 @@ tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim) {
     return x->data ? x : NULL;
 }
 
+static void clear(tensor *x) {
+    memset(x->data, 0, (size_t)tensor_count(x) * dtype_size(x->type));
+}
+
 tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim) {
     tensor *x = tape_tensor(t, type, rank, dim);
-    if (x) memset(x->data, 0, (size_t)tensor_count(x) * dtype_size(type));
+    if (x) clear(x);
     return x;
 }
 
@@ -209,17 +213,26 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim) {
     return y;
 }
 
-tensor *tape_grad(tape *t, tensor *x) {
+/* *fresh: it was made here, and is not cleared. */
+static tensor *grad_uncleared(tape *t, tensor *x, bool *fresh) {
     if (x->grad) return x->grad;
     tensor *g;
     if (x->view_of) {
-        tensor *base = tape_grad(t, x->view_of);
+        tensor *base = grad_uncleared(t, x->view_of, fresh);
         g = base ? tensor_shell(t, x->type, x->rank, x->dim) : NULL;
         if (g) g->data = base->data;
     } else {
-        g = tape_zeros(t, x->type, x->rank, x->dim);
+        g = tape_tensor(t, x->type, x->rank, x->dim);
+        *fresh = true;
     }
     return x->grad = g;
+}
+
+tensor *tape_grad(tape *t, tensor *x) {
+    bool fresh = false;
+    tensor *g = grad_uncleared(t, x, &fresh);
+    if (g && fresh) clear(g);
+    return g;
 }
 
 static sherf_status run(tape *t, kernel k, op_call *call) {
@@ -303,7 +316,11 @@ static sherf_status node_backward(tape *t, node *n) {
     if (!any) return SHERF_OK;
     for (int i = 0; i < OP_MAX_IN; i++) {
         call.in[i] = n->in[i];
-        if (n->in[i] && n->in[i]->needs_grad && !(call.din[i] = tape_grad(t, n->in[i]))) return t->status;
+        if (!n->in[i] || !n->in[i]->needs_grad) continue;
+        if (!(call.din[i] = grad_uncleared(t, n->in[i], &call.fresh[i]))) return t->status;
+        if (!call.fresh[i] || t->options.backend->writes[n->op] >> i & 1) continue;
+        clear(call.din[i]);
+        call.fresh[i] = false;
     }
     return run(t, t->options.backend->backward[n->op], &call);
 }

@@ -54,15 +54,16 @@ enum { OP_MAX_IN = 8, OP_MAX_OUT = 3, OP_MAX_ATTR = 96 };
 
 /* One call of a kernel. Forward: reads in[], attr, writes every out[] (uninitialised memory before).
  * Backward: reads in[], out[], dout[] (NULL where no gradient arrived: it is zero), ADDS into din[i] where it
- * is not NULL. `saved` is a buffer of saved_bytes that the forward kernel may fill for the backward one
- * (sizes are fixed by the op's shape rule). Kernels take scratch from `scratch` (rewound by the caller after
- * the kernel). */
+ * is not NULL, in the order of i where it is the same for two. `saved` is a buffer of saved_bytes that the
+ * forward kernel may fill for the backward one (sizes are fixed by the op's shape rule). Kernels take scratch
+ * from `scratch` (rewound by the caller after the kernel). */
 typedef struct op_call {
     context *c;
     op_id op;
     tensor *in[OP_MAX_IN]; /* NULL: optional input not given */
     tensor *out[OP_MAX_OUT];
     tensor *din[OP_MAX_IN];
+    bool fresh[OP_MAX_IN]; /* din[i] holds nothing yet: the kernel writes every value, and adds to none */
     tensor *dout[OP_MAX_OUT];
     const void *attr; /* the op's attr struct from ops.h */
     void *saved;
@@ -77,6 +78,7 @@ typedef struct {
     dtype real;
     kernel forward[OP_COUNT];  /* NULL: this backend cannot do the op, which is an error by name and shape */
     kernel backward[OP_COUNT]; /* NULL for ops declared non-differentiable */
+    unsigned writes[OP_COUNT]; /* bit i: the backward kernel heeds fresh[i]; else the tape clears din[i] */
 } backend;
 extern const backend backend_ref_f32; /* plain C, the definition of every op */
 extern const backend backend_ref_f64; /* the same source in double */

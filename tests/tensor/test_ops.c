@@ -191,6 +191,75 @@ static void check_backend(context *c, const op_case *k, const backend *b, bool b
     inputs_free(k, got_in);
 }
 
+/* The tape's next tensors lie in memory full of not-a-numbers. */
+static void fill_memory(tape *t) {
+    const size_t bytes = tape_peak(t);
+    for (int i = 0; i < 2; i++) { /* the first time may take new blocks, which the reset joins */
+        tape_reset(t);
+        void *p = tape_alloc(t, bytes, 1);
+        assert_non_null(p);
+        memset(p, 0xff, bytes);
+    }
+    tape_reset(t);
+}
+
+/* Gradients that the tape makes are those added to cleared ones: kernels that write a fresh gradient write
+ * all of it. */
+static void check_fresh(context *c, const op_case *k, bool bf16) {
+    tensor *in[OP_MAX_IN], *old[OP_MAX_IN] = {NULL};
+    inputs_make(c, k, T_F32, in);
+    tape *t = tape_create(c, (tape_options){&backend_cpu, true, k->training, bf16});
+    assert_non_null(t);
+    seed_backward(t, run_case(t, k, in));
+    fill_memory(t);
+    for (int i = 0; i < k->inputs; i++) {
+        if (!in[i] || !in[i]->needs_grad) continue;
+        old[i] = in[i]->grad;
+        in[i]->grad = NULL;
+    }
+    seed_backward(t, run_case(t, k, in));
+    for (int i = 0; i < k->inputs; i++) {
+        if (!old[i]) continue;
+        char what[32];
+        snprintf(what, sizeof what, "fresh gradient %d", i);
+        assert_non_null(in[i]->grad);
+        compare(k, &backend_cpu, what, old[i], in[i]->grad, 0);
+        in[i]->grad = old[i];
+    }
+    tape_free(t);
+    inputs_free(k, in);
+}
+
+static void fresh_agree(void **state) {
+    context *c = test_context();
+    for (int i = 0; i < case_count(); i++)
+        for (int bf16 = 0; bf16 < 2 && differentiable[case_at(i)->op]; bf16++)
+            check_fresh(c, case_at(i), bf16);
+    sherf_context_free(c);
+}
+
+/* x + x, and x + a view of x: the first of them writes, the second adds. */
+static void fresh_twice(void **state) {
+    context *c = test_context();
+    tape *t = tape_create(c, (tape_options){.backend = &backend_cpu, .record = true});
+    assert_non_null(t);
+    for (int view = 0; view < 2; view++) {
+        tape_reset(t);
+        tensor *x = tape_input(t, (const float[]){1, 2, 3, 4}, 2, (int64_t[]){2, 2});
+        assert_non_null(x);
+        x->needs_grad = true;
+        tensor *other =
+            view ? tape_reshape(t, tape_reshape(t, x, 1, (int64_t[]){4}), 2, (int64_t[]){2, 2}) : x;
+        tensor *y = op_add(t, other, x), *z = op_add(t, y, op_scale(t, y, 3));
+        assert_non_null(z);
+        for (int i = 0; i < 4; i++) tensor_f32(tape_grad(t, z))[i] = (float)i;
+        assert_int_equal(tape_backward_seeded(t), SHERF_OK);
+        for (int i = 0; i < 4; i++) assert_true(tensor_f32(x->grad)[i] == (float)(8 * i));
+    }
+    tape_free(t);
+    sherf_context_free(c);
+}
+
 static void backends_agree(void **state) {
     context *c = test_context();
     for (int i = 0; i < case_count(); i++) {
@@ -287,6 +356,7 @@ static void errors_stick(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(gradients),         cmocka_unit_test(backends_agree),
                                        cmocka_unit_test(levels_agree),      cmocka_unit_test(threads_agree),
+                                       cmocka_unit_test(fresh_agree),       cmocka_unit_test(fresh_twice),
                                        cmocka_unit_test(nothing_forgotten), cmocka_unit_test(errors_stick)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -274,7 +274,8 @@ sherf_status amx_conv_forward(op_call *call, const conv_shape *s, const float *x
     return correlate_strided(call, s, &q, x);
 }
 
-sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, float *dx) {
+sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, bool add,
+                           float *dx) {
     correlation q = {
         .map = {.H = s->Ho, .W = s->Wo, .C = s->O}, .w = w, .O = s->O, .I = s->I, .T = s->k * s->k};
     q.k_is_output = true;
@@ -282,7 +283,7 @@ sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, 
     q.N = s->I;
     q.out = dx;
     q.gain = s->gain;
-    q.add = true;
+    q.add = add;
     if (!s->transpose) return correlate_spread(call, s, &q, dy, s->H, s->W);
     q.rows = s->H;
     q.columns = s->W;
@@ -485,7 +486,8 @@ sherf_status amx_conv_weights(op_call *call, const conv_shape *s, const float *x
 sherf_status amx_conv_forward(op_call *call, const conv_shape *s, const float *x, const float *w, float *y) {
     return failure(call->c, SHERF_UNSUPPORTED, "no AMX on this processor");
 }
-sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, float *dx) {
+sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, bool add,
+                           float *dx) {
     return failure(call->c, SHERF_UNSUPPORTED, "no AMX on this processor");
 }
 sherf_status amx_conv_weights(op_call *call, const conv_shape *s, const float *x, const float *dy,

@@ -15,7 +15,8 @@ typedef struct {
 /* Whether the shape is handled: stride 1 or 2, k up to 7. Channels are filled up to 32. */
 bool amx_conv_fits(const conv_shape *s);
 sherf_status amx_conv_forward(op_call *call, const conv_shape *s, const float *x, const float *w, float *y);
-/* dx += ..., dw += ... */
-sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, float *dx);
+/* dx = ..., or with `add` dx += ...; dw += ... */
+sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, const float *w, bool add,
+                           float *dx);
 sherf_status amx_conv_weights(op_call *call, const conv_shape *s, const float *x, const float *dy, float *dw);
 #endif

@@ -10,4 +10,14 @@ const backend backend_cpu = {
     .real = T_F32,
 #include "tensor/cpu/dense_list.h"
 #include "tensor/cpu/spatial_list.h"
+    /* The large ones: what is cleared and then added to goes through memory twice. */
+    .writes = {[OP_linear] = 1,
+               [OP_conv2d] = 1,
+               [OP_conv2d_transpose] = 1,
+               [OP_sparse_conv] = 1,
+               [OP_scale_channels] = 1,
+               [OP_batch_norm] = 1,
+               [OP_bias_act] = 1,
+               [OP_add] = 3,
+               [OP_scale] = 1},
 };

@@ -10,7 +10,7 @@
 
 typedef struct {
     row_view view;
-    bool relu, training;
+    bool relu, training, fresh; /* fresh: dx is cleared row by row, in the first cache */
     const float *x, *dy;
     float *y, *dx, *sums;
     float *mean, *rest, *scale, *bias; /* patterns: y = (x - mean - rest) scale + bias */
@@ -159,6 +159,7 @@ static VARIANT_BODY void gradient_rows(void *arg, int64_t begin, int64_t end, in
         const int64_t n = row_width(&j->view, r);
         const float *restrict x = j->x + r * j->view.width, *restrict dy = j->dy + r * j->view.width;
         float *restrict dx = j->dx + r * j->view.width;
+        if (j->fresh) memset(dx, 0, (size_t)n * sizeof *dx);
         for (int64_t i = 0; i < n; i++) {
             const float d = (x[i] - mean[i]) - rest[i], g = d * scale[i] + bias[i] > low ? dy[i] : 0;
             dx[i] += scale[i] * (g - shift[i] - slope[i] * d);
@@ -177,6 +178,7 @@ sherf_status cpu_batch_norm_backward(op_call *call) {
     j.x = call->in[0]->data;
     j.dy = call->dout[0]->data;
     j.dx = call->din[0] ? call->din[0]->data : NULL;
+    j.fresh = call->fresh[0];
     j.sums = block_sums(call, &j.view, 2);
     float *sum = arena_alloc(call->c, call->scratch, 2 * (size_t)C, sizeof *sum), *dot = sum + C;
     if (!patterns(call, &j) || !j.sums || !sum) return SHERF_NO_MEMORY;

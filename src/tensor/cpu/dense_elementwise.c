@@ -10,6 +10,7 @@ typedef struct {
     bias_act_attr attr;
     const float *x, *b, *dy;
     float *y, *dx, *sums;
+    bool fresh; /* dx: cleared row by row, in the first cache */
 } act_job;
 
 static VARIANT_BODY void act_forward(void *arg, int64_t begin, int64_t end, int thread) {
@@ -49,6 +50,7 @@ static VARIANT_BODY void act_backward(void *arg, int64_t begin, int64_t end, int
             const float *restrict x = j->x + r * v->width, *restrict b = j->b;
             const float *restrict dy = j->dy + r * v->width;
             float *restrict dx = j->dx ? j->dx + r * v->width : NULL;
+            if (dx && j->fresh) memset(dx, 0, (size_t)n * sizeof *dx);
             if (dx && sum)
                 for (int64_t i = 0; i < n; i++) {
                     const float g = dy[i] * act_slope(x[i] + b[i], slope, gain, high);
@@ -83,6 +85,7 @@ sherf_status cpu_bias_act_backward(op_call *call) {
     j.x = call->in[0]->data;
     j.dy = call->dout[0]->data;
     j.dx = call->din[0] ? call->din[0]->data : NULL;
+    j.fresh = call->fresh[0];
     j.b = row_pattern(call, &j.view, channel_values(call->in[1]));
     j.sums = call->din[1] ? block_sums(call, &j.view, 1) : NULL;
     if (!j.b || (call->din[1] && !j.sums)) return SHERF_NO_MEMORY;
@@ -96,6 +99,7 @@ typedef struct {
     row_view view;
     const float *x, *s, *dy;
     float *y, *dx, *sums;
+    bool fresh;
 } channels_job;
 
 static VARIANT_BODY void channels_forward(void *arg, int64_t begin, int64_t end, int thread) {
@@ -120,6 +124,7 @@ static VARIANT_BODY void channels_backward(void *arg, int64_t begin, int64_t end
             const float *restrict x = j->x + r * v->width, *restrict s = j->s;
             const float *restrict dy = j->dy + r * v->width;
             float *restrict dx = j->dx ? j->dx + r * v->width : NULL;
+            if (dx && j->fresh) memset(dx, 0, (size_t)n * sizeof *dx);
             if (dx)
 #pragma omp simd
                 for (int64_t i = 0; i < n; i++) dx[i] += dy[i] * s[i];
@@ -142,6 +147,7 @@ sherf_status cpu_scale_channels_forward(op_call *call) {
 sherf_status cpu_scale_channels_backward(op_call *call) {
     channels_job j = {.view = rows_of(call->in[0]), .x = call->in[0]->data, .dy = call->dout[0]->data};
     j.dx = call->din[0] ? call->din[0]->data : NULL;
+    j.fresh = call->fresh[0];
     j.s = row_pattern(call, &j.view, call->in[1]->data);
     j.sums = call->din[1] ? block_sums(call, &j.view, 1) : NULL;
     if (!j.s || (call->din[1] && !j.sums)) return SHERF_NO_MEMORY;
@@ -175,8 +181,8 @@ static VARIANT_BODY void scaled_add_range(void *arg, int64_t begin, int64_t end,
 }
 VARIANTS(scaled_add_range)
 
-void cpu_add_scaled(const context *c, int64_t n, float factor, const float *from, float *to) {
-    parallel_for(c, n, FLAT_GRAIN, scaled_add_range_best(),
+void cpu_add_scaled(const context *c, int64_t n, float factor, const float *from, bool fresh, float *to) {
+    parallel_for(c, n, FLAT_GRAIN, fresh ? scaled_range_best() : scaled_add_range_best(),
                  &(flat_job){.a = from, .y = to, .factor = factor});
 }
 
@@ -189,7 +195,8 @@ sherf_status cpu_add_forward(op_call *call) {
 sherf_status cpu_add_backward(op_call *call) {
     for (int k = 0; k < 2; k++)
         if (call->din[k])
-            cpu_add_scaled(call->c, tensor_count(call->out[0]), 1, call->dout[0]->data, call->din[k]->data);
+            cpu_add_scaled(call->c, tensor_count(call->out[0]), 1, call->dout[0]->data, call->fresh[k],
+                           call->din[k]->data);
     return SHERF_OK;
 }
 
@@ -201,7 +208,7 @@ sherf_status cpu_scale_forward(op_call *call) {
 
 sherf_status cpu_scale_backward(op_call *call) {
     cpu_add_scaled(call->c, tensor_count(call->out[0]), *(const float *)call->attr, call->dout[0]->data,
-                   call->din[0]->data);
+                   call->fresh[0], call->din[0]->data);
     return SHERF_OK;
 }
 

@@ -14,6 +14,7 @@ typedef struct {
     float gain, bias_gain;
     float *sums; /* gradients of w, one a block of rows; the first is dw itself if it is alone */
     int64_t block_rows, blocks;
+    bool fresh; /* dx is written, not added to */
     atomic_bool failed;
 } linear_job;
 
@@ -64,6 +65,7 @@ static VARIANT_BODY void small_data(void *arg, int64_t begin, int64_t end, int t
     const linear_job *j = arg;
     for (int64_t r = begin; r < end; r++) {
         float *restrict dx = j->dx + r * j->I;
+        if (j->fresh) memset(dx, 0, (size_t)j->I * sizeof *dx);
         for (int64_t o = 0; o < j->O; o++) {
             const float g = j->dy[r * j->O + o] * j->gain, *restrict w = j->w + o * j->I;
             for (int64_t i = 0; i < j->I; i++) dx[i] += g * w[i];
@@ -103,7 +105,7 @@ static void large_data(void *arg, int64_t begin, int64_t end, int thread) {
     linear_job *j = arg;
     for (int64_t block = begin; block < end; block++) {
         const int64_t first = block * j->block_rows, rows = block_end(j, block) - first;
-        if (!sgemm(false, false, rows, j->I, j->O, j->gain, j->dy + first * j->O, j->O, j->w, j->I, 1,
+        if (!sgemm(false, false, rows, j->I, j->O, j->gain, j->dy + first * j->O, j->O, j->w, j->I, !j->fresh,
                    j->dx + first * j->I, j->I))
             j->failed = true;
     }
@@ -150,6 +152,7 @@ sherf_status cpu_linear_forward(op_call *call) {
 
 static sherf_status backward_data(op_call *call, linear_job *j) {
     j->dx = call->din[0]->data;
+    j->fresh = call->fresh[0];
     if (is_small(j)) {
         parallel_for(call->c, j->R, 1 + (1 << 16) / (j->I * j->O), small_data_best(), j);
         return SHERF_OK;
@@ -162,7 +165,7 @@ static sherf_status backward_data(op_call *call, linear_job *j) {
     p.c = j->dx;
     p.ldc = j->I;
     p.gain = j->gain;
-    p.add = true;
+    p.add = !j->fresh;
     return amx_gemm_rows(call, &p);
 }
 

@@ -220,7 +220,7 @@ sherf_status dnnl_conv_data(op_call *call, bool transpose, bool bf16) {
                           (plan_arg[]){{DNNL_ARG_DIFF_SRC, p->x, dx},
                                        {DNNL_ARG_WEIGHTS, p->w, w},
                                        {DNNL_ARG_DIFF_DST, p->y, dy}});
-    if (status == SHERF_OK) cpu_add_scaled(call->c, n, p->key.gain, dx, call->din[0]->data);
+    if (status == SHERF_OK) cpu_add_scaled(call->c, n, p->key.gain, dx, call->fresh[0], call->din[0]->data);
     plan_release(p);
     return status;
 }

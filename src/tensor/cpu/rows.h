@@ -29,6 +29,6 @@ float *block_sums(op_call *call, const row_view *v, int kinds);
 void block_sums_add(const row_view *v, const float *sums, int kinds, int kind, float factor, float *to);
 /* to[c] += factor * the sum over x's rows. */
 sherf_status column_sums_add(op_call *call, const tensor *x, float factor, float *to);
-/* to[i] += factor * from[i], over the context's threads. */
-void cpu_add_scaled(const context *c, int64_t n, float factor, const float *from, float *to);
+/* to[i] += factor * from[i], or = with `fresh`, over the context's threads. */
+void cpu_add_scaled(const context *c, int64_t n, float factor, const float *from, bool fresh, float *to);
 #endif

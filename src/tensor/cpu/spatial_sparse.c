@@ -144,8 +144,10 @@ static sherf_status backward_data(op_call *call) {
     int32_t *rule = NULL;
     sherf_status status = rule_transpose(call, &rule);
     if (status != SHERF_OK) return status;
-    if (is_amx(call)) return amx_sparse_rows(call, call->dout[0], rule, true, true, call->din[0]);
-    return add_rows(call, call->dout[0], rule, true, call->din[0]);
+    tensor *dx = call->din[0];
+    if (is_amx(call)) return amx_sparse_rows(call, call->dout[0], rule, true, !call->fresh[0], dx);
+    if (call->fresh[0]) memset(dx->data, 0, (size_t)tensor_count(dx) * sizeof(float));
+    return add_rows(call, call->dout[0], rule, true, dx);
 }
 
 static sherf_status backward_weights(op_call *call) {

@@ -65,6 +65,7 @@ static void scene_close(scene *s) {
     mem_free(s->image.data);
     sherf_body_free(s->body);
     model_free(s->m);
+    sherf_context_free(s->c);
 }
 
 /* One pass: the outputs of a fixed sum of the frame, and all gradients into `out` (the weights', then the

@@ -3,13 +3,18 @@
 #include "session.h"
 #include "verbs.h"
 
-static struct { const char *model, *body, *output; } set;
+static struct {
+    const char *model, *body, *output;
+    bool whole;
+} set;
 
 static const option options[] = {
-    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
+    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights (the model that ships)"},
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
+    {0, "whole", OPTION_FLAG, &set.whole, NULL,
+     "encode the picture as it is, not cut out round the person and scaled to what the model knows"},
     {0},
 };
 
@@ -37,10 +42,11 @@ static int run(session *s, int count, char **argument) {
     sherf_context *c = s->context;
     double begun_s = 0, avatar_s = 0;
     const char *body_path = session_body(s, set.body, argument[0]);
-    if (!body_path) return EXIT_USAGE;
+    const char *model_path = body_path ? session_model(s, set.model) : NULL;
+    if (!body_path || !model_path) return EXIT_USAGE;
     int status = session_status(s, sherf_body_load(c, body_path, &body));
-    if (!status) status = session_status(s, sherf_model_load(c, set.model, &model));
-    if (!status) status = session_status(s, sherf_observation_load(c, argument[0], &observation));
+    if (!status) status = session_status(s, sherf_model_load(c, model_path, &model));
+    if (!status) status = session_observation(s, argument[0], model, body, set.whole, &observation);
     begun_s = seconds_now();
     if (!status) status = session_status(s, sherf_avatar_create(c, model, body, observation, &avatar));
     avatar_s = seconds_now() - begun_s;

@@ -13,7 +13,7 @@ static const option options[] = {
      .needed = true},
     {'P', "people", OPTION_TEXT, &set.people, "LIST",
      "names, or a range 90-99 of the data set's list (the paper's test people)"},
-    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights: model.safetensors", .needed = true},
+    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights (the model that ships)"},
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
@@ -53,11 +53,12 @@ static void yardstick_add(cJSON *json, const char *name, const sherf_score score
 static int run(session *s, int count, char **argument) {
     if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
     const char *body = session_body(s, set.body, set.data);
-    if (!body) return EXIT_USAGE;
+    const char *model = body ? session_model(s, set.model) : NULL;
+    if (!model) return EXIT_USAGE;
     sherf_eval_options o = {.data = set.data,
                             .people = set.people,
                             .body = body,
-                            .model = set.model,
+                            .model = model,
                             .lpips = set.lpips,
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                             .yardsticks = set.yardsticks,

@@ -13,13 +13,14 @@ static struct {
     const char *model, *body, *output, *strip, *background;
     int64_t strip_frames, samples;
     double fps;
-    bool npy, depth, opacity, exact;
+    bool npy, depth, opacity, exact, whole;
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "the body model the avatar was made with (one beside it, or else the open body)"},
-    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights; INPUT is then an observation, not an avatar"},
+    {'m', "model", OPTION_FILE, &set.model, "FILE",
+     "weights, where INPUT is an observation (the model that ships)"},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
      "OUT.mp4 for a video, OUT.png for one picture, otherwise a folder of pictures", .needed = true},
     {'n', "orbit", OPTION_INTEGER, &set.shots.orbit, "N", "N cameras round the body, from its front", 1,
@@ -57,6 +58,8 @@ static const option options[] = {
      1000},
     {0, "fps", OPTION_REAL, &set.fps, "X", "frames a second of a video (25)", 0.1, 1000},
     {0, "samples", OPTION_INTEGER, &set.samples, "N", "depths on a ray (the model's, 48)", 0, 4096},
+    {0, "whole", OPTION_FLAG, &set.whole, NULL,
+     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
      "rays are followed to their end; otherwise bf16 stops them at 99.9 % opacity"},
     {0},
@@ -84,7 +87,7 @@ static bool background_parse(const char *text, background *out) {
 }
 
 /* What can be wrong with the options together. */
-static int wishes_check(const char *input, background *ground) {
+static int wishes_check(background *ground) {
     const shots_wish *w = &set.shots;
     const char *verb_name = "render";
     int width, height;
@@ -103,25 +106,7 @@ static int wishes_check(const char *input, background *ground) {
         return usage_error(verb_name, "--people and --views need --data");
     if (!w->data && w->poses && list_valid(w->poses))
         return usage_error(verb_name, "--poses: the list '%s' needs --data", w->poses);
-    const char *end = strrchr(input, '.');
-    struct stat st;
-    bool folder = stat(input, &st) == 0 && S_ISDIR(st.st_mode);
-    if (!set.model && (folder || strchr(input, '#') || (end && strcmp(end, ".json") == 0)))
-        return usage_error(verb_name, "'%s' is an observation: --model FILE is missing", input);
     return EXIT_DONE;
-}
-
-static int avatar_get(session *s, const char *input, const sherf_body *body, sherf_avatar **avatar) {
-    sherf_context *c = s->context;
-    if (!set.model) return session_status(s, sherf_avatar_load(c, input, body, avatar));
-    sherf_model *model = NULL;
-    sherf_observation *observation = NULL;
-    int status = session_status(s, sherf_model_load(c, set.model, &model));
-    if (!status) status = session_status(s, sherf_observation_load(c, input, &observation));
-    if (!status) status = session_status(s, sherf_avatar_create(c, model, body, observation, avatar));
-    sherf_observation_free(observation);
-    sherf_model_free(model);
-    return status;
 }
 
 /* ---- pictures made of a frame ---- */
@@ -277,11 +262,11 @@ static int run(session *s, int count, char **argument) {
     background ground;
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
-    int status = wishes_check(argument[0], &ground);
+    int status = wishes_check(&ground);
     const char *body_path = status ? NULL : session_body(s, set.body, argument[0]);
     if (!body_path) return status ? status : EXIT_USAGE;
     status = session_status(s, sherf_body_load(s->context, body_path, &body));
-    if (!status) status = avatar_get(s, argument[0], body, &avatar);
+    if (!status) status = session_avatar(s, argument[0], set.model, body, set.whole, &avatar);
     if (!status) status = frames_make(s, avatar, body, &ground);
     sherf_avatar_free(avatar);
     sherf_body_free(body);
@@ -292,7 +277,7 @@ const verb verb_render = {
     .name = "render",
     .arguments = "INPUT",
     .summary = "render an avatar: pictures or a video",
-    .description = "Renders an avatar file, or with --model an observation, from cameras round it (--orbit), "
+    .description = "Renders an avatar file or an observation from cameras round it (--orbit), "
                    "from listed "
                    "ones (--cameras), from those of a data set (--data), or from the picture's own, in the "
                    "picture's pose "

@@ -227,6 +227,51 @@ const char *session_body(const session *s, const char *given, const char *data) 
     return asset;
 }
 
+const char *session_model(const session *s, const char *given) {
+    if (given) return given;
+    const char *asset = session_asset(NULL, "models/people.safetensors");
+    if (asset)
+        session_remark("model: %s, the one that ships (choose another with --model)", asset);
+    else
+        usage_error(s->verb_name,
+                    "--model FILE is missing, and there is no models/people.safetensors among the assets");
+    return asset;
+}
+
+int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
+                        bool whole, sherf_observation **out) {
+    sherf_observation *read;
+    *out = NULL;
+    int status = session_status(s, sherf_observation_load(s->context, path, &read));
+    if (status || whole) {
+        *out = status ? NULL : read;
+        return status;
+    }
+    status = session_status(s, sherf_observation_fit(s->context, model, body, read, out));
+    sherf_observation_free(read);
+    return status;
+}
+
+int session_avatar(session *s, const char *input, const char *model, const sherf_body *body, bool whole,
+                   sherf_avatar **out) {
+    sherf_context *c = s->context;
+    const char *end = strrchr(input, '.');
+    struct stat st;
+    const bool folder = stat(input, &st) == 0 && S_ISDIR(st.st_mode);
+    *out = NULL;
+    if (!model && !folder && !strchr(input, '#') && !(end && strcmp(end, ".json") == 0))
+        return session_status(s, sherf_avatar_load(c, input, body, out));
+    if (!(model = session_model(s, model))) return EXIT_USAGE;
+    sherf_model *weights = NULL;
+    sherf_observation *observation = NULL;
+    int status = session_status(s, sherf_model_load(c, model, &weights));
+    if (!status) status = session_observation(s, input, weights, body, whole, &observation);
+    if (!status) status = session_status(s, sherf_avatar_create(c, weights, body, observation, out));
+    sherf_observation_free(observation);
+    sherf_model_free(weights);
+    return status;
+}
+
 int session_folder(const char *path) {
     char part[4096];
     size_t n = strlen(path);

@@ -37,6 +37,19 @@ const char *session_asset(const char *given, const char *name);
  * none. */
 const char *session_body(const session *s, const char *given, const char *data);
 
+/* The weights of --model: `given`; where nothing was given, the asset models/people.safetensors, the model
+ * that ships, with a remark. NULL, after one line on stderr: there is none. */
+const char *session_model(const session *s, const char *given);
+
+/* Loads an observation for this model: fitted to it (sherf_observation_fit) unless it is to stay whole. */
+int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
+                        bool whole, sherf_observation **out);
+
+/* The avatar in `input`: an avatar file; or an observation (a folder, a .json, a picture of a data set, or
+ * whatever `model` is given with), encoded by these weights or the ones that ship. */
+int session_avatar(session *s, const char *input, const char *model, const sherf_body *body, bool whole,
+                   sherf_avatar **out);
+
 double seconds_now(void); /* monotonic */
 /* Makes the folder and those above it. */
 int session_folder(const char *path);

@@ -10,7 +10,7 @@ may_include() {
     nn) echo "base tensor nn" ;;
     body) echo "base tensor body" ;;
     render) echo "base tensor nn body render" ;;
-    model) echo "base tensor io nn body render model" ;;
+    model) echo "base tensor io nn body render data model" ;;
     io) echo "base tensor io" ;;
     data) echo "base tensor io body render data" ;;
     people) echo "base tensor io body render data people" ;;

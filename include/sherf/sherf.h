@@ -145,6 +145,14 @@ SHERF_API sherf_status sherf_model_save(sherf_context *c, const sherf_model *mod
 SHERF_API void sherf_model_free(sherf_model *model);
 SHERF_API int64_t sherf_model_parameter_count(const sherf_model *model);
 
+/* Pictures are of any size, but a network knows people as large as those it was trained on. *out: the
+ * observation cut out round the person and scaled to that size (weights keep it), its camera with it; a copy
+ * where it is about that large already, or the weights do not say (the authors', which were trained on whole
+ * pictures of the data set's size). body: for where the person stands. Free with sherf_observation_free. */
+SHERF_API sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *model,
+                                             const sherf_body *body, const sherf_observation *observation,
+                                             sherf_observation **out);
+
 /* ---------------------------------------------------------------- avatar ----------------------------- */
 typedef struct sherf_avatar sherf_avatar;
 SHERF_API sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *model, const sherf_body *body,

@@ -62,6 +62,7 @@ static const setting settings[] = {
     {"view_width", AT(view_width), 8, 1024, 8},
     {"samples", AT(samples), 2, 1024, 1},
     {"image_size", AT(image_size), 0, 8192, 1},
+    {"px_per_m", AT(px_per_m), 0, 100000, 1},
 };
 
 static int *field(model_config *config, const setting *s) {

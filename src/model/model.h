@@ -28,6 +28,7 @@ typedef struct {
     int samples;                                                /* per ray [48] */
     float voxel_size_m;                                         /* [0.005] */
     int image_size; /* width of the pictures it was trained on; 0: unknown [512] */
+    int px_per_m;   /* how large people were in them, at their distance; 0: unknown [0] */
 } model_config;
 
 /* "small" or "small,plane_resolution=64". */
@@ -116,6 +117,12 @@ typedef struct {
 } model_stages;
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, model_stages *stages);
+
+/* How large a person in this pose is in the picture, in pixels a metre at the joints' mean distance; 0 where
+ * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_fit).
+ */
+sherf_status model_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
+                            const sherf_camera *camera, double *out);
 
 /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op on the tape. */
 typedef struct {

@@ -67,11 +67,32 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     return SHERF_OK;
 }
 
+/* What weights tell those who use them on pictures of another size: the width of these, and how large people
+ * are in them (the mean over the first pictures of the first people). */
+static sherf_status pictures_measure(trainer *t, model_config *config) {
+    enum { PEOPLE_MOST = 16 };
+    const int people = t->sampling.people < PEOPLE_MOST ? t->sampling.people : PEOPLE_MOST;
+    sherf_camera camera;
+    sherf_pose pose;
+    double sum = 0;
+    for (int i = 0; i < people; i++) {
+        const int person = t->sampling.person[i];
+        double one;
+        sherf_status status = dataset_camera(t->c, t->data, person, 0, &camera);
+        if (status == SHERF_OK) status = dataset_pose(t->c, t->data, person, 0, &pose);
+        if (status == SHERF_OK) status = model_px_per_m(t->c, t->body, &pose, &camera, &one);
+        if (status != SHERF_OK) return status;
+        if (!i) config->image_size = t->state.size_px ? t->state.size_px : camera.width_px;
+        sum += one * config->image_size / camera.width_px;
+    }
+    config->px_per_m = (int)fmin(sum / people + 0.5, 100000);
+    return SHERF_OK;
+}
+
 /* New weights, and the state as the options say. */
 static sherf_status begin_new(trainer *t) {
     const sherf_train_options *o = t->options;
     model_config config;
-    sherf_camera camera;
     sherf_status status = model_config_parse(t->c, o->preset ? o->preset : "paper", &config);
     if (status != SHERF_OK) return status;
     t->state = (train_state){.seed = o->seed,
@@ -85,9 +106,7 @@ static sherf_status begin_new(trainer *t) {
     if (status != SHERF_OK) return status;
     int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
     t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
-    status = dataset_camera(t->c, t->data, t->sampling.person[0], 0, &camera);
-    if (status != SHERF_OK) return status;
-    config.image_size = o->size_px ? o->size_px : camera.width_px;
+    if ((status = pictures_measure(t, &config)) != SHERF_OK) return status;
     if ((status = model_create(t->c, &config, t->state.seed, &t->model)) != SHERF_OK) return status;
     if (o->resnet && (status = model_load_resnet(t->c, t->model, o->resnet)) != SHERF_OK) return status;
     if ((status = model_create(t->c, &config, t->state.seed, &t->average)) != SHERF_OK) return status;
@@ -116,7 +135,12 @@ static sherf_status begin_again(trainer *t, const char *path) {
         old.learning_rate != s->learning_rate || old.halve_every != s->halve_every)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
-    return sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
+    status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
+    if (status == SHERF_OK && !t->model->config.px_per_m) { /* weights that did not say so yet */
+        status = pictures_measure(t, &t->model->config);
+        t->average->config = t->model->config;
+    }
+    return status;
 }
 
 static sherf_status begin(trainer *t) {

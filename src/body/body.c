@@ -159,7 +159,7 @@ static sherf_status canonical_create(context *c, body_model *m) {
     if (status != SHERF_OK) return failure_prefix(c, status, "body: canonical pose");
     status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0, &m->canonical_grid);
     /* points closer than 5 cm to a posed vertex are hardly ever farther from the canonical body */
-    if (status == SHERF_OK) status = vertex_grid_refine(c, m->canonical_grid, 0.06f);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, m->canonical_grid, 0.06f, 0.02f);
     return status;
 }
 

@@ -42,8 +42,9 @@ typedef struct posed_body {
     float min_smpl[3], max_smpl[3];
     /* V x 12: the whole way of a point whose nearest vertex is v, one affine map (see deform.c). Where the
      * blended rotation cannot be inverted, the vertex follows its heaviest joint alone. */
-    float *to_canonical;   /* SMPL space to canonical */
-    float *from_canonical; /* canonical to world */
+    float *to_canonical;      /* SMPL space to canonical */
+    float *from_canonical;    /* canonical to world */
+    struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
 } posed_body;
 
 extern const float body_big_pose[72];
@@ -104,10 +105,11 @@ void vertex_grid_nearest_many(const context *c, const vertex_grid *g, int64_t n,
 /* The same answer, sooner when `guess` (a vertex, or -1) is near the point. */
 int32_t vertex_grid_nearest_from(const vertex_grid *g, const float point[3], int32_t guess,
                                  float *distance_squared);
-/* Around the vertices, for voxels of about 2 cm with a point closer than `reach_m` to one: the list of the
- * vertices that can be nearest inside. Searches there take a few dozen nanoseconds; elsewhere, when reach_m
- * is at least the grid's radius, none. Lists take some 5 MB and milliseconds for a person. */
-sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m);
+/* Around the vertices, for voxels with a point closer than `reach_m` to one: the list of the vertices that
+ * can be nearest inside. Searches there take a few dozen nanoseconds; elsewhere, when reach_m is at least the
+ * grid's radius, none. Voxels have sides of voxel_m for SMPL's 6890 vertices, less for more. With 2 cm, lists
+ * take some 5 MB and 30 ms of a core for a person; with 4 cm a third of that, and searches a fifth longer. */
+sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float voxel_m);
 /* Those voxels as bits: bit x % 32 of bit[(z * cells[1] + y) * words + x / 32]; the outermost ones are 0. */
 typedef struct {
     int cells[3], words;

@@ -309,6 +309,7 @@ void posed_body_free(posed_body *p) {
     mem_free(p->shape_offset);
     mem_free(p->to_canonical);
     mem_free(p->from_canonical);
+    vertex_grid_free(p->near);
     mem_free(p);
 }
 

@@ -311,16 +311,16 @@ static void refine_layers(void *arg, int64_t begin, int64_t end, int thread) {
     mem_free(a);
 }
 
-/* 2 cm for 6890 vertices, finer where they are denser; at least two empty voxels all round. */
-static sherf_status shell_create(context *c, vertex_grid *g, float reach_m) {
+/* voxel_m for 6890 vertices, finer where they are denser; at least two empty voxels all round. */
+static sherf_status shell_create(context *c, vertex_grid *g, float reach_m, float voxel_m) {
     const double voxels_max = 1 << 22;
     vertex_shell *s = &g->shell;
-    double cell = 0.02 * sqrt(6890.0 / g->vertices), count;
+    double cell = voxel_m * sqrt(6890.0 / g->vertices), count;
     float max[3];
     for (int k = 0; k < 3; k++) max[k] = -FLT_MAX;
     for (int64_t i = 0; i < 3 * (int64_t)g->vertices; i++) max[i % 3] = fmaxf(max[i % 3], g->vertex[i]);
     if (cell < 0.002) cell = 0.002;
-    if (cell > 0.02) cell = 0.02;
+    if (cell > voxel_m) cell = voxel_m;
     if (cell < 1e-3 * reach_m) cell = 1e-3 * reach_m;
     for (;; cell *= 1.1) {
         count = 1;
@@ -341,11 +341,12 @@ static sherf_status shell_create(context *c, vertex_grid *g, float reach_m) {
     return s->bit && g->entry ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m) {
-    if (g->entry || !(reach_m > 0 && reach_m < 1e6f))
-        return failure(c, SHERF_BAD_ARGUMENT, "vertex grid: refined to %g m, must be once and positive",
-                       reach_m);
-    sherf_status status = shell_create(c, g, reach_m);
+sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float voxel_m) {
+    if (g->entry || !(reach_m > 0 && reach_m < 1e6f) || !(voxel_m > 0 && voxel_m < 1e6f))
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "vertex grid: refined to %g m in voxels of %g m, must be once and positive", reach_m,
+                       voxel_m);
+    sherf_status status = shell_create(c, g, reach_m, voxel_m);
     if (status != SHERF_OK) return status;
     refine_job job = {.g = g, .choose = choose_plain};
     for (int k = 0; k < 3; k++) job.blocks[k] = (g->shell.cells[k] + SIDE - 1) / SIDE;

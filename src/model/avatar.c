@@ -332,36 +332,52 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
 }
 
 /* ---- frames ---- */
-sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_body *body,
-                          const sherf_pose *pose, const sherf_camera *camera,
-                          const sherf_render_options *options, sherf_frame *frame) {
-    static const sherf_render_options plain = {{0, 0, 0}, 0, 0};
-    const sherf_render_options *o = options ? options : &plain;
+sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                         posed_body **out) {
+    *out = NULL;
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    if (status == SHERF_OK) status = points_prepare(c, body, *out);
+    if (status == SHERF_OK) return SHERF_OK;
+    posed_body_free(*out);
+    *out = NULL;
+    return status;
+}
+
+sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
+                           const sherf_camera *camera, const sherf_render_options *options,
+                           sherf_frame *frame) {
+    static const sherf_render_options plain = {{0, 0, 0}, 0, 0};
+    const sherf_render_options *o = options ? options : &plain;
     if (o->samples < 0 || o->samples > 1024)
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to 1024, or 0 for the model's",
                        o->samples);
     sherf_status status = camera_check(c, camera);
-    posed_body *target = NULL;
     ray_bundle *rays = NULL;
     point_set *points = NULL;
     float min[3], max[3];
-    if (status == SHERF_OK)
-        status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &target);
-    if (status != SHERF_OK) goto done;
-    body_world_box(body, target, min, max);
+    if (status != SHERF_OK) return status;
+    body_world_box(body, posed, min, max);
     status = rays_create(c, camera, min, max, &rays);
-    if (status != SHERF_OK) goto done;
+    if (status != SHERF_OK) return status;
     int samples = o->samples ? o->samples : a->config.samples;
-    status = points_create(c, body, target, rays, samples, a->observed, &a->camera, false, &points);
-    if (status != SHERF_OK) goto done;
-    status = point_network_render(c, a->network, rays, points, o->background, !o->exact, frame);
+    status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, false, &points);
+    if (status == SHERF_OK)
+        status = point_network_render(c, a->network, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) frame->points = points->count;
-done:
-    posed_body_free(target);
     rays_free(rays);
     points_free(points);
+    return status;
+}
+
+sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_body *body,
+                          const sherf_pose *pose, const sherf_camera *camera,
+                          const sherf_render_options *options, sherf_frame *frame) {
+    posed_body *posed = NULL;
+    sherf_status status = avatar_pose(c, a, body, pose, &posed);
+    if (status == SHERF_OK) status = avatar_render(c, a, body, posed, camera, options, frame);
+    posed_body_free(posed);
     return status;
 }
 

@@ -162,4 +162,12 @@ struct sherf_avatar {
     point_network *network; /* packed for the context's precision it was made or loaded in */
 };
 
+/* sherf_render in two steps, for many frames of one pose: the body posed and ready for points_create (freed
+ * with posed_body_free), and a frame of it. */
+sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                         posed_body **out);
+sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
+                           const sherf_camera *camera, const sherf_render_options *options,
+                           sherf_frame *frame);
+
 #endif

@@ -59,6 +59,9 @@ sherf_status points_create(context *c, const body_model *m, const posed_body *ta
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
                            bool keep_stages, point_set **out);
 void points_free(point_set *p);
+/* Makes what points_create needs of a posed body, once, for those who take many pictures of one pose; without
+ * it each call makes its own. */
+sherf_status points_prepare(context *c, const body_model *m, posed_body *target);
 
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
 sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,

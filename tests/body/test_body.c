@@ -86,10 +86,11 @@ static int32_t brute(const float *v, int n, const float p[3], float radius, floa
     return found;
 }
 
-static void check_grid(context *c, const float *v, int n, float radius, float reach, double spread) {
+static void check_grid(context *c, const float *v, int n, float radius, float reach, float voxel,
+                       double spread) {
     vertex_grid *g;
     assert_ok(c, vertex_grid_create(c, n, v, radius, &g));
-    if (reach > 0) assert_ok(c, vertex_grid_refine(c, g, reach));
+    if (reach > 0) assert_ok(c, vertex_grid_refine(c, g, reach, voxel));
     for (int i = 0; i < 1500; i++) {
         int near = (int)random_below(1, (uint64_t)i, n);
         float p[3], d2, expected_d2;
@@ -117,14 +118,15 @@ static void nearest_is_exact(void **state) {
         few[i] = 0.05f * (float)random_below(4, (uint64_t)i, 12);
     for (size_t i = 0; i < COUNT_OF(levels); i++) {
         setenv("SHERF_ISA", levels[i], 1);
-        check_grid(r->c, v, r->m->vertices, 0, 0, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0, 0.06f, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0.05f, 0, 0.03);
-        check_grid(r->c, few, 200, 0, 0.1f, 0.05);
-        check_grid(r->c, few, 200, 0.1f, 0, 0.5);
-        check_grid(r->c, few, 1, 0, 0.1f, 100);
-        check_grid(r->c, few, 2, 0, 0, 0.01);
+        check_grid(r->c, v, r->m->vertices, 0, 0, 0, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0, 0.06f, 0.02f, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.02f, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.04f, 0.03);
+        check_grid(r->c, v, r->m->vertices, 0.05f, 0, 0, 0.03);
+        check_grid(r->c, few, 200, 0, 0.1f, 0.02f, 0.05);
+        check_grid(r->c, few, 200, 0.1f, 0, 0, 0.5);
+        check_grid(r->c, few, 1, 0, 0.1f, 0.02f, 100);
+        check_grid(r->c, few, 2, 0, 0, 0, 0.01);
     }
     unsetenv("SHERF_ISA");
     vertex_grid *g;

@@ -13,8 +13,9 @@ may_include() {
     model) echo "base tensor io nn body render data model" ;;
     io) echo "base tensor io" ;;
     data) echo "base tensor io body render data" ;;
+    motion) echo "base tensor nn body render model io data motion" ;;
     people) echo "base tensor io body render data people" ;;
-    train | eval) echo "base tensor nn body render model io data people train eval" ;;
+    train | eval) echo "base tensor nn body render model io data motion people train eval" ;;
     *) return 1 ;;
     esac
 }

@@ -195,6 +195,71 @@ SHERF_API sherf_status sherf_video_add(sherf_context *c, sherf_video *video,
 SHERF_API sherf_status sherf_video_close(sherf_context *c, sherf_video *video); /* finishes and frees */
 SHERF_API void sherf_video_abort(sherf_video *video);                           /* drops and frees */
 
+/* ---------------------------------------------------------------- motion ----------------------------- */
+typedef enum {
+    SHERF_UP_AUTO,   /* as its format has it, unless the person would lie or stand on the head */
+    SHERF_UP_Y,      /* y up */
+    SHERF_UP_Z,      /* z up */
+    SHERF_UP_MINUS_Y /* y down, as in a camera */
+} sherf_up;
+typedef enum {
+    SHERF_ROTATIONS_AUTO, /* by how many numbers a joint has: 3 axis-angle, 4 quaternion, 9 matrix */
+    SHERF_ROTATIONS_AXIS_ANGLE,
+    SHERF_ROTATIONS_MATRIX,
+    SHERF_ROTATIONS_WXYZ, /* quaternions, real part first (what AUTO takes for 4 numbers) */
+    SHERF_ROTATIONS_XYZW  /* quaternions, real part last */
+} sherf_rotations;
+typedef enum {
+    SHERF_ROOT_KEPT,    /* the person moves through the world as the file says */
+    SHERF_ROOT_DROPPED, /* the pelvis stays over the place of the first frame; it still rises and falls */
+    SHERF_ROOT_GROUNDED /* kept, but in every frame the lowest part of the body stands on the ground */
+} sherf_root;
+
+typedef struct {
+    sherf_up up;               /* of the file */
+    sherf_rotations rotations; /* of the file */
+    double scale;              /* metres in the file's unit of length; 0: found */
+    double source_fps;         /* of the file; 0: what it says, or else its format's usual */
+    double fps;                /* wanted; 0: the source's. Rotations by slerp, places linearly */
+    const char *track;         /* track or person of a file of several; NULL: who is there longest */
+    int first, last;           /* frames of the file, from 0, both included; last 0: to the end */
+    sherf_root root;
+    double smooth_s; /* standard deviation of a Gaussian over time; 0: none */
+    int loop;        /* non-zero: the end meets the start, so that it can be played again and again */
+    /* Where the motion is to begin. NULL: as the file has it, with y up. Otherwise the motion is turned about
+     * the vertical and moved so that its first frame stands where this pose stands and faces where it faces,
+     * in this pose's world (up is the axis of that world nearest to the body's own up). */
+    const sherf_pose *start;
+    double blend_s; /* seconds in which start's pose turns into the first frame, put before it; 0: none */
+    /* Whose body moves: BVH skeletons are fitted to it and the pelvis placed by it. NULL: an average one. */
+    const sherf_body *body;
+    const float *shapes; /* 10, of that body; NULL: zeros */
+    int their_shape;     /* non-zero: the file's body shape where it has one, not `shapes` */
+} sherf_motion_options;
+
+typedef struct sherf_motion sherf_motion;
+/* A file or folder, recognised by content (docs/motion.md): AMASS npz (SMPL+H and SMPL-X), AIST++, GVHMR,
+ * WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, BVH. options may be NULL. */
+SHERF_API sherf_status sherf_motion_load(sherf_context *c, const char *path,
+                                         const sherf_motion_options *options, sherf_motion **out);
+SHERF_API void sherf_motion_free(sherf_motion *motion);
+SHERF_API int sherf_motion_frame_count(const sherf_motion *motion); /* at least 1 */
+SHERF_API double sherf_motion_fps(const sherf_motion *motion);
+/* Frame 0 to count - 1 (others are taken as the nearest). R is the identity: joint 0 turns the body. World
+ * metres, y up unless options.start had another world. shapes: options.shapes, or the file's. */
+SHERF_API void sherf_motion_pose(const sherf_motion *motion, int frame, sherf_pose *out);
+/* At any time, between frames by slerp; beyond the end a loop begins again behind its blend, others stop. */
+SHERF_API void sherf_motion_pose_at(const sherf_motion *motion, double seconds, sherf_pose *out);
+/* Frames put before the motion by blend_s; a loop goes back to this frame. */
+SHERF_API int sherf_motion_blend_frames(const sherf_motion *motion);
+/* The file's body shape, 10 numbers owned by motion; NULL: it has none. */
+SHERF_API const float *sherf_motion_shapes(const sherf_motion *motion);
+/* One line on what was recognised: "AMASS, SMPL+H: 240 frames, 120 a second, z up, metres". */
+SHERF_API const char *sherf_motion_description(const sherf_motion *motion);
+/* npz with poses (F, 72), trans, betas, gender, mocap_frame_rate, z up: AMASS's form, which Blender's SMPL
+ * add-on imports. */
+SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path);
+
 /* ---------------------------------------------------------------- data sets -------------------------- */
 typedef struct sherf_dataset sherf_dataset;
 /* spec: "thuman:PATH", "renderpeople:PATH", "zju:PATH", "humman:PATH"; without a kind the layout is

@@ -135,15 +135,22 @@ sherf_status npz_read(context *c, const char *path, document **out) {
 /* One member: npy header and data in one block, which must live until the archive is closed. */
 static sherf_status add_member(context *c, const char *path, zip_t *zip, const npz_member *m,
                                unsigned char **block) {
-    char header[256], name[256];
+    enum { TEXT_MOST = 1000 };
+    char header[256], name[256], descr[32] = "<f4";
+    size_t letters = m->text ? strlen(m->text) : 0;
     int64_t n = m->rank >= 0 && m->rank <= 5 ? build_count(m->rank, m->dim) : -1;
+    if (m->text) n = letters <= TEXT_MOST ? (int64_t)letters : -1;
+    if (m->text) snprintf(descr, sizeof descr, "<U%zu", letters);
     if (n < 0 || snprintf(name, sizeof name, "%s.npy", m->name) >= (int)sizeof name)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: array %s cannot be written", path, m->name);
-    size_t length = npy_header_f32(m->rank, m->dim, header), bytes = (size_t)n * sizeof *m->data;
+    size_t length = npy_header_text(descr, m->rank, m->dim, header), bytes = (size_t)n * sizeof *m->data;
     *block = mem_alloc(c, length + bytes, 1);
     if (!*block) return SHERF_NO_MEMORY;
     memcpy(*block, header, length);
-    if (bytes) memcpy(*block + length, m->data, bytes);
+    if (m->text) /* four bytes a letter */
+        for (size_t i = 0; i < bytes; i++) (*block)[length + i] = i % 4 ? 0 : (unsigned char)m->text[i / 4];
+    else if (bytes)
+        memcpy(*block + length, m->data, bytes);
     zip_source_t *source = zip_source_buffer(zip, *block, length + bytes, 0);
     if (!source) return failure(c, SHERF_NO_MEMORY, "out of memory");
     zip_int64_t i = zip_file_add(zip, name, source, ZIP_FL_ENC_UTF_8);

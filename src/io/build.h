@@ -94,8 +94,8 @@ value *numpy_array(builder *b, numpy_type type, int rank, const int64_t *dim, bo
                    const unsigned char *data, size_t bytes);
 /* Items in the shape of an object array: rank 0 the item itself, else nested lists. */
 value *numpy_objects(builder *b, int rank, const int64_t *dim, bool fortran, value **item, size_t count);
-/* The header of a float32 npy file; its length, a multiple of 64. */
-size_t npy_header_f32(int rank, const int64_t *dim, char out[256]);
+/* The header of an npy file of the type `descr` ("<f4"); its length, a multiple of 64. */
+size_t npy_header_text(const char *descr, int rank, const int64_t *dim, char out[256]);
 /* A whole npy file. */
 value *npy_build(builder *b, const unsigned char *data, size_t bytes);
 

@@ -254,12 +254,30 @@ void bvh_rotations(const bvh *b, int frame, double *local, double *global) {
     }
 }
 
+/* From its parent, in the parent's axes: the offset, or the position channels where there are. */
+static void joint_offset(const bvh_joint *j, const float *value, double out[3]) {
+    memcpy(out, j->offset, sizeof j->offset);
+    for (int i = 0; i < j->channels; i++)
+        if (j->channel[i] < BVH_X_ROTATION) out[j->channel[i]] = value[j->first + i];
+}
+
 void bvh_root_position(const bvh *b, int frame, double position[3]) {
-    const bvh_joint *root = &b->joint[0];
+    joint_offset(&b->joint[0], b->value + (size_t)frame * (size_t)b->channels, position);
+}
+
+void bvh_joint_position(const bvh *b, int frame, int joint, double position[3], double rotation[9]) {
     const float *value = b->value + (size_t)frame * (size_t)b->channels;
-    memcpy(position, root->offset, sizeof root->offset);
-    for (int i = 0; i < root->channels; i++)
-        if (root->channel[i] < BVH_X_ROTATION) position[root->channel[i]] = value[root->first + i];
+    double turned[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+    position[0] = position[1] = position[2] = 0;
+    for (int i = joint; i >= 0; i = b->joint[i].parent) { /* x in the axes of i, then of i's parent */
+        double R[9], x[3] = {position[0], position[1], position[2]};
+        joint_rotation(&b->joint[i], value + b->joint[i].first, R);
+        joint_offset(&b->joint[i], value, position);
+        for (int k = 0; k < 3; k++)
+            position[k] += R[3 * k] * x[0] + R[3 * k + 1] * x[1] + R[3 * k + 2] * x[2];
+        multiply(R, turned, turned);
+    }
+    if (rotation) memcpy(rotation, turned, sizeof turned);
 }
 
 int bvh_find(const bvh *b, const char *name) {

@@ -39,6 +39,9 @@ void bvh_free(bvh *b);
 void bvh_rotations(const bvh *b, int frame, double *local, double *global);
 /* The root's position in that frame: its offset, or its position channels where it has them. */
 void bvh_root_position(const bvh *b, int frame, double position[3]);
+/* Any joint's position and rotation (9, row-major; may be NULL) in that frame, in the file's axes and unit.
+ */
+void bvh_joint_position(const bvh *b, int frame, int joint, double position[3], double rotation[9]);
 /* Index of a joint by name, -1 when there is none. */
 int bvh_find(const bvh *b, const char *name);
 

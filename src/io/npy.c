@@ -332,14 +332,15 @@ sherf_status npy_read(context *c, const char *path, document **out) {
 }
 
 /* ---------------------------------------------------------------- writing ---------------------------- */
-size_t npy_header_f32(int rank, const int64_t *dim, char out[256]) {
+size_t npy_header_text(const char *descr, int rank, const int64_t *dim, char out[256]) {
     char shape[160] = "";
     size_t n = 0;
     for (int i = 0; i < rank; i++)
         n += (size_t)snprintf(shape + n, sizeof shape - n, i ? ", %lld" : "%lld", (long long)dim[i]);
     if (rank == 1) snprintf(shape + n, sizeof shape - n, ",");
     memset(out, ' ', 256);
-    int text = snprintf(out + 10, 246, "{'descr': '<f4', 'fortran_order': False, 'shape': (%s), }", shape);
+    int text =
+        snprintf(out + 10, 246, "{'descr': '%s', 'fortran_order': False, 'shape': (%s), }", descr, shape);
     size_t total = ((size_t)text + 11 + 63) / 64 * 64; /* the data is 64-byte aligned */
     memcpy(out, "\x93NUMPY\x01\x00", 8);
     out[8] = (char)((total - 10) & 255);
@@ -353,7 +354,7 @@ sherf_status npy_write_f32(context *c, const char *path, int rank, const int64_t
     char header[256];
     int64_t n = rank >= 0 && rank <= 5 ? build_count(rank, dim) : -1;
     if (n < 0) return failure(c, SHERF_BAD_ARGUMENT, "%s: an array of this shape cannot be written", path);
-    size_t length = npy_header_f32(rank, dim, header);
+    size_t length = npy_header_text("<f4", rank, dim, header);
     output_file file;
     sherf_status status = output_open(c, path, &file);
     if (status == SHERF_OK) status = output_write(c, &file, header, length);

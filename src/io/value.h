@@ -97,12 +97,13 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
 
 /* float32 .npy, written whole or not at all. */
 sherf_status npy_write_f32(context *c, const char *path, int rank, const int64_t *dim, const float *data);
-/* npz with float32 members. */
+/* npz with float32 members, or with a text (ASCII; rank 0, then dim and data are not looked at). */
 typedef struct {
     const char *name;
     int rank;
     int64_t dim[5];
     const float *data;
+    const char *text;
 } npz_member;
 sherf_status npz_write(context *c, const char *path, int count, const npz_member *member);
 #endif

@@ -1,0 +1,250 @@
+/* From a file to a motion: what it is, and what the caller wishes of it. */
+#include <ctype.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "motion/source.h"
+
+static const char *const up_name[] = {"", "y up", "z up", "y down"};
+
+/* ---- the world ---- */
+
+/* The format's usual up, unless the body's own up is far from it on average and near to another one. */
+static sherf_up up_find(const source *s) {
+    static const double axis[][3] = {
+        [SHERF_UP_Y] = {0, 1, 0}, [SHERF_UP_Z] = {0, 0, 1}, [SHERF_UP_MINUS_Y] = {0, -1, 0}};
+    double mean[3], along[4], best = 0.7;
+    sherf_up up = s->up;
+    clip_mean_up(&s->clip, mean);
+    for (int u = SHERF_UP_Y; u <= SHERF_UP_MINUS_Y; u++)
+        along[u] = mean[0] * axis[u][0] + mean[1] * axis[u][1] + mean[2] * axis[u][2];
+    if (along[s->up] >= 0.35) return s->up;
+    for (int u = SHERF_UP_Y; u <= SHERF_UP_MINUS_Y; u++)
+        if (along[u] > best) best = along[u], up = (sherf_up)u;
+    return up;
+}
+
+static int by_size(const void *a, const void *b) {
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* A pelvis is about a metre above the ground: what stands tens or hundreds of units high is in centimetres or
+ * millimetres. */
+static sherf_status unit_find(context *c, const source *s, sherf_up up, double *unit_m) {
+    float *height = mem_alloc(c, (size_t)s->clip.frames, sizeof *height);
+    if (!height) return SHERF_NO_MEMORY;
+    for (int i = 0; i < s->clip.frames; i++) height[i] = fabsf(s->clip.pelvis_m[i][up == SHERF_UP_Z ? 2 : 1]);
+    qsort(height, (size_t)s->clip.frames, sizeof *height, by_size);
+    float median = height[s->clip.frames / 2];
+    *unit_m = median < 30 ? 1 : median < 300 ? 0.01 : 0.001;
+    mem_free(height);
+    return SHERF_OK;
+}
+
+static sherf_status place_pelvis(context *c, source *s, const sherf_motion_options *o, sherf_up up,
+                                 double *unit_m) {
+    *unit_m = o->scale > 0 ? o->scale : s->unit_m;
+    sherf_status status = *unit_m > 0 ? SHERF_OK : unit_find(c, s, up, unit_m);
+    for (int i = 0; i < s->clip.frames && !status; i++)
+        for (int a = 0; a < 3; a++) {
+            double place = *unit_m * s->clip.pelvis_m[i][a] + (s->is_pelvis ? 0 : s->skeleton.rest_m[0][a]);
+            if (!(fabs(place) < 1e5))
+                return failure(c, SHERF_BAD_FILE, "frame %d is %g m away", i, fabs(place));
+            s->clip.pelvis_m[i][a] = (float)place;
+        }
+    return status;
+}
+
+/* ---- the wishes ---- */
+
+static bool in_range(double x, double low, double high) {
+    return x >= low && x <= high;
+}
+
+sherf_status motion_options_check(context *c, const sherf_motion_options *o) {
+    const char *wrong = NULL;
+    if (o->up < SHERF_UP_AUTO || o->up > SHERF_UP_MINUS_Y) wrong = "up";
+    if (o->rotations < SHERF_ROTATIONS_AUTO || o->rotations > SHERF_ROTATIONS_XYZW) wrong = "rotations";
+    if (o->root < SHERF_ROOT_KEPT || o->root > SHERF_ROOT_GROUNDED) wrong = "root";
+    if (o->scale != 0 && !in_range(o->scale, 1e-6, 1e6)) wrong = "scale";
+    if (o->source_fps != 0 && !in_range(o->source_fps, 0.01, 10000)) wrong = "source_fps";
+    if (o->fps != 0 && !in_range(o->fps, 0.01, 10000)) wrong = "fps";
+    if (!in_range(o->smooth_s, 0, 60)) wrong = "smooth_s";
+    if (!in_range(o->blend_s, 0, 600)) wrong = "blend_s";
+    if (o->first < 0 || o->last < 0 || (o->last && o->last < o->first)) wrong = "first and last";
+    if (wrong) return failure(c, SHERF_BAD_ARGUMENT, "motion: %s out of range", wrong);
+    for (int b = 0; b < BODY_SHAPES && o->shapes; b++)
+        if (!isfinite(o->shapes[b])) return failure(c, SHERF_BAD_ARGUMENT, "motion: shapes are not finite");
+    for (int i = 0; i < 72 && o->start; i++)
+        if (!isfinite(o->start->poses_rad[i]) || !isfinite(o->start->Th_m[i % 3]))
+            return failure(c, SHERF_BAD_ARGUMENT, "motion: the start pose is not finite");
+    if (o->start && !rotation_is_valid(o->start->R))
+        return failure(c, SHERF_BAD_ARGUMENT, "motion: R of the start pose is not a rotation");
+    return SHERF_OK;
+}
+
+/* Cropped, smoothed, resampled, in a ring. */
+static sherf_status apply_time(context *c, clip *k, const sherf_motion_options *o) {
+    int last = o->last && o->last < k->frames ? o->last : k->frames - 1;
+    if (o->first > last)
+        return failure(c, SHERF_BAD_ARGUMENT, "frame %d is wanted first, but there are %d", o->first,
+                       k->frames);
+    sherf_status status = clip_crop(c, k, o->first, last - o->first + 1);
+    if (!status) status = clip_smooth(c, k, o->smooth_s);
+    if (!status && o->fps > 0) status = clip_resample(c, k, o->fps);
+    if (!status && o->loop && k->frames < 3)
+        status = failure(c, SHERF_BAD_ARGUMENT, "%d frames make no loop", k->frames);
+    if (!status && o->loop) clip_loop(k);
+    return status;
+}
+
+static sherf_status apply_place(context *c, sherf_motion *m, const sherf_motion_options *o) {
+    clip_root(&m->clip, &m->skeleton, o->root);
+    if (!o->start) return SHERF_OK;
+    float turn[BODY_JOINTS][4], pelvis_m[3];
+    clip_start_at(&m->clip, &m->skeleton, o->start);
+    pose_to_turns(o->start, &m->skeleton, turn, pelvis_m);
+    m->blend_frames = (int)lround(fmin(o->blend_s * m->clip.fps, 2 * MOTION_FRAMES_MAX));
+    return clip_lead_in(c, &m->clip, m->blend_frames, (const float(*)[4])turn, pelvis_m);
+}
+
+static void describe(const source *s, int frames, sherf_up up, double unit_m, char *out, size_t size) {
+    char unit[48] = "metres";
+    if (unit_m == 0.01) snprintf(unit, sizeof unit, "centimetres");
+    if (unit_m == 0.001) snprintf(unit, sizeof unit, "millimetres");
+    if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
+        snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
+    snprintf(out, size, "%s: %d frames, %.4g a second%s, %s, %s%s%s%s", s->format, frames, s->clip.fps,
+             s->fps_said ? "" : " (assumed)", up_name[up], s->is_pelvis ? "" : unit,
+             s->is_pelvis ? ""
+             : *s->detail ? ", "
+                          : "",
+             s->detail, s->has_shapes ? ", with a body shape" : "");
+}
+
+sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out) {
+    double unit_m;
+    *out = NULL;
+    sherf_up up = o->up == SHERF_UP_AUTO ? up_find(s) : o->up;
+    sherf_motion *m = mem_zero(c, 1, sizeof *m);
+    sherf_status status = m ? place_pelvis(c, s, o, up, &unit_m) : SHERF_NO_MEMORY;
+    if (!status && s->number) status = clip_spread(c, &s->clip, s->number);
+    if (!status) {
+        if (o->source_fps > 0) s->fps_said = true;
+        describe(s, s->clip.frames, up, unit_m, m->description, sizeof m->description);
+        clip_upright(&s->clip, up);
+        m->clip = s->clip;
+        s->clip = (clip){0};
+        m->skeleton = s->skeleton;
+        m->loop = o->loop;
+        m->file_has_shapes = s->has_shapes;
+        memcpy(m->file_shapes, s->shapes, sizeof s->shapes);
+        const float *worn = o->their_shape && s->has_shapes ? s->shapes : o->shapes;
+        if (worn) memcpy(m->shapes, worn, sizeof m->shapes);
+        status = apply_time(c, &m->clip, o);
+    }
+    if (!status) status = apply_place(c, m, o);
+    if (status)
+        sherf_motion_free(m);
+    else
+        *out = m;
+    return status;
+}
+
+/* ---- what it is ---- */
+
+static bool bvh_is(const unsigned char *data, size_t bytes) {
+    static const char word[] = "HIERARCHY";
+    size_t at = bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
+    while (at < bytes && isspace(data[at])) at++;
+    return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
+}
+
+/* zlib's first two bytes: what joblib.dump(..., compress=...) writes. */
+static bool packed_is(const unsigned char *data, size_t bytes) {
+    return bytes > 2 && data[0] == 0x78 && (data[0] << 8 | data[1]) % 31 == 0;
+}
+
+static sherf_status packed_failure(context *c) {
+    return failure(c, SHERF_UNSUPPORTED,
+                   "packed by joblib; load it in Python and write it again with pickle.dump or numpy.savez");
+}
+
+static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    while (root && root->kind == VALUE_LIST && root->list.count == 1 && !frame_list_is(root))
+        root = root->list.item[0];
+    if (track_file_is(root)) return track_file_read(c, root, o, s);
+    if (smpl_file_is(root)) return smpl_file_read(c, root, o, s);
+    if (frame_list_is(root)) return frame_list_read(c, root, o, s);
+    return failure(c, SHERF_BAD_FILE,
+                   "not a motion that is known here: AMASS, AIST++, GVHMR, WHAM, PHALP, EasyMocap, BVH");
+}
+
+sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,
+                          sherf_motion **out) {
+    document *d = NULL;
+    bvh *b = NULL;
+    source s = {0};
+    sherf_status status;
+    *out = NULL;
+    if (bvh_is(data, bytes)) {
+        status = bvh_parse(c, data, bytes, &b);
+        if (!status) status = bvh_source_read(c, b, o, &s);
+    } else if (packed_is(data, bytes)) {
+        status = packed_failure(c);
+    } else {
+        status = document_parse(c, data, bytes, &d, NULL);
+        if (!status) status = source_of_tree(c, d->root, o, &s);
+    }
+    document_free(d);
+    bvh_free(b);
+    if (!status) status = motion_finish(c, &s, o, out);
+    source_free(&s);
+    return status;
+}
+
+/* Zip files are read piece by piece; the others come whole. */
+static sherf_status load_file(context *c, const char *path, const sherf_motion_options *o,
+                              sherf_motion **out) {
+    unsigned char start[4] = {0}, *data = NULL;
+    size_t bytes = 0;
+    FILE *f = fopen(path, "rb");
+    if (f) bytes = fread(start, 1, sizeof start, f), fclose(f);
+    sherf_status status;
+    if (bytes == 4 && !memcmp(start, "PK\3\4", 4)) {
+        document *d = NULL;
+        source s = {0};
+        status = document_read(c, path, &d, NULL); /* names the file itself */
+        if (status) return status;
+        status = source_of_tree(c, d->root, o, &s);
+        document_free(d);
+        if (!status) status = motion_finish(c, &s, o, out);
+        source_free(&s);
+    } else {
+        static const size_t limit_bytes = (size_t)4 << 30;
+        status = file_read(c, path, limit_bytes, &data, &bytes);
+        if (status) return status;
+        status = motion_parse(c, data, bytes, o, out);
+        mem_free(data);
+    }
+    return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
+}
+
+sherf_status sherf_motion_load(sherf_context *c, const char *path, const sherf_motion_options *options,
+                               sherf_motion **out) {
+    static const sherf_motion_options none;
+    const sherf_motion_options *o = options ? options : &none;
+    *out = NULL;
+    sherf_status status = motion_options_check(c, o);
+    if (status) return status;
+    if (!path_is_folder(path)) return load_file(c, path, o, out);
+    source s = {0};
+    status = frame_folder_read(c, path, o, &s);
+    if (!status) status = motion_finish(c, &s, o, out);
+    source_free(&s);
+    return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
+}

@@ -1,0 +1,48 @@
+/* What all families of formats need. */
+#include <string.h>
+
+#include "motion/source.h"
+
+void source_free(source *s) {
+    clip_free(&s->clip);
+    mem_free(s->number);
+    *s = (source){0};
+}
+
+sherf_status source_frames(context *c, source *s, const sherf_motion_options *o, int64_t frames, double fps) {
+    if (frames < 1 || frames > MOTION_FRAMES_MAX)
+        return failure(c, SHERF_BAD_FILE, "%s: %lld frames, of 1 to %d", s->format, (long long)frames,
+                       MOTION_FRAMES_MAX);
+    skeleton_of(o->body, o->their_shape && s->has_shapes ? s->shapes : o->shapes, &s->skeleton);
+    sherf_status status = clip_create(c, (int)frames, o->source_fps > 0 ? o->source_fps : fps, &s->clip);
+    for (int i = 0; i < s->clip.frames; i++)
+        for (int j = 0; j < BODY_JOINTS; j++) s->clip.turn[i][j][0] = 1;
+    return status;
+}
+
+sherf_status source_numbers(context *c, source *s) {
+    s->number = mem_alloc(c, (size_t)s->clip.frames, sizeof *s->number);
+    for (int i = 0; i < s->clip.frames && s->number; i++) s->number[i] = i;
+    return s->number ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+sherf_status source_shapes(context *c, source *s, const value *betas) {
+    enum { LONGEST = 1000 };
+    double row[LONGEST];
+    int64_t n = value_numbers(betas);
+    if (n < 1) return SHERF_OK;
+    /* (B), (1, B) or (F, B): the last axis is that of the shapes. */
+    const value *v = betas;
+    int64_t rows = parse_rows(v), width = n;
+    bool nested =
+        v->kind == VALUE_ARRAY ? v->array.rank > 1 : v->list.count && value_numbers(v->list.item[0]) >= 0;
+    if (nested && rows > 0) width = n / rows;
+    if (width < 1 || width > LONGEST || (nested && rows < 1))
+        return failure(c, SHERF_BAD_FILE, "betas: %lld numbers", (long long)width);
+    sherf_status status = nested ? parse_row(c, v, 0, "betas", (size_t)width, row)
+                                 : value_doubles(c, v, "betas", (size_t)n, row);
+    if (status) return status;
+    for (int i = 0; i < BODY_SHAPES; i++) s->shapes[i] = i < width ? (float)row[i] : 0;
+    s->has_shapes = true;
+    return SHERF_OK;
+}

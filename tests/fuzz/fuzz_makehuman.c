@@ -1,0 +1,63 @@
+/* One file of MakeHuman's package is anything, the first byte says which; the others are whole. What opens is
+ * shaped.
+ */
+#include "fuzz.h"
+
+#include <unistd.h>
+
+#include "../support/makehuman_small.h"
+#include "base/path.h"
+#include "people/makehuman.h"
+
+static char folder[64] = "/tmp/fuzz_makehuman_XXXXXX";
+
+static void remove_folder(void) {
+    char command[128];
+    snprintf(command, sizeof command, "rm -rf '%s'", folder);
+    if (system(command)) fprintf(stderr, "%s stays\n", folder);
+}
+
+static void package_make(context *c) {
+    static bool made;
+    char path[256];
+    if (made) return;
+    if (!mkdtemp(folder)) abort();
+    atexit(remove_folder);
+    for (size_t i = 0; i < COUNT_OF(makehuman_folders); i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, makehuman_folders[i]);
+        if (folder_make(c, path) != SHERF_OK) abort();
+    }
+    for (int i = 0; i < FILES; i++)
+        if (!makehuman_small_restore(folder, i)) abort();
+    made = true;
+}
+
+/* Everybody at a corner of the macro parameters; every point of the rig. */
+static void use(context *c, const makehuman *m) {
+    const makehuman_macro corner = {
+        .sex = 1, .age_years = 90, .weight = 1, .muscle = 1, .height = 1, .asian = 1};
+    float *vertices = malloc(sizeof *vertices * 3 * (size_t)m->vertices);
+    double *points = malloc(sizeof *points * 3 * (size_t)m->points);
+    if (!vertices || !points || makehuman_shape(c, m, &corner, 0, NULL, vertices) != SHERF_OK) abort();
+    makehuman_points(m, vertices, points);
+    for (int i = 0; i < m->bones; i++)
+        if (makehuman_bone_find(m, m->bone[i].name) < 0 || m->bone[i].parent >= i) abort();
+    free(vertices);
+    free(points);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    context *c = fuzz_context();
+    makehuman *m = NULL;
+    if (!size) return 0;
+    package_make(c);
+    const int which = data[0] % FILES;
+    if (!makehuman_small_write(folder, which, data + 1, size - 1)) abort();
+    size_t live = mem_live();
+    sherf_status status = makehuman_open(c, folder, &m);
+    if ((status == SHERF_OK) != (m != NULL)) abort();
+    if (m) use(c, m);
+    makehuman_close(m);
+    if (!makehuman_small_restore(folder, which)) abort();
+    return fuzz_end(c, status, live);
+}

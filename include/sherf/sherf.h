@@ -260,6 +260,25 @@ SHERF_API const char *sherf_motion_description(const sherf_motion *motion);
  * add-on imports. */
 SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path);
 
+/* ---------------------------------------------------------------- export ----------------------------- */
+typedef struct {
+    int resolution; /* cells along the longest side of the canonical body, 16 to 768; 0: 256 */
+    double level;   /* density of the surface, per metre; 0: where its silhouettes are the frames' */
+    double islands; /* components smaller than this share of the largest one's area go; 0: 0.02 */
+} sherf_export_options;
+
+typedef struct {
+    int64_t vertices, triangles; /* of the file */
+    double level;                /* that was used, per metre */
+    int islands;                 /* components that were left out */
+} sherf_exported;
+
+/* The avatar's surface as a file, by the name's end: .ply (binary, normals, vertex colours), in canonical
+ * space: legs and feet apart, mean shape, y up, facing +z, metres. options and out may be NULL. */
+SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
+                                    const sherf_export_options *options, const char *path,
+                                    sherf_exported *out);
+
 /* ---------------------------------------------------------------- data sets -------------------------- */
 typedef struct sherf_dataset sherf_dataset;
 /* spec: "thuman:PATH", "renderpeople:PATH", "zju:PATH", "humman:PATH"; without a kind the layout is

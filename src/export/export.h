@@ -1,0 +1,80 @@
+/* export: an avatar as a surface with colours and skin, in files that other programs open.
+ * The way of the data: density on a canonical grid (field.c, solid.c) -> closed surface (cubes.c,
+ * mesh.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c), coloured by
+ * short rays along the normals (bake.c) -> files (gltf.c, mesh_file.c). Spaces as in body/body.h: positions
+ * are _canonical until skin_bind takes them to the person's rest pose. */
+#ifndef SHERF_EXPORT_H
+#define SHERF_EXPORT_H
+
+#include "model/model.h"
+
+enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768 };
+
+/* ---- field.c: what the network says about canonical space ---- */
+/* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are 5
+ * cm or more from every canonical vertex are empty: density -80, colour 0. Directions count with their
+ * length, as in a frame, where it is about 1. */
+sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+                         const float *points_canonical, const float *directions_canonical, float *rgb,
+                         float *sigma);
+/* Where each canonical point lies in the observed picture, n x 2 pixels. nearest: each point's canonical
+ * vertex. */
+void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
+                   const int32_t *nearest, float *observed_px);
+
+/* A regular grid: point (x, y, z) lies at min + step_m (x, y, z); value[(z * size[1] + y) * size[0] + x]. */
+typedef struct {
+    int size[3]; /* x y z */
+    float min[3], step_m;
+    float *value;
+} field_grid;
+void field_grid_free(field_grid *g);
+static inline size_t field_at(const field_grid *g, int x, int y, int z) {
+    return ((size_t)z * (size_t)g->size[1] + (size_t)y) * (size_t)g->size[0] + (size_t)x;
+}
+/* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
+ * layers of empty points around. Points inside the body that are too far from its vertices for the network to
+ * be asked get -1. */
+sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
+                           field_grid *out);
+/* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of
+ * the grid whose largest density is above it should be one that is half opaque or more. At least 1 per metre.
+ */
+sherf_status field_level(context *c, const field_grid *g, float *level);
+/* Marks the points below `level` that the rim reaches through others; the rim itself becomes empty. outside:
+ * zeroed, one byte a point. */
+sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outside);
+/* Smooths by 1 2 1 along each axis; then what cannot be reached from the rim through points below `level`
+ * becomes solid, so that the surface has no cavities. */
+sherf_status field_solidify(context *c, field_grid *g, float level);
+
+/* ---- surfaces ---- */
+typedef struct {
+    int64_t vertices, triangles;
+    float *position;    /* V x 3 */
+    float *normal;      /* V x 3, unit, outwards; NULL until made */
+    uint32_t *triangle; /* T x 3, counter-clockwise seen from outside */
+} surface;
+void surface_free(surface *s);
+
+/* ---- cubes.c: marching cubes ---- */
+/* The surface where the grid's value is `level`, solid above it: closed (every edge has two triangles, every
+ * vertex one fan), oriented, as long as the grid's outermost points are below the level. */
+sherf_status cubes_surface(context *c, const field_grid *g, float level, surface *out);
+
+/* ---- mesh.c ---- */
+/* Keeps the connected components whose area is at least `share` of the largest one's and that are not
+ * cavities; *dropped (may be NULL): how many were not. Unused vertices go. */
+sherf_status surface_keep_large(context *c, surface *s, double share, int *dropped);
+/* Unit normals of the vertices from the grid's gradient, downhill, where it is steep enough, else from the
+ * triangles; those alone when g is NULL. */
+sherf_status surface_normals(context *c, surface *s, const field_grid *g);
+/* ---- bake.c ---- */
+/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them. */
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+                         const float *positions_canonical, const float *normals_canonical, float *rgb);
+
+/* ---- mesh_file.c ---- */
+sherf_status ply_mesh_write(context *c, const char *path, const surface *s, const float *rgb);
+
+#endif

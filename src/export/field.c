@@ -1,0 +1,242 @@
+/* The network's density and colour at any canonical point. The canonical body is a target whose way to
+ * canonical space is the identity, so the point network is asked just as for a frame. */
+#include <math.h>
+#include <string.h>
+
+#include "export/export.h"
+
+static const float shell_m = 0.05f, empty_sigma = -80.0f;
+enum { FIELD_BATCH = 1 << 16 };
+
+void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
+                   const int32_t *nearest, float *observed_px) {
+    enum { BATCH = 256 };
+    float world[3 * BATCH];
+    for (int64_t b = 0; b < n; b += BATCH) {
+        int64_t count = n - b < BATCH ? n - b : BATCH;
+        deform_from_canonical(m, a->observed, count, points_canonical + 3 * b, nearest + b, world);
+        camera_project(&a->camera, count, world, observed_px + 2 * b, NULL);
+    }
+}
+
+/* ---- any points ---- */
+typedef struct {
+    const sherf_avatar *a;
+    const body_model *m;
+    const float *point;
+    int32_t *nearest; /* -1: outside the shell */
+} near_job;
+
+static void find_near(void *arg, int64_t begin, int64_t end, int thread) {
+    const near_job *j = arg;
+    int32_t guess = -1;
+    for (int64_t i = begin; i < end; i++) {
+        float d2;
+        int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->m), j->point + 3 * i, guess, &d2);
+        if (found >= 0) guess = found;
+        j->nearest[i] = found >= 0 && d2 < shell_m * shell_m ? found : -1;
+    }
+}
+
+typedef struct {
+    const sherf_avatar *a;
+    const body_model *m;
+    const point_set *set;
+    const int32_t *nearest;
+} observe_job;
+
+static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const observe_job *j = arg;
+    field_observe(j->a, j->m, end - begin, j->set->canonical + 3 * begin, j->nearest + begin,
+                  j->set->observed_px + 2 * begin);
+}
+
+/* Room for a batch of points and its answers. */
+typedef struct {
+    point_set set;
+    int32_t *nearest;
+    float *rgb, *sigma;
+} field_batch;
+
+static void batch_free(field_batch *b) {
+    mem_free(b->set.canonical);
+    mem_free(b->set.direction_canonical);
+    mem_free(b->set.observed_px);
+    mem_free(b->nearest);
+    mem_free(b->rgb);
+    mem_free(b->sigma);
+}
+
+static sherf_status batch_make(context *c, size_t n, field_batch *b) {
+    *b = (field_batch){0};
+    b->set.canonical = mem_alloc(c, n, 3 * sizeof(float));
+    b->set.direction_canonical = mem_alloc(c, n, 3 * sizeof(float));
+    b->set.observed_px = mem_alloc(c, n, 2 * sizeof(float));
+    b->nearest = mem_alloc(c, n, sizeof *b->nearest);
+    b->rgb = mem_alloc(c, n, 3 * sizeof(float));
+    b->sigma = mem_alloc(c, n, sizeof(float));
+    bool good = b->set.canonical && b->set.direction_canonical && b->set.observed_px && b->nearest &&
+                b->rgb && b->sigma;
+    return good ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+/* The batch's points, all within the shell, through the network. */
+static sherf_status batch_run(context *c, const sherf_avatar *a, const body_model *m, field_batch *b) {
+    observe_job job = {a, m, &b->set, b->nearest};
+    parallel_for(c, b->set.count, 1024, observe_range, &job);
+    return point_network_run(c, a->network, &b->set, b->rgb, b->sigma);
+}
+
+sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+                         const float *points_canonical, const float *directions_canonical, float *rgb,
+                         float *sigma) {
+    if (m->fingerprint != a->body_fingerprint)
+        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    field_batch b;
+    int32_t *nearest = mem_alloc(c, FIELD_BATCH, sizeof *nearest),
+            *from = mem_alloc(c, FIELD_BATCH, sizeof *from);
+    sherf_status status = batch_make(c, FIELD_BATCH, &b);
+    if (!nearest || !from) status = SHERF_NO_MEMORY;
+    for (int64_t at = 0; at < n && status == SHERF_OK; at += FIELD_BATCH) {
+        int64_t count = n - at < FIELD_BATCH ? n - at : FIELD_BATCH;
+        near_job job = {a, m, points_canonical + 3 * at, nearest};
+        parallel_for(c, count, 1024, find_near, &job);
+        b.set.count = 0;
+        for (int64_t i = 0; i < count; i++) {
+            sigma[at + i] = empty_sigma;
+            memset(rgb + 3 * (at + i), 0, 3 * sizeof *rgb);
+            if (nearest[i] < 0) continue;
+            int64_t k = b.set.count++;
+            from[k] = (int32_t)i;
+            b.nearest[k] = nearest[i];
+            memcpy(b.set.canonical + 3 * k, points_canonical + 3 * (at + i), 3 * sizeof(float));
+            memcpy(b.set.direction_canonical + 3 * k, directions_canonical + 3 * (at + i), 3 * sizeof(float));
+        }
+        if (b.set.count) status = batch_run(c, a, m, &b);
+        for (int64_t k = 0; k < b.set.count && status == SHERF_OK; k++) {
+            sigma[at + from[k]] = b.sigma[k];
+            memcpy(rgb + 3 * (at + from[k]), b.rgb + 3 * k, 3 * sizeof *rgb);
+        }
+    }
+    batch_free(&b);
+    mem_free(nearest);
+    mem_free(from);
+    return status;
+}
+
+/* ---- the grid ---- */
+void field_grid_free(field_grid *g) {
+    mem_free(g->value);
+    *g = (field_grid){0};
+}
+
+static sherf_status grid_make(context *c, const body_model *m, int resolution, field_grid *g) {
+    enum { RIM = 2 };
+    float max[3], longest = 0;
+    *g = (field_grid){0};
+    if (resolution < EXPORT_RESOLUTION_MIN || resolution > EXPORT_RESOLUTION_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "resolution %d: must be %d to %d", resolution,
+                       EXPORT_RESOLUTION_MIN, EXPORT_RESOLUTION_MAX);
+    body_canonical_bounds(m, g->min, max);
+    for (int k = 0; k < 3; k++) longest = fmaxf(longest, max[k] - g->min[k]);
+    g->step_m = longest / (float)resolution;
+    size_t count = 1;
+    for (int k = 0; k < 3; k++) {
+        g->min[k] -= RIM * g->step_m;
+        g->size[k] = (int)ceilf((max[k] - g->min[k]) / g->step_m) + RIM + 1;
+        count *= (size_t)g->size[k];
+    }
+    g->value = mem_zero(c, count, sizeof *g->value);
+    return g->value ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+typedef struct {
+    const vertex_grid *near; /* of the canonical vertices, answers within the shell only: quick far outside */
+    const field_grid *g;
+    int32_t *nearest; /* of the grid's points */
+} shell_job;
+
+static void shell_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const shell_job *j = arg;
+    const field_grid *g = j->g;
+    for (int64_t row = begin; row < end; row++) {
+        int y = (int)(row % g->size[1]), z = (int)(row / g->size[1]);
+        int32_t guess = -1;
+        for (int x = 0; x < g->size[0]; x++) {
+            float p[3] = {g->min[0] + g->step_m * (float)x, g->min[1] + g->step_m * (float)y,
+                          g->min[2] + g->step_m * (float)z};
+            guess = vertex_grid_nearest_from(j->near, p, guess, NULL);
+            j->nearest[field_at(g, x, y, z)] = guess;
+        }
+    }
+}
+
+/* Nearest vertices of the grid's points, -1 outside the shell; the value of those enclosed by it becomes -1.
+ */
+static sherf_status find_shell(context *c, const body_model *m, field_grid *g, int32_t *nearest) {
+    const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
+    vertex_grid *near = NULL;
+    uint8_t *outside = mem_zero(c, count, 1);
+    sherf_status status = outside ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK)
+        status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, shell_m, &near);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, near, shell_m);
+    if (status == SHERF_OK) {
+        shell_job job = {near, g, nearest};
+        parallel_for(c, (int64_t)g->size[1] * g->size[2], 16, shell_range, &job);
+        for (size_t i = 0; i < count; i++) g->value[i] = nearest[i] >= 0 ? 1 : 0;
+        status = field_flood(c, g, 0.5f, outside);
+        for (size_t i = 0; i < count; i++) g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : -1;
+    }
+    vertex_grid_free(near);
+    mem_free(outside);
+    return status;
+}
+
+sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
+                           field_grid *out) {
+    if (m->fingerprint != a->body_fingerprint)
+        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    field_grid *g = out;
+    field_batch b = {0};
+    int32_t *nearest = NULL;
+    size_t *from = NULL;
+    float *normal = NULL;
+    sherf_status status = grid_make(c, m, resolution, g);
+    if (status != SHERF_OK) return status;
+    const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
+    nearest = mem_alloc(c, count, sizeof *nearest);
+    from = mem_alloc(c, FIELD_BATCH, sizeof *from);
+    normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normal);
+    status = batch_make(c, FIELD_BATCH, &b);
+    if (!nearest || !from || !normal) status = SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
+    if (status == SHERF_OK) status = find_shell(c, m, g, nearest);
+    if (status != SHERF_OK) goto done;
+    for (size_t i = 0; i < count && status == SHERF_OK; i++) {
+        if (nearest[i] >= 0) {
+            int64_t k = b.set.count++;
+            size_t x = i % (size_t)g->size[0], row = i / (size_t)g->size[0], y = row % (size_t)g->size[1],
+                   z = row / (size_t)g->size[1];
+            float at[3] = {(float)x, (float)y, (float)z};
+            for (int d = 0; d < 3; d++) {
+                b.set.canonical[3 * k + d] = g->min[d] + g->step_m * at[d];
+                b.set.direction_canonical[3 * k + d] = -normal[3 * nearest[i] + d];
+            }
+            b.nearest[k] = nearest[i];
+            from[k] = i;
+        }
+        if (b.set.count < FIELD_BATCH && i + 1 < count) continue;
+        if (b.set.count) status = batch_run(c, a, m, &b);
+        if (status == SHERF_OK) status = progress(c, "density", (double)(i + 1), (double)count);
+        for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fmaxf(b.sigma[k], 0);
+        b.set.count = 0;
+    }
+done:
+    batch_free(&b);
+    mem_free(nearest);
+    mem_free(from);
+    mem_free(normal);
+    if (status != SHERF_OK) field_grid_free(out);
+    return status;
+}

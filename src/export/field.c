@@ -180,7 +180,7 @@ static sherf_status find_shell(context *c, const body_model *m, field_grid *g, i
     sherf_status status = outside ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK)
         status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, shell_m, &near);
-    if (status == SHERF_OK) status = vertex_grid_refine(c, near, shell_m);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, near, shell_m, 0.02f);
     if (status == SHERF_OK) {
         shell_job job = {near, g, nearest};
         parallel_for(c, (int64_t)g->size[1] * g->size[2], 16, shell_range, &job);

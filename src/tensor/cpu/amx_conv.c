@@ -351,17 +351,7 @@ AMX_INLINE void v_build(const weight_job *j, int64_t column, int64_t first, uint
 /* sums[2][2] tiles = or += u's two rows of tiles times v's two columns, over some steps. */
 AMX_INLINE void weight_product(const uint16_t *a, const uint16_t *a2, const uint32_t *b, const uint32_t *b2,
                                int64_t steps, bool add, float *sums) {
-    if (add) {
-        _tile_loadd(0, sums, 64);
-        _tile_loadd(1, sums + 256, 64);
-        _tile_loadd(2, sums + 512, 64);
-        _tile_loadd(3, sums + 768, 64);
-    } else {
-        _tile_zero(0);
-        _tile_zero(1);
-        _tile_zero(2);
-        _tile_zero(3);
-    }
+    sums_begin(add, sums);
     for (int64_t s = 0; s < steps; s++) {
         _tile_loadd(4, a + s * TILE, 64);
         _tile_loadd(5, a2 + s * TILE, 64);
@@ -372,10 +362,7 @@ AMX_INLINE void weight_product(const uint16_t *a, const uint16_t *a2, const uint
         _tile_dpbf16ps(2, 5, 6);
         _tile_dpbf16ps(3, 5, 7);
     }
-    _tile_stored(0, sums, 64);
-    _tile_stored(1, sums + 256, 64);
-    _tile_stored(2, sums + 512, 64);
-    _tile_stored(3, sums + 768, 64);
+    sums_end(sums);
 }
 
 /* One row of taps, one pair of tiles each way, one chunk; a few steps at a time, so that every tap finds them

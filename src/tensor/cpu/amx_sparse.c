@@ -160,17 +160,7 @@ AMX_INLINE void group_gather(const rows_job *j, int64_t group, int tap, int64_t 
  */
 AMX_INLINE void group_product(const int *tap, int taps, int64_t blocks, const uint16_t *a, const uint16_t *b,
                               bool wide, bool add, float *sum) {
-    if (add) {
-        _tile_loadd(0, sum, 64);
-        _tile_loadd(1, sum + 256, 64);
-        _tile_loadd(2, sum + 512, 64);
-        _tile_loadd(3, sum + 768, 64);
-    } else {
-        _tile_zero(0);
-        _tile_zero(1);
-        _tile_zero(2);
-        _tile_zero(3);
-    }
+    sums_begin(add, sum);
     for (int t = 0; t < taps; t++) {
         const uint16_t *w = b + tap[t] * blocks * 2 * TILE;
         for (int64_t block = 0; block < blocks; block++, a += 2 * TILE, w += 2 * TILE) {
@@ -185,10 +175,7 @@ AMX_INLINE void group_product(const int *tap, int taps, int64_t blocks, const ui
             _tile_dpbf16ps(3, 5, 7);
         }
     }
-    _tile_stored(0, sum, 64);
-    _tile_stored(1, sum + 256, 64);
-    _tile_stored(2, sum + 512, 64);
-    _tile_stored(3, sum + 768, 64);
+    sums_end(sum);
 }
 
 AMX_INLINE void group_store(const rows_job *j, int64_t group, int64_t n, const float *sum) {
@@ -323,10 +310,7 @@ AMX_INLINE void pairs_gather(const weight_job *j, int64_t group, int tap, int64_
 AMX_INLINE void weight_product(const weight_job *j, int64_t row, const int64_t *group, int count,
                                const uint16_t *x, float *sums) {
     const uint16_t *a = j->dy_tiles + 2 * row * j->sorted.groups * TILE, *a2 = a + j->sorted.groups * TILE;
-    _tile_loadd(0, sums, 64);
-    _tile_loadd(1, sums + 256, 64);
-    _tile_loadd(2, sums + 512, 64);
-    _tile_loadd(3, sums + 768, 64);
+    sums_begin(true, sums);
     for (int s = 0; s < count; s++, x += 2 * TILE) {
         _tile_loadd(4, a + group[s] * TILE, 64);
         _tile_loadd(5, a2 + group[s] * TILE, 64);
@@ -337,10 +321,7 @@ AMX_INLINE void weight_product(const weight_job *j, int64_t row, const int64_t *
         _tile_dpbf16ps(2, 5, 6);
         _tile_dpbf16ps(3, 5, 7);
     }
-    _tile_stored(0, sums, 64);
-    _tile_stored(1, sums + 256, 64);
-    _tile_stored(2, sums + 512, 64);
-    _tile_stored(3, sums + 768, 64);
+    sums_end(sums);
 }
 
 /* dw += the sums of a tap and of 32 inputs from i. */

@@ -3,6 +3,7 @@
 #define SHERF_AMX_TILES_H
 
 #include <immintrin.h>
+#include <stdbool.h>
 #include <stdint.h>
 
 #define AMX __attribute__((target("avx512f,avx512bw,avx512dq,avx512vl,avx512bf16,amx-tile,amx-bf16")))
@@ -50,6 +51,28 @@ AMX_INLINE void load_down(const float *m, int64_t ld, int64_t rows, int64_t colu
         const __m512 b = 2 * p + 1 < rows ? _mm512_maskz_loadu_ps(mask, m + (2 * p + 1) * ld) : zero;
         out[p] = _mm512_permutexvar_epi16(order, (__m512i)_mm512_cvtne2ps_pbh(b, a));
     }
+}
+
+/* Tiles 0 to 3 from and to 2 x 2 tiles of sums one after the other; or from zero. */
+AMX_INLINE void sums_begin(bool add, const float *sums) {
+    if (add) {
+        _tile_loadd(0, sums, 64);
+        _tile_loadd(1, sums + 256, 64);
+        _tile_loadd(2, sums + 512, 64);
+        _tile_loadd(3, sums + 768, 64);
+    } else {
+        _tile_zero(0);
+        _tile_zero(1);
+        _tile_zero(2);
+        _tile_zero(3);
+    }
+}
+
+AMX_INLINE void sums_end(float *sums) {
+    _tile_stored(0, sums, 64);
+    _tile_stored(1, sums + 256, 64);
+    _tile_stored(2, sums + 512, 64);
+    _tile_stored(3, sums + 768, 64);
 }
 
 /* The 16 x 16 matrix of 32-bit values turned over. */

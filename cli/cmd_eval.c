@@ -2,7 +2,8 @@
 #include "verbs.h"
 
 static struct {
-    const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output;
+    const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
+        *sheet;
     bool npy, no_png, yardsticks;
     int64_t size;
 } set;
@@ -30,6 +31,8 @@ static const option options[] = {
      0, 4096},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
+    {0, "sheet", OPTION_FILE, &set.sheet, "PNG",
+     "one picture of everything: a row an observation, itself and four pairs of prediction and truth"},
     {0, "no-png", OPTION_FLAG, &set.no_png, NULL, "no pictures"},
     {0},
 };
@@ -68,6 +71,7 @@ static int run(session *s, int count, char **argument) {
                             .poses = set.poses,
                             .views = set.views,
                             .output = set.output,
+                            .sheet = set.sheet,
                             .write_png = set.output && !set.no_png,
                             .write_npy = set.npy,
                             .precision = (sherf_precision)common.precision};

@@ -368,6 +368,8 @@ typedef struct {
     int yardsticks;            /* non-zero: what pictures without a network would score as well */
     int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
     uint64_t seed;             /* of random observations */
+    const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
+                                  prediction         and truth; or NULL */
 } sherf_eval_options;
 
 typedef struct {

@@ -7,6 +7,7 @@
 #include "eval/metrics.h"
 #include "eval/report.h"
 #include "eval/resnet50_file.h"
+#include "eval/sheet.h"
 #include "eval/yardstick.h"
 
 /* Everything an evaluation holds. */
@@ -27,6 +28,8 @@ typedef struct {
     int64_t done, total;
     sherf_frame frame;
     report report;
+    sheet sheet;
+    int sheet_row;
 } evaluation;
 
 static void evaluation_free(evaluation *e) {
@@ -34,6 +37,7 @@ static void evaluation_free(evaluation *e) {
     mem_free(e->selection);
     mem_free(e->people);
     report_free(&e->report);
+    sheet_free(&e->sheet);
     sherf_frame_free(&e->frame);
     tape_free(e->tape);
     lpips_free(e->lpips);
@@ -65,6 +69,7 @@ static sherf_status evaluation_open(evaluation *e) {
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
+    int64_t observations = 0;
     e->selection = mem_zero(c, (size_t)e->people_count, sizeof *e->selection);
     if (!e->selection) return SHERF_NO_MEMORY;
     for (int i = 0; i < e->people_count; i++) {
@@ -72,8 +77,13 @@ static sherf_status evaluation_open(evaluation *e) {
                                   &e->selection[i]);
         if (status != SHERF_OK) return status;
         e->total += selection_pairs(&e->selection[i]);
+        observations += e->selection[i].observations;
     }
     if (!e->total) return failure(c, SHERF_BAD_ARGUMENT, "%s: no picture is left to compare with", o->data);
+    if (o->sheet) {
+        const int rows = observations < SHEET_ROWS_MOST ? (int)observations : SHEET_ROWS_MOST;
+        if ((status = sheet_create(c, rows, &e->sheet)) != SHERF_OK) return status;
+    }
     return o->output ? folder_make(c, o->output) : SHERF_OK;
 }
 
@@ -210,7 +220,27 @@ static sherf_status write_files(evaluation *e, const data_view *truth, report_en
     return status;
 }
 
-static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, report_entry entry) {
+/* The pair's prediction and truth, both as they are compared. */
+static sherf_status show_pair(evaluation *e, const comparison *k, const data_view *truth, int pair) {
+    context *c = e->c;
+    if (!k->truth) return SHERF_OK;
+    sherf_status status = sheet_put(c, &e->sheet, e->sheet_row, 1 + 2 * pair, &e->frame.color, k->r);
+    if (status == SHERF_OK) status = sheet_put(c, &e->sheet, e->sheet_row, 2 + 2 * pair, &truth->image, k->r);
+    return status;
+}
+
+static sherf_status show_observation(evaluation *e, const sherf_observation *o) {
+    rectangle r;
+    const int width = o->image.width, height = o->image.height;
+    if (!mask_bounds(o->mask, width, height, &r)) return SHERF_OK;
+    const int margin = (r.width > r.height ? r.width : r.height) / 16;
+    r = (rectangle){r.left - margin, r.top - margin, r.width + 2 * margin, r.height + 2 * margin};
+    return sheet_put(e->c, &e->sheet, e->sheet_row, 0, &o->image, r);
+}
+
+/* pair: where on the sheet; -1: not on it. */
+static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, report_entry entry,
+                                     int pair) {
     context *c = e->c;
     data_view *truth = NULL;
     comparison k = {0};
@@ -229,6 +259,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
                  sherf_dataset_person(e->data, entry.person), entry.target.pose, entry.target.view);
         goto done;
     }
+    if (pair >= 0 && (status = show_pair(e, &k, truth, pair)) != SHERF_OK) goto done;
     if ((status = write_files(e, truth, &entry)) != SHERF_OK) goto done;
     if ((status = report_add(c, &e->report, &entry)) != SHERF_OK) goto done;
     entry.rgb = entry.png = NULL;
@@ -241,6 +272,22 @@ done:
 }
 
 /* ---- one observation, and all the pictures it is compared with ---- */
+static int observation_targets(const selection *s, int i) {
+    int count = 0;
+    bool novel_pose;
+    for (int p = 0; p < s->poses; p++)
+        for (int v = 0; v < s->views; v++)
+            count += selection_target(s, i, (picture){s->pose[p], s->view[v]}, &novel_pose);
+    return count;
+}
+
+/* Which pair of the sheet target n of `count` is, so that they are spread evenly. */
+static int sheet_pair(const evaluation *e, int n, int count) {
+    if (!e->sheet.rgb) return -1;
+    const int pairs = count < SHEET_PAIRS ? count : SHEET_PAIRS, pair = n * pairs / count;
+    return n == (2 * pair + 1) * count / (2 * pairs) ? pair : -1;
+}
+
 static sherf_status evaluate_observation(evaluation *e, const selection *s, int i) {
     context *c = e->c;
     sherf_observation *observation = NULL;
@@ -253,15 +300,20 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     if (e->mirror) status = yardsticks_create(c, e->body, e->mirror, observation, &e->yardsticks);
     if (status != SHERF_OK) goto done;
     if ((status = sherf_avatar_create(c, e->model, e->body, observation, &avatar)) != SHERF_OK) goto done;
+    if (e->sheet.rgb && (status = show_observation(e, observation)) != SHERF_OK) goto done;
+    const int targets = observation_targets(s, i);
+    int target = 0;
     for (int p = 0; p < s->poses; p++)
         for (int v = 0; v < s->views; v++) {
             report_entry entry = {
                 .person = s->person, .observation = from, .target = {s->pose[p], s->view[v]}};
             if (!selection_target(s, i, entry.target, &entry.novel_pose)) continue;
-            if ((status = evaluate_picture(e, avatar, entry)) != SHERF_OK) goto done;
+            const int pair = sheet_pair(e, target++, targets);
+            if ((status = evaluate_picture(e, avatar, entry, pair)) != SHERF_OK) goto done;
             status = progress(c, "pictures", (double)++e->done, (double)e->total);
             if (status != SHERF_OK) goto done;
         }
+    e->sheet_row++;
 done:
     sherf_avatar_free(avatar);
     sherf_observation_free(observation);
@@ -278,6 +330,7 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
     for (int i = 0; i < e.people_count && status == SHERF_OK; i++)
         for (int k = 0; k < e.selection[i].observations && status == SHERF_OK; k++)
             status = evaluate_observation(&e, &e.selection[i], k);
+    if (status == SHERF_OK && e.sheet.rgb) status = sheet_write(c, &e.sheet, options->sheet);
     if (status != SHERF_OK) goto done;
     if (options->output) {
         if (snprintf(path, sizeof path, "%s/scores.json", options->output) >= (int)sizeof path) {

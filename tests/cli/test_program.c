@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 enum { WORDS_MOST = 40, TEXT_MOST = 1 << 16 };
-static const char *const verbs[] = {"avatar", "render",  "export", "train", "eval",
+static const char *const verbs[] = {"avatar", "render", "animate",  "export", "train", "eval",
                                     "synth",  "convert", "check",  "info",  "bench"};
 
 typedef struct {

@@ -171,7 +171,7 @@ static void bash_values(FILE *f, const option *o) {
             fputs("COMPREPLY=($(compgen -W \"", f);
             for (const char *p = o->argument; *p; p++) fputc(*p == '|' ? ' ' : *p, f);
             fputs("\" -- \"$word\"))", f);
-        } else if (o->kind == OPTION_FILE) {
+        } else if (o->kind == OPTION_FILE || o->kind == OPTION_FILES) {
             fputs("COMPREPLY=($(compgen -f -- \"$word\"))", f);
         } else {
             fputs("COMPREPLY=()", f);
@@ -228,7 +228,9 @@ static void zsh_text(FILE *f, const char *text) {
 
 static void zsh_options(FILE *f, const option *o) {
     for (; o && o->name; o++) {
-        if (o->letter)
+        if (o->letter && o->kind == OPTION_FILES)
+            fprintf(f, "    '*'{-%c,--%s}'[", o->letter, o->name);
+        else if (o->letter)
             fprintf(f, "    '(-%c --%s)'{-%c,--%s}'[", o->letter, o->name, o->letter, o->name);
         else
             fprintf(f, "    '--%s[", o->name);
@@ -238,7 +240,7 @@ static void zsh_options(FILE *f, const option *o) {
             fputc(':', f);
             zsh_text(f, o->kind == OPTION_CHOICE ? "choice" : o->argument);
             fputc(':', f);
-            if (o->kind == OPTION_FILE) fputs("_files", f);
+            if (o->kind == OPTION_FILE || o->kind == OPTION_FILES) fputs("_files", f);
             if (o->kind == OPTION_CHOICE) {
                 fputc('(', f);
                 for (const char *p = o->argument; *p; p++) fputc(*p == '|' ? ' ' : *p, f);

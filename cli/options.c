@@ -125,6 +125,13 @@ static const char *value_store(const option *o, const char *text) {
         if (!*text) return "is empty";
         *(const char **)o->value = text;
         return NULL;
+    case OPTION_FILES: {
+        option_files *files = o->value;
+        if (!*text) return "is empty";
+        if (files->count == OPTION_FILES_MOST) return "is one too many";
+        files->file[files->count++] = text;
+        return NULL;
+    }
     case OPTION_LIST:
         if (!list_valid(text)) return "is not a list like 0,2,4 or first:step:count";
         *(const char **)o->value = text;

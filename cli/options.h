@@ -11,12 +11,19 @@ typedef enum {
     OPTION_FLAG,    /* bool */
     OPTION_TEXT,    /* const char * */
     OPTION_FILE,    /* const char *; completed as a file name */
+    OPTION_FILES,   /* option_files; may be given again and again */
     OPTION_INTEGER, /* int64_t */
     OPTION_REAL,    /* double */
     OPTION_CHOICE,  /* int: index into the words of `argument`, "a|b|c" */
     OPTION_LIST,    /* const char *: "0,2,4" or "first:step:count", see list_parse */
     OPTION_PAIRS    /* const char *: "POSE:VIEW,..." or "random" */
 } option_kind;
+
+enum { OPTION_FILES_MOST = 256 };
+typedef struct {
+    const char *file[OPTION_FILES_MOST];
+    int count;
+} option_files;
 
 typedef struct {
     char letter;      /* 0: no short form */

@@ -12,8 +12,8 @@
 #include <unistd.h>
 
 enum { WORDS_MOST = 40, TEXT_MOST = 1 << 16 };
-static const char *const verbs[] = {"avatar", "render", "animate",  "export", "train", "eval",
-                                    "synth",  "convert", "check",  "info",  "bench"};
+static const char *const verbs[] = {"avatar", "render",  "view",  "export", "train", "eval",
+                                    "synth",  "convert", "check", "info",   "bench"};
 
 typedef struct {
     int status; /* exit status; -1: ended by a signal */

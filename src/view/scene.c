@@ -1,0 +1,291 @@
+/* What there is to see: avatars and motions, how the camera stands to them, and the bodies posed lately. */
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/image.h"
+#include "render/render.h"
+#include "view/view.h"
+
+static const double fov_rad = 30 * M_PI / 180; /* vertical, at zoom 1 in a square picture */
+
+/* ---- made once ---- */
+static cJSON *avatar_json(const sherf_viewer_avatar *a, int number) {
+    char plain[32];
+    cJSON *json = cJSON_CreateObject();
+    snprintf(plain, sizeof plain, "avatar %d", number + 1);
+    cJSON_AddStringToObject(json, "name", a->name ? a->name : plain);
+    cJSON_AddNumberToObject(json, "width", a->avatar->bank.image_width);
+    cJSON_AddNumberToObject(json, "height", a->avatar->bank.image_height);
+    return json;
+}
+
+static sherf_status about_make(context *c, view_scene *s, const sherf_viewer_options *o) {
+    static const char *const own[VIEW_OWN_MOTIONS] = {"picture's pose", "T-pose"};
+    cJSON *json = cJSON_CreateObject(), *avatars = cJSON_AddArrayToObject(json, "avatars"),
+          *motions = cJSON_AddArrayToObject(json, "motions");
+    for (int i = 0; i < s->avatar_count; i++) cJSON_AddItemToArray(avatars, avatar_json(&s->avatars[i], i));
+    for (int i = 0; i < s->motion_count; i++) {
+        cJSON *m = cJSON_CreateObject();
+        const char *name = i < VIEW_OWN_MOTIONS ? own[i] : o->motions[i - VIEW_OWN_MOTIONS].name;
+        cJSON_AddStringToObject(m, "name", name ? name : "motion");
+        cJSON_AddNumberToObject(m, "frames", s->motions[i].count);
+        cJSON_AddNumberToObject(m, "fps", s->motions[i].fps);
+        cJSON_AddItemToArray(motions, m);
+    }
+    cJSON_AddNumberToObject(json, "side", s->side_max);
+    cJSON_AddNumberToObject(json, "film_side", s->side_max < VIEW_FILM_SIDE ? s->side_max : VIEW_FILM_SIDE);
+    cJSON_AddNumberToObject(json, "film_long", VIEW_FILM_LONG);
+    cJSON_AddNumberToObject(json, "film_frames", VIEW_FILM_FRAMES);
+    cJSON_AddStringToObject(json, "version", SHERF_VERSION);
+    char *text = avatars && motions ? cJSON_PrintUnformatted(json) : NULL;
+    if (text) s->about = mem_string(c, text);
+    cJSON_free(text);
+    cJSON_Delete(json);
+    return s->about ? SHERF_OK : failure(c, SHERF_NO_MEMORY, "out of memory");
+}
+
+static sherf_status options_check(context *c, const sherf_viewer_options *o) {
+    if (o->avatar_count < 1 || o->avatar_count > VIEW_AVATARS)
+        return failure(c, SHERF_BAD_ARGUMENT, "viewer: %d avatars, must be 1 to %d", o->avatar_count,
+                       VIEW_AVATARS);
+    if (o->motion_count < 0 || o->motion_count > VIEW_MOTIONS)
+        return failure(c, SHERF_BAD_ARGUMENT, "viewer: %d motions, must be at most %d", o->motion_count,
+                       VIEW_MOTIONS);
+    for (int i = 0; i < o->motion_count; i++)
+        if (o->motions[i].count < 1 || !(o->motions[i].fps >= 0 && o->motions[i].fps <= 1000))
+            return failure(c, SHERF_BAD_ARGUMENT, "viewer: motion %d has %d poses, %g a second", i,
+                           o->motions[i].count, o->motions[i].fps);
+    if (o->size_px && (o->size_px < 64 || o->size_px > VIEW_SIDE_MAX))
+        return failure(c, SHERF_BAD_ARGUMENT, "viewer: pictures of %d pixels, must be 64 to %d", o->size_px,
+                       VIEW_SIDE_MAX);
+    for (int i = 0; i < o->avatar_count; i++)
+        if (o->avatars[i].body->fingerprint != o->avatars[i].avatar->body_fingerprint)
+            return failure(c, SHERF_MISMATCH, "viewer: avatar %d was made with another body", i);
+    return SHERF_OK;
+}
+
+sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene *s) {
+    *s = (view_scene){0};
+    sherf_status status = options_check(c, o);
+    if (status != SHERF_OK) return status;
+    s->avatar_count = o->avatar_count;
+    s->motion_count = VIEW_OWN_MOTIONS + o->motion_count;
+    s->side_max = o->size_px ? o->size_px : 1024;
+    s->avatars = mem_alloc(c, (size_t)s->avatar_count, sizeof *s->avatars);
+    s->motions = mem_zero(c, (size_t)s->motion_count, sizeof *s->motions);
+    s->framings = mem_zero(c, (size_t)s->avatar_count * (size_t)s->motion_count, sizeof *s->framings);
+    if (!s->avatars || !s->motions || !s->framings) return SHERF_NO_MEMORY;
+    memcpy(s->avatars, o->avatars, (size_t)s->avatar_count * sizeof *s->avatars);
+    sherf_pose_identity(&s->rest);
+    s->motions[0] = (view_motion){.count = 1}; /* each avatar's own pose */
+    s->motions[1] = (view_motion){.poses = &s->rest, .count = 1};
+    for (int i = 0; i < o->motion_count; i++) {
+        const sherf_viewer_motion *m = &o->motions[i];
+        s->motions[VIEW_OWN_MOTIONS + i] = (view_motion){m->name, m->poses, m->count, m->fps};
+    }
+    return about_make(c, s, o);
+}
+
+void scene_free(view_scene *s) {
+    for (int i = 0; i < VIEW_POSED; i++) posed_body_free(s->posed[i].body);
+    mem_free(s->avatars);
+    mem_free(s->motions);
+    mem_free(s->framings);
+    mem_free(s->about);
+    *s = (view_scene){0};
+}
+
+bool wish_fits(const view_scene *s, const view_wish *w) {
+    return w->avatar < s->avatar_count && w->motion < s->motion_count &&
+           w->frame < s->motions[w->motion].count &&
+           (w->width < w->height ? w->width : w->height) <= s->side_max && w->width <= 2 * s->side_max &&
+           w->height <= 2 * s->side_max;
+}
+
+/* The pose of a motion's frame, with the avatar's own shape. */
+static sherf_pose pose_of(const view_scene *s, int avatar, int motion, int frame) {
+    const sherf_pose *own = &s->avatars[avatar].avatar->pose;
+    sherf_pose pose = motion == 0 ? *own : s->motions[motion].poses[frame];
+    memcpy(pose.shapes, own->shapes, sizeof pose.shapes);
+    return pose;
+}
+
+/* ---- how the camera stands ----
+ * Up is the world axis nearest to the body's own when they are within 30 degrees, azimuth 0 the body's front
+ * in its first pose. */
+static void body_axes(const sherf_pose *pose, double B[9]) {
+    float root[9];
+    double up[3], front[3];
+    rodrigues(pose->poses_rad, root);
+    for (int i = 0; i < 3; i++) {
+        up[i] = front[i] = 0;
+        for (int k = 0; k < 3; k++) {
+            up[i] += (double)pose->R[3 * i + k] * root[3 * k + 1];
+            front[i] += (double)pose->R[3 * i + k] * root[3 * k + 2];
+        }
+    }
+    for (int i = 0; i < 3; i++)
+        if (fabs(up[i]) > cos(30 * M_PI / 180)) {
+            double sign = up[i] > 0 ? 1 : -1;
+            up[0] = up[1] = up[2] = 0;
+            up[i] = sign;
+            break;
+        }
+    double along = front[0] * up[0] + front[1] * up[1] + front[2] * up[2], length = 0;
+    for (int i = 0; i < 3; i++) {
+        front[i] -= along * up[i];
+        length += front[i] * front[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        B[3 * i] = (up[j] * front[k] - up[k] * front[j]) / sqrt(length);
+        B[3 * i + 1] = up[i];
+    }
+    for (int i = 0; i < 3; i++) B[3 * i + 2] = front[i] / sqrt(length);
+}
+
+/* Where the root joint goes: it turns about itself, so its place in SMPL space is the shape's alone. */
+static void root_world(const posed_body *p, float out[3]) {
+    for (int i = 0; i < 3; i++) {
+        out[i] = p->Th[i];
+        for (int k = 0; k < 3; k++) out[i] += p->R[3 * i + k] * p->joints_smpl[0][k];
+    }
+}
+
+/* The way of the root since the first frame, along the ground; as it is in the world. */
+static void root_way(const view_framing *f, const float root_m[3], float way[3]) {
+    double up = 0;
+    for (int i = 0; i < 3; i++) up += ((double)root_m[i] - f->root_m[i]) * f->axes[3 * i + 1];
+    for (int i = 0; i < 3; i++) way[i] = (float)((double)root_m[i] - f->root_m[i] - up * f->axes[3 * i + 1]);
+}
+
+/* Widens [low, high], along the axes and moving with the root, by the posed body. */
+static void extent_add(const view_framing *f, const body_model *m, const posed_body *p, float *vertices_world,
+                       double low[3], double high[3]) {
+    float root[3], way[3];
+    root_world(p, root);
+    root_way(f, root, way);
+    body_vertices_world(m, p, vertices_world);
+    for (int v = 0; v < m->vertices; v++)
+        for (int a = 0; a < 3; a++) {
+            const float *x = vertices_world + 3 * (size_t)v;
+            double along = 0;
+            for (int i = 0; i < 3; i++) along += ((double)x[i] - way[i]) * f->axes[3 * i + a];
+            low[a] = along < low[a] ? along : low[a];
+            high[a] = along > high[a] ? along : high[a];
+        }
+}
+
+sherf_status scene_framing(context *c, view_scene *s, int avatar, int motion, const view_framing **out) {
+    enum { LOOKED_AT = 12 };
+    view_framing *f = &s->framings[avatar * s->motion_count + motion];
+    *out = f;
+    if (f->known) return SHERF_OK;
+    const body_model *m = s->avatars[avatar].body;
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    int count = s->motions[motion].count, looks = count < LOOKED_AT ? count : LOOKED_AT;
+    float *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
+    sherf_status status = vertices ? SHERF_OK : SHERF_NO_MEMORY;
+    for (int i = 0; i < looks && status == SHERF_OK; i++) {
+        sherf_pose pose = pose_of(s, avatar, motion, (int)((int64_t)i * count / looks));
+        posed_body *p = NULL;
+        if (i == 0) body_axes(&pose, f->axes);
+        status = posed_body_create(c, m, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p);
+        if (status == SHERF_OK && i == 0) root_world(p, f->root_m);
+        if (status == SHERF_OK) extent_add(f, m, p, vertices, low, high);
+        posed_body_free(p);
+    }
+    mem_free(vertices);
+    if (status != SHERF_OK) return status;
+    for (int i = 0; i < 3; i++) f->half_m[i] = (high[i] - low[i]) / 2;
+    for (int i = 0; i < 3; i++) {
+        double x = 0;
+        for (int a = 0; a < 3; a++) x += f->axes[3 * i + a] * (low[a] + high[a]) / 2;
+        f->centre_m[i] = (float)x;
+    }
+    double across = hypot(f->half_m[0], f->half_m[2]);
+    f->distance_m = 1.08 * fmax(f->half_m[1], across) / tan(fov_rad / 2) + across;
+    f->known = true;
+    return SHERF_OK;
+}
+
+void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w, sherf_camera *camera,
+                  float *scale_m) {
+    const float origin[3] = {0, 0, 0};
+    sherf_camera upright;
+    sherf_camera_orbit(origin, (float)f->distance_m, w->azimuth_rad, w->elevation_rad, (float)fov_rad,
+                       w->width, w->height, &upright);
+    /* At zoom 1 the nearest part of the body fits in height and width. */
+    double across = hypot(f->half_m[0], f->half_m[2]), nearest = f->distance_m - across;
+    double focal =
+        fmin(0.5 * w->height / (1.08 * fmax(f->half_m[1], across * 0.5)), 0.5 * w->width / (1.08 * across)) *
+        nearest * w->zoom;
+    upright.K[0] = upright.K[4] = (float)focal;
+    *scale_m = (float)(f->distance_m * w->height / focal);
+    /* x_camera = R B^T (x - centre - B offset - way) + T, with R and T in the body's axes. */
+    float target[3], way[3] = {0, 0, 0};
+    if (w->follow) {
+        const sherf_pose pose = pose_of(s, w->avatar, w->motion, w->frame);
+        /* the root joint of this frame: R J0 + Th, and J0 is that of the first */
+        const sherf_pose first = pose_of(s, w->avatar, w->motion, 0);
+        float root[3], joint[3] = {0, 0, 0};
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) joint[i] += first.R[3 * k + i] * (f->root_m[k] - first.Th_m[k]);
+        for (int i = 0; i < 3; i++) {
+            root[i] = pose.Th_m[i];
+            for (int k = 0; k < 3; k++) root[i] += pose.R[3 * i + k] * joint[k];
+        }
+        root_way(f, root, way);
+    }
+    for (int i = 0; i < 3; i++) {
+        double x = (double)f->centre_m[i] + way[i];
+        for (int a = 0; a < 3; a++) x += f->axes[3 * i + a] * w->offset_m[a];
+        target[i] = (float)x;
+    }
+    *camera = upright;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double v = 0;
+            for (int a = 0; a < 3; a++) v += (double)upright.R[3 * i + a] * f->axes[3 * j + a];
+            camera->R[3 * i + j] = (float)v;
+            camera->T_m[i] -= (float)(v * target[j]);
+        }
+}
+
+/* ---- bodies posed lately ---- */
+sherf_status scene_posed(context *c, view_scene *s, const view_wish *w, const posed_body **out) {
+    view_posed *oldest = &s->posed[0];
+    *out = NULL;
+    for (int i = 0; i < VIEW_POSED; i++) {
+        view_posed *p = &s->posed[i];
+        if (p->used && p->avatar == w->avatar && p->motion == w->motion && p->frame == w->frame) {
+            p->used = ++s->clock;
+            *out = p->body;
+            return SHERF_OK;
+        }
+        if (p->used < oldest->used) oldest = p;
+    }
+    const sherf_viewer_avatar *a = &s->avatars[w->avatar];
+    sherf_pose pose = pose_of(s, w->avatar, w->motion, w->frame);
+    posed_body *body = NULL;
+    sherf_status status = avatar_pose(c, a->avatar, a->body, &pose, &body);
+    if (status != SHERF_OK) return status;
+    posed_body_free(oldest->body);
+    *oldest = (view_posed){++s->clock, w->avatar, w->motion, w->frame, body};
+    *out = body;
+    return SHERF_OK;
+}
+
+sherf_status scene_picture(context *c, const view_scene *s, int avatar, uint8_t **out, size_t *bytes) {
+    const point_bank *b = &s->avatars[avatar].avatar->bank;
+    size_t n = (size_t)b->image_width * (size_t)b->image_height * 3;
+    uint8_t *rgb = mem_alloc(c, n, 1);
+    if (!rgb) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < n; i++) rgb[i] = float_to_u8(b->image[i]);
+    sherf_status status = png_to_memory(c, b->image_width, b->image_height, 3, rgb, 4, out, bytes);
+    mem_free(rgb);
+    return status;
+}

@@ -1,0 +1,144 @@
+/* Where pictures are made: bands of some tens of milliseconds each, so that clients take turns and a wish
+ * that was replaced is left soon. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "io/image.h"
+#include "render/render.h"
+#include "view/view.h"
+
+static const double band_s = 0.06; /* wanted time of a band */
+enum { BAND_ROWS_MIN = 16, BAND_PIXELS_FIRST = 8192, SMALL_PIXELS = 160 * 1024 };
+
+static sherf_status job_begin(context *c, view *v, view_job *job) {
+    const view_wish *w = &job->wish;
+    size_t pixels = (size_t)w->width * (size_t)w->height;
+    sherf_status status = scene_framing(c, &v->scene, w->avatar, w->motion, &job->framing);
+    if (status == SHERF_OK) {
+        scene_camera(&v->scene, job->framing, w, &job->camera, &job->scale_m);
+        job->color = mem_alloc(c, pixels, 5 * sizeof(float));
+        if (job->color) {
+            job->opacity = job->color + 3 * pixels;
+            job->depth = job->opacity + pixels;
+            return SHERF_OK;
+        }
+        status = SHERF_NO_MEMORY;
+    }
+    job->framing = NULL;
+    return status;
+}
+
+static int band_rows(const view *v, const view_job *job) {
+    double pixel_s = v->pixel_s[job->wish.avatar];
+    double pixels = pixel_s > 0 ? band_s / pixel_s : BAND_PIXELS_FIRST;
+    int left = job->wish.height - job->rows_done;
+    int rows = (int)fmin(pixels / job->wish.width, 4096) / BAND_ROWS_MIN * BAND_ROWS_MIN;
+    if (rows < BAND_ROWS_MIN) rows = BAND_ROWS_MIN;
+    return rows * 4 > left * 3 ? left : rows; /* no small rest */
+}
+
+sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
+    const view_wish *w = &job->wish;
+    const posed_body *posed;
+    double begun = time_seconds();
+    *complete = false;
+    sherf_status status = job->framing ? SHERF_OK : job_begin(c, v, job);
+    if (status == SHERF_OK) status = scene_posed(c, &v->scene, w, &posed);
+    if (status != SHERF_OK) return status;
+    double posed_s = time_seconds();
+    int rows = band_rows(v, job);
+    sherf_camera camera = job->camera;
+    camera.height_px = rows;
+    camera.K[5] -= (float)job->rows_done;
+    const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
+    status = avatar_render(c, a->avatar, a->body, posed, &camera, NULL, &v->band);
+    if (status != SHERF_OK) return status;
+    size_t first = (size_t)job->rows_done * (size_t)w->width, count = (size_t)rows * (size_t)w->width;
+    memcpy(job->color + 3 * first, v->band.color.data, 3 * count * sizeof(float));
+    memcpy(job->opacity + first, v->band.opacity.data, count * sizeof(float));
+    memcpy(job->depth + first, v->band.depth.data, count * sizeof(float));
+    job->rows_done += rows;
+    job->points += v->band.points;
+    double now = time_seconds(), *pixel_s = &v->pixel_s[w->avatar];
+    double latest = (now - posed_s) / (double)count;
+    *pixel_s = *pixel_s > 0 ? 0.7 * *pixel_s + 0.3 * latest : latest;
+    job->render_s += now - begun;
+    *complete = job->rows_done == w->height;
+    return SHERF_OK;
+}
+
+sherf_status job_paint(context *c, const view_job *job, int channels, uint8_t **out) {
+    const view_wish *w = &job->wish;
+    const view_framing *f = job->framing;
+    size_t pixels = (size_t)w->width * (size_t)w->height;
+    float slope = sinf(w->elevation_rad), radius = (float)hypot(f->half_m[0], f->half_m[2]); /* in depth */
+    radius = radius * sqrtf(1 - slope * slope) + (float)f->half_m[1] * fabsf(slope);
+    view_optics o = {.focal_px = job->camera.K[0],
+                     .centre_px = {job->camera.K[2], job->camera.K[5]},
+                     .near_m = (float)f->distance_m - radius,
+                     .far_m = (float)f->distance_m + radius};
+    *out = mem_alloc(c, pixels, (size_t)channels);
+    float *scratch = w->mode == VIEW_NORMAL ? mem_alloc(c, pixels, 2 * sizeof *scratch) : NULL;
+    bool good = *out && (scratch || w->mode != VIEW_NORMAL);
+    if (good) paint(w, &o, job->color, job->opacity, job->depth, channels, scratch, *out);
+    mem_free(scratch);
+    if (good) return SHERF_OK;
+    mem_free(*out);
+    *out = NULL;
+    return SHERF_NO_MEMORY;
+}
+
+static sherf_status job_encode(context *c, view_job *job) {
+    const view_wish *w = &job->wish;
+    int channels = w->transparent ? 4 : 3, pixels = w->width * w->height;
+    uint8_t *picture;
+    sherf_status status = job_paint(c, job, channels, &picture);
+    if (status != SHERF_OK) return status;
+    job->png = w->transparent || w->lossless;
+    if (job->png)
+        status = png_to_memory(c, w->width, w->height, channels, picture, w->lossless ? 6 : 1, &job->data,
+                               &job->bytes);
+    else
+        status = jpeg_to_memory(c, w->width, w->height, picture, w->fine || pixels < SMALL_PIXELS ? 92 : 85,
+                                &job->data, &job->bytes);
+    mem_free(picture);
+    return status;
+}
+
+/* One turn of a job. */
+static void serve(context *c, view *v, view_job *job) {
+    bool complete;
+    sherf_status status = job_render(c, v, job, &complete);
+    if (status == SHERF_OK && complete) {
+        double begun = time_seconds();
+        status = job_encode(c, job);
+        job->render_s += time_seconds() - begun;
+    }
+    if (status != SHERF_OK) {
+        snprintf(job->message, sizeof job->message, "%.150s", c->message);
+        desk_done(&v->desk, job, status == SHERF_CANCELLED ? JOB_CLOSED : JOB_FAILED);
+    } else if (complete) {
+        desk_done(&v->desk, job, JOB_DONE);
+    }
+}
+
+sherf_status sherf_viewer_run(sherf_context *c, sherf_viewer *v) {
+    double tended = 0;
+    while (!cancelled(c)) {
+        view_job *job;
+        int seat;
+        view_turn turn = desk_turn(&v->desk, 0.1, &job, &seat);
+        if (turn == TURN_CLOSED) break;
+        if (turn == TURN_FILM) film_render(c, v, seat);
+        if (turn == TURN_JOB) {
+            serve(c, v, job);
+            desk_release(&v->desk, job);
+        }
+        if (time_seconds() - tended > 0.25) {
+            server_tend(v->server);
+            tended = time_seconds();
+        }
+    }
+    return SHERF_OK;
+}

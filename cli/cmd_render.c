@@ -22,7 +22,8 @@ static const option options[] = {
     {'m', "model", OPTION_FILE, &set.model, "FILE",
      "weights, where INPUT is an observation (the model that ships)"},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
-     "OUT.mp4 for a video, OUT.png for one picture, otherwise a folder of pictures", .needed = true},
+     "OUT.mp4, .webm or .gif for a video, OUT.png for one picture, otherwise a folder of pictures",
+     .needed = true},
     {'n', "orbit", OPTION_INTEGER, &set.shots.orbit, "N", "N cameras round the body, from its front", 1,
      100000},
     {0, "azimuth", OPTION_REAL, &set.shots.azimuth_deg, "DEG", "where the orbit begins (0, the body's front)",
@@ -65,27 +66,6 @@ static const option options[] = {
     {0},
 };
 
-typedef struct {
-    float rgb[3];
-    bool transparent;
-} background;
-
-static bool background_parse(const char *text, background *out) {
-    *out = (background){0};
-    if (strcmp(text, "black") == 0) return true;
-    if (strcmp(text, "white") == 0) {
-        out->rgb[0] = out->rgb[1] = out->rgb[2] = 1;
-        return true;
-    }
-    if (strcmp(text, "transparent") == 0) return out->transparent = true;
-    int used = 0;
-    if (sscanf(text, "%f,%f,%f%n", &out->rgb[0], &out->rgb[1], &out->rgb[2], &used) != 3 || text[used])
-        return false;
-    for (int i = 0; i < 3; i++)
-        if (!(out->rgb[i] >= 0 && out->rgb[i] <= 1)) return false;
-    return true;
-}
-
 /* What can be wrong with the options together. */
 static int wishes_check(background *ground) {
     const shots_wish *w = &set.shots;
@@ -93,12 +73,9 @@ static int wishes_check(background *ground) {
     int width, height;
     if (w->size && !size_parse(w->size, &width, &height))
         return usage_error(verb_name, "--size: '%s' is not a size like 512 or 640x360", w->size);
-    if (!background_parse(set.background, ground))
-        return usage_error(verb_name,
-                           "--background: '%s' is not black, white, transparent or r,g,b in 0 to 1",
-                           set.background);
-    if (ground->transparent && sink_is_video(set.output))
-        return usage_error(verb_name, "--background transparent: a video has no transparency");
+    if (!background_parse(verb_name, set.background, ground)) return EXIT_USAGE;
+    if (ground->transparent && !sink_has_alpha(set.output))
+        return usage_error(verb_name, "--background transparent: an .mp4 has no transparency; .webm has");
     if ((w->orbit != 0) + (w->cameras != NULL) + (w->views != NULL) > 1)
         return usage_error(verb_name, "--orbit, --cameras and --views exclude each other");
     if (w->data && !w->people) return usage_error(verb_name, "--data needs --people, one person");
@@ -111,7 +88,7 @@ static int wishes_check(background *ground) {
 
 /* ---- pictures made of a frame ---- */
 typedef struct {
-    sherf_image rgba, depth; /* memory for the pictures that are not in the frame; free data with free */
+    sherf_image rgba, depth; /* those that are not in the frame; depth's data is freed with free */
 } pictures;
 
 static int room(sherf_image *image, const sherf_image *like, int channels) {
@@ -120,19 +97,6 @@ static int room(sherf_image *image, const sherf_image *like, int channels) {
     *image = (sherf_image){like->width, like->height, channels, NULL};
     image->data = calloc((size_t)like->width * (size_t)like->height, (size_t)channels * sizeof(float));
     return image->data ? EXIT_DONE : session_failure("out of memory");
-}
-
-/* Colour over black is colour times opacity; a PNG wants the colour itself. */
-static int picture_transparent(const sherf_frame *f, sherf_image *out) {
-    int status = room(out, &f->color, 4);
-    size_t pixels = (size_t)f->color.width * (size_t)f->color.height;
-    for (size_t i = 0; i < pixels && !status; i++) {
-        float a = fminf(fmaxf(f->opacity.data[i], 0), 1);
-        for (int k = 0; k < 3; k++)
-            out->data[4 * i + (size_t)k] = a > 1e-4f ? fminf(f->color.data[3 * i + (size_t)k] / a, 1) : 0;
-        out->data[4 * i + 3] = a;
-    }
-    return status;
 }
 
 /* Near 1, far 0.2, nothing 0; the ends are the posed body's. */
@@ -164,7 +128,7 @@ static int frame_write(session *s, studio *t, const shots *all, const sherf_body
     const sherf_image *picture = &f->color;
     int status = EXIT_DONE;
     if (transparent) {
-        status = picture_transparent(f, &t->pictures.rgba);
+        status = session_status(s, sherf_frame_rgba(s->context, f, &t->pictures.rgba));
         picture = &t->pictures.rgba;
     }
     if (!status) status = sink_add(s, &t->color, n, picture, picture);
@@ -236,7 +200,7 @@ static int frames_make(session *s, const sherf_avatar *avatar, const sherf_body 
     if (!status && sink_is_picture(set.output) && all.count > 1)
         status = usage_error(s->verb_name,
                              "--output: %d frames do not go into one picture; give a folder, "
-                             "an .mp4, or --strip",
+                             "a video, or --strip",
                              all.count);
     if (!status && !sink_is_picture(set.output) && !sink_is_video(set.output))
         status = session_folder(set.output);
@@ -251,7 +215,7 @@ static int frames_make(session *s, const sherf_avatar *avatar, const sherf_body 
     }
     if (!status) report(s, &t, all.count);
     sherf_frame_free(&t.frame);
-    free(t.pictures.rgba.data);
+    sherf_image_free(&t.pictures.rgba);
     free(t.pictures.depth.data);
     free(t.frame_ms);
     shots_free(&all);

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { SIZE_DEFAULT = 512, POSES_FITTED = 64 };
+enum { SIZE_DEFAULT = 512 };
 
 void shots_free(shots *t) {
     free(t->pose);
@@ -74,108 +74,20 @@ static int from_data(session *s, const shots_wish *wish, shots *out) {
     return status;
 }
 
-/* ---- an orbit ----
- * About the middle of the body, its up the world axis nearest to the body's own when they are within 30
- * degrees, its azimuth 0 the body's front in the first pose. */
-static void rodrigues(const float r[3], double R[9]) {
-    double angle = sqrt((double)r[0] * r[0] + (double)r[1] * r[1] + (double)r[2] * r[2]);
-    double s = angle > 1e-8 ? 1 / angle : 0, x = r[0] * s, y = r[1] * s, z = r[2] * s;
-    double cosine = cos(angle), sine = sin(angle), k = 1 - cosine;
-    double M[9] = {cosine + k * x * x,   k * x * y - sine * z, k * x * z + sine * y,
-                   k * x * y + sine * z, cosine + k * y * y,   k * y * z - sine * x,
-                   k * x * z - sine * y, k * y * z + sine * x, cosine + k * z * z};
-    memcpy(R, M, sizeof M);
-}
-
-/* The orbit's axes as the columns of B: right, up, front, in the world. */
-static void orbit_axes(const sherf_pose *pose, double B[9]) {
-    double root[9], up[3], front[3];
-    rodrigues(pose->poses_rad, root);
-    for (int i = 0; i < 3; i++) {
-        up[i] = front[i] = 0;
-        for (int k = 0; k < 3; k++) {
-            up[i] += (double)pose->R[3 * i + k] * root[3 * k + 1];
-            front[i] += (double)pose->R[3 * i + k] * root[3 * k + 2];
-        }
-    }
-    for (int i = 0; i < 3; i++)
-        if (fabs(up[i]) > cos(30 * M_PI / 180)) {
-            double sign = up[i] > 0 ? 1 : -1;
-            up[0] = up[1] = up[2] = 0;
-            up[i] = sign;
-            break;
-        }
-    double along = front[0] * up[0] + front[1] * up[1] + front[2] * up[2], length = 0;
-    for (int i = 0; i < 3; i++) {
-        front[i] -= along * up[i];
-        length += front[i] * front[i];
-    }
-    for (int i = 0; i < 3; i++) front[i] /= sqrt(length);
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        B[3 * i] = up[j] * front[k] - up[k] * front[j];
-        B[3 * i + 1] = up[i];
-        B[3 * i + 2] = front[i];
-    }
-}
-
-/* Middle of the box, along B's axes, of the body in its poses, and the radius of a ball about the middle that
- * holds it, less the corners of the box, which are empty. */
-static int orbit_extent(session *s, const sherf_body *body, const shots *t, const double B[9],
-                        float centre[3], double half[3]) {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    int step = 1 + t->pose_count / POSES_FITTED, vertices = sherf_body_vertex_count(body);
-    for (int p = 0; p < t->pose_count; p += step) {
-        int status = session_status(s, sherf_body_pose(s->context, body, &t->pose[p], t->vertices_m, NULL));
-        if (status) return status;
-        for (int v = 0; v < vertices; v++)
-            for (int a = 0; a < 3; a++) {
-                const float *x = t->vertices_m + 3 * v;
-                double along = x[0] * B[a] + x[1] * B[3 + a] + x[2] * B[6 + a];
-                if (along < low[a]) low[a] = along;
-                if (along > high[a]) high[a] = along;
-            }
-    }
-    for (int i = 0; i < 3; i++) {
-        half[i] = (high[i] - low[i]) / 2;
-        centre[i] = 0;
-        for (int a = 0; a < 3; a++) centre[i] += (float)(B[3 * i + a] * (low[a] + high[a]) / 2);
-    }
-    return EXIT_DONE;
-}
-
 static int orbit(session *s, const shots_wish *wish, const sherf_body *body, int width, int height,
                  shots *t) {
-    double B[9], half[3];
-    float centre[3], origin[3] = {0, 0, 0};
-    orbit_axes(&t->pose[0], B);
-    int status = orbit_extent(s, body, t, B, centre, half);
-    if (status) return status;
-    double fov = wish->fov_deg * M_PI / 180, distance = wish->distance_m;
-    double aspect = (double)width / height, across = hypot(half[0], half[2]);
-    if (distance <= 0) {
-        double rise = half[1] > across / aspect ? half[1] : across / aspect;
-        distance = 1.08 * rise / tan(fov / 2) + across; /* 8 % to spare at the part nearest to the camera */
-    }
+    const double degree = M_PI / 180;
+    const sherf_orbit_options o = {.azimuth_rad = wish->azimuth_deg * degree,
+                                   .elevation_rad = wish->elevation_deg * degree,
+                                   .distance_m = wish->distance_m,
+                                   .fov_rad = wish->fov_deg * degree,
+                                   .width_px = width,
+                                   .height_px = height};
     t->camera_count = (int)wish->orbit;
     t->camera = array((size_t)t->camera_count, sizeof *t->camera);
     if (!t->camera) return EXIT_FAILED;
-    for (int n = 0; n < t->camera_count; n++) {
-        sherf_camera *k = &t->camera[n], upright;
-        double azimuth = wish->azimuth_deg * M_PI / 180 + 2 * M_PI * n / t->camera_count;
-        sherf_camera_orbit(origin, (float)distance, (float)azimuth, (float)(wish->elevation_deg * M_PI / 180),
-                           (float)fov, width, height, &upright);
-        /* x_camera = R B^T (x - centre) + T, with R and T in the orbit's own axes. */
-        *k = upright;
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                double v = 0;
-                for (int a = 0; a < 3; a++) v += (double)upright.R[3 * i + a] * B[3 * j + a];
-                k->R[3 * i + j] = (float)v;
-                k->T_m[i] -= (float)(v * centre[j]);
-            }
-    }
-    return EXIT_DONE;
+    return session_status(
+        s, sherf_cameras_orbit(s->context, body, t->pose, t->pose_count, &o, t->camera_count, t->camera));
 }
 
 /* ---- putting it together ---- */

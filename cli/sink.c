@@ -11,8 +11,20 @@ static bool ends(const char *text, const char *with) {
     return n > m && strcasecmp(text + n - m, with) == 0;
 }
 
+static const char *const video_endings[] = {".mp4", ".webm", ".gif"};
+
+/* The ending of a video's name; NULL: it is none. */
+static const char *video_ending(const char *output) {
+    for (size_t i = 0; i < sizeof video_endings / sizeof *video_endings; i++)
+        if (ends(output, video_endings[i])) return video_endings[i];
+    return NULL;
+}
+
 bool sink_is_video(const char *output) {
-    return ends(output, ".mp4");
+    return video_ending(output) != NULL;
+}
+bool sink_has_alpha(const char *output) {
+    return !ends(output, ".mp4");
 }
 bool sink_is_picture(const char *output) {
     return ends(output, ".png");
@@ -23,7 +35,8 @@ static int name(const sink *k, int n, const char *extension, char path[PATH_MOST
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {
         bool main = strcmp(k->kind, "frame") == 0;
-        int base = (int)strlen(k->output) - 4;
+        const char *end = video_ending(k->output);
+        int base = (int)(strlen(k->output) - strlen(end ? end : ".png"));
         length = snprintf(path, PATH_MOST, "%.*s%s%s%s", base, k->output, main ? "" : "_",
                           main ? "" : k->kind, extension);
     } else {
@@ -33,9 +46,9 @@ static int name(const sink *k, int n, const char *extension, char path[PATH_MOST
     return EXIT_DONE;
 }
 
-/* A video wants RGB: grey is tripled. */
+/* A video wants colours: grey is tripled. */
 static int video_add(session *s, sink *k, const sherf_image *picture) {
-    if (picture->channels == 3) return session_status(s, sherf_video_add(s->context, k->video, picture));
+    if (picture->channels >= 3) return session_status(s, sherf_video_add(s->context, k->video, picture));
     size_t pixels = (size_t)picture->width * (size_t)picture->height;
     sherf_image rgb = {picture->width, picture->height, 3, malloc(pixels * 3 * sizeof(float))};
     if (!rgb.data) return session_failure("out of memory");
@@ -48,11 +61,11 @@ static int video_add(session *s, sink *k, const sherf_image *picture) {
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact) {
     char path[PATH_MOST];
     bool video = sink_is_video(k->output);
-    int status = name(k, n, video ? ".mp4" : ".png", path);
+    int status = name(k, n, video ? video_ending(k->output) : ".png", path);
     if (status) return status;
+    const sherf_video_options wish = {picture->width, picture->height, k->fps, picture->channels == 4};
     if (video && !k->video)
-        status = session_status(
-            s, sherf_video_open(s->context, path, picture->width, picture->height, k->fps, &k->video));
+        status = session_status(s, sherf_video_create(s->context, path, &wish, &k->video));
     if (!status && video) status = video_add(s, k, picture);
     if (!status && !video) status = session_status(s, sherf_image_write(s->context, path, picture));
     if (!status && k->npy) {
@@ -72,6 +85,24 @@ int sink_close(session *s, sink *k) {
 void sink_abort(sink *k) {
     if (k->video) sherf_video_abort(k->video);
     k->video = NULL;
+}
+
+/* ---- background ---- */
+static bool color_parse(const char *text, float rgb[3]) {
+    int used = 0;
+    if (sscanf(text, "%f,%f,%f%n", &rgb[0], &rgb[1], &rgb[2], &used) != 3 || text[used]) return false;
+    for (int i = 0; i < 3; i++)
+        if (!(rgb[i] >= 0 && rgb[i] <= 1)) return false;
+    return true;
+}
+
+bool background_parse(const char *verb_name, const char *text, background *out) {
+    *out = (background){0};
+    if (strcmp(text, "black") == 0) return true;
+    if (strcmp(text, "transparent") == 0) return out->transparent = true;
+    if (color_parse(strcmp(text, "white") ? text : "1,1,1", out->rgb)) return true;
+    usage_error(verb_name, "--background: '%s' is not black, white, transparent or r,g,b in 0 to 1", text);
+    return false;
 }
 
 /* ---- strip ---- */

@@ -5,7 +5,7 @@
 #include "session.h"
 
 typedef struct {
-    const char *output; /* OUT.png, OUT.mp4, or a folder */
+    const char *output; /* OUT.png, OUT.mp4 (.webm, .gif), or a folder */
     const char *kind;   /* "frame", "depth", "opacity": begins the names in a folder, ends those of files */
     bool npy;           /* write .npy too */
     double fps;
@@ -14,11 +14,20 @@ typedef struct {
 
 /* Whether output is a video or a single picture; otherwise it is a folder. */
 bool sink_is_video(const char *output);
+bool sink_has_alpha(const char *output); /* false for .mp4 alone */
 bool sink_is_picture(const char *output);
 /* picture: what is shown, 1, 3 or 4 channels; exact: what goes into the .npy. */
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact);
 int sink_close(session *s, sink *k);
 void sink_abort(sink *k);
+
+/* What is behind the person. */
+typedef struct {
+    float rgb[3];
+    bool transparent;
+} background;
+/* "black", "white", "transparent" or "r,g,b"; false after one line on stderr. */
+bool background_parse(const char *verb_name, const char *text, background *out);
 
 /* Frames side by side. */
 typedef struct {

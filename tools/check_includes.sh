@@ -14,7 +14,7 @@ may_include() {
     io) echo "base tensor io" ;;
     data) echo "base tensor io body render data" ;;
     view) echo "base tensor nn body render model io view" ;;
-    motion) echo "base tensor nn body render model io data motion" ;;
+    motion) echo "base tensor io body render data motion" ;;
     people) echo "base tensor io body render data people" ;;
     train | eval) echo "base tensor nn body render model io data motion people train eval" ;;
     export) echo "base tensor io nn body render model data motion export" ;;

@@ -185,13 +185,24 @@ SHERF_API sherf_status sherf_render(sherf_context *c, const sherf_avatar *avatar
                                     const sherf_pose *pose, const sherf_camera *camera,
                                     const sherf_render_options *options, sherf_frame *frame);
 SHERF_API void sherf_frame_free(sherf_frame *frame);
+/* RGB and alpha, not premultiplied, of a frame that was rendered over black. `out` must be zeroed or hold
+ * such a picture of the same size, whose memory is used again; sherf_image_free frees it. */
+SHERF_API sherf_status sherf_frame_rgba(sherf_context *c, const sherf_frame *frame, sherf_image *out);
 
 typedef struct sherf_video sherf_video;
-/* .mp4 (H.264). Frames appear under the final name only when sherf_video_close succeeds. */
+typedef struct {
+    int width, height;
+    double fps;
+    int alpha; /* non-zero: frames have 4 channels; .webm and .gif only (GIF: opaque or not at all) */
+} sherf_video_options;
+/* .mp4 (H.264), .webm (VP9) or .gif. The file appears under its name when sherf_video_close succeeds. */
+SHERF_API sherf_status sherf_video_create(sherf_context *c, const char *path,
+                                          const sherf_video_options *options, sherf_video **out);
+/* The same, without alpha. */
 SHERF_API sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int height, double fps,
                                         sherf_video **out);
 SHERF_API sherf_status sherf_video_add(sherf_context *c, sherf_video *video,
-                                       const sherf_image *image);               /* RGB */
+                                       const sherf_image *image); /* RGB, or with alpha, not premultiplied */
 SHERF_API sherf_status sherf_video_close(sherf_context *c, sherf_video *video); /* finishes and frees */
 SHERF_API void sherf_video_abort(sherf_video *video);                           /* drops and frees */
 
@@ -221,8 +232,9 @@ typedef struct {
     double scale;              /* metres in the file's unit of length; 0: found */
     double source_fps;         /* of the file; 0: what it says, or else its format's usual */
     double fps;                /* wanted; 0: the source's. Rotations by slerp, places linearly */
-    const char *track;         /* track or person of a file of several; NULL: who is there longest */
-    int first, last;           /* frames of the file, from 0, both included; last 0: to the end */
+    double fps_most;   /* with fps 0: the largest whole part of the source's up to this; 0: no limit */
+    const char *track; /* track or person of a file of several; NULL: who is there longest */
+    int first, last;   /* frames of the file, from 0, both included; last 0: to the end */
     sherf_root root;
     double smooth_s; /* standard deviation of a Gaussian over time; 0: none */
     int loop;        /* non-zero: the end meets the start, so that it can be played again and again */
@@ -278,6 +290,54 @@ typedef struct {
 SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                     const sherf_export_options *options, const char *path,
                                     sherf_exported *out);
+
+/* ---------------------------------------------------------------- cameras and animation -------------- */
+/* `cameras` cameras on a circle round the body in all of the poses, in the world of the first one: azimuth 0
+ * looks at its front, up is the world's axis nearest to its own up. */
+typedef struct {
+    double azimuth_rad, elevation_rad; /* of the first camera */
+    double distance_m;                 /* 0: what shows all of the body in every pose */
+    double fov_rad;                    /* vertical; 0: 30 degrees */
+    int width_px, height_px;
+} sherf_orbit_options;
+SHERF_API sherf_status sherf_cameras_orbit(sherf_context *c, const sherf_body *body, const sherf_pose *poses,
+                                           int pose_count, const sherf_orbit_options *options, int cameras,
+                                           sherf_camera *out);
+
+typedef enum {
+    SHERF_CAMERA_FIXED,      /* stands where it sees the whole motion */
+    SHERF_CAMERA_FOLLOWING,  /* goes along with the person, looking the same way */
+    SHERF_CAMERA_ORBITING,   /* goes along and round */
+    SHERF_CAMERA_OBSERVATION /* the picture's own */
+} sherf_camera_path;
+typedef struct {
+    sherf_camera_path camera;
+    int width_px, height_px; /* 0: 512 wide; as high as wide, or in the observation's proportions */
+    int aimed; /* non-zero: from azimuth and elevation; otherwise from where the picture was taken */
+    double azimuth_rad, elevation_rad; /* of the first frame's body, as in sherf_orbit_options */
+    double distance_m;                 /* 0: what shows all of it */
+    double fov_rad;                    /* vertical; 0: the observation's camera's */
+    double turn_s;                     /* of an orbit; 0: 8 s */
+    int transparent;                   /* RGBA frames; the background is not looked at */
+    sherf_render_options render;
+} sherf_animate_options;
+/* The cameras of all frames: out holds sherf_motion_frame_count. avatar: whose observation's camera is meant.
+ * options may be NULL. */
+SHERF_API sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar,
+                                             const sherf_body *body, const sherf_motion *motion,
+                                             const sherf_animate_options *options, sherf_camera *out);
+
+typedef struct {
+    int frames;      /* written */
+    double frame_ms; /* rendering, on average */
+    double points;   /* that met the network, on average */
+} sherf_animate_result;
+/* Renders the motion to `output`: .mp4, .webm, .gif, or else a folder of frame_0000.png, ... Frames are
+ * encoded on a thread of their own while the next ones are rendered. When cancelled, what there is is
+ * finished, and the status is SHERF_CANCELLED. options and result may be NULL. */
+SHERF_API sherf_status sherf_animate(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
+                                     const sherf_motion *motion, const sherf_animate_options *options,
+                                     const char *output, sherf_animate_result *result);
 
 /* ---------------------------------------------------------------- viewer ----------------------------- */
 /* A page in the browser that turns, poses and plays avatars, served by the program itself: docs/viewer.md. */

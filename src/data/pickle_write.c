@@ -1,6 +1,5 @@
 #include "data/pickle_write.h"
 
-#include <stdio.h>
 #include <string.h>
 
 #include "base/path.h"
@@ -153,12 +152,38 @@ void pickle_doubles(pickle_writer *w, int rank, const int *dim, const double *da
     put_array(w, rank, dim, "f8", data, sizeof *data);
 }
 
+void pickle_int(pickle_writer *w, int32_t i) {
+    put_integer(w, i);
+}
+
+/* Writes `all` and frees both. */
+static sherf_status finish(pickle_writer *w, pickle_writer *all, const char *path) {
+    output_file file = {0};
+    sherf_status status = w->status ? w->status : all->status;
+    if (!status) status = output_open(w->c, path, &file);
+    if (!status) status = output_write(w->c, &file, all->data, all->bytes);
+    if (!status) status = output_commit(w->c, &file);
+    output_abort(&file);
+    mem_free(all->data);
+    mem_free(w->data);
+    *w = (pickle_writer){0};
+    return status;
+}
+
+sherf_status pickle_finish_file(pickle_writer *w, const char *path) {
+    pickle_writer all;
+    pickle_begin(&all, w->c);
+    put_byte(&all, OP_PROTO);
+    put_byte(&all, 3);
+    put(&all, w->data, w->bytes);
+    put_byte(&all, OP_STOP);
+    return finish(w, &all, path);
+}
+
 sherf_status pickle_finish_npy(pickle_writer *w, const char *path) {
     static const char text[] = "{'descr': '|O', 'fortran_order': False, 'shape': (), }";
     enum { HEADER = 128, PREFIX = 10 }; /* magic, version 1.0 and the length of the rest, 118 */
     unsigned char header[HEADER] = "\x93NUMPY\x01\x00\x76\x00";
-    output_file file = {0};
-    sherf_status status = w->status;
     memset(header + PREFIX, ' ', HEADER - PREFIX);
     memcpy(header + PREFIX, text, sizeof text - 1);
     header[HEADER - 1] = '\n';
@@ -173,13 +198,5 @@ sherf_status pickle_finish_npy(pickle_writer *w, const char *path) {
     put_byte(&all, OP_APPEND);
     array_close(&all);
     put_byte(&all, OP_STOP);
-    if (!status) status = all.status;
-    if (!status) status = output_open(w->c, path, &file);
-    if (!status) status = output_write(w->c, &file, all.data, all.bytes);
-    if (!status) status = output_commit(w->c, &file);
-    output_abort(&file);
-    mem_free(all.data);
-    mem_free(w->data);
-    *w = (pickle_writer){0};
-    return status;
+    return finish(w, &all, path);
 }

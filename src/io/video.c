@@ -1,5 +1,6 @@
-/* video: frames to H.264 in MP4 through FFmpeg's libraries. The file appears under its name when it is whole.
- * Colours are BT.709, limited range, and say so; sizes are made even by doubling the last row and column. */
+/* video: frames to a file through FFmpeg's libraries: H.264 in MP4, VP9 in WebM (with alpha where wanted),
+ * GIF. The file appears under its name when it is whole. Colours are BT.709, limited range, and say so; but
+ * for GIF sizes are made even by doubling the last row and column. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/imgutils.h>
@@ -11,19 +12,35 @@
 
 #include "base/path.h"
 #include "io/image.h"
+#include "io/palette.h"
 
 enum { VIDEO_SIDE_MAX = 8192 };
 
+typedef struct {
+    const char *extension, *container, *name; /* name: for messages */
+    const char *encoder;                      /* the one that is wanted */
+    enum AVCodecID codec;                     /* or any of these */
+    bool alpha;                               /* may have it */
+} video_form;
+
+static const video_form forms[] = {
+    {".mp4", "mp4", "H.264", "libx264", AV_CODEC_ID_H264, false},
+    {".webm", "webm", "VP9", "libvpx-vp9", AV_CODEC_ID_VP9, true},
+    {".gif", "gif", "GIF", "gif", AV_CODEC_ID_GIF, true},
+};
+
 struct sherf_video {
     char final[PATH_LENGTH], temporary[PATH_LENGTH];
-    int width, height; /* as given */
+    const video_form *form;
+    int width, height, channels; /* as given */
     AVFormatContext *container;
     AVCodecContext *codec;
     AVStream *stream; /* owned by container */
     AVFrame *frame;
     AVPacket *packet;
-    struct SwsContext *scaler;
-    uint8_t *rgb; /* even size */
+    struct SwsContext *scaler; /* NULL for a palette */
+    palette *palette;          /* NULL for others */
+    uint8_t *rgba;             /* 4 bytes a pixel, of the size that is written */
     int64_t count;
     bool created; /* the temporary file is there */
 };
@@ -32,72 +49,82 @@ static sherf_status failed(context *c, sherf_status status, const sherf_video *v
                            int code) {
     char text[AV_ERROR_MAX_STRING_SIZE] = "";
     if (code < 0) av_strerror(code, text, sizeof text);
-    return failure(c, status, "%s: %s%s%s", v->final, what, *text ? ": " : "", text);
+    return failure(c, status, "%s: %s %s%s%s", v->final, v->form->name, what, *text ? ": " : "", text);
 }
 
-/* libx264 at good quality, or whatever else makes H.264 from 4:2:0 here. */
+static enum AVPixelFormat pixels_of(const sherf_video *v) {
+    if (v->form->codec == AV_CODEC_ID_GIF) return AV_PIX_FMT_PAL8;
+    return v->channels == 4 ? AV_PIX_FMT_YUVA420P : AV_PIX_FMT_YUV420P;
+}
+
+/* Good quality at a constant rate of it; VP9 fast enough to keep up with the frames. */
+static void choose_quality(AVCodecContext *x, bool alpha) {
+    if (!strcmp(x->codec->name, "libx264")) {
+        av_opt_set(x->priv_data, "preset", "medium", 0);
+        av_opt_set(x->priv_data, "crf", "18", 0);
+    } else if (!strcmp(x->codec->name, "libvpx-vp9")) {
+        av_opt_set(x->priv_data, "crf", "24", 0);
+        av_opt_set(x->priv_data, "deadline", "good", 0);
+        av_opt_set(x->priv_data, "cpu-used", "5", 0);
+        av_opt_set(x->priv_data, "row-mt", "1", 0);
+        if (alpha) av_opt_set(x->priv_data, "auto-alt-ref", "0", 0); /* it has no alpha */
+    } else if (x->codec_id != AV_CODEC_ID_GIF)
+        x->bit_rate = (int64_t)x->width * x->height * 8;
+}
+
 static sherf_status open_codec(context *c, sherf_video *v, AVRational rate) {
-    const AVCodec *codec = avcodec_find_encoder_by_name("libx264");
-    if (!codec) codec = avcodec_find_encoder(AV_CODEC_ID_H264);
-    if (!codec) return failed(c, SHERF_UNSUPPORTED, v, "FFmpeg has no H.264 encoder here", 0);
+    const AVCodec *codec = avcodec_find_encoder_by_name(v->form->encoder);
+    if (!codec) codec = avcodec_find_encoder(v->form->codec);
+    if (!codec) return failed(c, SHERF_UNSUPPORTED, v, "cannot be encoded by the FFmpeg here", 0);
     AVCodecContext *x = v->codec = avcodec_alloc_context3(codec);
     if (!x) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    x->width = (v->width + 1) & ~1;
-    x->height = (v->height + 1) & ~1;
-    x->pix_fmt = AV_PIX_FMT_YUV420P;
+    bool even = v->form->codec != AV_CODEC_ID_GIF;
+    x->width = even ? (v->width + 1) & ~1 : v->width;
+    x->height = even ? (v->height + 1) & ~1 : v->height;
+    x->pix_fmt = pixels_of(v);
     x->framerate = rate;
     x->time_base = av_inv_q(rate);
     x->gop_size = 48;
     x->thread_count = c->threads;
-    x->color_range = AVCOL_RANGE_MPEG;
-    x->colorspace = AVCOL_SPC_BT709;
-    x->color_primaries = AVCOL_PRI_BT709;
-    x->color_trc = AVCOL_TRC_BT709;
+    if (even) {
+        x->color_range = AVCOL_RANGE_MPEG;
+        x->colorspace = AVCOL_SPC_BT709;
+        x->color_primaries = AVCOL_PRI_BT709;
+        x->color_trc = AVCOL_TRC_BT709;
+    }
     if (v->container->oformat->flags & AVFMT_GLOBALHEADER) x->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
-    if (!strcmp(codec->name, "libx264")) {
-        av_opt_set(x->priv_data, "preset", "medium", 0);
-        av_opt_set(x->priv_data, "crf", "18", 0);
-    } else
-        x->bit_rate = (int64_t)x->width * x->height * 8;
+    choose_quality(x, v->channels == 4);
     int code = avcodec_open2(x, codec, NULL);
-    return code < 0 ? failed(c, SHERF_UNSUPPORTED, v, "the H.264 encoder cannot be opened", code) : SHERF_OK;
+    return code < 0 ? failed(c, SHERF_UNSUPPORTED, v, "cannot be encoded here", code) : SHERF_OK;
 }
 
 static sherf_status open_file(context *c, sherf_video *v, AVRational rate) {
-    int code = avformat_alloc_output_context2(&v->container, NULL, "mp4", v->temporary);
-    if (code < 0) return failed(c, SHERF_UNSUPPORTED, v, "FFmpeg cannot write MP4 here", code);
+    int code = avformat_alloc_output_context2(&v->container, NULL, v->form->container, v->temporary);
+    if (code < 0) return failed(c, SHERF_UNSUPPORTED, v, "cannot be written by the FFmpeg here", code);
     sherf_status status = open_codec(c, v, rate);
     if (status != SHERF_OK) return status;
     v->stream = avformat_new_stream(v->container, NULL);
     if (!v->stream) return failure(c, SHERF_NO_MEMORY, "out of memory");
     v->stream->time_base = v->codec->time_base;
     v->stream->avg_frame_rate = rate;
+    if (v->channels == 4 && v->form->codec == AV_CODEC_ID_VP9)
+        av_dict_set(&v->stream->metadata, "alpha_mode", "1", 0);
     code = avcodec_parameters_from_context(v->stream->codecpar, v->codec);
-    if (code < 0) return failed(c, SHERF_NO_MEMORY, v, "the stream cannot be described", code);
+    if (code < 0) return failed(c, SHERF_NO_MEMORY, v, "stream cannot be described", code);
     code = avio_open(&v->container->pb, v->temporary, AVIO_FLAG_WRITE);
     if (code < 0) return failed(c, SHERF_WRITE_FAILED, v, "cannot be written", code);
     v->created = true;
     AVDictionary *options = NULL;
-    av_dict_set(&options, "movflags", "+faststart", 0);
+    if (v->form->codec == AV_CODEC_ID_H264) av_dict_set(&options, "movflags", "+faststart", 0);
     code = avformat_write_header(v->container, &options);
     av_dict_free(&options);
     return code < 0 ? failed(c, SHERF_WRITE_FAILED, v, "cannot be written", code) : SHERF_OK;
 }
 
-static sherf_status open_frame(context *c, sherf_video *v) {
+static sherf_status open_scaler(context *c, sherf_video *v) {
     int w = v->codec->width, h = v->codec->height;
-    v->frame = av_frame_alloc();
-    v->packet = av_packet_alloc();
-    v->rgb = mem_alloc(c, (size_t)w * (size_t)h, 3);
-    if (!v->rgb) return SHERF_NO_MEMORY;
-    if (!v->frame || !v->packet) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    v->frame->format = AV_PIX_FMT_YUV420P;
-    v->frame->width = w;
-    v->frame->height = h;
-    v->frame->color_range = AVCOL_RANGE_MPEG;
-    v->frame->colorspace = AVCOL_SPC_BT709;
-    if (av_frame_get_buffer(v->frame, 0) < 0) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    v->scaler = sws_getContext(w, h, AV_PIX_FMT_RGB24, w, h, AV_PIX_FMT_YUV420P,
+    if (v->codec->pix_fmt == AV_PIX_FMT_PAL8) return palette_create(c, &v->palette);
+    v->scaler = sws_getContext(w, h, AV_PIX_FMT_RGBA, w, h, v->codec->pix_fmt,
                                SWS_BICUBIC | SWS_ACCURATE_RND | SWS_FULL_CHR_H_INP, NULL, NULL, NULL);
     if (!v->scaler) return failure(c, SHERF_NO_MEMORY, "out of memory");
     const int *bt709 = sws_getCoefficients(SWS_CS_ITU709);
@@ -105,27 +132,52 @@ static sherf_status open_frame(context *c, sherf_video *v) {
     return SHERF_OK;
 }
 
-sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int height, double fps,
-                              sherf_video **out) {
-    *out = NULL;
-    if (width < 2 || height < 2 || width > VIDEO_SIDE_MAX || height > VIDEO_SIDE_MAX)
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: a video of %d x %d pixels cannot be written", path, width,
-                       height);
-    if (!(fps >= 0.01 && fps <= 1000))
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: %g frames per second are not possible", path, fps);
-    if (!path_ends(path, ".mp4"))
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: videos are written as .mp4", path);
-    av_log_set_level(AV_LOG_QUIET); /* FFmpeg prints by itself otherwise */
-    sherf_video *v = mem_zero(c, 1, sizeof *v);
-    if (!v) return SHERF_NO_MEMORY;
-    v->width = width;
-    v->height = height;
-    sherf_status status = SHERF_OK;
+static sherf_status open_frame(context *c, sherf_video *v) {
+    v->frame = av_frame_alloc();
+    v->packet = av_packet_alloc();
+    v->rgba = mem_alloc(c, (size_t)v->codec->width * (size_t)v->codec->height, 4);
+    if (!v->rgba) return SHERF_NO_MEMORY;
+    if (!v->frame || !v->packet) return failure(c, SHERF_NO_MEMORY, "out of memory");
+    v->frame->format = v->codec->pix_fmt;
+    v->frame->width = v->codec->width;
+    v->frame->height = v->codec->height;
+    v->frame->color_range = v->codec->color_range;
+    v->frame->colorspace = v->codec->colorspace;
+    if (av_frame_get_buffer(v->frame, 0) < 0) return failure(c, SHERF_NO_MEMORY, "out of memory");
+    return open_scaler(c, v);
+}
+
+static sherf_status check_wish(context *c, const char *path, const sherf_video_options *o, sherf_video *v) {
+    if (o->width < 2 || o->height < 2 || o->width > VIDEO_SIDE_MAX || o->height > VIDEO_SIDE_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: a video of %d x %d pixels cannot be written", path,
+                       o->width, o->height);
+    if (!(o->fps >= 0.01 && o->fps <= 1000))
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: %g frames per second are not possible", path, o->fps);
+    for (size_t i = 0; i < COUNT_OF(forms); i++)
+        if (path_ends(path, forms[i].extension)) v->form = &forms[i];
+    if (!v->form)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: videos are written as .mp4, .webm or .gif", path);
+    if (o->alpha && !v->form->alpha)
+        return failure(c, SHERF_UNSUPPORTED, "%s: %s has no transparency; .webm, .gif and pictures have",
+                       path, v->form->name);
     if (snprintf(v->final, sizeof v->final, "%s", path) >= (int)sizeof v->final ||
         snprintf(v->temporary, sizeof v->temporary, "%s.%ld.part", path, (long)getpid()) >=
             (int)sizeof v->temporary)
-        status = failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
-    if (status == SHERF_OK) status = open_file(c, v, av_d2q(fps, 100000));
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
+    v->width = o->width;
+    v->height = o->height;
+    v->channels = o->alpha ? 4 : 3;
+    return SHERF_OK;
+}
+
+sherf_status sherf_video_create(sherf_context *c, const char *path, const sherf_video_options *options,
+                                sherf_video **out) {
+    *out = NULL;
+    av_log_set_level(AV_LOG_QUIET); /* FFmpeg prints by itself otherwise */
+    sherf_video *v = mem_zero(c, 1, sizeof *v);
+    if (!v) return SHERF_NO_MEMORY;
+    sherf_status status = check_wish(c, path, options, v);
+    if (status == SHERF_OK) status = open_file(c, v, av_d2q(options->fps, 100000));
     if (status == SHERF_OK) status = open_frame(c, v);
     if (status != SHERF_OK)
         sherf_video_abort(v);
@@ -134,10 +186,16 @@ sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int
     return status;
 }
 
+sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int height, double fps,
+                              sherf_video **out) {
+    const sherf_video_options o = {.width = width, .height = height, .fps = fps};
+    return sherf_video_create(c, path, &o, out);
+}
+
 /* Sends a frame (NULL: the end) and writes what comes out. */
 static sherf_status encode(context *c, sherf_video *v, const AVFrame *frame) {
     int code = avcodec_send_frame(v->codec, frame);
-    if (code < 0) return failed(c, SHERF_WRITE_FAILED, v, "a frame cannot be encoded", code);
+    if (code < 0) return failed(c, SHERF_WRITE_FAILED, v, "frame cannot be encoded", code);
     while ((code = avcodec_receive_packet(v->codec, v->packet)) >= 0) {
         av_packet_rescale_ts(v->packet, v->codec->time_base, v->stream->time_base);
         v->packet->stream_index = v->stream->index;
@@ -145,29 +203,37 @@ static sherf_status encode(context *c, sherf_video *v, const AVFrame *frame) {
         if (code < 0) return failed(c, SHERF_WRITE_FAILED, v, "cannot be written", code);
     }
     if (code == AVERROR(EAGAIN) || code == AVERROR_EOF) return SHERF_OK;
-    return failed(c, SHERF_WRITE_FAILED, v, "a frame cannot be encoded", code);
+    return failed(c, SHERF_WRITE_FAILED, v, "frame cannot be encoded", code);
 }
 
-static void fill_rgb(sherf_video *v, const sherf_image *image) {
-    int w = v->codec->width, h = v->codec->height;
+static void fill_rgba(sherf_video *v, const sherf_image *image) {
+    int w = v->codec->width, h = v->codec->height, n = v->channels;
     for (int y = 0; y < h; y++) {
-        const float *row = image->data + (size_t)(y < v->height ? y : v->height - 1) * (size_t)v->width * 3;
-        uint8_t *to = v->rgb + (size_t)y * (size_t)w * 3;
-        for (int i = 0; i < v->width * 3; i++) to[i] = float_to_u8(row[i]);
-        if (w > v->width) memcpy(to + (size_t)v->width * 3, to + (size_t)(v->width - 1) * 3, 3);
+        int from = y < v->height ? y : v->height - 1;
+        const float *row = image->data + (size_t)from * (size_t)v->width * (size_t)n;
+        uint8_t *to = v->rgba + (size_t)y * (size_t)w * 4;
+        for (int x = 0; x < v->width; x++)
+            for (int k = 0; k < 4; k++) to[4 * x + k] = k < n ? float_to_u8(row[n * x + k]) : 255;
+        if (w > v->width) memcpy(to + (size_t)v->width * 4, to + (size_t)(v->width - 1) * 4, 4);
     }
 }
 
 sherf_status sherf_video_add(sherf_context *c, sherf_video *v, const sherf_image *image) {
-    if (!image->data || image->width != v->width || image->height != v->height || image->channels != 3)
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: a frame of %d x %d x %d in a video of %d x %d x 3",
-                       v->final, image->width, image->height, image->channels, v->width, v->height);
+    if (!image->data || image->width != v->width || image->height != v->height ||
+        image->channels != v->channels)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: a frame of %d x %d x %d in a video of %d x %d x %d",
+                       v->final, image->width, image->height, image->channels, v->width, v->height,
+                       v->channels);
     int code = av_frame_make_writable(v->frame);
     if (code < 0) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    fill_rgb(v, image);
-    const uint8_t *plane[1] = {v->rgb};
-    const int stride[1] = {v->codec->width * 3};
-    sws_scale(v->scaler, plane, stride, 0, v->codec->height, v->frame->data, v->frame->linesize);
+    fill_rgba(v, image);
+    const uint8_t *plane[1] = {v->rgba};
+    const int stride[1] = {v->codec->width * 4};
+    if (v->palette)
+        palette_apply(v->palette, v->rgba, v->codec->width, v->codec->height, v->channels == 4,
+                      (uint32_t *)(void *)v->frame->data[1], v->frame->data[0], v->frame->linesize[0]);
+    else
+        sws_scale(v->scaler, plane, stride, 0, v->codec->height, v->frame->data, v->frame->linesize);
     v->frame->pts = v->count++;
     return encode(c, v, v->frame);
 }
@@ -197,6 +263,7 @@ void sherf_video_abort(sherf_video *v) {
     av_frame_free(&v->frame);
     av_packet_free(&v->packet);
     sws_freeContext(v->scaler);
-    mem_free(v->rgb);
+    palette_free(v->palette);
+    mem_free(v->rgba);
     mem_free(v);
 }

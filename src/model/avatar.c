@@ -387,3 +387,22 @@ void sherf_frame_free(sherf_frame *frame) {
     sherf_image_free(&frame->depth);
     frame->points = 0;
 }
+
+/* Colour over black is colour times opacity. */
+sherf_status sherf_frame_rgba(sherf_context *c, const sherf_frame *frame, sherf_image *out) {
+    const sherf_image *color = &frame->color;
+    size_t pixels = (size_t)color->width * (size_t)color->height;
+    if (!out->data || out->width != color->width || out->height != color->height || out->channels != 4) {
+        sherf_image_free(out);
+        float *data = mem_alloc(c, pixels, 4 * sizeof *data);
+        if (!data) return SHERF_NO_MEMORY;
+        *out = (sherf_image){color->width, color->height, 4, data};
+    }
+    for (size_t i = 0; i < pixels; i++) {
+        float a = fminf(fmaxf(frame->opacity.data[i], 0), 1);
+        for (size_t k = 0; k < 3; k++)
+            out->data[4 * i + k] = a > 1e-4f ? fminf(color->data[3 * i + k] / a, 1) : 0;
+        out->data[4 * i + 3] = a;
+    }
+    return SHERF_OK;
+}

@@ -84,6 +84,7 @@ sherf_status clip_resample(context *c, clip *k, double fps) {
 }
 
 /* ---- smoothing ---- */
+enum { RADIUS_MAX = 1000 };
 
 /* Frame i of a clip that goes on beyond its ends as it came: mirrored in time and turned about the end's
  * value, x(-i) = 2 x(0) - x(i), so that a steady motion stays one. */
@@ -100,62 +101,84 @@ static void beyond(const clip *k, int joint, int i, float out[4]) {
     quaternion_multiply(k->turn[end][joint], out, out);
 }
 
-static double beyond_place(const clip *k, int axis, int i) {
-    int last = k->frames - 1, end = i < 0 ? 0 : last, mirrored = i < 0 ? -i : 2 * last - i;
-    if (i >= 0 && i <= last) return k->pelvis_m[i][axis];
+static double beyond_place(const float (*path)[3], int count, int axis, int i) {
+    int last = count - 1, end = i < 0 ? 0 : last, mirrored = i < 0 ? -i : 2 * last - i;
+    if (i >= 0 && i <= last) return path[i][axis];
     mirrored = mirrored < 0 ? 0 : mirrored > last ? last : mirrored;
-    return 2.0 * k->pelvis_m[end][axis] - k->pelvis_m[mirrored][axis];
+    return 2.0 * path[end][axis] - path[mirrored][axis];
+}
+
+typedef struct {
+    int radius;
+    double weight[RADIUS_MAX + 1];
+} kernel;
+
+/* A Gaussian, its standard deviation in frames. */
+static void kernel_make(double sigma, int frames, kernel *out) {
+    double sum = 0;
+    out->radius = (int)fmin(ceil(3 * sigma), fmin(RADIUS_MAX, frames - 1));
+    for (int d = 0; d <= out->radius; d++) {
+        out->weight[d] = exp(-0.5 * d * d / (sigma * sigma));
+        sum += d ? 2 * out->weight[d] : out->weight[d];
+    }
+    for (int d = 0; d <= out->radius; d++) out->weight[d] /= sum;
+}
+
+static void smooth_place(const float (*path)[3], int count, const kernel *g, int at, float out[3]) {
+    for (int a = 0; a < 3; a++) {
+        double sum = 0;
+        for (int d = -g->radius; d <= g->radius; d++)
+            sum += g->weight[d < 0 ? -d : d] * beyond_place(path, count, a, at + d);
+        out[a] = (float)sum;
+    }
+}
+
+void path_smooth(const float (*path)[3], int count, double sigma, float (*out)[3]) {
+    kernel g;
+    kernel_make(sigma, count, &g);
+    for (int i = 0; i < count; i++) smooth_place(path, count, &g, i, out[i]);
 }
 
 /* The mean of rotations near each other is that of their quaternions, on one half of the sphere. */
-static void smooth_frame(const clip *k, const double *weight, int radius, int frame, clip *out) {
+static void smooth_turns(const clip *k, const kernel *g, int frame, float (*out)[4]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         const float *middle = k->turn[frame][j];
         double sum[4] = {0}, length = 0;
-        for (int d = -radius; d <= radius; d++) {
+        for (int d = -g->radius; d <= g->radius; d++) {
             float q[4];
             beyond(k, j, frame + d, q);
-            double side = 0, w = weight[d < 0 ? -d : d];
+            double side = 0, w = g->weight[d < 0 ? -d : d];
             for (int i = 0; i < 4; i++) side += (double)q[i] * middle[i];
             for (int i = 0; i < 4; i++) sum[i] += side < 0 ? -w * q[i] : w * q[i];
         }
         for (int i = 0; i < 4; i++) length += sum[i] * sum[i];
-        for (int i = 0; i < 4; i++)
-            out->turn[frame][j][i] = length > 1e-12 ? (float)(sum[i] / sqrt(length)) : middle[i];
-    }
-    for (int a = 0; a < 3; a++) {
-        double sum = 0;
-        for (int d = -radius; d <= radius; d++) sum += weight[d < 0 ? -d : d] * beyond_place(k, a, frame + d);
-        out->pelvis_m[frame][a] = (float)sum;
+        for (int i = 0; i < 4; i++) out[j][i] = length > 1e-12 ? (float)(sum[i] / sqrt(length)) : middle[i];
     }
 }
 
 typedef struct {
     const clip *from;
     clip *to;
-    const double *weight;
-    int radius;
+    const kernel *kernel;
 } smooth_job;
 
 static void smooth_range(void *arg, int64_t begin, int64_t end, int thread) {
     const smooth_job *s = arg;
-    for (int64_t i = begin; i < end; i++) smooth_frame(s->from, s->weight, s->radius, (int)i, s->to);
+    for (int i = (int)begin; i < (int)end; i++) {
+        smooth_turns(s->from, s->kernel, i, s->to->turn[i]);
+        smooth_place((const float(*)[3])s->from->pelvis_m, s->from->frames, s->kernel, i, s->to->pelvis_m[i]);
+    }
 }
 
 sherf_status clip_smooth(context *c, clip *k, double seconds) {
-    enum { RADIUS_MAX = 1000 };
-    double sigma = seconds * k->fps, weight[RADIUS_MAX + 1], sum = 0;
+    double sigma = seconds * k->fps;
+    kernel g;
     clip out;
     if (!(sigma > 0.01)) return SHERF_OK;
-    int radius = (int)fmin(ceil(3 * sigma), fmin(RADIUS_MAX, k->frames - 1));
-    for (int d = 0; d <= radius; d++) {
-        weight[d] = exp(-0.5 * d * d / (sigma * sigma));
-        sum += d ? 2 * weight[d] : weight[d];
-    }
-    for (int d = 0; d <= radius; d++) weight[d] /= sum;
     sherf_status status = clip_create(c, k->frames, k->fps, &out);
     if (status) return status;
-    parallel_for(c, k->frames, 64, smooth_range, &(smooth_job){k, &out, weight, radius});
+    kernel_make(sigma, k->frames, &g);
+    parallel_for(c, k->frames, 64, smooth_range, &(smooth_job){k, &out, &g});
     replace(k, &out);
     return SHERF_OK;
 }

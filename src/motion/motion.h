@@ -52,6 +52,8 @@ sherf_status clip_crop(context *c, clip *k, int first, int count);
 sherf_status clip_resample(context *c, clip *k, double fps);
 /* Gaussian of that standard deviation. What moves and turns at constant speed is left as it is. */
 sherf_status clip_smooth(context *c, clip *k, double seconds);
+/* The same for a path of places; sigma in frames, more than 0. out: another array. */
+void path_smooth(const float (*path)[3], int count, double sigma, float (*out)[3]);
 /* What the root has gained from beginning to end is taken back evenly over the clip, what the joints differ
  * by in its last half second (or half); the last frame, now the first again, is left out. 2 frames at least.
  */

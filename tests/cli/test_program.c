@@ -12,8 +12,8 @@
 #include <unistd.h>
 
 enum { WORDS_MOST = 40, TEXT_MOST = 1 << 16 };
-static const char *const verbs[] = {"avatar", "render",  "view",  "export", "train", "eval",
-                                    "synth",  "convert", "check", "info",   "bench"};
+static const char *const verbs[] = {"avatar", "render", "animate", "view",  "export", "train",
+                                    "eval",   "synth",  "convert", "check", "info",   "bench"};
 
 typedef struct {
     int status; /* exit status; -1: ended by a signal */
@@ -196,6 +196,17 @@ static void wrong_usage(void **state) {
     assert_error(run("%s --views 1", render), 2, "--data", "sherf render --help");
     assert_error(run("%s --poses 0,1", render), 2, "--poses", "sherf render --help");
     assert_error(run("render a.json -b b -o c"), 2, "--model FILE is missing", "sherf render --help");
+    const char *animate = "animate a.safetensors -m b -b c";
+    assert_error(run("animate a.safetensors -o b"), 2, "--motion FILE|FOLDER is missing",
+                 "sherf animate --help");
+    assert_error(run("%s", animate), 2, "--output OUT is missing", "sherf animate --help");
+    assert_error(run("animate -m b -b c -o d"), 2, "INPUT is missing", "sherf animate --help");
+    assert_error(run("%s -a d -o e", animate), 2, "twice", "sherf animate --help");
+    assert_error(run("%s -o e.mp4 --background transparent", animate), 2, "transparent",
+                 "sherf animate --help");
+    assert_error(run("%s -o e --camera hand", animate), 2, "'hand' is none of fixed|follow|orbit|observation",
+                 "sherf animate --help");
+    assert_error(run("%s -o e --first 5 --last 3", animate), 2, "--last", "sherf animate --help");
     assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
 }
 
@@ -348,6 +359,83 @@ static void from_data_to_frames(void **state) {
     if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
 }
 
+/* A person in joints named as SMPL exporters do, who turns for so many frames. */
+static void bvh_write(const char *path, int frames) {
+    static const char *const limb[][3] = {{"L_Hip", "L_Knee", "L_Ankle"},
+                                          {"R_Hip", "R_Knee", "R_Ankle"},
+                                          {"L_Shoulder", "L_Elbow", "L_Wrist"},
+                                          {"R_Shoulder", "R_Elbow", "R_Wrist"}};
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    fprintf(
+        f,
+        "HIERARCHY\nROOT Pelvis { OFFSET 0 0 0 CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation "
+        "Yrotation\n");
+    for (int l = 0; l < 4; l++) {
+        int side = l % 2 ? -1 : 1, leg = l < 2;
+        for (int j = 0; j < 3; j++)
+            fprintf(f, "JOINT %s\n{ OFFSET %d %d 0 CHANNELS 3 Zrotation Xrotation Yrotation\n", limb[l][j],
+                    j && leg ? 0 : (leg ? 10 : 25) * side,
+                    leg ? j ? -40 : -5
+                    : j ? 0
+                        : 40);
+        fprintf(f, "End Site { OFFSET 0 -1 0 } } } }\n");
+    }
+    fprintf(f, "}\nMOTION\nFrames: %d\nFrame Time: 0.04\n", frames);
+    for (int i = 0; i < frames; i++) {
+        fprintf(f, "0 90 0 0 0 %d", 3 * i);
+        for (int k = 0; k < 36; k++) fprintf(f, " %d", k % 7);
+        fprintf(f, "\n");
+    }
+    fclose(f);
+}
+
+static void animations(void **state) {
+    char folder[2048], avatar[2048], clip[2048], out[2048], words[6400], path[2100], log[2048];
+    snprintf(folder, sizeof folder, "%s", test_path("tube"));
+    snprintf(avatar, sizeof avatar, "%s", test_path("avatar.safetensors"));
+    snprintf(clip, sizeof clip, "%s", test_path("turn.bvh"));
+    snprintf(out, sizeof out, "%s", test_path("turn"));
+    snprintf(words, sizeof words, "animate %s -b %s/tubeman.safetensors -m %s", avatar, folder, clip);
+    bvh_write(clip, 8);
+    cJSON *json = json_of(run(
+        "%s -o %s.webm --size 32 --background transparent --blend 0.2 --npz %s.npz --json", words, out, out));
+    assert_int_equal(number(json, "frames"), 13);
+    assert_float_equal(number(json, "fps"), 25, 1e-6);
+    assert_true(number(json, "points") > 0); /* the person is in the picture */
+    assert_contains(cJSON_GetObjectItem(json, "motion")->valuestring, "names of SMPL");
+    cJSON_Delete(json);
+    snprintf(path, sizeof path, "%s.webm", out);
+    assert_true(file_size(path) > 200);
+    json = json_of(run("animate -m %s.npz -b %s/tubeman.safetensors --fps 50 --npz %s2.npz --json", out,
+                       folder, out)); /* the motion alone, and again */
+    assert_int_equal(number(json, "frames"), 25);
+    cJSON_Delete(json);
+    const outcome *o = run("%s -a -o", words);
+    assert_int_equal(o->status, 2);
+    assert_error(run("%s -m %s -o %s.mp4 -q", words, avatar, out), 1, avatar, "not a motion");
+
+    /* Ctrl-C leaves a whole file of the frames so far. */
+    bvh_write(clip, 20000);
+    snprintf(path, sizeof path, "%s.mp4", out);
+    snprintf(log, sizeof log, "%s", test_path("log"));
+    snprintf(words + strlen(words), sizeof words - strlen(words), " -o %s --size 32 -q", path);
+    pid_t child = start(words, log, log);
+    char part[2200];
+    snprintf(part, sizeof part, "%s.%ld.part", path, (long)child);
+    for (int i = 0; i < 1200 && file_size(part) <= 0; i++) usleep(50000);
+    usleep(500000);
+    kill(child, SIGINT);
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    static char text[TEXT_MOST];
+    text_read(log, text);
+    if (!WIFEXITED(status) || WEXITSTATUS(status) != 1) fail_msg("status %x: %s", (unsigned)status, text);
+    assert_contains(text, "stopped after");
+    assert_int_equal(file_size(part), -1);
+    assert_int_equal(strstr(text, "after 0 of") == NULL, file_size(path) > 200);
+}
+
 /* The first Ctrl-C ends a training run in order, with a checkpoint. */
 static void interrupt_saves(void **state) {
     char folder[2048], out[2048], log[2048], words[6400], checkpoint[2100];
@@ -392,7 +480,7 @@ int main(void) {
         cmocka_unit_test(version_and_help), cmocka_unit_test(texts_agree),
         cmocka_unit_test(wrong_usage),      cmocka_unit_test(what_is_missing_or_broken),
         cmocka_unit_test(bench_answers),    cmocka_unit_test(from_data_to_frames),
-        cmocka_unit_test(interrupt_saves),
+        cmocka_unit_test(animations),       cmocka_unit_test(interrupt_saves),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,36 @@
+/* Motion files of all families: whatever is handed out can be played to its end. The first byte chooses what
+ * is wished of it. */
+#include <math.h>
+
+#include "fuzz.h"
+#include "motion/source.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
+    context *c = fuzz_context();
+    size_t live = mem_live();
+    uint8_t wish = size ? data[0] : 0;
+    sherf_pose pose;
+    sherf_pose_identity(&pose);
+    const sherf_motion_options o = {.loop = wish & 1,
+                                    .fps = wish & 2 ? 7 : 0,
+                                    .start = wish & 4 ? &pose : NULL,
+                                    .blend_s = 0.3,
+                                    .root =
+                                        (sherf_root)(wish >> 3 & 1 ? SHERF_ROOT_GROUNDED : SHERF_ROOT_KEPT),
+                                    .smooth_s = wish & 16 ? 0.01 : 0,
+                                    .their_shape = wish & 32,
+                                    .rotations = (sherf_rotations)(wish >> 6)};
+    sherf_motion *m;
+    if (!size) return 0;
+    sherf_status status = motion_parse(c, data + 1, size - 1, &o, &m);
+    if ((status == SHERF_OK) != (m != NULL)) abort();
+    if (m && (sherf_motion_frame_count(m) < 1 || !(sherf_motion_fps(m) > 0))) abort();
+    int step = m ? sherf_motion_frame_count(m) / 50 + 1 : 1;
+    for (int i = 0; m && i < sherf_motion_frame_count(m); i += step) {
+        sherf_motion_pose(m, i, &pose);
+        for (int k = 0; k < 72; k++)
+            if (!isfinite(pose.poses_rad[k]) || !isfinite(pose.Th_m[k % 3])) abort();
+    }
+    sherf_motion_free(m);
+    return fuzz_end(c, status, live);
+}

@@ -1,0 +1,646 @@
+/* Every format, written by its rules: the same walk poses the body the same. And what hostile files get. */
+#include "walk.h"
+
+#include "base/path.h"
+#include "data/pickle_write.h"
+#include "io/value.h"
+
+typedef struct {
+    context *c;
+    body_model *body;
+    walk walk;
+} fixture;
+
+static int setup(void **state) {
+    static fixture f;
+    f.c = test_context();
+    assert_ok(f.c, body_load(f.c, "../assets/body.safetensors", &f.body));
+    walk_make(f.body, &f.walk);
+    *state = &f;
+    return 0;
+}
+
+static int teardown(void **state) {
+    fixture *f = *state;
+    sherf_body_free(f->body);
+    sherf_context_free(f->c);
+    return mem_live() == 0 ? 0 : -1;
+}
+
+/* The file is the walk, to a millimetre at every vertex, and says so. `number`: the walk's frame that each of
+ * the motion's frames shows; NULL: all. */
+static void assert_walk(const fixture *f, const char *path, const sherf_motion_options *wish, double fps,
+                        const char *part, const char *other) {
+    sherf_motion_options o = wish ? *wish : (sherf_motion_options){0};
+    sherf_motion *m;
+    o.body = f->body;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
+    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
+    assert_float_equal(sherf_motion_fps(m), fps, 1e-4);
+    const char *text = sherf_motion_description(m);
+    if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        sherf_pose p;
+        sherf_motion_pose(m, i, &p);
+        double off = walk_distance(f->c, f->body, &p, &f->walk.pose[i]);
+        if (!(off < 1e-3)) fail_msg("%s, frame %d: a vertex is %g m off", path, i, off);
+    }
+    sherf_motion_free(m);
+}
+
+static void refused(const fixture *f, const char *path, const sherf_motion_options *o, sherf_status status,
+                    const char *part) {
+    sherf_motion *m;
+    f->c->message[0] = 0;
+    sherf_status got = sherf_motion_load(f->c, path, o, &m);
+    if (got != status) fail_msg("status %d, not %d: %s", (int)got, (int)status, f->c->message);
+    assert_null(m);
+    if (!strstr(f->c->message, part)) fail_msg("\"%s\" does not say \"%s\"", f->c->message, part);
+}
+
+/* ---- arrays of the walk ---- */
+typedef struct {
+    float whole[WALK_FRAMES][165], root[WALK_FRAMES][3], body[WALK_FRAMES][69], trans[WALK_FRAMES][3],
+        smpl[WALK_FRAMES][72];
+} arrays;
+
+static void arrays_of(const walk *w, const double C[9], arrays *a) {
+    memset(a, 0, sizeof *a);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        walk_in(w, i, C, a->root[i], a->trans[i]);
+        memcpy(a->body[i], w->pose[i].poses_rad + 3, sizeof a->body[i]);
+        memcpy(a->smpl[i], a->root[i], sizeof a->root[i]);
+        memcpy(a->smpl[i] + 3, a->body[i], sizeof a->body[i]);
+        memcpy(a->whole[i], a->smpl[i], 66 * sizeof(float));
+    }
+}
+
+/* Rows of `width` out of rows of 165. */
+static float *rows(const float (*from)[165], int width) {
+    static float out[WALK_FRAMES * 165];
+    for (int i = 0; i < WALK_FRAMES; i++) memcpy(out + i * width, from[i], (size_t)width * sizeof *out);
+    return out;
+}
+
+static const float betas[16] = {0.5f, -0.25f};
+
+static void amass(void **state) {
+    const fixture *f = *state;
+    const float rate = 20;
+    arrays a;
+    arrays_of(&f->walk, walk_z_up, &a);
+    const char *path = test_path("amass.npz");
+    npz_member smplh[] = {{"poses", 2, {WALK_FRAMES, 156}, rows(a.whole, 156)},
+                          {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                          {"betas", 1, {16}, betas},
+                          {"mocap_framerate", 0, {0}, &rate},
+                          {.name = "gender", .text = "female"}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(smplh), smplh));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL+H", "z up");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    assert_float_equal(sherf_motion_shapes(m)[1], -0.25, 0);
+    sherf_pose p;
+    sherf_motion_pose(m, 0, &p);
+    assert_float_equal(p.shapes[0], 0, 0); /* not asked for */
+    sherf_motion_free(m);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.their_shape = 1}, &m));
+    sherf_motion_pose(m, 0, &p);
+    assert_float_equal(p.shapes[0], 0.5, 0);
+    sherf_motion_free(m);
+
+    npz_member smplx[] = {{"poses", 2, {WALK_FRAMES, 165}, a.whole[0]},
+                          {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                          {"mocap_frame_rate", 1, {1}, &rate}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(smplx), smplx));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL-X", "z up");
+
+    float body[WALK_FRAMES][63];
+    for (int i = 0; i < WALK_FRAMES; i++) memcpy(body[i], a.body[i], sizeof body[i]);
+    npz_member parts[] = {{"root_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
+                          {"pose_body", 2, {WALK_FRAMES, 63}, body[0]},
+                          {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                          {"mocap_frame_rate", 0, {0}, &rate}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
+    assert_walk(f, path, NULL, 20, "SMPL-X by parts", "z up");
+    assert_walk(f, path, &(sherf_motion_options){.source_fps = 24}, 24, "24 a second", "z up");
+    parts[2].data = a.trans[0]; /* the same in centimetres and millimetres, found by how high the pelvis is */
+    for (int i = 0; i < WALK_FRAMES * 3; i++) a.trans[i / 3][i % 3] *= 100;
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
+    assert_walk(f, path, NULL, 20, "centimetres", "z up");
+    for (int i = 0; i < WALK_FRAMES * 3; i++) a.trans[i / 3][i % 3] *= 10;
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
+    assert_walk(f, path, NULL, 20, "millimetres", "z up");
+    assert_walk(f, path, &(sherf_motion_options){.scale = 0.001}, 20, "millimetres", "z up");
+}
+
+/* y up in a file that is usually z up, and rotations as matrices and quaternions. */
+static void found_by_content(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("found.npz");
+    const float rate = 20;
+    arrays a;
+    static float matrix[WALK_FRAMES][24][9], wxyz[WALK_FRAMES][24][4], xyzw[WALK_FRAMES][24][4];
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES; i++)
+        for (int j = 0; j < 24; j++) {
+            double v[3] = {a.smpl[i][3 * j], a.smpl[i][3 * j + 1], a.smpl[i][3 * j + 2]};
+            quaternion_from_axis_angle(v, wxyz[i][j]);
+            for (int k = 0; k < 4; k++) xyzw[i][j][(k + 3) % 4] = wxyz[i][j][k];
+            rodrigues(a.smpl[i] + 3 * j, matrix[i][j]);
+        }
+    npz_member member[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]},
+                           {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                           {"mocap_frame_rate", 0, {0}, &rate}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
+    refused(f, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_MATRIX}, SHERF_BAD_FILE,
+            "72 numbers");
+    member[0] = (npz_member){"poses", 4, {WALK_FRAMES, 24, 3, 3}, matrix[0][0]};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
+    member[0] = (npz_member){"poses", 3, {WALK_FRAMES, 24, 4}, wxyz[0][0]};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
+    member[0] = (npz_member){"poses", 3, {WALK_FRAMES, 24, 4}, xyzw[0][0]};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
+    assert_walk(f, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_XYZW}, 20, "AMASS", "y up");
+    sherf_motion *m; /* the wrong order turns the person over, or is no rotation: but it is what was asked */
+    assert_ok(f->c,
+              sherf_motion_load(f->c, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_WXYZ}, &m));
+    sherf_motion_free(m);
+}
+
+static void floats(pickle_writer *w, const char *key, int count, const float *data) {
+    pickle_string(w, key);
+    pickle_floats(w, 2, (const int[]){WALK_FRAMES, count}, data);
+}
+
+static void aist(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("aist.pkl");
+    const float scaling = 93.5f;
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES * 3; i++) a.trans[i / 3][i % 3] *= scaling;
+    pickle_writer w;
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "smpl_loss");
+    pickle_int(&w, 3);
+    floats(&w, "smpl_poses", 72, a.smpl[0]);
+    pickle_string(&w, "smpl_scaling");
+    pickle_floats(&w, 1, (const int[]){1}, &scaling);
+    floats(&w, "smpl_trans", 3, a.trans[0]);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 60, "AIST++", "y up");
+    sherf_motion *m; /* at 25 frames a second */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps = 25}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 5); /* 11 / 60 s */
+    sherf_motion_free(m);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps_most = 40}, &m));
+    assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
+    sherf_motion_free(m);
+}
+
+static void gvhmr(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("gvhmr.npz"), *nested = test_path("gvhmr.pkl");
+    arrays a;
+    float body[WALK_FRAMES][63], shape[WALK_FRAMES][10] = {{0}};
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES; i++) memcpy(body[i], a.body[i], sizeof body[i]);
+    npz_member member[] = {{"smpl_params_global/body_pose", 2, {WALK_FRAMES, 63}, body[0]},
+                           {"smpl_params_global/global_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
+                           {"smpl_params_global/transl", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                           {"smpl_params_global/betas", 2, {WALK_FRAMES, 10}, shape[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 30, "GVHMR", "(assumed)");
+    for (int i = 0; i < 4; i++) member[i].name += strlen("smpl_params_global/");
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 30, "SMPL poses", "body shape");
+    pickle_writer w;
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "smpl_params_global");
+    pickle_dict_open(&w);
+    floats(&w, "body_pose", 63, body[0]);
+    floats(&w, "betas", 10, shape[0]);
+    floats(&w, "global_orient", 3, a.root[0]);
+    floats(&w, "transl", 3, a.trans[0]);
+    pickle_dict_close(&w);
+    pickle_string(&w, "K_fullimg");
+    pickle_list_open(&w);
+    pickle_list_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, nested));
+    assert_walk(f, nested, NULL, 30, "GVHMR", "y up");
+}
+
+static void wham_track(pickle_writer *w, int id, int frames, const arrays *world, const arrays *camera,
+                       const double *ids) {
+    pickle_int(w, id);
+    pickle_dict_open(w);
+    const struct {
+        const char *key;
+        int width;
+        const float *data;
+    } part[] = {{"pose", 72, camera->smpl[0]},
+                {"trans", 3, camera->trans[0]},
+                {"pose_world", 72, world->smpl[0]},
+                {"trans_world", 3, world->trans[0]}};
+    for (size_t i = 0; i < COUNT_OF(part); i++) {
+        pickle_string(w, part[i].key);
+        pickle_floats(w, 2, (const int[]){frames, part[i].width}, part[i].data);
+    }
+    pickle_string(w, "frame_ids");
+    pickle_doubles(w, 1, (const int[]){frames}, ids);
+    pickle_dict_close(w);
+}
+
+static void wham(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("wham.pkl");
+    arrays world, camera;
+    double ids[WALK_FRAMES], wrong[WALK_FRAMES] = {5, 4};
+    arrays_of(&f->walk, walk_y_up, &world);
+    arrays_of(&f->walk, walk_y_down, &camera);
+    for (int i = 0; i < WALK_FRAMES; i++) ids[i] = 40 + i;
+    pickle_writer w;
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    wham_track(&w, 3, 4, &world, &camera, ids);
+    wham_track(&w, 7, WALK_FRAMES, &world, &camera, ids);
+    wham_track(&w, 9, 3, &world, &camera, wrong);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "WHAM", "track 7 of 3");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "3"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 4);
+    sherf_motion_free(m);
+    refused(f, path, &(sherf_motion_options){.track = "4"}, SHERF_BAD_ARGUMENT, "'4' among the 3");
+    refused(f, path, &(sherf_motion_options){.track = "9"}, SHERF_BAD_FILE, "ascend");
+}
+
+/* One frame of PHALP: everybody's matrices. */
+static void phalp_frame(pickle_writer *w, const walk *k, int frame, int others_before) {
+    char name[32];
+    snprintf(name, sizeof name, "video/%06d.jpg", frame);
+    pickle_string(w, name);
+    pickle_dict_open(w);
+    pickle_string(w, "tid");
+    pickle_list_open(w);
+    for (int i = 0; i <= others_before; i++) pickle_int(w, i == others_before ? 12 : i);
+    pickle_list_close(w);
+    float root[3], trans[3], R[9], all[23][9];
+    walk_in(k, frame, walk_y_down, root, trans);
+    rodrigues(root, R);
+    for (int j = 1; j < 24; j++) rodrigues(k->pose[frame].poses_rad + 3 * j, all[j - 1]);
+    pickle_string(w, "smpl");
+    pickle_list_open(w);
+    for (int i = 0; i <= others_before; i++) {
+        pickle_dict_open(w);
+        pickle_string(w, "global_orient");
+        pickle_floats(w, 3, (const int[]){1, 3, 3}, R);
+        pickle_string(w, "body_pose");
+        pickle_floats(w, 3, (const int[]){23, 3, 3}, all[0]);
+        pickle_string(w, "betas");
+        pickle_floats(w, 1, (const int[]){10}, betas);
+        pickle_dict_close(w);
+    }
+    pickle_list_close(w);
+    pickle_string(w, "camera");
+    pickle_list_open(w);
+    for (int i = 0; i <= others_before; i++) pickle_floats(w, 1, (const int[]){3}, trans);
+    pickle_list_close(w);
+    pickle_dict_close(w);
+}
+
+static void phalp(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("phalp.pkl");
+    pickle_writer w;
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    for (int i = 0; i < WALK_FRAMES; i++) phalp_frame(&w, &f->walk, i, i % 3);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "PHALP", "track 12 of 3");
+    sherf_motion *m; /* person 1 is there in every third frame, from 2 to 11: gaps are filled */
+    assert_ok(f->c,
+              sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1", .body = f->body}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 10);
+    sherf_pose p;
+    sherf_motion_pose(m, 3, &p);
+    assert_true(walk_distance(f->c, f->body, &p, &f->walk.pose[5]) < 1e-3);
+    sherf_motion_free(m);
+}
+
+/* ---- JSON ---- */
+
+static void numbers(FILE *out, const char *key, int count, const float *data, const char *open,
+                    const char *close) {
+    fprintf(out, "\"%s\": %s", key, open);
+    for (int i = 0; i < count; i++) fprintf(out, "%s%.9g", i ? ", " : "", data[i]);
+    fprintf(out, "%s", close);
+}
+
+/* x = R(Rh) x_smpl + Th, poses without the root, z up. */
+static void easymocap_person(FILE *out, const walk *w, int frame, int id) {
+    float root[3], trans[3], R[9], Th[3], poses[72], shapes[10] = {0};
+    walk_in(w, frame, walk_z_up, root, trans);
+    rodrigues(root, R);
+    for (int k = 0; k < 3; k++) { /* J0 + trans = R J0 + Th */
+        const double *J0 = w->skeleton.rest_m[0];
+        Th[k] = (float)(J0[k] + trans[k] - R[3 * k] * J0[0] - R[3 * k + 1] * J0[1] - R[3 * k + 2] * J0[2]);
+    }
+    memcpy(poses, w->pose[frame].poses_rad, sizeof poses);
+    memset(poses, 0, 3 * sizeof *poses);
+    fprintf(out, "{\"id\": %d, ", id);
+    numbers(out, "Rh", 3, root, "[[", "]], ");
+    numbers(out, "Th", 3, Th, "[[", "]], ");
+    numbers(out, "poses", 72, poses, "[[", "]], ");
+    numbers(out, "shapes", 10, shapes, "[[", "]]}");
+}
+
+static void easymocap(void **state) {
+    const fixture *f = *state;
+    char folder[512], path[600];
+    snprintf(folder, sizeof folder, "%s", test_path("easymocap"));
+    assert_ok(f->c, folder_make(f->c, folder));
+    snprintf(path, sizeof path, "%s/readme.txt", folder);
+    fclose(fopen(path, "wb"));
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        snprintf(path, sizeof path, "%s/%06d.json", folder, i + 8);
+        FILE *out = fopen(path, "wb");
+        fprintf(out, "[");
+        if (i > 3) easymocap_person(out, &f->walk, 0, 5), fprintf(out, ", "); /* somebody else stands there */
+        easymocap_person(out, &f->walk, i, 2);
+        fprintf(out, "]");
+        fclose(out);
+    }
+    assert_walk(f, folder, NULL, 30, "EasyMocap", "person 2");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "5"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 8);
+    sherf_motion_free(m);
+    refused(f, folder, &(sherf_motion_options){.track = "6"}, SHERF_BAD_ARGUMENT, "'6'");
+    const char *list = test_path("easymocap.json");
+    for (int nested = 0; nested < 2; nested++) { /* a list of people a frame, or of one person */
+        FILE *out = fopen(list, "wb");
+        fprintf(out, "[");
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            fprintf(out, nested ? "%s[" : "%s", i ? ", " : "");
+            easymocap_person(out, &f->walk, i, 0);
+            if (nested) fprintf(out, "]");
+        }
+        fprintf(out, "]");
+        fclose(out);
+        assert_walk(f, list, NULL, 30, "EasyMocap", "z up");
+    }
+}
+
+static void lhm(void **state) {
+    const fixture *f = *state;
+    char folder[512], path[600];
+    snprintf(folder, sizeof folder, "%s", test_path("smplx_params"));
+    assert_ok(f->c, folder_make(f->c, folder));
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        float root[3], trans[3];
+        static const float focal[2] = {1500, 1500};
+        walk_in(&f->walk, i, walk_y_down, root, trans);
+        snprintf(path, sizeof path, "%s/%05d.json", folder, i + 1);
+        FILE *out = fopen(path, "wb");
+        fprintf(out, "{");
+        numbers(out, "betas", 10, betas, "[", "], ");
+        numbers(out, "root_pose", 3, root, "[", "], ");
+        fprintf(out, "\"body_pose\": [");
+        for (int j = 1; j < 22; j++)
+            fprintf(out, "%s[%.9g, %.9g, %.9g]", j > 1 ? ", " : "", f->walk.pose[i].poses_rad[3 * j],
+                    f->walk.pose[i].poses_rad[3 * j + 1], f->walk.pose[i].poses_rad[3 * j + 2]);
+        fprintf(out, "], ");
+        numbers(out, "trans", 3, trans, "[", "], ");
+        numbers(out, "focal", 2, focal, "[", "]}");
+        fclose(out);
+    }
+    assert_walk(f, folder, NULL, 30, "LHM", "y down");
+}
+
+/* ---- BVH ---- */
+
+static void bvh_files(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("walk.bvh");
+    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    assert_walk(f, path, NULL, 20, "names of SMPL", "y up");
+    walk_write_bvh(&f->walk, path, walk_mixamo_names, 22, 0, 0.01);
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.01 m");
+    /* a rest pose with the arms 50 degrees down, in inches */
+    walk_write_bvh(&f->walk, path, walk_mixamo_names, 22, 50 * M_PI / 180, 0.0254);
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.0254 m");
+    assert_walk(f, path, &(sherf_motion_options){.scale = 0.0254}, 20, "BVH", "y up");
+}
+
+/* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
+static void captured_clips(void **state) {
+    const fixture *f = *state;
+    static const char *const clip_of[] = {"/usr/share/assimp/models/BVH/01_01.bvh",
+                                          "/usr/share/assimp/models/BVH/01_03.bvh"};
+    static const double y[3] = {0, 1, 0};
+    for (size_t n = 0; n < COUNT_OF(clip_of); n++) {
+        sherf_motion *m;
+        if (!path_is_file(clip_of[n])) skip();
+        assert_ok(f->c, sherf_motion_load(f->c, clip_of[n],
+                                          &(sherf_motion_options){.body = f->body, .fps_most = 30}, &m));
+        assert_non_null(strstr(sherf_motion_description(m), "names of CMU"));
+        assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
+        double lowest = INFINITY;
+        for (int i = 1; i < m->clip.frames; i++)
+            lowest = fmin(lowest, skeleton_lowest(&m->skeleton, (const float(*)[4])m->clip.turn[i],
+                                                  m->clip.pelvis_m[i], y));
+        assert_float_equal(lowest, 0, 0.08);
+        sherf_motion_free(m);
+    }
+}
+
+/* Written in AMASS's form and read again. */
+static void saved(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("walk2.bvh"), *npz = test_path("saved.npz");
+    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
+    assert_ok(f->c, sherf_motion_save(f->c, m, npz));
+    sherf_motion_free(m);
+    assert_walk(f, npz, NULL, 20, "AMASS, SMPL", "z up");
+    document *d;
+    assert_ok(f->c, npz_read(f->c, npz, &d));
+    assert_true(value_is_string(value_get(d->root, "gender"), "neutral"));
+    double rate;
+    assert_ok(f->c, value_doubles(f->c, value_get(d->root, "mocap_frame_rate"), "rate", 1, &rate));
+    assert_float_equal(rate, 20, 1e-4);
+    document_free(d);
+}
+
+/* ---- the wishes together ---- */
+
+static void wishes(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("wishes.bvh");
+    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    sherf_motion *m;
+    sherf_pose p, start = f->walk.pose[2];
+    start.Th_m[2] = 7;
+    sherf_motion_options o = {.body = f->body, .first = 2, .last = 9, .start = &start, .blend_s = 0.5};
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
+    assert_int_equal(sherf_motion_blend_frames(m), 10);
+    assert_int_equal(sherf_motion_frame_count(m), 18);
+    sherf_motion_pose(m, 0, &p);
+    assert_true(walk_distance(f->c, f->body, &p, &start) < 1e-3);
+    sherf_motion_pose(m, 10, &p); /* the pose is the walk's frame 2, so nothing moves until then */
+    assert_true(walk_distance(f->c, f->body, &p, &start) < 1e-3);
+    sherf_motion_pose_at(m, 10.5 / walk_fps, &p);
+    assert_true(walk_distance(f->c, f->body, &p, &start) > 5e-3);
+    sherf_motion_free(m);
+    o.loop = 1;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 17);
+    sherf_pose q;
+    for (int i = 0; i < 30; i++) { /* 7 frames go round behind the blend of 10 */
+        sherf_motion_pose_at(m, (10 + i * 0.3) / walk_fps, &p);
+        sherf_motion_pose_at(m, (10 + i * 0.3 + 21) / walk_fps, &q);
+        assert_true(walk_distance(f->c, f->body, &p, &q) < 1e-3);
+    }
+    sherf_motion_free(m);
+    refused(f, path, &(sherf_motion_options){.first = 12}, SHERF_BAD_ARGUMENT, "frame 12");
+    refused(f, path, &(sherf_motion_options){.first = 10, .loop = 1}, SHERF_BAD_ARGUMENT, "loop");
+    refused(f, path, &(sherf_motion_options){.smooth_s = NAN}, SHERF_BAD_ARGUMENT, "smooth");
+    refused(f, path, &(sherf_motion_options){.fps = -1}, SHERF_BAD_ARGUMENT, "fps");
+    start.R[0] = 3;
+    refused(f, path, &(sherf_motion_options){.start = &start}, SHERF_BAD_ARGUMENT, "rotation");
+}
+
+/* ---- hostile ---- */
+
+static void wrong_numbers(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("wrong.npz");
+    const float rate = 20, none = 0;
+    arrays a;
+    arrays_of(&f->walk, walk_z_up, &a);
+    npz_member member[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]},
+                           {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                           {"mocap_frame_rate", 0, {0}, &rate}};
+    const struct {
+        int member, at;
+        float value;
+        const char *says;
+    } broken[] = {{0, 100, NAN, "not finite"},
+                  {0, 5, 900, "degrees"},
+                  {1, 7, INFINITY, "not finite"},
+                  {1, 7, 1e9f, "away"}};
+    for (size_t i = 0; i < COUNT_OF(broken); i++) {
+        float *at = (float *)(uintptr_t)member[broken[i].member].data + broken[i].at, was = *at;
+        *at = broken[i].value;
+        assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+        refused(f, path, NULL, SHERF_BAD_FILE, broken[i].says);
+        *at = was;
+    }
+    const struct {
+        int member;
+        int64_t rows, width;
+        const char *says;
+    } shaped[] = {
+        {0, 12, 71, "71 numbers"}, {0, 0, 72, "no rows"}, {1, 11, 3, "33 numbers"}, {1, 18, 2, "not three"}};
+    for (size_t i = 0; i < COUNT_OF(shaped); i++) {
+        npz_member *m = &member[shaped[i].member], was = *m;
+        m->dim[0] = shaped[i].rows, m->dim[1] = shaped[i].width;
+        assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+        refused(f, path, NULL, SHERF_BAD_FILE, shaped[i].says);
+        *m = was;
+    }
+    member[2].data = &none;
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    refused(f, path, NULL, SHERF_BAD_FILE, "frame rate");
+    refused(f, "/no/such/motion", NULL, SHERF_NO_FILE, "/no/such/motion");
+    refused(f, "../assets/body.safetensors", NULL, SHERF_BAD_FILE, "not a motion");
+    refused(f, "/proc/self/fd", NULL, SHERF_BAD_FILE, "without numbered .json");
+    FILE *out = fopen(path, "wb");
+    fwrite("\x78\x9c\x01\x02\x03\x04", 1, 6, out);
+    fclose(out);
+    refused(f, path, NULL, SHERF_UNSUPPORTED, "joblib");
+}
+
+/* Files of all families cut short and with changed bytes: an error in a line, or a motion, and nothing left.
+ */
+static void damaged(void **state) {
+    const fixture *f = *state;
+    static const char *const made[] = {"amass.npz", "aist.pkl", "gvhmr.pkl",     "wham.pkl",
+                                       "phalp.pkl", "walk.bvh", "easymocap.json"};
+    size_t live = mem_live();
+    for (size_t n = 0; n < COUNT_OF(made); n++) {
+        unsigned char *data;
+        size_t bytes;
+        assert_ok(f->c, file_read(f->c, test_path(made[n]), 1 << 24, &data, &bytes));
+        for (int round = 0; round < 120; round++) {
+            uint64_t key = random_key(3, made[n], (uint64_t)round);
+            size_t length = round < 60 ? (size_t)random_below(key, 0, (int64_t)bytes) : bytes;
+            unsigned char *copy = malloc(length + 1);
+            sherf_motion *m;
+            memcpy(copy, data, length);
+            for (int k = 0; k < 4 && round >= 60; k++)
+                copy[random_below(key, 2 * (uint64_t)k + 1, (int64_t)length)] =
+                    (unsigned char)random_below(key, 2 * (uint64_t)k + 2, 256);
+            f->c->message[0] = 0;
+            sherf_status status = motion_parse(f->c, copy, length, &(sherf_motion_options){0}, &m);
+            if (status ? m != NULL || !f->c->message[0] : !m) fail_msg("%s, round %d", made[n], round);
+            for (int i = 0; m && i < sherf_motion_frame_count(m); i++) {
+                sherf_pose p;
+                sherf_motion_pose(m, i, &p);
+                for (int k = 0; k < 72; k++) assert_true(isfinite(p.poses_rad[k]));
+            }
+            sherf_motion_free(m);
+            free(copy);
+        }
+        mem_free(data);
+    }
+    assert_int_equal(mem_live(), live);
+}
+
+/* Every allocation fails once: the status says so, and nothing stays. */
+static void without_memory(void **state) {
+    const fixture *f = *state;
+    static const char *const made[] = {"amass.npz", "wham.pkl", "phalp.pkl", "walk.bvh", "easymocap.json"};
+    sherf_pose start = f->walk.pose[0];
+    const sherf_motion_options o = {
+        .fps = 15, .smooth_s = 0.1, .loop = 1, .start = &start, .blend_s = 0.2, .body = f->body, .first = 1};
+    for (size_t n = 0; n < COUNT_OF(made); n++) {
+        size_t live = mem_live();
+        sherf_status status = SHERF_NO_MEMORY;
+        for (long k = 0; status; k++) {
+            sherf_motion *m;
+            mem_fail_after(k);
+            status = sherf_motion_load(f->c, test_path(made[n]), &o, &m);
+            mem_fail_after(-1);
+            if (status && status != SHERF_NO_MEMORY) fail_msg("%s: %s", made[n], f->c->message);
+            assert_true(k < 5000);
+            sherf_motion_free(m);
+            assert_int_equal(mem_live(), live);
+        }
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(amass),         cmocka_unit_test(found_by_content),
+                                       cmocka_unit_test(aist),          cmocka_unit_test(gvhmr),
+                                       cmocka_unit_test(wham),          cmocka_unit_test(phalp),
+                                       cmocka_unit_test(easymocap),     cmocka_unit_test(lhm),
+                                       cmocka_unit_test(bvh_files),     cmocka_unit_test(captured_clips),
+                                       cmocka_unit_test(saved),         cmocka_unit_test(wishes),
+                                       cmocka_unit_test(wrong_numbers), cmocka_unit_test(damaged),
+                                       cmocka_unit_test(without_memory)};
+    return cmocka_run_group_tests(tests, setup, teardown);
+}

@@ -1,0 +1,181 @@
+/* A walk on the open body: turning, swaying, moving along; what all formats must tell alike. */
+#ifndef TEST_MOTION_WALK_H
+#define TEST_MOTION_WALK_H
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "data/data.h"
+#include "motion/source.h"
+#include "people/person_pose.h"
+#include "support.h"
+
+enum { WALK_FRAMES = 12 };
+static const double walk_fps = 20;
+
+typedef struct {
+    sherf_pose pose[WALK_FRAMES]; /* y up, R the identity */
+    skeleton skeleton;
+} walk;
+
+static inline void walk_make(const body_model *body, walk *w) {
+    skeleton_of(body, NULL, &w->skeleton);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        sherf_pose *p = &w->pose[i];
+        double t = i / walk_fps, turn[3] = {0.05 * sin(5 * t), 0.6 + 0.8 * t, 0.04 * cos(4 * t)};
+        sherf_pose_identity(p);
+        pose_walk(t, 1, p->poses_rad);
+        for (int k = 0; k < 3; k++) p->poses_rad[k] = (float)turn[k];
+        p->Th_m[0] = (float)(0.4 + 0.9 * t);
+        p->Th_m[1] = (float)(1.13 + 0.02 * sin(9 * t));
+        p->Th_m[2] = (float)(-0.3 + 0.5 * t);
+    }
+}
+
+static inline void walk_root(const walk *w, int i, double R[9], double pelvis_m[3]) {
+    float wide[9];
+    rodrigues(w->pose[i].poses_rad, wide);
+    for (int k = 0; k < 9; k++) R[k] = wide[k];
+    for (int k = 0; k < 3; k++) pelvis_m[k] = w->skeleton.rest_m[0][k] + w->pose[i].Th_m[k];
+}
+
+/* Into a world whose axes are the rows of C, seen from ours: root turned, translation of SMPL's kind. */
+static inline void walk_in(const walk *w, int i, const double C[9], float root[3], float trans[3]) {
+    double R[9], pelvis[3];
+    float turned[9];
+    walk_root(w, i, R, pelvis);
+    for (int r = 0; r < 3; r++) {
+        for (int k = 0; k < 3; k++)
+            turned[3 * r + k] = (float)(C[3 * r] * R[k] + C[3 * r + 1] * R[3 + k] + C[3 * r + 2] * R[6 + k]);
+        double place = C[3 * r] * pelvis[0] + C[3 * r + 1] * pelvis[1] + C[3 * r + 2] * pelvis[2];
+        trans[r] = (float)(place - w->skeleton.rest_m[0][r]);
+    }
+    rotation_to_axis_angle(turned, root);
+}
+
+/* Rows: what x, y, z of the file's world are in ours. */
+static const double walk_y_up[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+static const double walk_z_up[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
+static const double walk_y_down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
+
+/* The largest distance of a vertex between the motion's frame and the walk's. */
+static inline double walk_distance(context *c, const body_model *body, const sherf_pose *a,
+                                   const sherf_pose *b) {
+    size_t n = (size_t)body->vertices * 3;
+    float *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y);
+    double most = 0;
+    assert_ok(c, sherf_body_pose(c, body, a, x, NULL));
+    assert_ok(c, sherf_body_pose(c, body, b, y, NULL));
+    for (size_t i = 0; i < n; i += 3)
+        most = fmax(most, sqrt(pow((double)x[i] - y[i], 2) + pow((double)x[i + 1] - y[i + 1], 2) +
+                               pow((double)x[i + 2] - y[i + 2], 2)));
+    free(x);
+    free(y);
+    return most;
+}
+
+/* ---- BVH of the body's own skeleton ---- */
+
+/* The angles of R = Rz(a) Rx(b) Ry(c), degrees. */
+static inline void walk_euler_zxy(const double R[9], double degrees[3]) {
+    degrees[0] = atan2(-R[1], R[4]) * 180 / M_PI;
+    degrees[1] = asin(fmax(-1, fmin(1, R[7]))) * 180 / M_PI;
+    degrees[2] = atan2(-R[6], R[8]) * 180 / M_PI;
+}
+
+static inline void walk_multiply(const double a[9], const double b[9], double out[9]) {
+    for (int i = 0; i < 9; i++)
+        out[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
+}
+
+/* Whether `joint` is `other` or hangs on it. */
+static inline bool walk_below(int joint, int other) {
+    while (joint > other) joint = skeleton_parent[joint];
+    return joint == other;
+}
+
+static inline void walk_bvh_joint(FILE *f, const walk *w, const char *const *names, int j, int joints,
+                                  double spread, double unit) {
+    double offset[3], turned[3];
+    int parent = skeleton_parent[j];
+    for (int k = 0; k < 3; k++)
+        offset[k] = parent < 0 ? 0 : w->skeleton.rest_m[j][k] - w->skeleton.rest_m[parent][k];
+    double side = walk_below(parent, 16) ? -1 : walk_below(parent, 17) ? 1 : 0, angle = side * spread;
+    turned[0] = cos(angle) * offset[0] - sin(angle) * offset[1];
+    turned[1] = sin(angle) * offset[0] + cos(angle) * offset[1];
+    turned[2] = offset[2];
+    fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", names[j], turned[0] / unit,
+            turned[1] / unit, turned[2] / unit);
+    fprintf(f, "CHANNELS %s Zrotation Xrotation Yrotation\n",
+            parent < 0 ? "6 Xposition Yposition Zposition" : "3");
+    bool leaf = true;
+    for (int i = j + 1; i < joints; i++)
+        if (skeleton_parent[i] == j) walk_bvh_joint(f, w, names, i, joints, spread, unit), leaf = false;
+    if (leaf) fprintf(f, "End Site\n{\nOFFSET 0 1 0\n}\n");
+    fprintf(f, "}\n");
+}
+
+/* Order of the joints in the file: depth first. */
+static inline int walk_bvh_order(int j, int joints, int *order, int count) {
+    order[count++] = j;
+    for (int i = j + 1; i < joints; i++)
+        if (skeleton_parent[i] == j) count = walk_bvh_order(i, joints, order, count);
+    return count;
+}
+
+/* Arms at rest `spread` radians below the T (an A-pose): the file's rotations then begin from there. */
+static inline void walk_write_bvh(const walk *w, const char *path, const char *const *names, int joints,
+                                  double spread, double unit) {
+    int order[BODY_JOINTS];
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    fprintf(f, "HIERARCHY\n");
+    walk_bvh_joint(f, w, names, 0, joints, spread, unit);
+    fprintf(f, "MOTION\nFrames: %d\nFrame Time: %.7g\n", WALK_FRAMES, 1 / walk_fps);
+    assert_int_equal(walk_bvh_order(0, joints, order, 0), joints);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        double global[BODY_JOINTS][9], file[BODY_JOINTS][9], pelvis[3], root[9];
+        walk_root(w, i, root, pelvis);
+        for (int j = 0; j < joints; j++) {
+            float R[9];
+            double local[9];
+            rodrigues(w->pose[i].poses_rad + 3 * j, R);
+            for (int k = 0; k < 9; k++) local[k] = R[k];
+            if (j)
+                walk_multiply(global[skeleton_parent[j]], local, global[j]);
+            else
+                memcpy(global[j], local, sizeof local);
+            /* file * (rest bone of the file) = global * (rest bone of the body) */
+            double side = walk_below(j, 16) ? -1 : walk_below(j, 17) ? 1 : 0, a = side * spread;
+            double back[9] = {cos(a), sin(a), 0, -sin(a), cos(a), 0, 0, 0, 1};
+            walk_multiply(global[j], back, file[j]);
+        }
+        fprintf(f, "%.9g %.9g %.9g", pelvis[0] / unit, pelvis[1] / unit, pelvis[2] / unit);
+        for (int n = 0; n < joints; n++) {
+            int j = order[n];
+            double up[9], local[9], angle[3];
+            for (int k = 0; k < 9; k++) up[k] = j ? file[skeleton_parent[j]][k % 3 * 3 + k / 3] : k % 4 == 0;
+            walk_multiply(up, file[j], local);
+            walk_euler_zxy(local, angle);
+            fprintf(f, " %.9g %.9g %.9g", angle[0], angle[1], angle[2]);
+        }
+        fprintf(f, "\n");
+    }
+    fclose(f);
+}
+
+static const char *const walk_smpl_names[BODY_JOINTS] = {
+    "Pelvis",     "L_Hip",      "R_Hip",   "Spine1",  "L_Knee",  "R_Knee",   "Spine2",   "L_Ankle",
+    "R_Ankle",    "Spine3",     "L_Foot",  "R_Foot",  "Neck",    "L_Collar", "R_Collar", "Head",
+    "L_Shoulder", "R_Shoulder", "L_Elbow", "R_Elbow", "L_Wrist", "R_Wrist",  "L_Hand",   "R_Hand"};
+static const char *const walk_mixamo_names[BODY_JOINTS] = {
+    "mixamorig:Hips",        "mixamorig:LeftUpLeg",       "mixamorig:RightUpLeg",
+    "mixamorig:Spine",       "mixamorig:LeftLeg",         "mixamorig:RightLeg",
+    "mixamorig:Spine1",      "mixamorig:LeftFoot",        "mixamorig:RightFoot",
+    "mixamorig:Spine2",      "mixamorig:LeftToeBase",     "mixamorig:RightToeBase",
+    "mixamorig:Neck",        "mixamorig:LeftShoulder",    "mixamorig:RightShoulder",
+    "mixamorig:Head",        "mixamorig:LeftArm",         "mixamorig:RightArm",
+    "mixamorig:LeftForeArm", "mixamorig:RightForeArm",    "mixamorig:LeftHand",
+    "mixamorig:RightHand",   "mixamorig:LeftHandMiddle1", "mixamorig:RightHandMiddle1"};
+#endif

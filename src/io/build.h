@@ -122,6 +122,11 @@ bool torch_dtype(const char *name, size_t length, dtype *out); /* "FloatStorage"
 sherf_status safetensors_document(context *c, const char *path, document **out);
 sherf_status safetensors_document_parse(context *c, const void *data, size_t bytes, document **out);
 
+/* zlib (inflate.c). Unpacks to at most build_limit of the input; *out is mem_free'd by the caller. */
+bool zlib_is(const unsigned char *data, size_t bytes);
+sherf_status zlib_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
+                         size_t *length);
+
 /* What a reader may use for an input of this many bytes. */
 size_t build_limit(size_t input_bytes);
 #endif

@@ -458,9 +458,21 @@ static value *dict_marked(machine *m) {
     return dict;
 }
 
+static bool set_joblib(machine *m, value *target, const value *state) {
+    size_t used = 0;
+    const value *array = pickle_joblib(m->b, state, m->data + m->pos, m->bytes - m->pos, &used);
+    if (!array) return false;
+    m->pos += used;
+    *target = *array;
+    return true;
+}
+
 static bool set_state(machine *m) {
     value *state = pop(m), *target = state ? top(m) : NULL;
     if (!target) return false;
+    if (target->kind == VALUE_RECORD && object_of(target)->role == ROLE_PLAIN &&
+        !strcmp(target->record.class_name, pickle_joblib_class))
+        return set_joblib(m, target, state);
     bool known = false, ok = pickle_state_numpy(m->b, target, state, &known);
     if (known) return ok;
     if (target->kind != VALUE_RECORD) return true; /* attributes of an OrderedDict and the like: dropped */

@@ -28,6 +28,10 @@ value *pickle_call_torch(builder *b, const char *name, value *arguments, const p
                          bool *known);
 /* Sets the state of an object of a known class in place; *known as above. */
 bool pickle_state_numpy(builder *b, value *v, value *state, bool *known);
+/* joblib's: the array that a wrapper of class pickle_joblib_class with this state announces, its bytes right
+ * behind the wrapper in the stream. *used: how many. */
+extern const char pickle_joblib_class[];
+value *pickle_joblib(builder *b, const value *state, const unsigned char *data, size_t left, size_t *used);
 /* The storage that a persistent id names. */
 value *pickle_persistent(builder *b, value *id, const pickle_source *source);
 /* Turns an open view or storage into an array. */

@@ -152,6 +152,27 @@ static bool whole_at(const value *v, int64_t i, int64_t *out) {
     return true;
 }
 
+/* ---------------------------------------------------------------- joblib ----------------------------- */
+const char pickle_joblib_class[] = "joblib.numpy_pickle.NumpyArrayWrapper";
+
+/* Newer ones align the data: a byte that tells how many more to skip. */
+value *pickle_joblib(builder *b, const value *state, const unsigned char *data, size_t left, size_t *used) {
+    const value *aligned = value_get(state, "numpy_array_alignment_bytes");
+    numpy_type t;
+    int rank;
+    int64_t dim[8], n, bytes;
+    size_t skip = aligned && aligned->kind != VALUE_NONE && left ? 1 + (size_t)data[0] : 0;
+    if (!dtype_of(value_get(state, "dtype"), &t) || !pickle_dims(value_get(state, "shape"), &rank, dim) ||
+        !is_read(t))
+        return build_fail(b, SHERF_BAD_FILE, "pickle: an array of joblib's that is not of plain numbers");
+    n = build_count(rank, dim);
+    if (n < 0 || __builtin_mul_overflow(n, t.size, &bytes) || skip > left || (uint64_t)bytes > left - skip)
+        return build_fail(b, SHERF_BAD_FILE, "pickle: an array of joblib's is truncated");
+    *used = skip + (size_t)bytes;
+    return numpy_array(b, t, rank, dim, value_is_string(value_get(state, "order"), "F"), data + skip,
+                       (size_t)bytes);
+}
+
 /* ---------------------------------------------------------------- scipy.sparse ----------------------- */
 static const char *sparse_format(const char *class_name) {
     static const char *const format[] = {"csc", "csr", "coo"};

@@ -263,12 +263,23 @@ static bool safetensors_is(const unsigned char *data, size_t bytes) {
     return bytes > 8 && data[8] == '{' && data[5] == 0 && data[6] == 0 && data[7] == 0;
 }
 
-typedef enum { FORM_ZIP, FORM_GZIP, FORM_NPY, FORM_SAFETENSORS, FORM_TORCH, FORM_JSON, FORM_PICKLE } form;
-static const char *const form_name[] = {"zip", "gzip", "npy", "safetensors", "torch", "json", "pickle"};
+typedef enum {
+    FORM_ZIP,
+    FORM_GZIP,
+    FORM_ZLIB,
+    FORM_NPY,
+    FORM_SAFETENSORS,
+    FORM_TORCH,
+    FORM_JSON,
+    FORM_PICKLE
+} form;
+static const char *const form_name[] = {"zip",         "gzip",  "pickle", "npy",
+                                        "safetensors", "torch", "json",   "pickle"};
 
 static form form_of(const unsigned char *start, size_t n) {
     if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) return FORM_ZIP;
     if (n >= 2 && start[0] == 0x1f && start[1] == 0x8b) return FORM_GZIP;
+    if (zlib_is(start, n)) return FORM_ZLIB;
     if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) return FORM_NPY;
     if (safetensors_is(start, n)) return FORM_SAFETENSORS;
     if (torch_legacy_is(start, n)) return FORM_TORCH;
@@ -288,6 +299,14 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
     case FORM_GZIP:
         status = failure(c, SHERF_UNSUPPORTED, "packed with gzip; unpack it first (gunzip)");
         break;
+    case FORM_ZLIB: {
+        unsigned char *unpacked;
+        size_t length;
+        status = zlib_unpack(c, data, bytes, &unpacked, &length);
+        if (status == SHERF_OK) status = pickle_parse(c, unpacked, length, out);
+        mem_free(unpacked);
+        break;
+    }
     case FORM_NPY:
         status = npy_parse(c, data, bytes, out);
         break;

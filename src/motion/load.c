@@ -167,16 +167,6 @@ static bool bvh_is(const unsigned char *data, size_t bytes) {
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
 }
 
-/* zlib's first two bytes: what joblib.dump(..., compress=...) writes. */
-static bool packed_is(const unsigned char *data, size_t bytes) {
-    return bytes > 2 && data[0] == 0x78 && (data[0] << 8 | data[1]) % 31 == 0;
-}
-
-static sherf_status packed_failure(context *c) {
-    return failure(c, SHERF_UNSUPPORTED,
-                   "packed by joblib; load it in Python and write it again with pickle.dump or numpy.savez");
-}
-
 static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
     while (root && root->kind == VALUE_LIST && root->list.count == 1 && !frame_list_is(root))
         root = root->list.item[0];
@@ -197,8 +187,6 @@ sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, c
     if (bvh_is(data, bytes)) {
         status = bvh_parse(c, data, bytes, &b);
         if (!status) status = bvh_source_read(c, b, o, &s);
-    } else if (packed_is(data, bytes)) {
-        status = packed_failure(c);
     } else {
         status = document_parse(c, data, bytes, &d, NULL);
         if (!status) status = source_of_tree(c, d->root, o, &s);

@@ -37,7 +37,7 @@ static int setup(void **state) {
     assert_ok(f.c, sherf_avatar_create(f.c, f.model, f.body, f.observation, &f.avatar));
     walk_make(f.body, &w);
     snprintf(clip_path, sizeof clip_path, "%s", test_path("walk.bvh"));
-    walk_write_bvh(&w, clip_path, walk_smpl_names, 24, 0, 0.01);
+    walk_write_bvh(&w, clip_path, &(bvh_style){walk_smpl_names, 24, 0.01});
     const sherf_motion_options o = {.body = f.body,
                                     .start = sherf_avatar_pose(f.avatar),
                                     .shapes = sherf_avatar_pose(f.avatar)->shapes,

@@ -339,6 +339,26 @@ static void phalp(void **state) {
     sherf_motion_free(m);
 }
 
+/* Written by joblib 1.x's rules: the bytes of arrays stand in the stream, behind wrappers; packed or not. */
+static void joblib(void **state) {
+    const fixture *f = *state;
+    static const char *const path[] = {"data/io/joblib.pkl", "data/io/joblib_zlib.pkl"};
+    for (size_t n = 0; n < COUNT_OF(path); n++) {
+        sherf_motion *m;
+        sherf_pose p;
+        assert_ok(f->c, sherf_motion_load(f->c, path[n], NULL, &m));
+        assert_non_null(strstr(sherf_motion_description(m), "WHAM"));
+        assert_int_equal(sherf_motion_frame_count(m), 5);
+        for (int i = 0; i < 5;
+             i++) { /* pose_world[i, k] = (i + k / 100) / 10, trans_world in Fortran's order */
+            sherf_motion_pose(m, i, &p);
+            assert_float_equal(p.poses_rad[10], (i + 0.1) / 10, 1e-5);
+            for (int a = 0; a < 3; a++) assert_float_equal(p.Th_m[a], i + 0.25 * a, 1e-5);
+        }
+        sherf_motion_free(m);
+    }
+}
+
 /* ---- JSON ---- */
 
 static void numbers(FILE *out, const char *key, int count, const float *data, const char *open,
@@ -434,14 +454,20 @@ static void lhm(void **state) {
 static void bvh_files(void **state) {
     const fixture *f = *state;
     const char *path = test_path("walk.bvh");
-    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     assert_walk(f, path, NULL, 20, "names of SMPL", "y up");
-    walk_write_bvh(&f->walk, path, walk_mixamo_names, 22, 0, 0.01);
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.01 m");
     /* a rest pose with the arms 50 degrees down, in inches */
-    walk_write_bvh(&f->walk, path, walk_mixamo_names, 22, 50 * M_PI / 180, 0.0254);
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.0254, 50 * M_PI / 180});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.0254 m");
     assert_walk(f, path, &(sherf_motion_options){.scale = 0.0254}, 20, "BVH", "y up");
+    /* a rest pose that stands along z, or faces the other way */
+    static const double about_y[9] = {-1, 0, 0, 0, 1, 0, 0, 0, -1};
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0.5, walk_z_up});
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0, about_y});
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
 }
 
 /* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
@@ -470,7 +496,7 @@ static void captured_clips(void **state) {
 static void saved(void **state) {
     const fixture *f = *state;
     const char *path = test_path("walk2.bvh"), *npz = test_path("saved.npz");
-    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     sherf_motion *m;
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
     assert_ok(f->c, sherf_motion_save(f->c, m, npz));
@@ -490,7 +516,7 @@ static void saved(void **state) {
 static void wishes(void **state) {
     const fixture *f = *state;
     const char *path = test_path("wishes.bvh");
-    walk_write_bvh(&f->walk, path, walk_smpl_names, 24, 0, 0.01);
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     sherf_motion *m;
     sherf_pose p, start = f->walk.pose[2];
     start.Th_m[2] = 7;
@@ -571,20 +597,21 @@ static void wrong_numbers(void **state) {
     FILE *out = fopen(path, "wb");
     fwrite("\x78\x9c\x01\x02\x03\x04", 1, 6, out);
     fclose(out);
-    refused(f, path, NULL, SHERF_UNSUPPORTED, "joblib");
+    refused(f, path, NULL, SHERF_BAD_FILE, "zlib");
 }
 
 /* Files of all families cut short and with changed bytes: an error in a line, or a motion, and nothing left.
  */
 static void damaged(void **state) {
     const fixture *f = *state;
-    static const char *const made[] = {"amass.npz", "aist.pkl", "gvhmr.pkl",     "wham.pkl",
-                                       "phalp.pkl", "walk.bvh", "easymocap.json"};
+    static const char *const made[] = {"joblib",   "amass.npz", "aist.pkl", "gvhmr.pkl",
+                                       "wham.pkl", "phalp.pkl", "walk.bvh", "easymocap.json"};
     size_t live = mem_live();
     for (size_t n = 0; n < COUNT_OF(made); n++) {
         unsigned char *data;
         size_t bytes;
-        assert_ok(f->c, file_read(f->c, test_path(made[n]), 1 << 24, &data, &bytes));
+        const char *path = n ? test_path(made[n]) : "data/io/joblib.pkl";
+        assert_ok(f->c, file_read(f->c, path, 1 << 24, &data, &bytes));
         for (int round = 0; round < 120; round++) {
             uint64_t key = random_key(3, made[n], (uint64_t)round);
             size_t length = round < 60 ? (size_t)random_below(key, 0, (int64_t)bytes) : bytes;
@@ -634,13 +661,21 @@ static void without_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(amass),         cmocka_unit_test(found_by_content),
-                                       cmocka_unit_test(aist),          cmocka_unit_test(gvhmr),
-                                       cmocka_unit_test(wham),          cmocka_unit_test(phalp),
-                                       cmocka_unit_test(easymocap),     cmocka_unit_test(lhm),
-                                       cmocka_unit_test(bvh_files),     cmocka_unit_test(captured_clips),
-                                       cmocka_unit_test(saved),         cmocka_unit_test(wishes),
-                                       cmocka_unit_test(wrong_numbers), cmocka_unit_test(damaged),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(amass),
+                                       cmocka_unit_test(found_by_content),
+                                       cmocka_unit_test(aist),
+                                       cmocka_unit_test(gvhmr),
+                                       cmocka_unit_test(wham),
+                                       cmocka_unit_test(phalp),
+                                       cmocka_unit_test(joblib),
+                                       cmocka_unit_test(easymocap),
+                                       cmocka_unit_test(lhm),
+                                       cmocka_unit_test(bvh_files),
+                                       cmocka_unit_test(captured_clips),
+                                       cmocka_unit_test(saved),
+                                       cmocka_unit_test(wishes),
+                                       cmocka_unit_test(wrong_numbers),
+                                       cmocka_unit_test(damaged),
                                        cmocka_unit_test(without_memory)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

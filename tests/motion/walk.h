@@ -95,23 +95,35 @@ static inline bool walk_below(int joint, int other) {
     return joint == other;
 }
 
-static inline void walk_bvh_joint(FILE *f, const walk *w, const char *const *names, int j, int joints,
-                                  double spread, double unit) {
+/* Arms at rest `spread` radians below the T (an A-pose); the rest pose stands in the axes whose rows are
+ * `axes`, seen from ours. The file's rotations begin from there. */
+typedef struct {
+    const char *const *names;
+    int joints;
+    double unit, spread;
+    const double *axes; /* NULL: ours */
+} bvh_style;
+
+static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style, int j) {
     double offset[3], turned[3];
     int parent = skeleton_parent[j];
     for (int k = 0; k < 3; k++)
         offset[k] = parent < 0 ? 0 : w->skeleton.rest_m[j][k] - w->skeleton.rest_m[parent][k];
-    double side = walk_below(parent, 16) ? -1 : walk_below(parent, 17) ? 1 : 0, angle = side * spread;
+    double side = walk_below(parent, 16) ? -1 : walk_below(parent, 17) ? 1 : 0, angle = side * style->spread;
     turned[0] = cos(angle) * offset[0] - sin(angle) * offset[1];
     turned[1] = sin(angle) * offset[0] + cos(angle) * offset[1];
     turned[2] = offset[2];
-    fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", names[j], turned[0] / unit,
-            turned[1] / unit, turned[2] / unit);
+    memcpy(offset, turned, sizeof offset);
+    for (int k = 0; k < 3 && style->axes; k++)
+        turned[k] = style->axes[3 * k] * offset[0] + style->axes[3 * k + 1] * offset[1] +
+                    style->axes[3 * k + 2] * offset[2];
+    fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", style->names[j],
+            turned[0] / style->unit, turned[1] / style->unit, turned[2] / style->unit);
     fprintf(f, "CHANNELS %s Zrotation Xrotation Yrotation\n",
             parent < 0 ? "6 Xposition Yposition Zposition" : "3");
     bool leaf = true;
-    for (int i = j + 1; i < joints; i++)
-        if (skeleton_parent[i] == j) walk_bvh_joint(f, w, names, i, joints, spread, unit), leaf = false;
+    for (int i = j + 1; i < style->joints; i++)
+        if (skeleton_parent[i] == j) walk_bvh_joint(f, w, style, i), leaf = false;
     if (leaf) fprintf(f, "End Site\n{\nOFFSET 0 1 0\n}\n");
     fprintf(f, "}\n");
 }
@@ -124,14 +136,14 @@ static inline int walk_bvh_order(int j, int joints, int *order, int count) {
     return count;
 }
 
-/* Arms at rest `spread` radians below the T (an A-pose): the file's rotations then begin from there. */
-static inline void walk_write_bvh(const walk *w, const char *path, const char *const *names, int joints,
-                                  double spread, double unit) {
+static inline void walk_write_bvh(const walk *w, const char *path, const bvh_style *style) {
+    const int joints = style->joints;
+    const double unit = style->unit;
     int order[BODY_JOINTS];
     FILE *f = fopen(path, "wb");
     assert_non_null(f);
     fprintf(f, "HIERARCHY\n");
-    walk_bvh_joint(f, w, names, 0, joints, spread, unit);
+    walk_bvh_joint(f, w, style, 0);
     fprintf(f, "MOTION\nFrames: %d\nFrame Time: %.7g\n", WALK_FRAMES, 1 / walk_fps);
     assert_int_equal(walk_bvh_order(0, joints, order, 0), joints);
     for (int i = 0; i < WALK_FRAMES; i++) {
@@ -147,9 +159,15 @@ static inline void walk_write_bvh(const walk *w, const char *path, const char *c
             else
                 memcpy(global[j], local, sizeof local);
             /* file * (rest bone of the file) = global * (rest bone of the body) */
-            double side = walk_below(j, 16) ? -1 : walk_below(j, 17) ? 1 : 0, a = side * spread;
-            double back[9] = {cos(a), sin(a), 0, -sin(a), cos(a), 0, 0, 0, 1};
-            walk_multiply(global[j], back, file[j]);
+            double side = walk_below(j, 16) ? -1 : walk_below(j, 17) ? 1 : 0, a = side * style->spread;
+            double back_of[9], back[9] = {cos(a), sin(a), 0, -sin(a), cos(a), 0, 0, 0, 1};
+            if (style->axes) { /* the rest pose is turned back first */
+                double turn_back[9];
+                for (int k = 0; k < 9; k++) turn_back[k] = style->axes[k % 3 * 3 + k / 3];
+                walk_multiply(back, turn_back, back_of);
+            } else
+                memcpy(back_of, back, sizeof back);
+            walk_multiply(global[j], back_of, file[j]);
         }
         fprintf(f, "%.9g %.9g %.9g", pelvis[0] / unit, pelvis[1] / unit, pelvis[2] / unit);
         for (int n = 0; n < joints; n++) {

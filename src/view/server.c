@@ -2,6 +2,8 @@
  * server_close. A request for a picture is laid aside (suspended) until the picture is there. */
 #include "view/view.h"
 
+double server_patience = 1;
+
 #ifdef SHERF_HAVE_MICROHTTPD
 #include <arpa/inet.h>
 #include <cjson/cJSON.h>
@@ -53,7 +55,7 @@ static void deadline_set(struct view_server *s, struct MHD_Connection *connectio
     slot *at = slot_of(connection);
     if (!at) return;
     pthread_mutex_lock(&s->lock);
-    at->deadline_s = seconds > 0 ? time_seconds() + seconds : 0;
+    at->deadline_s = seconds > 0 ? time_seconds() + server_patience * seconds : 0;
     pthread_mutex_unlock(&s->lock);
 }
 
@@ -67,7 +69,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **o
         *own = NULL;
         for (int i = 0; i < CONNECTIONS && info && !*own; i++)
             if (s->slots[i].fd < 0) {
-                s->slots[i] = (slot){info->connect_fd, time_seconds() + FIRST_REQUEST_S};
+                s->slots[i] = (slot){info->connect_fd, time_seconds() + server_patience * FIRST_REQUEST_S};
                 *own = &s->slots[i];
             }
     } else if (*own) {

@@ -2,7 +2,7 @@
  * server_close. A request for a picture is laid aside (suspended) until the picture is there. */
 #include "view/view.h"
 
-double server_patience = 1;
+_Atomic double server_patience = 1;
 
 #ifdef SHERF_HAVE_MICROHTTPD
 #include <arpa/inet.h>
@@ -233,15 +233,20 @@ static enum MHD_Result film_state_send(request *r, struct MHD_Connection *connec
     view_desk *d = &r->server->v->desk;
     pthread_mutex_lock(&d->lock);
     int seat = desk_seat(d, q->client);
-    view_film f = {0};
-    if (seat >= 0) f = d->client[seat].film;
-    pthread_mutex_unlock(&d->lock);
     cJSON *json = cJSON_CreateObject();
-    cJSON_AddStringToObject(json, "state", names[f.state]);
-    cJSON_AddNumberToObject(json, "done", f.done);
-    cJSON_AddNumberToObject(json, "frames", f.frames);
-    cJSON_AddNumberToObject(json, "bytes", (double)f.bytes);
-    if (f.state == FILM_FAILED) cJSON_AddStringToObject(json, "message", f.message);
+    if (seat >= 0) {
+        const view_film *f = &d->client[seat].film;
+        cJSON_AddStringToObject(json, "state", names[f->state]);
+        cJSON_AddNumberToObject(json, "done", f->done);
+        cJSON_AddNumberToObject(json, "frames", f->frames);
+        cJSON_AddNumberToObject(json, "bytes", (double)f->bytes);
+        if (f->state == FILM_FAILED) cJSON_AddStringToObject(json, "message", f->message);
+    }
+    pthread_mutex_unlock(&d->lock);
+    if (seat < 0) {
+        cJSON_Delete(json);
+        return say(connection, MHD_HTTP_SERVICE_UNAVAILABLE, "too many viewers at once");
+    }
     return send_json(connection, json);
 }
 

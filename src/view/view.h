@@ -235,7 +235,7 @@ void films_close(view *v);
 sherf_status server_open(context *c, view *v, const char *listen, int port);
 void server_tend(struct view_server *s); /* ends connections that take too long; now and then */
 void server_close(struct view_server *s);
-extern double server_patience; /* factor of all time limits but that of silence; tests lower it */
+extern _Atomic double server_patience; /* factor of all time limits but that of silence; tests lower it */
 
 /* ---- the page (made by the build of web/) ---- */
 typedef struct {

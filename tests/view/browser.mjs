@@ -1,6 +1,6 @@
 // The viewer in a real browser: node tests/view/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
 // Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or PLAYWRIGHT_CORE=its folder).
-// Leaves screenshots in $SCREENSHOTS, when that is a folder. Exit status: 0 passed, 1 failed, 77 cannot be run.
+// Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed, 1 failed, 77 cannot be run.
 import { spawn } from "node:child_process";
 import { createRequire } from "node:module";
 import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -24,7 +24,8 @@ const words = process.argv.slice(2), dash = words.indexOf("--");
 const [sherf, body, ...avatars] = dash < 0 ? words : words.slice(0, dash);
 const motions = dash < 0 ? [] : words.slice(dash + 1);
 if (!avatars.length) skip("usage: browser.mjs SHERF BODY AVATAR... [-- MOTION...]");
-const pictures = process.env.SCREENSHOTS;
+const pictures = process.env.SCREENSHOTS, size = process.env.SIZE || "384";
+const patience = 180000; // ms; a busy machine takes its time
 
 let failures = 0;
 function check(good, what) {
@@ -33,7 +34,7 @@ function check(good, what) {
 }
 
 function serve(port) {
-  const words = ["view", ...avatars, "-b", body, "--port", String(port), ...motions.flatMap((m) => ["--motion", m])];
+  const words = ["view", ...avatars, "-b", body, "--port", String(port), "--size", size, ...motions.flatMap((m) => ["--motion", m])];
   const child = spawn(sherf, words, { stdio: ["ignore", "pipe", "pipe"] });
   let said = "";
   child.stderr.on("data", (d) => (said += d));
@@ -52,9 +53,9 @@ function serve(port) {
 
 const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, name + ".png") });
 const text = (page) => page.textContent("#speed");
-const ready = (page) => page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null, { timeout: 60000 });
+const ready = (page) => page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null, { timeout: patience });
 // Refined: the full side is on the screen and nothing is under way.
-const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !asked, null, { timeout: 60000, polling: 50 });
+const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !asked, null, { timeout: patience, polling: 50 });
 // A small copy of the canvas's pixels.
 const pixels = (page) => page.evaluate(() => {
   const c = document.createElement("canvas");
@@ -72,6 +73,7 @@ try {
   const address = await server.address;
   browser = await chromium.launch({ executablePath: browserPath, args: ["--no-sandbox", "--disable-gpu"] });
   const desktop = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true });
+  desktop.setDefaultTimeout(patience);
   const page = await desktop.newPage();
   const problems = [];
   page.on("pageerror", (e) => problems.push(e.message));
@@ -98,7 +100,7 @@ try {
   await page.mouse.up();
   const lifted = Date.now();
   console.log("      while turning: " + speeds.at(-1));
-  await page.waitForFunction(() => shown.stamp === stamp && shown.side > 1.3 * moving, null, { timeout: 60000, polling: 10 });
+  await page.waitForFunction(() => shown.stamp === stamp && shown.side > 1.3 * moving, null, { timeout: patience, polling: 10 });
   console.log(`      first refined picture after ${Date.now() - lifted} ms: ${await text(page)}`);
   await still(page);
   console.log(`      full size after ${Date.now() - lifted} ms: ${await text(page)}`);
@@ -184,7 +186,7 @@ try {
   await page.selectOption("#film-size", "256");
   await page.selectOption("#film-fps", "12");
   await shot(page, "film");
-  [download] = await Promise.all([page.waitForEvent("download", { timeout: 120000 }), page.click("#film-start")]);
+  [download] = await Promise.all([page.waitForEvent("download", { timeout: patience }), page.click("#film-start")]);
   const mp4 = path.join(folder, "turn.mp4");
   await download.saveAs(mp4);
   const film = readFileSync(mp4);
@@ -203,6 +205,7 @@ try {
 
   // two clients, the second one a phone
   const phone = await browser.newContext({ viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true });
+  phone.setDefaultTimeout(patience);
   const small = await phone.newPage();
   small.on("pageerror", (e) => problems.push(e.message));
   await small.goto(address);
@@ -249,7 +252,7 @@ try {
   // reconnect: the network goes and comes back
   await desktop.setOffline(true);
   await page.keyboard.press("ArrowLeft");
-  await page.waitForFunction(() => !document.getElementById("notice").hidden, null, { timeout: 10000 });
+  await page.waitForFunction(() => !document.getElementById("notice").hidden, null, { timeout: 60000 });
   await shot(page, "offline");
   await desktop.setOffline(false);
   await still(page);
@@ -262,11 +265,11 @@ try {
   server.child.kill("SIGINT");
   check((await server.ended) === 0, "Ctrl-C ends the program with status 0");
   await page.keyboard.press("ArrowLeft");
-  await page.waitForFunction(() => /does not answer/.test(document.getElementById("notice").textContent), null, { timeout: 10000 });
+  await page.waitForFunction(() => /does not answer/.test(document.getElementById("notice").textContent), null, { timeout: 60000 });
   server = serve(port);
   const anew = await server.address;
   check(anew !== address, "another key after another start");
-  await page.waitForFunction(() => /anew/.test(document.getElementById("notice").textContent), null, { timeout: 20000 });
+  await page.waitForFunction(() => /anew/.test(document.getElementById("notice").textContent), null, { timeout: 60000 });
   check(true, "the page says that the viewer was started anew");
   await page.goto(anew);
   await still(page);

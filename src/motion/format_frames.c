@@ -1,4 +1,4 @@
-/* JSON a frame. EasyMocap: [{id, Rh, Th, poses, shapes}, ...], a file a frame in a folder, or one list of
+/* Frame by frame. EasyMocap: [{id, Rh, Th, poses, shapes}, ...], a file a frame in a folder, or one list of
  * such lists. LHM and ExAvatar: a folder of {root_pose, body_pose, trans, betas, ...}. */
 #include <dirent.h>
 #include <stdio.h>
@@ -13,7 +13,7 @@ static const int whole_joints[] = {24, 22, 52, 55, 29, 0}, body_joints[] = {21, 
 /* ---- what a frame holds ---- */
 
 static bool person_is(const value *v) {
-    return (value_get(v, "Rh") || value_get(v, "Th")) && value_get(v, "poses");
+    return value_numbers(value_get(v, "poses")) > 0;
 }
 
 /* The people of a frame: a list, or a dict with such a list under "annots". */
@@ -35,7 +35,14 @@ static bool frame_is(const value *frame) {
     return false;
 }
 
+/* {"frames": [...]}: the list within. */
+static const value *frames_of(const value *root) {
+    const value *inner = value_get(root, "frames");
+    return inner && inner->kind == VALUE_LIST ? inner : root;
+}
+
 bool frame_list_is(const value *root) {
+    root = frames_of(root);
     if (frame_is(root)) return true;
     for (size_t i = 0; root && root->kind == VALUE_LIST && i < root->list.count; i++)
         if (frame_is(root->list.item[i])) return true;
@@ -75,9 +82,9 @@ static sherf_status easymocap_frame(context *c, const value *person, const sherf
         n == 69 || n == 63 /* without the root */
             ? rotation_frame(c, "poses", poses, o->rotations, body_joints, 1, 23, turn)
             : rotation_frame(c, "poses", poses, o->rotations, whole_joints, 0, n == 72 ? 24 : 22, turn);
-    if (!status && value_get(person, "Rh"))
-        status =
-            rotation_frame(c, "Rh", value_get(person, "Rh"), SHERF_ROTATIONS_AUTO, root_joint, 0, 1, &world);
+    const value *turned = value_get(person, "Rh") ? value_get(person, "Rh") : value_get(person, "R");
+    if (!status && turned)
+        status = rotation_frame(c, "Rh", turned, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, &world);
     if (!status && value_get(person, "Th")) status = value_doubles(c, value_get(person, "Th"), "Th", 3, Th);
     if (status) return status;
     quaternion_multiply(world, turn[0], turn[0]);
@@ -114,8 +121,9 @@ typedef struct {
 static sherf_status take_first(context *c, taker *t, const value *person) {
     source *s = t->s;
     bool lhm = lhm_is(person);
-    s->format = lhm ? "LHM or ExAvatar" : "EasyMocap";
-    s->up = lhm ? SHERF_UP_MINUS_Y : SHERF_UP_Z;
+    bool easymocap = value_get(person, "Rh") != NULL;
+    s->format = lhm ? "LHM or ExAvatar" : easymocap ? "EasyMocap" : "SMPL poses";
+    s->up = lhm ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;
     const value *shapes = value_get(person, "shapes");
@@ -153,13 +161,15 @@ static taker taker_of(const sherf_motion_options *o, source *s, int64_t most) {
 }
 
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    root = frames_of(root);
     bool one = frame_is(root) && (root->kind == VALUE_DICT || person_is(value_at(root, 0)));
-    /* A list of people is a frame, unless the same one comes again: then it is a list of frames. */
+    /* A list of people is a frame, unless they have no names or the same one comes again: then it is a list
+     * of frames. */
     if (one && root->kind == VALUE_LIST && root->list.count > 1) {
         char first[64], second[64];
         person_name(root->list.item[0], 0, first);
-        person_name(root->list.item[1], value_get(root->list.item[1], "id") ? 1 : 0, second);
-        one = strcmp(first, second) != 0;
+        person_name(root->list.item[1], 1, second);
+        one = value_get(root->list.item[1], "id") && strcmp(first, second) != 0;
     }
     size_t frames = one ? 1 : root->list.count;
     taker t = taker_of(o, s, (int64_t)frames);

@@ -423,6 +423,22 @@ static void easymocap(void **state) {
     }
 }
 
+/* What `sherf render --poses` reads: a list of poses under "frames". */
+static void poses_in_frames(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("frames.json");
+    FILE *out = fopen(path, "wb");
+    fprintf(out, "{\"frames\": [");
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        fprintf(out, "%s{", i ? ", " : "");
+        numbers(out, "poses", 72, f->walk.pose[i].poses_rad, "[", "], ");
+        numbers(out, "Th", 3, f->walk.pose[i].Th_m, "[", "]}");
+    }
+    fprintf(out, "]}");
+    fclose(out);
+    assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
+}
+
 static void lhm(void **state) {
     const fixture *f = *state;
     char folder[512], path[600];
@@ -669,6 +685,7 @@ int main(void) {
                                        cmocka_unit_test(phalp),
                                        cmocka_unit_test(joblib),
                                        cmocka_unit_test(easymocap),
+                                       cmocka_unit_test(poses_in_frames),
                                        cmocka_unit_test(lhm),
                                        cmocka_unit_test(bvh_files),
                                        cmocka_unit_test(captured_clips),

@@ -1,8 +1,6 @@
 #include <fcntl.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -15,16 +13,18 @@ static struct {
     const char *model, *body, *listen;
     option_files motions;
     int64_t port, size;
-    bool open;
+    bool open, whole;
 } set = {.listen = "127.0.0.1", .size = 1024};
 
 static const option options[] = {
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "the body model the avatars were made with (one beside the first, or else the open body)"},
     {'m', "model", OPTION_FILE, &set.model, "FILE",
-     "weights; INPUTs that are observations become avatars on the spot"},
+     "weights; all INPUTs are observations then (the model that ships)"},
     {'M', "motion", OPTION_FILES, &set.motions, "FILE",
      "a motion or poses to play, as sherf animate and --poses of sherf render take them; may be given again"},
+    {0, "whole", OPTION_FLAG, &set.whole, NULL,
+     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
     {0, "listen", OPTION_TEXT, &set.listen, "ADDR",
      "address to listen at (127.0.0.1, which only this machine reaches; 0.0.0.0: everybody who does)"},
     {0, "port", OPTION_INTEGER, &set.port, "N", "port to listen at (0: any that is free)", 0, 65535},
@@ -36,7 +36,6 @@ static const option options[] = {
 
 typedef struct {
     sherf_body *body;
-    sherf_model *model;
     sherf_viewer_avatar avatar[AVATARS_MOST];
     sherf_avatar *made[AVATARS_MOST];
     char *avatar_name[AVATARS_MOST];
@@ -61,29 +60,9 @@ static char *plain_name(const char *path) {
     return dot && dot > name ? strndup(name, (size_t)(dot - name)) : strdup(name);
 }
 
-static bool is_observation(const char *input) {
-    const char *end = strrchr(input, '.');
-    struct stat st;
-    return strchr(input, '#') || (end && strcmp(end, ".json") == 0) ||
-           (stat(input, &st) == 0 && S_ISDIR(st.st_mode));
-}
-
 static int avatar_add(session *s, gallery *g, const char *input) {
-    sherf_context *c = s->context;
     sherf_avatar **avatar = &g->made[g->avatars];
-    int status = EXIT_DONE;
-    if (is_observation(input)) {
-        sherf_observation *observation = NULL;
-        if (!set.model)
-            return usage_error(s->verb_name, "'%s' is an observation: --model FILE is missing", input);
-        if (!g->model) status = session_status(s, sherf_model_load(c, set.model, &g->model));
-        if (!status) status = session_status(s, sherf_observation_load(c, input, &observation));
-        if (!status)
-            status = session_status(s, sherf_avatar_create(c, g->model, g->body, observation, avatar));
-        sherf_observation_free(observation);
-    } else {
-        status = session_status(s, sherf_avatar_load(c, input, g->body, avatar));
-    }
+    int status = session_avatar(s, input, set.model, g->body, set.whole, avatar);
     if (status) return status;
     char *name = g->avatar_name[g->avatars] = plain_name(input);
     if (!name) return session_failure("out of memory");
@@ -135,7 +114,6 @@ static void gallery_free(gallery *g) {
         free(g->poses[i]);
         free(g->motion_name[i]);
     }
-    sherf_model_free(g->model);
     sherf_body_free(g->body);
     free(g);
 }
@@ -191,12 +169,11 @@ static int serve(session *s, gallery *g) {
 }
 
 static int run(session *s, int count, char **argument) {
+    const char *body_path = session_body(s, set.body, argument[0]);
+    if (!body_path) return EXIT_USAGE;
     gallery *g = calloc(1, sizeof *g);
     if (!g) return session_failure("out of memory");
-    int status = EXIT_DONE;
-    const char *body_path = session_body(s, set.body, argument[0]);
-    if (!body_path) status = EXIT_USAGE;
-    if (!status) status = session_status(s, sherf_body_load(s->context, body_path, &g->body));
+    int status = session_status(s, sherf_body_load(s->context, body_path, &g->body));
     for (int i = 0; i < count && !status; i++) status = avatar_add(s, g, argument[i]);
     for (int i = 0; i < set.motions.count && !status; i++) status = motion_add(s, g, set.motions.file[i]);
     if (!status) status = serve(s, g);
@@ -210,7 +187,7 @@ const verb verb_view = {
     .summary = "turn, pose and play avatars in the browser",
     .description = "Opens a page, served by the program itself, on which avatars are turned with the mouse, "
                    "put into poses and made to move, at a small size while something moves and then at full "
-                   "size. INPUTs are avatar files, or with --model observations. The address that is printed "
+                   "size. INPUTs are avatar files or observations. The address that is printed "
                    "holds a key, and without it nothing is shown; only this machine reaches it unless "
                    "--listen says otherwise. Ctrl-C ends.",
     .example = "sherf view ann.safetensors --open\n"

@@ -220,9 +220,8 @@ void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w
                        w->width, w->height, &upright);
     /* At zoom 1 the nearest part of the body fits in height and width. */
     double across = hypot(f->half_m[0], f->half_m[2]), nearest = f->distance_m - across;
-    double focal =
-        fmin(0.5 * w->height / (1.08 * fmax(f->half_m[1], across * 0.5)), 0.5 * w->width / (1.08 * across)) *
-        nearest * w->zoom;
+    double wide = fmax(f->half_m[0], f->half_m[2]), tall = fmax(f->half_m[1], across * 0.5);
+    double focal = fmin(0.5 * w->height / (1.08 * tall), 0.5 * w->width / (1.08 * wide)) * nearest * w->zoom;
     upright.K[0] = upright.K[4] = (float)focal;
     *scale_m = (float)(f->distance_m * w->height / focal);
     /* x_camera = R B^T (x - centre - B offset - way) + T, with R and T in the body's axes. */

@@ -207,6 +207,8 @@ static void wrong_usage(void **state) {
     assert_error(run("%s -o e --camera hand", animate), 2, "'hand' is none of fixed|follow|orbit|observation",
                  "sherf animate --help");
     assert_error(run("%s -o e --first 5 --last 3", animate), 2, "--last", "sherf animate --help");
+    assert_error(run("view -b b"), 2, "INPUT... is missing", "sherf view --help");
+    assert_error(run("view a.safetensors --port 65536"), 2, "--port: '65536'", "sherf view --help");
     assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
 }
 
@@ -264,6 +266,42 @@ static void assert_png(const char *path, unsigned width, unsigned height) {
     assert_memory_equal(b, "\211PNG", 4);
     assert_int_equal((unsigned)b[18] << 8 | b[19], width);
     assert_int_equal((unsigned)b[22] << 8 | b[23], height);
+}
+
+/* Says its address, takes motions and poses, and ends with 0 when it is interrupted. */
+static void viewer_by_itself(const char *folder, const char *avatar) {
+    char words[7000], out[512], err[512];
+    static char text[TEXT_MOST], said[TEXT_MOST];
+    snprintf(out, sizeof out, "%s", test_path("view.out"));
+    snprintf(err, sizeof err, "%s", test_path("view.err"));
+    snprintf(words, sizeof words, "view %s %s -b %s/tubeman.safetensors", avatar, avatar, folder);
+    const outcome *o = run("%s --motion /no/such/file", words);
+    if (strstr(o->err, "libmicrohttpd")) return; /* a build without it */
+    assert_error(run("%s -q --motion /no/such/file", words), 1, "sherf: ", "/no/such/file");
+    assert_error(run("%s -q --listen nowhere", words), 1, "sherf: ", "nowhere");
+    pid_t child = start(words, out, err);
+    int status = 0;
+    pid_t ended = 0;
+    for (int i = 0; i < 1200 && !ended; i++) {
+        usleep(50000);
+        text_read(out, text);
+        if (strchr(text, '\n')) break;
+        ended = waitpid(child, &status, WNOHANG);
+    }
+    text_read(err, said);
+    if (!ended) kill(child, SIGINT);
+    for (int i = 0; i < 1200 && !ended; i++) {
+        usleep(50000);
+        ended = waitpid(child, &status, WNOHANG);
+    }
+    if (!ended) kill(child, SIGKILL);
+    if (strstr(said, "libmicrohttpd")) return;
+    int port, used = 0;
+    if (sscanf(text, "http://127.0.0.1:%d/%*32[0-9a-f]/%n", &port, &used) != 1 || text[used] != '\n' ||
+        text[used + 1])
+        fail_msg("no address: '%s', %s", text, said);
+    if (ended != child || !WIFEXITED(status) || WEXITSTATUS(status))
+        fail_msg("status %x: %s", (unsigned)status, said);
 }
 
 /* Without --body and --perceptual both come from the folder of assets; here the second is another network. */
@@ -355,6 +393,7 @@ static void from_data_to_frames(void **state) {
     assert_true(file_size(path) > 200);
     assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
     assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
+    viewer_by_itself(folder, avatar);
     /* A full disk: nothing is left behind. */
     if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
 }

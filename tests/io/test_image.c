@@ -1,5 +1,6 @@
 /* Pictures: decoded as OpenCV decodes them (hashes of cv2.imread's bytes), written, refused. */
 #include <math.h>
+#include <stdlib.h>
 
 #include "sample.h"
 
@@ -181,6 +182,57 @@ static void test_writing_without_memory(void **state) {
     assert_true(path_is_file(path));
 }
 
+/* To memory and back: PNG exactly, JPEG nearly; what cannot be allocated leaves nothing behind. */
+static void test_to_memory(void **state) {
+    enum { W = 37, H = 23 };
+    context *c = *state;
+    uint8_t data[W * H * 4], *out;
+    size_t bytes;
+    image_u8 p;
+    for (int i = 0; i < W * H * 4; i++)
+        data[i] = (uint8_t)(i % 4 == 3 ? 255 - i % 97 : i / 16 + 40 * (i % 4));
+    for (int channels = 1; channels <= 4; channels++) {
+        sherf_status status = png_to_memory(c, W, H, channels, data, channels, &out, &bytes);
+        if (channels == 2) {
+            assert_int_equal(status, SHERF_BAD_ARGUMENT);
+            continue;
+        }
+        assert_int_equal(status, SHERF_OK);
+        assert_ok(c, image_parse(c, out, bytes, channels, &p));
+        assert_int_equal(p.width, W);
+        assert_memory_equal(p.data, data, (size_t)(W * H * channels));
+        mem_free(p.data);
+        mem_free(out);
+    }
+    for (int i = 0; i < W * H * 3; i++) data[i] = (uint8_t)(20 + i / 3 % W * 5);
+    for (int quality = 80; quality < 100; quality += 15) {
+        assert_ok(c, jpeg_to_memory(c, W, H, data, quality, &out, &bytes));
+        assert_ok(c, image_parse(c, out, bytes, 3, &p));
+        int worst = 0;
+        for (int i = 0; i < W * H * 3; i++)
+            worst = abs(p.data[i] - data[i]) > worst ? abs(p.data[i] - data[i]) : worst;
+        assert_true(p.width == W && p.height == H && worst < 12);
+        mem_free(p.data);
+        mem_free(out);
+    }
+    assert_int_equal(jpeg_to_memory(c, W, H, data, 0, &out, &bytes), SHERF_BAD_ARGUMENT);
+    assert_int_equal(jpeg_to_memory(c, 0, H, data, 90, &out, &bytes), SHERF_BAD_ARGUMENT);
+    assert_int_equal(png_to_memory(c, W, 100000, 3, data, 1, &out, &bytes), SHERF_BAD_ARGUMENT);
+    for (int png = 0; png < 2; png++)
+        for (long n = 0;; n++) {
+            size_t live = mem_live();
+            long before = mem_count();
+            mem_fail_after(n);
+            sherf_status status = png ? png_to_memory(c, W, H, 3, data, 1, &out, &bytes)
+                                      : jpeg_to_memory(c, W, H, data, 90, &out, &bytes);
+            mem_fail_after(-1);
+            if (status == SHERF_OK) mem_free(out);
+            assert_int_equal(mem_live(), live);
+            if (mem_count() - before <= n) break;
+            assert_int_equal(status, SHERF_NO_MEMORY);
+        }
+}
+
 static int setup(void **state) {
     *state = test_context();
     return 0;
@@ -191,12 +243,10 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_as_opencv),
-                                       cmocka_unit_test(test_sixteen_bits),
-                                       cmocka_unit_test(test_alpha),
-                                       cmocka_unit_test(test_write),
-                                       cmocka_unit_test(test_public),
-                                       cmocka_unit_test(test_too_large),
-                                       cmocka_unit_test(test_writing_without_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_as_opencv), cmocka_unit_test(test_sixteen_bits),
+        cmocka_unit_test(test_alpha),     cmocka_unit_test(test_write),
+        cmocka_unit_test(test_public),    cmocka_unit_test(test_too_large),
+        cmocka_unit_test(test_to_memory), cmocka_unit_test(test_writing_without_memory)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -273,20 +273,44 @@ SHERF_API const char *sherf_motion_description(const sherf_motion *motion);
 SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path);
 
 /* ---------------------------------------------------------------- export ----------------------------- */
+typedef enum {
+    SHERF_EXPORT_AUTO,  /* by the name's end: .glb, .obj, .ply (a mesh) */
+    SHERF_EXPORT_GLB,   /* binary glTF 2.0: mesh, skin of 24 joints, texture, animation */
+    SHERF_EXPORT_OBJ,   /* with NAME.mtl and NAME.png beside it */
+    SHERF_EXPORT_PLY,   /* binary mesh with normals and vertex colours */
+    SHERF_EXPORT_SPLATS /* binary PLY of 3D Gaussians, as splat viewers read it */
+} sherf_export_format;
+
 typedef struct {
+    sherf_export_format format;
     int resolution; /* cells along the longest side of the canonical body, 16 to 768; 0: 256 */
     double level;   /* density of the surface, per metre; 0: where its silhouettes are the frames' */
     double islands; /* components smaller than this share of the largest one's area go; 0: 0.02 */
+    int triangles;  /* reduce to so many; 0: 50 000; negative: leave all */
+    int texture_px; /* side of the texture of .glb and .obj, 64 to 4096; 0: 1024; negative: vertex colours */
+    int splats;     /* 0: 100 000 */
+    /* In whose world and pose the file's person stands; NULL: T-pose, the person's shape, at the origin. A
+     * .glb's mesh is bound in that T-pose whatever this is; its joints take the pose. */
+    const sherf_pose *pose;
+    const sherf_motion *motion; /* .glb: an animation, or NULL */
+    int lit;                    /* .glb: light falls on the material; 0: it shows its colours as they are */
+    sherf_up up; /* axes of .obj and .ply, of a world that has y up; AUTO: y. A .glb has y up */
 } sherf_export_options;
 
 typedef struct {
-    int64_t vertices, triangles; /* of the file */
-    double level;                /* that was used, per metre */
-    int islands;                 /* components that were left out */
+    int64_t vertices, triangles; /* of the surface */
+    int64_t splats;
+    double level;      /* that was used, per metre */
+    int islands;       /* components that were left out */
+    int charts;        /* pieces of the texture; 0: none */
+    double seconds[4]; /* density and surface; reduction; skin and charts; colours. The rest is the file */
 } sherf_exported;
 
-/* The avatar's surface as a file, by the name's end: .ply (binary, normals, vertex colours), in canonical
- * space: legs and feet apart, mean shape, y up, facing +z, metres. options and out may be NULL. */
+/* The big pose and mean shape, in which an avatar's features are kept: for options.pose. */
+SHERF_API void sherf_pose_canonical(sherf_pose *out);
+/* The avatar's surface, or splats on it, as a file for other programs. Metres; in rest pose +y up and the
+ * person facing +z. The surface is closed and manifold. The file appears whole or not at all. options and out
+ * may be NULL. */
 SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                     const sherf_export_options *options, const char *path,
                                     sherf_exported *out);

@@ -69,12 +69,14 @@ sherf_status surface_keep_large(context *c, surface *s, double share, int *dropp
 /* Unit normals of the vertices from the grid's gradient, downhill, where it is steep enough, else from the
  * triangles; those alone when g is NULL. */
 sherf_status surface_normals(context *c, surface *s, const field_grid *g);
+/* ---- reduce.c ---- */
+/* To so many triangles, or as few as can be without spoiling the surface: closed and manifold it stays.
+ * Normals are dropped. */
+sherf_status surface_reduce(context *c, surface *s, int64_t triangles);
+
 /* ---- bake.c ---- */
 /* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them. */
 sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb);
-
-/* ---- mesh_file.c ---- */
-sherf_status ply_mesh_write(context *c, const char *path, const surface *s, const float *rgb);
 
 #endif

@@ -44,16 +44,18 @@ sherf_status field_level(context *c, const field_grid *g, float *level) {
         return failure(
             c, SHERF_BAD_ARGUMENT,
             "export: the avatar is nowhere opaque, so that it has no surface (was its model trained?)");
-    /* wrong columns when the level lies below bin b: clear ones from b on, opaque ones before it */
+    /* wrong columns when the level lies below bin b: clear ones from b on, opaque ones before it. The middle
+     * of the best, which are many where the density jumps. */
     int64_t wrong = 0, best;
-    int best_bin = 0;
+    int first = 0, last = 0;
     for (int b = 0; b < LEVEL_BINS; b++) wrong += clear[b];
     best = wrong;
     for (int b = 1; b < LEVEL_BINS; b++) {
         wrong += opaque[b - 1] - clear[b - 1];
-        if (wrong < best) best = wrong, best_bin = b;
+        if (wrong < best) best = wrong, first = b;
+        if (wrong == best) last = b;
     }
-    *level = (float)exp2(best_bin / bins_per_octave);
+    *level = (float)exp2((first + last) / (2 * bins_per_octave));
     return SHERF_OK;
 }
 
@@ -111,10 +113,16 @@ sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outsid
 
 sherf_status field_solidify(context *c, field_grid *g, float level) {
     const size_t count = grid_count(g);
+    float most = 0;
+    for (size_t i = 0; i < count; i++) {
+        most = fmaxf(most, g->value[i]);
+        if (g->value[i] < 0) g->value[i] = 2 * level;
+    }
+    if (most < level)
+        return failure(c, SHERF_BAD_ARGUMENT, "level %g: the avatar is nowhere that dense, but %g at most",
+                       (double)level, (double)most);
     uint8_t *outside = mem_zero(c, count, 1);
     if (!outside) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < count; i++)
-        if (g->value[i] < 0) g->value[i] = 2 * level;
     for (int a = 0; a < 3; a++) {
         smooth_job job = {g, a};
         parallel_for(c, (int64_t)(count / (size_t)g->size[a]), 1024, smooth_range, &job);

@@ -489,6 +489,37 @@ sherf_status png_write(context *c, const char *path, int width, int height, int 
     return end_writing(e);
 }
 
+sherf_status png_make(context *c, int width, int height, int channels, const uint8_t *data,
+                      unsigned char **png, size_t *bytes) {
+    char *memory = NULL;
+    size_t size = 0;
+    *png = NULL;
+    *bytes = 0;
+    if (width < 1 || height < 1 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX ||
+        (channels != 1 && channels != 3 && channels != 4))
+        return failure(c, SHERF_BAD_ARGUMENT, "a PNG of %d x %d pixels and %d channels cannot be made", width,
+                       height, channels);
+    encoder *e = mem_zero(c, 1, sizeof *e);
+    if (!e) return SHERF_NO_MEMORY;
+    e->c = c;
+    e->file.file = open_memstream(&memory, &size);
+    sherf_status status = SHERF_NO_MEMORY;
+    if (e->file.file) {
+        png_encode(e, width, height, channels, data);
+        status = e->status;
+        if (fclose(e->file.file) != 0 && status == SHERF_OK) status = SHERF_NO_MEMORY;
+        *png = status == SHERF_OK ? mem_alloc(c, size, 1) : NULL;
+        if (*png) {
+            memcpy(*png, memory, size);
+            *bytes = size;
+        } else if (status == SHERF_OK)
+            status = SHERF_NO_MEMORY;
+    }
+    free(memory);
+    mem_free(e);
+    return status;
+}
+
 typedef struct {
     struct jpeg_error_mgr base;
     encoder *e;

@@ -61,13 +61,13 @@ static const char *flaw_of(int64_t vertices, int64_t triangles, const uint32_t *
     return flaw ? text : NULL;
 }
 
-static void assert_closed(const surface *s) {
+static inline void assert_closed(const surface *s) {
     const char *flaw = flaw_of(s->vertices, s->triangles, s->triangle);
     if (flaw)
         fail_msg("%lld vertices, %lld triangles: %s", (long long)s->vertices, (long long)s->triangles, flaw);
 }
 
-static double volume_of(const surface *s) {
+static inline double volume_of(const surface *s) {
     double sum = 0;
     for (int64_t t = 0; t < s->triangles; t++) {
         const float *a = s->position + 3 * (size_t)s->triangle[3 * t],
@@ -81,7 +81,8 @@ static double volume_of(const surface *s) {
 }
 
 /* A grid of the given size, step 1 / 16 m, from (-1, -1, -1), empty at its rim. */
-static field_grid grid_of(context *c, int size, double (*value)(const float p[3], void *user), void *user) {
+static inline field_grid grid_of(context *c, int size, double (*value)(const float p[3], void *user),
+                                 void *user) {
     field_grid g = {.size = {size, size, size}, .min = {-1, -1, -1}, .step_m = 2.0f / (float)(size - 1)};
     g.value = mem_zero(c, (size_t)size * (size_t)size * (size_t)size, sizeof *g.value);
     for (int z = 1; z + 1 < size; z++)

@@ -3,6 +3,8 @@
 #include <string.h>
 
 #include "closed.h"
+#include "export/atlas.h"
+#include "export/splats.h"
 
 static double ball(const float p[3], void *user) {
     return 10 - 10 * sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)p[2] * p[2]) / 0.7 + 10;
@@ -121,9 +123,176 @@ static void emptiness_is_said(void **state) {
     sherf_context_free(c);
 }
 
+/* ---- fewer triangles ---- */
+static void reduction_keeps_the_surface(void **state) {
+    context *c = test_context();
+    surface s;
+    field_grid g = grid_of(c, 49, balls, NULL);
+    assert_ok(c, cubes_surface(c, &g, 1, &s));
+    const double volume = volume_of(&s);
+    assert_ok(c, surface_reduce(c, &s, s.triangles));
+    for (int64_t wanted = s.triangles / 2; wanted > 700; wanted /= 2) {
+        assert_ok(c, surface_reduce(c, &s, wanted));
+        assert_closed(&s);
+        assert_true(s.triangles <= wanted && s.triangles > wanted - 4);
+        assert_float_equal(volume_of(&s), volume, 0.02 * volume);
+    }
+    /* as few as there can be: three balls */
+    assert_ok(c, surface_reduce(c, &s, 1));
+    assert_closed(&s);
+    assert_true(s.triangles >= 12 && s.triangles < 120);
+    surface_free(&s);
+    field_grid_free(&g);
+    sherf_context_free(c);
+}
+
+static void noise_is_reduced(void **state) {
+    context *c = test_context();
+    surface s;
+    uint64_t key = 7;
+    field_grid g = grid_of(c, 20, noise, &key);
+    assert_ok(c, cubes_surface(c, &g, 0.6f, &s));
+    const int64_t before = s.triangles;
+    assert_ok(c, surface_reduce(c, &s, before / 3));
+    assert_true(s.triangles < before / 2);
+    assert_closed(&s);
+    surface_free(&s);
+    field_grid_free(&g);
+    sherf_context_free(c);
+}
+
+/* ---- the atlas ---- */
+/* Corners of a texel's triangle, and the texel's place in it, must agree with its place in the picture. */
+static void assert_texels(const surface *s, const atlas *a) {
+    uint8_t *taken = calloc((size_t)a->side_px * (size_t)a->side_px, 1);
+    assert_true(a->texels > 0);
+    for (int64_t i = 0; i < a->texels; i++) {
+        const uint32_t *t = a->triangle + 3 * (size_t)a->face[i];
+        const float b1 = a->barycentric[2 * i], b2 = a->barycentric[2 * i + 1];
+        for (int k = 0; k < 2; k++) {
+            float at =
+                (1 - b1 - b2) * a->uv[2 * t[0] + k] + b1 * a->uv[2 * t[1] + k] + b2 * a->uv[2 * t[2] + k];
+            int own = k ? a->texel[i] / a->side_px : a->texel[i] % a->side_px;
+            assert_float_equal(at, own, 0.02);
+        }
+        assert_false(taken[a->texel[i]]++);
+    }
+    for (int64_t i = 0; i < 3 * s->triangles; i++) {
+        assert_true(a->triangle[i] < a->corners);
+        assert_int_equal(a->vertex[a->triangle[i]], s->triangle[i]);
+    }
+    for (int64_t i = 0; i < 2 * a->corners; i++) assert_true(a->uv[i] >= 1 && a->uv[i] <= a->side_px - 2);
+    free(taken);
+}
+
+/* Triangles may share borders, not insides: the areas in the picture are those of its texels. */
+static void assert_apart(const surface *s, const atlas *a, double slack) {
+    double area = 0;
+    for (int64_t t = 0; t < s->triangles; t++) {
+        const float *p = a->uv + 2 * a->triangle[3 * t], *q = a->uv + 2 * a->triangle[3 * t + 1],
+                    *r = a->uv + 2 * a->triangle[3 * t + 2];
+        area += fabs((double)(q[0] - p[0]) * (r[1] - p[1]) - (double)(q[1] - p[1]) * (r[0] - p[0])) / 2;
+    }
+    assert_float_equal(area, (double)a->texels, slack * area);
+}
+
+static void atlas_is_an_atlas(void **state) {
+    context *c = test_context();
+    surface s;
+    atlas a;
+    field_grid g = grid_of(c, 41, ball, NULL);
+    assert_ok(c, cubes_surface(c, &g, 10, &s));
+    assert_ok(c, surface_normals(c, &s, &g));
+    assert_ok(c, atlas_make(c, &s, 256, &a));
+    assert_true(a.charts >= 4 && a.charts < 40);
+    assert_texels(&s, &a);
+    assert_apart(&s, &a, 0.05);
+    assert_true((double)a.texels > 0.35 * 256 * 256); /* and it fills the picture */
+    float *rgb = malloc((size_t)a.texels * 3 * sizeof *rgb);
+    uint8_t *picture = malloc(256 * 256 * 3);
+    for (int64_t i = 0; i < 3 * a.texels; i++) rgb[i] = i % 3 ? 0.25f : 1;
+    assert_ok(c, atlas_paint(c, &a, rgb, picture));
+    for (int i = 0; i < 256 * 256; i++) { /* one colour everywhere, gutters too */
+        assert_int_equal(picture[3 * i], 255);
+        assert_int_equal(picture[3 * i + 1], 64);
+    }
+    free(rgb), free(picture);
+    atlas_free(&a);
+    surface_free(&s);
+    field_grid_free(&g);
+    sherf_context_free(c);
+}
+
+/* Folded and torn as no person is. */
+static void atlas_of_noise(void **state) {
+    context *c = test_context();
+    surface s;
+    atlas a;
+    uint64_t key = 9;
+    field_grid g = grid_of(c, 14, noise, &key);
+    assert_ok(c, cubes_surface(c, &g, 0.55f, &s));
+    assert_ok(c, surface_normals(c, &s, &g));
+    assert_ok(c, atlas_make(c, &s, 1024, &a));
+    assert_texels(&s, &a);
+    assert_apart(&s, &a, 0.1);
+    atlas_free(&a);
+    assert_int_equal(atlas_make(c, &s, 64, &a), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "too small"));
+    assert_int_equal(atlas_make(c, &s, 1 << 20, &a), SHERF_BAD_ARGUMENT);
+    surface_free(&s);
+    field_grid_free(&g);
+    sherf_context_free(c);
+}
+
+/* ---- splats ---- */
+static void splats_cover_evenly(void **state) {
+    enum { COUNT = 2000 };
+    context *c = test_context();
+    surface s;
+    splats p;
+    field_grid g = grid_of(c, 41, ball, NULL);
+    assert_ok(c, cubes_surface(c, &g, 10, &s));
+    assert_ok(c, surface_normals(c, &s, &g));
+    assert_ok(c, splats_make(c, &s, COUNT, &p));
+    assert_int_equal(p.count, COUNT);
+    splats_place(&s, s.position, s.normal, &p);
+    const double spacing = sqrt(4 * M_PI * 0.49 / COUNT);
+    double nearest = INFINITY, farthest = 0;
+    for (int i = 0; i < COUNT; i++) { /* no two together, no holes */
+        const float *a = p.position + 3 * i;
+        double own = INFINITY;
+        assert_float_equal(sqrt((double)a[0] * a[0] + (double)a[1] * a[1] + (double)a[2] * a[2]), 0.7, 0.003);
+        for (int j = 0; j < COUNT; j++) {
+            const float *b = p.position + 3 * j;
+            double d = hypot(hypot((double)a[0] - b[0], (double)a[1] - b[1]), (double)a[2] - b[2]);
+            if (j != i) own = fmin(own, d);
+        }
+        nearest = fmin(nearest, own);
+        farthest = fmax(farthest, own);
+        float q[4], z[3];
+        splat_rotation(p.normal + 3 * i, q);
+        z[0] = 2 * (q[1] * q[3] + q[0] * q[2]); /* where the rotation takes z */
+        z[1] = 2 * (q[2] * q[3] - q[0] * q[1]);
+        z[2] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
+        for (int k = 0; k < 3; k++) assert_float_equal(z[k], p.normal[3 * i + k], 1e-4);
+    }
+    assert_true(nearest > 0.4 * spacing && farthest < 1.6 * spacing);
+    float q[4];
+    splat_rotation((float[3]){0, 0, -1}, q);
+    assert_float_equal(1 - 2 * (q[1] * q[1] + q[2] * q[2]), -1, 1e-5);
+    splats_free(&p);
+    assert_int_equal(splats_make(c, &s, 0, &p), SHERF_BAD_ARGUMENT);
+    surface_free(&s);
+    field_grid_free(&g);
+    sherf_context_free(c);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(ball_is_a_ball), cmocka_unit_test(noise_is_closed),
-                                       cmocka_unit_test(islands_go), cmocka_unit_test(cavities_are_filled),
-                                       cmocka_unit_test(emptiness_is_said)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(ball_is_a_ball),    cmocka_unit_test(noise_is_closed),
+        cmocka_unit_test(islands_go),        cmocka_unit_test(cavities_are_filled),
+        cmocka_unit_test(emptiness_is_said), cmocka_unit_test(reduction_keeps_the_surface),
+        cmocka_unit_test(noise_is_reduced),  cmocka_unit_test(atlas_is_an_atlas),
+        cmocka_unit_test(atlas_of_noise),    cmocka_unit_test(splats_cover_evenly)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -50,6 +50,16 @@ static sherf_status format_find(context *c, const char *path, sherf_export_optio
     return SHERF_OK;
 }
 
+/* The pose that is to be written must be one, whether or not vertices are moved to it. */
+static sherf_status pose_check(context *c, const export_job *j) {
+    const sherf_pose *p = j->options.pose;
+    posed_body *posed = NULL;
+    if (!p) return SHERF_OK;
+    sherf_status status = posed_body_create(c, j->m, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    posed_body_free(posed);
+    return status;
+}
+
 static sherf_status options_check(context *c, const sherf_export_options *given, export_job *j) {
     enum { TRIANGLES_MIN = 100 };
     sherf_export_options *o = &j->options;
@@ -81,7 +91,7 @@ static sherf_status options_check(context *c, const sherf_export_options *given,
         return failure(c, SHERF_BAD_ARGUMENT, "%s: a motion goes into a .glb only", j->path);
     if (j->m->fingerprint != j->a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
-    return SHERF_OK;
+    return pose_check(c, j);
 }
 
 static bool textured(const export_job *j) {

@@ -8,7 +8,7 @@
 
 #include "model/model.h"
 
-enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768 };
+enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX = 200000000 };
 
 /* ---- field.c: what the network says about canonical space ---- */
 /* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are 5

@@ -146,6 +146,9 @@ static sherf_status grid_make(context *c, const body_model *m, int resolution, f
         g->size[k] = (int)ceilf((max[k] - g->min[k]) / g->step_m) + RIM + 1;
         count *= (size_t)g->size[k];
     }
+    if (count > FIELD_POINTS_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "resolution %d: %zu million points are too many for this body",
+                       resolution, count / 1000000);
     g->value = mem_zero(c, count, sizeof *g->value);
     return g->value ? SHERF_OK : SHERF_NO_MEMORY;
 }

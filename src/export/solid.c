@@ -86,7 +86,8 @@ static void smooth_range(void *arg, int64_t begin, int64_t end, int thread) {
 
 sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outside) {
     const size_t count = grid_count(g), X = (size_t)g->size[0], XY = X * (size_t)g->size[1];
-    size_t *stack = mem_alloc(c, count, sizeof *stack), n = 0;
+    uint32_t *stack = mem_alloc(c, count, sizeof *stack); /* FIELD_POINTS_MAX is far below 2^32 */
+    size_t n = 0;
     if (!stack) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < count; i++) {
         size_t x = i % X, y = i / X % (size_t)g->size[1], z = i / XY;
@@ -94,7 +95,7 @@ sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outsid
         if (!rim) continue;
         outside[i] = 1; /* whatever its density: the grid's rim is empty */
         if (g->value[i] >= level) g->value[i] = 0;
-        stack[n++] = i;
+        stack[n++] = (uint32_t)i;
     }
     while (n) {
         size_t i = stack[--n], x = i % X, y = i / X % (size_t)g->size[1], z = i / XY;
@@ -104,7 +105,7 @@ sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outsid
         for (int k = 0; k < 6; k++)
             if (!outside[near[k]] && g->value[near[k]] < level) {
                 outside[near[k]] = 1;
-                stack[n++] = near[k];
+                stack[n++] = (uint32_t)near[k];
             }
     }
     mem_free(stack);

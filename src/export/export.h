@@ -33,8 +33,8 @@ static inline size_t field_at(const field_grid *g, int x, int y, int z) {
     return ((size_t)z * (size_t)g->size[1] + (size_t)y) * (size_t)g->size[0] + (size_t)x;
 }
 /* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
- * layers of empty points around. Points inside the body that are too far from its vertices for the network to
- * be asked get -1. */
+ * layers of empty points around. The body's core, which lies 15 mm below its skin or more, gets -1: it counts
+ * as solid, and the network is not asked. */
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
                            field_grid *out);
 /* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of

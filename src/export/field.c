@@ -5,7 +5,9 @@
 
 #include "export/export.h"
 
-static const float shell_m = 0.05f, empty_sigma = -80.0f;
+/* So far below the body's skin everything is solid: the network's density there is nobody's business and has
+ * holes. */
+static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f;
 enum { FIELD_BATCH = 1 << 16 };
 
 void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
@@ -174,9 +176,21 @@ static void shell_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Nearest vertices of the grid's points, -1 outside the shell; the value of those enclosed by it becomes -1.
- */
-static sherf_status find_shell(context *c, const body_model *m, field_grid *g, int32_t *nearest) {
+/* Does grid point i lie more than core_m below its nearest vertex's tangent plane? */
+static bool in_core(const body_model *m, const field_grid *g, const float *normal, const int32_t *nearest,
+                    size_t i) {
+    const size_t X = (size_t)g->size[0], Y = (size_t)g->size[1];
+    const size_t at[3] = {i % X, i / X % Y, i / X / Y}, v = 3 * (size_t)nearest[i];
+    float height = 0;
+    for (size_t k = 0; k < 3; k++)
+        height += normal[v + k] * (g->min[k] + g->step_m * (float)at[k] - m->canonical->vertices_smpl[v + k]);
+    return height < -core_m;
+}
+
+/* Nearest vertices of the grid's points, -1 outside the shell and in the body's core; the core's value
+ * becomes -1. */
+static sherf_status find_shell(context *c, const body_model *m, const float *normal, field_grid *g,
+                               int32_t *nearest) {
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     vertex_grid *near = NULL;
     uint8_t *outside = mem_zero(c, count, 1);
@@ -189,7 +203,10 @@ static sherf_status find_shell(context *c, const body_model *m, field_grid *g, i
         parallel_for(c, (int64_t)g->size[1] * g->size[2], 16, shell_range, &job);
         for (size_t i = 0; i < count; i++) g->value[i] = nearest[i] >= 0 ? 1 : 0;
         status = field_flood(c, g, 0.5f, outside);
-        for (size_t i = 0; i < count; i++) g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : -1;
+        for (size_t i = 0; i < count; i++) {
+            if (nearest[i] >= 0 && in_core(m, g, normal, nearest, i)) nearest[i] = -1, outside[i] = 0;
+            g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : -1;
+        }
     }
     vertex_grid_free(near);
     mem_free(outside);
@@ -214,7 +231,7 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
     status = batch_make(c, FIELD_BATCH, &b);
     if (!nearest || !from || !normal) status = SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
-    if (status == SHERF_OK) status = find_shell(c, m, g, nearest);
+    if (status == SHERF_OK) status = find_shell(c, m, normal, g, nearest);
     if (status != SHERF_OK) goto done;
     for (size_t i = 0; i < count && status == SHERF_OK; i++) {
         if (nearest[i] >= 0) {

@@ -30,8 +30,8 @@ sherf_status field_level(context *c, const field_grid *g, float *level) {
                 const float *at = g->value + (size_t)i * stride[u] + (size_t)j * stride[v];
                 double depth = 0, most = 0;
                 for (int k = 0; k < g->size[a]; k++) {
-                    double density = fmax(at[(size_t)k * stride[a]], 0);
-                    depth += density * g->step_m;
+                    double density = at[(size_t)k * stride[a]];
+                    depth += density < 0 ? half_opaque : density * g->step_m; /* the core is opaque */
                     most = fmax(most, density);
                 }
                 if (depth >= half_opaque)

@@ -20,7 +20,8 @@ let stamp = 1;              // counts changes of the view
 let changed = 0;            // time of the last one
 let sequence = 0;           // of requests
 let asked = null;           // the request under way
-let shown = { stamp: 0, side: 0, sequence: 0 };
+let got = { stamp: 0, side: 0, sequence: 0 }; // the newest picture that came,
+let shown = got;            // and that was drawn
 let moving = 128;           // side of pictures while something moves
 let costMs = 0;             // milliseconds of a picture of side 1, lately
 let metresHigh = 0;         // what the height of the stage spans at zoom 1
@@ -67,11 +68,11 @@ function query(width, height, more) {
 // The side to ask for next; 0: nothing to do, negative: not yet.
 function nextSide() {
   const full = fullSide();
-  if (shown.stamp !== stamp) return Math.min(moving, full);
-  if (shown.side >= full) return 0;
+  if (got.stamp !== stamp) return Math.min(moving, full);
+  if (got.side >= full) return 0;
   if (isMoving()) return -1;
   if (costMs * full * full < limits.stepMs) return full;
-  const next = Math.max(shown.side * 2, 192);
+  const next = Math.max(got.side * 2, 192);
   return next * 1.4 > full ? full : next;
 }
 
@@ -94,28 +95,34 @@ async function ask(side) {
     const answer = await fetch("frame?" + query(width, height, more), { cache: "no-store" });
     if (answer.status === 204) return;
     if (!answer.ok) throw await refusal(answer);
-    const bitmap = await createImageBitmap(await answer.blob());
+    const blob = await answer.blob();
+    if (own.sequence > got.sequence) got = own;
+    if (asked === own) asked = null;
+    schedule(); // the next one is made while this one is drawn
+    const bitmap = await createImageBitmap(blob);
     const ms = performance.now() - begun;
     if (own.sequence > shown.sequence) draw(bitmap, own, Number(answer.headers.get("X-Scale")));
     bitmap.close();
     measure(side, ms, live, width, height);
-    if (broken) { broken = false; note(""); }
+    if (broken) { broken = false; lost.waited = 0; note(""); }
   } catch (error) {
+    if (got === own) got = shown; // it came, but cannot be seen
     lost(error);
   } finally {
-    if (asked === own) asked = null;
-    if (!asked) schedule();
+    if (asked === own) {
+      asked = null;
+      schedule();
+    }
   }
 }
 
 function draw(bitmap, own, scale) {
-  const ratio = devicePixelRatio || 1;
-  const w = Math.round(stage.clientWidth * ratio), h = Math.round(stage.clientHeight * ratio);
-  if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
-  paper.imageSmoothingEnabled = true;
-  paper.imageSmoothingQuality = "high";
+  if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+    canvas.width = bitmap.width; // the style sheet scales it to the stage
+    canvas.height = bitmap.height;
+  }
   paper.globalCompositeOperation = "copy";
-  paper.drawImage(bitmap, 0, 0, w, h);
+  paper.drawImage(bitmap, 0, 0);
   shown = own;
   if (scale > 0) metresHigh = scale * view.zoom;
   stage.classList.toggle("checks", ground() === "none");
@@ -158,8 +165,6 @@ function lost(error) {
   lost.waited = again;
   clearTimeout(retry);
   retry = setTimeout(() => { retry = 0; about ? schedule() : open(); }, again);
-  if (!error.status) return;
-  if (error.status === 400) clearTimeout(retry); // asking the same again would not help
 }
 
 // ---- the camera

@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo assets install check style format clean
+.PHONY: all program test demo train-demo assets install check style format clean
 
 all: program
 
@@ -21,6 +21,10 @@ test:
 
 demo: program
 	tools/demo.sh $(BUILD)/sherf demo
+
+# A model of one's own in five minutes: tube people drawn, trained on, and one of them made an avatar.
+train-demo: program
+	tools/train_tubes.sh $(BUILD)/sherf train-demo
 
 # What the shipped body and the people are made of (the body itself is in assets/ already), and the network of the
 # perceptual distance.

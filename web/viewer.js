@@ -546,7 +546,8 @@ async function open() {
   fill($("avatar"), about.avatars);
   fill($("motion"), about.motions);
   $("avatar").disabled = about.avatars.length < 2;
-  for (const side of [256, 384, 512, 768, 1024].filter((s) => s <= about.film_side)) $("film-size").add(new Option(side, side, side === 512, side === 512));
+  const sides = [256, 384, 512, 768, 1024].filter((s) => s <= about.film_side);
+  for (const side of sides.length ? sides : [about.film_side]) $("film-size").add(new Option(side, side, side === 512, side === 512));
   $("version").textContent = "sherf " + about.version + ".";
   setPressed("loop", play.loop);
   connect();

@@ -183,7 +183,7 @@ try {
   await page.keyboard.press("v");
   await page.selectOption("#film-kind", "turn");
   await page.fill("#film-seconds", "1");
-  await page.selectOption("#film-size", "256");
+  await page.selectOption("#film-size", { index: 0 });
   await page.selectOption("#film-fps", "12");
   await shot(page, "film");
   [download] = await Promise.all([page.waitForEvent("download", { timeout: patience }), page.click("#film-start")]);

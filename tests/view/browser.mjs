@@ -276,7 +276,8 @@ try {
   await page.waitForFunction(() => /anew/.test(document.getElementById("notice").textContent), null, { timeout: 60000 });
   check(true, "the page says that the viewer was started anew");
   await page.goto(anew);
-  await still(page);
+  await ready(page);
+  check(colours(await pixels(page)) > 50, "and works at its new address");
 } catch (error) {
   console.error(error);
   failures++;

@@ -195,7 +195,8 @@ static void wrong_usage(void **state) {
     assert_error(run("%s --orbit 3 --cameras f", render), 2, "exclude", "sherf render --help");
     assert_error(run("%s --views 1", render), 2, "--data", "sherf render --help");
     assert_error(run("%s --poses 0,1", render), 2, "--poses", "sherf render --help");
-    assert_error(run("render a.json -b b -o c"), 2, "--model FILE is missing", "sherf render --help");
+    assert_error(run("render a.json -b ../assets/body.safetensors -q -o c"), 2, "--model FILE is missing",
+                 "sherf render --help");
     const char *animate = "animate a.safetensors -m b -b c";
     assert_error(run("animate a.safetensors -o b"), 2, "--motion FILE|FOLDER is missing",
                  "sherf animate --help");

@@ -287,7 +287,8 @@ static sherf_status glb_write(context *c, export_job *j) {
     if (textured(j)) {
         status = glb_corners(c, j, &r);
         if (status == SHERF_OK)
-            status = png_make(c, j->atlas.side_px, j->atlas.side_px, 3, j->picture, &r.png, &g.png_bytes);
+            status =
+                png_to_memory(c, j->atlas.side_px, j->atlas.side_px, 3, j->picture, 6, &r.png, &g.png_bytes);
         g.vertices = j->atlas.corners;
         g.position = r.position;
         g.normal = r.normal;

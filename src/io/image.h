@@ -23,12 +23,9 @@ sherf_status image_size(context *c, const char *path, int *width, int *height, i
 /* channels 1, 3 or 4; 8 bit. */
 sherf_status png_write(context *c, const char *path, int width, int height, int channels,
                        const uint8_t *data);
-/* The same in memory, freed with mem_free. */
-sherf_status png_make(context *c, int width, int height, int channels, const uint8_t *data,
-                      unsigned char **png, size_t *bytes);
+/* Quality from 90 keeps colour at full size. */
 sherf_status jpeg_write(context *c, const char *path, int width, int height, const uint8_t *rgb, int quality);
-/* The same to memory, freed with mem_free. level: zlib's, 0 to 9. Quality from 90 keeps colour at full size.
- */
+/* The same to memory, freed with mem_free. level: zlib's, 0 to 9. */
 sherf_status png_to_memory(context *c, int width, int height, int channels, const uint8_t *data, int level,
                            uint8_t **out, size_t *bytes);
 sherf_status jpeg_to_memory(context *c, int width, int height, const uint8_t *rgb, int quality, uint8_t **out,

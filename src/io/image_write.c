@@ -1,4 +1,4 @@
-/* Pictures to memory: PNG and JPEG as image.c writes them to files. */
+/* Pictures to memory, and from there to files: PNG through libpng, JPEG through libjpeg-turbo. */
 #include <png.h>
 #include <setjmp.h>
 #include <stdio.h>
@@ -6,6 +6,7 @@
 
 #include <jpeglib.h>
 
+#include "base/path.h"
 #include "io/image.h"
 
 /* What grows while a picture is written; kept apart from the setjmp frame, which only points to it. */
@@ -220,4 +221,35 @@ sherf_status jpeg_to_memory(context *c, int width, int height, const uint8_t *rg
     if (!g) return status;
     jpeg_run(g, width, height, rgb, quality);
     return finish(g, "JPEG", out, bytes);
+}
+
+/* ---- files ---- */
+/* The encoded picture, taken over, as a file. */
+static sherf_status to_file(context *c, const char *path, sherf_status status, uint8_t *data, size_t bytes) {
+    output_file file;
+    if (status != SHERF_OK) return failure_prefix(c, status, "%s", path);
+    status = output_open(c, path, &file);
+    if (status == SHERF_OK) {
+        status = output_write(c, &file, data, bytes);
+        if (status == SHERF_OK) status = output_commit(c, &file);
+        output_abort(&file);
+    }
+    mem_free(data);
+    return status;
+}
+
+sherf_status png_write(context *c, const char *path, int width, int height, int channels,
+                       const uint8_t *data) {
+    uint8_t *png = NULL;
+    size_t bytes = 0;
+    sherf_status status = png_to_memory(c, width, height, channels, data, 4, &png, &bytes);
+    return to_file(c, path, status, png, bytes);
+}
+
+sherf_status jpeg_write(context *c, const char *path, int width, int height, const uint8_t *rgb,
+                        int quality) {
+    uint8_t *jpeg = NULL;
+    size_t bytes = 0;
+    sherf_status status = jpeg_to_memory(c, width, height, rgb, quality, &jpeg, &bytes);
+    return to_file(c, path, status, jpeg, bytes);
 }

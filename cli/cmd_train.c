@@ -2,7 +2,7 @@
 #include "verbs.h"
 
 static struct {
-    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume;
+    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background;
     bool front_view;
     int64_t size, steps, images, targets, halve_every, sample_every, save_every, workers;
     double epochs, seconds, learning_rate, perceptual_weight;
@@ -28,6 +28,8 @@ static const option options[] = {
      "(assets/resnet50.safetensors, if it is there)"},
     {0, "perceptual-weight", OPTION_REAL, &set.perceptual_weight, "X", "of that distance (0.3)", 0, 1e6},
     {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
+    {0, "background", OPTION_TEXT, &set.background, "KIND",
+     "black, the paper's, or random: greys drawn for every picture, so that dark people become opaque too"},
     {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
      0, 8192},
@@ -72,7 +74,8 @@ static int run(session *s, int count, char **argument) {
                              .sample_every = set.sample_every,
                              .save_every = set.save_every,
                              .seed = (uint64_t)common.seed,
-                             .workers = (int)set.workers};
+                             .workers = (int)set.workers,
+                             .background = set.background};
     int status = session_status(s, sherf_train(s->context, &o));
     if (status) return status;
     if (common.json && !common.silent) {

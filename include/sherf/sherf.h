@@ -528,6 +528,9 @@ typedef struct {
     int workers;              /* loading threads; 0: 2 */
     const char *perceptual;   /* converted ResNet-50, used where lpips is NULL; or NULL */
     double perceptual_weight; /* of that distance in the loss; 0: 0.3 */
+    const char *background;   /* "black", the paper's, or "random": people before greys drawn anew for every
+                                 picture, so that opacity is learned where they are dark; NULL: black, or what
+                                 the checkpoint says */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 

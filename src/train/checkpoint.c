@@ -9,10 +9,10 @@
 #include "train/checkpoint.h"
 
 /* ---- the state as metadata ---- */
-enum { STATE_KEYS = 10 };
+enum { STATE_KEYS = 11 };
 static const char *const state_keys[STATE_KEYS] = {
-    "step",    "skipped",    "updates",       "seed",        "images_per_step",
-    "size_px", "front_view", "learning_rate", "halve_every", "targets"};
+    "step",       "skipped",       "updates",     "seed",    "images_per_step",  "size_px",
+    "front_view", "learning_rate", "halve_every", "targets", "random_background"};
 
 static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
     snprintf(text[0], 32, "%" PRId64, s->step);
@@ -25,6 +25,7 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[7], 32, "%.17g", s->learning_rate);
     snprintf(text[8], 32, "%" PRId64, s->halve_every);
     snprintf(text[9], 32, "%d", s->targets);
+    snprintf(text[10], 32, "%d", s->random_background);
 }
 
 static bool integer(const safetensors *f, const char *key, int64_t low, int64_t high, int64_t *out) {
@@ -37,7 +38,7 @@ static bool integer(const safetensors *f, const char *key, int64_t low, int64_t 
 }
 
 static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
-    int64_t images, size, front, targets = 1;
+    int64_t images, size, front, targets = 1, background = 0;
     const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
     char *end;
     const int64_t most = (int64_t)1 << 50;
@@ -45,13 +46,16 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
         !integer(f, "updates", 0, s->step, updates) || !integer(f, "images_per_step", 1, 65536, &images) ||
         !integer(f, "size_px", 0, 32768, &size) || !integer(f, "front_view", 0, 1, &front) ||
         !integer(f, "halve_every", 1, most, &s->halve_every) ||
-        (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MOST, &targets)) || !seed ||
-        !*seed || !rate || !*rate)
+        (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MOST, &targets)) ||
+        (safetensors_metadata(f, "random_background") &&
+         !integer(f, "random_background", 0, 1, &background)) ||
+        !seed || !*seed || !rate || !*rate)
         return failure(c, SHERF_BAD_FILE, "the state of the training is missing or out of range");
     s->images_per_step = (int)images;
     s->size_px = (int)size;
     s->front_view = (int)front;
     s->targets = (int)targets;
+    s->random_background = (int)background;
     errno = 0;
     s->seed = strtoull(seed, &end, 10);
     if (*end || errno) return failure(c, SHERF_BAD_FILE, "seed is not a number");

@@ -7,16 +7,17 @@
 static sherf_status target_losses(tape *t, const model *m, const body_model *body,
                                   const loss_networks *networks, const observation_geometry *observation,
                                   model_bank *bank, const data_view *view, const target_geometry *geometry,
-                                  uint64_t noise_key, tensor **total, loss_values *values) {
+                                  float background, uint64_t noise_key, tensor **total, loss_values *values) {
     tensor *frame;
-    sherf_status status = model_frame(t, m, body, observation, bank, geometry, 0, noise_key, &frame);
+    sherf_status status = model_frame(t, m, body, observation, bank, geometry, background, noise_key, &frame);
     if (status != SHERF_OK) return status;
     const loss_target target = {.width = view->image.width,
                                 .height = view->image.height,
                                 .image = view->image.data,
                                 .mask = view->mask,
                                 .unknown = view->unknown,
-                                .at_box = geometry->rays->at_box};
+                                .at_box = geometry->rays->at_box,
+                                .background = background};
     return losses_forward(t, networks, frame, &target, total, values);
 }
 
@@ -41,8 +42,8 @@ sherf_status image_gradients(tape *t, const model *m, const body_model *body, co
         const uint64_t noise = k ? splitmix64(s->drawn.noise_key + (uint64_t)k) | 1 : s->drawn.noise_key;
         tensor *one = NULL;
         loss_values v;
-        status = target_losses(t, m, body, networks, s->observation_geometry, &bank, view, geometry, noise,
-                               &one, &v);
+        status = target_losses(t, m, body, networks, s->observation_geometry, &bank, view, geometry,
+                               s->drawn.background[k], noise, &one, &v);
         if (status != SHERF_OK) return status;
         if (one) total = total ? op_add(t, total, one) : one;
         const double all[TOTAL_LOSSES] = {v.total, v.color, v.mask, v.ssim, v.lpips, v.resnet50};

@@ -44,6 +44,16 @@ static tensor *mask_column(tape *t, const loss_target *g) {
     return tape_input(t, mask, 2, shape);
 }
 
+/* [N, 3], the picture before the background. */
+static tensor *truth_column(tape *t, const loss_target *g) {
+    const int64_t shape[2] = {(int64_t)g->width * g->height, 3};
+    if (g->background == 0) return tape_input(t, g->image, 2, shape);
+    float *rgb = tape_alloc(t, (size_t)shape[0] * 3, sizeof *rgb);
+    if (!rgb) return NULL;
+    for (int64_t i = 0; i < 3 * shape[0]; i++) rgb[i] = g->mask[i / 3] ? g->image[i] : g->background;
+    return tape_input(t, rgb, 2, shape);
+}
+
 /* [N, 3] -> [height, width, 3] of the rectangle; unknown pixels are black on both sides. */
 static tensor *cropped(tape *t, const loss_target *g, tensor *rgb, tensor *known, const shift_scale_attr *r) {
     if (g->unknown) rgb = op_mask_rows(t, rgb, known);
@@ -56,7 +66,6 @@ static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
 
 sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *g,
                             tensor **total, loss_values *values) {
-    const int64_t shape[2] = {(int64_t)g->width * g->height, 3};
     shift_scale_attr r = {.scale = {0}};
     tensor *ssim = NULL, *lpips = NULL, *resnet50 = NULL;
     const loss_networks none = {0}, *n = networks ? networks : &none;
@@ -67,7 +76,7 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
         *values = (loss_values){.ssim = NAN, .lpips = NAN, .resnet50 = NAN};
         return tape_status(t);
     }
-    tensor *rgb = op_slice(t, frame, 0, 3), *truth = tape_input(t, g->image, 2, shape);
+    tensor *rgb = op_slice(t, frame, 0, 3), *truth = truth_column(t, g);
     tensor *color = op_mean_square(t, rgb, truth, rows);
     tensor *mask = op_mean_square(t, op_slice(t, frame, 3, 1), mask_column(t, g), rows);
     tensor *loss = sum(t, op_scale(t, color, weight_color), mask, weight_mask);

@@ -12,6 +12,8 @@ typedef struct {
     const uint8_t *mask;    /* H x W, 1: the person */
     const uint8_t *unknown; /* H x W, or NULL */
     const uint8_t *at_box;  /* H x W, rays that meet the target's box */
+    float
+        background; /* grey in [0, 1]: the colour outside the mask, and what the frame was composited over */
 } loss_target;
 
 /* Networks that losses look through; each may be NULL, and is then left out. */

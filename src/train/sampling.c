@@ -1,5 +1,8 @@
 #include "train/sampling.h"
 
+/* Black is what people are looked at before most of all, so random backgrounds are black this often. */
+enum { BLACK_ONE_IN = 4 };
+
 void sampling_free(sampling *s) {
     mem_free(s->person);
     mem_free(s->poses);
@@ -86,5 +89,9 @@ draw sampling_draw(const sampling *s, int64_t image) {
         d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;
         d.more[k].view = (int)random_below(key, 3 + 2 * (uint64_t)k, s->views[i]);
     }
+    const uint64_t ground = random_key(s->seed, "train.background", (uint64_t)image);
+    for (int k = 0; k <= d.further; k++)
+        if (s->random_background && random_below(ground, 2 * (uint64_t)k, BLACK_ONE_IN))
+            d.background[k] = (float)random_uniform(ground, 2 * (uint64_t)k + 1);
     return d;
 }

@@ -15,8 +15,9 @@ typedef struct {
     int *views;      /* of each; owned */
     int64_t *before; /* people + 1: pictures of all people before this one; owned */
     int pose_step;
-    int front_view; /* -1: any view observes */
-    int targets;    /* of an image, 1 to TARGETS_MOST */
+    int front_view;         /* -1: any view observes */
+    int targets;            /* of an image, 1 to TARGETS_MOST */
+    bool random_background; /* false: always black, the paper's */
 } sampling;
 
 /* people: as in sherf_train_options. */
@@ -33,7 +34,8 @@ typedef struct {
     struct {
         int pose, view;
     } more[TARGETS_MOST - 1];
-    uint64_t noise_key; /* never 0 */
+    uint64_t noise_key;             /* never 0 */
+    float background[TARGETS_MOST]; /* grey in [0, 1] behind the target and each further one */
 } draw;
 draw sampling_draw(const sampling *s, int64_t image);
 

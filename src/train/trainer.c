@@ -64,6 +64,9 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
         o->workers < 0 || o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
         !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
+    if (o->background && strcmp(o->background, "black") && strcmp(o->background, "random"))
+        return failure(c, SHERF_BAD_ARGUMENT, "a training's background is 'black' or 'random', not '%.100s'",
+                       o->background);
     return SHERF_OK;
 }
 
@@ -99,6 +102,7 @@ static sherf_status begin_new(trainer *t) {
                              .images_per_step = o->images_per_step ? o->images_per_step : 4,
                              .size_px = o->size_px,
                              .front_view = o->front_view != 0,
+                             .random_background = o->background && !strcmp(o->background, "random"),
                              .targets = o->targets ? o->targets : 1,
                              .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
     status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets, t->state.seed,
@@ -128,11 +132,13 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->size_px) s->size_px = o->size_px;
     if (o->targets) s->targets = o->targets;
     if (o->front_view) s->front_view = 1;
+    if (o->background) s->random_background = !strcmp(o->background, "random");
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
     if (o->halve_every) s->halve_every = o->halve_every;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
         old.targets != s->targets || old.front_view != s->front_view ||
-        old.learning_rate != s->learning_rate || old.halve_every != s->halve_every)
+        old.random_background != s->random_background || old.learning_rate != s->learning_rate ||
+        old.halve_every != s->halve_every)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
     status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
@@ -160,6 +166,7 @@ static sherf_status begin(trainer *t) {
     else
         status = path_is_file(path) ? begin_again(t, path) : begin_new(t);
     if (status != SHERF_OK) return status;
+    t->sampling.random_background = t->state.random_background;
     t->first_step = t->state.step;
     double epochs = o->epochs > 0 ? o->epochs : 5;
     double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);

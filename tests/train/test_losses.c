@@ -66,6 +66,35 @@ static void values_are_the_means(void **state) {
     sherf_context_free(c);
 }
 
+/* What is outside the mask has the background's colour: a frame composited over it has no colour loss, and
+ * one over black has the background's square there. */
+static void backgrounds_are_behind_the_person(void **state) {
+    static scene s;
+    make_scene(&s);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    const float grey = 0.6f;
+    loss_target g = {W, H, s.image, s.mask, NULL, s.at_box, .background = grey};
+    for (int over_black = 0; over_black < 2; over_black++) {
+        int outside = 0, n = 0;
+        for (int i = 0; i < N; i++) {
+            for (int k = 0; k < 3; k++)
+                s.frame[5 * i + k] = s.mask[i] ? s.image[3 * i + k] : over_black ? 0 : grey;
+            n += s.at_box[i];
+            outside += s.at_box[i] && !s.mask[i];
+        }
+        tape_reset(t);
+        tensor *total;
+        loss_values v;
+        assert_ok(c, losses_forward(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+        const double expected = over_black ? (double)grey * grey * outside / n : 0;
+        assert_true(outside > 100 && fabs(v.color - expected) < 1e-6);
+        assert_true(over_black ? v.ssim < 0.9 : fabs(v.ssim - 1) < 1e-5);
+    }
+    tape_free(t);
+    sherf_context_free(c);
+}
+
 static void lpips_adds_its_distance(void **state) {
     static scene s;
     make_scene(&s);
@@ -139,7 +168,8 @@ static void nothing_at_the_box(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(values_are_the_means), cmocka_unit_test(lpips_adds_its_distance),
-        cmocka_unit_test(resnet50_adds_its_distance), cmocka_unit_test(nothing_at_the_box)};
+        cmocka_unit_test(values_are_the_means), cmocka_unit_test(backgrounds_are_behind_the_person),
+        cmocka_unit_test(lpips_adds_its_distance), cmocka_unit_test(resnet50_adds_its_distance),
+        cmocka_unit_test(nothing_at_the_box)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -117,6 +117,27 @@ static void every_picture_once_an_epoch(void **state) {
     }
 }
 
+static void backgrounds_are_black_or_drawn(void **state) {
+    sampling s = two_people(-1), random = s;
+    random.random_background = true;
+    int black = 0, dark = 0, different = 0;
+    for (int64_t i = 0; i < 100; i++) {
+        draw plain = sampling_draw(&s, i), d = sampling_draw(&random, i), again = sampling_draw(&random, i);
+        for (int k = 0; k < 3; k++) {
+            assert_true(plain.background[k] == 0);
+            assert_true(d.background[k] >= 0 && d.background[k] < 1 &&
+                        d.background[k] == again.background[k]);
+            black += d.background[k] == 0;
+            dark += d.background[k] > 0 && d.background[k] < 0.5f;
+        }
+        different += d.background[0] != d.background[1];
+        d.background[0] = d.background[1] = d.background[2] = 0; /* all else is drawn as without */
+        assert_true(d.person == plain.person && d.view == plain.view && d.noise_key == plain.noise_key);
+        assert_memory_equal(d.more, plain.more, sizeof d.more);
+    }
+    assert_true(black > 45 && black < 105 && dark > 80 && dark < 150 && different > 80);
+}
+
 /* ---- sums of a step ---- */
 static parameters *made_up_weights(context *c) {
     parameters *p = parameters_create(c);
@@ -200,6 +221,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(adam_follows_its_equations),     cmocka_unit_test(schedule_and_average),
         cmocka_unit_test(permutations_are_permutations),  cmocka_unit_test(every_picture_once_an_epoch),
-        cmocka_unit_test(shares_add_up_to_the_same_bits), cmocka_unit_test(one_image_is_the_plain_update)};
+        cmocka_unit_test(backgrounds_are_black_or_drawn), cmocka_unit_test(shares_add_up_to_the_same_bits),
+        cmocka_unit_test(one_image_is_the_plain_update)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

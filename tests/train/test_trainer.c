@@ -58,6 +58,7 @@ static sherf_train_options options_for(const char *output, int64_t steps) {
                                  .images_per_step = 4,
                                  .targets = 2,
                                  .seed = 11,
+                                 .background = "random",
                                  .sample_every = 1000};
 }
 

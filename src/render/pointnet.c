@@ -281,6 +281,7 @@ typedef struct {
     ray_state state[BLOCK_RAYS];
     int64_t index[POINT_TILE];
     int16_t owner[POINT_TILE];
+    int16_t active[BLOCK_RAYS]; /* rays with points to come */
     point_tile tile;
 } block_space;
 
@@ -331,36 +332,52 @@ static void write_ray(const work *w, const ray_state *s) {
     f->depth.data[s->ray] = fminf(fmaxf(depth, w->depth_min), w->depth_max);
 }
 
+/* The block's rays that have points, into `active`; the others are finished. */
+static int start_block(const work *w, block_space *b, int64_t block) {
+    const int width = w->rays->width, height = w->rays->height;
+    const int across = (width + BLOCK_SIDE - 1) / BLOCK_SIDE;
+    const int x0 = (int)(block % across) * BLOCK_SIDE, y0 = (int)(block / across) * BLOCK_SIDE;
+    int count = 0;
+    for (int y = y0; y < y0 + BLOCK_SIDE && y < height; y++)
+        for (int x = x0; x < x0 + BLOCK_SIDE && x < width; x++) {
+            ray_state *s = &b->state[count];
+            *s = start_ray(w, (int64_t)y * width + x);
+            if (s->at < s->end)
+                b->active[count] = (int16_t)count, count++;
+            else
+                write_ray(w, s);
+        }
+    return count;
+}
+
 /* Takes the points in the order ray by ray; with early_stop in rounds of CHUNK a ray, so that rays that have
- * become opaque drop out. Points of a ray stay in order, whichever tile they fall into. */
+ * become opaque drop out: what a round leaves of a tile waits for the next one. Points of a ray stay in
+ * order, whichever tile they fall into. */
 static void run_blocks(void *arg, int64_t begin, int64_t end, int thread) {
     work *w = arg;
     char *scratch = w->scratch + (size_t)thread * w->part;
     block_space *b = (block_space *)scratch;
     scratch += (sizeof *b + 63) / 64 * 64;
-    int width = w->rays->width, height = w->rays->height, across = (width + BLOCK_SIDE - 1) / BLOCK_SIDE;
+    const int64_t chunk = w->early_stop ? CHUNK : INT64_MAX / 2;
+    b->tile.count = 0;
     for (int64_t i; (i = next_piece(w)) >= 0;) {
-        int x0 = (int)(i % across) * BLOCK_SIDE, y0 = (int)(i / across) * BLOCK_SIDE, count = 0;
-        for (int y = y0; y < y0 + BLOCK_SIDE && y < height; y++)
-            for (int x = x0; x < x0 + BLOCK_SIDE && x < width; x++)
-                b->state[count++] = start_ray(w, (int64_t)y * width + x);
-        b->tile.count = 0;
-        bool more = true;
-        while (more) {
-            more = false;
-            for (int r = 0; r < count; r++) {
+        const int count = start_block(w, b, i);
+        for (int active = count, still; active; active = still) {
+            still = 0;
+            for (int k = 0; k < active; k++) {
+                const int16_t r = b->active[k];
                 ray_state *s = &b->state[r];
-                int64_t stop = w->early_stop && s->at + CHUNK < s->end ? s->at + CHUNK : s->end;
-                if (w->early_stop && s->transmittance < opaque) stop = s->at = s->end;
+                if (w->early_stop && s->transmittance < opaque) continue;
+                const int64_t stop = s->end - s->at > chunk ? s->at + chunk : s->end;
                 for (; s->at < stop; s->at++) {
-                    b->owner[b->tile.count] = (int16_t)r;
+                    b->owner[b->tile.count] = r;
                     b->index[b->tile.count++] = s->at;
                     if (b->tile.count == POINT_TILE) flush(w, b, scratch);
                 }
-                more = more || s->at < s->end;
+                if (s->at < s->end) b->active[still++] = r;
             }
-            flush(w, b, scratch);
         }
+        flush(w, b, scratch);
         for (int r = 0; r < count; r++) write_ray(w, &b->state[r]);
     }
 }

@@ -111,7 +111,10 @@ static sherf_status surface_make(context *c, export_job *j) {
     const sherf_export_options *o = &j->options;
     float level = (float)o->level;
     sherf_status status = field_density(c, j->a, j->m, o->resolution, &j->density);
-    if (status == SHERF_OK && !(level > 0)) status = field_level(c, &j->density, &level);
+    if (status == SHERF_OK && !(level > 0)) {
+        status = field_level(c, &j->density, &level);
+        if (status == SHERF_OK) status = field_level_places(c, &j->density, level);
+    }
     j->report.level = level;
     if (status == SHERF_OK) status = field_solidify(c, &j->density, level);
     if (status == SHERF_OK) status = cubes_surface(c, &j->density, level, &j->surface);

@@ -1,16 +1,18 @@
 /* export: an avatar as a surface with colours and skin, in files that other programs open.
- * The way of the data: density on a canonical grid (field.c, solid.c) -> closed surface (cubes.c,
- * mesh.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c), coloured by
- * short rays along the normals (bake.c) -> files (gltf.c, mesh_file.c). Spaces as in body/body.h: positions
- * are _canonical until skin_bind takes them to the person's rest pose. */
+ * The way of the data: density on a canonical grid (field.c), its level (level.c, solid.c) -> closed surface
+ * (cubes.c, mesh.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c),
+ * coloured by short rays along the normals (bake.c) -> files (gltf.c, mesh_file.c). Spaces as in body/body.h:
+ * positions are _canonical until skin_bind takes them to the person's rest pose. */
 #ifndef SHERF_EXPORT_H
 #define SHERF_EXPORT_H
+
+#include <math.h>
 
 #include "model/model.h"
 
 enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX = 200000000 };
 
-/* ---- field.c: what the network says about canonical space ---- */
+/* ---- field.c, level.c, solid.c: what the network says about canonical space ---- */
 /* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are 5
  * cm or more from every canonical vertex are empty: density -80, colour 0. Directions count with their
  * length, as in a frame, where it is about 1. */
@@ -33,14 +35,27 @@ static inline size_t field_at(const field_grid *g, int x, int y, int z) {
     return ((size_t)z * (size_t)g->size[1] + (size_t)y) * (size_t)g->size[0] + (size_t)x;
 }
 /* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
- * layers of empty points around. The body's core, which lies 15 mm below its skin or more, gets -1: it counts
- * as solid, and the network is not asked. */
+ * layers of empty points around. The body's core, which lies 15 mm below its skin or more, counts as solid:
+ * it has a negative value, and the network is not asked. */
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
                            field_grid *out);
 /* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of
  * the grid whose largest density is above it should be one that is half opaque or more. At least 1 per metre.
  */
 sherf_status field_level(context *c, const field_grid *g, float *level);
+/* Divides the densities by what they should be where the surface is, as a share of `level`, so that the
+ * surface at `level` has the frames' silhouettes in every direction. Smooth over some 3 cm. */
+sherf_status field_level_places(context *c, field_grid *g, float level);
+/* Densities from 0 to infinity onto 0 to 2 level, the level onto itself: between grid points they are nearly
+ * linear then, and blurring moves the surface little. */
+static inline float field_saturate(float density, float level) {
+    return 2 * level * density / (density + level);
+}
+static inline float field_desaturate(float value, float level) {
+    return level * value / fmaxf(2 * level - value, 1e-3f * level);
+}
+/* 1 2 1 along each axis; the rim stays. */
+void field_smooth(const context *c, field_grid *g);
 /* Marks the points below `level` that the rim reaches through others; the rim itself becomes empty. outside:
  * zeroed, one byte a point. */
 sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outside);

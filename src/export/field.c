@@ -7,7 +7,7 @@
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has
  * holes. */
-static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f;
+static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f, sigma_most = 1e6f;
 enum { FIELD_BATCH = 1 << 16 };
 
 void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
@@ -188,10 +188,11 @@ static bool in_core(const body_model *m, const field_grid *g, const float *norma
 }
 
 /* Nearest vertices of the grid's points, -1 outside the shell and in the body's core; the core's value
- * becomes -1. */
+ * becomes negative: less the density that is half opaque after one step. */
 static sherf_status find_shell(context *c, const body_model *m, const float *normal, field_grid *g,
                                int32_t *nearest) {
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
+    const float core = -0.7f / g->step_m; /* half opaque in one step */
     vertex_grid *near = NULL;
     uint8_t *outside = mem_zero(c, count, 1);
     sherf_status status = outside ? SHERF_OK : SHERF_NO_MEMORY;
@@ -205,7 +206,7 @@ static sherf_status find_shell(context *c, const body_model *m, const float *nor
         status = field_flood(c, g, 0.5f, outside);
         for (size_t i = 0; i < count; i++) {
             if (nearest[i] >= 0 && in_core(m, g, normal, nearest, i)) nearest[i] = -1, outside[i] = 0;
-            g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : -1;
+            g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : core;
         }
     }
     vertex_grid_free(near);
@@ -249,7 +250,7 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
         if (b.set.count < FIELD_BATCH && i + 1 < count) continue;
         if (b.set.count) status = batch_run(c, a, m, &b);
         if (status == SHERF_OK) status = progress(c, "density", (double)(i + 1), (double)count);
-        for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fmaxf(b.sigma[k], 0);
+        for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fminf(fmaxf(b.sigma[k], 0), sigma_most);
         b.set.count = 0;
     }
 done:

@@ -111,6 +111,68 @@ static void cavities_are_filled(void **state) {
     sherf_context_free(c);
 }
 
+/* A soft ball of radius 9 cm and a soft rod of 1.2 cm along y, in a box of 40 cm. */
+static const double ball_x_m = -0.08, rod_x_m = 0.13;
+static double soft(double beyond_m) {
+    return 80 * exp(-fmax(0, beyond_m) / 0.006);
+}
+static double ball_and_rod(const float p[3], void *user) {
+    const double x = 0.2 * p[0], y = 0.2 * p[1], z = 0.2 * p[2];
+    double from_ball = hypot(hypot(x - ball_x_m, y), z) - 0.09, from_rod = hypot(x - rod_x_m, z) - 0.012;
+    return soft(fmin(from_ball, from_rod + fmax(0, fabs(y) - 0.12)));
+}
+
+/* How far from the axis a ray passes that is half opaque. */
+static double outline_of(double radius_m) {
+    for (double off = 0.2; off > 0; off -= 1e-4) {
+        double depth = 0;
+        for (double t = -0.2; t < 0.2; t += 1e-3) depth += 1e-3 * soft(hypot(off, t) - radius_m);
+        if (depth >= log(2)) return off;
+    }
+    return 0;
+}
+
+/* Mean distances of the surface from the ball's centre and the rod's axis. */
+static void radii_of(const surface *s, double *ball_m, double *rod_m) {
+    double sum[2] = {0, 0};
+    int64_t count[2] = {0, 0};
+    for (int64_t v = 0; v < s->vertices; v++) {
+        const float *p = s->position + 3 * v;
+        const bool rod = p[0] > 0.07;
+        if (rod && fabsf(p[1]) > 0.08f) continue;
+        sum[rod] += rod ? hypot(p[0] - rod_x_m, p[2]) : hypot(hypot(p[0] - ball_x_m, p[1]), p[2]);
+        count[rod]++;
+    }
+    assert_true(count[0] > 100 && count[1] > 20);
+    *ball_m = sum[0] / (double)count[0];
+    *rod_m = sum[1] / (double)count[1];
+}
+
+/* Outlines of thick and thin parts lie where frames have them, which one level for both does not do. */
+static void thick_and_thin_have_their_outlines(void **state) {
+    context *c = test_context();
+    double radius[2][2];
+    float level;
+    for (int places = 0; places < 2; places++) {
+        surface s;
+        field_grid g = grid_of(c, 81, ball_and_rod, NULL);
+        for (int k = 0; k < 3; k++) g.min[k] *= 0.2f;
+        g.step_m *= 0.2f;
+        assert_ok(c, field_level(c, &g, &level));
+        if (places) assert_ok(c, field_level_places(c, &g, level));
+        assert_ok(c, field_solidify(c, &g, level));
+        assert_ok(c, cubes_surface(c, &g, level, &s));
+        assert_closed(&s);
+        radii_of(&s, &radius[places][0], &radius[places][1]);
+        surface_free(&s);
+        field_grid_free(&g);
+    }
+    assert_float_equal(radius[1][0], outline_of(0.09), 0.001);
+    assert_float_equal(radius[1][1], outline_of(0.012), 0.002);
+    assert_true(fabs(radius[0][1] - outline_of(0.012)) > 0.0035);
+    sherf_context_free(c);
+}
+
 static void emptiness_is_said(void **state) {
     context *c = test_context();
     float level;
@@ -288,11 +350,16 @@ static void splats_cover_evenly(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(ball_is_a_ball),    cmocka_unit_test(noise_is_closed),
-        cmocka_unit_test(islands_go),        cmocka_unit_test(cavities_are_filled),
-        cmocka_unit_test(emptiness_is_said), cmocka_unit_test(reduction_keeps_the_surface),
-        cmocka_unit_test(noise_is_reduced),  cmocka_unit_test(atlas_is_an_atlas),
-        cmocka_unit_test(atlas_of_noise),    cmocka_unit_test(splats_cover_evenly)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(ball_is_a_ball),
+                                       cmocka_unit_test(noise_is_closed),
+                                       cmocka_unit_test(islands_go),
+                                       cmocka_unit_test(cavities_are_filled),
+                                       cmocka_unit_test(thick_and_thin_have_their_outlines),
+                                       cmocka_unit_test(emptiness_is_said),
+                                       cmocka_unit_test(reduction_keeps_the_surface),
+                                       cmocka_unit_test(noise_is_reduced),
+                                       cmocka_unit_test(atlas_is_an_atlas),
+                                       cmocka_unit_test(atlas_of_noise),
+                                       cmocka_unit_test(splats_cover_evenly)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -79,7 +79,7 @@ int main(void) {
         t_rays[i] = time_seconds() - t;
         t = time_seconds();
         cpu[i] = cpu_seconds();
-        must(c, points_create(c, m, p, rays, 48, p, &observer, false, &set));
+        must(c, points_create(c, m, p, rays, 48, p, &observer, NULL, false, &set));
         t_points[i] = time_seconds() - t;
         cpu[i] = cpu_seconds() - cpu[i];
         if (!points) {

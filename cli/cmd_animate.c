@@ -69,7 +69,8 @@ static const option options[] = {
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
-     "rays are followed to their end; otherwise bf16 stops them at 99.9 % opacity"},
+     "every point near the body is asked for; otherwise bf16 leaves out empty space and what lies "
+     "behind 99.9 % opacity"},
     {0},
 };
 

@@ -169,7 +169,8 @@ SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
     int samples;         /* depths per ray; 0: the model's (48) */
-    int exact; /* non-zero: rays are followed to their end; otherwise, in bf16, until 99.9 % opaque */
+    int exact; /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
+                  avatar's empty space (found with its first frame) or behind 99.9 % opacity */
 } sherf_render_options;
 
 typedef struct {

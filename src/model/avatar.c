@@ -12,8 +12,16 @@ static int64_t plane_floats(const model_config *k) {
     return 3 * (int64_t)k->plane_resolution * k->plane_resolution * k->token_width;
 }
 
+static sherf_avatar *avatar_new(context *c) {
+    sherf_avatar *a = mem_zero(c, 1, sizeof *a);
+    if (a) pthread_mutex_init(&a->empty.lock, NULL);
+    return a;
+}
+
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
+    pthread_mutex_destroy(&a->empty.lock);
+    empty_cells_free(&a->empty.cells);
     point_network_free(a->network);
     posed_body_free(a->observed);
     parameters_free(a->weights);
@@ -106,7 +114,7 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     observation_geometry *g = NULL;
     tape *t = NULL;
     model_bank bank;
-    sherf_avatar *a = mem_zero(c, 1, sizeof *a);
+    sherf_avatar *a = avatar_new(c);
     if (!a) return SHERF_NO_MEMORY;
     a->config = m->config;
     a->pose = *sherf_observation_pose(observation);
@@ -308,7 +316,7 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
     safetensors *s = NULL;
     sherf_status status = safetensors_read(c, path, &s);
     if (status != SHERF_OK) return status;
-    sherf_avatar *a = mem_zero(c, 1, sizeof *a);
+    sherf_avatar *a = avatar_new(c);
     const char *format = safetensors_metadata(s, "format"), *config = safetensors_metadata(s, "sherf.config");
     const char *fingerprint = safetensors_metadata(s, "body");
     if (!a)
@@ -345,6 +353,23 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
     return status;
 }
 
+/* NULL: the frame takes every point. */
+static sherf_status empty_of(context *c, const sherf_avatar *a, const body_model *body, bool exact,
+                             const empty_cells **out) {
+    sherf_avatar *own = (sherf_avatar *)a; /* avatars are made by this file, on the heap */
+    sherf_status status = SHERF_OK;
+    *out = NULL;
+    if (exact || !point_network_in_bf16(a->network)) return SHERF_OK;
+    pthread_mutex_lock(&own->empty.lock);
+    if (!own->empty.looked) {
+        status = empty_cells_find(c, a, body, &own->empty.cells);
+        own->empty.looked = status == SHERF_OK;
+    }
+    pthread_mutex_unlock(&own->empty.lock);
+    if (a->empty.cells.bit) *out = &a->empty.cells;
+    return status;
+}
+
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,
                            sherf_frame *frame) {
@@ -353,7 +378,9 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     if (o->samples < 0 || o->samples > 1024)
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to 1024, or 0 for the model's",
                        o->samples);
+    const empty_cells *empty;
     sherf_status status = camera_check(c, camera);
+    if (status == SHERF_OK) status = empty_of(c, a, body, o->exact, &empty);
     ray_bundle *rays = NULL;
     point_set *points = NULL;
     float min[3], max[3];
@@ -362,7 +389,7 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     status = rays_create(c, camera, min, max, &rays);
     if (status != SHERF_OK) return status;
     int samples = o->samples ? o->samples : a->config.samples;
-    status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, false, &points);
+    status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, empty, false, &points);
     if (status == SHERF_OK)
         status = point_network_render(c, a->network, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) frame->points = points->count;

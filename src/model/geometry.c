@@ -254,7 +254,7 @@ sherf_status target_geometry_create(context *c, const model_config *config, cons
     status = rays_create(c, camera, min, max, &g->rays);
     if (status != SHERF_OK) goto done;
     status = points_create(c, body, g->body, g->rays, config->samples, observation ? observation->body : NULL,
-                           observation ? &observation->camera : NULL, keep_stages, &g->points);
+                           observation ? &observation->camera : NULL, NULL, keep_stages, &g->points);
     if (status != SHERF_OK) goto done;
     g->depth_min = INFINITY;
     g->depth_max = -INFINITY;

@@ -4,6 +4,8 @@
 #ifndef SHERF_MODEL_H
 #define SHERF_MODEL_H
 
+#include <pthread.h>
+
 #include "body/body.h"
 #include "io/safetensors.h"
 #include "nn/parameters.h"
@@ -160,7 +162,19 @@ struct sherf_avatar {
     point_bank bank;        /* its arrays are the avatar's own */
     posed_body *observed;   /* observation pose, for the pixel-aligned features */
     point_network *network; /* packed for the context's precision it was made or loaded in */
+    /* Found before the first frame that may leave something out. */
+    struct {
+        pthread_mutex_t lock;
+        bool looked;
+        empty_cells cells;
+    } empty;
 };
+
+/* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
+ * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
+ * 6 cm of the body. Free with empty_cells_free. */
+sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out);
+void empty_cells_free(empty_cells *e);
 
 /* sherf_render in two steps, for many frames of one pose: the body posed and ready for points_create (freed
  * with posed_body_free), and a frame of it. */

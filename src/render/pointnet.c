@@ -187,6 +187,10 @@ void point_network_free(point_network *n) {
 }
 
 /* ---- points through the network ---- */
+bool point_network_in_bf16(const point_network *n) {
+    return n->bf16;
+}
+
 void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t) {
     t->count = count;
     for (int p = 0; p < count; p++) {

@@ -79,6 +79,7 @@ typedef struct point_network point_network;
 sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
                                   const point_bank *bank, bool bf16, point_network **out);
 void point_network_free(point_network *n);
+bool point_network_in_bf16(const point_network *n); /* what it was made with, where the machine can */
 
 /* rgb [P, 3] and raw density [P] of every point of the set. */
 sherf_status point_network_run(context *c, const point_network *n, const point_set *points, float *rgb,

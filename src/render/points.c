@@ -23,11 +23,12 @@ typedef struct {
     int64_t chunk;      /* rays of one piece of work */
     const vertex_grid *grid;
     const vertex_shell *shell;
-    float *fraction;    /* depth i = near + (far - near) * fraction[i] */
-    uint64_t *sample;   /* rays x words: first the candidates, then the kept */
-    int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
-    int32_t *nearest;   /* of the kept, by chunk from candidate[chunk] on */
-    int32_t *kept;      /* chunks */
+    const empty_cells *empty; /* or NULL */
+    float *fraction;          /* depth i = near + (far - near) * fraction[i] */
+    uint64_t *sample;         /* rays x words: first the candidates, then the kept */
+    int64_t *candidate;       /* chunks + 1: the first slot of a chunk in `nearest` */
+    int32_t *nearest;         /* of the kept, by chunk from candidate[chunk] on */
+    int32_t *kept;            /* chunks */
     point_set *out;
 } points_job;
 
@@ -200,6 +201,49 @@ static void keep_near(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
+static bool is_empty(const empty_cells *e, const float canonical[3]) {
+    int cell[3];
+    for (int k = 0; k < 3; k++) {
+        const float v = (canonical[k] - e->min[k]) * e->per_m;
+        if (!(v >= 0 && v < (float)e->cells[k])) return false;
+        cell[k] = (int)v;
+    }
+    const size_t row = (size_t)cell[2] * (size_t)e->cells[1] + (size_t)cell[1];
+    return e->bit[row * (size_t)e->words + (size_t)cell[0] / 32] >> (cell[0] % 32) & 1;
+}
+
+/* After pass 2: what turns out to lie in an empty cell is kept no longer. */
+static void drop_empty(const points_job *job, int64_t chunk) {
+    enum { SOME = 64 };
+    int32_t *nearest = job->nearest + job->candidate[chunk], total = 0;
+    const int32_t *from = nearest;
+    float canonical[3 * SOME];
+    for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
+        int32_t count = 0;
+        for (int w = 0; w < job->words; w++) {
+            uint64_t kept = job->sample[n * job->words + w];
+            const int some = __builtin_popcountll(kept);
+            int at = 0;
+            if (!some) continue;
+            for (uint64_t bits = kept; bits; bits &= bits - 1)
+                sample_smpl(job, n, 64 * w + __builtin_ctzll(bits), canonical + 3 * at++);
+            deform_to_canonical(job->m, job->target, some, canonical, NULL, from, canonical, NULL);
+            at = 0;
+            for (uint64_t bits = kept; bits; bits &= bits - 1, at++) {
+                if (is_empty(job->empty, canonical + 3 * at))
+                    kept &= ~(bits & -bits);
+                else
+                    nearest[total + count++] = from[at];
+            }
+            from += some;
+            job->sample[n * job->words + w] = kept;
+        }
+        job->out->first[n + 1] = count;
+        total += count;
+    }
+    job->kept[chunk] = total;
+}
+
 /* Pass 3: the kept points' numbers, places and projections. */
 static void fill_points(const points_job *job, int64_t chunk) {
     enum { BATCH = 256 };
@@ -275,7 +319,10 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
                        (long long)candidates);
     if (!(job->nearest = mem_alloc(c, (size_t)candidates, sizeof *job->nearest))) return SHERF_NO_MEMORY;
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
-    for (int64_t i = 0; i < chunks; i++) keep_near(job, i);
+    for (int64_t i = 0; i < chunks; i++) {
+        keep_near(job, i);
+        if (job->empty) drop_empty(job, i);
+    }
     for (int64_t n = 0; n < p->rays; n++) p->first[n + 1] += p->first[n];
     p->count = p->first[p->rays];
     if ((status = points_allocate(c, job, keep_stages, p)) != SHERF_OK) return status;
@@ -299,7 +346,7 @@ sherf_status points_prepare(context *c, const body_model *m, posed_body *target)
 
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           bool keep_stages, point_set **out) {
+                           const empty_cells *empty, bool keep_stages, point_set **out) {
     enum { SAMPLES_MAX = 4096 };
     *out = NULL;
     if (samples < 1 || samples > SAMPLES_MAX)
@@ -312,6 +359,7 @@ sherf_status points_create(context *c, const body_model *m, const posed_body *ta
                       .observation = observation,
                       .camera = observation_camera,
                       .rays = rays,
+                      .empty = empty && empty->bit ? empty : NULL,
                       .samples = samples,
                       .words = (samples + 63) / 64,
                       .chunk = 512};

@@ -52,12 +52,19 @@ typedef struct {
     float *observation_world; /* P x 3 before that projection; only when asked for */
     int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
 } point_set;
+/* Cells of canonical space in which there is known to be nothing: bit x % 32 of bit[(z * cells[1] + y) *
+ * words + x / 32]. Without bits nothing is known. */
+typedef struct {
+    int cells[3], words;
+    float min[3], per_m;
+    uint32_t *bit;
+} empty_cells;
 /* observation and observation_camera may both be NULL. keep_stages: fill the stage arrays for tests. Exactly
- * the samples whose nearest target vertex is closer than 0.05 m, in ray-major, then depth order; found
- * without visiting the empty ones. */
+ * the samples whose nearest target vertex is closer than 0.05 m, without those in cells of `empty` (or NULL);
+ * in ray-major, then depth order; found without visiting the empty ones. */
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           bool keep_stages, point_set **out);
+                           const empty_cells *empty, bool keep_stages, point_set **out);
 void points_free(point_set *p);
 /* Makes what points_create needs of a posed body, once, for those who take many pictures of one pose; without
  * it each call makes its own. */

@@ -136,7 +136,7 @@ static void points_agree(void **state) {
     point_set *p;
     int64_t picked, n;
     assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
-                                  true, &p));
+                                  NULL, true, &p));
     assert_int_equal(p->count, *reference_ints(r, "points.count", NULL));
     const int32_t *ray = reference_ints(r, "pick.ray", &picked),
                   *sample = reference_ints(r, "pick.sample", NULL);
@@ -177,7 +177,7 @@ static void points_are_exact(void **state) {
         setenv("SHERF_ISA", levels[run % 3], 1);
         r->c->threads = run < 3 ? 1 : 3;
         point_set *p;
-        assert_ok(r->c, points_create(r->c, r->m, r->target, rays, samples, NULL, NULL, true, &p));
+        assert_ok(r->c, points_create(r->c, r->m, r->target, rays, samples, NULL, NULL, NULL, true, &p));
         assert_null(p->observed_px);
         int64_t at = 0;
         for (int n = 0; n < 20 * 24; n++) {
@@ -217,13 +217,13 @@ static void nobody_in_sight(void **state) {
     ray_bundle *rays = target_rays(r, &away);
     point_set *p;
     assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
-                                  false, &p));
+                                  NULL, false, &p));
     assert_int_equal(p->count, 0);
     for (int n = 0; n < 128 * 128; n++) assert_false(rays->at_box[n]);
     points_free(p);
-    assert_int_equal(points_create(r->c, r->m, r->target, rays, 0, NULL, NULL, false, &p),
+    assert_int_equal(points_create(r->c, r->m, r->target, rays, 0, NULL, NULL, NULL, false, &p),
                      SHERF_BAD_ARGUMENT);
-    assert_int_equal(points_create(r->c, r->m, r->target, rays, 48, r->observation, NULL, false, &p),
+    assert_int_equal(points_create(r->c, r->m, r->target, rays, 48, r->observation, NULL, NULL, false, &p),
                      SHERF_BAD_ARGUMENT);
     rays_free(rays);
 }
@@ -368,7 +368,7 @@ static void allocations_may_fail(void **state) {
         mem_fail_after(n);
         sherf_status status = rays_create(c, &small, min, max, &rays);
         if (status == SHERF_OK)
-            status = points_create(c, r->m, r->target, rays, 48, r->observation, &small, true, &p);
+            status = points_create(c, r->m, r->target, rays, 48, r->observation, &small, NULL, true, &p);
         if (status == SHERF_OK)
             status = raster_create(c, &small, 1, 6890, r->target->vertices_smpl, r->m->faces, r->m->face,
                                    &picture);

@@ -1,0 +1,167 @@
+/* Where an avatar has nothing. The density at a point depends on its place in canonical space alone, whatever
+ * the pose and the camera, so the network is asked once on a lattice and frames leave out what lies among
+ * empty cells. */
+#include <math.h>
+#include <string.h>
+
+#include "model/model.h"
+
+/* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
+ * Cells below the skin are not asked for: they are full, or hidden. */
+static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
+enum { CELLS_MAX = 1 << 24, BATCH = 1 << 16, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
+
+typedef struct {
+    const sherf_avatar *a;
+    const body_model *m;
+    empty_cells *cells;
+    float *normal;    /* of the canonical vertices */
+    int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not asked for */
+    uint8_t *state;   /* by cell */
+    /* a batch */
+    point_set set;
+    int32_t *cell; /* of its points */
+    float *rgb, *sigma;
+} empty_job;
+
+static void middle(const empty_cells *e, size_t cell, float at[3]) {
+    const size_t x = (size_t)e->cells[0], y = (size_t)e->cells[1];
+    const size_t i[3] = {cell % x, cell / x % y, cell / x / y};
+    for (int k = 0; k < 3; k++) at[k] = e->min[k] + ((float)i[k] + 0.5f) / e->per_m;
+}
+
+/* Above the vertex's tangent plane. */
+static float height(const empty_job *j, const float at[3], int32_t vertex) {
+    const float *v = j->m->canonical->vertices_smpl + 3 * (size_t)vertex, *n = j->normal + 3 * (size_t)vertex;
+    return (at[0] - v[0]) * n[0] + (at[1] - v[1]) * n[1] + (at[2] - v[2]) * n[2];
+}
+
+static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const empty_job *j = arg;
+    const vertex_grid *grid = body_canonical_grid(j->m);
+    const vertex_shell *shell = vertex_grid_shell(grid);
+    const int64_t row = j->cells->cells[0];
+    for (int64_t i = begin * row; i < end * row; i++) {
+        float at[3], d2 = INFINITY;
+        int voxel[3];
+        bool inside = true;
+        middle(j->cells, (size_t)i, at);
+        for (int k = 0; k < 3; k++) {
+            const float v = (at[k] - shell->min[k]) / shell->cell_m;
+            inside = inside && v >= 0 && v < (float)shell->cells[k];
+            voxel[k] = inside ? (int)v : 0;
+        }
+        const size_t word =
+            ((size_t)voxel[2] * (size_t)shell->cells[1] + (size_t)voxel[1]) * (size_t)shell->words +
+            (size_t)voxel[0] / 32;
+        inside = inside && shell->bit[word] >> (voxel[0] % 32) & 1; /* elsewhere a search takes long */
+        const int32_t found = inside ? vertex_grid_nearest_from(grid, at, -1, &d2) : -1;
+        j->nearest[i] = found >= 0 && d2 < known_m * known_m && height(j, at, found) > -below_m ? found : -1;
+    }
+}
+
+static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const empty_job *j = arg;
+    enum { SOME = 256 };
+    float world[3 * SOME];
+    int32_t nearest[SOME];
+    for (int64_t b = begin; b < end; b += SOME) {
+        const int64_t count = end - b < SOME ? end - b : SOME;
+        float *canonical = j->set.canonical + 3 * b;
+        for (int64_t i = 0; i < count; i++) {
+            middle(j->cells, (size_t)j->cell[b + i], canonical + 3 * i);
+            nearest[i] = j->nearest[j->cell[b + i]];
+        }
+        deform_from_canonical(j->m, j->a->observed, count, canonical, nearest, world);
+        camera_project(&j->a->camera, count, world, j->set.observed_px + 2 * b, NULL);
+    }
+}
+
+static sherf_status ask(context *c, empty_job *j) {
+    parallel_for(c, j->set.count, 1024, observe_range, j);
+    sherf_status status = point_network_run(c, j->a->network, &j->set, j->rgb, j->sigma);
+    for (int64_t i = 0; i < j->set.count && status == SHERF_OK; i++)
+        j->state[j->cell[i]] = j->sigma[i] > 0 ? FULL : EMPTY;
+    j->set.count = 0;
+    return status;
+}
+
+static sherf_status ask_all(context *c, empty_job *j, int64_t count) {
+    j->set.canonical = mem_alloc(c, BATCH, 3 * sizeof(float));
+    j->set.direction_canonical = mem_zero(c, BATCH, 3 * sizeof(float)); /* density does not look at it */
+    j->set.observed_px = mem_alloc(c, BATCH, 2 * sizeof(float));
+    j->cell = mem_alloc(c, BATCH, sizeof *j->cell);
+    j->rgb = mem_alloc(c, BATCH, 3 * sizeof(float));
+    j->sigma = mem_alloc(c, BATCH, sizeof(float));
+    sherf_status status = SHERF_NO_MEMORY;
+    if (j->set.canonical && j->set.direction_canonical && j->set.observed_px && j->cell && j->rgb && j->sigma)
+        status = SHERF_OK;
+    for (int64_t i = 0; i < count && status == SHERF_OK; i++) {
+        if (j->nearest[i] >= 0) j->cell[j->set.count++] = (int32_t)i;
+        if (j->set.count == BATCH || (i + 1 == count && j->set.count)) status = ask(c, j);
+    }
+    mem_free(j->set.canonical);
+    mem_free(j->set.direction_canonical);
+    mem_free(j->set.observed_px);
+    mem_free(j->cell);
+    mem_free(j->rgb);
+    mem_free(j->sigma);
+    return status;
+}
+
+/* Bits of the empty cells without a full one around them; false where they are too few to be of use. */
+static bool mark(empty_job *j) {
+    const empty_cells *e = j->cells;
+    const int X = e->cells[0], Y = e->cells[1], Z = e->cells[2];
+    int64_t known = 0, empty = 0;
+    for (int z = 0; z < Z; z++)
+        for (int y = 0; y < Y; y++)
+            for (int x = 0; x < X; x++) {
+                const size_t row = (size_t)z * (size_t)Y + (size_t)y, at = row * (size_t)X + (size_t)x;
+                if (j->state[at] != UNKNOWN) known++;
+                if (j->state[at] != EMPTY) continue;
+                const size_t up = (size_t)X, behind = (size_t)X * (size_t)Y;
+                if ((x && j->state[at - 1] == FULL) || (x + 1 < X && j->state[at + 1] == FULL) ||
+                    (y && j->state[at - up] == FULL) || (y + 1 < Y && j->state[at + up] == FULL) ||
+                    (z && j->state[at - behind] == FULL) || (z + 1 < Z && j->state[at + behind] == FULL))
+                    continue;
+                e->bit[row * (size_t)e->words + (size_t)x / 32] |= 1u << (x % 32);
+                empty++;
+            }
+    return empty > known / 10;
+}
+
+void empty_cells_free(empty_cells *e) {
+    mem_free(e->bit);
+    *e = (empty_cells){0};
+}
+
+sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out) {
+    empty_cells *e = out;
+    empty_job job = {.a = a, .m = m, .cells = e};
+    float max[3];
+    *e = (empty_cells){.per_m = 1 / cell_m};
+    body_canonical_bounds(m, e->min, max);
+    double count = 1;
+    for (int k = 0; k < 3; k++) {
+        const double cells = ceil(((double)max[k] - e->min[k]) * e->per_m) + 1;
+        count *= cells;
+        if (!(count <= CELLS_MAX)) return SHERF_OK; /* a body of a size nobody has: nothing is left out */
+        e->cells[k] = (int)cells;
+    }
+    e->words = (e->cells[0] + 31) / 32;
+    const int64_t rows = (int64_t)e->cells[1] * e->cells[2], cells = rows * e->cells[0];
+    job.normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *job.normal);
+    job.nearest = mem_alloc(c, (size_t)cells, sizeof *job.nearest);
+    job.state = mem_zero(c, (size_t)cells, 1);
+    e->bit = mem_zero(c, (size_t)rows, (size_t)e->words * sizeof *e->bit);
+    sherf_status status = job.normal && job.nearest && job.state && e->bit ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, job.normal);
+    if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, &job);
+    if (status == SHERF_OK) status = ask_all(c, &job, cells);
+    if (status != SHERF_OK || !mark(&job)) empty_cells_free(e);
+    mem_free(job.normal);
+    mem_free(job.nearest);
+    mem_free(job.state);
+    return status;
+}

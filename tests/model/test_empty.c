@@ -1,0 +1,144 @@
+/* What frames leave out: cells of canonical space where the shipped model, with the demo's person, has
+ * nothing. */
+#include <math.h>
+#include <string.h>
+
+#include "model/model.h"
+#include "support.h"
+
+static const char model_path[] = "../assets/models/people.safetensors",
+                  body_path[] = "../assets/body.safetensors";
+
+typedef struct {
+    context *c;
+    sherf_body *body;
+    sherf_observation *observation;
+    sherf_avatar *avatar;
+} scene;
+
+static void open_scene(sherf_precision precision, scene *s) {
+    const sherf_options options = {.threads = 2, .precision = precision};
+    sherf_model *m;
+    assert_int_equal(sherf_context_create(&options, &s->c), SHERF_OK);
+    assert_ok(s->c, sherf_body_load(s->c, body_path, &s->body));
+    assert_ok(s->c, sherf_model_load(s->c, model_path, &m));
+    assert_ok(s->c, sherf_observation_load(s->c, "thuman:../assets/demo#person_900006/0/0", &s->observation));
+    assert_ok(s->c, sherf_avatar_create(s->c, m, s->body, s->observation, &s->avatar));
+    sherf_model_free(m);
+}
+
+static void close_scene(scene *s) {
+    sherf_avatar_free(s->avatar);
+    sherf_observation_free(s->observation);
+    sherf_body_free(s->body);
+    sherf_context_free(s->c);
+}
+
+/* A frame's points with and without the empty cells, in the third pose's place. */
+static void points_of(const scene *s, const empty_cells *empty, point_set **out) {
+    const sherf_pose *pose = sherf_observation_pose(s->observation);
+    const sherf_camera *camera = sherf_observation_camera(s->observation);
+    sherf_camera small = *camera;
+    camera_resize(&small, 96, 96);
+    posed_body *posed;
+    ray_bundle *rays;
+    float min[3], max[3];
+    assert_ok(s->c,
+              posed_body_create(s->c, s->body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed));
+    body_world_box(s->body, posed, min, max);
+    assert_ok(s->c, rays_create(s->c, &small, min, max, &rays));
+    assert_ok(s->c, points_create(s->c, s->body, posed, rays, 48, s->avatar->observed, &s->avatar->camera,
+                                  empty, true, out));
+    rays_free(rays);
+    posed_body_free(posed);
+}
+
+static void what_is_left_out_has_no_density(void **state) {
+    scene s;
+    empty_cells empty;
+    point_set *all, *kept;
+    open_scene(SHERF_PRECISION_FP32, &s);
+    assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
+    assert_non_null(empty.bit);
+    points_of(&s, NULL, &all);
+    points_of(&s, &empty, &kept);
+    const int64_t dropped = all->count - kept->count;
+    assert_true(dropped > all->count / 4 && dropped < all->count / 10 * 7);
+    float *rgb = mem_alloc(s.c, (size_t)all->count, 3 * sizeof *rgb);
+    float *sigma = mem_alloc(s.c, (size_t)all->count, sizeof *sigma);
+    assert_true(rgb && sigma);
+    assert_ok(s.c, point_network_run(s.c, s.avatar->network, all, rgb, sigma));
+    int64_t at = 0;
+    double lost = 0, whole = 0; /* alphas of a centimetre */
+    for (int64_t i = 0; i < all->count; i++) {
+        const double alpha = sigma[i] > 0 ? 1 - exp(-0.01 * (double)sigma[i]) : 0;
+        if (at < kept->count && kept->ray[at] == all->ray[i] && kept->sample[at] == all->sample[i]) {
+            assert_int_equal(kept->nearest[at], all->nearest[i]);
+            assert_memory_equal(kept->canonical + 3 * at, all->canonical + 3 * i, 3 * sizeof(float));
+            assert_memory_equal(kept->observed_px + 2 * at, all->observed_px + 2 * i, 2 * sizeof(float));
+            at++;
+        } else {
+            lost += alpha;
+        }
+        whole += alpha;
+    }
+    assert_int_equal(at, kept->count); /* a part of all, in order */
+    if (!(lost < 1e-3 * whole)) fail_msg("%g of %g is left out", lost, whole);
+    for (int64_t n = 0; n < kept->rays; n++) assert_true(kept->first[n] <= kept->first[n + 1]);
+    assert_int_equal(kept->first[kept->rays], kept->count);
+    mem_free(rgb);
+    mem_free(sigma);
+    points_free(all);
+    points_free(kept);
+    empty_cells_free(&empty);
+    close_scene(&s);
+}
+
+static void frames_hardly_differ(void **state) {
+    scene s;
+    open_scene(SHERF_PRECISION_BF16, &s);
+    sherf_frame frame[2] = {0};
+    const sherf_render_options exact = {.exact = 1};
+    const sherf_pose *pose = sherf_observation_pose(s.observation);
+    const sherf_camera *camera = sherf_observation_camera(s.observation);
+    if (!point_network_in_bf16(s.avatar->network)) {
+        close_scene(&s);
+        skip(); /* without AMX frames leave nothing out */
+    }
+    assert_ok(s.c, sherf_render(s.c, s.avatar, s.body, pose, camera, &exact, &frame[0]));
+    assert_false(s.avatar->empty.looked);
+    assert_ok(s.c, sherf_render(s.c, s.avatar, s.body, pose, camera, NULL, &frame[1]));
+    assert_true(s.avatar->empty.looked && frame[1].points < frame[0].points / 4 * 3);
+    double sum = 0;
+    const int64_t n = (int64_t)camera->width_px * camera->height_px * 3;
+    for (int64_t i = 0; i < n; i++) sum += pow(frame[0].color.data[i] - frame[1].color.data[i], 2);
+    const double psnr = -10 * log10(sum / (double)n);
+    if (!(psnr > 60)) fail_msg("%.1f dB", psnr);
+    for (int i = 0; i < 2; i++) sherf_frame_free(&frame[i]);
+    close_scene(&s);
+}
+
+/* Nothing but density: no cell is empty, and no bits are kept. */
+static void a_full_body_has_no_cells(void **state) {
+    scene s;
+    empty_cells empty;
+    open_scene(SHERF_PRECISION_FP32, &s);
+    tensor *bias = &parameter_find(s.avatar->weights, "decoder.alpha_linear.bias")->value;
+    tensor_f32(bias)[0] += 1e4f;
+    point_sizes sizes;
+    point_weights weights;
+    model_point_sizes(&s.avatar->config, &sizes);
+    model_point_weights(s.avatar->weights, &s.avatar->config, &weights);
+    point_network_free(s.avatar->network);
+    assert_ok(s.c, point_network_create(s.c, &sizes, &weights, &s.avatar->bank, false, &s.avatar->network));
+    assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
+    assert_null(empty.bit);
+    close_scene(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_left_out_has_no_density),
+                                       cmocka_unit_test(frames_hardly_differ),
+                                       cmocka_unit_test(a_full_body_has_no_cells)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

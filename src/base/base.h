@@ -5,10 +5,17 @@
 #define SHERF_BASE_H
 
 #include <stdarg.h>
-#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+
+#ifdef __cplusplus /* CUDA's sources */
+#include <atomic>
+using std::atomic_int;
+extern "C" {
+#else
+#include <stdatomic.h>
+#endif
 
 #include "sherf/sherf.h"
 
@@ -21,6 +28,7 @@ struct sherf_context {
     void *user;                /* handed to both */
     int threads;               /* worker threads of this context, at least 1 */
     sherf_precision precision; /* never AUTO: resolved when the context is made */
+    sherf_device device;       /* never AUTO either */
     atomic_int cancelled;      /* set by sherf_cancel, polled by long loops */
 };
 
@@ -57,7 +65,13 @@ typedef struct arena arena;
 typedef struct {
     size_t block, used;
 } arena_mark;
+/* Where an arena's blocks come from. They are only addresses to the arena, so they may be a GPU's. */
+typedef struct {
+    void *(*take)(context *c, size_t bytes); /* NULL and message on lack; 64-byte aligned */
+    void (*give)(void *p);
+} memory_source;
 arena *arena_create(context *c);
+arena *arena_create_from(context *c, const memory_source *source); /* NULL: mem_alloc and mem_free */
 void arena_free(arena *a);
 void *arena_alloc(context *c, arena *a, size_t count, size_t size); /* 64-byte aligned, not zeroed */
 arena_mark arena_position(const arena *a);
@@ -92,4 +106,8 @@ double time_seconds(void);      /* monotonic */
 size_t memory_peak_bytes(void); /* peak resident set of this process */
 
 #define COUNT_OF(a) (sizeof(a) / sizeof((a)[0]))
+
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -106,6 +106,7 @@ enum { ARENA_BLOCKS = 64 };
 static const size_t arena_first_block = (size_t)1 << 20;
 
 struct arena {
+    memory_source source;
     size_t blocks; /* in use or kept */
     size_t current;
     struct {
@@ -116,13 +117,23 @@ struct arena {
     size_t peak;
 };
 
+static void *heap_take(context *c, size_t bytes) {
+    return mem_alloc(c, bytes, 1);
+}
+
+arena *arena_create_from(context *c, const memory_source *source) {
+    arena *a = mem_zero(c, 1, sizeof *a);
+    if (a) a->source = source ? *source : (memory_source){heap_take, mem_free};
+    return a;
+}
+
 arena *arena_create(context *c) {
-    return mem_zero(c, 1, sizeof(arena));
+    return arena_create_from(c, NULL);
 }
 
 void arena_free(arena *a) {
     if (!a) return;
-    for (size_t i = 0; i < a->blocks; i++) mem_free(a->block[i].data);
+    for (size_t i = 0; i < a->blocks; i++) a->source.give(a->block[i].data);
     mem_free(a);
 }
 
@@ -149,7 +160,7 @@ void *arena_alloc(context *c, arena *a, size_t count, size_t size) {
         size_t want = last * 2 > bytes ? last * 2 : bytes;
         if (want > bytes && want > ((size_t)256 << 20))
             want = bytes > ((size_t)256 << 20) ? bytes : (size_t)256 << 20;
-        char *data = mem_alloc(c, want, 1);
+        char *data = a->source.take(c, want);
         if (!data) return NULL;
         if (a->blocks) a->taken_before += a->block[a->current].used;
         a->current = a->blocks++;
@@ -183,10 +194,10 @@ void arena_reset(arena *a) {
         size_t total = 0;
         for (size_t i = 0; i < a->blocks; i++) total += a->block[i].size;
         size_t want = a->peak + a->peak / 16 + 4096;
-        for (size_t i = 0; i < a->blocks; i++) mem_free(a->block[i].data);
+        for (size_t i = 0; i < a->blocks; i++) a->source.give(a->block[i].data);
         a->blocks = 0;
         context quiet = {0};
-        char *data = mem_alloc(&quiet, want < total ? want : total, 1);
+        char *data = a->source.take(&quiet, want < total ? want : total);
         if (data) {
             a->blocks = 1;
             a->block[0].data = data;

@@ -136,7 +136,7 @@ static sherf_status distance(evaluation *e, const comparison *k, bool lpips, dou
     tensor *d =
         lpips ? lpips_distance(e->tape, e->lpips, a, b) : resnet50_distance(e->tape, e->resnet50, a, b);
     sherf_status status = tape_status(e->tape);
-    if (status == SHERF_OK) *out = *tensor_f32(d);
+    if (status == SHERF_OK) *out = tape_value(e->tape, d);
     tape_reset(e->tape);
     return status;
 }

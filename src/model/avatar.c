@@ -59,6 +59,14 @@ static void *copy_of(context *c, const void *data, size_t count, size_t size) {
     return p;
 }
 
+/* A float32 tensor's values, from wherever it lies. */
+static float *values_of(context *c, const tensor *x) {
+    float *p = mem_alloc(c, (size_t)tensor_count(x), sizeof *p);
+    if (p && tensor_download(c, x, p) == SHERF_OK) return p;
+    mem_free(p);
+    return NULL;
+}
+
 /* What the canonical body decides, and the network packed for this context's precision. */
 static sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) {
     body_canonical_bounds_z(body, a->bank.plane_min, a->bank.plane_max);
@@ -87,10 +95,10 @@ static sherf_status bank_copy(context *c, const model_bank *from, observation_ge
     b->planes = planes;
     if (!planes) return SHERF_NO_MEMORY;
     for (int k = 0; k < 3; k++)
-        memcpy(planes + (size_t)k * each, from->plane[k]->data, each * sizeof *planes);
+        if (tensor_download(c, from->plane[k], planes + (size_t)k * each) != SHERF_OK) return SHERF_NO_MEMORY;
     b->feature_height = (int)from->features->dim[0];
     b->feature_width = (int)from->features->dim[1];
-    b->features = copy_of(c, from->features->data, (size_t)tensor_count(from->features), sizeof(float));
+    b->features = values_of(c, from->features);
     b->image_width = g->width;
     b->image_height = g->height;
     b->image = copy_of(c, g->image, (size_t)g->width * (size_t)g->height * 3, sizeof(float));
@@ -99,8 +107,7 @@ static sherf_status bank_copy(context *c, const model_bank *from, observation_ge
     for (int l = 0; l < POINT_LEVELS; l++) {
         memcpy(b->level[l].size, g->level[l + 1].size, sizeof b->level[l].size);
         b->level[l].voxels = g->level[l + 1].voxels;
-        b->level[l].value =
-            copy_of(c, from->level[l]->data, (size_t)tensor_count(from->level[l]), sizeof(float));
+        b->level[l].value = values_of(c, from->level[l]);
         b->level[l].grid = g->level[l + 1].grid; /* taken over */
         g->level[l + 1].grid = NULL;
         if (!b->level[l].value) return SHERF_NO_MEMORY;

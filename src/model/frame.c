@@ -1,7 +1,6 @@
 /* The whole network on a tape: encode, then the points in chunks that are computed again in the backward
  * pass. */
 #include <math.h>
-#include <string.h>
 
 #include "model/layers.h"
 
@@ -13,8 +12,10 @@ static tensor *keep(tape *t, tape *work, tensor *x) {
     tensor *copy = NULL;
     if (!x)
         tape_fail(t, tape_status(work), "%s", tape_context(t)->message);
-    else if ((copy = tape_tensor(t, x->type, x->rank, x->dim)))
-        memcpy(copy->data, x->data, (size_t)tensor_count(x) * dtype_size(x->type));
+    else if ((copy = tape_tensor(t, x->type, x->rank, x->dim))) {
+        sherf_status status = tensor_copy_rows(tape_context(t), copy, 0, x, 0, tensor_rows(x));
+        if (status != SHERF_OK) copy = tape_fail(t, status, "%s", tape_context(t)->message);
+    }
     tape_reset(work);
     return copy;
 }
@@ -60,10 +61,6 @@ typedef struct {
     tensor *sigma, *rgb;
 } points_node;
 
-static size_t real_bytes(const tensor *x) {
-    return dtype_size(x->type);
-}
-
 static sherf_status points_forward(tape *t, points_node *n) {
     tape *inner = tape_nested(t, false);
     if (!inner) return tape_status(t);
@@ -73,22 +70,19 @@ static sherf_status points_forward(tape *t, points_node *n) {
         tape_reset(inner);
         sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
         if (status != SHERF_OK) return status;
-        size_t size = real_bytes(n->sigma);
-        memcpy((char *)n->sigma->data + (size_t)begin * size, out.sigma->data, (size_t)(end - begin) * size);
-        memcpy((char *)n->rgb->data + (size_t)begin * 3 * size, out.rgb->data,
-               (size_t)(end - begin) * 3 * size);
+        status = tensor_copy_rows(tape_context(t), n->sigma, begin, out.sigma, 0, end - begin);
+        if (status == SHERF_OK)
+            status = tensor_copy_rows(tape_context(t), n->rgb, begin, out.rgb, 0, end - begin);
+        if (status != SHERF_OK) return status;
     }
     return SHERF_OK;
 }
 
-static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t begin, int64_t columns) {
+static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t begin) {
     if (!from) return SHERF_OK;
     tensor *grad = tape_grad(inner, x);
     if (!grad) return tape_status(inner);
-    size_t size = real_bytes(x);
-    memcpy(grad->data, (const char *)from->data + (size_t)(begin * columns) * size,
-           (size_t)tensor_count(x) * size);
-    return SHERF_OK;
+    return tensor_copy_rows(tape_context(inner), grad, 0, from, begin, tensor_rows(x));
 }
 
 /* d sigma, d rgb -> the bank's gradients and the weights', one chunk after another. */
@@ -106,8 +100,8 @@ static sherf_status points_backward(tape *t, void *payload) {
         point_outputs out;
         tape_reset(inner);
         sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
-        if (status == SHERF_OK) status = seed(inner, out.sigma, n->sigma->grad, begin, 1);
-        if (status == SHERF_OK) status = seed(inner, out.rgb, n->rgb->grad, begin, 3);
+        if (status == SHERF_OK) status = seed(inner, out.sigma, n->sigma->grad, begin);
+        if (status == SHERF_OK) status = seed(inner, out.rgb, n->rgb->grad, begin);
         if (status == SHERF_OK) status = tape_backward_seeded(inner);
         if (status != SHERF_OK) return status;
     }

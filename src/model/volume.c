@@ -61,7 +61,7 @@ tensor *volume_sample(tape *t, const observation_geometry *g, const model_bank *
         }
         int64_t cells[3] = {size[0], size[1], size[2]};
         /* The grid is constant and large: a shell around the geometry's own memory, not a copy. */
-        tensor *grid = tape_wrap(t, T_I32, 3, cells, g->level[l + 1].grid);
+        tensor *grid = tape_constant(t, T_I32, 3, cells, g->level[l + 1].grid);
         out[l] = op_sample_trilinear(t, bank->level[l], grid, tape_input(t, p, 2, (int64_t[]){count, 3}));
     }
     return op_concat(t, 3, out);

@@ -9,6 +9,21 @@ parameters *parameters_create(context *c) {
     return mem_zero(c, 1, sizeof(parameters));
 }
 
+static float *block_take(context *c, const tensor_memory *memory, int64_t floats) {
+    if (!memory) return mem_zero(c, (size_t)floats, sizeof(float));
+    float *block = memory->source.take(c, (size_t)floats * sizeof *block);
+    if (!block || memory->clear(c, block, (size_t)floats * sizeof *block) == SHERF_OK) return block;
+    memory->source.give(block);
+    return NULL;
+}
+
+static void block_give(const tensor_memory *memory, float *block) {
+    if (memory && block)
+        memory->source.give(block);
+    else
+        mem_free(block);
+}
+
 void parameters_free(parameters *p) {
     if (!p) return;
     for (int i = 0; i < p->count; i++) {
@@ -16,8 +31,8 @@ void parameters_free(parameters *p) {
         mem_free(p->item[i]);
     }
     mem_free(p->item);
-    mem_free(p->values);
-    mem_free(p->grads);
+    block_give(p->memory, p->values);
+    block_give(p->memory, p->grads);
     mem_free(p);
 }
 
@@ -73,7 +88,7 @@ sherf_status parameters_lay_out(context *c, parameters *p) {
 
 sherf_status parameters_make_grads(context *c, parameters *p) {
     if (p->grads) return SHERF_OK;
-    p->grads = mem_zero(c, (size_t)p->trained_floats, sizeof(float));
+    p->grads = block_take(c, p->memory, p->trained_floats);
     if (!p->grads) return SHERF_NO_MEMORY;
     for (int i = 0; i < p->count; i++) {
         parameter *q = p->item[i];
@@ -88,7 +103,32 @@ sherf_status parameters_make_grads(context *c, parameters *p) {
 }
 
 void parameters_zero_grads(parameters *p) {
-    if (p->grads) memset(p->grads, 0, (size_t)p->trained_floats * sizeof(float));
+    const size_t bytes = (size_t)p->trained_floats * sizeof(float);
+    context quiet = {0}; /* what fails on a device fails again where its results are read */
+    if (p->grads && p->memory)
+        p->memory->clear(&quiet, p->grads, bytes);
+    else if (p->grads)
+        memset(p->grads, 0, bytes);
+}
+
+sherf_status parameters_place(context *c, parameters *p, const tensor_memory *memory) {
+    if (p->memory || p->grads || !memory)
+        return failure(c, SHERF_BAD_ARGUMENT, "weights can be moved once, and before gradients are made");
+    float *values = block_take(c, memory, p->total_floats);
+    if (!values) return SHERF_NO_MEMORY;
+    sherf_status status = memory->upload(c, values, p->values, (size_t)p->total_floats * sizeof *values);
+    if (status != SHERF_OK) {
+        memory->source.give(values);
+        return status;
+    }
+    mem_free(p->values);
+    p->values = values;
+    p->memory = memory;
+    for (int i = 0; i < p->count; i++) {
+        p->item[i]->value.data = values + p->item[i]->offset;
+        p->item[i]->value.memory = memory;
+    }
+    return SHERF_OK;
 }
 
 parameter *parameter_find(const parameters *p, const char *name) {

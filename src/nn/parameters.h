@@ -19,8 +19,9 @@ typedef struct {
     bool laid_out;
     int64_t trained_floats; /* offsets below this are trained (padded to 16 floats each) */
     int64_t total_floats;
-    float *values; /* total_floats */
-    float *grads;  /* trained_floats, or NULL */
+    const tensor_memory *memory; /* of the two blocks; NULL: the host's */
+    float *values;               /* total_floats */
+    float *grads;                /* trained_floats, or NULL */
 } parameters;
 
 parameters *parameters_create(context *c);
@@ -33,6 +34,8 @@ sherf_status parameters_lay_out(context *c, parameters *p);
 /* Makes the gradients' block (zeroed) and marks the trained tensors needs_grad. */
 sherf_status parameters_make_grads(context *c, parameters *p);
 void parameters_zero_grads(parameters *p);
+/* Moves the values into another memory. Before gradients are made. */
+sherf_status parameters_place(context *c, parameters *p, const tensor_memory *memory);
 parameter *parameter_find(const parameters *p, const char *name);
 int64_t parameters_trained_count(const parameters *p); /* scalars, without padding */
 

@@ -5,6 +5,10 @@
 
 #include "tensor/tensor.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* y[R,O] = x[R,I] w[O,I]^T * gain + b[O] * bias_gain; b may be NULL. x may have any rank (rows x last dim); y
  * keeps x's leading dimensions. */
 typedef struct {
@@ -153,4 +157,7 @@ typedef struct {
 } shift_scale_attr;
 tensor *op_shift_scale(tape *t, tensor *x, const shift_scale_attr *attr);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

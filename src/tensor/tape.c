@@ -1,3 +1,4 @@
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -26,8 +27,9 @@ struct owned {
 struct tape {
     context *c;
     tape_options options;
-    arena *memory;  /* tensors, nodes, attributes */
-    arena *scratch; /* rewound after every kernel */
+    arena *memory; /* tensors' heads, nodes, attributes: the host's */
+    arena *data; /* what kernels read and write, in the backend's memory; `memory` where that is the host's */
+    arena *scratch; /* the backend's too; rewound after every kernel */
     node *newest;
     owned *owned;
     sherf_status status;
@@ -45,14 +47,20 @@ static const bool op_differentiable[OP_COUNT] = {
 #undef OP
 };
 
+const char *op_name(op_id op) {
+    return op_names[op];
+}
+
 tape *tape_create(context *c, tape_options options) {
     tape *t = mem_zero(c, 1, sizeof *t);
     if (!t) return NULL;
     t->c = c;
     t->options = options;
+    const tensor_memory *place = options.backend->memory;
     t->memory = arena_create(c);
-    t->scratch = t->memory ? arena_create(c) : NULL;
-    if (!t->scratch) {
+    t->data = place ? arena_create_from(c, &place->source) : t->memory;
+    t->scratch = t->data ? arena_create_from(c, place ? &place->source : NULL) : NULL;
+    if (!t->memory || !t->scratch) {
         tape_free(t);
         return NULL;
     }
@@ -79,6 +87,7 @@ void tape_free(tape *t) {
     if (!t) return;
     release_owned(t);
     for (int i = 0; i < 2; i++) tape_free(t->nested[i]);
+    if (t->data != t->memory) arena_free(t->data);
     arena_free(t->memory);
     arena_free(t->scratch);
     mem_free(t);
@@ -87,6 +96,7 @@ void tape_free(tape *t) {
 void tape_reset(tape *t) {
     release_owned(t);
     arena_reset(t->memory);
+    if (t->data != t->memory) arena_reset(t->data);
     arena_reset(t->scratch);
     t->newest = NULL;
     t->status = SHERF_OK;
@@ -108,13 +118,7 @@ sherf_status tape_status(const tape *t) {
     return t->status;
 }
 size_t tape_peak(const tape *t) {
-    return arena_peak(t->memory) + arena_peak(t->scratch);
-}
-arena_mark tape_mark(tape *t) {
-    return arena_position(t->memory);
-}
-void tape_rewind(tape *t, arena_mark mark) {
-    arena_rewind(t->memory, mark);
+    return arena_peak(t->memory) + (t->data == t->memory ? 0 : arena_peak(t->data)) + arena_peak(t->scratch);
 }
 
 tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) {
@@ -135,10 +139,18 @@ void *tape_alloc(tape *t, size_t count, size_t size) {
     return p;
 }
 
+/* Memory for kernels. */
+static void *data_alloc(tape *t, size_t count, size_t size) {
+    if (t->status != SHERF_OK) return NULL;
+    void *p = arena_alloc(t->c, t->data, count, size);
+    if (!p) t->status = SHERF_NO_MEMORY;
+    return p;
+}
+
 static tensor *tensor_shell(tape *t, dtype type, int rank, const int64_t *dim) {
     tensor *x = tape_alloc(t, 1, sizeof *x);
     if (!x) return NULL;
-    *x = (tensor){.type = type, .rank = rank};
+    *x = (tensor){.type = type, .rank = rank, .memory = t->options.backend->memory};
     for (int i = 0; i < rank; i++) {
         if (dim[i] < 0) return tape_fail(t, SHERF_BAD_ARGUMENT, "a tensor of negative size");
         x->dim[i] = dim[i];
@@ -149,41 +161,51 @@ static tensor *tensor_shell(tape *t, dtype type, int rank, const int64_t *dim) {
 tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim) {
     tensor *x = tensor_shell(t, type, rank, dim);
     if (!x) return NULL;
-    x->data = tape_alloc(t, (size_t)tensor_count(x), dtype_size(type));
+    x->data = data_alloc(t, (size_t)tensor_count(x), dtype_size(type));
     return x->data ? x : NULL;
 }
 
-static void clear(tensor *x) {
-    memset(x->data, 0, (size_t)tensor_count(x) * dtype_size(x->type));
+/* False: the status is the tape's. */
+static bool done(tape *t, sherf_status status) {
+    if (status != SHERF_OK && t->status == SHERF_OK) t->status = status;
+    return status == SHERF_OK;
 }
 
 tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim) {
     tensor *x = tape_tensor(t, type, rank, dim);
-    if (x) clear(x);
-    return x;
+    return x && done(t, tensor_clear(t->c, x)) ? x : NULL;
 }
 
 tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim) {
     tensor *x = tape_tensor(t, t->options.backend->real, rank, dim);
     if (!x) return NULL;
-    int64_t n = tensor_count(x);
-    if (x->type == T_F32)
-        memcpy(x->data, data, (size_t)n * sizeof(float));
-    else
-        for (int64_t i = 0; i < n; i++) ((double *)x->data)[i] = data[i];
+    if (x->type == T_F32) return done(t, tensor_upload(t->c, x, data)) ? x : NULL;
+    for (int64_t i = 0, n = tensor_count(x); i < n; i++) ((double *)x->data)[i] = data[i];
     return x;
 }
 
 tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim) {
     tensor *x = tape_tensor(t, T_I32, rank, dim);
-    if (x) memcpy(x->data, data, (size_t)tensor_count(x) * sizeof(int32_t));
+    return x && done(t, tensor_upload(t->c, x, data)) ? x : NULL;
+}
+
+tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data) {
+    if (t->options.backend->memory) {
+        tensor *x = tape_tensor(t, type, rank, dim);
+        return x && done(t, tensor_upload(t->c, x, data)) ? x : NULL;
+    }
+    tensor *x = tensor_shell(t, type, rank, dim);
+    if (x) x->data = (void *)data; /* kernels do not write into inputs without gradient */
     return x;
 }
 
-tensor *tape_wrap(tape *t, dtype type, int rank, const int64_t *dim, void *data) {
-    tensor *x = tensor_shell(t, type, rank, dim);
-    if (x) x->data = data;
-    return x;
+double tape_value(tape *t, const tensor *x) {
+    union {
+        float f;
+        double d;
+    } v;
+    if (!x || t->status != SHERF_OK || !done(t, tensor_download(t->c, x, &v))) return NAN;
+    return x->type == T_F64 ? v.d : (double)v.f;
 }
 
 tape *tape_nested(tape *t, bool record) {
@@ -208,6 +230,7 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim) {
         return tape_fail(t, SHERF_BAD_ARGUMENT, "reshape of %s to %s", a, b);
     }
     y->data = x->data;
+    y->memory = x->memory;
     y->needs_grad = x->needs_grad;
     y->view_of = x;
     return y;
@@ -220,7 +243,10 @@ static tensor *grad_uncleared(tape *t, tensor *x, bool *fresh) {
     if (x->view_of) {
         tensor *base = grad_uncleared(t, x->view_of, fresh);
         g = base ? tensor_shell(t, x->type, x->rank, x->dim) : NULL;
-        if (g) g->data = base->data;
+        if (g) {
+            g->data = base->data;
+            g->memory = base->memory;
+        }
     } else {
         g = tape_tensor(t, x->type, x->rank, x->dim);
         *fresh = true;
@@ -231,8 +257,7 @@ static tensor *grad_uncleared(tape *t, tensor *x, bool *fresh) {
 tensor *tape_grad(tape *t, tensor *x) {
     bool fresh = false;
     tensor *g = grad_uncleared(t, x, &fresh);
-    if (g && fresh) clear(g);
-    return g;
+    return g && (!fresh || done(t, tensor_clear(t->c, g))) ? g : NULL;
 }
 
 static sherf_status run(tape *t, kernel k, op_call *call) {
@@ -254,6 +279,21 @@ static bool refuse(tape *t, op_id op, tensor *const *in, const char *what) {
     return false;
 }
 
+/* Whether every tensor lies where the backend's kernels look. */
+static bool within_reach(tape *t, op_id op, int inputs, tensor *const *in) {
+    const tensor_memory *here = t->options.backend->memory;
+    for (int i = 0; i < inputs; i++) {
+        if (!in[i] || in[i]->memory == here) continue;
+        char shape[64];
+        tensor_shape_text(in[i], shape);
+        tape_fail(t, SHERF_BAD_ARGUMENT, "%s: input %d %s lies in %s memory, the %s backend's in %s",
+                  op_names[op], i, shape, in[i]->memory ? in[i]->memory->name : "the host's",
+                  t->options.backend->name, here ? here->name : "the host's");
+        return false;
+    }
+    return true;
+}
+
 static node *node_push(tape *t) {
     node *n = tape_alloc(t, 1, sizeof *n);
     if (!n) return NULL;
@@ -267,6 +307,7 @@ bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, te
     if (t->status != SHERF_OK) return false;
     kernel forward = t->options.backend->forward[op];
     if (!forward) return refuse(t, op, in, "kernel");
+    if (!within_reach(t, op, inputs, in)) return false;
     op_call call = {.op = op};
     bool wanted = false;
     for (int i = 0; i < inputs; i++) {
@@ -277,7 +318,7 @@ bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, te
     wanted = wanted && t->options.record && op_differentiable[op];
     if (wanted && !t->options.backend->backward[op]) return refuse(t, op, in, "gradient");
     call.attr = attr;
-    if (saved_bytes && !(call.saved = tape_alloc(t, saved_bytes, 1))) return false;
+    if (saved_bytes && !(call.saved = data_alloc(t, saved_bytes, 1))) return false;
     sherf_status status = run(t, forward, &call);
     if (status != SHERF_OK) {
         t->status = status;
@@ -319,7 +360,7 @@ static sherf_status node_backward(tape *t, node *n) {
         if (!n->in[i] || !n->in[i]->needs_grad) continue;
         if (!(call.din[i] = grad_uncleared(t, n->in[i], &call.fresh[i]))) return t->status;
         if (!call.fresh[i] || t->options.backend->writes[n->op] >> i & 1) continue;
-        clear(call.din[i]);
+        if (!done(t, tensor_clear(t->c, call.din[i]))) return t->status;
         call.fresh[i] = false;
     }
     return run(t, t->options.backend->backward[n->op], &call);
@@ -335,11 +376,11 @@ sherf_status tape_backward_seeded(tape *t) {
 
 sherf_status tape_backward(tape *t, tensor *loss, double scale) {
     if (t->status != SHERF_OK) return t->status;
+    const double before = loss->grad ? tape_value(t, loss->grad) : 0;
     tensor *g = tape_grad(t, loss);
     if (!g) return t->status;
-    if (g->type == T_F64)
-        *(double *)g->data += scale;
-    else
-        *(float *)g->data += (float)scale;
+    const double d = before + scale;
+    const float f = (float)before + (float)scale;
+    if (!done(t, tensor_upload(t->c, g, g->type == T_F64 ? (const void *)&d : &f))) return t->status;
     return tape_backward_seeded(t);
 }

@@ -1,5 +1,6 @@
 #include <inttypes.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "tensor/tensor.h"
 
@@ -43,6 +44,38 @@ void tensor_shape_text(const tensor *t, char text[64]) {
     for (int i = 0; i < t->rank && n < 60; i++)
         n += snprintf(text + n, 64 - (size_t)n, i ? ", %" PRId64 : "%" PRId64, t->dim[i]);
     if (n < 63) snprintf(text + n, 64 - (size_t)n, "]");
+}
+
+static size_t bytes_of(const tensor *x) {
+    return (size_t)tensor_count(x) * dtype_size(x->type);
+}
+
+sherf_status tensor_upload(context *c, tensor *to, const void *from) {
+    if (to->memory) return to->memory->upload(c, to->data, from, bytes_of(to));
+    memcpy(to->data, from, bytes_of(to));
+    return SHERF_OK;
+}
+
+sherf_status tensor_download(context *c, const tensor *from, void *to) {
+    if (from->memory) return from->memory->download(c, to, from->data, bytes_of(from));
+    memcpy(to, from->data, bytes_of(from));
+    return SHERF_OK;
+}
+
+sherf_status tensor_clear(context *c, tensor *x) {
+    if (x->memory) return x->memory->clear(c, x->data, bytes_of(x));
+    memset(x->data, 0, bytes_of(x));
+    return SHERF_OK;
+}
+
+sherf_status tensor_copy_rows(context *c, tensor *to, int64_t to_begin, const tensor *from,
+                              int64_t from_begin, int64_t rows) {
+    const size_t row = (size_t)tensor_columns(to) * dtype_size(to->type);
+    char *target = (char *)to->data + (size_t)to_begin * row;
+    const char *source = (const char *)from->data + (size_t)from_begin * row;
+    if (to->memory) return to->memory->copy(c, target, source, (size_t)rows * row);
+    memcpy(target, source, (size_t)rows * row);
+    return SHERF_OK;
 }
 
 tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim) {

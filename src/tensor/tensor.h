@@ -10,8 +10,24 @@
 
 #include "base/base.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef enum { T_F32, T_F64, T_I32, T_I64, T_U8, T_BF16, T_F16 } dtype;
 enum { TENSOR_RANK = 5 };
+
+/* Memory that tensors lie in and host code cannot read: a GPU's. NULL where one of these is asked for is the
+ * host's own. Work is done in the order it is asked for, kernels included; only download waits for it. */
+typedef struct {
+    const char *name; /* "CUDA" */
+    memory_source source;
+    sherf_status (*upload)(context *c, void *to, const void *from, size_t bytes); /* from the host's, which
+                                                                                      may change afterwards */
+    sherf_status (*download)(context *c, void *to, const void *from, size_t bytes);
+    sherf_status (*copy)(context *c, void *to, const void *from, size_t bytes); /* within */
+    sherf_status (*clear)(context *c, void *to, size_t bytes);                  /* zeroes */
+} tensor_memory;
 
 typedef struct tensor tensor;
 struct tensor {
@@ -19,10 +35,11 @@ struct tensor {
     int rank;
     int64_t dim[TENSOR_RANK];
     void *data;
-    bool needs_grad;  /* a parameter, or computed from one while the tape records */
-    tensor *grad;     /* same shape; NULL until something adds to it */
-    tensor *view_of;  /* tape_reshape: the tensor whose data and gradient data this one shares */
-    const char *name; /* parameters only, for messages */
+    const tensor_memory *memory; /* of data; NULL: the host's */
+    bool needs_grad;             /* a parameter, or computed from one while the tape records */
+    tensor *grad;                /* same shape; NULL until something adds to it */
+    tensor *view_of;             /* tape_reshape: the tensor whose data and gradient data this one shares */
+    const char *name;            /* parameters only, for messages */
 };
 
 size_t dtype_size(dtype t);
@@ -39,6 +56,14 @@ static inline int32_t *tensor_i32(const tensor *t) {
     return (int32_t *)t->data;
 }
 
+/* Between a tensor and the host, and between two tensors in one memory. */
+sherf_status tensor_upload(context *c, tensor *to, const void *from);
+sherf_status tensor_download(context *c, const tensor *from, void *to);
+sherf_status tensor_clear(context *c, tensor *x); /* zeroes */
+/* `rows` rows: the same columns and type. */
+sherf_status tensor_copy_rows(context *c, tensor *to, int64_t to_begin, const tensor *from,
+                              int64_t from_begin, int64_t rows);
+
 /* A tensor on the heap, zeroed (parameters, file contents). */
 tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim);
 void tensor_free(tensor *t); /* and its grad */
@@ -50,6 +75,7 @@ typedef enum {
 #undef OP
     OP_COUNT
 } op_id;
+const char *op_name(op_id op);
 enum { OP_MAX_IN = 8, OP_MAX_OUT = 3, OP_MAX_ATTR = 96 };
 
 /* One call of a kernel. Forward: reads in[], attr, writes every out[] (uninitialised memory before).
@@ -76,12 +102,14 @@ typedef sherf_status (*kernel)(op_call *call);
 typedef struct {
     const char *name;
     dtype real;
+    const tensor_memory *memory; /* where its kernels' tensors lie, saved and scratch too; NULL: the host's */
     kernel forward[OP_COUNT];  /* NULL: this backend cannot do the op, which is an error by name and shape */
     kernel backward[OP_COUNT]; /* NULL for ops declared non-differentiable */
     unsigned writes[OP_COUNT]; /* bit i: the backward kernel heeds fresh[i]; else the tape clears din[i] */
 } backend;
 extern const backend backend_ref_f32; /* plain C, the definition of every op */
 extern const backend backend_ref_f64; /* the same source in double */
+extern const backend backend_cuda; /* in builds with SHERF_CUDA only; docs/cuda.md */
 extern const backend backend_cpu; /* oneDNN, SIMD, OpenMP; float32, products in bf16 where the tape says so */
 
 /* ---- the tape ---- */
@@ -105,23 +133,23 @@ tape_status(const tape *t); /* the first error of any op since the reset; ops af
 tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
 size_t tape_peak(const tape *t); /* bytes */
 
-/* Tensors in the tape's arena (not zeroed; valid until the reset). NULL when the tape has failed. */
+/* Tensors in the tape's arena, which is in the backend's memory (not zeroed; valid until the reset). NULL
+ * when the tape has failed. Ops take tensors of that memory only. */
 tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim);
 tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim);
 /* A float32 array copied in as a real tensor of the tape's type. */
 tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim);
 tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim);
 tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same data and gradient data */
-/* A tensor around memory that somebody else keeps at least until the reset; not copied, no gradient. */
-tensor *tape_wrap(tape *t, dtype type, int rank, const int64_t *dim, void *data);
-void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory with the same life */
+/* Values on the host that somebody else keeps at least until the reset: read in place where the backend can,
+ * copied otherwise. No gradient. */
+tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data);
+void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory of the host with the same life */
+/* The value of a scalar: waits for it. NaN for NULL and when the tape has failed. */
+double tape_value(tape *t, const tensor *x);
 
 /* The object is released at the reset, or now if that cannot be noted (false, the status of `t`). */
 bool tape_own(tape *t, void *object, void (*release)(void *object));
-
-/* While not recording, intermediate memory can be given back: everything made after the mark is gone. */
-arena_mark tape_mark(tape *t);
-void tape_rewind(tape *t, arena_mark mark);
 
 /* A tape inside this one, with the same backend and settings but its own memory, for work that is thrown away
  * or done again in the backward pass. Owned by `t`, one recording and one not; reset it before use. Its ops
@@ -144,4 +172,7 @@ sherf_status tape_backward(tape *t, tensor *loss, double scale);
 /* The same from gradients already put on tensors with tape_grad. */
 sherf_status tape_backward_seeded(tape *t);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

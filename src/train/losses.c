@@ -6,20 +6,15 @@
 enum { SSIM_WINDOW = 11 };
 static const float weight_color = 100, weight_mask = 10; /* of SSIM and LPIPS: 1 */
 
-static double scalar(const tensor *x) {
-    if (!x) return NAN;
-    return x->type == T_F64 ? *(const double *)x->data : *(const float *)x->data;
-}
-
 /* Rays that count, as a row mask, and the bounding rectangle of those at the box; NULL when there are none.
  */
 static tensor *selected(tape *t, const loss_target *g, bool by_box, shift_scale_attr *rectangle) {
     int64_t N = (int64_t)g->width * g->height;
     int64_t left = g->width, right = -1, top = g->height, bottom = -1;
-    tensor *rows = tape_tensor(t, T_I32, 1, &N);
+    int32_t *rows = tape_alloc(t, (size_t)N, sizeof *rows);
     if (!rows) return NULL;
     for (int64_t i = 0; i < N; i++) {
-        tensor_i32(rows)[i] = (!by_box || g->at_box[i]) && !(g->unknown && g->unknown[i]);
+        rows[i] = (!by_box || g->at_box[i]) && !(g->unknown && g->unknown[i]);
         if (!g->at_box[i]) continue;
         int64_t x = i % g->width, y = i / g->width;
         if (x < left) left = x;
@@ -33,7 +28,7 @@ static tensor *selected(tape *t, const loss_target *g, bool by_box, shift_scale_
                                     .top = top,
                                     .width = right - left + 1,
                                     .height = bottom - top + 1};
-    return rows;
+    return tape_input_i32(t, rows, 1, &N);
 }
 
 static tensor *mask_column(tape *t, const loss_target *g) {
@@ -96,12 +91,12 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
         }
     }
     if (tape_status(t) != SHERF_OK) return tape_status(t);
+    *values = (loss_values){tape_value(t, loss) + (ssim ? 1 : 0),
+                            tape_value(t, color),
+                            tape_value(t, mask),
+                            tape_value(t, ssim),
+                            tape_value(t, lpips),
+                            tape_value(t, resnet50)};
     *total = loss;
-    *values = (loss_values){scalar(loss) + (ssim ? 1 : 0),
-                            scalar(color),
-                            scalar(mask),
-                            scalar(ssim),
-                            scalar(lpips),
-                            scalar(resnet50)};
-    return SHERF_OK;
+    return tape_status(t);
 }

@@ -45,7 +45,7 @@ style:
 	tools/check_includes.sh
 
 format:
-	git ls-files '*.c' '*.h' | xargs clang-format-14 -i
+	git ls-files '*.c' '*.h' '*.cu' '*.cpp' | xargs clang-format-14 -i
 
 clean:
 	rm -rf $(BUILD)

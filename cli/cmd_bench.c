@@ -33,8 +33,9 @@ const verb verb_bench = {
     .summary = "time rendering or training",
     .description =
         "Times the network with made-up weights on a built-in tube person. render gives avatar_ms, frame_ms, "
-        "points (samples that met the network), precision and peak_rss_mb; train gives step_ms and "
-        "peak_rss_mb.",
+        "points (samples that met the network), precision, device and peak_rss_mb; train gives step_ms, "
+        "device "
+        "and peak_rss_mb.",
     .example = "sherf bench render --size 512 --json\nsherf bench train --preset small --size 256 --json",
     .options = options,
     .arguments_least = 1,

@@ -8,7 +8,8 @@
 
 common_options common;
 const option common_table[] = {
-    {0, "device", OPTION_CHOICE, &common.device, "cpu|cuda", "where to compute; this build has the CPU"},
+    {0, "device", OPTION_CHOICE, &common.device, "auto|cpu|cuda",
+     "where to compute; so far all verbs do on the CPU alone"},
     {0, "precision", OPTION_CHOICE, &common.precision, "auto|fp32|bf16",
      "arithmetic of the networks; auto takes bf16 where the processor has AMX"},
     {'t', "threads", OPTION_INTEGER, &common.threads, "N", "threads; 0, the default, is one a core", 0, 1024},

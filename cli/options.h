@@ -55,7 +55,7 @@ enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 typedef struct {
     bool help, version, quiet, json;
     bool silent;   /* not an option: another process of this run does the talking */
-    int device;    /* 0 cpu, 1 cuda */
+    int device;    /* as sherf_device */
     int precision; /* as sherf_precision */
     int64_t threads, seed;
 } common_options;

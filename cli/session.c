@@ -129,13 +129,16 @@ static void on_interrupt(int number) {
 /* ---- the session ---- */
 int session_open(session *s, const char *verb_name) {
     *s = (session){.verb_name = verb_name};
-    if (common.device != 0)
-        return session_failure("--device cuda: not in this build, which has the CPU only");
+    char line[256];
+    if (common.device == SHERF_DEVICE_CUDA &&
+        sherf_device_find(SHERF_DEVICE_CUDA, line, sizeof line) != SHERF_OK)
+        return session_failure("--device cuda: %s", line);
     /* Under mpirun one process speaks for all. */
     const char *rank = getenv("OMPI_COMM_WORLD_RANK");
     if (rank && strcmp(rank, "0") != 0) common.quiet = common.silent = true;
     sherf_options o = {.threads = (int)common.threads,
                        .precision = (sherf_precision)common.precision,
+                       .device = (sherf_device)common.device,
                        .log = on_log,
                        .progress = on_progress};
     if (sherf_context_create(&o, &s->context) != SHERF_OK)

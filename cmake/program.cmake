@@ -1,6 +1,6 @@
 # What is installed: libsherf.so and libsherf.a, of which only the sherf_ names can be seen, the program,
 # the header, the pkg-config file, man pages and completion.
-add_library(sherf_shared SHARED $<TARGET_OBJECTS:sherf_objects>)
+add_library(sherf_shared SHARED ${SHERF_OBJECTS})
 set_target_properties(sherf_shared PROPERTIES OUTPUT_NAME sherf VERSION ${PROJECT_VERSION} SOVERSION 0)
 target_link_libraries(sherf_shared PRIVATE sherf_needs)
 target_link_options(sherf_shared PRIVATE LINKER:--no-undefined
@@ -17,11 +17,11 @@ else()
   set(SHERF_ARCHIVE ${CMAKE_BINARY_DIR}/libsherf.a)
   add_custom_command(
     OUTPUT ${SHERF_ARCHIVE}
-    COMMAND ${CMAKE_LINKER} -r -d -o sherf_whole.o $<TARGET_OBJECTS:sherf_objects>
+    COMMAND ${CMAKE_LINKER} -r -d -o sherf_whole.o ${SHERF_OBJECTS}
     COMMAND ${CMAKE_OBJCOPY} --localize-hidden --wildcard --localize-symbol=.gomp_critical_user_* sherf_whole.o
     COMMAND ${CMAKE_COMMAND} -E rm -f ${SHERF_ARCHIVE}
     COMMAND ${CMAKE_AR} rcs ${SHERF_ARCHIVE} sherf_whole.o
-    DEPENDS sherf_objects $<TARGET_OBJECTS:sherf_objects>
+    DEPENDS sherf_objects ${SHERF_OBJECTS}
     COMMAND_EXPAND_LISTS VERBATIM)
   add_custom_target(sherf_archive DEPENDS ${SHERF_ARCHIVE})
 endif()

@@ -27,7 +27,7 @@ complain() {
     echo "$1" >&2
     wrong=1
 }
-for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc'); do
+for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu'); do
     room=${file#src/}
     room=${room%%/*}
     rooms=$(may_include "$room") || { complain "$file: the room '$room' is not in the table"; continue; }

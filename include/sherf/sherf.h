@@ -45,6 +45,7 @@ typedef enum {
 
 typedef enum { SHERF_LOG_INFO, SHERF_LOG_WARNING } sherf_log_level;
 typedef enum { SHERF_PRECISION_AUTO, SHERF_PRECISION_FP32, SHERF_PRECISION_BF16 } sherf_precision;
+typedef enum { SHERF_DEVICE_AUTO, SHERF_DEVICE_CPU, SHERF_DEVICE_CUDA } sherf_device;
 
 typedef void (*sherf_log_function)(void *user, sherf_log_level level, const char *line);
 /* `done` of `total` (0: unknown) of what `text` names. */
@@ -56,6 +57,7 @@ typedef struct {
     sherf_log_function log;           /* may be NULL */
     sherf_progress_function progress; /* may be NULL */
     void *user;
+    sherf_device device; /* AUTO: the fastest that sherf_device_find finds; so far always the CPU */
 } sherf_options;
 
 typedef struct sherf_context sherf_context;
@@ -67,6 +69,10 @@ sherf_message(const sherf_context *c);         /* newest error, one line; "" whe
 SHERF_API void sherf_cancel(sherf_context *c); /* safe from a signal handler */
 SHERF_API void sherf_cancel_reset(sherf_context *c);
 SHERF_API sherf_precision sherf_precision_used(const sherf_context *c);
+SHERF_API sherf_device sherf_device_used(const sherf_context *c); /* never AUTO */
+/* Whether this build can compute there on this machine; `line` (size bytes, 200 do; NULL: not wanted) then
+ * names the device, and otherwise says why not. sherf_context_create fails with the same status. */
+SHERF_API sherf_status sherf_device_find(sherf_device device, char *line, size_t size);
 SHERF_API const char *sherf_version(void);
 
 /* ---------------------------------------------------------------- plain data ------------------------- */

@@ -5,6 +5,10 @@
 
 sherf_status sherf_context_create(const sherf_options *options, sherf_context **out) {
     *out = NULL;
+    sherf_device device = options ? options->device : SHERF_DEVICE_AUTO;
+    if (device == SHERF_DEVICE_AUTO) device = SHERF_DEVICE_CPU;
+    sherf_status status = sherf_device_find(device, NULL, 0);
+    if (status != SHERF_OK) return status;
     context boot = {0};
     context *c = mem_zero(&boot, 1, sizeof *c);
     if (!c) return SHERF_NO_MEMORY;
@@ -15,6 +19,7 @@ sherf_status sherf_context_create(const sherf_options *options, sherf_context **
         c->threads = options->threads;
         c->precision = options->precision;
     }
+    c->device = device;
     if (c->threads <= 0) c->threads = threads_available();
     if (c->precision == SHERF_PRECISION_AUTO)
         c->precision = isa_best() >= ISA_AMX ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
@@ -36,6 +41,9 @@ void sherf_cancel_reset(sherf_context *c) {
 }
 sherf_precision sherf_precision_used(const sherf_context *c) {
     return c->precision;
+}
+sherf_device sherf_device_used(const sherf_context *c) {
+    return c->device;
 }
 const char *sherf_version(void) {
     return SHERF_VERSION;

@@ -180,7 +180,8 @@ static sherf_status bench_render(bench *b, int json, char **text) {
             c,
             json
                 ? "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": %.3f, "
-                  "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"isa\": \"%s\", "
+                  "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"device\": \"cpu\", "
+                  "\"isa\": \"%s\", "
                   "\"threads\": %d, \"peak_rss_mb\": %.1f}\n"
                 : "%s, %d px: a frame %.1f ms, an avatar %.1f ms, %lld points, %s on %s, %d threads, at most "
                   "%.0f MB\n",
@@ -287,7 +288,7 @@ static sherf_status bench_train(bench *b, int json, char **text) {
         c,
         json ? "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
                "\"step_resnet50_ms\": %.3f, \"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, \"points\": %lld, "
-               "\"precision\": \"%s\", "
+               "\"precision\": \"%s\", \"device\": \"cpu\", "
                "\"isa\": \"%s\", \"threads\": %d, \"peak_rss_mb\": %.1f, \"peak_rss_lpips_mb\": %.1f}\n"
              : "%s, %d px: a step of one picture %.1f ms (with resnet50 %.1f ms, with LPIPS %.1f ms), its "
                "preparation by a loading "

@@ -21,9 +21,10 @@ typedef struct {
     op_id op;
     int inputs;
     case_input in[OP_MAX_IN];
-    tensor *(*build)(tape *t, tensor **in);
-    bool training;    /* batch norms */
-    bool large;       /* too big for central differences: backends only */
+    tensor *(*build)(tape *t, tensor **in); /* may not look at the inputs' values */
+    bool training;                          /* batch norms */
+    bool large;                             /* too big for central differences: backends only */
+    void (*prepare)(tensor **in);           /* changes I32 inputs, before they are seen by anybody */
     double tolerance; /* backend against reference, relative to the largest value; 0: 2e-5 */
 } op_case;
 

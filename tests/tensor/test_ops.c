@@ -7,78 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cases_dense.inc"
-#include "cases_spatial.inc"
-
-static const bool differentiable[OP_COUNT] = {
-#define OP(name, d) d,
-#include "tensor/op_list.h"
-#undef OP
-};
-static const char *const op_names[OP_COUNT] = {
-#define OP(name, d) #name,
-#include "tensor/op_list.h"
-#undef OP
-};
-
-static int case_count(void) {
-    return cases_dense_count + cases_spatial_count;
-}
-
-static const op_case *case_at(int i) {
-    return i < cases_dense_count ? &cases_dense[i] : &cases_spatial[i - cases_dense_count];
-}
-
-static double input_value(const case_input *d, uint64_t key, int64_t j) {
-    double v = d->low + (d->high - d->low) * random_uniform(key, (uint64_t)j);
-    if (d->away > 0 && fabs(v) < d->away) v = v < 0 ? v - d->away : v + d->away;
-    return v;
-}
-
-/* The inputs of a case, the same numbers (float32 values) for every backend. */
-static void inputs_make(context *c, const op_case *k, dtype real, tensor **in) {
-    for (int i = 0; i < k->inputs; i++) {
-        const case_input *d = &k->in[i];
-        in[i] = NULL;
-        if (d->rank < 0) continue;
-        in[i] = tensor_create(c, d->type == T_I32 ? T_I32 : real, d->rank, d->dim);
-        assert_non_null(in[i]);
-        char stream[128];
-        snprintf(stream, sizeof stream, "%s.%d", k->name, i);
-        uint64_t key = fnv1a64(stream);
-        for (int64_t j = 0; j < tensor_count(in[i]); j++) {
-            double v = input_value(d, key, j);
-            if (d->type == T_I32)
-                tensor_i32(in[i])[j] = d->fixed ? d->fixed[j] : (int32_t)floor(v);
-            else if (real == T_F64)
-                ((double *)in[i]->data)[j] = (float)v;
-            else
-                tensor_f32(in[i])[j] = (float)v;
-        }
-        in[i]->needs_grad = d->type != T_I32 && !d->constant;
-        if (!in[i]->needs_grad) continue;
-        in[i]->grad = tensor_create(c, real, d->rank, d->dim);
-        assert_non_null(in[i]->grad);
-    }
-}
-
-static void inputs_free(const op_case *k, tensor **in) {
-    for (int i = 0; i < k->inputs; i++) tensor_free(in[i]);
-}
-
-static double value(const tensor *t, int64_t i) {
-    return t->type == T_F64 ? ((double *)t->data)[i] : (double)tensor_f32(t)[i];
-}
-
-static double seed(int64_t i) {
-    return 2 * random_uniform(77, (uint64_t)i) - 1;
-}
-
-static tensor *run_case(tape *t, const op_case *k, tensor **in) {
-    tensor *y = k->build(t, in);
-    if (!y) fail_msg("%s: %s", k->name, tape_context(t)->message);
-    return y;
-}
+#include "check.inc"
 
 static double loss_of(tape *t, const op_case *k, tensor **in) {
     tape_reset(t);
@@ -86,18 +15,6 @@ static double loss_of(tape *t, const op_case *k, tensor **in) {
     double sum = 0;
     for (int64_t i = 0; i < tensor_count(y); i++) sum += seed(i) * value(y, i);
     return sum;
-}
-
-static void seed_backward(tape *t, tensor *y) {
-    tensor *g = tape_grad(t, y);
-    assert_non_null(g);
-    for (int64_t i = 0; i < tensor_count(y); i++) {
-        if (g->type == T_F64)
-            ((double *)g->data)[i] = seed(i);
-        else
-            tensor_f32(g)[i] = (float)seed(i);
-    }
-    if (tape_backward_seeded(t) != SHERF_OK) fail_msg("backward: %s", tape_context(t)->message);
 }
 
 /* Central differences of one input; the gradient g is there. */
@@ -144,51 +61,6 @@ static void gradients(void **state) {
     for (int i = 0; i < case_count(); i++)
         if (!case_at(i)->large && differentiable[case_at(i)->op]) check_gradient(c, case_at(i));
     sherf_context_free(c);
-}
-
-static void compare(const op_case *k, const backend *b, const char *what, const tensor *want,
-                    const tensor *got, double tolerance) {
-    double largest = 0, worst = 0;
-    for (int64_t i = 0; i < tensor_count(want); i++) largest = fmax(largest, fabs(value(want, i)));
-    for (int64_t i = 0; i < tensor_count(want); i++) {
-        double error = fabs(value(want, i) - value(got, i));
-        if (!(error <= worst)) worst = isnan(error) ? INFINITY : error;
-    }
-    if (!(worst <= tolerance * fmax(largest, 1e-6)))
-        fail_msg("%s on %s: %s differs by %g of %g", k->name, b->name, what, worst, largest);
-}
-
-/* The forward value, what the op writes into inputs, and every gradient of `b` against the reference in
- * double. */
-static void check_backend(context *c, const op_case *k, const backend *b, bool bf16) {
-    tensor *want_in[OP_MAX_IN], *got_in[OP_MAX_IN];
-    inputs_make(c, k, T_F64, want_in);
-    inputs_make(c, k, T_F32, got_in);
-    bool record = differentiable[k->op];
-    tape *want_tape = tape_create(c, (tape_options){&backend_ref_f64, record, k->training, false});
-    tape *got_tape = tape_create(c, (tape_options){b, record, k->training, bf16});
-    assert_non_null(want_tape);
-    assert_non_null(got_tape);
-    tensor *want = run_case(want_tape, k, want_in), *got = run_case(got_tape, k, got_in);
-    double tolerance = bf16 ? 2e-2 : k->tolerance > 0 ? k->tolerance : 2e-5;
-    compare(k, b, "the value", want, got, tolerance);
-    if (record) {
-        seed_backward(want_tape, want);
-        seed_backward(got_tape, got);
-    }
-    for (int i = 0; i < k->inputs; i++) {
-        if (!want_in[i] || k->in[i].type == T_I32) continue;
-        char what[32];
-        snprintf(what, sizeof what, "gradient %d", i);
-        if (record && want_in[i]->needs_grad)
-            compare(k, b, what, want_in[i]->grad, got_in[i]->grad, tolerance);
-        compare(k, b, "an input", want_in[i], got_in[i],
-                tolerance); /* running statistics are written in place */
-    }
-    tape_free(want_tape);
-    tape_free(got_tape);
-    inputs_free(k, want_in);
-    inputs_free(k, got_in);
 }
 
 /* The tape's next tensors lie in memory full of not-a-numbers. */

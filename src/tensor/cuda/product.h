@@ -1,0 +1,22 @@
+/* Matrix products of the CUDA backend: cuBLAS (product.cu). */
+#ifndef SHERF_CUDA_PRODUCT_H
+#define SHERF_CUDA_PRODUCT_H
+
+#include "tensor/cuda/cuda.h"
+
+namespace cuda_backend {
+
+/* y[M,N] = alpha A B + beta y, A [M,K] and B [K,N]. Row-major; lda, ldb, ldy are the distances of stored
+ * rows. Turned: stored as [K,M] or [N,K]. beta 0: y is written whatever it holds. */
+struct product_shape {
+    int64_t M, N, K;
+    bool a_turned, b_turned;
+    int64_t lda, ldb, ldy;
+    float alpha, beta;
+};
+
+/* In float32, or with A and B rounded to bf16 and sums in float32 where the call says so. */
+sherf_status product(op_call *call, const product_shape &shape, const float *a, const float *b, float *y);
+
+} // namespace cuda_backend
+#endif

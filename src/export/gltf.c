@@ -225,7 +225,7 @@ static char *describe(writer *w, const gltf_person *g, const float *colors, cons
                  accessors, views, w->bytes);
     else
         t.failed = true;
-    while (t.bytes % 4) text_add(&t, " ");
+    while (!t.failed && t.bytes % 4) text_add(&t, " ");
     mem_free(views);
     mem_free(accessors);
     return text_take(&t);

@@ -524,7 +524,7 @@ static void any_allocation_may_fail(void **state) {
         if (kind) o.format = SHERF_EXPORT_SPLATS;
         const char *path = kind ? splat_path : glb_path;
         const size_t live = mem_live();
-        for (long n = 0;; n += 1 + n / 3) {
+        for (long n = 0;; n += 1 + n / 8) {
             mem_fail_after(n);
             sherf_status status = sherf_export(c, avatar, body, &o, path, NULL);
             mem_fail_after(-1);

@@ -1,5 +1,6 @@
 // The viewer in a real browser: node tests/view/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
 // Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or PLAYWRIGHT_CORE=its folder).
+// $RATES=only: how many pictures a second it shows, and nothing else (10 seconds).
 // Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed, 1 failed, 77 cannot be run.
 import { spawn } from "node:child_process";
 import { createRequire } from "node:module";
@@ -67,6 +68,40 @@ const pixels = (page) => page.evaluate(() => {
 const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
 const colours = (a) => new Set(a.map((x, i) => (i % 4 ? -1 : (x << 16) | (a[i + 1] << 8) | a[i + 2]))).size;
 
+// Pictures a second while the page turns the body, or plays the motion, at this side for some seconds; the page
+// chooses its sides itself otherwise.
+async function rate(page, plays, side = 128, seconds = 3) {
+  await page.evaluate(([plays, side]) => {
+    Object.assign(limits, { sideLeast: side, sideMost: side });
+    moving = side;
+    if (!plays) return;
+    setMotion(2);
+    play.loop = true;
+    setPlaying(true);
+  }, [plays, side]);
+  const result = await page.evaluate(([plays, side, seconds]) => new Promise((done) => {
+    const begun = performance.now(), first = 500; // ms until it is in its stride
+    let from = 0, sequence = -1, pictures = 0, size = "";
+    const step = (now) => {
+      if (shown.sequence !== sequence && now - begun > first) {
+        if (from) pictures++;
+        else from = now;
+        if (shown.side === side) size = `${canvas.width} x ${canvas.height}`;
+      }
+      sequence = shown.sequence;
+      if (now - begun > first + 1000 * seconds) return done({ fps: (1000 * pictures) / (now - from), size, ms: costMs * side * side });
+      if (!plays) turn(3, 0);
+      requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  }), [plays, side, seconds]);
+  await page.evaluate(() => {
+    setPlaying(false);
+    Object.assign(limits, { sideLeast: 96, sideMost: 288 });
+  });
+  console.log(`      while ${plays ? "playing" : "turning"}: ${result.fps.toFixed(1)} pictures a second of ${result.size}, ${result.ms.toFixed(0)} ms each from asking to seeing`);
+}
+
 const folder = mkdtempSync(path.join(tmpdir(), "sherf-browser-"));
 let server = serve(0), browser;
 try {
@@ -83,6 +118,12 @@ try {
   await page.goto(address);
   await ready(page);
   if (motions.length) await page.keyboard.press("Space");
+  await still(page);
+  await rate(page, false);
+  if (motions.length) await rate(page, true);
+  if (process.env.RATES === "only") throw null;
+  await page.keyboard.press("0");
+  await page.selectOption("#motion", "0");
   await still(page);
   const front = await pixels(page);
   check(colours(front) > 50, `a person is on the screen (${colours(front)} colours; ${await text(page)})`);
@@ -279,8 +320,8 @@ try {
   await ready(page);
   check(colours(await pixels(page)) > 50, "and works at its new address");
 } catch (error) {
-  console.error(error);
-  failures++;
+  if (error) console.error(error);
+  if (error) failures++;
 } finally {
   await browser?.close();
   server.child.kill("SIGINT");

@@ -9,10 +9,10 @@ const randomName = () => Array.from(crypto.getRandomValues(new Uint8Array(8)), (
 const client = randomName();
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
-const limits = { sideLeast: 96, sideMost: 288, frameMs: 45, stillMs: 130, stepMs: 250 };
+const limits = { sideLeast: 96, sideMost: 288, frameMs: 45, stillMs: 130, stepMs: 250, tellMs: 120 };
 const start = { azimuth: 0, elevation: 0, zoom: 1 };
 const view = { avatar: 0, motion: 0, time: 0, ...start, offset: [0, 0, 0], mode: "color", ground: "page", follow: true };
-const play = { on: false, loop: true, rate: 1, last: 0 };
+const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
 let about = null;
 
 // ---- what is shown, asked for and known of the speed
@@ -137,12 +137,15 @@ function measure(side, ms, live, width, height) {
     moving = Math.round((0.75 * moving + 0.25 * wanted) / 8) * 8;
     drawn.push(now);
     while (drawn[0] < now - 1000) drawn.shift();
+    if (now - measure.told < limits.tellMs) return;
     if (drawn.length > 2) text += ` · ${(((drawn.length - 1) * 1000) / (now - drawn[0])).toFixed(0)} fps`;
   } else {
     drawn.length = 0;
   }
+  measure.told = now;
   $("speed").textContent = text;
 }
+measure.told = 0; // when the line was written last
 
 async function refusal(answer) {
   const error = new Error((await answer.text()).trim());
@@ -258,6 +261,7 @@ function setPlaying(on) {
   $("play-icon").setAttribute("href", play.on ? "#i-pause" : "#i-play");
   $("play").setAttribute("aria-label", play.on ? "Pause" : "Play");
   if (play.on) requestAnimationFrame(tick);
+  showTime();
   changed = performance.now();
   schedule();
 }
@@ -271,7 +275,13 @@ function tick(now) {
     if (play.loop) view.time %= end;
     else { view.time = (motion().frames - 1) / motionFps(); setPlaying(false); }
   }
-  if (frameNow() !== before) { showTime(); touch(); }
+  if (frameNow() !== before) {
+    touch();
+    if (now - play.told > limits.tellMs) { // drawing the time line as often as the body costs pictures
+      play.told = now;
+      showTime();
+    }
+  }
   if (play.on) requestAnimationFrame(tick);
 }
 

@@ -41,7 +41,7 @@ typedef struct sherf_observation data_view;
 sherf_status observation_check(context *c,
                                const sherf_observation *o); /* finite, sizes, mask not empty or full */
 
-/* SHERF_MISMATCH when no vertex of the posed body falls into the picture. */
+/* SHERF_MISMATCH when no vertex of the posed body falls into the picture, or none into its mask. */
 sherf_status observation_check_body(context *c, const sherf_observation *o, const body_model *body);
 
 /* ---- data sets ---- */

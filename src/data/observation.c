@@ -64,7 +64,7 @@ sherf_status observation_check_body(context *c, const sherf_observation *o, cons
     const sherf_pose *pose = &o->pose;
     sherf_status status =
         posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed);
-    if (!status) status = body_in_picture(c, body, posed, &o->camera);
+    if (!status) status = body_in_picture(c, body, posed, &o->camera, o->mask);
     posed_body_free(posed);
     return status;
 }

@@ -31,14 +31,11 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
 /* 1 where any channel is not 0, or, without a mask file, where the picture's alpha is at least a half. */
 static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
-    int channels = s->mask ? 3 : 4;
-    sherf_status status = image_read(c, s->mask ? s->mask : s->image, channels, &color);
+    if (s->mask) return image_read(c, s->mask, IMAGE_MASK, out);
+    sherf_status status = image_read(c, s->image, 4, &color);
     if (status) return status;
     size_t n = (size_t)color.width * color.height;
-    for (size_t i = 0; i < n; i++) { /* in place: i <= channels * i */
-        const uint8_t *p = color.data + i * channels;
-        color.data[i] = s->mask ? p[0] || p[1] || p[2] : p[3] >= 128;
-    }
+    for (size_t i = 0; i < n; i++) color.data[i] = color.data[i * 4 + 3] >= 128; /* in place: i <= 4 i */
     color.channels = 1;
     *out = color;
     return SHERF_OK;

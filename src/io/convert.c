@@ -329,7 +329,8 @@ static sherf_status recognise(conversion *o, const value *root, const char *kind
     const value *format = value_get(value_get(root, "__metadata__"), "format");
     if (!strcmp(kind, "safetensors") && format && format->kind == VALUE_STRING)
         return failure(o->c, SHERF_BAD_ARGUMENT, "is converted already (%.40s)", format->string.text);
-    if (value_get(root, "v_template")) return smpl(o, root, said);
+    if (value_get(root, "v_template") || (value_get(root, "kintree_table") && value_get(root, "shapedirs")))
+        return smpl(o, root, said);
     if (tfjs_is(root)) return convert_resnet50(o, root, folder, said);
     if (root->kind == VALUE_DICT && (module_is(value_get(root, "G_ema")) || module_is(value_get(root, "G"))))
         return snapshot(o, root, arrays, said);

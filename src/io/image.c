@@ -29,6 +29,7 @@ typedef struct {
     image_u8 out;
     unsigned char *row; /* scratch: a row, or the whole picture when interlaced */
     int channels;       /* wanted; 0: only the size is asked for */
+    bool mask;          /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
     int own_channels;
     int orientation; /* of a JPEG, as EXIF says; 0 or 1: upright */
     png_bytep *rows; /* interlaced PNG */
@@ -62,6 +63,10 @@ static uint8_t grey_of(const uint8_t *p) {
 static void put_row(decoder *d, const uint8_t *row, int y, int from) {
     size_t width = (size_t)d->out.width;
     uint8_t *to = d->out.data + (size_t)y * width * (size_t)d->channels;
+    if (d->mask) {
+        for (size_t i = 0; i < width; i++, row += from) to[i] = row[0] || (from > 2 && (row[1] || row[2]));
+        return;
+    }
     if (from == d->channels) {
         memcpy(to, row, width * (size_t)from);
         return;
@@ -110,13 +115,21 @@ static void png_memory_free(png_structp png, png_voidp p) {
     mem_free(p);
 }
 
-/* To 8 bits; palette and transparent colours become RGB and alpha. */
-static void png_transforms(png_structp png, png_infop info) {
+/* To 8 bits; palette and transparent colours become RGB and alpha. A mask keeps its 16 bits. */
+static void png_transforms(const decoder *d, png_structp png, png_infop info) {
     int type = png_get_color_type(png, info), depth = png_get_bit_depth(png, info);
-    if (depth == 16) png_set_scale_16(png);
+    if (depth == 16 && !d->mask) png_set_scale_16(png);
     if (type == PNG_COLOR_TYPE_PALETTE) png_set_palette_to_rgb(png);
     if (type == PNG_COLOR_TYPE_GRAY && depth < 8) png_set_expand_gray_1_2_4_to_8(png);
     if (png_get_valid(png, info, PNG_INFO_tRNS)) png_set_tRNS_to_alpha(png);
+}
+
+/* A row of a PNG; of 16-bit samples whether they are 0. */
+static void png_put_row(decoder *d, uint8_t *row, int y, int from, bool deep) {
+    if (deep)
+        for (size_t i = 0; i < (size_t)d->out.width * (size_t)from; i++)
+            row[i] = row[2 * i] || row[2 * i + 1];
+    put_row(d, row, y, from);
 }
 
 static void png_rows(decoder *d, png_structp png, png_infop info) {
@@ -124,7 +137,9 @@ static void png_rows(decoder *d, png_structp png, png_infop info) {
     png_read_update_info(png, info);
     int from = png_get_channels(png, info);
     size_t row_bytes = png_get_rowbytes(png, info), height = (size_t)d->out.height;
-    if (from < 1 || from > 4 || row_bytes != (size_t)d->out.width * (size_t)from) png_error(png, "odd rows");
+    bool deep = png_get_bit_depth(png, info) == 16;
+    if (from < 1 || from > 4 || row_bytes != (size_t)d->out.width * (size_t)from * (deep ? 2 : 1))
+        png_error(png, "odd rows");
     if (!make_room(d, passes > 1 ? row_bytes * height : row_bytes)) longjmp(d->back, 1);
     if (passes > 1) {
         d->rows = mem_alloc(d->c, height, sizeof *d->rows);
@@ -134,11 +149,11 @@ static void png_rows(decoder *d, png_structp png, png_infop info) {
         }
         for (size_t y = 0; y < height; y++) d->rows[y] = d->row + y * row_bytes;
         png_read_image(png, d->rows);
-        for (size_t y = 0; y < height; y++) put_row(d, d->rows[y], (int)y, from);
+        for (size_t y = 0; y < height; y++) png_put_row(d, d->rows[y], (int)y, from, deep);
     } else
         for (size_t y = 0; y < height; y++) {
             png_read_row(png, d->row, NULL);
-            put_row(d, d->row, (int)y, from);
+            png_put_row(d, d->row, (int)y, from, deep);
         }
     png_read_end(png, NULL); /* the last sums are looked at, too */
 }
@@ -170,7 +185,7 @@ static void png_decode(decoder *d) {
     d->own_channels = png_get_color_type(png, info) == PNG_COLOR_TYPE_PALETTE ? 3 : own;
     if (png_get_valid(png, info, PNG_INFO_tRNS)) d->own_channels++;
     if (d->status == SHERF_OK && d->channels) {
-        png_transforms(png, info);
+        png_transforms(d, png, info);
         png_rows(d, png, info);
     }
 done : {
@@ -283,7 +298,7 @@ static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
     j->dct_method = JDCT_ISLOW;
     j->do_fancy_upsampling = TRUE;
     /* the grey of a colour JPEG is its Y, as in OpenCV */
-    bool grey = j->num_components == 1 || (d->channels == 1 && j->jpeg_color_space == JCS_YCbCr);
+    bool grey = j->num_components == 1 || (d->channels == 1 && !d->mask && j->jpeg_color_space == JCS_YCbCr);
     j->out_color_space = cmyk ? JCS_CMYK : grey ? JCS_GRAYSCALE : JCS_RGB;
     jpeg_start_decompress(j);
     int from = j->output_components;
@@ -355,7 +370,8 @@ sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, in
     d->c = c;
     d->data = data;
     d->bytes = bytes;
-    d->channels = channels;
+    d->mask = channels == IMAGE_MASK;
+    d->channels = d->mask ? 1 : channels;
     sherf_status status = decode(d);
     *out = d->out;
     if (status == SHERF_OK && !channels) out->channels = d->own_channels;
@@ -376,7 +392,7 @@ static sherf_status read_file(context *c, const char *path, int channels, image_
 
 sherf_status image_read(context *c, const char *path, int channels, image_u8 *out) {
     *out = (image_u8){0};
-    if (channels != 1 && channels != 3 && channels != 4)
+    if (channels != 1 && channels != 3 && channels != 4 && channels != IMAGE_MASK)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: pictures have 1, 3 or 4 channels, not %d", path, channels);
     return read_file(c, path, channels, out);
 }

@@ -5,7 +5,7 @@
 
 #include "base/base.h"
 
-enum { IMAGE_SIDE_MAX = 32768 };
+enum { IMAGE_SIDE_MAX = 32768, IMAGE_MASK = -1 };
 static const size_t image_pixels_max = (size_t)128 << 20;
 
 typedef struct {
@@ -14,7 +14,8 @@ typedef struct {
 } image_u8; /* mem_free(data) */
 /* channels: 3, 1 or 4, what the caller wants (grey from colour as OpenCV: .299 .587 .114, a JPEG's Y as it
  * is; alpha is dropped unless 4 are asked for, 255 where there is none). 16-bit values are scaled to 8. CMYK
- * JPEG: Adobe inversion respected. A JPEG is turned upright when its EXIF says so. */
+ * JPEG: Adobe inversion respected. A JPEG is turned upright when its EXIF says so. IMAGE_MASK: one channel, 1
+ * where any colour of the file is not 0, also where a 16-bit one would round to 0; else 0. */
 sherf_status image_read(context *c, const char *path, int channels, image_u8 *out);
 /* The same from memory; channels 0: only the size, data stays NULL. */
 sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out);

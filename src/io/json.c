@@ -63,6 +63,19 @@ static value *tree(builder *b, const cJSON *j) {
     return v;
 }
 
+/* What stands where parsing stopped; NaN and Infinity, which Python writes, are named. */
+static value *refuse(builder *b, const char *text, size_t bytes, size_t at) {
+    static const char *const not_finite[] = {"NaN", "Infinity", "nan", "inf"};
+    const size_t sign = at < bytes && text[at] == '-';
+    for (size_t i = 0; i < COUNT_OF(not_finite); i++) {
+        const size_t n = strlen(not_finite[i]);
+        if (at + sign + n <= bytes && !memcmp(text + at + sign, not_finite[i], n))
+            return build_fail(b, SHERF_BAD_FILE, "a number that is not finite (%s), at byte %zu",
+                              not_finite[i], at);
+    }
+    return build_fail(b, SHERF_BAD_FILE, "not JSON, near byte %zu", at);
+}
+
 static value *parse(builder *b, const char *text, size_t bytes) {
     if (bytes > json_bytes_max)
         return build_fail(b, SHERF_BAD_FILE, "JSON: %zu bytes, more than the %zu allowed", bytes,
@@ -70,7 +83,7 @@ static value *parse(builder *b, const char *text, size_t bytes) {
     if (!scan(b, text, bytes)) return NULL;
     const char *end = NULL;
     cJSON *j = cJSON_ParseWithLengthOpts(text, bytes, &end, 0);
-    if (!j) return build_fail(b, SHERF_BAD_FILE, "not JSON, near byte %zu", end ? (size_t)(end - text) : 0);
+    if (!j) return refuse(b, text, bytes, end ? (size_t)(end - text) : 0);
     value *v = NULL;
     size_t rest = (size_t)(end - text);
     while (rest < bytes && strchr(" \t\r\n", text[rest])) rest++;

@@ -24,12 +24,14 @@ bool torch_dtype(const char *name, size_t length, dtype *out) {
     return false;
 }
 
-/* ("storage", class, key, place, count) and, in old files, a view, which must be None. */
+/* ("storage", class, key, place, count) and, in old files, a view, which must be None. Legacy files of whole
+ * networks have ("module", class, source file, source) for each class: the source is left alone. */
 value *pickle_persistent(builder *b, value *id, const pickle_source *source) {
     const value *class = value_at(id, 1), *key = value_at(id, 2), *view = value_at(id, 5);
     const char *name = pickle_class(class), *last = name ? strrchr(name, '.') : NULL;
     int64_t count;
     dtype type;
+    if (source && name && value_is_string(value_at(id, 0), "module")) return (value *)class;
     if (!source || !source->storage || !value_is_string(value_at(id, 0), "storage"))
         return pickle_record(b, "(persistent id)", id);
     if (!last || !key || key->kind != VALUE_STRING || !pickle_integer(value_at(id, 4), &count) || count < 0 ||

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "data/data.h"
 #include "io/safetensors.h"
 #include "model/model.h"
 
@@ -128,7 +129,7 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     a->camera = *sherf_observation_camera(observation);
     sherf_status status = observation_geometry_create(
         c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, NULL, &g);
-    if (status == SHERF_OK) status = body_in_picture(c, body, g->body, &a->camera);
+    if (status == SHERF_OK) status = body_in_picture(c, body, g->body, &a->camera, observation->mask);
     if (status != SHERF_OK) goto done;
     t = tape_create(c, (tape_options){&backend_cpu, false, false, c->precision == SHERF_PRECISION_BF16});
     status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;

@@ -138,7 +138,9 @@ sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *m, const
     int left, top, side;
     *out = NULL;
     if (!config->px_per_m || !config->image_size) return observation_copy(c, o, out);
-    sherf_status status = model_px_per_m(c, body, &o->pose, &o->camera, &now);
+    sherf_status status = observation_check_body(c, o, body); /* a cut round the body would hide it */
+    if (status != SHERF_OK) return status;
+    status = model_px_per_m(c, body, &o->pose, &o->camera, &now);
     if (status == SHERF_OK) status = joints_camera(c, body, &o->pose, &o->camera, joint);
     if (status != SHERF_OK) return status;
     double factor = now / config->px_per_m;

@@ -2,6 +2,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include <zlib.h>
+
 #include "sample.h"
 
 static uint64_t hash_bytes(const uint8_t *p, size_t n) { /* FNV-1a */
@@ -73,6 +75,45 @@ static void test_sixteen_bits(void **state) {
         assert_int_equal(height, 29);
         assert_int_equal(channels, own[i]);
     }
+}
+
+static void chunk(FILE *f, const char *type, const unsigned char *data, unsigned n) {
+    unsigned char head[8] = {0, 0, 0, (unsigned char)n}, sum[4];
+    memcpy(head + 4, type, 4);
+    uLong crc = crc32(crc32(0, head + 4, 4), data, n);
+    for (int i = 0; i < 4; i++) sum[i] = (unsigned char)(crc >> (24 - 8 * i));
+    fwrite(head, 1, 8, f);
+    if (n) fwrite(data, 1, n, f);
+    fwrite(sum, 1, 4, f);
+}
+
+/* A mask of 16-bit values 0 and 1, as some labelling tools write it: 1 is the person, though it is nearly 0
+ * as a colour. */
+static void test_mask(void **state) {
+    context *c = *state;
+    const unsigned char head[13] = {0, 0, 0, 3, 0, 0, 0, 2, 16, 0, 0, 0, 0};
+    const unsigned char rows[14] = {0, 0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 255, 255}; /* 1 0 256; 0 0 65535 */
+    const uint8_t want[6] = {1, 0, 1, 0, 0, 1};
+    unsigned char packed[64];
+    uLongf n = sizeof packed;
+    const char *path = test_path("mask16.png");
+    FILE *f = fopen(path, "wb");
+    assert_int_equal(compress(packed, &n, rows, sizeof rows), Z_OK);
+    fwrite("\x89PNG\r\n\x1a\n", 1, 8, f);
+    chunk(f, "IHDR", head, 13);
+    chunk(f, "IDAT", packed, (unsigned)n);
+    chunk(f, "IEND", packed, 0);
+    fclose(f);
+    image_u8 p;
+    assert_ok(c, image_read(c, path, IMAGE_MASK, &p));
+    assert_int_equal(p.channels, 1);
+    assert_memory_equal(p.data, want, 6);
+    mem_free(p.data);
+    const uint8_t colours[12] = {0, 0, 1, 0, 0, 0, 0, 2, 0, 255, 0, 0}, of_colours[4] = {1, 0, 1, 1};
+    assert_ok(c, png_write(c, path, 4, 1, 3, colours));
+    assert_ok(c, image_read(c, path, IMAGE_MASK, &p));
+    assert_memory_equal(p.data, of_colours, 4);
+    mem_free(p.data);
 }
 
 static void test_alpha(void **state) {
@@ -243,10 +284,14 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_as_opencv), cmocka_unit_test(test_sixteen_bits),
-        cmocka_unit_test(test_alpha),     cmocka_unit_test(test_write),
-        cmocka_unit_test(test_public),    cmocka_unit_test(test_too_large),
-        cmocka_unit_test(test_to_memory), cmocka_unit_test(test_writing_without_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_as_opencv),
+                                       cmocka_unit_test(test_sixteen_bits),
+                                       cmocka_unit_test(test_alpha),
+                                       cmocka_unit_test(test_mask),
+                                       cmocka_unit_test(test_write),
+                                       cmocka_unit_test(test_public),
+                                       cmocka_unit_test(test_too_large),
+                                       cmocka_unit_test(test_to_memory),
+                                       cmocka_unit_test(test_writing_without_memory)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -40,6 +40,17 @@ static void test_json_refused(void **state) {
     document_free(d);
 }
 
+/* Python's json writes these names for what is not finite. */
+static void test_json_names_nan(void **state) {
+    context *c = *state;
+    static const char *const bad[] = {"{\"K\": [NaN, 0]}", "[1, -Infinity]", "[Infinity]"};
+    for (size_t i = 0; i < COUNT_OF(bad); i++) {
+        document *d;
+        assert_int_equal(json_parse(c, bad[i], strlen(bad[i]), &d), SHERF_BAD_FILE);
+        assert_non_null(strstr(c->message, "not finite"));
+    }
+}
+
 static void test_numbers(void **state) {
     context *c = *state;
     const char *text = "{\"n\": 3, \"r\": 2.5, \"l\": [1, [2, 3]], \"s\": \"x\", \"m\": [1, \"x\"]}";
@@ -306,11 +317,16 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_json),    cmocka_unit_test(test_json_refused),
-        cmocka_unit_test(test_numbers), cmocka_unit_test(test_pickles),
-        cmocka_unit_test(test_bodies),  cmocka_unit_test(test_npy),
-        cmocka_unit_test(test_npz),     cmocka_unit_test(test_torch),
-        cmocka_unit_test(test_writing), cmocka_unit_test(test_refused_by_name)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_json),
+                                       cmocka_unit_test(test_json_refused),
+                                       cmocka_unit_test(test_json_names_nan),
+                                       cmocka_unit_test(test_numbers),
+                                       cmocka_unit_test(test_pickles),
+                                       cmocka_unit_test(test_bodies),
+                                       cmocka_unit_test(test_npy),
+                                       cmocka_unit_test(test_npz),
+                                       cmocka_unit_test(test_torch),
+                                       cmocka_unit_test(test_writing),
+                                       cmocka_unit_test(test_refused_by_name)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

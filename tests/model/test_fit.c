@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "data/data.h"
 #include "model/model.h"
@@ -139,11 +140,25 @@ static void fitting_pictures_stay(void **state) {
     sherf_context_free(c);
 }
 
+/* A cut round a body that is elsewhere would be a black picture with the body in its middle. */
+static void bodies_elsewhere_are_refused(void **state) {
+    context *c = test_context();
+    sherf_model *m = knowing(c, 256, 150);
+    sherf_observation *o = picture(c, 420, 40), *fit;
+    assert_int_equal(sherf_observation_fit(c, m, body, o, &fit), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "outside the picture"));
+    assert_null(fit);
+    sherf_observation_free(o);
+    sherf_model_free(m);
+    sherf_context_free(c);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(large_people_shrink),
         cmocka_unit_test(small_people_grow),
         cmocka_unit_test(fitting_pictures_stay),
+        cmocka_unit_test(bodies_elsewhere_are_refused),
     };
     return cmocka_run_group_tests(tests, make_body, free_body);
 }

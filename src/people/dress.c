@@ -135,8 +135,8 @@ static trace_material material_of(const wear_item *item, int number, const trace
     } else if (kind == WEAR_SHOES) {
         m.specular = 0.03f, m.roughness = 0.4f;
         m.alpha = TRACE_CUTOUT, m.cutoff = 0.5f;
-    } else {
-        m.alpha = TRACE_CUTOUT, m.cutoff = 0.5f;
+    } else { /* lace is half transparent: cut at a half it has specks without anything behind them */
+        m.alpha = TRACE_CUTOUT, m.cutoff = 0.3f;
     }
     return m;
 }

@@ -1,6 +1,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/path.h"
 #include "eval/lpips_file.h"
@@ -30,6 +31,7 @@ typedef struct {
     report report;
     sheet sheet;
     int sheet_row;
+    bool folder_is_new;
 } evaluation;
 
 static void evaluation_free(evaluation *e) {
@@ -84,7 +86,9 @@ static sherf_status evaluation_open(evaluation *e) {
         const int rows = observations < SHEET_ROWS_MOST ? (int)observations : SHEET_ROWS_MOST;
         if ((status = sheet_create(c, rows, &e->sheet)) != SHERF_OK) return status;
     }
-    return o->output ? folder_make(c, o->output) : SHERF_OK;
+    if (!o->output) return SHERF_OK;
+    e->folder_is_new = !path_is_folder(o->output);
+    return folder_make(c, o->output);
 }
 
 /* ---- one picture ---- */
@@ -330,6 +334,12 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
     for (int i = 0; i < e.people_count && status == SHERF_OK; i++)
         for (int k = 0; k < e.selection[i].observations && status == SHERF_OK; k++)
             status = evaluate_observation(&e, &e.selection[i], k);
+    if (status == SHERF_OK && !e.report.count)
+        status =
+            failure(c, SHERF_MISMATCH,
+                    "%s: the person is in none of the pictures: cameras and bodies do not belong together "
+                    "(metres? see sherf check)",
+                    options->data);
     if (status == SHERF_OK && e.sheet.rgb) status = sheet_write(c, &e.sheet, options->sheet);
     if (status != SHERF_OK) goto done;
     if (options->output) {
@@ -352,6 +362,7 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
         out->painted_body[pose] = report_mean(r, SCORE_PAINTED_BODY, -1, pose);
     }
 done:
+    if (status != SHERF_OK && e.folder_is_new) rmdir(options->output); /* goes only if nothing is in it */
     evaluation_free(&e);
     c->precision = precision;
     return status;

@@ -1,6 +1,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "data/dataset.h"
 #include "eval/selection.h"
 
 /* A number at *text, which moves behind it; -1 when there is none or it is too large. */
@@ -204,10 +205,14 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
     const data_protocol *p = data_protocol_of(dataset_kind(d));
     int has_poses = sherf_dataset_pose_count(d, person), has_views = sherf_dataset_view_count(d, person);
     int missing = 0;
+    const person_record *record;
     *out = (selection){.person = person};
-    sherf_status status = poses ? selection_list(c, poses, "poses", has_poses, &out->pose, &out->poses)
-                                : sequence(c, p->pose_first, p->pose_step, p->pose_count, has_poses,
-                                           &out->pose, &out->poses, &missing);
+    sherf_status status =
+        dataset_record(c, d, person, &record); /* what is wrong with it, if it has no poses */
+    if (status != SHERF_OK) return status;
+    status = poses ? selection_list(c, poses, "poses", has_poses, &out->pose, &out->poses)
+                   : sequence(c, p->pose_first, p->pose_step, p->pose_count, has_poses, &out->pose,
+                              &out->poses, &missing);
     if (status != SHERF_OK) goto fail;
     int step = p->view_step > 0 ? p->view_step : 1;
     status = views ? selection_list(c, views, "views", has_views, &out->view, &out->views)

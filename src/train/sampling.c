@@ -1,3 +1,4 @@
+#include "data/dataset.h"
 #include "train/sampling.h"
 
 /* Black is what people are looked at before most of all, so random backgrounds are black this often. */
@@ -30,6 +31,8 @@ sherf_status sampling_create(context *c, const sherf_dataset *d, const char *peo
     }
     out->pose_step = p->train_pose_step > 0 ? p->train_pose_step : 1;
     for (int i = 0; i < out->people; i++) {
+        const person_record *record;
+        if ((status = dataset_record(c, d, out->person[i], &record)) != SHERF_OK) goto fail;
         int has_poses = sherf_dataset_pose_count(d, out->person[i]);
         int has_views = sherf_dataset_view_count(d, out->person[i]);
         out->poses[i] = clipped(p->train_poses, (has_poses + out->pose_step - 1) / out->pose_step);

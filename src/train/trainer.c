@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/path.h"
 #include "eval/lpips_file.h"
@@ -10,6 +11,8 @@
 #include "train/trainer.h"
 
 enum { SKIPS_IN_A_ROW = 20, IMAGES_MOST = 65536 };
+/* Smaller people cannot be learned from: something is wrong with their cameras. */
+static const double px_per_m_least = 2;
 
 typedef struct {
     context *c;
@@ -31,6 +34,7 @@ typedef struct {
     double started, waited;
     int skips_in_a_row;
     bool resumed;
+    bool folder_is_new;
 } trainer;
 
 static void trainer_free(trainer *t) {
@@ -88,6 +92,12 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
         if (!i) config->image_size = t->state.size_px ? t->state.size_px : camera.width_px;
         sum += one * config->image_size / camera.width_px;
     }
+    if (!(sum / people >= px_per_m_least))
+        return failure(
+            t->c, SHERF_MISMATCH,
+            "%s: people would be %.2g pixels tall: cameras and bodies do not belong together (metres? "
+            "see sherf check)",
+            t->options->data, 1.7 * sum / people);
     config->px_per_m = (int)fmin(sum / people + 0.5, 100000);
     return SHERF_OK;
 }
@@ -202,6 +212,7 @@ static sherf_status prepare(trainer *t) {
     if (begins < ends && t->first_step < t->last_step)
         if ((status = loader_create(c, &load, &t->loader)) != SHERF_OK) return status;
     if (t->ranks.rank) return SHERF_OK;
+    t->folder_is_new = !path_is_folder(o->output);
     if ((status = output_path(t, path, "samples")) != SHERF_OK) return status;
     if ((status = folder_make(c, path)) != SHERF_OK) return status;
     if ((status = output_path(t, path, "log.jsonl")) != SHERF_OK) return status;
@@ -357,6 +368,16 @@ static sherf_status loop(trainer *t, bool *cancel) {
     return SHERF_OK;
 }
 
+/* A first run that failed before its first step leaves nothing. */
+static void leave_nothing(trainer *t) {
+    char path[PATH_LENGTH];
+    if (t->ranks.rank || !t->folder_is_new) return;
+    history_close(&t->history);
+    if (output_path(t, path, "log.jsonl") == SHERF_OK) unlink(path);
+    if (output_path(t, path, "samples") == SHERF_OK) rmdir(path);
+    rmdir(t->options->output);
+}
+
 /* Runs the loop and saves what it made, also after a failure, whose message then stands. */
 static sherf_status run(trainer *t) {
     context *c = t->c;
@@ -366,8 +387,10 @@ static sherf_status run(trainer *t) {
     announce(t);
     sherf_status status = loop(t, &cancel);
     memcpy(message, c->message, sizeof message);
-    sherf_status saved = t->skips_in_a_row < SKIPS_IN_A_ROW ? save(t) : SHERF_OK;
+    const bool nothing = status != SHERF_OK && t->state.step == t->first_step;
+    sherf_status saved = t->skips_in_a_row < SKIPS_IN_A_ROW && !nothing ? save(t) : SHERF_OK;
     if (status != SHERF_OK) {
+        if (nothing) leave_nothing(t);
         memcpy(c->message, message, sizeof message);
         return status;
     }

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/path.h"
 #include "data/data.h"
@@ -161,9 +162,40 @@ static void mistakes_are_one_line(void **state) {
     sherf_context_free(c);
 }
 
+/* A person who cannot be read is told with the file's name, and an empty folder does not stay. */
+static void broken_people_are_named(void **state) {
+    context *c = test_context();
+    char folder[600], path[800], broken[700], broken_spec[720];
+    snprintf(broken, sizeof broken, "%s/broken", root);
+    snprintf(broken_spec, sizeof broken_spec, "thuman:%s", broken);
+    const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 2, .size_px = 48, .seed = 6};
+    assert_ok(c, sherf_synth_tube(c, broken, &synth));
+    snprintf(folder, sizeof folder, "%s/out_broken", root);
+    sherf_eval_options o = {.data = broken_spec,
+                            .people = "0",
+                            .body = body,
+                            .model = weights,
+                            .observations = "0:0",
+                            .poses = "0",
+                            .views = "1",
+                            .output = folder};
+    sherf_scores scores;
+    snprintf(path, sizeof path, "%s/tube_000/view00/000000.png", broken);
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(sherf_eval(c, &o, &scores), SHERF_NO_FILE);
+    assert_non_null(strstr(c->message, "view00/000000.png"));
+    assert_false(path_is_folder(folder));
+    snprintf(path, sizeof path, "%s/tube_000/annots.npy", broken);
+    assert_int_equal(truncate(path, 200), 0);
+    assert_int_equal(sherf_eval(c, &o, &scores), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, path));
+    assert_false(path_is_folder(folder));
+    sherf_context_free(c);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(listed_pictures),
-                                       cmocka_unit_test(the_protocol_as_far_as_it_goes),
-                                       cmocka_unit_test(mistakes_are_one_line)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(listed_pictures),
+        cmocka_unit_test(the_protocol_as_far_as_it_goes), cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

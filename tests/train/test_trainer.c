@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "base/path.h"
+#include "data/thuman_write.h"
 #include "io/safetensors.h"
 #include "io/value.h"
 #include "support.h"
@@ -189,6 +190,53 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     sherf_context_free(c);
 }
 
+/* Cameras of tube_000 in millimetres. */
+static void write_millimetres(context *c, const char *spec, const char *person) {
+    enum { VIEWS = 3 };
+    sherf_dataset *d;
+    sherf_camera camera[VIEWS];
+    assert_ok(c, sherf_dataset_open(c, spec, &d));
+    for (int v = 0; v < VIEWS; v++) {
+        assert_ok(c, sherf_dataset_camera(c, d, 0, v, &camera[v]));
+        for (int i = 0; i < 3; i++) camera[v].T_m[i] *= 1000;
+    }
+    sherf_dataset_free(d);
+    assert_ok(c, thuman_write_annots(c, person, 1, VIEWS, camera));
+}
+
+/* One line that names the file or says what is wrong, and no folder of a run that never made a step. */
+static void broken_data_is_one_line(void **state) {
+    context *c = float_context(1);
+    const size_t live = mem_live();
+    char spec[600], body[600];
+    const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 3, .size_px = 48, .seed = 6};
+    assert_ok(c, sherf_synth_tube(c, path_of("broken"), &synth));
+    snprintf(spec, sizeof spec, "thuman:%s", path_of("broken"));
+    snprintf(body, sizeof body, "%s", path_of("broken/tubeman.safetensors"));
+    sherf_train_options o = options_for(path_of("broken_run"), 3);
+    o.data = spec;
+    o.body = body;
+    o.people = "0";
+    for (int v = 0; v < 3; v++) { /* whichever comes first is drawn */
+        char name[64];
+        snprintf(name, sizeof name, "broken/tube_000/mask_cihp/view%02d/000000.png", v);
+        assert_int_equal(unlink(path_of(name)), 0);
+    }
+    assert_int_equal(sherf_train(c, &o), SHERF_NO_FILE);
+    assert_non_null(strstr(c->message, "broken/tube_000/mask_cihp/view0"));
+    assert_false(path_is_folder(path_of("broken_run")));
+    write_millimetres(c, spec, path_of("broken/tube_000"));
+    assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "metres?"));
+    assert_false(path_is_folder(path_of("broken_run")));
+    assert_int_equal(truncate(path_of("broken/tube_000/annots.npy"), 200), 0);
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "broken/tube_000/annots.npy"));
+    assert_false(path_is_folder(path_of("broken_run")));
+    assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
+}
+
 /* ---- several processes ---- */
 
 static void processes_equal_one(void **state) {
@@ -234,8 +282,8 @@ int main(int argc, char **argv) {
     ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
     program[n > 0 ? n : 0] = 0;
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(learns_and_writes), cmocka_unit_test(resuming_gives_the_same_bits),
-        cmocka_unit_test(cancelling_saves), cmocka_unit_test(a_bad_checkpoint_is_one_line),
-        cmocka_unit_test(processes_equal_one)};
+        cmocka_unit_test(learns_and_writes),       cmocka_unit_test(resuming_gives_the_same_bits),
+        cmocka_unit_test(cancelling_saves),        cmocka_unit_test(a_bad_checkpoint_is_one_line),
+        cmocka_unit_test(broken_data_is_one_line), cmocka_unit_test(processes_equal_one)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

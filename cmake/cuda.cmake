@@ -15,7 +15,7 @@ if(SHERF_WERROR)
   target_compile_options(sherf_cuda PRIVATE -Werror=all-warnings)
 endif()
 target_include_directories(sherf_cuda PRIVATE include src ${CUDAToolkit_INCLUDE_DIRS})
-target_compile_definitions(sherf_objects PRIVATE SHERF_HAVE_CUDA)
+set_source_files_properties(src/base/device.c PROPERTIES COMPILE_DEFINITIONS SHERF_HAVE_CUDA)
 target_link_libraries(sherf_needs INTERFACE CUDA::cudart_static stdc++)
 list(APPEND SHERF_OBJECTS $<TARGET_OBJECTS:sherf_cuda>) # of the library, besides sherf_objects
 set(SHERF_TESTS_DEFINE SHERF_HAVE_CUDA)

@@ -109,7 +109,7 @@ typedef struct {
 } backend;
 extern const backend backend_ref_f32; /* plain C, the definition of every op */
 extern const backend backend_ref_f64; /* the same source in double */
-extern const backend backend_cuda; /* in builds with SHERF_CUDA only; docs/cuda.md */
+extern const backend backend_cuda;    /* in builds with SHERF_CUDA only; docs/cuda.md */
 extern const backend backend_cpu; /* oneDNN, SIMD, OpenMP; float32, products in bf16 where the tape says so */
 
 /* ---- the tape ---- */

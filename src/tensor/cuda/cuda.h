@@ -14,7 +14,7 @@
 #include "tensor/ops.h"
 
 #ifdef CUDA_EMULATED
-#include "cuda_emulated.h"
+#include <cuda_emulated.h>
 #else
 #include <cuda_runtime.h>
 #endif

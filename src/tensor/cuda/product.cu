@@ -57,7 +57,7 @@ sherf_status product(op_call *call, const product_shape &s, const float *a, cons
     if (!library.good)
         return failure(call->c, SHERF_UNSUPPORTED, "%s: cuBLAS (%s) cannot be opened", op_name(call->op),
                        CUBLAS_FILE);
-    if (s.M == 0 || s.N == 0) return SHERF_OK;
+    if (s.M == 0 || s.N == 0 || (s.K == 0 && s.beta == 1)) return SHERF_OK;
     if (s.M > INT32_MAX || s.N > INT32_MAX || s.K > INT32_MAX || s.lda > INT32_MAX || s.ldb > INT32_MAX ||
         s.ldy > INT32_MAX)
         return failure(call->c, SHERF_UNSUPPORTED, "%s: a product larger than cuBLAS takes",

@@ -40,16 +40,21 @@ static void give(void *p) {
     cudaFree(p);
 }
 
-/* From pageable memory this returns once the bytes are staged, so the source may change afterwards. */
+/* Both wait: the caller's memory may change or be read behind them, and where a GPU reaches the host's pages
+ * by itself an asynchronous copy need not have taken it yet. */
+static sherf_status moved(context *c, const char *what, void *to, const void *from, size_t bytes,
+                          cudaMemcpyKind kind) {
+    cudaError_t code = cudaMemcpyAsync(to, from, bytes, kind, stream());
+    if (code == cudaSuccess) code = cudaStreamSynchronize(stream());
+    return checked(c, what, code);
+}
+
 static sherf_status upload(context *c, void *to, const void *from, size_t bytes) {
-    return checked(c, "copying to the GPU",
-                   cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream()));
+    return moved(c, "copying to the GPU", to, from, bytes, cudaMemcpyHostToDevice);
 }
 
 static sherf_status download(context *c, void *to, const void *from, size_t bytes) {
-    cudaError_t code = cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream());
-    if (code == cudaSuccess) code = cudaStreamSynchronize(stream());
-    return checked(c, "copying from the GPU", code);
+    return moved(c, "copying from the GPU", to, from, bytes, cudaMemcpyDeviceToHost);
 }
 
 static sherf_status copy(context *c, void *to, const void *from, size_t bytes) {

@@ -174,15 +174,19 @@ static void run_block() {
     }
 }
 
-/* ---- memory: locked but while a kernel runs ---- */
+/* ---- memory: locked from an op's end to the next launch or copy ---- */
 struct region {
     char *data;
     size_t bytes;
 };
 static std::vector<region> regions;
 
-static void lock_memory(bool locked) {
-    for (const region &r : regions) mprotect(r.data, r.bytes, locked ? PROT_NONE : PROT_READ | PROT_WRITE);
+static bool locked = true;
+
+static void lock_memory(bool lock) {
+    if (lock == locked) return;
+    locked = lock;
+    for (const region &r : regions) mprotect(r.data, r.bytes, lock ? PROT_NONE : PROT_READ | PROT_WRITE);
 }
 
 void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
@@ -200,7 +204,6 @@ void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
             dim3((unsigned)(b % grid.x), (unsigned)(b / grid.x % grid.y), (unsigned)(b / grid.x / grid.y));
         run_block();
     }
-    lock_memory(true);
 }
 
 float warp_sum(float v) {
@@ -225,7 +228,7 @@ static void *take(context *c, size_t bytes) {
     }
     memset(p, 0xff, rounded);
     regions.push_back({(char *)p, rounded});
-    mprotect(p, rounded, PROT_NONE);
+    if (locked) mprotect(p, rounded, PROT_NONE);
     return p;
 }
 
@@ -256,6 +259,7 @@ static sherf_status clear(context *c, void *to, size_t bytes) {
 const tensor_memory device_memory = {"emulated CUDA", {take, give}, move, move, move, clear};
 
 sherf_status finished(op_call *call) {
+    lock_memory(true);
     return SHERF_OK;
 }
 
@@ -284,7 +288,6 @@ sherf_status product(op_call *call, const product_shape &s, const float *a, cons
             *to = s.alpha * row[(size_t)n] + (s.beta != 0 ? s.beta * *to : 0);
         }
     }
-    lock_memory(true);
     return SHERF_OK;
 }
 

@@ -1,7 +1,7 @@
 /* CUDA's language on the host, for the kernels of src/tensor/cuda compiled as plain C++. Threads of a block
  * are fibres that change at barriers; blocks run one after another. It finds wrong indices, missing barriers
- * (threads and blocks run in both orders) and host code that reads the device's memory (which is locked but
- * while a kernel runs). It proves nothing about a GPU. */
+ * (threads and blocks run in both orders) and host code that reads the device's memory (which is locked
+ * between ops). It proves nothing about a GPU. */
 #ifndef CUDA_EMULATED_H
 #define CUDA_EMULATED_H
 

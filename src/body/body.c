@@ -163,6 +163,34 @@ static sherf_status canonical_create(context *c, body_model *m) {
     return status;
 }
 
+/* Twice through the edges: first counted, then written; an edge of two faces once. */
+static sherf_status find_neighbours(context *c, body_model *m) {
+    enum { MOST = 32 }; /* of a vertex: meshes have 6, files may say anything */
+    const size_t corners = 3 * (size_t)m->faces;
+    int32_t *first = m->neighbour_first = mem_zero(c, (size_t)m->vertices + 1, sizeof *first);
+    int32_t *list = m->neighbour = mem_alloc(c, 2 * corners + 1, sizeof *list);
+    if (!first || !list) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < corners; i++) first[m->face[i] + 1] += 2;
+    for (int v = 0; v < m->vertices; v++) first[v + 1] += first[v];
+    for (size_t i = corners; i-- > 0;) { /* first[v + 1] goes down to v's first */
+        const size_t face = i / 3 * 3, corner = i % 3;
+        for (size_t k = 1; k < 3; k++)
+            list[--first[m->face[i] + 1]] = (int32_t)m->face[face + (corner + k) % 3];
+    }
+    int32_t kept = 0, at = 0;
+    for (int v = 0; v < m->vertices; v++) {
+        const int32_t begin = kept, end = v + 1 < m->vertices ? first[v + 2] : (int32_t)(2 * corners);
+        for (; at < end; at++) {
+            bool known = list[at] == v || kept - begin == MOST;
+            for (int32_t k = begin; k < kept; k++) known = known || list[k] == list[at];
+            if (!known) list[kept++] = list[at];
+        }
+        first[v] = begin;
+    }
+    first[m->vertices] = kept;
+    return SHERF_OK;
+}
+
 static sherf_status check_sizes(context *c, const body_arrays *a) {
     if (a->vertices < 1 || a->vertices > BODY_VERTICES_MAX)
         return failure(c, SHERF_BAD_FILE, "body: %d vertices, must be 1 to %d", a->vertices,
@@ -207,6 +235,7 @@ sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
     if ((status = regress_joints(c, m)) != SHERF_OK) goto fail;
     if ((status = make_volume(c, a, m)) != SHERF_OK) goto fail;
     m->fingerprint = fingerprint_of(m);
+    if ((status = find_neighbours(c, m)) != SHERF_OK) goto fail;
     if ((status = canonical_create(c, m)) != SHERF_OK) goto fail;
     *out = m;
     return SHERF_OK;
@@ -228,6 +257,8 @@ void sherf_body_free(sherf_body *m) {
     mem_free(m->canonical_blend);
     mem_free(m->canonical_inverse);
     vertex_grid_free(m->canonical_grid);
+    mem_free(m->neighbour_first);
+    mem_free(m->neighbour);
     mem_free(m);
 }
 

@@ -27,6 +27,8 @@ struct sherf_body {
     struct posed_body *canonical;
     double *canonical_blend, *canonical_inverse; /* V x 12 each */
     struct vertex_grid *canonical_grid;
+    /* The vertices that share an edge with v: neighbour[neighbour_first[v]] up to the next one's first. */
+    int32_t *neighbour_first, *neighbour;
 };
 typedef struct sherf_body body_model;
 
@@ -45,6 +47,7 @@ typedef struct posed_body {
     float *to_canonical;      /* SMPL space to canonical */
     float *from_canonical;    /* canonical to world */
     struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
+    float blend_m;            /* points' maps are blended with those of the vertex's neighbours; 0: not */
 } posed_body;
 
 extern const float body_big_pose[72];
@@ -81,6 +84,10 @@ void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float 
 sherf_status body_normals(context *c, const body_model *m, const float *vertices, float *normals);
 
 /* ---- deformation (network.md: Target to canonical, Canonical to observation) ---- */
+/* Both ways: where the body's blend_m r is not 0 and `nearest` is given, the maps of the nearest vertex's
+ * neighbours take part, each with weight (1 - (d^2 - d0^2) / r^2)^2, d its distance from the point and d0 the
+ * nearest one's, or none where that is beyond r^2. So the way hardly jumps where the nearest vertex changes.
+ */
 /* Points of the posed body's SMPL space to canonical space by the inverse LBS of their nearest vertex.
  * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. nearest
  * NULL: point i belongs to vertex i. A negative nearest (a point that is not finite) counts as vertex 0. */

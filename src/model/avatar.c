@@ -80,6 +80,7 @@ static sherf_status avatar_finish(context *c, const body_model *body, sherf_avat
                                                 a->pose.Th_m, &a->observed);
         if (status != SHERF_OK) return status;
     }
+    a->observed->blend_m = (float)a->config.skin_blend_mm / 1000;
     point_sizes sizes;
     point_weights weights;
     model_point_sizes(&a->config, &sizes);
@@ -354,6 +355,7 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
     sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    if (status == SHERF_OK) (*out)->blend_m = (float)a->config.skin_blend_mm / 1000;
     if (status == SHERF_OK) status = points_prepare(c, body, *out);
     if (status == SHERF_OK) return SHERF_OK;
     posed_body_free(*out);

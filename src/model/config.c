@@ -63,6 +63,7 @@ static const setting settings[] = {
     {"samples", AT(samples), 2, 1024, 1},
     {"image_size", AT(image_size), 0, 8192, 1},
     {"px_per_m", AT(px_per_m), 0, 100000, 1},
+    {"skin_blend_mm", AT(skin_blend_mm), 0, 200, 1},
 };
 
 static int *field(model_config *config, const setting *s) {

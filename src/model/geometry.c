@@ -147,12 +147,10 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
         for (int a = 0; a < 3; a++) g->level[l].size[a] = g->volume_size[a] >> l;
     g->vertex_zyx = mem_alloc(c, (size_t)body->vertices * 3, sizeof(int32_t));
     g->vertex_voxel = mem_alloc(c, (size_t)body->vertices, sizeof(int32_t));
-    int32_t *self = mem_alloc(c, (size_t)body->vertices, sizeof(int32_t));
     float *canonical = mem_alloc(c, (size_t)body->vertices * 3, sizeof(float));
-    status = g->vertex_zyx && g->vertex_voxel && self && canonical ? SHERF_OK : SHERF_NO_MEMORY;
+    status = g->vertex_zyx && g->vertex_voxel && canonical ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
-        for (int v = 0; v < body->vertices; v++) self[v] = v;
-        deform_to_canonical(body, g->body, body->vertices, g->body->vertices_smpl, NULL, self, canonical,
+        deform_to_canonical(body, g->body, body->vertices, g->body->vertices_smpl, NULL, NULL, canonical,
                             NULL);
         for (int64_t i = 0; i < (int64_t)body->vertices * 3; i++) {
             int a = (int)(i % 3);
@@ -169,7 +167,6 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
             g->level[0].grid[((int64_t)g->vertex_zyx[3 * v] * g->volume_size[1] + g->vertex_zyx[3 * v + 1]) *
                                  g->volume_size[2] +
                              g->vertex_zyx[3 * v + 2]];
-    mem_free(self);
     mem_free(canonical);
     return status;
 }
@@ -208,6 +205,7 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
     memcpy(g->image, image_rgb->data, N * sizeof(float));
     status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &g->body);
     if (status != SHERF_OK) goto done;
+    g->body->blend_m = (float)config->skin_blend_mm / 1000;
     body_vertices_world(body, g->body, world);
     camera_project(camera, (int64_t)V, world, g->vertex_px, NULL);
     status = vertices_visible(c, body, world, camera, g->visible);
@@ -250,6 +248,7 @@ sherf_status target_geometry_create(context *c, const model_config *config, cons
     float min[3], max[3];
     status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &g->body);
     if (status != SHERF_OK) goto done;
+    g->body->blend_m = (float)config->skin_blend_mm / 1000;
     body_world_box(body, g->body, min, max);
     status = rays_create(c, camera, min, max, &g->rays);
     if (status != SHERF_OK) goto done;

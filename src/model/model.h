@@ -31,6 +31,9 @@ typedef struct {
     float voxel_size_m;                                         /* [0.005] */
     int image_size; /* width of the pictures it was trained on; 0: unknown [512] */
     int px_per_m;   /* how large people were in them, at their distance; 0: unknown [0] */
+    /* Points move with their nearest vertex's map, the paper's way [0], or with a blend of it and its
+     * neighbours' within so many millimetres (body.h, blend_m), which leaves no teeth at silhouettes. */
+    int skin_blend_mm;
 } model_config;
 
 /* "small" or "small,plane_resolution=64". */

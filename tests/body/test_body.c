@@ -75,6 +75,89 @@ static void deformation_round_trip(void **state) {
     mem_free(v);
 }
 
+/* Every edge of every face both ways, once, and nothing else. */
+static void neighbours_share_an_edge(void **state) {
+    body_reference *r = *state;
+    const body_model *m = r->m;
+    const int32_t *first = m->neighbour_first, *list = m->neighbour;
+    uint8_t *met = mem_zero(r->c, (size_t)first[m->vertices], 1);
+    assert_non_null(met);
+    assert_int_equal(first[0], 0);
+    for (int v = 0; v < m->vertices; v++) {
+        assert_true(first[v] <= first[v + 1] && first[v + 1] - first[v] <= 32);
+        for (int32_t i = first[v]; i < first[v + 1]; i++) {
+            assert_true(list[i] >= 0 && list[i] < m->vertices && list[i] != v);
+            for (int32_t k = first[v]; k < i; k++) assert_true(list[k] != list[i]);
+        }
+    }
+    for (int i = 0; i < 6 * m->faces; i++) {
+        const int corner = i / 2, next = corner / 3 * 3 + (corner + 1) % 3;
+        const int32_t a = (int32_t)m->face[i % 2 ? next : corner],
+                      b = (int32_t)m->face[i % 2 ? corner : next];
+        int32_t k = first[a];
+        while (k < first[a + 1] && list[k] != b) k++;
+        assert_true(k < first[a + 1]);
+        met[k] = 1;
+    }
+    for (int32_t i = 0; i < first[m->vertices]; i++) assert_true(met[i]);
+    mem_free(met);
+}
+
+/* How far canonical places of points a hundredth of a millimetre apart lie from each other where the nearest
+ * vertex changes to a neighbour, up to 4 cm above the skin, on the mean. */
+static double jump(body_reference *r, float blend_m, int *pairs) {
+    posed_body *p = r->target;
+    vertex_grid *grid;
+    double sum = 0;
+    const float before = p->blend_m;
+    p->blend_m = blend_m;
+    *pairs = 0;
+    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, p->vertices_smpl, 0, &grid));
+    for (int i = 0; i < 3000; i++) {
+        const int v = (int)random_below(21, (uint64_t)i, r->m->vertices);
+        float x[6], y[6];
+        for (int k = 0; k < 6; k++)
+            x[k] = p->vertices_smpl[3 * v + k % 3] +
+                   0.03f * (float)(2 * random_uniform(22, (uint64_t)(6 * i + k)) - 1);
+        int32_t nearest[2] = {vertex_grid_nearest(grid, x, NULL), vertex_grid_nearest(grid, x + 3, NULL)};
+        if (nearest[0] == nearest[1]) continue;
+        for (int halving = 0; halving < 13; halving++) {
+            float middle[3];
+            for (int k = 0; k < 3; k++) middle[k] = (x[k] + x[3 + k]) / 2;
+            const int32_t found = vertex_grid_nearest(grid, middle, NULL);
+            const int side = found != nearest[0];
+            memcpy(x + 3 * side, middle, sizeof middle);
+            nearest[side] = found;
+        }
+        bool neighbours = false;
+        for (int32_t k = r->m->neighbour_first[nearest[0]]; k < r->m->neighbour_first[nearest[0] + 1]; k++)
+            neighbours |= r->m->neighbour[k] == nearest[1];
+        if (!neighbours) continue;
+        deform_to_canonical(r->m, p, 2, x, NULL, nearest, y, NULL);
+        sum += sqrt(pow(y[0] - y[3], 2) + pow(y[1] - y[4], 2) + pow(y[2] - y[5], 2));
+        ++*pairs;
+    }
+    vertex_grid_free(grid);
+    p->blend_m = before;
+    return sum / *pairs;
+}
+
+static void blended_maps_hardly_jump(void **state) {
+    body_reference *r = *state;
+    int pairs;
+    const double paper = jump(r, 0, &pairs), blended = jump(r, 0.025f, &pairs);
+    print_message("mean jump %.3g mm, blended %.3g mm, of %d\n", 1e3 * paper, 1e3 * blended, pairs);
+    assert_true(pairs > 500 && blended < paper / 3);
+    /* on a vertex far from its neighbours it is that vertex's own way; without `nearest` it always is */
+    float y[3], z[3];
+    const int32_t own = 100;
+    r->target->blend_m = 1e-4f;
+    deform_to_canonical(r->m, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, y, NULL);
+    r->target->blend_m = 0;
+    deform_to_canonical(r->m, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, z, NULL);
+    assert_memory_equal(y, z, sizeof y);
+}
+
 static int32_t brute(const float *v, int n, const float p[3], float radius, float *best) {
     int32_t found = -1;
     *best = radius > 0 ? nextafterf(radius * radius, 0) : INFINITY;
@@ -234,9 +317,10 @@ static void allocations_may_fail(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(vertices_agree),         cmocka_unit_test(poses_agree_with_public_function),
-        cmocka_unit_test(deformation_round_trip), cmocka_unit_test(nearest_is_exact),
-        cmocka_unit_test(rotations_round_trip),   cmocka_unit_test(normals_point_out),
-        cmocka_unit_test(bad_bodies_are_refused), cmocka_unit_test(allocations_may_fail)};
+        cmocka_unit_test(vertices_agree),           cmocka_unit_test(poses_agree_with_public_function),
+        cmocka_unit_test(deformation_round_trip),   cmocka_unit_test(neighbours_share_an_edge),
+        cmocka_unit_test(blended_maps_hardly_jump), cmocka_unit_test(nearest_is_exact),
+        cmocka_unit_test(rotations_round_trip),     cmocka_unit_test(normals_point_out),
+        cmocka_unit_test(bad_bodies_are_refused),   cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
 }

@@ -132,10 +132,11 @@ static int motion_get(session *s, const sherf_body *body, const sherf_avatar *av
 static void report(session *s, const sherf_motion *motion, const sherf_animate_result *result) {
     double fps = sherf_motion_fps(motion);
     if (!common.json) {
-        if (set.npz) session_remark("%s: %d frames", set.npz, sherf_motion_frame_count(motion));
+        const int all = sherf_motion_frame_count(motion);
+        if (set.npz) session_remark("%s: %d frame%s", set.npz, all, all == 1 ? "" : "s");
         if (set.output)
-            session_remark("%s: %d frames, %.4g a second, %.0f ms each", set.output, result->frames, fps,
-                           result->frame_ms);
+            session_remark("%s: %d frame%s, %.4g a second, %.0f ms each", set.output, result->frames,
+                           result->frames == 1 ? "" : "s", fps, result->frame_ms);
         return;
     }
     cJSON *json = cJSON_CreateObject();
@@ -161,10 +162,7 @@ static int run(session *s, int count, char **argument) {
     if (count && set.avatar) return usage_error(s->verb_name, "INPUT is given twice, once by --avatar");
     const char *input = count ? argument[0] : set.avatar;
     int status = wishes_check(input, &o);
-    const char *body_path = status ? NULL : session_body(s, set.body, input);
-    if (!body_path) return status ? status : EXIT_USAGE;
-    status = session_status(s, sherf_body_load(s->context, body_path, &body));
-    if (!status && input) status = session_avatar(s, input, set.model, body, set.whole, &avatar);
+    if (!status) status = session_person(s, input, set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = motion_get(s, body, avatar, &motion);
     if (!status && set.npz) status = session_status(s, sherf_motion_save(s->context, motion, set.npz));
     if (!status && set.output)
@@ -180,7 +178,7 @@ const verb verb_animate = {
     .name = "animate",
     .arguments = "[INPUT]",
     .summary = "move an avatar by a motion file: a video or pictures",
-    .description = "Moves an avatar, or with --model the person of an observation, as a motion file says: "
+    .description = "Moves an avatar, or the person of an observation, as a motion file says: "
                    "AMASS (SMPL+H, "
                    "SMPL-X), AIST++, GVHMR, WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, BVH of CMU, "
                    "Mixamo and SMPL "

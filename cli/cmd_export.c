@@ -136,10 +136,7 @@ static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
     if (set.fps > 0 && !set.motion) return usage_error(s->verb_name, "--fps needs --motion");
-    const char *body_path = session_body(s, set.body, argument[0]);
-    if (!body_path) return EXIT_USAGE;
-    int status = session_status(s, sherf_body_load(s->context, body_path, &body));
-    if (!status) status = session_avatar(s, argument[0], set.model, body, set.whole, &avatar);
+    int status = session_person(s, argument[0], set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = export_avatar(s, avatar, body);
     sherf_avatar_free(avatar);
     sherf_body_free(body);

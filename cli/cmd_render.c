@@ -228,10 +228,7 @@ static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
     int status = wishes_check(&ground);
-    const char *body_path = status ? NULL : session_body(s, set.body, argument[0]);
-    if (!body_path) return status ? status : EXIT_USAGE;
-    status = session_status(s, sherf_body_load(s->context, body_path, &body));
-    if (!status) status = session_avatar(s, argument[0], set.model, body, set.whole, &avatar);
+    if (!status) status = session_person(s, argument[0], set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = frames_make(s, avatar, body, &ground);
     sherf_avatar_free(avatar);
     sherf_body_free(body);

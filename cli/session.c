@@ -9,6 +9,17 @@
 #include <time.h>
 #include <unistd.h>
 
+int session_person(session *s, const char *input, const char *body, const char *model, bool whole,
+                   sherf_body **body_out, sherf_avatar **avatar_out) {
+    *body_out = NULL;
+    *avatar_out = NULL;
+    const char *path = session_body(s, body, input);
+    if (!path) return EXIT_USAGE;
+    int status = session_status(s, sherf_body_load(s->context, path, body_out));
+    if (!status && input) status = session_avatar(s, input, model, *body_out, whole, avatar_out);
+    return status;
+}
+
 double seconds_now(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);

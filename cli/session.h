@@ -50,6 +50,11 @@ int session_observation(session *s, const char *path, const sherf_model *model, 
 int session_avatar(session *s, const char *input, const char *model, const sherf_body *body, bool whole,
                    sherf_avatar **out);
 
+/* The body of --body, and the avatar in `input` unless that is NULL: session_body and session_avatar
+ * together. The caller frees both, whatever the answer. */
+int session_person(session *s, const char *input, const char *body, const char *model, bool whole,
+                   sherf_body **body_out, sherf_avatar **avatar_out);
+
 double seconds_now(void); /* monotonic */
 /* Makes the folder and those above it. */
 int session_folder(const char *path);

@@ -461,6 +461,7 @@ async function filmMake() {
     filmCall("DELETE").catch(() => {});
     $("film-box").close();
   } catch (error) {
+    filmCall("DELETE").catch(() => {});
     $("film-note").textContent = error.message;
   }
   filmShow(false);
@@ -513,7 +514,7 @@ function connect() {
   $("theme").onclick = () => setTheme(document.documentElement.dataset.theme === "light" ? "dark" : "light");
   $("help").onclick = () => $("help-box").showModal();
   $("play").onclick = () => setPlaying(!play.on);
-  $("line").oninput = (e) => { setPlaying(false); setFrame(Number(e.target.value)); };
+  $("line").oninput = (e) => { const n = Number(e.target.value); setPlaying(false); setFrame(n); };
   $("rate").onchange = (e) => { play.rate = Number(e.target.value); stage.focus(); };
   $("loop").onclick = toggleLoop;
   for (const id of ["film-kind", "film-seconds", "film-fps"]) $(id).oninput = filmNote;

@@ -68,16 +68,10 @@ static sherf_status find_neighbours(context *c, const surface *s, int32_t *neigh
 
 static void find_normals(const surface *s, float *facing, float *flat) {
     for (int64_t t = 0; t < s->triangles; t++) {
-        const float *p[3];
-        double sum[3] = {0}, u[3], v[3], n[3], long_sum = 0, long_flat = 0;
-        for (int k = 0; k < 3; k++) p[k] = s->position + 3 * (size_t)s->triangle[3 * t + k];
+        double sum[3] = {0}, n[3], long_sum = 0, long_flat = 0;
+        surface_cross(s, t, n);
         for (int k = 0; k < 3; k++) {
-            u[k] = (double)p[1][k] - p[0][k], v[k] = (double)p[2][k] - p[0][k];
             for (int i = 0; i < 3; i++) sum[k] += s->normal[3 * (size_t)s->triangle[3 * t + i] + (size_t)k];
-        }
-        for (int k = 0; k < 3; k++) {
-            int a = (k + 1) % 3, b = (k + 2) % 3;
-            n[k] = u[a] * v[b] - u[b] * v[a];
             long_flat += n[k] * n[k];
             long_sum += sum[k] * sum[k];
         }
@@ -149,11 +143,7 @@ static int32_t grow_chart(cutter *w, int32_t seed, chart *k, int32_t number) {
         for (int32_t i = 0; i < count; i++)
             for (int d = 0; d < 3; d++) axis[d] += w->facing[3 * (size_t)queue[i] + (size_t)d];
     }
-    if (!count) { /* cannot happen: round 0 always grows */
-        w->owner[seed] = number;
-        queue[count++] = seed;
-    }
-    return count;
+    return count; /* round 0 takes the seed at least */
 }
 
 static void flatten(const chart *k, const float p[3], double out[2]) {
@@ -438,14 +428,8 @@ void atlas_free(atlas *a) {
 static double area_of(const surface *s) {
     double sum = 0;
     for (int64_t t = 0; t < s->triangles; t++) {
-        const float *p[3];
         double n[3];
-        for (int k = 0; k < 3; k++) p[k] = s->position + 3 * (size_t)s->triangle[3 * t + k];
-        for (int k = 0; k < 3; k++) {
-            int i = (k + 1) % 3, j = (k + 2) % 3;
-            n[k] = ((double)p[1][i] - p[0][i]) * ((double)p[2][j] - p[0][j]) -
-                   ((double)p[1][j] - p[0][j]) * ((double)p[2][i] - p[0][i]);
-        }
+        surface_cross(s, t, n);
         sum += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
     }
     return sum;

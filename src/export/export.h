@@ -78,6 +78,8 @@ void surface_free(surface *s);
 sherf_status cubes_surface(context *c, const field_grid *g, float level, surface *out);
 
 /* ---- mesh.c ---- */
+/* Twice the triangle's area times its normal. */
+void surface_cross(const surface *s, int64_t t, double out[3]);
 /* Keeps the connected components whose area is at least `share` of the largest one's and that are not
  * cavities; *dropped (may be NULL): how many were not. Unused vertices go. */
 sherf_status surface_keep_large(context *c, surface *s, double share, int *dropped);

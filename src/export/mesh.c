@@ -11,8 +11,7 @@ void surface_free(surface *s) {
     *s = (surface){0};
 }
 
-/* Twice the triangle's area times its normal. */
-static void triangle_cross(const surface *s, int64_t t, double out[3]) {
+void surface_cross(const surface *s, int64_t t, double out[3]) {
     const float *p[3];
     double u[3], v[3];
     for (int k = 0; k < 3; k++) p[k] = s->position + 3 * (size_t)s->triangle[3 * t + k];
@@ -40,7 +39,7 @@ static void measure(const surface *s, uint32_t *parent, double *area, double *vo
         const uint32_t root = root_of(parent, s->triangle[3 * t]);
         const float *p = s->position + 3 * (size_t)s->triangle[3 * t];
         double n[3];
-        triangle_cross(s, t, n);
+        surface_cross(s, t, n);
         area[root] += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
         volume[root] += n[0] * p[0] + n[1] * p[1] + n[2] * p[2];
     }
@@ -129,7 +128,7 @@ sherf_status surface_normals(context *c, surface *s, const field_grid *g) {
     }
     for (int64_t t = 0; t < s->triangles; t++) {
         double n[3];
-        triangle_cross(s, t, n);
+        surface_cross(s, t, n);
         for (int i = 0; i < 9; i++) sum[3 * (size_t)s->triangle[3 * t + i / 3] + (size_t)(i % 3)] += n[i % 3];
     }
     for (size_t v = 0; v < V; v++) {

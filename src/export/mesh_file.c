@@ -14,6 +14,8 @@ static sherf_status text_write(context *c, output_file *f, const char *format, .
     va_start(args, format);
     int n = vsnprintf(text, sizeof text, format, args);
     va_end(args);
+    if (n < 0 || (size_t)n >= sizeof text)
+        return failure(c, SHERF_BAD_ARGUMENT, "export: a line is too long");
     return output_write(c, f, text, (size_t)n);
 }
 

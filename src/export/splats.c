@@ -52,16 +52,9 @@ static void take(taken *h, const splats *s, int32_t i) {
 static double areas_of(const surface *s, double *sum) {
     double all = 0;
     for (int64_t t = 0; t < s->triangles; t++) {
-        const float *p[3];
-        double n2 = 0;
-        for (int k = 0; k < 3; k++) p[k] = s->position + 3 * (size_t)s->triangle[3 * t + k];
-        for (int k = 0; k < 3; k++) {
-            int i = (k + 1) % 3, j = (k + 2) % 3;
-            double n = ((double)p[1][i] - p[0][i]) * ((double)p[2][j] - p[0][j]) -
-                       ((double)p[1][j] - p[0][j]) * ((double)p[2][i] - p[0][i]);
-            n2 += n * n;
-        }
-        sum[t] = all += sqrt(n2) / 2;
+        double n[3];
+        surface_cross(s, t, n);
+        sum[t] = all += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
     }
     return all;
 }

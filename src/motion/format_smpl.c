@@ -97,12 +97,15 @@ static void recognise(const value *root, const parts *p, int64_t numbers, source
     }
 }
 
-static sherf_status read_rate(context *c, const parts *p, double *fps, bool *said) {
-    if (!p->rate) return SHERF_OK;
+/* What the options say counts more, and helps where the file talks nonsense. */
+static sherf_status read_rate(context *c, const parts *p, const sherf_motion_options *o, double *fps,
+                              bool *said) {
+    if (!p->rate || o->source_fps > 0) return SHERF_OK;
     double rate;
     sherf_status status = value_doubles(c, p->rate, "frame rate", 1, &rate);
     if (!status && !(rate >= 0.01 && rate <= 10000))
-        status = failure(c, SHERF_BAD_FILE, "frame rate: %g a second", rate);
+        status =
+            failure(c, SHERF_BAD_FILE, "frame rate: %g a second, must be 0.01 to 10000; give another", rate);
     if (!status) *fps = rate, *said = true;
     return status;
 }
@@ -131,7 +134,7 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     if (frames < 1) return failure(c, SHERF_BAD_FILE, "poses: no rows of numbers");
     recognise(root, &p, value_numbers(rows) / frames, s, &fps);
     sherf_status status = source_shapes(c, s, p.shapes);
-    if (!status) status = read_rate(c, &p, &fps, &s->fps_said);
+    if (!status) status = read_rate(c, &p, o, &fps, &s->fps_said);
     if (!status) status = source_frames(c, s, o, frames, fps);
     if (!status && p.whole)
         status = rotation_rows(c, "poses", p.whole, o->rotations, whole_joints, 0, 22, &s->clip);

@@ -8,15 +8,26 @@
 enum { TRACKS_MOST = 256, PEOPLE_MOST = 1 << 23 }; /* in all frames together */
 static const int whole_joints[] = {24, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
 
-/* ---- WHAM: {track: {pose, trans, pose_world, trans_world, betas, frame_ids}} ---- */
+/* ---- WHAM: {track: {pose, trans, pose_world, trans_world, betas, frame_ids}}, axis-angle; its first version
+ * {track: {poses_root_world, poses_body, trans_world, betas, frame_id}}, matrices ---- */
 
 static const value *either(const value *v, const char *a, const char *b) {
     const value *found = value_get(v, a);
     return found ? found : value_get(v, b);
 }
 
+static bool wham_track_by_parts(const value *v) {
+    return value_get(v, "poses_root_world") && value_get(v, "poses_body");
+}
+
 static bool wham_track_is(const value *v) {
-    return value_get(v, "pose_world") || (value_get(v, "pose") && value_get(v, "frame_ids"));
+    return value_get(v, "pose_world") || wham_track_by_parts(v) ||
+           (value_get(v, "pose") && either(v, "frame_ids", "frame_id"));
+}
+
+/* Rotations, a row a frame. */
+static const value *wham_rows(const value *track) {
+    return wham_track_by_parts(track) ? value_get(track, "poses_body") : either(track, "pose_world", "pose");
 }
 
 /* The item of frame n; NULL where nobody is in it. */
@@ -65,7 +76,7 @@ static sherf_status wham_find(context *c, const value *root, const sherf_motion_
         if (!wham_track_is(track)) continue;
         count++;
         key_text(root->dict.pair[i].key, name);
-        int64_t rows = parse_rows(either(track, "pose_world", "pose"));
+        int64_t rows = parse_rows(wham_rows(track));
         if (o->track ? strcmp(name, o->track) : rows <= longest) continue;
         longest = rows, *out = track;
         memcpy(taken, name, sizeof taken);
@@ -95,21 +106,29 @@ static sherf_status wham_read(context *c, const value *root, const sherf_motion_
     const value *track;
     sherf_status status = wham_find(c, root, o, s, &track);
     if (status) return status;
-    bool world = value_get(track, "pose_world") && value_get(track, "trans_world");
-    const value *pose = value_get(track, world ? "pose_world" : "pose");
+    const bool parts = wham_track_by_parts(track);
+    const bool world = parts || (value_get(track, "pose_world") && value_get(track, "trans_world"));
+    const value *pose = parts ? wham_rows(track) : value_get(track, world ? "pose_world" : "pose");
     const value *trans = value_get(track, world ? "trans_world" : "trans");
     s->format = world ? "WHAM" : "WHAM, camera's view";
     s->up = world ? SHERF_UP_Y : SHERF_UP_MINUS_Y;
     s->unit_m = 1;
     status = source_shapes(c, s, value_get(track, "betas"));
     if (!status) status = source_frames(c, s, o, parse_rows(pose), 30);
-    if (!status) status = rotation_rows(c, "pose", pose, o->rotations, whole_joints, 0, 24, &s->clip);
+    if (!status && parts) {
+        status = rotation_rows(c, "poses_body", pose, o->rotations, body_joints, 1, 23, &s->clip);
+        if (!status)
+            status = rotation_rows(c, "poses_root_world", value_get(track, "poses_root_world"), o->rotations,
+                                   root_joint, 0, 1, &s->clip);
+    } else if (!status) {
+        status = rotation_rows(c, "pose", pose, o->rotations, whole_joints, 0, 24, &s->clip);
+    }
     for (int i = 0; i < s->clip.frames && trans && !status; i++) {
         double place[3];
         status = parse_row(c, trans, (size_t)i, "trans", 3, place);
         for (int a = 0; a < 3 && !status; a++) s->clip.pelvis_m[i][a] = (float)place[a];
     }
-    return status ? status : read_numbers(c, value_get(track, "frame_ids"), s);
+    return status ? status : read_numbers(c, either(track, "frame_ids", "frame_id"), s);
 }
 
 /* ---- PHALP: {frame: {smpl: [{global_orient, body_pose, betas}], camera: [..], tid: [..]}} ---- */

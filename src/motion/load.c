@@ -121,8 +121,9 @@ static void describe(const source *s, int frames, sherf_up up, double unit_m, ch
     if (unit_m == 0.001) snprintf(unit, sizeof unit, "millimetres");
     if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
         snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
-    snprintf(out, size, "%s: %d frames, %.4g a second%s, %s, %s%s%s%s", s->format, frames, s->clip.fps,
-             s->fps_said ? "" : " (assumed)", up_name[up], s->is_pelvis ? "" : unit,
+    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s, %s%s%s%s", s->format, frames,
+             frames == 1 ? "" : "s", s->clip.fps, s->fps_said ? "" : " (assumed)", up_name[up],
+             s->is_pelvis ? "" : unit,
              s->is_pelvis ? ""
              : *s->detail ? ", "
                           : "",
@@ -184,6 +185,7 @@ sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, c
     source s = {0};
     sherf_status status;
     *out = NULL;
+    if (!bytes) return failure(c, SHERF_BAD_FILE, "the file is empty");
     if (bvh_is(data, bytes)) {
         status = bvh_parse(c, data, bytes, &b);
         if (!status) status = bvh_source_read(c, b, o, &s);

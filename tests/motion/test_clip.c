@@ -1,28 +1,6 @@
 /* Rotations between rotations, and what is done to clips in time and place. */
 #include "walk.h"
 
-typedef struct {
-    context *c;
-    body_model *body;
-    walk walk;
-} fixture;
-
-static int setup(void **state) {
-    static fixture f;
-    f.c = test_context();
-    assert_ok(f.c, body_load(f.c, "../assets/body.safetensors", &f.body));
-    walk_make(f.body, &f.walk);
-    *state = &f;
-    return 0;
-}
-
-static int teardown(void **state) {
-    fixture *f = *state;
-    sherf_body_free(f->body);
-    sherf_context_free(f->c);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 static void some_turn(int n, double most_rad, float q[4]) {
     double v[3];
     for (int k = 0; k < 3; k++) v[k] = most_rad * (2 * random_uniform(77, (uint64_t)(3 * n + k)) - 1);

@@ -5,28 +5,6 @@
 #include "data/pickle_write.h"
 #include "io/value.h"
 
-typedef struct {
-    context *c;
-    body_model *body;
-    walk walk;
-} fixture;
-
-static int setup(void **state) {
-    static fixture f;
-    f.c = test_context();
-    assert_ok(f.c, body_load(f.c, "../assets/body.safetensors", &f.body));
-    walk_make(f.body, &f.walk);
-    *state = &f;
-    return 0;
-}
-
-static int teardown(void **state) {
-    fixture *f = *state;
-    sherf_body_free(f->body);
-    sherf_context_free(f->c);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 /* The file is the walk, to a millimetre at every vertex, and says so. `number`: the walk's frame that each of
  * the motion's frames shows; NULL: all. */
 static void assert_walk(const fixture *f, const char *path, const sherf_motion_options *wish, double fps,
@@ -283,6 +261,38 @@ static void wham(void **state) {
     sherf_motion_free(m);
     refused(f, path, &(sherf_motion_options){.track = "4"}, SHERF_BAD_ARGUMENT, "'4' among the 3");
     refused(f, path, &(sherf_motion_options){.track = "9"}, SHERF_BAD_FILE, "ascend");
+}
+
+/* The first version's files: matrices, the root by itself. */
+static void wham_by_parts(void **state) {
+    const fixture *f = *state;
+    const char *path = test_path("wham_parts.pkl");
+    static float body[WALK_FRAMES][23][9], root[WALK_FRAMES][9];
+    double ids[WALK_FRAMES];
+    arrays world;
+    arrays_of(&f->walk, walk_y_up, &world);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        ids[i] = i;
+        rodrigues(world.smpl[i], root[i]);
+        for (int j = 1; j < 24; j++) rodrigues(world.smpl[i] + 3 * j, body[i][j - 1]);
+    }
+    pickle_writer w;
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_int(&w, 0);
+    pickle_dict_open(&w);
+    pickle_string(&w, "poses_body");
+    pickle_floats(&w, 4, (const int[]){WALK_FRAMES, 23, 3, 3}, body[0][0]);
+    pickle_string(&w, "poses_root_world");
+    pickle_floats(&w, 4, (const int[]){WALK_FRAMES, 1, 3, 3}, root[0]);
+    pickle_string(&w, "trans_world");
+    pickle_floats(&w, 2, (const int[]){WALK_FRAMES, 3}, world.trans[0]);
+    pickle_string(&w, "frame_id");
+    pickle_doubles(&w, 1, (const int[]){WALK_FRAMES}, ids);
+    pickle_dict_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "WHAM", "y up");
 }
 
 /* One frame of PHALP: everybody's matrices. */
@@ -682,6 +692,7 @@ int main(void) {
                                        cmocka_unit_test(aist),
                                        cmocka_unit_test(gvhmr),
                                        cmocka_unit_test(wham),
+                                       cmocka_unit_test(wham_by_parts),
                                        cmocka_unit_test(phalp),
                                        cmocka_unit_test(joblib),
                                        cmocka_unit_test(easymocap),

@@ -40,6 +40,29 @@ static inline void walk_root(const walk *w, int i, double R[9], double pelvis_m[
     for (int k = 0; k < 3; k++) pelvis_m[k] = w->skeleton.rest_m[0][k] + w->pose[i].Th_m[k];
 }
 
+/* What every test of a program has. */
+typedef struct {
+    context *c;
+    body_model *body;
+    walk walk;
+} fixture;
+
+static inline int setup(void **state) {
+    static fixture f;
+    f.c = test_context();
+    assert_ok(f.c, body_load(f.c, "../assets/body.safetensors", &f.body));
+    walk_make(f.body, &f.walk);
+    *state = &f;
+    return 0;
+}
+
+static inline int teardown(void **state) {
+    fixture *f = *state;
+    sherf_body_free(f->body);
+    sherf_context_free(f->c);
+    return mem_live() == 0 ? 0 : -1;
+}
+
 /* Into a world whose axes are the rows of C, seen from ours: root turned, translation of SMPL's kind. */
 static inline void walk_in(const walk *w, int i, const double C[9], float root[3], float trans[3]) {
     double R[9], pelvis[3];

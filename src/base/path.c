@@ -51,6 +51,10 @@ sherf_status output_open(context *c, const char *path, output_file *out) {
         snprintf(out->temporary, sizeof out->temporary, "%s.%ld.part", path, (long)getpid()) >=
             (int)sizeof out->temporary)
         return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
+    struct stat info; /* the rename would put a file in a device's place: root would lose /dev/null */
+    if (stat(path, &info) == 0 && !S_ISREG(info.st_mode))
+        return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: it is a %s", path,
+                       S_ISDIR(info.st_mode) ? "folder" : "device or pipe, and files are put in place whole");
     out->file = fopen(out->temporary, "wb");
     if (!out->file) return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", path, strerror(errno));
     return SHERF_OK;

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "base/path.h"
+
 static void hash_generator(void **state) {
     /* splitmix64(0) is the published first output of the seed 0 generator. */
     assert_true(splitmix64(0) == 0xE220A8397B1DCDAFu);
@@ -61,9 +63,31 @@ static void parallel_covers_once(void **state) {
     sherf_context_free(c);
 }
 
+/* An output is renamed into place: never over a device or a folder. */
+static void outputs_are_files(void **state) {
+    context *c = test_context();
+    const char *bad[] = {"/dev/null", "/dev", "/nonexistent/file"};
+    for (size_t i = 0; i < COUNT_OF(bad); i++) {
+        output_file out;
+        assert_int_equal(output_open(c, bad[i], &out), SHERF_WRITE_FAILED);
+        assert_non_null(strstr(c->message, bad[i]));
+        output_abort(&out);
+    }
+    output_file out;
+    const char *path = test_path("whole");
+    for (int twice = 0; twice < 2; twice++) { /* an old file is replaced */
+        assert_ok(c, output_open(c, path, &out));
+        assert_ok(c, output_write(c, &out, "text", 4));
+        assert_ok(c, output_commit(c, &out));
+        assert_true(path_is_file(path));
+    }
+    sherf_context_free(c);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hash_generator), cmocka_unit_test(arena_reuses_memory),
-        cmocka_unit_test(failures_are_told), cmocka_unit_test(parallel_covers_once)};
+        cmocka_unit_test(failures_are_told), cmocka_unit_test(parallel_covers_once),
+        cmocka_unit_test(outputs_are_files)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

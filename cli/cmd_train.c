@@ -6,7 +6,7 @@ static struct {
     bool front_view;
     int64_t size, steps, images, targets, halve_every, sample_every, save_every, workers;
     double epochs, seconds, learning_rate, perceptual_weight;
-} set = {.preset = "paper"};
+} set;
 
 static const option options[] = {
     {'d', "data", OPTION_FILE, &set.data, "SPEC",

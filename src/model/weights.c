@@ -1,5 +1,6 @@
 /* Weights files: ours, and what sherf convert makes of the authors' checkpoints (sizes read from the
  * tensors). */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -90,6 +91,9 @@ static sherf_status parameter_read(context *c, const safetensors *s, parameter *
                        q->name, got, want);
     }
     sherf_status status = safetensors_floats(c, s, q->name, t->rank, t->dim, q->value.data);
+    for (int64_t i = 0, n = tensor_count(&q->value); i < n && status == SHERF_OK; i++)
+        if (!isfinite(((const float *)q->value.data)[i]))
+            status = failure(c, SHERF_BAD_FILE, "tensor %s holds a number that is not finite", q->name);
     if (status == SHERF_OK && is_const) status = transpose(c, q->value.data, q->value.dim[2], 16);
     return status;
 }

@@ -129,11 +129,31 @@ static sherf_status begin_new(trainer *t) {
     return adam_create(t->c, t->model->weights->trained_floats, &t->adam);
 }
 
+/* A preset that is asked for must be the checkpoint's; what a training measures itself is not compared. */
+static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
+    model_config wanted;
+    sherf_status status = model_config_parse(c, preset, &wanted);
+    if (status != SHERF_OK) return status;
+    wanted.image_size = has->image_size;
+    wanted.px_per_m = has->px_per_m;
+    char *a = model_config_text(c, &wanted), *b = model_config_text(c, has);
+    status = a && b ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK && strcmp(a, b) != 0)
+        status =
+            failure(c, SHERF_MISMATCH,
+                    "%s: of preset %s, not %s: leave the preset out to go on, or train into another folder",
+                    path, b, preset);
+    mem_free(a);
+    mem_free(b);
+    return status;
+}
+
 /* The checkpoint's state; what the options say otherwise is taken and told. */
 static sherf_status begin_again(trainer *t, const char *path) {
     const sherf_train_options *o = t->options;
     train_state *s = &t->state;
     sherf_status status = checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, s);
+    if (status == SHERF_OK && o->preset) status = same_preset(t->c, path, o->preset, &t->model->config);
     if (status != SHERF_OK) return status;
     t->resumed = true;
     train_state old = *s;

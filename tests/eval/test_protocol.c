@@ -162,6 +162,26 @@ static void mistakes_are_one_line(void **state) {
     sherf_context_free(c);
 }
 
+/* Weights that a training has lost. */
+static void weights_are_finite(void **state) {
+    context *c = test_context();
+    char path[700];
+    sherf_model *m;
+    unsigned char *data;
+    size_t bytes;
+    snprintf(path, sizeof path, "%s/nan.safetensors", root);
+    assert_ok(c, file_read(c, weights, (size_t)1 << 30, &data, &bytes));
+    memset(data + bytes - 64, 0xff, 4);
+    FILE *f = fopen(path, "wb");
+    assert_int_equal(fwrite(data, 1, bytes, f), bytes);
+    fclose(f);
+    mem_free(data);
+    assert_int_equal(sherf_model_load(c, path, &m), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "not finite"));
+    assert_null(m);
+    sherf_context_free(c);
+}
+
 /* A person who cannot be read is told with the file's name, and an empty folder does not stay. */
 static void broken_people_are_named(void **state) {
     context *c = test_context();
@@ -195,7 +215,8 @@ static void broken_people_are_named(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(listed_pictures),
-        cmocka_unit_test(the_protocol_as_far_as_it_goes), cmocka_unit_test(mistakes_are_one_line)};
+        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(weights_are_finite),
+        cmocka_unit_test(listed_pictures), cmocka_unit_test(the_protocol_as_far_as_it_goes),
+        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

@@ -184,6 +184,15 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     o.preset = "tiny";
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
     o = options_for(path_of("bad"), 7);
+    o.resume = path_of("whole/checkpoint.safetensors");
+    o.preset = "base";
+    assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "not base"));
+    assert_false(path_is_folder(path_of("bad")));
+    o.preset = NULL; /* the checkpoint's */
+    assert_ok(c, sherf_train(c, &o));
+    thuman_remove_folder(path_of("bad"));
+    o = options_for(path_of("bad"), 7);
     o.learning_rate = 1e30;
     assert_int_equal(sherf_train(c, &o), SHERF_OK); /* seven steps are too few to give up */
     assert_int_equal(mem_live(), live);

@@ -70,7 +70,7 @@ static double difference(const clip *a, const clip *b) {
 }
 
 static void resampling(void **state) {
-    context *c = ((fixture *)*state)->c;
+    context *c = ((walk_fixture *)*state)->c;
     clip slow, fast;
     steady(c, 31, 30, &slow);
     steady(c, 101, 100, &fast);
@@ -88,7 +88,7 @@ static void resampling(void **state) {
 }
 
 static void gaps_are_filled(void **state) {
-    context *c = ((fixture *)*state)->c;
+    context *c = ((walk_fixture *)*state)->c;
     clip whole, part;
     steady(c, 10, 30, &whole);
     steady(c, 10, 30, &part);
@@ -109,7 +109,7 @@ static void gaps_are_filled(void **state) {
 }
 
 static void smoothing(void **state) {
-    context *c = ((fixture *)*state)->c;
+    context *c = ((walk_fixture *)*state)->c;
     clip clean, noisy, smooth;
     steady(c, 60, 30, &clean);
     steady(c, 60, 30, &smooth);
@@ -134,7 +134,7 @@ static void smoothing(void **state) {
 
 /* Played round and round, no step is longer than those of the clip itself by much, the seam's included. */
 static void loops_close(void **state) {
-    fixture *f = *state;
+    walk_fixture *f = *state;
     clip k;
     assert_ok(f->c, clip_create(f->c, 40, 30, &k));
     for (int i = 0; i < k.frames; i++) {
@@ -159,7 +159,7 @@ static void loops_close(void **state) {
 }
 
 static void lead_in(void **state) {
-    fixture *f = *state;
+    walk_fixture *f = *state;
     clip k;
     float turn[BODY_JOINTS][4], pelvis[3];
     steady(f->c, 5, 30, &k);
@@ -177,7 +177,7 @@ static void lead_in(void **state) {
 }
 
 static void up_and_root(void **state) {
-    fixture *f = *state;
+    walk_fixture *f = *state;
     static const double y[3] = {0, 1, 0};
     clip k;
     double up[3];
@@ -208,7 +208,7 @@ static void up_and_root(void **state) {
 
 /* The lowest vertex of the walk is near what the skeleton says. */
 static void lowest_is_near_the_mesh(void **state) {
-    fixture *f = *state;
+    walk_fixture *f = *state;
     static const double y[3] = {0, 1, 0};
     float *v = malloc((size_t)f->body->vertices * 3 * sizeof *v);
     for (int i = 0; i < WALK_FRAMES; i++) {
@@ -224,7 +224,7 @@ static void lowest_is_near_the_mesh(void **state) {
 /* In any world: the first frame stands where the pose stands, on its ground, facing as it does; distances and
  * relative turns are as they were. */
 static void starts_where_it_should(void **state) {
-    fixture *f = *state;
+    walk_fixture *f = *state;
     static const double worlds[][9] = {{1, 0, 0, 0, 1, 0, 0, 0, 1},
                                        {1, 0, 0, 0, 0, -1, 0, 1, 0},
                                        {1, 0, 0, 0, -1, 0, 0, 0, -1},
@@ -277,5 +277,5 @@ int main(void) {
                                        cmocka_unit_test(up_and_root),
                                        cmocka_unit_test(lowest_is_near_the_mesh),
                                        cmocka_unit_test(starts_where_it_should)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

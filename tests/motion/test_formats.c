@@ -7,7 +7,7 @@
 
 /* The file is the walk, to a millimetre at every vertex, and says so. `number`: the walk's frame that each of
  * the motion's frames shows; NULL: all. */
-static void assert_walk(const fixture *f, const char *path, const sherf_motion_options *wish, double fps,
+static void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *wish, double fps,
                         const char *part, const char *other) {
     sherf_motion_options o = wish ? *wish : (sherf_motion_options){0};
     sherf_motion *m;
@@ -26,8 +26,8 @@ static void assert_walk(const fixture *f, const char *path, const sherf_motion_o
     sherf_motion_free(m);
 }
 
-static void refused(const fixture *f, const char *path, const sherf_motion_options *o, sherf_status status,
-                    const char *part) {
+static void refused(const walk_fixture *f, const char *path, const sherf_motion_options *o,
+                    sherf_status status, const char *part) {
     sherf_motion *m;
     f->c->message[0] = 0;
     sherf_status got = sherf_motion_load(f->c, path, o, &m);
@@ -63,7 +63,7 @@ static float *rows(const float (*from)[165], int width) {
 static const float betas[16] = {0.5f, -0.25f};
 
 static void amass(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const float rate = 20;
     arrays a;
     arrays_of(&f->walk, walk_z_up, &a);
@@ -114,7 +114,7 @@ static void amass(void **state) {
 
 /* y up in a file that is usually z up, and rotations as matrices and quaternions. */
 static void found_by_content(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("found.npz");
     const float rate = 20;
     arrays a;
@@ -156,7 +156,7 @@ static void floats(pickle_writer *w, const char *key, int count, const float *da
 }
 
 static void aist(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("aist.pkl");
     const float scaling = 93.5f;
     arrays a;
@@ -184,7 +184,7 @@ static void aist(void **state) {
 }
 
 static void gvhmr(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("gvhmr.npz"), *nested = test_path("gvhmr.pkl");
     arrays a;
     float body[WALK_FRAMES][63], shape[WALK_FRAMES][10] = {{0}};
@@ -239,7 +239,7 @@ static void wham_track(pickle_writer *w, int id, int frames, const arrays *world
 }
 
 static void wham(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("wham.pkl");
     arrays world, camera;
     double ids[WALK_FRAMES], wrong[WALK_FRAMES] = {5, 4};
@@ -265,7 +265,7 @@ static void wham(void **state) {
 
 /* The first version's files: matrices, the root by itself. */
 static void wham_by_parts(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("wham_parts.pkl");
     static float body[WALK_FRAMES][23][9], root[WALK_FRAMES][9];
     double ids[WALK_FRAMES];
@@ -330,7 +330,7 @@ static void phalp_frame(pickle_writer *w, const walk *k, int frame, int others_b
 }
 
 static void phalp(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("phalp.pkl");
     pickle_writer w;
     pickle_begin(&w, f->c);
@@ -351,7 +351,7 @@ static void phalp(void **state) {
 
 /* Written by joblib 1.x's rules: the bytes of arrays stand in the stream, behind wrappers; packed or not. */
 static void joblib(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     static const char *const path[] = {"data/io/joblib.pkl", "data/io/joblib_zlib.pkl"};
     for (size_t n = 0; n < COUNT_OF(path); n++) {
         sherf_motion *m;
@@ -397,7 +397,7 @@ static void easymocap_person(FILE *out, const walk *w, int frame, int id) {
 }
 
 static void easymocap(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     char folder[512], path[600];
     snprintf(folder, sizeof folder, "%s", test_path("easymocap"));
     assert_ok(f->c, folder_make(f->c, folder));
@@ -435,7 +435,7 @@ static void easymocap(void **state) {
 
 /* What `sherf render --poses` reads: a list of poses under "frames". */
 static void poses_in_frames(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("frames.json");
     FILE *out = fopen(path, "wb");
     fprintf(out, "{\"frames\": [");
@@ -450,7 +450,7 @@ static void poses_in_frames(void **state) {
 }
 
 static void lhm(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     char folder[512], path[600];
     snprintf(folder, sizeof folder, "%s", test_path("smplx_params"));
     assert_ok(f->c, folder_make(f->c, folder));
@@ -478,7 +478,7 @@ static void lhm(void **state) {
 /* ---- BVH ---- */
 
 static void bvh_files(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("walk.bvh");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     assert_walk(f, path, NULL, 20, "names of SMPL", "y up");
@@ -498,7 +498,7 @@ static void bvh_files(void **state) {
 
 /* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
 static void captured_clips(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     static const char *const clip_of[] = {"/usr/share/assimp/models/BVH/01_01.bvh",
                                           "/usr/share/assimp/models/BVH/01_03.bvh"};
     static const double y[3] = {0, 1, 0};
@@ -520,7 +520,7 @@ static void captured_clips(void **state) {
 
 /* Written in AMASS's form and read again. */
 static void saved(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("walk2.bvh"), *npz = test_path("saved.npz");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     sherf_motion *m;
@@ -540,7 +540,7 @@ static void saved(void **state) {
 /* ---- the wishes together ---- */
 
 static void wishes(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("wishes.bvh");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     sherf_motion *m;
@@ -578,7 +578,7 @@ static void wishes(void **state) {
 /* ---- hostile ---- */
 
 static void wrong_numbers(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     const char *path = test_path("wrong.npz");
     const float rate = 20, none = 0;
     arrays a;
@@ -629,7 +629,7 @@ static void wrong_numbers(void **state) {
 /* Files of all families cut short and with changed bytes: an error in a line, or a motion, and nothing left.
  */
 static void damaged(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     static const char *const made[] = {"joblib",   "amass.npz", "aist.pkl", "gvhmr.pkl",
                                        "wham.pkl", "phalp.pkl", "walk.bvh", "easymocap.json"};
     size_t live = mem_live();
@@ -665,7 +665,7 @@ static void damaged(void **state) {
 
 /* Every allocation fails once: the status says so, and nothing stays. */
 static void without_memory(void **state) {
-    const fixture *f = *state;
+    const walk_fixture *f = *state;
     static const char *const made[] = {"amass.npz", "wham.pkl", "phalp.pkl", "walk.bvh", "easymocap.json"};
     sherf_pose start = f->walk.pose[0];
     const sherf_motion_options o = {
@@ -705,5 +705,5 @@ int main(void) {
                                        cmocka_unit_test(wrong_numbers),
                                        cmocka_unit_test(damaged),
                                        cmocka_unit_test(without_memory)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

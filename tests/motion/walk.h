@@ -45,10 +45,10 @@ typedef struct {
     context *c;
     body_model *body;
     walk walk;
-} fixture;
+} walk_fixture;
 
-static inline int setup(void **state) {
-    static fixture f;
+static inline int walk_setup(void **state) {
+    static walk_fixture f;
     f.c = test_context();
     assert_ok(f.c, body_load(f.c, "../assets/body.safetensors", &f.body));
     walk_make(f.body, &f.walk);
@@ -56,8 +56,8 @@ static inline int setup(void **state) {
     return 0;
 }
 
-static inline int teardown(void **state) {
-    fixture *f = *state;
+static inline int walk_teardown(void **state) {
+    walk_fixture *f = *state;
     sherf_body_free(f->body);
     sherf_context_free(f->c);
     return mem_live() == 0 ? 0 : -1;

@@ -92,9 +92,19 @@ static void inverted_camera(const sherf_camera *in, sherf_camera *out) {
 
 /* When the body misses the mask: would a usual mistake explain it? */
 static sherf_status explain_miss(checker *k, const char *what, const sherf_observation *o, double overlap) {
-    enum { MILLIMETRES, TO_WORLD, OPENGL, TH_MILLIMETRES, MIRRORED_POSE, MIRRORED_PICTURE, EXPLANATIONS };
+    enum {
+        MILLIMETRES,
+        METRES,
+        TO_WORLD,
+        OPENGL,
+        TH_MILLIMETRES,
+        MIRRORED_POSE,
+        MIRRORED_PICTURE,
+        EXPLANATIONS
+    };
     static const char *const says[EXPLANATIONS] = {
         "the camera's T in metres (are these millimetres?)",
+        "the camera's T times 1000 (are these metres, where the layout has millimetres?)",
         "R and T inverted (are these camera to world? world to camera is expected)",
         "y and z of the camera turned round (OpenGL axes? OpenCV's are expected)",
         "Th in metres (are these millimetres?)",
@@ -111,6 +121,7 @@ static sherf_status explain_miss(checker *k, const char *what, const sherf_obser
         if (e == MIRRORED_POSE) mirrored_pose(&o->pose, &pose);
         for (int i = 0; i < 3; i++) {
             if (e == MILLIMETRES) camera.T_m[i] /= 1000;
+            if (e == METRES) camera.T_m[i] *= 1000;
             if (e == TH_MILLIMETRES) pose.Th_m[i] /= 1000;
         }
         for (int i = 1; i < 3 && e == OPENGL; i++) {
@@ -141,14 +152,13 @@ static sherf_status check_view(checker *k, const char *what, const sherf_observa
     if (!k->body) return SHERF_OK;
     double overlap;
     sherf_status status = silhouette_overlap(k->c, o, k->body, &o->pose, &o->camera, false, &overlap);
-    if (!status) {
-        severity s = overlap < 0.3 ? FINDING_ERROR : overlap < 0.6 ? WARNING : NOTE;
-        finding(k, s,
-                s == NOTE ? "%s: the body covers the mask (overlap %.0f %%)"
-                          : "%s: the body does not cover the mask (overlap %.0f %%)",
-                what, overlap * 100);
-        if (s != NOTE) status = explain_miss(k, what, o, overlap);
-    }
+    if (status) return finding_of(k, failure_prefix(k->c, status, "%s", what));
+    severity s = overlap < 0.3 ? FINDING_ERROR : overlap < 0.6 ? WARNING : NOTE;
+    finding(k, s,
+            s == NOTE ? "%s: the body covers the mask (overlap %.0f %%)"
+                      : "%s: the body does not cover the mask (overlap %.0f %%)",
+            what, overlap * 100);
+    if (s != NOTE) status = explain_miss(k, what, o, overlap);
     if (!status && k->overlay) {
         status = silhouette_draw(k->c, o, k->body, k->overlay);
         if (!status) finding(k, NOTE, "%s: the body is drawn over the picture of %s", k->overlay, what);
@@ -260,7 +270,10 @@ static sherf_status check_views(checker *k, const sherf_dataset *d, int person, 
         bool there = !status && path_is_file(image) && path_is_file(mask);
         if (there && !(status = image_size(k->c, image, &size[0], &size[1], &channels)))
             status = image_size(k->c, mask, &mask_size[0], &mask_size[1], &channels);
-        if (there && status && (status = finding_of(k, status))) return status;
+        if (there && status) {
+            if ((status = finding_of(k, status))) return status;
+            continue;
+        }
         if (there && (size[0] != mask_size[0] || size[1] != mask_size[1]))
             finding(k, FINDING_ERROR, "%s: a mask of %d x %d pixels for a picture of %d x %d", mask,
                     mask_size[0], mask_size[1], size[0], size[1]);
@@ -290,7 +303,10 @@ static sherf_status check_vertices(checker *k, const sherf_dataset *d, int perso
         goto done;
     }
     status = posed_body_create(k->c, k->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
-    if (status) goto done;
+    if (status) {
+        status = finding_of(k, failure_prefix(k->c, status, "%s", parameters));
+        goto done;
+    }
     body_vertices_world(k->body, posed, ours);
     double worst = 0;
     for (size_t i = 0; i < count; i++) worst = fmax(worst, fabs((double)ours[i] - theirs[i]));

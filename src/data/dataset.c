@@ -212,6 +212,24 @@ sherf_status dataset_pose_paths(context *c, const sherf_dataset *d, int person, 
     return dataset_path(c, d, person, name, parameters);
 }
 
+/* A layout's pose files hold all of these: what is missing would be taken for zero and the person posed
+ * wrongly. */
+static sherf_status pose_file_whole(context *c, data_kind kind, const value *v) {
+    static const char *const annots[][2] = {
+        {"poses", "pose"}, {"shapes", "betas"}, {"R", "Rh"}, {"Th", "Th"}};
+    static const char *const humman[][2] = {{"body_pose", "body_pose"},
+                                            {"betas", "betas"},
+                                            {"global_orient", "global_orient"},
+                                            {"transl", "transl"}};
+    const char *const(*key)[2] = kind == DATA_HUMMAN ? humman : annots;
+    for (int i = 0; i < 4; i++)
+        if (!value_get(v, key[i][0]) && !value_get(v, key[i][1]))
+            return failure(c, SHERF_BAD_FILE, "no %s: a pose has %s", key[i][kind == DATA_ZJU && i == 2],
+                           kind == DATA_HUMMAN ? "betas, global_orient, body_pose and transl"
+                                               : "poses, shapes, R (or Rh) and Th");
+    return SHERF_OK;
+}
+
 sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int pose, sherf_pose *out) {
     const person_record *r;
     char parameters[PATH_LENGTH], vertices[PATH_LENGTH];
@@ -225,7 +243,8 @@ sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int po
     if ((status = dataset_pose_paths(c, d, person, pose, parameters, vertices)) ||
         (status = parse_file(c, parameters, &doc, NULL)))
         return status;
-    status = parse_pose(c, doc->root, out);
+    status = pose_file_whole(c, d->kind, doc->root);
+    if (!status) status = parse_pose(c, doc->root, out);
     if (status) failure_prefix(c, status, "%s", parameters);
     document_free(doc);
     return status;

@@ -242,6 +242,13 @@ static sherf_status show_observation(evaluation *e, const sherf_observation *o) 
     return sheet_put(e->c, &e->sheet, e->sheet_row, 0, &o->image, r);
 }
 
+/* Whose picture it was that could not be computed with. */
+static sherf_status named(evaluation *e, sherf_status status, int person, picture p) {
+    if (status == SHERF_OK || status == SHERF_NO_MEMORY || status == SHERF_CANCELLED) return status;
+    return failure_prefix(e->c, status, "%s, pose %d, view %d", sherf_dataset_person(e->data, person), p.pose,
+                          p.view);
+}
+
 /* pair: where on the sheet; -1: not on it. */
 static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, report_entry entry,
                                      int pair) {
@@ -254,7 +261,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
     if (e->frame.color.width != truth->image.width || e->frame.color.height != truth->image.height)
         sherf_frame_free(&e->frame);
     status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, NULL, &e->frame);
-    if (status != SHERF_OK) goto done;
+    if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
     if (e->mirror && (status = score_yardsticks(e, &k, truth, &entry)) != SHERF_OK) goto done;
@@ -302,8 +309,8 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     if (status != SHERF_OK) goto done;
     yardsticks_free(&e->yardsticks);
     if (e->mirror) status = yardsticks_create(c, e->body, e->mirror, observation, &e->yardsticks);
-    if (status != SHERF_OK) goto done;
-    if ((status = sherf_avatar_create(c, e->model, e->body, observation, &avatar)) != SHERF_OK) goto done;
+    if (status == SHERF_OK) status = sherf_avatar_create(c, e->model, e->body, observation, &avatar);
+    if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation)) != SHERF_OK) goto done;
     const int targets = observation_targets(s, i);
     int target = 0;

@@ -149,8 +149,9 @@ static inline void made_pose(int seed, double poses[72], double shapes[10], doub
     }
 }
 
-/* with_Rh: ZJU-MoCap's form, else THuman's with R. */
-static inline void make_parameters(context *c, const char *path, int seed, bool with_Rh) {
+/* with_Rh: ZJU-MoCap's form, else THuman's with R. Without the key `without`, unless that is NULL. */
+static inline void make_parameters_without(context *c, const char *path, int seed, bool with_Rh,
+                                           const char *without) {
     double poses[72], shapes[10], Rh[3], Th[3];
     pickle_writer w;
     make_parent(c, path);
@@ -161,15 +162,23 @@ static inline void make_parameters(context *c, const char *path, int seed, bool 
     for (int i = 0; i < 9; i++) wide[i] = R[i];
     pickle_begin(&w, c);
     pickle_dict_open(&w);
-    pickle_key_doubles(&w, "poses", with_Rh ? 1 : 72, with_Rh ? 72 : 1, poses);
-    pickle_key_doubles(&w, "shapes", 1, 10, shapes);
-    if (with_Rh)
-        pickle_key_doubles(&w, "Rh", 1, 3, Rh);
-    else
-        pickle_key_doubles(&w, "R", 3, 3, wide);
-    pickle_key_doubles(&w, "Th", 1, 3, Th);
+    const struct {
+        const char *key;
+        int rows, columns;
+        const double *v;
+    } all[] = {{"poses", with_Rh ? 1 : 72, with_Rh ? 72 : 1, poses},
+               {"shapes", 1, 10, shapes},
+               {with_Rh ? "Rh" : "R", with_Rh ? 1 : 3, 3, with_Rh ? Rh : wide},
+               {"Th", 1, 3, Th}};
+    for (size_t i = 0; i < COUNT_OF(all); i++)
+        if (!without || strcmp(all[i].key, without) != 0)
+            pickle_key_doubles(&w, all[i].key, all[i].rows, all[i].columns, all[i].v);
     pickle_dict_close(&w);
     assert_ok(c, pickle_finish_npy(&w, path));
+}
+
+static inline void make_parameters(context *c, const char *path, int seed, bool with_Rh) {
+    make_parameters_without(c, path, seed, with_Rh, NULL);
 }
 
 /* An npz of files that lie in the file system already. */

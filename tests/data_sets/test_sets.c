@@ -334,6 +334,10 @@ static void humman_is_read(void **state) {
     assert_pose(&v->pose, 6, true);
     sherf_observation_free(v);
     assert_fails(c, dataset_view(c, d, 0, 3, 1, 0, &v), SHERF_NO_FILE, "000003.npz");
+    float some[69] = {0};
+    npz_member three[] = {{"betas", 1, {10}, some}, {"body_pose", 1, {69}, some}, {"transl", 1, {3}, some}};
+    assert_ok(c, npz_write(c, join(root, "p0_a0/smpl_params/000006.npz"), 3, three));
+    assert_fails(c, dataset_view(c, d, 0, 6, 1, 0, &v), SHERF_BAD_FILE, "000006.npz: no global_orient");
     sherf_dataset_free(d);
     make_text(c, join(root, "train.txt"), "p1_a1\n");
     make_text(c, join(root, "test.txt"), "p0_a0\n");
@@ -429,7 +433,7 @@ static void broken_sets_are_refused(void **state) {
         {"mask", "000007.png: cannot be opened", SHERF_NO_FILE},
         {"mask size", "a mask of 39 x 30 pixels for a picture of 40 x 30", SHERF_MISMATCH},
         {"pose", "7.npy", SHERF_NO_FILE},
-        {"shape", "poses", SHERF_BAD_FILE},
+        {"shape", "poses has 69 numbers", SHERF_BAD_FILE},
     };
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
         made_annots a = plain_annots();
@@ -453,6 +457,9 @@ static void broken_sets_are_refused(void **state) {
             pickle_begin(&w, c);
             pickle_dict_open(&w);
             pickle_key_doubles(&w, "poses", 1, 69, short_pose);
+            pickle_key_doubles(&w, "shapes", 1, 10, short_pose);
+            pickle_key_doubles(&w, "Rh", 1, 3, short_pose);
+            pickle_key_doubles(&w, "Th", 1, 3, short_pose);
             pickle_dict_close(&w);
             assert_ok(c, pickle_finish_npy(&w, join(person, "new_params_neutral/7.npy")));
         }
@@ -466,6 +473,32 @@ static void broken_sets_are_refused(void **state) {
     size_t live = mem_live(); /* an error leaves nothing behind */
     assert_fails(c, sherf_dataset_open(c, person, &d), SHERF_BAD_FILE, "one person's folder");
     assert_true(mem_live() == live);
+    sherf_context_free(c);
+}
+
+/* What a pose file lacks is told: taken for zero it would pose the person wrongly in silence. */
+static void poses_are_whole(void **state) {
+    context *c = test_context();
+    const char *root = fresh_root("whole");
+    char person[PATH_LENGTH], spec[PATH_LENGTH + 32], no[32];
+    snprintf(person, sizeof person, "%s", join(root, "p"));
+    made_annots a = plain_annots();
+    sherf_pose pose;
+    for (int zju = 0; zju < 2; zju++) {
+        const char *const keys[] = {"poses", "shapes", zju ? "Rh" : "R", "Th"};
+        snprintf(spec, sizeof spec, "%s:%s", zju ? "zju" : "thuman", root);
+        for (size_t i = 0; i < COUNT_OF(keys); i++) {
+            make_thuman_person(c, person, &a);
+            const char *file = join(person, zju ? "new_params/3.npy" : "new_params_neutral/3.npy");
+            make_parameters(c, file, 3, zju);
+            sherf_dataset *d = opened(c, spec);
+            assert_ok(c, dataset_pose(c, d, 0, 0, &pose));
+            make_parameters_without(c, file, 3, zju, keys[i]);
+            snprintf(no, sizeof no, "3.npy: no %s:", keys[i]);
+            assert_fails(c, dataset_pose(c, d, 0, 0, &pose), SHERF_BAD_FILE, no);
+            sherf_dataset_free(d);
+        }
+    }
     sherf_context_free(c);
 }
 
@@ -549,6 +582,7 @@ int main(void) {
         cmocka_unit_test(humman_is_read),
         cmocka_unit_test(the_papers_splits),
         cmocka_unit_test(broken_sets_are_refused),
+        cmocka_unit_test(poses_are_whole),
         cmocka_unit_test(threads_share_a_set),
         cmocka_unit_test(memory_runs_out),
     };

@@ -202,12 +202,16 @@ static void check_finds_faults(void **state) {
     assert_finding(c, broken, body, 1, "does not cover the mask");
     rewrite_cameras(c, broken, 1, true);
     assert_finding(c, broken, body, 1, "camera to world");
+    rewrite_cameras(c, broken, 0.001, false);
+    assert_finding(c, broken, body, 1, "are these metres");
     rewrite_cameras(c, broken, 1, false);
     assert_finding(c, broken, body, 0, "covers the mask");
     make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 40, 30, 0, 1);
     assert_int_equal(unlink(join(broken, "tube_000/view03/000001.png")), 0);
     assert_finding(c, broken, body, 2, "a mask of 40 x 30 pixels for a picture of 64 x 64");
     assert_finding(c, broken, body, 2, "view03/000001.png: the picture is missing");
+    make_text(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), "");
+    assert_finding(c, broken, body, 2, "neither PNG nor JPEG");
     assert_int_equal(unlink(join(broken, "tube_000/new_params_neutral/1.npy")), 0);
     assert_finding(c, broken, NULL, 3, "1.npy: the pose is missing");
     make_text(c, join(broken, "tube_000/annots.npy"), "rubbish");

@@ -200,6 +200,12 @@ static void broken_people_are_named(void **state) {
                             .views = "1",
                             .output = folder};
     sherf_scores scores;
+    static uint8_t corner[48 * 48] = {1}; /* a mask that the body does not reach */
+    snprintf(path, sizeof path, "%s/tube_000/mask_cihp/view00/000000.png", broken);
+    assert_ok(c, png_write(c, path, 48, 48, 1, corner));
+    assert_int_equal(sherf_eval(c, &o, &scores), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "tube_000, pose 0, view 0: no part of the body"));
+    assert_false(path_is_folder(folder));
     snprintf(path, sizeof path, "%s/tube_000/view00/000000.png", broken);
     assert_int_equal(unlink(path), 0);
     assert_int_equal(sherf_eval(c, &o, &scores), SHERF_NO_FILE);

@@ -1,10 +1,11 @@
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "eval/lpips_file.h"
 #include "io/safetensors.h"
 
-/* Fills `to` from the first of the files that has `name`, whose rank may differ ([1, C, 1, 1] heads). */
+/* Fills `to` from the first of the files that has `name`. A head's rank may differ ([1, C, 1, 1]). */
 static sherf_status fill(context *c, safetensors *const *file, int files, const char *name, tensor *to,
                          bool *found) {
     *found = false;
@@ -12,12 +13,21 @@ static sherf_status fill(context *c, safetensors *const *file, int files, const 
         const safetensor *s = safetensors_find(file[f], name);
         if (!s) continue;
         int64_t n = 1;
-        for (int i = 0; i < s->rank; i++) n *= s->dim[i]; /* checked by the reader: it fits the file */
+        bool same = to->rank == 1 || s->rank == to->rank;
+        for (int i = 0; i < s->rank; i++) {
+            n *= s->dim[i]; /* checked by the reader: it fits the file */
+            same = same && (to->rank == 1 || s->dim[i] == to->dim[i]);
+        }
         if (n != tensor_count(to))
             return failure(c, SHERF_MISMATCH, "%s holds %lld values, %lld are expected", name, (long long)n,
                            (long long)tensor_count(to));
+        if (!same) return failure(c, SHERF_MISMATCH, "%s has another shape than VGG16's", name);
         *found = true;
-        return safetensors_floats(c, file[f], name, s->rank, s->dim, to->data);
+        sherf_status status = safetensors_floats(c, file[f], name, s->rank, s->dim, to->data);
+        for (int64_t i = 0; i < n && status == SHERF_OK; i++)
+            if (!isfinite(((const float *)to->data)[i]))
+                status = failure(c, SHERF_BAD_FILE, "%s holds a number that is not finite", name);
+        return status;
     }
     return SHERF_OK;
 }
@@ -77,6 +87,10 @@ sherf_status lpips_load(context *c, const char *paths, lpips_network **out) {
         }
         if ((status = safetensors_read(c, path, &file[files])) != SHERF_OK) goto done;
         files++;
+    }
+    if (!files) {
+        status = failure(c, SHERF_BAD_ARGUMENT, "\"%s\": no file of VGG16 is named", paths);
+        goto done;
     }
     if ((status = lpips_create(c, &n)) != SHERF_OK) goto done;
     for (int i = 0; i < LPIPS_CONVOLUTIONS && status == SHERF_OK; i++) {

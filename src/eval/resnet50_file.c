@@ -1,3 +1,4 @@
+#include <math.h>
 #include <stdio.h>
 
 #include "eval/resnet50_file.h"
@@ -7,7 +8,11 @@ static sherf_status fill(context *c, const safetensors *file, const char *layer,
                          tensor *to) {
     char name[64];
     snprintf(name, sizeof name, "%s.%s", layer, part);
-    return safetensors_floats(c, file, name, to->rank, to->dim, to->data);
+    sherf_status status = safetensors_floats(c, file, name, to->rank, to->dim, to->data);
+    for (int64_t i = 0, n = tensor_count(to); i < n && status == SHERF_OK; i++)
+        if (!isfinite(((const float *)to->data)[i]))
+            status = failure(c, SHERF_BAD_FILE, "%s holds a number that is not finite", name);
+    return status;
 }
 
 sherf_status resnet50_load(context *c, const char *path, resnet50_network **out) {

@@ -252,15 +252,24 @@ static const value *vgg_tensor(const named_arrays *n, int k, const char *part) {
     return named_arrays_find(n, name);
 }
 
-static bool vgg16_is(const named_arrays *n) {
-    for (int k = 0, in = 3; k < 13; in = vgg_width[k++]) {
-        const value *w = vgg_tensor(n, k, "weight"), *b = vgg_tensor(n, k, "bias");
-        if (!w || !b || w->array.rank != 4 || w->array.dim[0] != vgg_width[k] || w->array.dim[1] != in ||
-            w->array.dim[2] != 3 || w->array.dim[3] != 3 || b->array.rank != 1 ||
-            b->array.dim[0] != vgg_width[k])
-            return false;
-    }
-    return true;
+/* VGG16, or a file that means to be it: of the 26 tensors most are there. `fault` is then what is wrong with
+ * the others, empty where nothing is. */
+static bool vgg16_is(const named_arrays *n, char *fault, size_t size) {
+    int there = 0;
+    fault[0] = 0;
+    for (int k = 0, in = 3; k < 13; in = vgg_width[k++])
+        for (int bias = 0; bias < 2; bias++) {
+            const char *part = bias ? "bias" : "weight";
+            const int64_t dim[] = {vgg_width[k], in, 3, 3};
+            const value *v = vgg_tensor(n, k, part);
+            bool same = v && v->array.rank == (bias ? 1 : 4);
+            for (int i = 0; same && i < v->array.rank; i++) same = v->array.dim[i] == dim[i];
+            there += v != NULL;
+            if (!same && !fault[0])
+                snprintf(fault, size, "VGG16's features.%d.%s %s", vgg_index[k], part,
+                         v ? "has another shape" : "is missing");
+        }
+    return there > 20;
 }
 
 static const value *head(const named_arrays *n, int k) {
@@ -302,7 +311,9 @@ static sherf_status weights(conversion *o, const value *root, const char *kind, 
         return failure(o->c, SHERF_MISMATCH,
                        "a %s file that is neither a body nor a snapshot nor known weights", kind);
     if (status != SHERF_OK) return status;
-    bool heads = true, vgg = vgg16_is(n);
+    char fault[96];
+    bool heads = true, vgg = vgg16_is(n, fault, sizeof fault);
+    if (vgg && fault[0]) return failure(o->c, SHERF_MISMATCH, "%s", fault);
     for (int k = 0; k < 5; k++) heads = heads && head(n, k);
     if (resnet18_is(n)) {
         convert_describe(o, "format", "resnet18");

@@ -64,6 +64,13 @@ static bool same_values(const tensor *x, const safetensor *t) {
     return true;
 }
 
+static sherf_status finite_check(context *c, const tensor *x, const char *name) {
+    for (int64_t i = 0, n = tensor_count(x); i < n; i++)
+        if (!isfinite(((const float *)x->data)[i]))
+            return failure(c, SHERF_BAD_FILE, "tensor %s holds a number that is not finite", name);
+    return SHERF_OK;
+}
+
 /* [C, P] <-> [P, C] in place of a small tensor. */
 static sherf_status transpose(context *c, float *v, int64_t rows, int64_t columns) {
     float *copy = mem_alloc(c, (size_t)(rows * columns), sizeof *copy);
@@ -91,9 +98,7 @@ static sherf_status parameter_read(context *c, const safetensors *s, parameter *
                        q->name, got, want);
     }
     sherf_status status = safetensors_floats(c, s, q->name, t->rank, t->dim, q->value.data);
-    for (int64_t i = 0, n = tensor_count(&q->value); i < n && status == SHERF_OK; i++)
-        if (!isfinite(((const float *)q->value.data)[i]))
-            status = failure(c, SHERF_BAD_FILE, "tensor %s holds a number that is not finite", q->name);
+    if (status == SHERF_OK) status = finite_check(c, &q->value, q->name);
     if (status == SHERF_OK && is_const) status = transpose(c, q->value.data, q->value.dim[2], 16);
     return status;
 }
@@ -172,31 +177,50 @@ sherf_status model_save(context *c, const model *m, const char *path) {
     return model_save_values(c, m, m->weights->values, path);
 }
 
-/* torchvision's names, without "encoder_2d.backbone.". */
-static const char *resnet_name(const char *name) {
-    static const char *const prefix[] = {"encoder_2d.backbone.", "encoder_2d_feature.backbone."};
-    for (size_t i = 0; i < COUNT_OF(prefix); i++)
-        if (!strncmp(name, prefix[i], strlen(prefix[i]))) return name + strlen(prefix[i]);
-    return NULL;
+/* One encoder starts from ResNet-18 whole or not at all: not where it has another width (*taken stays false).
+ */
+static sherf_status encoder_from_resnet(context *c, model *m, const safetensors *s, const char *encoder,
+                                        bool *taken) {
+    const size_t length = strlen(encoder);
+    for (int i = 0; i < m->weights->count; i++) {
+        parameter *q = m->weights->item[i];
+        if (strncmp(q->name, encoder, length)) continue;
+        const char *name = q->name + length;
+        const safetensor *t = safetensors_find(s, name);
+        if (!t) return failure(c, SHERF_MISMATCH, "%s is missing: no ResNet-18, or not all of it", name);
+        if (!same_values(&q->value, t)) {
+            if (!*taken && !strcmp(name, "conv1.weight")) return SHERF_OK;
+            char want[64], got[64];
+            tensor have = {.rank = t->rank};
+            for (int k = 0; k < t->rank; k++) have.dim[k] = t->dim[k];
+            tensor_shape_text(&q->value, want);
+            tensor_shape_text(&have, got);
+            return failure(c, SHERF_MISMATCH, "%s has shape %s, ResNet-18's is %s", name, got, want);
+        }
+        sherf_status status = safetensors_floats(c, s, name, t->rank, t->dim, q->value.data);
+        if (status == SHERF_OK) status = finite_check(c, &q->value, name);
+        if (status != SHERF_OK) return status;
+        *taken = true;
+    }
+    return SHERF_OK;
 }
 
 sherf_status model_load_resnet(context *c, model *m, const char *path) {
+    static const char *const encoder[] = {"encoder_2d.backbone.", "encoder_2d_feature.backbone."};
     safetensors *s = NULL;
+    bool taken[2] = {0};
     sherf_status status = safetensors_read(c, path, &s);
-    int used = 0;
     if (status != SHERF_OK) return status;
-    for (int i = 0; status == SHERF_OK && i < m->weights->count; i++) {
-        parameter *q = m->weights->item[i];
-        const char *name = resnet_name(q->name);
-        const safetensor *t = name ? safetensors_find(s, name) : NULL;
-        if (!t || !same_values(&q->value, t)) continue;
-        status = safetensors_floats(c, s, name, t->rank, t->dim, q->value.data);
-        used++;
-    }
-    if (status == SHERF_OK && !used)
-        status = failure(c, SHERF_MISMATCH,
-                         "no ResNet-18 tensor fits: are the encoders 64 channels wide (preset paper)?");
-    if (status != SHERF_OK) status = failure_prefix(c, status, "%s", path);
+    for (int i = 0; i < 2 && status == SHERF_OK; i++)
+        status = encoder_from_resnet(c, m, s, encoder[i], &taken[i]);
+    if (status == SHERF_OK && !taken[0] && !taken[1])
+        status =
+            failure(c, SHERF_MISMATCH, "no ResNet-18 of 64 channels, as the encoders of preset paper are");
+    if (status != SHERF_OK)
+        status = failure_prefix(c, status, "%s", path);
+    else if (!taken[0])
+        log_line(c, SHERF_LOG_INFO, "%s: starts the feature encoder alone, the global one is %d wide, not 64",
+                 path, m->config.encoder_width);
     safetensors_free(s);
     return status;
 }

@@ -122,6 +122,34 @@ static void test_vgg16(void **state) {
     safetensors_free(s);
 }
 
+/* A file that means to be VGG16 is told which of its tensors is wrong. */
+static void test_vgg16_faults(void **state) {
+    context *c = *state;
+    static char name[26][32];
+    float *zeros = calloc(512 * 512 * 9, sizeof *zeros);
+    static const int index[] = {0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28},
+                     width[] = {64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512};
+    npz_member member[26];
+    for (int k = 0, in = 3; k < 13; in = width[k++])
+        for (int bias = 0; bias < 2; bias++) {
+            snprintf(name[2 * k + bias], sizeof name[0], "features.%d.%s", index[k],
+                     bias ? "bias" : "weight");
+            member[2 * k + bias] =
+                (npz_member){name[2 * k + bias], bias ? 1 : 4, {width[k], in, 3, 3}, zeros};
+        }
+    const char *path = test_path("vgg_faults.npz"), *out = test_path("no.safetensors");
+    assert_ok(c, npz_write(c, path, 25, member));
+    assert_int_equal(sherf_convert(c, path, out, NULL), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "features.28.bias is missing"));
+    member[4].dim[1] = 32;
+    assert_ok(c, npz_write(c, path, 26, member));
+    assert_int_equal(sherf_convert(c, path, out, NULL), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "features.5.weight has another shape"));
+    assert_false(path_is_file(out));
+    remove(path);
+    free(zeros);
+}
+
 static void test_resnet18(void **state) {
     context *c = *state;
     float *zeros = calloc(512 * 512 * 9, sizeof *zeros);
@@ -190,9 +218,9 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bodies),   cmocka_unit_test(test_snapshot),
-                                       cmocka_unit_test(test_heads),    cmocka_unit_test(test_vgg16),
-                                       cmocka_unit_test(test_resnet18), cmocka_unit_test(test_refused),
-                                       cmocka_unit_test(test_no_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_bodies),       cmocka_unit_test(test_snapshot),
+                                       cmocka_unit_test(test_heads),        cmocka_unit_test(test_vgg16),
+                                       cmocka_unit_test(test_vgg16_faults), cmocka_unit_test(test_resnet18),
+                                       cmocka_unit_test(test_refused),      cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -1,4 +1,4 @@
-# The kernels of src/tensor/cuda compiled as plain C++ and run on the host (support/cuda), where there is a C++
+# The kernels of src/tensor/cuda and src/render/cuda compiled as plain C++ and run on the host (support/cuda), where there is a C++
 # compiler: of the C compiler's family, since the sanitizers of two do not mix.
 if(NOT CMAKE_CXX_COMPILER AND CMAKE_C_COMPILER_ID MATCHES Clang)
   find_program(CLANGXX NAMES clang++)
@@ -13,14 +13,16 @@ if(NOT CMAKE_CXX_COMPILER)
   return()
 endif()
 enable_language(CXX)
-file(GLOB SHERF_CUDA_KERNELS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/src/tensor/cuda/*.cu)
+file(GLOB SHERF_CUDA_KERNELS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/src/tensor/cuda/*.cu
+     ${CMAKE_SOURCE_DIR}/src/render/cuda/*.cu)
 # What talks to the CUDA runtime and libraries has a stand-in in support/cuda.
-list(FILTER SHERF_CUDA_KERNELS EXCLUDE REGEX "/(runtime|product)\\.cu$")
+list(FILTER SHERF_CUDA_KERNELS EXCLUDE REGEX "/(runtime|product|frame_runtime)\\.cu$")
 set_source_files_properties(${SHERF_CUDA_KERNELS} PROPERTIES LANGUAGE CXX COMPILE_OPTIONS "-xc++")
 add_library(cuda_emulated STATIC ${SHERF_CUDA_KERNELS} support/cuda/cuda_emulated.cpp)
 set_target_properties(cuda_emulated PROPERTIES CXX_STANDARD 17 CXX_EXTENSIONS ON)
 target_include_directories(cuda_emulated PRIVATE ${CMAKE_SOURCE_DIR}/include ${CMAKE_SOURCE_DIR}/src support/cuda)
-target_compile_definitions(cuda_emulated PRIVATE CUDA_EMULATED cuda_backend=emulated_backend backend_cuda=backend_emulated)
+target_compile_definitions(cuda_emulated PRIVATE CUDA_EMULATED cuda_backend=emulated_backend backend_cuda=backend_emulated
+                           gpu_renderer_cuda=gpu_renderer_emulated)
 target_compile_options(cuda_emulated PRIVATE -O2 -ffp-contract=off)
 target_link_libraries(cuda_emulated PUBLIC sherf_static)
 target_compile_definitions(cuda_emulated INTERFACE HAVE_CUDA_EMULATED)

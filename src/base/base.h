@@ -19,6 +19,13 @@ extern "C" {
 
 #include "sherf/sherf.h"
 
+/* Before small functions that the processor and kernels of a GPU share. */
+#ifdef __CUDACC__
+#define HOST_AND_DEVICE __host__ __device__
+#else
+#define HOST_AND_DEVICE
+#endif
+
 typedef struct sherf_context context;
 
 struct sherf_context {

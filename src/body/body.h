@@ -5,6 +5,10 @@
 
 #include "base/base.h"
 
+#ifdef __cplusplus /* CUDA's sources */
+extern "C" {
+#endif
+
 enum { BODY_JOINTS = 24, BODY_SHAPES = 10, BODY_POSE_FEATURES = 207, BODY_VERTICES_MAX = 1 << 20 };
 
 struct sherf_body {
@@ -32,6 +36,13 @@ struct sherf_body {
 };
 typedef struct sherf_body body_model;
 
+/* What a pose is before it meets the vertices: R(pose)[1:] - I, the joints' transforms (rest to posed,
+ * relative to the rest pose), the body's to world. */
+typedef struct {
+    double feature[BODY_POSE_FEATURES], transform[BODY_JOINTS][12], to_world[12];
+    float shape[BODY_SHAPES];
+} joint_pose;
+
 /* 3 x 4 affine maps, row-major. */
 typedef struct posed_body {
     float *vertices_smpl;              /* V x 3 */
@@ -48,6 +59,7 @@ typedef struct posed_body {
     float *from_canonical;    /* canonical to world */
     struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
     float blend_m;            /* points' maps are blended with those of the vertex's neighbours; 0: not */
+    joint_pose *joints;       /* posed_joints_create only, which leaves out all that is by vertex */
 } posed_body;
 
 extern const float body_big_pose[72];
@@ -68,6 +80,10 @@ sherf_status body_create(context *c, const body_arrays *arrays, body_model **out
 /* Refuses what is not finite and an R that is not a rotation. */
 sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out);
+/* For a GPU, which poses the vertices itself: no array by vertex, no bounds, no grid. */
+sherf_status posed_joints_create(context *c, const body_model *m, const float pose_rad[72],
+                                 const float shape[10], const float R[9], const float Th[3],
+                                 posed_body **out);
 void posed_body_free(posed_body *p);
 void body_vertices_world(const body_model *m, const posed_body *p, float *vertices_world); /* V x 3 */
 void rodrigues(const float axis_angle_rad[3], float R[9]);
@@ -127,4 +143,7 @@ const vertex_shell *vertex_grid_shell(const vertex_grid *g); /* NULL before vert
 /* The body's canonical vertices have one grid, made with the body. */
 const vertex_grid *body_canonical_grid(const body_model *m);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

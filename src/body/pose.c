@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "body/body.h"
+#include "body/pose_vertex.h"
 
 /* ---- rotations ---- */
 static void rodrigues_double(const float axis_angle_rad[3], double R[9]) {
@@ -44,74 +44,20 @@ void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]) {
     for (int k = 0; k < 3; k++) axis_angle_rad[k] = (float)(scale * q[1 + k]);
 }
 
-/* ---- 3 x 4 affine maps in double ---- */
-static void affine_multiply(const double a[12], const double b[12], double out[12]) {
-    for (int r = 0; r < 3; r++)
-        for (int k = 0; k < 4; k++)
-            out[4 * r + k] = a[4 * r] * b[k] + a[4 * r + 1] * b[4 + k] + a[4 * r + 2] * b[8 + k] +
-                             (k == 3 ? a[4 * r + 3] : 0);
-}
-
-static bool affine_invert(const double a[12], double out[12]) {
-    double c00 = a[5] * a[10] - a[6] * a[9], c01 = a[6] * a[8] - a[4] * a[10],
-           c02 = a[4] * a[9] - a[5] * a[8];
-    double det = a[0] * c00 + a[1] * c01 + a[2] * c02;
-    if (!(fabs(det) > 1e-6)) return false; /* blended rotations have a determinant of at most 1 */
-    double s = 1 / det;
-    double m[9] = {c00 * s, (a[2] * a[9] - a[1] * a[10]) * s, (a[1] * a[6] - a[2] * a[5]) * s,
-                   c01 * s, (a[0] * a[10] - a[2] * a[8]) * s, (a[2] * a[4] - a[0] * a[6]) * s,
-                   c02 * s, (a[1] * a[8] - a[0] * a[9]) * s,  (a[0] * a[5] - a[1] * a[4]) * s};
-    for (int r = 0; r < 3; r++) {
-        memcpy(out + 4 * r, m + 3 * r, 3 * sizeof *m);
-        out[4 * r + 3] = -(m[3 * r] * a[3] + m[3 * r + 1] * a[7] + m[3 * r + 2] * a[11]);
-    }
-    return true;
-}
-
-static void blend(const float *weights, double transform[BODY_JOINTS][12], double out[12]) {
-    memset(out, 0, 12 * sizeof *out);
-    for (int j = 0; j < BODY_JOINTS; j++) {
-        double w = weights[j];
-        if (w == 0) continue;
-        for (int k = 0; k < 12; k++) out[k] += w * transform[j][k];
-    }
-}
-
-/* Joints twisted against each other can blend to a singular matrix: then the heaviest joint alone. */
-static void blend_inverse(const float *weights, double transform[BODY_JOINTS][12], const double blended[12],
-                          double out[12]) {
-    if (affine_invert(blended, out)) return;
-    int heaviest = 0;
-    for (int j = 1; j < BODY_JOINTS; j++)
-        if (weights[j] > weights[heaviest]) heaviest = j;
-    affine_invert(transform[heaviest], out); /* a rotation: always has one */
-}
-
 /* ---- posing ---- */
 typedef struct {
     const body_model *m;
     posed_body *p;
-    double feature[BODY_POSE_FEATURES];
-    double transform[BODY_JOINTS][12], to_world[12];
-    float shape[BODY_SHAPES];
+    joint_pose j;
 } pose_job;
 
 /* The offsets that keep volume, see body.h. */
 static void add_volume(const pose_job *job, size_t begin, size_t end) {
     const body_model *m = job->m;
-    for (size_t v = begin / 3; v < end / 3; v++)
-        for (size_t j = 1; j < BODY_JOINTS; j++) {
-            double k = m->pose_volume[v * BODY_JOINTS + j];
-            const double *F = job->feature + 9 * (j - 1);
-            if (k == 0) continue;
-            double p[3];
-            for (int i = 0; i < 3; i++) p[i] = (double)m->v_template[3 * v + i] - m->joint_template[j][i];
-            for (int r = 0; r < 3; r++) {
-                double sum = 0;
-                for (int i = 0; i < 3; i++) sum += 0.5 * (F[3 * r + i] + F[3 * i + r]) * p[i];
-                job->p->pose_offset[3 * v + r] -= (float)(k * sum);
-            }
-        }
+    for (size_t i = begin; i < end; i++)
+        job->p->pose_offset[i] =
+            volume_kept(job->p->pose_offset[i], (int)(i % 3), m->pose_volume + i / 3 * BODY_JOINTS,
+                        m->v_template + i / 3 * 3, m->joint_template, job->j.feature);
 }
 
 /* Rows (vertex, axis) [begin, end): pose blend shapes, streaming each feature once per block. */
@@ -121,41 +67,24 @@ static void add_blend_shapes(const pose_job *job, size_t begin, size_t end) {
     float *pose = job->p->pose_offset, *shape = job->p->shape_offset;
     memset(pose + begin, 0, (end - begin) * sizeof *pose);
     for (size_t k = 0; k < BODY_POSE_FEATURES && m->posedirs; k++) {
-        float f = (float)job->feature[k];
+        float f = (float)job->j.feature[k];
         const float *dir = m->posedirs + k * rows;
         if (f == 0) continue;
         for (size_t i = begin; i < end; i++) pose[i] += f * dir[i];
     }
     if (m->pose_volume) add_volume(job, begin, end);
-    for (size_t i = begin; i < end; i++) {
-        double sum = 0;
-        for (size_t b = 0; b < BODY_SHAPES; b++)
-            sum += (double)job->shape[b] * m->shapedirs[i * BODY_SHAPES + b];
-        shape[i] = (float)sum;
-    }
+    for (size_t i = begin; i < end; i++)
+        shape[i] = shape_offset_of(m->shapedirs + i * BODY_SHAPES, job->j.shape);
 }
 
-/* The maps of vertex v. With A the blended transform of this pose, B that of the big pose, o the offsets:
- *   to_canonical   x -> B (A^-1 x - o_pose - o_shape + o_pose,big)
- *   from_canonical x -> [R Th] A (B^-1 x - o_pose,big + o_shape + o_pose) */
 static void make_maps(const pose_job *job, size_t v, const double A[12], const double A_inverse[12],
                       const float *big_offset) {
     posed_body *p = job->p;
-    const double *B = job->m->canonical_blend + 12 * v, *B_inverse = job->m->canonical_inverse + 12 * v;
-    double to[12], from[12], shifted[12];
-    memcpy(shifted, A_inverse, sizeof shifted);
-    for (int k = 0; k < 3; k++)
-        shifted[4 * k + 3] += (double)big_offset[k] - p->pose_offset[3 * v + k] - p->shape_offset[3 * v + k];
-    affine_multiply(B, shifted, to);
-    memcpy(shifted, B_inverse, sizeof shifted);
-    for (int k = 0; k < 3; k++)
-        shifted[4 * k + 3] -= (double)big_offset[k] - p->pose_offset[3 * v + k] - p->shape_offset[3 * v + k];
-    affine_multiply(A, shifted, from);
-    affine_multiply(job->to_world, from, shifted);
-    for (int k = 0; k < 12; k++) {
-        p->to_canonical[12 * v + k] = (float)to[k];
-        p->from_canonical[12 * v + k] = (float)shifted[k];
-    }
+    const float *pose = p->pose_offset + 3 * v, *shape = p->shape_offset + 3 * v;
+    vertex_to_canonical(A_inverse, job->m->canonical_blend + 12 * v, big_offset, pose, shape,
+                        p->to_canonical + 12 * v);
+    vertex_from_canonical(A, job->m->canonical_inverse + 12 * v, job->j.to_world, big_offset, pose, shape,
+                          p->from_canonical + 12 * v);
 }
 
 static void pose_vertices(void *arg, int64_t begin, int64_t end, int thread) {
@@ -168,15 +97,11 @@ static void pose_vertices(void *arg, int64_t begin, int64_t end, int thread) {
         add_blend_shapes(job, 3 * (size_t)b, 3 * (size_t)stop);
         for (size_t v = (size_t)b; v < (size_t)stop; v++) {
             const float *weights = m->weights + v * BODY_JOINTS;
-            double A[12], A_inverse[12], x[3];
-            blend(weights, job->transform, A);
-            for (size_t k = 0; k < 3; k++)
-                x[k] =
-                    (double)m->v_template[3 * v + k] + p->shape_offset[3 * v + k] + p->pose_offset[3 * v + k];
-            for (size_t k = 0; k < 3; k++)
-                p->vertices_smpl[3 * v + k] =
-                    (float)(A[4 * k] * x[0] + A[4 * k + 1] * x[1] + A[4 * k + 2] * x[2] + A[4 * k + 3]);
-            blend_inverse(weights, job->transform, A, A_inverse);
+            double A[12], A_inverse[12];
+            blend_transforms(weights, job->j.transform, A);
+            pose_vertex(A, m->v_template + 3 * v, p->shape_offset + 3 * v, p->pose_offset + 3 * v,
+                        p->vertices_smpl + 3 * v);
+            blend_inverse(weights, job->j.transform, A, A_inverse);
             if (!m->canonical) { /* this is the canonical body itself */
                 memcpy(m->canonical_blend + 12 * v, A, sizeof A);
                 memcpy(m->canonical_inverse + 12 * v, A_inverse, sizeof A_inverse);
@@ -187,9 +112,7 @@ static void pose_vertices(void *arg, int64_t begin, int64_t end, int thread) {
 }
 
 /* A_k: the chain of rotations about the joints, relative to the rest pose. */
-static void pose_joints(pose_job *job, const float pose_rad[72]) {
-    const body_model *m = job->m;
-    posed_body *p = job->p;
+static void pose_joints(const body_model *m, const float pose_rad[72], joint_pose *job, posed_body *p) {
     double rest[BODY_JOINTS][3], global[BODY_JOINTS][12];
     for (int j = 0; j < BODY_JOINTS; j++) {
         int parent = m->parent[j];
@@ -261,6 +184,35 @@ static bool bounds_of(const posed_body *p, size_t vertices, float min[3], float 
     return finite;
 }
 
+static void joints_make(const body_model *m, const float pose_rad[72], const float shape[10],
+                        const float R[9], const float Th[3], joint_pose *j, posed_body *p) {
+    memcpy(j->shape, shape, sizeof j->shape);
+    memcpy(p->R, R, sizeof p->R);
+    memcpy(p->Th, Th, sizeof p->Th);
+    for (int r = 0; r < 3; r++) {
+        for (int k = 0; k < 3; k++) j->to_world[4 * r + k] = R[3 * r + k];
+        j->to_world[4 * r + 3] = Th[r];
+    }
+    pose_joints(m, pose_rad, j, p);
+}
+
+sherf_status posed_joints_create(context *c, const body_model *m, const float pose_rad[72],
+                                 const float shape[10], const float R[9], const float Th[3],
+                                 posed_body **out) {
+    *out = NULL;
+    sherf_status status = check_pose(c, pose_rad, shape, R, Th);
+    if (status != SHERF_OK) return status;
+    posed_body *p = mem_zero(c, 1, sizeof *p);
+    if (p) p->joints = mem_zero(c, 1, sizeof *p->joints);
+    if (!p || !p->joints) {
+        mem_free(p);
+        return SHERF_NO_MEMORY;
+    }
+    joints_make(m, pose_rad, shape, R, Th, p->joints, p);
+    *out = p;
+    return SHERF_OK;
+}
+
 sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out) {
     *out = NULL;
@@ -280,14 +232,7 @@ sherf_status posed_body_create(context *c, const body_model *m, const float pose
         goto fail;
     job->m = m;
     job->p = p;
-    memcpy(job->shape, shape, sizeof job->shape);
-    memcpy(p->R, R, sizeof p->R);
-    memcpy(p->Th, Th, sizeof p->Th);
-    for (int r = 0; r < 3; r++) {
-        for (int k = 0; k < 3; k++) job->to_world[4 * r + k] = R[3 * r + k];
-        job->to_world[4 * r + 3] = Th[r];
-    }
-    pose_joints(job, pose_rad);
+    joints_make(m, pose_rad, shape, R, Th, &job->j, p);
     parallel_for(c, m->vertices, 1024, pose_vertices, job);
     if (!bounds_of(p, n, p->min_smpl, p->max_smpl)) {
         status = failure(c, SHERF_BAD_ARGUMENT, "pose: shapes or pose put a vertex beyond 1000 km");
@@ -309,6 +254,7 @@ void posed_body_free(posed_body *p) {
     mem_free(p->shape_offset);
     mem_free(p->to_canonical);
     mem_free(p->from_canonical);
+    mem_free(p->joints);
     vertex_grid_free(p->near);
     mem_free(p);
 }

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/render.h"
+#include "render/ray.h"
 
 enum { CAMERA_SIZE_MAX = 1 << 15 };
 
@@ -37,15 +37,8 @@ sherf_status camera_check(context *c, const sherf_camera *camera) {
 
 void camera_project(const sherf_camera *camera, int64_t n, const float *points_world, float *uv_px,
                     float *depth_m) {
-    const float *K = camera->K, *R = camera->R, *T = camera->T_m;
     for (int64_t i = 0; i < n; i++) {
-        const float *p = points_world + 3 * i;
-        float x = R[0] * p[0] + R[1] * p[1] + R[2] * p[2] + T[0];
-        float y = R[3] * p[0] + R[4] * p[1] + R[5] * p[2] + T[1];
-        float z = R[6] * p[0] + R[7] * p[1] + R[8] * p[2] + T[2];
-        float w = K[6] * x + K[7] * y + K[8] * z + 1e-5f;
-        uv_px[2 * i] = (K[0] * x + K[1] * y + K[2] * z) / w;
-        uv_px[2 * i + 1] = (K[3] * x + K[4] * y + K[5] * z) / w;
+        const float z = project_point(camera->K, camera->R, camera->T_m, points_world + 3 * i, uv_px + 2 * i);
         if (depth_m) depth_m[i] = z;
     }
 }

@@ -114,21 +114,16 @@ static bool amx_possible(const point_sizes *s, const point_bank *b) {
 #endif
 }
 
-sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
-                                  const point_bank *bank, bool bf16, point_network **out) {
+sherf_status point_network_start(context *c, const point_sizes *sizes, const point_weights *weights,
+                                 const point_bank *bank, bool bf16, point_matrices *m, point_network **out) {
     *out = NULL;
-    point_matrices m = {0};
     sherf_status status = check_sizes(c, sizes);
     if (status) return status;
     point_network *n = mem_zero(c, 1, sizeof *n);
     if (!n) return SHERF_NO_MEMORY;
     n->s = *sizes;
     n->isa = isa_best();
-    n->bf16 = bf16 && amx_possible(sizes, bank);
-    if (bank->merged && !n->bf16) {
-        mem_free(n);
-        return failure(c, SHERF_UNSUPPORTED, "point network: a merged bank is for bf16 only");
-    }
+    n->bf16 = bf16;
     n->fused = 3 * sizes->token_width;
     n->position_width = 3 * (1 + 2 * sizes->position_frequencies);
     n->direction_width = 3 * (1 + 2 * sizes->direction_frequencies);
@@ -138,7 +133,23 @@ sherf_status point_network_create(context *c, const point_sizes *sizes, const po
     n->attention_width = sizes->heads * sizes->head_width;
     status = point_bank_prepare(c, n, weights, bank);
     if (!status) status = copy_vectors(c, n, weights);
-    if (!status) status = point_matrices_make(c, n, weights, &m);
+    if (!status) status = point_matrices_make(c, n, weights, m);
+    if (status)
+        point_network_free(n);
+    else
+        *out = n;
+    return status;
+}
+
+sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
+                                  const point_bank *bank, bool bf16, point_network **out) {
+    point_matrices m = {0};
+    point_network *n = NULL;
+    *out = NULL;
+    bf16 = bf16 && amx_possible(sizes, bank);
+    if (bank->merged && !bf16)
+        return failure(c, SHERF_UNSUPPORTED, "point network: a merged bank is for bf16 only");
+    sherf_status status = point_network_start(c, sizes, weights, bank, bf16, &m, &n);
 #if defined(__x86_64__)
     if (!status && n->bf16) status = point_amx_create(c, n, &m);
 #endif
@@ -399,6 +410,13 @@ static sherf_status shape_image(context *c, int width, int height, int channels,
     return SHERF_OK;
 }
 
+sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame) {
+    sherf_status status = shape_image(c, width, height, 3, &frame->color);
+    if (!status) status = shape_image(c, width, height, 1, &frame->opacity);
+    if (!status) status = shape_image(c, width, height, 1, &frame->depth);
+    return status;
+}
+
 sherf_status point_network_render(context *c, const point_network *n, const ray_bundle *rays,
                                   const point_set *points, const float background[3], bool early_stop,
                                   sherf_frame *frame) {
@@ -417,9 +435,7 @@ sherf_status point_network_render(context *c, const point_network *n, const ray_
     }
     w.pieces = (int64_t)((rays->width + BLOCK_SIDE - 1) / BLOCK_SIDE) *
                ((rays->height + BLOCK_SIDE - 1) / BLOCK_SIDE);
-    sherf_status status = shape_image(c, rays->width, rays->height, 3, &frame->color);
-    if (!status) status = shape_image(c, rays->width, rays->height, 1, &frame->opacity);
-    if (!status) status = shape_image(c, rays->width, rays->height, 1, &frame->depth);
+    sherf_status status = frame_shape(c, rays->width, rays->height, frame);
     if (!status) status = start_work(c, n, points, sizeof(block_space) + 64, &w);
     if (status) return status;
     frame->points = points->count;

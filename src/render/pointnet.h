@@ -8,6 +8,10 @@
 #include "render/render.h"
 #include "tensor/tensor.h"
 
+#ifdef __cplusplus /* CUDA's sources */
+extern "C" {
+#endif
+
 enum { POINT_LEVELS = 3, POINT_TOKENS = 3, POINT_DECODER_MAX = 16 };
 
 /* Sizes; the paper's in brackets. All but the token width may differ in other presets. */
@@ -85,10 +89,16 @@ bool point_network_in_bf16(const point_network *n); /* what it was made with, wh
 sherf_status point_network_run(context *c, const point_network *n, const point_set *points, float *rgb,
                                float *sigma);
 
+/* Room for the three pictures of a frame, kept where it has that size. */
+sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
+
 /* Colour, opacity, depth pictures of one frame from rays and points (compositing as network.md 6); out as in
  * sherf_frame, background RGB; early_stop: rays that are opaque skip the rest of their points. */
 sherf_status point_network_render(context *c, const point_network *n, const ray_bundle *rays,
                                   const point_set *points, const float background[3], bool early_stop,
                                   sherf_frame *frame);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -97,7 +97,14 @@ struct point_network {
     size_t scratch_bytes;
 };
 
+/* pointnet.c: all but the packing of the layers for a kind of tile. *m is made even where it fails; free it.
+ */
+sherf_status point_network_start(context *c, const point_sizes *sizes, const point_weights *weights,
+                                 const point_bank *bank, bool bf16, point_matrices *m, point_network **out);
+
 /* pointnet_prepare.c */
+/* The largest magnitude of x, or so_far where that is more, as the bits of a float; NaN is above all. */
+uint32_t point_largest(const context *c, const float *x, int64_t count, uint32_t so_far);
 sherf_status point_bank_prepare(context *c, point_network *n, const point_weights *w, const point_bank *bank);
 sherf_status point_matrices_make(context *c, const point_network *n, const point_weights *w,
                                  point_matrices *out);

@@ -219,7 +219,7 @@ static void top_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static uint32_t largest(const context *c, const float *x, int64_t count, uint32_t so_far) {
+uint32_t point_largest(const context *c, const float *x, int64_t count, uint32_t so_far) {
     top_job j = {.x = x, .each = (count + PARTS - 1) / PARTS, .count = count};
     parallel_for(c, PARTS, 1, top_range, &j);
     for (int i = 0; i < PARTS; i++) so_far = j.top[i] > so_far ? j.top[i] : so_far;
@@ -264,7 +264,7 @@ static sherf_status prepare_half(context *c, point_network *n, const point_bank 
         l->value = NULL;
     }
     uint32_t bits = 0;
-    for (size_t i = 0; i < COUNT_OF(part); i++) bits = largest(c, part[i].from, part[i].count, bits);
+    for (size_t i = 0; i < COUNT_OF(part); i++) bits = point_largest(c, part[i].from, part[i].count, bits);
     float top;
     memcpy(&top, &bits, 4);
     if (top < 1e-20f) top = 1e-20f;

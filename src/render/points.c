@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #endif
 
-#include "render/render.h"
+#include "render/ray.h"
 
 static const float keep_radius_m = 0.05f;
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to
@@ -171,9 +171,8 @@ static void find_candidates(const points_job *job, int64_t chunk, test_function 
 static inline void sample_smpl(const points_job *job, int64_t n, int i, float out[3]) {
     const ray_bundle *r = job->rays;
     const float *R = job->target->R, *Th = job->target->Th, *d = r->direction + 3 * n;
-    float t = r->near[n] + (r->far[n] - r->near[n]) * job->fraction[i], x[3];
-    for (int k = 0; k < 3; k++) x[k] = r->origin_world[k] + t * d[k] - Th[k];
-    for (int k = 0; k < 3; k++) out[k] = x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k];
+    const float t = r->near[n] + (r->far[n] - r->near[n]) * job->fraction[i];
+    ray_point_smpl(r->origin_world, d, t, R, Th, out);
 }
 
 /* Pass 2: the exact test; `sample` keeps the bits of what is closer than 5 cm, first[n + 1] their number. */
@@ -201,17 +200,6 @@ static void keep_near(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
-static bool is_empty(const empty_cells *e, const float canonical[3]) {
-    int cell[3];
-    for (int k = 0; k < 3; k++) {
-        const float v = (canonical[k] - e->min[k]) * e->per_m;
-        if (!(v >= 0 && v < (float)e->cells[k])) return false;
-        cell[k] = (int)v;
-    }
-    const size_t row = (size_t)cell[2] * (size_t)e->cells[1] + (size_t)cell[1];
-    return e->bit[row * (size_t)e->words + (size_t)cell[0] / 32] >> (cell[0] % 32) & 1;
-}
-
 /* After pass 2: what turns out to lie in an empty cell is kept no longer. */
 static void drop_empty(const points_job *job, int64_t chunk) {
     enum { SOME = 64 };
@@ -230,7 +218,7 @@ static void drop_empty(const points_job *job, int64_t chunk) {
             deform_to_canonical(job->m, job->target, some, canonical, NULL, from, canonical, NULL);
             at = 0;
             for (uint64_t bits = kept; bits; bits &= bits - 1, at++) {
-                if (is_empty(job->empty, canonical + 3 * at))
+                if (cell_is_empty(job->empty, canonical + 3 * at))
                     kept &= ~(bits & -bits);
                 else
                     nearest[total + count++] = from[at];

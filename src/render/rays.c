@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/render.h"
+#include "render/ray.h"
 
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]) {
     for (int k = 0; k < 3; k++) min_world[k] = INFINITY, max_world[k] = -INFINITY;
@@ -17,35 +17,10 @@ void body_world_box(const body_model *m, const posed_body *p, float min_world[3]
     for (int k = 0; k < 3; k++) min_world[k] -= 0.05f, max_world[k] += 0.05f;
 }
 
-/* Depths of the two crossings of origin + t * direction with the box's faces; false unless exactly two. */
-static bool cross_box(const float origin[3], const float direction[3], const float min[3], const float max[3],
-                      float *near, float *far) {
-    const float spare = 1e-6f;
-    float t[6];
-    int crossings = 0;
-    for (int face = 0; face < 6; face++) {
-        int k = face % 3;
-        if (direction[k] == 0) continue;
-        float at = ((face < 3 ? min[k] : max[k]) - origin[k]) / direction[k];
-        bool inside = true;
-        for (int a = 0; a < 3; a++) {
-            float x = at * direction[a] + origin[a];
-            inside &= x >= min[a] - spare && x <= max[a] + spare;
-        }
-        if (inside) t[crossings++] = at;
-    }
-    if (crossings != 2) return false;
-    float first = t[0] < t[1] ? t[0] : t[1], last = t[0] < t[1] ? t[1] : t[0];
-    if (!(last > 0)) return false; /* the box is behind the camera */
-    *near = first > 0 ? first : 0; /* nothing behind a camera that stands in the box */
-    *far = last;
-    return true;
-}
-
 typedef struct {
-    const sherf_camera *camera;
     ray_bundle *r;
-    float K_inverse[9], min[3], max[3], origin[3];
+    ray_optics optics;
+    float min[3], max[3];
 } ray_job;
 
 static void invert(const float K[9], float out[9]) {
@@ -59,24 +34,23 @@ static void invert(const float K[9], float out[9]) {
     for (int i = 0; i < 9; i++) out[i] = (float)(adjugate[i] / det);
 }
 
-static void ray_job_init(ray_job *job, const sherf_camera *camera, const float min_world[3],
-                         const float max_world[3]) {
-    job->camera = camera;
-    invert(camera->K, job->K_inverse);
-    for (int k = 0; k < 3; k++) job->min[k] = min_world[k] - 0.01f, job->max[k] = max_world[k] + 0.01f;
-    camera_position(camera, job->origin);
+void ray_optics_of(const sherf_camera *camera, ray_optics *out) {
+    invert(camera->K, out->K_inverse);
+    memcpy(out->R, camera->R, sizeof out->R);
+    memcpy(out->T_m, camera->T_m, sizeof out->T_m);
+    camera_position(camera, out->origin);
 }
 
-/* The pixel's point at z_camera = 1, R^T (K^-1 (i, j, 1) - T), minus the origin: in float32 and this order.
- * True when the ray has its two crossings. */
+static void ray_job_init(ray_job *job, const sherf_camera *camera, const float min_world[3],
+                         const float max_world[3]) {
+    ray_optics_of(camera, &job->optics);
+    for (int k = 0; k < 3; k++) job->min[k] = min_world[k] - 0.01f, job->max[k] = max_world[k] + 0.01f;
+}
+
+/* True when the ray has its two crossings. */
 static bool make_ray(const ray_job *job, int column, int row, float direction[3], float *near, float *far) {
-    const float *K = job->K_inverse, *R = job->camera->R, *T = job->camera->T_m;
-    float p[3];
-    for (int k = 0; k < 3; k++)
-        p[k] = K[3 * k] * (float)column + K[3 * k + 1] * (float)row + K[3 * k + 2] - T[k];
-    for (int k = 0; k < 3; k++)
-        direction[k] = R[k] * p[0] + R[3 + k] * p[1] + R[6 + k] * p[2] - job->origin[k];
-    return cross_box(job->origin, direction, job->min, job->max, near, far);
+    ray_direction(&job->optics, column, row, direction);
+    return cross_box(job->optics.origin, direction, job->min, job->max, near, far);
 }
 
 static void make_rows(void *arg, int64_t begin, int64_t end, int thread) {
@@ -122,7 +96,7 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
     }
     ray_job job = {.r = r};
     ray_job_init(&job, camera, min_world, max_world);
-    memcpy(r->origin_world, job.origin, sizeof r->origin_world);
+    memcpy(r->origin_world, job.optics.origin, sizeof r->origin_world);
     parallel_for(c, r->height, 8, make_rows, &job);
     *out = r;
     return SHERF_OK;

@@ -4,6 +4,10 @@
 
 #include "body/body.h"
 
+#ifdef __cplusplus /* CUDA's sources */
+extern "C" {
+#endif
+
 /* ---- camera ---- */
 /* uv = K (R x + T) / (z + 1e-5); uv is n x 2, depth (may be NULL) n. */
 void camera_project(const sherf_camera *camera, int64_t n, const float *points_world, float *uv_px,
@@ -28,7 +32,7 @@ typedef struct {
 } ray_bundle;
 /* Depth of sample i of `samples`: near + (far - near) * fraction, evenly spaced, both ends included, in
  * float32 and from both ends inwards. */
-static inline float ray_fraction(int i, int samples) {
+HOST_AND_DEVICE static inline float ray_fraction(int i, int samples) {
     if (samples < 2) return 0;
     float step = 1.0f / (float)(samples - 1);
     return i < samples / 2 ? step * (float)i : 1.0f - step * (float)(samples - 1 - i);
@@ -100,4 +104,7 @@ void box_ray_mask(const sherf_camera *camera, const float min_world[3], const fl
  * to even) to integers, each of the box's 6 faces is filled as a polygon including its border. */
 void box_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3], uint8_t *mask);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

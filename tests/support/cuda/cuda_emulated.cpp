@@ -37,9 +37,22 @@ struct fibre {
 
 struct thread {
     thread_state state;
-    fibre *on; /* where it stopped at a barrier */
-    float value, lanes[WARP];
+    fibre *on;         /* where it stopped at a barrier */
+    const void *given; /* at a warp's barrier: what it shows to the other lanes */
+    size_t given_bytes;
 };
+enum { GIVEN_MOST = 32 };
+/* What the lanes of each warp have shown at its newest barrier. */
+static unsigned char shown[THREADS_MOST / WARP][WARP][GIVEN_MOST] __attribute__((aligned(16)));
+
+/* Copies that are done where they are waited for, and not sooner. */
+struct pending {
+    void *to;
+    const void *from;
+    int group;
+};
+static std::vector<pending> copies[THREADS_MOST];
+static int groups[THREADS_MOST]; /* closed so far */
 
 static std::vector<fibre *> idle;
 static thread threads[THREADS_MOST];
@@ -140,9 +153,9 @@ static bool release(int begin, int end, thread_state barrier) {
         waiting++;
     }
     if (!waiting) return false;
-    if (barrier == AT_WARP && waiting < WARP) broken("not all lanes of a warp come to warp_sum");
+    if (barrier == AT_WARP && waiting < WARP) broken("not all lanes of a warp come to its barrier");
     for (int i = begin; i < end && barrier == AT_WARP; i++)
-        for (int lane = 0; lane < end - begin; lane++) threads[i].lanes[lane] = threads[begin + lane].value;
+        memcpy(shown[begin / WARP][i - begin], threads[i].given, threads[i].given_bytes);
     for (int i = begin; i < end; i++)
         if (threads[i].state == barrier) threads[i].state = READY;
     return true;
@@ -169,9 +182,11 @@ static void run_block() {
             }
             left |= threads[i].state != DONE;
         }
-        if (!left) return;
+        if (!left) break;
         if (!release_any()) broken("its threads wait at different barriers");
     }
+    for (int i = 0; i < thread_count; i++)
+        if (!copies[i].empty()) broken("a thread ends with copies that it has not waited for");
 }
 
 /* ---- memory: locked from an op's end to the next launch or copy ---- */
@@ -206,16 +221,142 @@ void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
     }
 }
 
-float warp_sum(float v) {
-    threads[current].value = v;
+/* The lanes' values: GIVEN_MOST bytes apart, until this lane comes to a barrier again. */
+static const unsigned char (*exchange(const void *mine, size_t bytes))[GIVEN_MOST] {
+    threads[current].given = mine;
+    threads[current].given_bytes = bytes;
     wait(AT_WARP);
+    return shown[current / WARP];
+}
+
+template <typename T> static T of_lane(const unsigned char (*lanes)[GIVEN_MOST], int lane, int i = 0) {
+    T v;
+    memcpy(&v, lanes[lane] + (size_t)i * sizeof v, sizeof v);
+    return v;
+}
+
+float warp_sum(float v) {
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
     float sum[WARP], next[WARP];
-    memcpy(sum, threads[current].lanes, sizeof sum);
+    for (int lane = 0; lane < WARP; lane++) sum[lane] = of_lane<float>(lanes, lane);
     for (int step = WARP / 2; step > 0; step /= 2) {
         for (int lane = 0; lane < WARP; lane++) next[lane] = sum[lane] + sum[lane ^ step];
         memcpy(sum, next, sizeof sum);
     }
     return sum[threadIdx.x % WARP];
+}
+
+float quad_sum(float v) {
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const int lane = current % WARP;
+    auto at = [&](int other) { return of_lane<float>(lanes, other); };
+    return (at(lane) + at(lane ^ 1)) + (at(lane ^ 2) + at(lane ^ 3));
+}
+
+uint32_t warp_ballot(bool v) {
+    const uint32_t mine = v;
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&mine, sizeof mine);
+    uint32_t bits = 0;
+    for (int lane = 0; lane < WARP; lane++) bits |= of_lane<uint32_t>(lanes, lane) << lane;
+    return bits;
+}
+
+int32_t warp_before(int32_t v) {
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    int32_t sum = 0;
+    for (int lane = 0; lane < current % WARP; lane++) sum += of_lane<int32_t>(lanes, lane);
+    return sum;
+}
+
+int bits_set(uint32_t bits) {
+    return __builtin_popcount(bits);
+}
+
+void warp_barrier() {
+    const int nothing = 0;
+    exchange(&nothing, sizeof nothing);
+}
+
+static float of_bf16(uint32_t pair, int high) {
+    const uint32_t bits = high ? pair & 0xffff0000u : pair << 16;
+    float v;
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
+/* As PTX lays the fragments out: with g = lane / 4 and t = lane % 4, a[] holds rows g and g + 8 of columns 2
+ * t and 2 t + 1, then the same of columns 8 further; b[] rows 2 t, 2 t + 1 of column g, then 8 further; c[]
+ * columns 2 t and 2 t + 1 of row g, then of row g + 8. */
+void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]) {
+    const uint32_t mine[6] = {a[0], a[1], a[2], a[3], b[0], b[1]};
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(mine, sizeof mine);
+    const int g = current % WARP / 4, t = current % 4;
+    for (int i = 0; i < 4; i++) {
+        const int row = i / 2, column = 2 * t + i % 2;
+        float sum = 0;
+        for (int k = 0; k < 16; k++) {
+            const int far = k / 8, quarter = k % 8 / 2;
+            const uint32_t left = of_lane<uint32_t>(lanes, 4 * g + quarter, 2 * far + row);
+            const uint32_t right = of_lane<uint32_t>(lanes, 4 * column + quarter, 4 + far);
+            sum += of_bf16(left, k % 2) * of_bf16(right, k % 2);
+        }
+        c[i] += sum;
+    }
+}
+
+uint32_t pack_bf16(float low, float high) {
+    const float v[2] = {low, high};
+    uint32_t bits[2];
+    memcpy(bits, v, sizeof bits);
+    for (uint32_t &one : bits) one = (one + 0x7fff + (one >> 16 & 1)) >> 16;
+    return bits[0] | bits[1] << 16;
+}
+
+float unpack_bf16(uint32_t pair, int high) {
+    return of_bf16(pair, high);
+}
+
+float half_value(uint16_t half) {
+    const uint32_t exponent = half >> 10 & 31, fraction = half & 1023;
+    const float size = exponent == 31 ? (fraction ? NAN : INFINITY)
+                                      : ldexpf((float)(exponent ? fraction + 1024 : fraction),
+                                               (exponent ? (int)exponent : 1) - 25);
+    return half >> 15 ? -size : size;
+}
+
+/* To nearest, even on a tie; beyond the largest: infinite. */
+uint16_t half_of(float v) {
+    const uint16_t sign = signbit(v) ? 0x8000 : 0;
+    if (isnan(v)) return 0x7fff;
+    int exponent = 0;
+    frexpf(v, &exponent); /* |v| in [2^(exponent - 1), 2^exponent) */
+    exponent = exponent < -13 ? -13 : exponent;
+    const float unit = ldexpf(1, exponent - 11), steps = rintf(fabsf(v) / unit);
+    const float size = steps * unit;
+    if (!(size < 65520)) return sign | 0x7c00;
+    if (steps < 1024) return (uint16_t)(sign | (uint16_t)steps);
+    frexpf(size, &exponent);
+    const uint16_t fraction = (uint16_t)(ldexpf(size, 11 - exponent)) & 1023;
+    return (uint16_t)(sign | (exponent + 14) << 10 | fraction);
+}
+
+void async_copy(void *shared, const void *global) {
+    copies[current].push_back({shared, global, groups[current]});
+}
+
+void async_commit() {
+    groups[current]++;
+}
+
+void async_wait_but(int newest) {
+    std::vector<pending> &mine = copies[current], left;
+    for (const pending &p : mine) {
+        if (p.group < groups[current] - newest)
+            memcpy(p.to, p.from, 16);
+        else
+            left.push_back(p);
+    }
+    mine = left;
 }
 
 /* Not a number in every type, until somebody writes. */
@@ -263,6 +404,23 @@ sherf_status finished(op_call *call) {
     return SHERF_OK;
 }
 
+sherf_status finished_work(context *c, const char *what) {
+    lock_memory(true);
+    return SHERF_OK;
+}
+
+int multiprocessors() {
+    return 2;
+}
+
+void *pinned_take(context *c, size_t bytes) {
+    return mem_alloc(c, bytes, 1);
+}
+
+void pinned_give(void *p) {
+    mem_free(p);
+}
+
 /* ---- the library's part ---- */
 static float rounded(float v, bool bf16) {
     uint32_t bits;
@@ -292,6 +450,12 @@ sherf_status product(op_call *call, const product_shape &s, const float *a, cons
 }
 
 } // namespace cuda_backend
+
+int atomicAdd(int *to, int v) {
+    const int was = *to;
+    *to += v;
+    return was;
+}
 
 void __syncthreads() {
     cuda_backend::wait(cuda_backend::AT_BLOCK);

@@ -1,0 +1,42 @@
+/* How one point moves with the body, for the processor's loops (deform.c) and for kernels of a GPU. */
+#ifndef SHERF_DEFORM_POINT_H
+#define SHERF_DEFORM_POINT_H
+
+#include <string.h>
+
+#include "body/body.h"
+
+/* Rotation only. */
+HOST_AND_DEVICE static inline void map_rotate(const float *map, const float x[3], float out[3]) {
+    for (int k = 0; k < 3; k++) out[k] = map[4 * k] * x[0] + map[4 * k + 1] * x[1] + map[4 * k + 2] * x[2];
+}
+
+/* Vertices with their maps, how far they are blended, and who is a neighbour of whom (body.h). */
+typedef struct {
+    const float *vertex, *maps;
+    float blend_m;
+    const int32_t *neighbour_first, *neighbour;
+} vertex_mapping;
+
+/* The map at x of a point whose nearest vertex is v. */
+HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, const float x[3],
+                                             float map[12]) {
+    const float *own = g->vertex + 3 * v, reach = 1 / (g->blend_m * g->blend_m);
+    float d0 = 0, sum = 1;
+    for (int k = 0; k < 3; k++) d0 += (x[k] - own[k]) * (x[k] - own[k]);
+    memcpy(map, g->maps + 12 * v, 12 * sizeof *map);
+    for (int32_t i = g->neighbour_first[v]; i < g->neighbour_first[v + 1]; i++) {
+        const float *other = g->vertex + 3 * (size_t)g->neighbour[i];
+        float d = 0;
+        for (int k = 0; k < 3; k++) d += (x[k] - other[k]) * (x[k] - other[k]);
+        float w = 1 - (d - d0) * reach;
+        if (!(w > 0)) continue;
+        if (w > 1) w = 1; /* `nearest` is not the nearest one */
+        w *= w;
+        sum += w;
+        for (int k = 0; k < 12; k++) map[k] += w * g->maps[12 * (size_t)g->neighbour[i] + (size_t)k];
+    }
+    for (int k = 0; k < 12; k++) map[k] /= sum;
+}
+
+#endif

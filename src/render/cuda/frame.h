@@ -1,0 +1,141 @@
+/* What the files of frames on the GPU share. Everything is plain pointers into the GPU's memory; kernels take
+ * them by value. The number of points is known to the GPU alone: kernels over points are launched for as many
+ * as there is room for and read how many there are. */
+#ifndef SHERF_CUDA_FRAME_H
+#define SHERF_CUDA_FRAME_H
+
+#include "body/pose_vertex.h"
+#include "render/cuda/warp.h"
+#include "render/gpu.h"
+#include "render/ray.h"
+
+namespace cuda_backend {
+
+/* ---- helpers (scan.cu) ---- */
+template <typename F> __global__ void each_counted_kernel(const int32_t *n, int64_t most, F f) {
+    const int64_t step = (int64_t)gridDim.x * blockDim.x, end = *n < most ? *n : most;
+    for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < end; i += step) f(i);
+}
+
+/* f(i) for 0 <= i < *n, where *n may be more than `most`. */
+template <typename F> void each_counted(const int32_t *n, int64_t most, F f) {
+    const int64_t blocks = divided_up(most, BLOCK);
+    if (most > 0)
+        launch(each_counted_kernel<F>, dim3((unsigned)(blocks < 8192 ? blocks : 8192)), dim3(BLOCK), n, most,
+               f);
+}
+
+/* value[i] = sum of the values before it for 0 <= i <= n: room for n + 1. With `counted` (or NULL) only for
+ * i <= *counted, where that is less. sums: room for scan_sums(n). */
+void scan(int64_t n, const int32_t *counted, int32_t *value, int32_t *sums);
+enum { SCAN_RUN = 8, SCAN_BLOCK = SCAN_RUN * BLOCK };
+inline int64_t scan_sums(int64_t n) {
+    return divided_up(n, SCAN_BLOCK) + 1;
+}
+
+/* Room of `count` values in an arena of the GPU's; NULL on lack. */
+template <typename T> T *room(context *c, arena *a, int64_t count) {
+    return (T *)arena_alloc(c, a, (size_t)(count > 0 ? count : 1), sizeof(T));
+}
+
+/* ---- the body (posing.cu) ---- */
+/* Vertices by the cells of a uniform grid, for the exact nearest one (cells.h). */
+struct cells_head {
+    float min[3], max[3], cell_m, per_m, slack_m;
+    int cells[3], count;
+};
+struct vertex_cells {
+    cells_head *head;
+    int32_t *start;   /* CELLS_MOST + 1 */
+    float *x, *y, *z; /* by cell */
+    int32_t *index;   /* their vertices */
+    uint8_t *near;    /* by cell: whether anything of it may be within `reach` of a vertex; or NULL */
+    const float *vertex;
+};
+constexpr int64_t CELLS_MOST = 1 << 19;
+constexpr float near_m = 0.05f; /* points are kept that are closer to a vertex */
+
+struct placed_body {
+    int vertices, neighbours;
+    float *v_template, *shapedirs, *posedirs, *weights, *pose_volume; /* posedirs, pose_volume: may be NULL */
+    double *canonical_blend, *joint_template;
+    float *big_offset, *canonical_vertices;
+    int32_t *neighbour_first, *neighbour;
+    vertex_cells canonical;
+};
+
+/* A frame's own numbers. */
+struct frame_head {
+    float min[3], max[3]; /* the box that rays are cut with, in the world */
+    float depth_min, depth_max;
+    int32_t finite; /* whether the vertices are numbers within reason */
+    int32_t candidates, points;
+};
+
+struct placed_pose {
+    float *pose_offset, *shape_offset, *vertices, *to_canonical; /* by vertex; to_canonical 12 */
+    float R[9], Th[3], blend_m;
+    vertex_cells cells;
+};
+
+sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *m,
+                        placed_body *out);
+/* Room for the cells of `vertices`. */
+sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_cells *out);
+/* Sorts them; scratch: scan_sums(CELLS_MOST) + CELLS_MOST. */
+void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_cells *g, int32_t *scratch);
+sherf_status pose_room(context *c, arena *a, const placed_body *b, placed_pose *out);
+/* Vertices, maps, cells and box. */
+void pose_fill(context *c, const tensor_memory *memory, const placed_body *b, const posed_body *posed,
+               placed_pose *out, frame_head *head, int32_t *scratch);
+
+/* ---- points (points.cu) ---- */
+struct placed_camera { /* the observation's */
+    float K[9], R[9], T[3];
+};
+
+struct placed_points {
+    int64_t rays, most; /* room for candidates and points */
+    int width, samples, words;
+    frame_head *head;
+    float origin[3];
+    float *direction, *near, *far; /* N x 3, N, N */
+    uint8_t *at_box;
+    uint32_t *bits;                                                       /* N x words: the candidates */
+    int32_t *first;                                                       /* N + 1: candidates, then points */
+    int32_t *candidate_ray, *candidate_sample, *candidate_nearest, *slot; /* slot: most + 1 */
+    int32_t *ray, *sample, *nearest;
+    float *canonical, *direction_canonical, *observed_px;
+    int32_t *sums; /* for scans */
+};
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_t most, placed_points *out);
+/* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
+void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
+                 const float *observed_maps, float observed_blend_m, const placed_camera *observed_camera,
+                 const empty_cells *empty, placed_points *p);
+
+/* ---- the network (network.cu, network_bf16.cu) ---- */
+struct placed_network;
+sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
+                           placed_network **out);
+void network_free(placed_network *n);
+bool network_in_bf16(const placed_network *n);
+/* Points to take: list[i] for i < *count, of at most `most`. To result[point]: red, green, blue, raw density.
+ */
+struct network_points {
+    const float *canonical, *direction, *observed_px;
+    const int32_t *list, *count;
+    int64_t most;
+    float4 *result;
+};
+/* Room that network_run needs for at most `most` points, from the arena. */
+struct network_scratch {
+    int64_t most; /* points at a time */
+    void *tokens;
+    float *color, *layers;
+};
+sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t most, network_scratch *out);
+void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch);
+
+} // namespace cuda_backend
+#endif

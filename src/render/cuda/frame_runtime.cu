@@ -1,0 +1,32 @@
+/* What frames ask of the CUDA runtime besides the tensors' memory. */
+#include "render/cuda/warp.h"
+
+namespace cuda_backend {
+
+sherf_status finished_work(context *c, const char *what) {
+    const cudaError_t code = cudaGetLastError();
+    if (code == cudaSuccess) return SHERF_OK;
+    return failure(c, SHERF_UNSUPPORTED, "%s: CUDA says: %s", what, cudaGetErrorString(code));
+}
+
+int multiprocessors() {
+    int device = 0, count = 1;
+    cudaGetDevice(&device);
+    cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, device);
+    return count;
+}
+
+void *pinned_take(context *c, size_t bytes) {
+    void *p = nullptr;
+    if (cudaMallocHost(&p, bytes) == cudaSuccess) return p;
+    cudaGetLastError(); /* forgets it */
+    failure(c, SHERF_NO_MEMORY, "out of memory: %.1f MB that the GPU can copy to were asked for",
+            (double)bytes / 1e6);
+    return nullptr;
+}
+
+void pinned_give(void *p) {
+    if (p) cudaFreeHost(p);
+}
+
+} // namespace cuda_backend

@@ -1,0 +1,47 @@
+/* Frames on a GPU: what host code asks of src/render/cuda. An avatar's body, observation, bank and weights
+ * are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for the
+ * host between. */
+#ifndef SHERF_RENDER_GPU_H
+#define SHERF_RENDER_GPU_H
+
+#include "render/pointnet_parts.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_avatar gpu_avatar;
+
+typedef struct {
+    int samples;
+    float background[3];
+    bool early_stop;          /* rays that are opaque skip the rest of their points */
+    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
+} gpu_frame_options;
+
+/* The functions of one device. Not for two threads at once with one avatar. */
+typedef struct {
+    const tensor_memory *memory;
+    /* The result keeps nothing of what it is given but `m`'s sizes. */
+    sherf_status (*place)(context *c, const body_model *m, const posed_body *observed,
+                          const sherf_camera *observed_camera, const point_parts *network, bool bf16,
+                          gpu_avatar **out);
+    void (*release)(gpu_avatar *a);       /* NULL is fine */
+    bool (*in_bf16)(const gpu_avatar *a); /* what it was placed with, where the kernel can */
+    size_t (*bytes)(const gpu_avatar *a); /* of the device's memory, so far */
+    /* `posed` has joints (posed_joints_create). As points_create and point_network_render together. */
+    sherf_status (*render)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
+                           const gpu_frame_options *options, sherf_frame *frame);
+    /* The points that a frame is made of, for tests; free with points_free. */
+    sherf_status (*points)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
+                           const gpu_frame_options *options, point_set **out);
+    /* As point_network_run: points, rgb and sigma are the host's. */
+    sherf_status (*run)(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma);
+} gpu_renderer;
+
+extern const gpu_renderer gpu_renderer_cuda; /* in builds with SHERF_CUDA only */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -172,9 +172,14 @@ SHERF_API const sherf_pose *sherf_avatar_pose(const sherf_avatar *avatar);     /
 SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* the observation's */
 
 /* ---------------------------------------------------------------- frames ----------------------------- */
+/* For `samples` beside numbers from 1 to 1024, the same depths on every ray as in the paper. */
+enum {
+    SHERF_SAMPLES_AUTO = -1, /* the model's number, and more where its steps would be longer than 12 mm */
+    SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
+};
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
-    int samples;         /* depths per ray; 0: the model's (48) */
+    int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
     int exact; /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
                   avatar's empty space (found with its first frame) or behind 99.9 % opacity */
 } sherf_render_options;
@@ -493,6 +498,7 @@ typedef struct {
     int yardsticks;            /* non-zero: what pictures without a network would score as well */
     int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
     uint64_t seed;             /* of random observations */
+    int samples;               /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
     const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
                                   prediction         and truth; or NULL */
 } sherf_eval_options;

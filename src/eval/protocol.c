@@ -260,7 +260,9 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
     if (status != SHERF_OK) return status;
     if (e->frame.color.width != truth->image.width || e->frame.color.height != truth->image.height)
         sherf_frame_free(&e->frame);
-    status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, NULL, &e->frame);
+    const sherf_render_options how = {.samples =
+                                          e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL};
+    status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;

@@ -102,6 +102,27 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
     return SHERF_OK;
 }
 
+static float length3(const float v[3]) {
+    return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+int rays_even_steps(ray_bundle *r, int samples, int most, float step_m) {
+    const size_t n = (size_t)r->width * (size_t)r->height;
+    float longest = 0;
+    for (size_t i = 0; i < n; i++)
+        if (r->at_box[i]) longest = fmaxf(longest, (r->far[i] - r->near[i]) * length3(r->direction + 3 * i));
+    if (samples < 2 || !(longest > step_m * (float)(samples - 1))) return samples;
+    const float needed = ceilf(longest / step_m) + 1;
+    const int count = needed < (float)most ? (int)needed : most > samples ? most : samples;
+    const float step = fmaxf(step_m, longest / (float)(count - 1));
+    for (size_t i = 0; i < n; i++) {
+        const float own = (r->far[i] - r->near[i]) / (float)(samples - 1);
+        if (r->at_box[i])
+            r->far[i] = r->near[i] + fminf(own, step / length3(r->direction + 3 * i)) * (float)(count - 1);
+    }
+    return count;
+}
+
 void rays_free(ray_bundle *r) {
     if (!r) return;
     mem_free(r->direction);

@@ -41,6 +41,11 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
                          const float max_world[3],
                          ray_bundle **out); /* min/max: the target vertices' -/+ 0.05, see body_world_box */
 void rays_free(ray_bundle *r);
+/* At most step_m metres between two depths of any ray: returns how many depths a ray has, `samples` at least
+ * and `most` at most (steps are longer then). A ray that is short enough keeps its `samples` steps, the same
+ * length with more of them; others get steps of step_m. Depths past the box, where nothing is, are why far is
+ * moved. Where no ray is too long nothing changes. */
+int rays_even_steps(ray_bundle *r, int samples, int most, float step_m);
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
 
 /* ---- the samples the network meets (network.md: Rays and points 2, 3) ---- */

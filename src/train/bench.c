@@ -162,7 +162,9 @@ typedef struct {
 
 static sherf_status frame_once(bench *b, void *arg) {
     frame_job *j = arg;
-    return sherf_render(b->c, j->avatar, b->body, &b->target->pose, &b->target->camera, NULL, &j->frame);
+    const sherf_render_options model_steps = {.samples = SHERF_SAMPLES_MODEL};
+    return sherf_render(b->c, j->avatar, b->body, &b->target->pose, &b->target->camera, &model_steps,
+                        &j->frame);
 }
 
 static const char *precision_name(const context *c) {

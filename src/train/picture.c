@@ -12,6 +12,7 @@ static void place(uint8_t *canvas, size_t stride, size_t left, const sherf_image
 
 sherf_status picture_write(context *c, const sherf_dataset *d, const model *m, const body_model *body,
                            draw drawn, int width, const char *path) {
+    const sherf_render_options model_steps = {.samples = SHERF_SAMPLES_MODEL};
     data_view *observation = NULL, *target = NULL;
     sherf_avatar *avatar = NULL;
     sherf_frame frame = {0};
@@ -21,7 +22,7 @@ sherf_status picture_write(context *c, const sherf_dataset *d, const model *m, c
     if (status == SHERF_OK) status = dataset_view(c, d, drawn.person, drawn.pose, drawn.view, width, &target);
     if (status == SHERF_OK) status = sherf_avatar_create(c, m, body, observation, &avatar);
     if (status == SHERF_OK)
-        status = sherf_render(c, avatar, body, &target->pose, &target->camera, NULL, &frame);
+        status = sherf_render(c, avatar, body, &target->pose, &target->camera, &model_steps, &frame);
     if (status != SHERF_OK) goto done;
     const sherf_image *part[3] = {&observation->image, &target->image, &frame.color};
     size_t stride = 0, height = 0, left = 0;

@@ -30,9 +30,11 @@ static void transformer(const point_network *n, float *token, fusion_space f) {
     for (int k = 0; k < 2 * AMX_GROUPS; k++) mlp_product(&a->mlp0, f.normed + k * TILE, f.sums + k * 512);
     for (int k = 0; k < 2 * AMX_GROUPS; k++)
         for (int r = 0; r < WIDTH; r += 2) {
-            const float *x = f.sums + k * 512 + r * GROUP;
-            _mm512_store_si512(f.normed + k * TILE + r * 32,
-                               pairs(gelu_16(_mm512_load_ps(x)), gelu_16(_mm512_load_ps(x + GROUP))));
+            const float *x = f.sums + k * 512 + r * GROUP, *bias = a->mlp0.bias + r;
+            _mm512_store_si512(
+                f.normed + k * TILE + r * 32,
+                pairs(gelu_16(_mm512_add_ps(_mm512_load_ps(x), _mm512_set1_ps(bias[0]))),
+                      gelu_16(_mm512_add_ps(_mm512_load_ps(x + GROUP), _mm512_set1_ps(bias[1])))));
         }
     ORDER();
     for (int k = 0; k < 2 * AMX_GROUPS; k++)
@@ -59,9 +61,11 @@ static void decoder(const point_network *n, channels x, channels v, channels a, 
     dense_last(&p->alpha, v, c);
     dense_last(&p->rgb, a, y);
     for (int g = 0; g < AMX_GROUPS; g++, c += 256, y += 256) {
-        _mm512_store_ps(t->out[3] + g * GROUP, _mm512_add_ps(_mm512_load_ps(c), _mm512_load_ps(c + GROUP)));
+        __m512 sigma = _mm512_add_ps(_mm512_load_ps(c), _mm512_load_ps(c + GROUP));
+        _mm512_store_ps(t->out[3] + g * GROUP, _mm512_add_ps(sigma, _mm512_set1_ps(p->alpha.bias[0])));
         for (int k = 0; k < 3; k++) {
             __m512 e = _mm512_add_ps(_mm512_load_ps(y + k * GROUP), _mm512_load_ps(y + (k + 3) * GROUP));
+            e = _mm512_add_ps(e, _mm512_set1_ps(p->rgb.bias[k]));
             e = exp2_16(_mm512_mul_ps(e, _mm512_set1_ps(-1.44269504f)));
             e = _mm512_div_ps(_mm512_set1_ps(1.002f), _mm512_add_ps(e, _mm512_set1_ps(1)));
             _mm512_store_ps(t->out[k] + g * GROUP, _mm512_sub_ps(e, _mm512_set1_ps(0.001f)));

@@ -10,7 +10,7 @@
 #ifndef SHERF_POINTNET_AMX_H
 #define SHERF_POINTNET_AMX_H
 
-#include <immintrin.h>
+#include "base/amx.h"
 #include <math.h>
 #include <string.h>
 
@@ -87,46 +87,45 @@ typedef struct {
     size_t pitch;
 } channels;
 
-/* Tiles of sums that wait to be rounded into an activation buffer: it is done beside later products. */
+/* Tiles of sums that wait to be rounded into an activation buffer, the bias added: it is done between later
+ * tile instructions, which want such work there (base/amx.h). */
+typedef struct {
+    const float *sums, *bias;
+    char *out;
+    const char *mask;
+} waiting_tile;
+
 typedef struct {
     int count;
-    struct {
-        const float *sums;
-        char *out;
-        const char *mask;
-    } tile[4];
+    waiting_tile tile[4];
 } waiting;
 
-static inline void wait_for(waiting *w, const float *sums, char *out, ptrdiff_t mask) {
-    w->tile[w->count].sums = sums;
-    w->tile[w->count].mask = mask ? out + mask : NULL;
-    w->tile[w->count++].out = out;
+static inline void wait_for(waiting *w, const float *sums, const float *bias, char *out, ptrdiff_t mask) {
+    w->tile[w->count++] = (waiting_tile){sums, bias, out, mask ? out + mask : NULL};
 }
 
-/* Half a tile, with ReLU (on bf16 a maximum of signed 16-bit integers), or, backwards through one, kept where
- * the ReLU's result `mask` is not 0. */
-static inline void finish_half(const float *sums, char *out, const char *mask) {
-#pragma GCC unroll 4
-    for (int r = 0; r < 4; r++) {
-        __m512i y = pairs(_mm512_load_ps(sums + r * 32), _mm512_load_ps(sums + r * 32 + GROUP));
-        if (mask) {
-            __m512i x = _mm512_load_si512(mask + r * PAIR);
-            y = _mm512_maskz_mov_epi16(_mm512_test_epi16_mask(x, x), y);
-        } else {
-            y = _mm512_max_epi16(y, _mm512_setzero_si512());
-        }
-        _mm512_store_si512(out + r * PAIR, y);
+/* Two rows of a tile (r below 8), with ReLU (on bf16 a maximum of signed 16-bit integers), or, backwards
+ * through one, kept where the ReLU's result `mask` is not 0. */
+static inline void finish_rows(waiting_tile t, int r) {
+    const float *sums = t.sums + r * 32, *bias = t.bias + r * 2;
+    __m512i y = pairs(_mm512_add_ps(_mm512_load_ps(sums), _mm512_set1_ps(bias[0])),
+                      _mm512_add_ps(_mm512_load_ps(sums + GROUP), _mm512_set1_ps(bias[1])));
+    if (t.mask) {
+        __m512i x = _mm512_load_si512(t.mask + r * PAIR);
+        y = _mm512_maskz_mov_epi16(_mm512_test_epi16_mask(x, x), y);
+    } else {
+        y = _mm512_max_epi16(y, _mm512_setzero_si512());
     }
+    _mm512_store_si512(t.out + r * PAIR, y);
 }
 
-static inline void finish(const waiting *w, int i) {
-    const char *mask = w->tile[i].mask;
-    finish_half(w->tile[i].sums, w->tile[i].out, mask);
-    finish_half(w->tile[i].sums + 128, w->tile[i].out + 4 * PAIR, mask ? mask + 4 * PAIR : NULL);
+static inline void finish(waiting_tile t) {
+#pragma GCC unroll 8
+    for (int r = 0; r < 8; r++) finish_rows(t, r);
 }
 
 static inline void finish_all(waiting *w) {
-    for (int i = 0; i < w->count; i++) finish(w, i);
+    for (int i = 0; i < w->count; i++) finish(w->tile[i]);
     w->count = 0;
     ORDER();
 }
@@ -136,43 +135,58 @@ static inline float *free_half(const waiting *w, float *c) {
     return w->count && w->tile[0].sums < c + 1024 ? c + 1024 : c;
 }
 
-#define PREFETCH                                                                                             \
-    if (soon && g < blocks)                                                                                  \
-        for (int i = 0; i < TILE; i += 64) _mm_prefetch(soon + g * 2 * TILE + i, _MM_HINT_T0)
+/* What goes between two tile instructions of a step: rows of a waiting tile and a part of the prefetch of the
+ * next rows of weights; where nothing waits, room. */
+#define BETWEEN(R)                                                                                           \
+    do {                                                                                                     \
+        ORDER();                                                                                             \
+        if (any)                                                                                             \
+            finish_rows(oldest, R);                                                                          \
+        else                                                                                                 \
+            TILE_ROOM();                                                                                     \
+        if (soon && g < blocks) {                                                                            \
+            _mm_prefetch(soon + g * 2 * TILE + (R)*128, _MM_HINT_T0);                                        \
+            _mm_prefetch(soon + g * 2 * TILE + (R)*128 + 64, _MM_HINT_T0);                                   \
+        }                                                                                                    \
+        ORDER();                                                                                             \
+    } while (0)
 /* The product of a tile of rows (weights in tiles 4 to 7) with one group, into CURRENT. Storing a tile of
  * sums keeps the product unit from starting anything (16 cycles), unless products that do not need the tile
  * are under way: so the step before's sums (PREVIOUS) are stored here, after the second product. */
 #define STEP(CURRENT, PREVIOUS)                                                                              \
     do {                                                                                                     \
         const char *in = x.at + (size_t)g * x.pitch;                                                         \
-        _tile_loadd(CURRENT, bias, 64);                                                                      \
+        const bool any = w->count > 0, two = w->count > 1;                                                   \
+        const waiting_tile oldest = w->tile[0];                                                              \
+        if (two) finish(w->tile[1]);                                                                         \
+        _tile_zero(CURRENT);                                                                                 \
         _tile_loadd(2, in, 64);                                                                              \
+        BETWEEN(0);                                                                                          \
+        if (blocks > 1) _tile_loadd(3, in + TILE, 64);                                                       \
+        BETWEEN(1);                                                                                          \
         _tile_dpbf16ps(CURRENT, 4, 2);                                                                       \
-        if (blocks > 1) {                                                                                    \
-            _tile_loadd(3, in + TILE, 64);                                                                   \
-            _tile_dpbf16ps(CURRENT, 5, 3);                                                                   \
-        }                                                                                                    \
-        int before = w->count;                                                                               \
+        BETWEEN(2);                                                                                          \
+        if (blocks > 1) _tile_dpbf16ps(CURRENT, 5, 3);                                                       \
+        BETWEEN(3);                                                                                          \
+        if (previous) _tile_stored(PREVIOUS, sums, 64);                                                      \
+        if (blocks > 2) _tile_loadd(2, in + 2 * TILE, 64);                                                   \
+        BETWEEN(4);                                                                                          \
+        if (blocks > 3) _tile_loadd(3, in + 3 * TILE, 64);                                                   \
+        BETWEEN(5);                                                                                          \
+        if (blocks > 2) _tile_dpbf16ps(CURRENT, 6, 2);                                                       \
+        BETWEEN(6);                                                                                          \
+        if (blocks > 3) _tile_dpbf16ps(CURRENT, 7, 3);                                                       \
+        BETWEEN(7);                                                                                          \
+        const int done = any + two;                                                                          \
+        for (int i = done; i < w->count; i++) w->tile[i - done] = w->tile[i];                                \
+        w->count -= done;                                                                                    \
         if (previous) {                                                                                      \
-            _tile_stored(PREVIOUS, sums, 64);                                                                \
-            wait_for(w, sums, previous, mask);                                                               \
+            wait_for(w, sums, previous_bias, previous, mask);                                                \
             step++;                                                                                          \
             sums = ring + (step & 3) * 256;                                                                  \
         }                                                                                                    \
-        if (blocks > 2) {                                                                                    \
-            _tile_loadd(2, in + 2 * TILE, 64);                                                               \
-            _tile_dpbf16ps(CURRENT, 6, 2);                                                                   \
-        }                                                                                                    \
-        if (blocks > 3) {                                                                                    \
-            _tile_loadd(3, in + 3 * TILE, 64);                                                               \
-            _tile_dpbf16ps(CURRENT, 7, 3);                                                                   \
-        }                                                                                                    \
-        int done = before > 2 ? 2 : before;                                                                  \
-        for (int i = 0; i < done; i++) finish(w, i);                                                         \
-        for (int i = done; i < w->count; i++) w->tile[i - done] = w->tile[i];                                \
-        w->count -= done;                                                                                    \
-        PREFETCH;                                                                                            \
         previous = y.at + (size_t)g * y.pitch + m * 8 * PAIR;                                                \
+        previous_bias = bias;                                                                                \
         g++;                                                                                                 \
     } while (0)
 
@@ -182,24 +196,36 @@ static inline float *free_half(const waiting *w, float *c) {
 static inline void dense_short(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
     float *ring = free_half(w, c), *sums = ring;
     char *previous = NULL;
+    const float *previous_bias = NULL;
     int blocks = l->blocks, step = 0;
     for (int m = 0; m < l->row_tiles; m++) {
         const char *weight = (const char *)l->w + (size_t)(m / 2 * 2 * blocks + m % 2) * TILE;
-        const float *bias = l->bias + m * 256;
+        const float *bias = l->bias + m * 16;
         const char *soon =
             m + 1 < l->row_tiles ? (m & 1 ? weight + (2 * blocks - 1) * TILE : weight + TILE) : NULL;
-        _tile_loadd(4, weight, 64);
-        if (blocks > 1) _tile_loadd(5, weight + 2 * TILE, 64);
-        if (blocks > 2) _tile_loadd(6, weight + 4 * TILE, 64);
-        if (blocks > 3) _tile_loadd(7, weight + 6 * TILE, 64);
+        tile_load(4, weight, 64);
+        if (blocks > 1) tile_load(5, weight + 2 * TILE, 64);
+        if (blocks > 2) tile_load(6, weight + 4 * TILE, 64);
+        if (blocks > 3) tile_load(7, weight + 6 * TILE, 64);
         for (int g = 0; g < AMX_GROUPS;) {
             STEP(0, 1);
             STEP(1, 0);
         }
     }
     _tile_stored(1, sums, 64);
-    wait_for(w, sums, previous, mask);
+    wait_for(w, sums, previous_bias, previous, mask);
     ORDER();
+}
+
+/* Two rows of the tiles that wait, the `at`-th of 8 times count; behind the last one, room. */
+static inline int between(const waiting *w, int at) {
+    ORDER();
+    if (at < 8 * w->count)
+        finish_rows(w->tile[at >> 3], at & 7);
+    else
+        TILE_ROOM();
+    ORDER();
+    return at + 1;
 }
 
 /* The same for any number of blocks, by 2 row tiles x 2 groups; the last four tiles are left waiting. */
@@ -209,26 +235,31 @@ static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t 
         for (int g = 0; g < AMX_GROUPS; g += 2) {
             const char *weight = (const char *)l->w + (size_t)m * (size_t)blocks * TILE;
             const char *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
-            const float *bias = l->bias + m * 256;
             float *sums = free_half(w, c);
-            _tile_loadd(0, bias, 64);
-            _tile_loadd(1, bias, 64);
-            _tile_loadd(2, bias + 256, 64);
-            _tile_loadd(3, bias + 256, 64);
-            int done = 0;
+            int at = 0;
+            _tile_zero(0);
+            _tile_zero(1);
+            _tile_zero(2);
+            _tile_zero(3);
             for (int k = 0; k < blocks; k++, weight += 2 * TILE, in += TILE, next += TILE) {
                 _tile_loadd(6, in, 64);
+                at = between(w, at);
                 _tile_loadd(4, weight, 64);
+                at = between(w, at);
                 _tile_dpbf16ps(0, 4, 6);
+                at = between(w, at);
                 _tile_loadd(7, next, 64);
+                at = between(w, at);
                 _tile_dpbf16ps(1, 4, 7);
+                at = between(w, at);
                 _tile_loadd(5, weight + TILE, 64);
+                at = between(w, at);
                 _tile_dpbf16ps(2, 5, 6);
+                at = between(w, at);
                 _tile_dpbf16ps(3, 5, 7);
-                if (done < w->count) finish(w, done++);
+                at = between(w, at);
             }
-            while (done < w->count) finish(w, done++);
-            ORDER();
+            while (at < 8 * w->count) at = between(w, at);
             _tile_stored(0, sums, 64);
             _tile_stored(1, sums + 256, 64);
             _tile_stored(2, sums + 512, 64);
@@ -236,7 +267,8 @@ static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t 
             char *out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;
             w->count = 0;
             for (int i = 0; i < 4; i++)
-                wait_for(w, sums + i * 256, out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR, mask);
+                wait_for(w, sums + i * 256, l->bias + (m + (i >> 1)) * 16,
+                         out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR, mask);
             ORDER();
         }
 }
@@ -248,18 +280,18 @@ static inline void dense(const tiles *l, channels x, channels y, ptrdiff_t mask,
         dense_long(l, x, y, mask, c, w);
 }
 
-/* One row tile for all groups, sums as [group][16][16]. */
+/* One row tile for all groups, sums as [group][16][16], without the bias. */
 static inline void dense_last(const tiles *l, channels x, float *y) {
     for (int g = 0; g < AMX_GROUPS; g += 2) {
         const char *weight = (const char *)l->w, *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
-        _tile_loadd(0, l->bias, 64);
-        _tile_loadd(1, l->bias, 64);
+        _tile_zero(0);
+        _tile_zero(1);
         for (int k = 0; k < l->blocks; k++) {
-            _tile_loadd(4, weight + k * TILE, 64);
-            _tile_loadd(5, in + k * TILE, 64);
-            _tile_dpbf16ps(0, 4, 5);
-            _tile_loadd(6, next + k * TILE, 64);
-            _tile_dpbf16ps(1, 4, 6);
+            tile_load(4, weight + k * TILE, 64);
+            tile_load(5, in + k * TILE, 64);
+            tile_product(0, 4, 5);
+            tile_load(6, next + k * TILE, 64);
+            tile_product(1, 4, 6);
         }
         _tile_stored(0, y + g * 256, 64);
         _tile_stored(1, y + g * 256 + 256, 64);
@@ -270,14 +302,14 @@ static inline void dense_last(const tiles *l, channels x, float *y) {
 /* y [32 rows][16] += W x, one group; x: B tiles. */
 static inline void add_product(const tiles *l, const char *x, float *y) {
     const char *weight = (const char *)l->w;
-    _tile_loadd(0, y, 64);
-    _tile_loadd(1, y + 256, 64);
+    tile_load(0, y, 64);
+    tile_load(1, y + 256, 64);
     for (int k = 0; k < l->blocks; k++, weight += 2 * TILE, x += TILE) {
-        _tile_loadd(6, x, 64);
-        _tile_loadd(4, weight, 64);
-        _tile_dpbf16ps(0, 4, 6);
-        _tile_loadd(5, weight + TILE, 64);
-        _tile_dpbf16ps(1, 5, 6);
+        tile_load(6, x, 64);
+        tile_load(4, weight, 64);
+        tile_product(0, 4, 6);
+        tile_load(5, weight + TILE, 64);
+        tile_product(1, 5, 6);
     }
     _tile_stored(0, y, 64);
     _tile_stored(1, y + 256, 64);
@@ -507,19 +539,19 @@ static inline void qkv_product(const point_network *n, const char *normed, float
     int q_tiles = n->attention_width / 16; /* row tiles with nothing but q */
     size_t token = (size_t)l->row_tiles * 256;
     ORDER();
-    _tile_loadd(4, normed, 64);
-    _tile_loadd(5, normed + TILE, 64);
-    _tile_loadd(6, normed + 2 * TILE, 64);
+    tile_load(4, normed, 64);
+    tile_load(5, normed + TILE, 64);
+    tile_load(6, normed + 2 * TILE, 64);
     for (int m = 0; m < l->row_tiles; m++) {
-        _tile_loadd(7, (const char *)l->w + (size_t)m * TILE, 64);
+        tile_load(7, (const char *)l->w + (size_t)m * TILE, 64);
         float *y = sums + m * 256;
         _tile_zero(0);
         _tile_zero(1);
-        _tile_dpbf16ps(0, 7, 4);
-        _tile_dpbf16ps(1, 7, 5);
+        tile_product(0, 7, 4);
+        tile_product(1, 7, 5);
         if (m >= q_tiles) {
             _tile_zero(2);
-            _tile_dpbf16ps(2, 7, 6);
+            tile_product(2, 7, 6);
             _tile_stored(2, y + 2 * token, 64);
         }
         _tile_stored(0, y, 64);
@@ -569,16 +601,17 @@ static inline void attention(const point_network *n, const float *sums, char *mi
     }
 }
 
-/* The first layer of the feed-forward part for one token of one group: sums [32][16]. */
+/* The first layer of the feed-forward part for one token of one group: sums [32][16], without the
+ * bias. */
 static inline void mlp_product(const tiles *l, const char *normed, float *sums) {
     ORDER();
-    _tile_loadd(0, l->bias, 64);
-    _tile_loadd(1, l->bias + 256, 64);
-    _tile_loadd(6, normed, 64);
-    _tile_loadd(4, (const char *)l->w, 64);
-    _tile_dpbf16ps(0, 4, 6);
-    _tile_loadd(5, (const char *)l->w + TILE, 64);
-    _tile_dpbf16ps(1, 5, 6);
+    _tile_zero(0);
+    _tile_zero(1);
+    tile_load(6, normed, 64);
+    tile_load(4, (const char *)l->w, 64);
+    tile_product(0, 4, 6);
+    tile_load(5, (const char *)l->w + TILE, 64);
+    tile_product(1, 5, 6);
     _tile_stored(0, sums, 64);
     _tile_stored(1, sums + 256, 64);
     ORDER();

@@ -22,10 +22,10 @@ sherf_status tiles_pack(context *c, const point_matrix *m, int row_tiles, int bl
                         tiles *out) {
     *out = (tiles){.row_tiles = row_tiles, .blocks = blocks};
     out->w = mem_zero(c, (size_t)row_tiles * (size_t)blocks, TILE);
-    out->bias = mem_zero(c, (size_t)row_tiles * 256, sizeof(float));
+    out->bias = mem_zero(c, (size_t)row_tiles * 16, sizeof(float));
     if (!out->w || !out->bias) return SHERF_NO_MEMORY;
     for (int r = 0; r < m->rows; r++) {
-        for (int i = 0; i < 16; i++) out->bias[r * 16 + i] = m->b[r];
+        out->bias[r] = m->b[r];
         int tile = r / 16, pair = tile / 2;
         int width = 2 * pair + 1 < row_tiles ? 2 : 1; /* row tiles side by side */
         for (int k = 0; k < blocks * 32; k++) {

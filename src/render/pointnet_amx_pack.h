@@ -11,7 +11,7 @@ enum {
     TILE = 1024 /* bytes of a tile */
 };
 /* Weights as tiles: [pair of row tiles][column block][2][16 rows][32 columns]; with an odd number of row
- * tiles the last comes alone. bias: a tile a row tile, every row 16 times the same value. */
+ * tiles the last comes alone. bias: a value a row, to be added by who reads the sums. */
 typedef struct {
     int row_tiles, blocks;
     uint16_t *w;

@@ -146,19 +146,19 @@ static void add_gradient(const space *s, float *lane, const matrix_place *m, con
     for (int o = 0; o < m->row_tiles; o += 2)
         for (int i = 0; i < m->column_tiles; i += 2, w += 1024) {
             const char *a = s->rows + (size_t)o * strip, *b = s->columns + (size_t)i * strip;
-            _tile_loadd(0, w, 64);
-            _tile_loadd(1, w + 256, 64);
-            _tile_loadd(2, w + 512, 64);
-            _tile_loadd(3, w + 768, 64);
+            tile_load(0, w, 64);
+            tile_load(1, w + 256, 64);
+            tile_load(2, w + 512, 64);
+            tile_load(3, w + 768, 64);
             for (int k = 0; k < chunks; k++, a += TILE, b += TILE) {
-                _tile_loadd(4, a, 64);
-                _tile_loadd(6, b, 64);
-                _tile_dpbf16ps(0, 4, 6);
-                _tile_loadd(7, b + strip, 64);
-                _tile_dpbf16ps(1, 4, 7);
-                _tile_loadd(5, a + strip, 64);
-                _tile_dpbf16ps(2, 5, 6);
-                _tile_dpbf16ps(3, 5, 7);
+                tile_load(4, a, 64);
+                tile_load(6, b, 64);
+                tile_product(0, 4, 6);
+                tile_load(7, b + strip, 64);
+                tile_product(1, 4, 7);
+                tile_load(5, a + strip, 64);
+                tile_product(2, 5, 6);
+                tile_product(3, 5, 7);
             }
             _tile_stored(0, w, 64);
             _tile_stored(1, w + 256, 64);
@@ -176,11 +176,11 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
         _tile_zero(0);
         _tile_zero(1);
         for (int k = 0; k < l->blocks; k++, weight += 2 * TILE) {
-            _tile_loadd(6, x + k * TILE, 64);
-            _tile_loadd(4, weight, 64);
-            _tile_dpbf16ps(0, 4, 6);
-            _tile_loadd(5, weight + TILE, 64);
-            _tile_dpbf16ps(1, 5, 6);
+            tile_load(6, x + k * TILE, 64);
+            tile_load(4, weight, 64);
+            tile_product(0, 4, 6);
+            tile_load(5, weight + TILE, 64);
+            tile_product(1, 5, 6);
         }
         _tile_stored(0, y, 64);
         _tile_stored(1, y + 256, 64);
@@ -188,9 +188,9 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
     if (l->row_tiles & 1) {
         _tile_zero(0);
         for (int k = 0; k < l->blocks; k++, weight += TILE) {
-            _tile_loadd(6, x + k * TILE, 64);
-            _tile_loadd(4, weight, 64);
-            _tile_dpbf16ps(0, 4, 6);
+            tile_load(6, x + k * TILE, 64);
+            tile_load(4, weight, 64);
+            tile_product(0, 4, 6);
         }
         _tile_stored(0, y, 64);
     }
@@ -227,9 +227,13 @@ static void forward(const point_trainer *r, const train_tile *t, space *s) {
         norm_tile(s->token + (k >> 1) * ALL + (k & 1) * ONE, n->norm1_w, n->norm1_b, s->normed1 + k * TILE);
         float *pre = s->pre + k * ONE;
         mlp_product(&a->mlp0, s->normed1 + k * TILE, pre);
-        for (int c = 0; c < WIDTH; c += 2, pre += 2 * GROUP)
-            _mm512_store_si512(s->gelu + k * TILE + c * 32,
-                               pairs(gelu_16(_mm512_load_ps(pre)), gelu_16(_mm512_load_ps(pre + GROUP))));
+        for (int c = 0; c < WIDTH; c += 2, pre += 2 * GROUP) {
+            __m512 even = _mm512_add_ps(_mm512_load_ps(pre), _mm512_set1_ps(a->mlp0.bias[c])),
+                   odd = _mm512_add_ps(_mm512_load_ps(pre + GROUP), _mm512_set1_ps(a->mlp0.bias[c + 1]));
+            _mm512_store_ps(pre, even);
+            _mm512_store_ps(pre + GROUP, odd);
+            _mm512_store_si512(s->gelu + k * TILE + c * 32, pairs(gelu_16(even), gelu_16(odd)));
+        }
     }
     ORDER();
     for (int k = 0; k < 2 * AMX_GROUPS; k++)

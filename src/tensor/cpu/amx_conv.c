@@ -173,14 +173,14 @@ AMX static void correlate_range(void *arg, int64_t begin, int64_t end, int threa
                 const uint16_t *map = q->map.data + (block * q->map.positions + first) * 32;
                 for (int t = 0; t < q->taps.count; t++, b += 2 * TILE) {
                     const uint16_t *a = map + q->taps.offset[t] * 32;
-                    _tile_loadd(4, a, 64);
-                    _tile_loadd(5, a + TILE, 64);
-                    _tile_loadd(6, b, 64);
-                    _tile_loadd(7, b + TILE, 64);
-                    _tile_dpbf16ps(0, 4, 6);
-                    _tile_dpbf16ps(1, 4, 7);
-                    _tile_dpbf16ps(2, 5, 6);
-                    _tile_dpbf16ps(3, 5, 7);
+                    tile_load(4, a, 64);
+                    tile_load(5, a + TILE, 64);
+                    tile_load(6, b, 64);
+                    tile_load(7, b + TILE, 64);
+                    tile_product(0, 4, 6);
+                    tile_product(1, 4, 7);
+                    tile_product(2, 5, 6);
+                    tile_product(3, 5, 7);
                 }
             }
             _tile_stored(0, sum, 128);
@@ -353,14 +353,14 @@ AMX_INLINE void weight_product(const uint16_t *a, const uint16_t *a2, const uint
                                int64_t steps, bool add, float *sums) {
     sums_begin(add, sums);
     for (int64_t s = 0; s < steps; s++) {
-        _tile_loadd(4, a + s * TILE, 64);
-        _tile_loadd(5, a2 + s * TILE, 64);
-        _tile_loadd(6, b + s * 512, 128);
-        _tile_loadd(7, b2 + s * 512, 128);
-        _tile_dpbf16ps(0, 4, 6);
-        _tile_dpbf16ps(1, 4, 7);
-        _tile_dpbf16ps(2, 5, 6);
-        _tile_dpbf16ps(3, 5, 7);
+        tile_load(4, a + s * TILE, 64);
+        tile_load(5, a2 + s * TILE, 64);
+        tile_load(6, b + s * 512, 128);
+        tile_load(7, b2 + s * 512, 128);
+        tile_product(0, 4, 6);
+        tile_product(1, 4, 7);
+        tile_product(2, 5, 6);
+        tile_product(3, 5, 7);
     }
     sums_end(sums);
 }

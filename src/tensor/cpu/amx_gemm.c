@@ -12,10 +12,10 @@ AMX_INLINE void product_32(const uint16_t *a, const uint16_t *a2, int64_t a_step
                            float *d2, int64_t ldc, bool sum, bool wide, bool tall) {
     const int64_t bytes = ldc * (int64_t)sizeof(float);
     if (sum) {
-        _tile_loadd(0, c, bytes);
-        if (wide) _tile_loadd(1, c2, bytes);
-        if (tall) _tile_loadd(2, d, bytes);
-        if (wide && tall) _tile_loadd(3, d2, bytes);
+        tile_load(0, c, bytes);
+        if (wide) tile_load(1, c2, bytes);
+        if (tall) tile_load(2, d, bytes);
+        if (wide && tall) tile_load(3, d2, bytes);
     } else {
         _tile_zero(0);
         _tile_zero(1);
@@ -23,17 +23,17 @@ AMX_INLINE void product_32(const uint16_t *a, const uint16_t *a2, int64_t a_step
         _tile_zero(3);
     }
     for (int64_t k = 0; k < depth; k++) {
-        _tile_loadd(4, a + k * a_step, 64);
-        _tile_loadd(6, b + k * b_step, 64);
-        _tile_dpbf16ps(0, 4, 6);
+        tile_load(4, a + k * a_step, 64);
+        tile_load(6, b + k * b_step, 64);
+        tile_product(0, 4, 6);
         if (tall) {
-            _tile_loadd(5, a2 + k * a_step, 64);
-            _tile_dpbf16ps(2, 5, 6);
+            tile_load(5, a2 + k * a_step, 64);
+            tile_product(2, 5, 6);
         }
         if (wide) {
-            _tile_loadd(7, b2 + k * b_step, 64);
-            _tile_dpbf16ps(1, 4, 7);
-            if (tall) _tile_dpbf16ps(3, 5, 7);
+            tile_load(7, b2 + k * b_step, 64);
+            tile_product(1, 4, 7);
+            if (tall) tile_product(3, 5, 7);
         }
     }
     _tile_stored(0, c, bytes);

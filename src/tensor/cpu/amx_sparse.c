@@ -164,15 +164,15 @@ AMX_INLINE void group_product(const int *tap, int taps, int64_t blocks, const ui
     for (int t = 0; t < taps; t++) {
         const uint16_t *w = b + tap[t] * blocks * 2 * TILE;
         for (int64_t block = 0; block < blocks; block++, a += 2 * TILE, w += 2 * TILE) {
-            _tile_loadd(4, a, 64);
-            _tile_loadd(5, a + TILE, 64);
-            _tile_loadd(6, w, 64);
-            _tile_dpbf16ps(0, 4, 6);
-            _tile_dpbf16ps(2, 5, 6);
+            tile_load(4, a, 64);
+            tile_load(5, a + TILE, 64);
+            tile_load(6, w, 64);
+            tile_product(0, 4, 6);
+            tile_product(2, 5, 6);
             if (!wide) continue;
-            _tile_loadd(7, w + TILE, 64);
-            _tile_dpbf16ps(1, 4, 7);
-            _tile_dpbf16ps(3, 5, 7);
+            tile_load(7, w + TILE, 64);
+            tile_product(1, 4, 7);
+            tile_product(3, 5, 7);
         }
     }
     sums_end(sum);
@@ -312,14 +312,14 @@ AMX_INLINE void weight_product(const weight_job *j, int64_t row, const int64_t *
     const uint16_t *a = j->dy_tiles + 2 * row * j->sorted.groups * TILE, *a2 = a + j->sorted.groups * TILE;
     sums_begin(true, sums);
     for (int s = 0; s < count; s++, x += 2 * TILE) {
-        _tile_loadd(4, a + group[s] * TILE, 64);
-        _tile_loadd(5, a2 + group[s] * TILE, 64);
-        _tile_loadd(6, x, 64);
-        _tile_loadd(7, x + TILE, 64);
-        _tile_dpbf16ps(0, 4, 6);
-        _tile_dpbf16ps(1, 4, 7);
-        _tile_dpbf16ps(2, 5, 6);
-        _tile_dpbf16ps(3, 5, 7);
+        tile_load(4, a + group[s] * TILE, 64);
+        tile_load(5, a2 + group[s] * TILE, 64);
+        tile_load(6, x, 64);
+        tile_load(7, x + TILE, 64);
+        tile_product(0, 4, 6);
+        tile_product(1, 4, 7);
+        tile_product(2, 5, 6);
+        tile_product(3, 5, 7);
     }
     sums_end(sums);
 }

@@ -2,7 +2,7 @@
 #ifndef SHERF_AMX_TILES_H
 #define SHERF_AMX_TILES_H
 
-#include <immintrin.h>
+#include "base/amx.h"
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -56,10 +56,10 @@ AMX_INLINE void load_down(const float *m, int64_t ld, int64_t rows, int64_t colu
 /* Tiles 0 to 3 from and to 2 x 2 tiles of sums one after the other; or from zero. */
 AMX_INLINE void sums_begin(bool add, const float *sums) {
     if (add) {
-        _tile_loadd(0, sums, 64);
-        _tile_loadd(1, sums + 256, 64);
-        _tile_loadd(2, sums + 512, 64);
-        _tile_loadd(3, sums + 768, 64);
+        tile_load(0, sums, 64);
+        tile_load(1, sums + 256, 64);
+        tile_load(2, sums + 512, 64);
+        tile_load(3, sums + 768, 64);
     } else {
         _tile_zero(0);
         _tile_zero(1);

@@ -347,6 +347,14 @@ static void write_ray(const work *w, const ray_state *s) {
     f->depth.data[s->ray] = fminf(fmaxf(depth, w->depth_min), w->depth_max);
 }
 
+/* As write_ray for a ray without points, whose direction and range need not be read. */
+static void write_nothing(const work *w, int64_t ray) {
+    sherf_frame *f = w->frame;
+    for (int k = 0; k < 3; k++) f->color.data[3 * ray + k] = w->background[k];
+    f->opacity.data[ray] = 0;
+    f->depth.data[ray] = w->depth_max;
+}
+
 /* The block's rays that have points, into `active`; the others are finished. */
 static int start_block(const work *w, block_space *b, int64_t block) {
     const int width = w->rays->width, height = w->rays->height;
@@ -355,12 +363,14 @@ static int start_block(const work *w, block_space *b, int64_t block) {
     int count = 0;
     for (int y = y0; y < y0 + BLOCK_SIDE && y < height; y++)
         for (int x = x0; x < x0 + BLOCK_SIDE && x < width; x++) {
-            ray_state *s = &b->state[count];
-            *s = start_ray(w, (int64_t)y * width + x);
-            if (s->at < s->end)
-                b->active[count] = (int16_t)count, count++;
-            else
-                write_ray(w, s);
+            const int64_t ray = (int64_t)y * width + x;
+            if (w->points->first[ray] == w->points->first[ray + 1]) {
+                write_nothing(w, ray);
+                continue;
+            }
+            b->state[count] = start_ray(w, ray);
+            b->active[count] = (int16_t)count;
+            count++;
         }
     return count;
 }

@@ -106,11 +106,11 @@ static inline void wait_for(waiting *w, const float *sums, const float *bias, ch
 
 /* Two rows of a tile (r below 8), with ReLU (on bf16 a maximum of signed 16-bit integers), or, backwards
  * through one, kept where the ReLU's result `mask` is not 0. */
-static inline void finish_rows(waiting_tile t, int r) {
+static inline void finish_rows(waiting_tile t, int r, bool masked) {
     const float *sums = t.sums + r * 32, *bias = t.bias + r * 2;
     __m512i y = pairs(_mm512_add_ps(_mm512_load_ps(sums), _mm512_set1_ps(bias[0])),
                       _mm512_add_ps(_mm512_load_ps(sums + GROUP), _mm512_set1_ps(bias[1])));
-    if (t.mask) {
+    if (masked) {
         __m512i x = _mm512_load_si512(t.mask + r * PAIR);
         y = _mm512_maskz_mov_epi16(_mm512_test_epi16_mask(x, x), y);
     } else {
@@ -121,7 +121,7 @@ static inline void finish_rows(waiting_tile t, int r) {
 
 static inline void finish(waiting_tile t) {
 #pragma GCC unroll 8
-    for (int r = 0; r < 8; r++) finish_rows(t, r);
+    for (int r = 0; r < 8; r++) finish_rows(t, r, t.mask != NULL);
 }
 
 static inline void finish_all(waiting *w) {
@@ -135,30 +135,24 @@ static inline float *free_half(const waiting *w, float *c) {
     return w->count && w->tile[0].sums < c + 1024 ? c + 1024 : c;
 }
 
-/* What goes between two tile instructions of a step: rows of a waiting tile and a part of the prefetch of the
- * next rows of weights; where nothing waits, room. */
+/* What goes between two tile instructions of a step: two rows of a waiting tile and a part of the prefetch of
+ * the next rows of weights. */
 #define BETWEEN(R)                                                                                           \
     do {                                                                                                     \
         ORDER();                                                                                             \
-        if (any)                                                                                             \
-            finish_rows(oldest, R);                                                                          \
-        else                                                                                                 \
-            TILE_ROOM();                                                                                     \
-        if (soon && g < blocks) {                                                                            \
-            _mm_prefetch(soon + g * 2 * TILE + (R)*128, _MM_HINT_T0);                                        \
-            _mm_prefetch(soon + g * 2 * TILE + (R)*128 + 64, _MM_HINT_T0);                                   \
-        }                                                                                                    \
+        finish_rows(oldest, R, masked);                                                                      \
+        _mm_prefetch(soon + (R)*128, _MM_HINT_T0);                                                           \
+        _mm_prefetch(soon + (R)*128 + 64, _MM_HINT_T0);                                                      \
         ORDER();                                                                                             \
     } while (0)
 /* The product of a tile of rows (weights in tiles 4 to 7) with one group, into CURRENT. Storing a tile of
  * sums keeps the product unit from starting anything (16 cycles), unless products that do not need the tile
- * are under way: so the step before's sums (PREVIOUS) are stored here, after the second product. */
+ * are under way: so the step before's sums (PREVIOUS) are stored here, after the second product, and those of
+ * the step before that are finished. */
 #define STEP(CURRENT, PREVIOUS)                                                                              \
     do {                                                                                                     \
         const char *in = x.at + (size_t)g * x.pitch;                                                         \
-        const bool any = w->count > 0, two = w->count > 1;                                                   \
-        const waiting_tile oldest = w->tile[0];                                                              \
-        if (two) finish(w->tile[1]);                                                                         \
+        const char *soon = g < blocks ? next + g * 2 * TILE : weight;                                        \
         _tile_zero(CURRENT);                                                                                 \
         _tile_loadd(2, in, 64);                                                                              \
         BETWEEN(0);                                                                                          \
@@ -168,7 +162,7 @@ static inline float *free_half(const waiting *w, float *c) {
         BETWEEN(2);                                                                                          \
         if (blocks > 1) _tile_dpbf16ps(CURRENT, 5, 3);                                                       \
         BETWEEN(3);                                                                                          \
-        if (previous) _tile_stored(PREVIOUS, sums, 64);                                                      \
+        if (step) _tile_stored(PREVIOUS, newest.sums, 64);                                                   \
         if (blocks > 2) _tile_loadd(2, in + 2 * TILE, 64);                                                   \
         BETWEEN(4);                                                                                          \
         if (blocks > 3) _tile_loadd(3, in + 3 * TILE, 64);                                                   \
@@ -177,32 +171,35 @@ static inline float *free_half(const waiting *w, float *c) {
         BETWEEN(6);                                                                                          \
         if (blocks > 3) _tile_dpbf16ps(CURRENT, 7, 3);                                                       \
         BETWEEN(7);                                                                                          \
-        const int done = any + two;                                                                          \
-        for (int i = done; i < w->count; i++) w->tile[i - done] = w->tile[i];                                \
-        w->count -= done;                                                                                    \
-        if (previous) {                                                                                      \
-            wait_for(w, sums, previous_bias, previous, mask);                                                \
-            step++;                                                                                          \
-            sums = ring + (step & 3) * 256;                                                                  \
-        }                                                                                                    \
-        previous = y.at + (size_t)g * y.pitch + m * 8 * PAIR;                                                \
-        previous_bias = bias;                                                                                \
+        char *out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;                                               \
+        oldest = newest;                                                                                     \
+        newest = (waiting_tile){ring + (step & 3) * 256, l->bias + m * 16, out, masked ? out + mask : NULL}; \
+        step++;                                                                                              \
         g++;                                                                                                 \
     } while (0)
 
-/* y = ReLU(W x + b), or (mask not 0) W x + b where the ReLU's result `mask` bytes behind y is not 0; rounded,
- * for all points, of up to 4 column blocks: the weights of 16 rows stay in tiles. The last two tiles are left
+/* Leaves the last two waiting; where fewer wait, some that are finished for nothing, into what is written
+ * again. */
+static inline void leave_two(waiting *w, waiting_tile nothing) {
+    while (w->count > 2) finish(w->tile[--w->count]);
+    while (w->count < 2) w->tile[w->count++] = nothing;
+    ORDER();
+}
+
+/* y = ReLU(W x + b), or (masked) W x + b where the ReLU's result `mask` bytes behind y is not 0; rounded, for
+ * all points, of up to 4 column blocks: the weights of 16 rows stay in tiles. The last two tiles are left
  * waiting. */
-static inline void dense_short(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
-    float *ring = free_half(w, c), *sums = ring;
-    char *previous = NULL;
-    const float *previous_bias = NULL;
-    int blocks = l->blocks, step = 0;
+static inline __attribute__((always_inline)) void dense_short(const tiles *l, const int blocks, channels x,
+                                                              channels y, const bool masked, ptrdiff_t mask,
+                                                              float *c, waiting *w) {
+    float *ring = free_half(w, c);
+    int step = 0;
+    leave_two(w, (waiting_tile){ring, l->bias, y.at, masked ? y.at + mask : NULL});
+    waiting_tile oldest = w->tile[0], newest = w->tile[1];
     for (int m = 0; m < l->row_tiles; m++) {
         const char *weight = (const char *)l->w + (size_t)(m / 2 * 2 * blocks + m % 2) * TILE;
-        const float *bias = l->bias + m * 16;
-        const char *soon =
-            m + 1 < l->row_tiles ? (m & 1 ? weight + (2 * blocks - 1) * TILE : weight + TILE) : NULL;
+        const char *next =
+            m + 1 < l->row_tiles ? (m & 1 ? weight + (2 * blocks - 1) * TILE : weight + TILE) : weight;
         tile_load(4, weight, 64);
         if (blocks > 1) tile_load(5, weight + 2 * TILE, 64);
         if (blocks > 2) tile_load(6, weight + 4 * TILE, 64);
@@ -212,8 +209,9 @@ static inline void dense_short(const tiles *l, channels x, channels y, ptrdiff_t
             STEP(1, 0);
         }
     }
-    _tile_stored(1, sums, 64);
-    wait_for(w, sums, previous_bias, previous, mask);
+    _tile_stored(1, newest.sums, 64);
+    w->tile[0] = oldest;
+    w->tile[1] = newest;
     ORDER();
 }
 
@@ -221,7 +219,7 @@ static inline void dense_short(const tiles *l, channels x, channels y, ptrdiff_t
 static inline int between(const waiting *w, int at) {
     ORDER();
     if (at < 8 * w->count)
-        finish_rows(w->tile[at >> 3], at & 7);
+        finish_rows(w->tile[at >> 3], at & 7, w->tile[at >> 3].mask != NULL);
     else
         TILE_ROOM();
     ORDER();
@@ -273,9 +271,12 @@ static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t 
         }
 }
 
-static inline void dense(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
-    if (l->blocks <= 4)
-        dense_short(l, x, y, mask, c, w);
+static __attribute__((noinline)) void dense(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c,
+                                            waiting *w) {
+    if (l->blocks == 4 && !mask)
+        dense_short(l, 4, x, y, false, 0, c, w);
+    else if (l->blocks <= 4)
+        dense_short(l, l->blocks, x, y, mask != 0, mask, c, w);
     else
         dense_long(l, x, y, mask, c, w);
 }

@@ -215,49 +215,54 @@ static inline __attribute__((always_inline)) void dense_short(const tiles *l, co
     ORDER();
 }
 
-/* Two rows of the tiles that wait, the `at`-th of 8 times count; behind the last one, room. */
-static inline int between(const waiting *w, int at) {
-    ORDER();
-    if (at < 8 * w->count)
-        finish_rows(w->tile[at >> 3], at & 7, w->tile[at >> 3].mask != NULL);
-    else
-        TILE_ROOM();
-    ORDER();
-    return at + 1;
-}
+/* A block of columns for 2 row tiles x 2 groups, something BETWEEN the tile instructions. */
+#define LONG_STEP(BETWEEN)                                                                                   \
+    do {                                                                                                     \
+        _tile_loadd(6, in, 64);                                                                              \
+        BETWEEN(0);                                                                                          \
+        _tile_loadd(4, weight, 64);                                                                          \
+        BETWEEN(1);                                                                                          \
+        _tile_dpbf16ps(0, 4, 6);                                                                             \
+        BETWEEN(2);                                                                                          \
+        _tile_loadd(7, next, 64);                                                                            \
+        BETWEEN(3);                                                                                          \
+        _tile_dpbf16ps(1, 4, 7);                                                                             \
+        BETWEEN(4);                                                                                          \
+        _tile_loadd(5, weight + TILE, 64);                                                                   \
+        BETWEEN(5);                                                                                          \
+        _tile_dpbf16ps(2, 5, 6);                                                                             \
+        BETWEEN(6);                                                                                          \
+        _tile_dpbf16ps(3, 5, 7);                                                                             \
+        BETWEEN(7);                                                                                          \
+        weight += 2 * TILE;                                                                                  \
+        in += TILE;                                                                                          \
+        next += TILE;                                                                                        \
+    } while (0)
+#define FINISH(R)                                                                                            \
+    ORDER();                                                                                                 \
+    finish_rows(ready, R, masked);                                                                           \
+    ORDER()
+#define ROOM(R) TILE_ROOM()
 
-/* The same for any number of blocks, by 2 row tiles x 2 groups; the last four tiles are left waiting. */
-static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t mask, float *c, waiting *w) {
-    int blocks = l->blocks;
+/* The same for more blocks than tiles wait, by 2 row tiles x 2 groups; the last four tiles are left waiting.
+ */
+static inline __attribute__((always_inline)) void
+dense_long(const tiles *l, channels x, channels y, const bool masked, ptrdiff_t mask, float *c, waiting *w) {
     for (int m = 0; m < l->row_tiles; m += 2)
         for (int g = 0; g < AMX_GROUPS; g += 2) {
-            const char *weight = (const char *)l->w + (size_t)m * (size_t)blocks * TILE;
+            const char *weight = (const char *)l->w + (size_t)m * (size_t)l->blocks * TILE;
             const char *in = x.at + (size_t)g * x.pitch, *next = in + x.pitch;
             float *sums = free_half(w, c);
-            int at = 0;
+            int k = 0;
             _tile_zero(0);
             _tile_zero(1);
             _tile_zero(2);
             _tile_zero(3);
-            for (int k = 0; k < blocks; k++, weight += 2 * TILE, in += TILE, next += TILE) {
-                _tile_loadd(6, in, 64);
-                at = between(w, at);
-                _tile_loadd(4, weight, 64);
-                at = between(w, at);
-                _tile_dpbf16ps(0, 4, 6);
-                at = between(w, at);
-                _tile_loadd(7, next, 64);
-                at = between(w, at);
-                _tile_dpbf16ps(1, 4, 7);
-                at = between(w, at);
-                _tile_loadd(5, weight + TILE, 64);
-                at = between(w, at);
-                _tile_dpbf16ps(2, 5, 6);
-                at = between(w, at);
-                _tile_dpbf16ps(3, 5, 7);
-                at = between(w, at);
+            for (; k < w->count; k++) {
+                const waiting_tile ready = w->tile[k];
+                LONG_STEP(FINISH);
             }
-            while (at < 8 * w->count) at = between(w, at);
+            for (; k < l->blocks; k++) LONG_STEP(ROOM);
             _tile_stored(0, sums, 64);
             _tile_stored(1, sums + 256, 64);
             _tile_stored(2, sums + 512, 64);
@@ -266,7 +271,7 @@ static inline void dense_long(const tiles *l, channels x, channels y, ptrdiff_t 
             w->count = 0;
             for (int i = 0; i < 4; i++)
                 wait_for(w, sums + i * 256, l->bias + (m + (i >> 1)) * 16,
-                         out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR, mask);
+                         out + (size_t)(i & 1) * y.pitch + (i >> 1) * 8 * PAIR, masked ? mask : 0);
             ORDER();
         }
 }
@@ -278,7 +283,7 @@ static __attribute__((noinline)) void dense(const tiles *l, channels x, channels
     else if (l->blocks <= 4)
         dense_short(l, l->blocks, x, y, mask != 0, mask, c, w);
     else
-        dense_long(l, x, y, mask, c, w);
+        dense_long(l, x, y, mask != 0, mask, c, w);
 }
 
 /* One row tile for all groups, sums as [group][16][16], without the bias. */

@@ -56,7 +56,22 @@ add_custom_target(sherf_texts ALL DEPENDS ${pages} ${texts}/sherf.bash ${texts}/
 
 # pkg-config: what a static link needs besides.
 list(JOIN SHERF_PKG_CONFIG ", " SHERF_REQUIRES_PRIVATE)
-list(JOIN OpenMP_C_FLAGS " " SHERF_OPENMP)
+list(GET OpenMP_C_LIBRARIES 0 SHERF_OPENMP) # not the flag, which another compiler may not know
+if(CMAKE_C_COMPILER_ID STREQUAL GNU)
+  set(SHERF_OPENMP -lgomp) # in a folder of the compiler's version
+endif()
+# Counted from where sherf.pc lies: right after `cmake --install --prefix` too, and pkg-config quotes a space in it.
+foreach(folder LIBDIR INCLUDEDIR)
+  set(SHERF_PC_${folder} "\${prefix}/${CMAKE_INSTALL_${folder}}")
+  if(IS_ABSOLUTE "${CMAKE_INSTALL_${folder}}")
+    set(SHERF_PC_${folder} "${CMAKE_INSTALL_${folder}}")
+  endif()
+endforeach()
+set(SHERF_PC_PREFIX "${CMAKE_INSTALL_PREFIX}")
+if(NOT IS_ABSOLUTE "${CMAKE_INSTALL_LIBDIR}")
+  file(RELATIVE_PATH SHERF_PC_PREFIX "/${CMAKE_INSTALL_LIBDIR}/pkgconfig" /)
+  string(REGEX REPLACE "/$" "" SHERF_PC_PREFIX "\${pcfiledir}/${SHERF_PC_PREFIX}")
+endif()
 configure_file(cmake/sherf.pc.in ${CMAKE_BINARY_DIR}/sherf.pc @ONLY)
 
 install(TARGETS sherf RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})

@@ -110,8 +110,8 @@ sherf_status parse_pose(context *c, const value *v, sherf_pose *out) {
     sherf_status status = SHERF_OK;
     const value *poses = get_either(v, "poses", "pose");
     const value *shapes = get_either(v, "shapes", "betas");
-    const value *Th = get_either(v, "Th", "transl");
-    if (!Th) Th = value_get(v, "trans");
+    const char *Th_name = value_get(v, "Th") ? "Th" : value_get(v, "transl") ? "transl" : "trans";
+    const value *Th = value_get(v, Th_name);
     const value *R = get_either(v, "R", "Rh");
     if (poses)
         status = parse_joints(c, poses, "poses", 0, BODY_JOINTS, out->poses_rad);
@@ -119,9 +119,11 @@ sherf_status parse_pose(context *c, const value *v, sherf_pose *out) {
         status = parse_smpl_names(c, v, out);
     else
         status = failure(c, SHERF_BAD_FILE, "a body needs poses (72 numbers) or body_pose (69)");
-    if (!status && shapes) status = parse_prefix(c, shapes, "shapes", BODY_SHAPES, out->shapes);
+    if (!status && shapes)
+        status =
+            parse_prefix(c, shapes, value_get(v, "shapes") ? "shapes" : "betas", BODY_SHAPES, out->shapes);
     if (!status && R) status = parse_rotation(c, R, value_get(v, "R") ? "R" : "Rh", out->R);
-    if (!status && Th) status = value_floats(c, Th, "Th", 3, out->Th_m);
+    if (!status && Th) status = value_floats(c, Th, Th_name, 3, out->Th_m);
     return status;
 }
 

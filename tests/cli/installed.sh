@@ -8,37 +8,34 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 fail() { echo "installed.sh: $*" >&2; exit 1; }
 
-cmake --install "$build" --prefix "$work/usr" >"$work/install.log"
-lib=$(dirname "$(find "$work/usr" -name libsherf.a)")
+usr="$work/a prefix" # with a space in it
+cmake --install "$build" --prefix "$usr" >"$work/install.log"
+lib=$(dirname "$(find "$usr" -name libsherf.a)")
 for file in bin/sherf include/sherf/sherf.h share/man/man1/sherf.1 share/man/man1/sherf-render.1 \
     share/sherf/body.safetensors share/bash-completion/completions/sherf share/zsh/site-functions/_sherf; do
-    [ -s "$work/usr/$file" ] || fail "$file was not installed"
+    [ -s "$usr/$file" ] || fail "$file was not installed"
 done
 export PKG_CONFIG_PATH="$lib/pkgconfig"
-# The prefix in the file is the one of the configuration; the folder given to --install replaces it here.
-pkg() { pkg-config --define-variable=prefix="$work/usr" "$@"; }
-version=$(pkg --modversion sherf)
-[ "$("$work/usr/bin/sherf" --version)" = "sherf $version" ] || fail "the program and sherf.pc differ in version"
+version=$(pkg-config --modversion sherf)
+[ "$("$usr/bin/sherf" --version)" = "sherf $version" ] || fail "the program and sherf.pc differ in version"
 
 others=$(nm -D --defined-only "$lib/libsherf.so" | awk '$2 != "A" {print $3}' | grep -v '^sherf_' || true)
 [ -z "$others" ] || fail "libsherf.so shows" $others
 others=$(nm -g --defined-only "$lib/libsherf.a" | awk 'NF == 3 {print $3}' | grep -v '^sherf_' || true)
 [ -z "$others" ] || fail "libsherf.a shows" $others
 
-# shellcheck disable=SC2046
-cc -std=c11 -Wall -Wextra -Werror "$here/docs/example.c" $(pkg --cflags --libs sherf) -o "$work/example"
+# pkg-config quotes the space, so its words are evaluated.
+eval "cc -std=c11 -Wall -Wextra -Werror '$here/docs/example.c' $(pkg-config --cflags --libs sherf) -o '$work/example'"
 # The archive with the shared libraries of others: --static would ask for theirs too.
-# shellcheck disable=SC2046
-cc -std=c11 "$here/docs/example.c" $(pkg --cflags sherf) "$lib/libsherf.a" \
-    $(pkg-config --libs $(pkg --print-requires-private sherf)) -ldnnl -lembree3 -lm -fopenmp -o "$work/example-static"
-# shellcheck disable=SC2046
-c++ -std=c++20 -Wall -x c++ "$here/docs/example.c" -x none $(pkg --cflags --libs sherf) -o "$work/example-cxx"
-# shellcheck disable=SC2046
-cc -std=c11 "$here/tests/cli/make_model.c" $(pkg --cflags --libs sherf) -o "$work/make_model"
+eval "cc -std=c11 '$here/docs/example.c' $(pkg-config --cflags sherf) '$lib/libsherf.a' \
+    $(pkg-config --libs $(pkg-config --print-requires-private sherf)) $(sed -n 's/^Libs.private: //p' "$lib/pkgconfig/sherf.pc") \
+    -o '$work/example-static'"
+eval "c++ -std=c++20 -Wall -x c++ '$here/docs/example.c' -x none $(pkg-config --cflags --libs sherf) -o '$work/example-cxx'"
+eval "cc -std=c11 '$here/tests/cli/make_model.c' $(pkg-config --cflags --libs sherf) -o '$work/make_model'"
 
 export LD_LIBRARY_PATH="$lib" OMP_WAIT_POLICY=passive
 "$work/make_model" "$work/model.safetensors"
-"$work/usr/bin/sherf" synth tube -q -o "$work/people" --people 1 --poses 1 --views 4 --size 64
+"$usr/bin/sherf" synth tube -q -o "$work/people" --people 1 --poses 1 --views 4 --size 64
 person=$(head -n 1 "$work/people/human_list.txt")
 for example in example example-static example-cxx; do
     "$work/$example" "$work/people/tubeman.safetensors" "$work/model.safetensors" \

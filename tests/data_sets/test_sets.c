@@ -338,6 +338,12 @@ static void humman_is_read(void **state) {
     npz_member three[] = {{"betas", 1, {10}, some}, {"body_pose", 1, {69}, some}, {"transl", 1, {3}, some}};
     assert_ok(c, npz_write(c, join(root, "p0_a0/smpl_params/000006.npz"), 3, three));
     assert_fails(c, dataset_view(c, d, 0, 6, 1, 0, &v), SHERF_BAD_FILE, "000006.npz: no global_orient");
+    npz_member two[] = {{"betas", 1, {10}, some},
+                        {"body_pose", 1, {69}, some},
+                        {"global_orient", 1, {3}, some},
+                        {"transl", 1, {2}, some}};
+    assert_ok(c, npz_write(c, join(root, "p0_a0/smpl_params/000006.npz"), 4, two));
+    assert_fails(c, dataset_view(c, d, 0, 6, 1, 0, &v), SHERF_BAD_FILE, "transl has 2 numbers");
     sherf_dataset_free(d);
     make_text(c, join(root, "train.txt"), "p1_a1\n");
     make_text(c, join(root, "test.txt"), "p0_a0\n");

@@ -195,5 +195,6 @@ const verb verb_animate = {
     .options = options,
     .arguments_least = 0,
     .arguments_most = 1,
+    .computes = true,
     .run = run,
 };

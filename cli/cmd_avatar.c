@@ -30,6 +30,7 @@ static int report(session *s, double avatar_s) {
     cJSON_AddNumberToObject(json, "bytes", bytes);
     cJSON_AddNumberToObject(json, "avatar_ms", 1e3 * avatar_s);
     cJSON_AddStringToObject(json, "precision", session_precision(s));
+    cJSON_AddStringToObject(json, "device", session_device(s));
     session_json(json);
     return EXIT_DONE;
 }
@@ -72,5 +73,6 @@ const verb verb_avatar = {
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,
+    .computes = true,
     .run = run,
 };

@@ -41,5 +41,6 @@ const verb verb_bench = {
     .arguments_least = 1,
     .arguments_most = 1,
     .words = "render|train",
+    .computes = true,
     .run = run,
 };

@@ -114,5 +114,6 @@ const verb verb_eval = {
     .options = options,
     .arguments_least = 0,
     .arguments_most = 0,
+    .computes = true,
     .run = run,
 };

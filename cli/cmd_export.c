@@ -159,5 +159,6 @@ const verb verb_export = {
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,
+    .computes = true,
     .run = run,
 };

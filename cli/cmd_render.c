@@ -252,5 +252,6 @@ const verb verb_render = {
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1,
+    .computes = true,
     .run = run,
 };

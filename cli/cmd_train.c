@@ -105,5 +105,6 @@ const verb verb_train = {
     .options = options,
     .arguments_least = 0,
     .arguments_most = 0,
+    .computes = true,
     .run = run,
 };

@@ -197,5 +197,6 @@ const verb verb_view = {
     .options = options,
     .arguments_least = 1,
     .arguments_most = AVATARS_MOST,
+    .computes = true,
     .run = run,
 };

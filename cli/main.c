@@ -45,7 +45,7 @@ static int verb_run(const verb *v, int count, char **argument) {
         return EXIT_DONE;
     }
     session s;
-    status = session_open(&s, v->name);
+    status = session_open(&s, v);
     if (status) return status;
     status = v->run(&s, count, argument);
     session_close(&s);

@@ -9,9 +9,9 @@
 common_options common;
 const option common_table[] = {
     {0, "device", OPTION_CHOICE, &common.device, "auto|cpu|cuda",
-     "where to compute; so far all verbs do on the CPU alone"},
+     "where networks compute; auto takes an NVIDIA GPU where the build has CUDA and the machine one"},
     {0, "precision", OPTION_CHOICE, &common.precision, "auto|fp32|bf16",
-     "arithmetic of the networks; auto takes bf16 where the processor has AMX"},
+     "arithmetic of the networks; auto takes bf16 on a GPU and where the processor has AMX"},
     {'t', "threads", OPTION_INTEGER, &common.threads, "N", "threads; 0, the default, is one a core", 0, 1024},
     {0, "seed", OPTION_INTEGER, &common.seed, "N", "seed of everything that is drawn by chance (0)", 0, 9e15},
     {'q', "quiet", OPTION_FLAG, &common.quiet, NULL, "no progress and no remarks, only results and errors"},

@@ -46,6 +46,7 @@ typedef struct {
     const option *options;
     int arguments_least, arguments_most;
     const char *words; /* what the first argument may be, "render|train"; NULL: anything */
+    bool computes;     /* networks, on the device */
     int (*run)(session *s, int count, char **argument); /* the exit status */
 } verb;
 

@@ -138,11 +138,10 @@ static void on_interrupt(int number) {
 }
 
 /* ---- the session ---- */
-int session_open(session *s, const char *verb_name) {
-    *s = (session){.verb_name = verb_name};
+int session_open(session *s, const verb *v) {
+    *s = (session){.verb_name = v->name};
     char line[256];
-    if (common.device == SHERF_DEVICE_CUDA &&
-        sherf_device_find(SHERF_DEVICE_CUDA, line, sizeof line) != SHERF_OK)
+    if (sherf_device_find((sherf_device)common.device, line, sizeof line) != SHERF_OK)
         return session_failure("--device cuda: %s", line);
     /* Under mpirun one process speaks for all. */
     const char *rank = getenv("OMPI_COMM_WORLD_RANK");
@@ -154,6 +153,9 @@ int session_open(session *s, const char *verb_name) {
                        .progress = on_progress};
     if (sherf_context_create(&o, &s->context) != SHERF_OK)
         return session_failure("cannot start: out of memory, or --precision is more than the processor has");
+#ifdef SHERF_HAVE_CUDA /* there was something to choose from */
+    if (v->computes && common.device == SHERF_DEVICE_AUTO) session_remark("device: %s", line);
+#endif
     interrupted_context = s->context;
     signal(SIGINT, on_interrupt);
     signal(SIGTERM, on_interrupt);
@@ -176,6 +178,10 @@ int session_status(session *s, sherf_status status) {
 
 const char *session_precision(const session *s) {
     return sherf_precision_used(s->context) == SHERF_PRECISION_BF16 ? "bf16" : "fp32";
+}
+
+const char *session_device(const session *s) {
+    return sherf_device_used(s->context) == SHERF_DEVICE_CUDA ? "cuda" : "cpu";
 }
 
 void session_json(cJSON *json) {

@@ -13,7 +13,7 @@ struct session {
 };
 
 /* Makes the context from the common options and takes over Ctrl-C. An exit status. */
-int session_open(session *s, const char *verb_name);
+int session_open(session *s, const verb *v);
 void session_close(session *s);
 /* EXIT_DONE for SHERF_OK; otherwise the context's message as one line on stderr, and EXIT_FAILED. */
 int session_status(session *s, sherf_status status);
@@ -24,6 +24,7 @@ void session_remark(const char *format, ...) __attribute__((format(printf, 1, 2)
 /* A bar on a terminal, now and then a line elsewhere; nothing with --quiet. */
 void session_progress(const char *text, double done, double total);
 const char *session_precision(const session *s); /* what is used: "fp32" or "bf16" */
+const char *session_device(const session *s);    /* "cpu" or "cuda" */
 /* Prints and deletes `json`. */
 void session_json(cJSON *json);
 

@@ -53,11 +53,11 @@ typedef void (*sherf_progress_function)(void *user, const char *text, double don
 
 typedef struct {
     int threads;                      /* 0: one per core */
-    sherf_precision precision;        /* AUTO: bf16 where the processor has AMX, float32 elsewhere */
+    sherf_precision precision;        /* AUTO: bf16 where the processor has AMX or a GPU computes */
     sherf_log_function log;           /* may be NULL */
     sherf_progress_function progress; /* may be NULL */
     void *user;
-    sherf_device device; /* AUTO: the fastest that sherf_device_find finds; so far always the CPU */
+    sherf_device device; /* AUTO: a GPU if this build can use the one that is there, else the CPU */
 } sherf_options;
 
 typedef struct sherf_context sherf_context;
@@ -71,7 +71,8 @@ SHERF_API void sherf_cancel_reset(sherf_context *c);
 SHERF_API sherf_precision sherf_precision_used(const sherf_context *c);
 SHERF_API sherf_device sherf_device_used(const sherf_context *c); /* never AUTO */
 /* Whether this build can compute there on this machine; `line` (size bytes, 200 do; NULL: not wanted) then
- * names the device, and otherwise says why not. sherf_context_create fails with the same status. */
+ * names the device (of AUTO, the one that is taken), and otherwise says why not. sherf_context_create fails
+ * with the same status. Weights, and whatever else lies on a device, are for contexts of that device. */
 SHERF_API sherf_status sherf_device_find(sherf_device device, char *line, size_t size);
 SHERF_API const char *sherf_version(void);
 

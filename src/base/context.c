@@ -1,12 +1,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/base.h"
+#include "base/device.h"
 
 sherf_status sherf_context_create(const sherf_options *options, sherf_context **out) {
     *out = NULL;
-    sherf_device device = options ? options->device : SHERF_DEVICE_AUTO;
-    if (device == SHERF_DEVICE_AUTO) device = SHERF_DEVICE_CPU;
+    const sherf_device device = device_resolve(options ? options->device : SHERF_DEVICE_AUTO);
     sherf_status status = sherf_device_find(device, NULL, 0);
     if (status != SHERF_OK) return status;
     context boot = {0};
@@ -21,8 +20,9 @@ sherf_status sherf_context_create(const sherf_options *options, sherf_context **
     }
     c->device = device;
     if (c->threads <= 0) c->threads = threads_available();
-    if (c->precision == SHERF_PRECISION_AUTO)
-        c->precision = isa_best() >= ISA_AMX ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
+    if (c->precision == SHERF_PRECISION_AUTO) /* every GPU that is taken multiplies bf16 */
+        c->precision = device == SHERF_DEVICE_CUDA || isa_best() >= ISA_AMX ? SHERF_PRECISION_BF16
+                                                                            : SHERF_PRECISION_FP32;
     *out = c;
     return SHERF_OK;
 }

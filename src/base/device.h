@@ -4,7 +4,12 @@
 
 #include "base/base.h"
 
-/* Into `line`: the first GPU's name, or why there is none to compute on. */
+/* Into `line`: the name of this process's GPU, or why there is none to compute on. */
 bool device_gpu_present(char *line, size_t size);
+/* Its number, in CUDA's order: the first one's, and under mpirun that of the process's place on its machine.
+ */
+int device_gpu_number(void);
+/* AUTO becomes what it stands for on this machine. */
+sherf_device device_resolve(sherf_device device);
 
 #endif

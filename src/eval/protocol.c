@@ -65,7 +65,10 @@ static sherf_status evaluation_open(evaluation *e) {
     if (o->lpips && (status = lpips_load(c, o->lpips, &e->lpips)) != SHERF_OK) return status;
     if (o->perceptual && (status = resnet50_load(c, o->perceptual, &e->resnet50)) != SHERF_OK) return status;
     if (!o->lpips) log_line(c, SHERF_LOG_INFO, "LPIPS is not computed: no VGG16 weights were given");
-    if (!(e->tape = tape_create(c, (tape_options){.backend = &backend_cpu}))) return SHERF_NO_MEMORY;
+    if (!(e->tape = tape_create(c, (tape_options){.backend = backend_of(c)}))) return SHERF_NO_MEMORY;
+    status = lpips_place(c, e->lpips, tape_backend(e->tape)->memory);
+    if (status == SHERF_OK) status = resnet50_place(c, e->resnet50, tape_backend(e->tape)->memory);
+    if (status != SHERF_OK) return status;
     if (o->yardsticks && (status = yardstick_mirror(c, e->body, &e->mirror)) != SHERF_OK) return status;
     e->report.yardsticks = o->yardsticks != 0;
     e->report.plain_mean = selection_is_random(o->observations);

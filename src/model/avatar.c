@@ -49,7 +49,7 @@ static sherf_status point_parameters(context *c, const parameters *like, paramet
     sherf_status status = parameters_lay_out(c, p);
     for (int i = 0; status == SHERF_OK && i < p->count; i++) {
         tensor *to = &p->item[i]->value, *from = &parameter_find(like, p->item[i]->name)->value;
-        memcpy(to->data, from->data, (size_t)tensor_count(to) * sizeof(float));
+        status = tensor_download(c, from, to->data);
     }
     return status;
 }
@@ -96,8 +96,10 @@ static sherf_status bank_copy(context *c, const model_bank *from, observation_ge
     float *planes = mem_alloc(c, 3 * each, sizeof *planes);
     b->planes = planes;
     if (!planes) return SHERF_NO_MEMORY;
-    for (int k = 0; k < 3; k++)
-        if (tensor_download(c, from->plane[k], planes + (size_t)k * each) != SHERF_OK) return SHERF_NO_MEMORY;
+    for (int k = 0; k < 3; k++) {
+        const sherf_status status = tensor_download(c, from->plane[k], planes + (size_t)k * each);
+        if (status != SHERF_OK) return status;
+    }
     b->feature_height = (int)from->features->dim[0];
     b->feature_width = (int)from->features->dim[1];
     b->features = values_of(c, from->features);
@@ -123,6 +125,9 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     observation_geometry *g = NULL;
     tape *t = NULL;
     model_bank bank;
+    if (m->weights->memory != backend_of(c)->memory)
+        return failure(c, SHERF_MISMATCH,
+                       "the model was loaded for another device than that of this context");
     sherf_avatar *a = avatar_new(c);
     if (!a) return SHERF_NO_MEMORY;
     a->config = m->config;
@@ -132,7 +137,7 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
         c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, NULL, &g);
     if (status == SHERF_OK) status = body_in_picture(c, body, g->body, &a->camera, observation->mask);
     if (status != SHERF_OK) goto done;
-    t = tape_create(c, (tape_options){&backend_cpu, false, false, c->precision == SHERF_PRECISION_BF16});
+    t = tape_create(c, (tape_options){backend_of(c), false, false, c->precision == SHERF_PRECISION_BF16});
     status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = point_parameters(c, m->weights, &a->weights);
     if (status == SHERF_OK) status = bank_copy(c, &bank, g, a);

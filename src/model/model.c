@@ -217,6 +217,10 @@ void model_free(model *m) {
     mem_free(m);
 }
 
+sherf_status model_place(context *c, model *m) {
+    return parameters_place(c, m->weights, backend_of(c)->memory);
+}
+
 tensor *model_tensor(const model *m, const char *format, ...) {
     char name[256];
     va_list args;
@@ -273,7 +277,12 @@ sherf_status sherf_model_create(sherf_context *c, const char *preset, uint64_t s
     *out = NULL;
     model_config config;
     sherf_status status = model_config_parse(c, preset, &config);
-    return status == SHERF_OK ? model_create(c, &config, seed, out) : status;
+    if (status == SHERF_OK) status = model_create(c, &config, seed, out);
+    if (status == SHERF_OK && (status = model_place(c, *out)) != SHERF_OK) {
+        model_free(*out);
+        *out = NULL;
+    }
+    return status;
 }
 
 void sherf_model_free(sherf_model *m) {

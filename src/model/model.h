@@ -54,6 +54,9 @@ typedef struct sherf_model model;
 
 sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
 void model_free(model *m);
+/* Moves the weights to where the context's device computes; nothing for the CPU. Before there are gradients.
+ */
+sherf_status model_place(context *c, model *m);
 /* The tensors of the point network alone (renderer.*, decoder.*), as an avatar keeps them. */
 bool model_is_point_weight(const char *name);
 void model_point_weights(const parameters *weights, const model_config *config, point_weights *out);

@@ -174,7 +174,12 @@ sherf_status model_save_values(context *c, const model *m, const float *values, 
 }
 
 sherf_status model_save(context *c, const model *m, const char *path) {
-    return model_save_values(c, m, m->weights->values, path);
+    float *copy;
+    const float *values;
+    sherf_status status = parameters_read(c, m->weights, &values, &copy);
+    if (status == SHERF_OK) status = model_save_values(c, m, values, path);
+    mem_free(copy);
+    return status;
 }
 
 /* One encoder starts from ResNet-18 whole or not at all: not where it has another width (*taken stays false).
@@ -226,7 +231,12 @@ sherf_status model_load_resnet(context *c, model *m, const char *path) {
 }
 
 sherf_status sherf_model_load(sherf_context *c, const char *path, sherf_model **out) {
-    return model_load(c, path, out);
+    sherf_status status = model_load(c, path, out);
+    if (status == SHERF_OK && (status = model_place(c, *out)) != SHERF_OK) {
+        model_free(*out);
+        *out = NULL;
+    }
+    return status;
 }
 sherf_status sherf_model_save(sherf_context *c, const sherf_model *m, const char *path) {
     return model_save(c, m, path);

@@ -45,7 +45,8 @@ static void dispose(frame_queue *q) {
 
 sherf_status frame_queue_create(context *c, int width, int height, int channels, frame_writer write,
                                 void *user, frame_queue **out) {
-    const sherf_options options = {.threads = c->threads, .precision = SHERF_PRECISION_FP32};
+    const sherf_options options = {
+        .threads = c->threads, .precision = SHERF_PRECISION_FP32, .device = SHERF_DEVICE_CPU};
     sherf_status status = SHERF_NO_MEMORY;
     *out = NULL;
     frame_queue *q = mem_zero(c, 1, sizeof *q);

@@ -36,6 +36,17 @@ fail:
     return SHERF_NO_MEMORY;
 }
 
+sherf_status lpips_place(context *c, lpips_network *n, const tensor_memory *memory) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; n && i < LPIPS_CONVOLUTIONS && status == SHERF_OK; i++) {
+        status = tensor_place(c, n->weight[i], memory);
+        if (status == SHERF_OK) status = tensor_place(c, n->bias[i], memory);
+    }
+    for (int i = 0; n && i < LPIPS_STAGES && status == SHERF_OK; i++)
+        status = tensor_place(c, n->head[i], memory);
+    return status;
+}
+
 /* Distances of the stages are added to `sum` as soon as both sides have them. */
 tensor *lpips_distance(tape *t, const lpips_network *n, tensor *a, tensor *b) {
     static const shift_scale_attr scaling = {.shift = {-.030f, -.088f, -.188f},

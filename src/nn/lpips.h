@@ -22,6 +22,8 @@ extern const lpips_layer lpips_layers[LPIPS_CONVOLUTIONS];
 /* All weights 0, for the caller to fill (eval/lpips_file.h reads files). */
 sherf_status lpips_create(context *c, lpips_network **out);
 void lpips_free(lpips_network *n);
+/* Moves the weights into another memory, once (tensor_place); n or memory may be NULL. */
+sherf_status lpips_place(context *c, lpips_network *n, const tensor_memory *memory);
 
 /* Scalar: the distance of a and b [H, W, 3], both sides >= LPIPS_SIDE_MIN. Gradient to a only. */
 tensor *lpips_distance(tape *t, const lpips_network *n, tensor *a, tensor *b);

@@ -3,25 +3,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "tensor/block.h"
+
 enum { PAD = 16 }; /* floats: one cache line */
 
 parameters *parameters_create(context *c) {
     return mem_zero(c, 1, sizeof(parameters));
-}
-
-static float *block_take(context *c, const tensor_memory *memory, int64_t floats) {
-    if (!memory) return mem_zero(c, (size_t)floats, sizeof(float));
-    float *block = memory->source.take(c, (size_t)floats * sizeof *block);
-    if (!block || memory->clear(c, block, (size_t)floats * sizeof *block) == SHERF_OK) return block;
-    memory->source.give(block);
-    return NULL;
-}
-
-static void block_give(const tensor_memory *memory, float *block) {
-    if (memory && block)
-        memory->source.give(block);
-    else
-        mem_free(block);
 }
 
 void parameters_free(parameters *p) {
@@ -88,7 +75,7 @@ sherf_status parameters_lay_out(context *c, parameters *p) {
 
 sherf_status parameters_make_grads(context *c, parameters *p) {
     if (p->grads) return SHERF_OK;
-    p->grads = block_take(c, p->memory, p->trained_floats);
+    p->grads = block_take(c, p->memory, (size_t)p->trained_floats, sizeof(float));
     if (!p->grads) return SHERF_NO_MEMORY;
     for (int i = 0; i < p->count; i++) {
         parameter *q = p->item[i];
@@ -103,18 +90,15 @@ sherf_status parameters_make_grads(context *c, parameters *p) {
 }
 
 void parameters_zero_grads(parameters *p) {
-    const size_t bytes = (size_t)p->trained_floats * sizeof(float);
     context quiet = {0}; /* what fails on a device fails again where its results are read */
-    if (p->grads && p->memory)
-        p->memory->clear(&quiet, p->grads, bytes);
-    else if (p->grads)
-        memset(p->grads, 0, bytes);
+    if (p->grads) block_clear(&quiet, p->memory, p->grads, (size_t)p->trained_floats * sizeof(float));
 }
 
 sherf_status parameters_place(context *c, parameters *p, const tensor_memory *memory) {
-    if (p->memory || p->grads || !memory)
+    if (!memory) return SHERF_OK;
+    if (p->memory || p->grads)
         return failure(c, SHERF_BAD_ARGUMENT, "weights can be moved once, and before gradients are made");
-    float *values = block_take(c, memory, p->total_floats);
+    float *values = block_take(c, memory, (size_t)p->total_floats, sizeof *values);
     if (!values) return SHERF_NO_MEMORY;
     sherf_status status = memory->upload(c, values, p->values, (size_t)p->total_floats * sizeof *values);
     if (status != SHERF_OK) {
@@ -129,6 +113,15 @@ sherf_status parameters_place(context *c, parameters *p, const tensor_memory *me
         p->item[i]->value.memory = memory;
     }
     return SHERF_OK;
+}
+
+sherf_status parameters_read(context *c, const parameters *p, const float **values, float **copy) {
+    *values = p->values;
+    *copy = NULL;
+    if (!p->memory) return SHERF_OK;
+    *values = *copy = mem_alloc(c, (size_t)p->total_floats, sizeof **copy);
+    if (!*copy) return SHERF_NO_MEMORY;
+    return block_download(c, p->memory, *copy, p->values, (size_t)p->total_floats * sizeof **copy);
 }
 
 parameter *parameter_find(const parameters *p, const char *name) {

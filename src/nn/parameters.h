@@ -34,8 +34,10 @@ sherf_status parameters_lay_out(context *c, parameters *p);
 /* Makes the gradients' block (zeroed) and marks the trained tensors needs_grad. */
 sherf_status parameters_make_grads(context *c, parameters *p);
 void parameters_zero_grads(parameters *p);
-/* Moves the values into another memory. Before gradients are made. */
+/* Moves the values into another memory, before gradients are made. NULL: they stay. */
 sherf_status parameters_place(context *c, parameters *p, const tensor_memory *memory);
+/* The values for the host to read: its own, or a *copy (else NULL) for the caller to mem_free. */
+sherf_status parameters_read(context *c, const parameters *p, const float **values, float **copy);
 parameter *parameter_find(const parameters *p, const char *name);
 int64_t parameters_trained_count(const parameters *p); /* scalars, without padding */
 

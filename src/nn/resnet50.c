@@ -54,6 +54,15 @@ fail:
     return SHERF_NO_MEMORY;
 }
 
+sherf_status resnet50_place(context *c, resnet50_network *n, const tensor_memory *memory) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; n && i < RESNET50_CONVOLUTIONS && status == SHERF_OK; i++) {
+        status = tensor_place(c, n->weight[i], memory);
+        if (status == SHERF_OK) status = tensor_place(c, n->bias[i], memory);
+    }
+    return status;
+}
+
 static tensor *convolution(tape *t, const resnet50_network *n, tensor *x, int layer) {
     const resnet50_layer *l = &resnet50_layers[layer];
     return op_conv2d(t, x, n->weight[layer], l->stride, l->side / 2, 1);

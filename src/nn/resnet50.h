@@ -24,6 +24,8 @@ extern const resnet50_layer resnet50_layers[RESNET50_CONVOLUTIONS];
 /* All weights 0, for the caller to fill (eval/resnet50_file.h reads files). */
 sherf_status resnet50_create(context *c, resnet50_network **out);
 void resnet50_free(resnet50_network *n);
+/* Moves the weights into another memory, once (tensor_place); n or memory may be NULL. */
+sherf_status resnet50_place(context *c, resnet50_network *n, const tensor_memory *memory);
 
 /* What is compared, of a picture [H, W, 3] in [0, 1], both sides >= RESNET50_SIDE_MIN: the stem before its
  * pooling [H/2, W/2, 64], stage 2 [H/4, W/4, 256] and stage 3 [H/8, W/8, 512], sizes rounded up, all after

@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "tensor/tensor.h"
+#include "tensor/block.h"
 
 static const size_t sizes[] = {
     [T_F32] = 4, [T_F64] = 8, [T_I32] = 4, [T_I64] = 8, [T_U8] = 1, [T_BF16] = 2, [T_F16] = 2};
@@ -51,21 +51,15 @@ static size_t bytes_of(const tensor *x) {
 }
 
 sherf_status tensor_upload(context *c, tensor *to, const void *from) {
-    if (to->memory) return to->memory->upload(c, to->data, from, bytes_of(to));
-    memcpy(to->data, from, bytes_of(to));
-    return SHERF_OK;
+    return block_upload(c, to->memory, to->data, from, bytes_of(to));
 }
 
 sherf_status tensor_download(context *c, const tensor *from, void *to) {
-    if (from->memory) return from->memory->download(c, to, from->data, bytes_of(from));
-    memcpy(to, from->data, bytes_of(from));
-    return SHERF_OK;
+    return block_download(c, from->memory, to, from->data, bytes_of(from));
 }
 
 sherf_status tensor_clear(context *c, tensor *x) {
-    if (x->memory) return x->memory->clear(c, x->data, bytes_of(x));
-    memset(x->data, 0, bytes_of(x));
-    return SHERF_OK;
+    return block_clear(c, x->memory, x->data, bytes_of(x));
 }
 
 sherf_status tensor_copy_rows(context *c, tensor *to, int64_t to_begin, const tensor *from,
@@ -73,9 +67,7 @@ sherf_status tensor_copy_rows(context *c, tensor *to, int64_t to_begin, const te
     const size_t row = (size_t)tensor_columns(to) * dtype_size(to->type);
     char *target = (char *)to->data + (size_t)to_begin * row;
     const char *source = (const char *)from->data + (size_t)from_begin * row;
-    if (to->memory) return to->memory->copy(c, target, source, (size_t)rows * row);
-    memcpy(target, source, (size_t)rows * row);
-    return SHERF_OK;
+    return block_copy(c, to->memory, target, source, (size_t)rows * row);
 }
 
 tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim) {
@@ -103,6 +95,20 @@ tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim) {
 void tensor_free(tensor *t) {
     if (!t) return;
     tensor_free(t->grad);
-    mem_free(t->data);
+    block_give(t->memory, t->data);
     mem_free(t);
+}
+
+sherf_status tensor_place(context *c, tensor *t, const tensor_memory *memory) {
+    if (!memory) return SHERF_OK;
+    void *data = block_take(c, memory, bytes_of(t), 1);
+    sherf_status status = data ? memory->upload(c, data, t->data, bytes_of(t)) : SHERF_NO_MEMORY;
+    if (status != SHERF_OK) {
+        block_give(memory, data);
+        return status;
+    }
+    mem_free(t->data);
+    t->data = data;
+    t->memory = memory;
+    return SHERF_OK;
 }

@@ -19,6 +19,7 @@ enum { TENSOR_RANK = 5 };
 
 /* Memory that tensors lie in and host code cannot read: a GPU's. NULL where one of these is asked for is the
  * host's own. Work is done in the order it is asked for, kernels included; only download waits for it. */
+struct block_kernels; /* tensor/block.h */
 typedef struct {
     const char *name; /* "CUDA" */
     memory_source source;
@@ -27,6 +28,8 @@ typedef struct {
     sherf_status (*download)(context *c, void *to, const void *from, size_t bytes);
     sherf_status (*copy)(context *c, void *to, const void *from, size_t bytes); /* within */
     sherf_status (*clear)(context *c, void *to, size_t bytes);                  /* zeroes */
+    size_t (*peak)(void); /* the most bytes that were taken at a time */
+    const struct block_kernels *blocks;
 } tensor_memory;
 
 typedef struct tensor tensor;
@@ -67,6 +70,9 @@ sherf_status tensor_copy_rows(context *c, tensor *to, int64_t to_begin, const te
 /* A tensor on the heap, zeroed (parameters, file contents). */
 tensor *tensor_create(context *c, dtype type, int rank, const int64_t *dim);
 void tensor_free(tensor *t); /* and its grad */
+/* Moves the values of such a tensor from the host's memory into another, before it has a gradient. NULL: it
+ * stays. */
+sherf_status tensor_place(context *c, tensor *t, const tensor_memory *memory);
 
 /* ---- ops by number: one line an op in op_list.h ---- */
 typedef enum {
@@ -111,6 +117,8 @@ extern const backend backend_ref_f32; /* plain C, the definition of every op */
 extern const backend backend_ref_f64; /* the same source in double */
 extern const backend backend_cuda;    /* in builds with SHERF_CUDA only; docs/cuda.md */
 extern const backend backend_cpu; /* oneDNN, SIMD, OpenMP; float32, products in bf16 where the tape says so */
+const backend *backend_of(const context *c); /* of the context's device */
+void backend_stand_in(const backend *gpu);   /* for tests: what contexts of a GPU compute with from now on */
 
 /* ---- the tape ---- */
 typedef struct tape tape;

@@ -133,7 +133,7 @@ sherf_status loader_create(context *c, const loader_options *options, loader **o
     l->slot = mem_zero(c, (size_t)l->slots, sizeof *l->slot);
     l->worker = mem_zero(c, (size_t)options->workers, sizeof *l->worker);
     sherf_status status = l->slot && l->worker ? SHERF_OK : SHERF_NO_MEMORY;
-    const sherf_options quiet = {.threads = 1, .precision = c->precision};
+    const sherf_options quiet = {.threads = 1, .precision = c->precision, .device = SHERF_DEVICE_CPU};
     for (int i = 0; i < options->workers && status == SHERF_OK; i++) {
         l->worker[i].loader = l;
         status = sherf_context_create(&quiet, &l->worker[i].c);

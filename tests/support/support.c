@@ -7,7 +7,7 @@
 #include "support.h"
 
 context *test_context(void) {
-    sherf_options options = {.threads = 2, .precision = SHERF_PRECISION_FP32};
+    sherf_options options = {.threads = 2, .precision = SHERF_PRECISION_FP32, .device = SHERF_DEVICE_CPU};
     context *c = NULL;
     if (sherf_context_create(&options, &c) != SHERF_OK) abort();
     return c;

@@ -11,6 +11,7 @@
 
 #include <math.h>
 
+#include "tensor/block.h"
 #include "tensor/ops.h"
 
 #ifdef CUDA_EMULATED
@@ -23,11 +24,15 @@ namespace cuda_backend {
 
 enum { WARP = 32, BLOCK = 256, ROWS_A_BLOCK = BLOCK / WARP };
 
-/* ---- the host's side (runtime.cu) ---- */
+/* ---- the host's side (runtime.cu, memory.cu) ---- */
 /* The memory of all tensors of this backend. */
 extern const tensor_memory device_memory;
-/* What went wrong since the last time, if anything: every op ends with it. */
-sherf_status finished(op_call *call);
+extern const block_kernels block_arithmetic; /* blocks.cu */
+/* What went wrong since the last time, if anything: whatever launches kernels ends with it. */
+sherf_status finished(context *c, const char *what);
+inline sherf_status finished(op_call *call) {
+    return finished(call->c, op_name(call->op));
+}
 
 #ifndef CUDA_EMULATED
 cudaStream_t stream(); /* one for the process, so that work is done in the order it is asked for */

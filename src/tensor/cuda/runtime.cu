@@ -1,17 +1,25 @@
-/* The CUDA runtime behind the tensors' memory: one stream, allocation, copies, errors. */
+/* The CUDA runtime: this process's GPU and its one stream, memory, copies, errors. */
 #include <stdio.h>
 
-#include "tensor/cuda/cuda.h"
+#include "base/device.h"
+#include "tensor/cuda/memory.h"
 
 namespace cuda_backend {
 
+/* The GPU is a thread's own setting, so every thread that comes here makes it. */
+static void choose() {
+    static thread_local const bool chosen = cudaSetDevice(device_gpu_number()) == cudaSuccess;
+    (void)chosen; /* where that fails, everything after it does, too */
+}
+
 static cudaStream_t stream_make() {
     cudaStream_t s = nullptr;
-    cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking); /* fails where everything after it does, too */
+    cudaStreamCreateWithFlags(&s, cudaStreamNonBlocking);
     return s;
 }
 
 cudaStream_t stream() {
+    choose();
     static cudaStream_t s = stream_make();
     return s;
 }
@@ -21,51 +29,68 @@ static sherf_status checked(context *c, const char *what, cudaError_t code) {
     return failure(c, SHERF_UNSUPPORTED, "%s: CUDA says: %s", what, cudaGetErrorString(code));
 }
 
-sherf_status finished(op_call *call) {
-    return checked(call->c, op_name(call->op), cudaGetLastError());
+sherf_status finished(context *c, const char *what) {
+    return checked(c, what, cudaGetLastError());
 }
 
-static void *take(context *c, size_t bytes) {
+void *device_take(context *c, size_t bytes) {
     void *p = nullptr;
-    if (cudaMalloc(&p, bytes) == cudaSuccess) return p;
-    size_t free_bytes = 0, all_bytes = 0;
+    choose();
+    const cudaError_t code = cudaMalloc(&p, bytes);
+    if (code == cudaSuccess) return p;
     cudaGetLastError(); /* forgets it */
-    cudaMemGetInfo(&free_bytes, &all_bytes);
-    failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
-            (double)bytes / 1e6, (double)free_bytes / 1e6, (double)all_bytes / 1e6);
+    size_t free_bytes = 0, all_bytes = 0;
+    if (code != cudaErrorMemoryAllocation || cudaMemGetInfo(&free_bytes, &all_bytes) != cudaSuccess)
+        failure(c, SHERF_NO_MEMORY, "GPU memory, %.1f MB: CUDA says: %s", (double)bytes / 1e6,
+                cudaGetErrorString(code));
+    else
+        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
+                (double)bytes / 1e6, (double)free_bytes / 1e6, (double)all_bytes / 1e6);
     return nullptr;
 }
 
-static void give(void *p) {
-    cudaFree(p);
+void device_give(void *p) {
+    choose();
+    cudaFree(p); /* waits for what still uses it */
 }
 
-/* Both wait: the caller's memory may change or be read behind them, and where a GPU reaches the host's pages
- * by itself an asynchronous copy need not have taken it yet. */
-static sherf_status moved(context *c, const char *what, void *to, const void *from, size_t bytes,
-                          cudaMemcpyKind kind) {
-    cudaError_t code = cudaMemcpyAsync(to, from, bytes, kind, stream());
-    if (code == cudaSuccess) code = cudaStreamSynchronize(stream());
-    return checked(c, what, code);
+void *pinned_take(size_t bytes) {
+    void *p = nullptr;
+    choose();
+    if (cudaHostAlloc(&p, bytes, cudaHostAllocDefault) == cudaSuccess) return p;
+    cudaGetLastError();
+    return nullptr;
 }
 
-static sherf_status upload(context *c, void *to, const void *from, size_t bytes) {
-    return moved(c, "copying to the GPU", to, from, bytes, cudaMemcpyHostToDevice);
+sherf_status copy_begin(context *c, copy_way way, void *to, const void *from, size_t bytes) {
+    static const cudaMemcpyKind kinds[] = {cudaMemcpyHostToDevice, cudaMemcpyDeviceToHost,
+                                           cudaMemcpyDeviceToDevice};
+    static const char *const names[] = {"copying to the GPU", "copying from the GPU", "copying on the GPU"};
+    return checked(c, names[way], cudaMemcpyAsync(to, from, bytes, kinds[way], stream()));
 }
 
-static sherf_status download(context *c, void *to, const void *from, size_t bytes) {
-    return moved(c, "copying from the GPU", to, from, bytes, cudaMemcpyDeviceToHost);
-}
-
-static sherf_status copy(context *c, void *to, const void *from, size_t bytes) {
-    return checked(c, "copying on the GPU",
-                   cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream()));
-}
-
-static sherf_status clear(context *c, void *to, size_t bytes) {
+sherf_status clear_begin(context *c, void *to, size_t bytes) {
     return checked(c, "clearing on the GPU", cudaMemsetAsync(to, 0, bytes, stream()));
 }
 
-const tensor_memory device_memory = {"CUDA", {take, give}, upload, download, copy, clear};
+sherf_status wait_for_all(context *c) {
+    return checked(c, "waiting for the GPU", cudaStreamSynchronize(stream()));
+}
+
+mark *mark_make() {
+    cudaEvent_t e = nullptr;
+    choose();
+    if (cudaEventCreateWithFlags(&e, cudaEventDisableTiming) == cudaSuccess) return (mark *)e;
+    cudaGetLastError();
+    return nullptr;
+}
+
+void mark_set(mark *m) {
+    cudaEventRecord((cudaEvent_t)m, stream());
+}
+
+void mark_wait(mark *m) {
+    cudaEventSynchronize((cudaEvent_t)m);
+}
 
 } // namespace cuda_backend

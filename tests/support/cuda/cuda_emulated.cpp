@@ -1,3 +1,4 @@
+#include <deque>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -5,7 +6,7 @@
 #include <ucontext.h>
 #include <vector>
 
-#include "tensor/cuda/cuda.h"
+#include "tensor/cuda/memory.h"
 #include "tensor/cuda/product.h"
 
 #if defined(__SANITIZE_ADDRESS__)
@@ -21,6 +22,7 @@
 
 dim3 threadIdx, blockIdx, blockDim, gridDim;
 int cuda_emulated_order;
+size_t cuda_emulated_bytes;
 
 namespace cuda_backend {
 
@@ -204,11 +206,34 @@ static void lock_memory(bool lock) {
     for (const region &r : regions) mprotect(r.data, r.bytes, lock ? PROT_NONE : PROT_READ | PROT_WRITE);
 }
 
+/* Copies out of pinned memory happen as late as they may: when somebody waits for them, or when work comes
+ * that they must be done before. So memory that is written again too early is found. */
+struct late_copy {
+    void *to;
+    const void *from;
+    size_t bytes;
+};
+static std::deque<late_copy> late;
+static uint64_t late_done; /* of all there have been */
+
+static void copy_late(uint64_t until) {
+    lock_memory(false);
+    for (; !late.empty() && late_done < until; late_done++) {
+        memmove(late.front().to, late.front().from, late.front().bytes);
+        late.pop_front();
+    }
+}
+
+/* Before work of the stream. */
+static void begin_work() {
+    copy_late(UINT64_MAX);
+}
+
 void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
     thread_count = (int)(block.x * block.y * block.z);
     if (thread_count < 1 || thread_count > THREADS_MOST || grid.x < 1 || grid.y < 1 || grid.y > 65535)
         broken("a launch of a size that no GPU takes");
-    lock_memory(false);
+    begin_work();
     blockDim = block;
     gridDim = grid;
     kernel_body = &body;
@@ -359,47 +384,87 @@ void async_wait_but(int newest) {
     mine = left;
 }
 
+/* ---- the runtime's part ---- */
+static size_t in_use;
+
 /* Not a number in every type, until somebody writes. */
-static void *take(context *c, size_t bytes) {
+void *device_take(context *c, size_t bytes) {
     const size_t rounded = (bytes + 4095) / 4096 * 4096;
-    void *p = mmap(nullptr, rounded, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    const bool room = !cuda_emulated_bytes || in_use + rounded <= cuda_emulated_bytes;
+    void *p = room ? mmap(nullptr, rounded, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0)
+                   : MAP_FAILED;
     if (p == MAP_FAILED) {
-        failure(c, SHERF_NO_MEMORY, "out of emulated GPU memory: %zu bytes asked for", bytes);
+        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
+                (double)bytes / 1e6, (double)(cuda_emulated_bytes - in_use) / 1e6,
+                (double)cuda_emulated_bytes / 1e6);
         return nullptr;
     }
     memset(p, 0xff, rounded);
+    in_use += rounded;
     regions.push_back({(char *)p, rounded});
     if (locked) mprotect(p, rounded, PROT_NONE);
     return p;
 }
 
-static void give(void *p) {
+void device_give(void *p) {
+    begin_work(); /* what is still to be copied there */
+    lock_memory(true);
     for (size_t i = 0; i < regions.size(); i++)
         if (regions[i].data == p) {
             munmap(p, regions[i].bytes);
+            in_use -= regions[i].bytes;
             regions.erase(regions.begin() + (long)i);
             return;
         }
     broken("memory is given back that was not taken");
 }
 
-static sherf_status move(context *c, void *to, const void *from, size_t bytes) {
-    lock_memory(false);
+void *pinned_take(size_t bytes) {
+    return malloc(bytes);
+}
+
+sherf_status copy_begin(context *c, copy_way way, void *to, const void *from, size_t bytes) {
+    if (way == TO_DEVICE) {
+        late.push_back({to, from, bytes});
+        return SHERF_OK;
+    }
+    begin_work();
     memmove(to, from, bytes);
     lock_memory(true);
     return SHERF_OK;
 }
 
-static sherf_status clear(context *c, void *to, size_t bytes) {
-    lock_memory(false);
+sherf_status clear_begin(context *c, void *to, size_t bytes) {
+    begin_work();
     memset(to, 0, bytes);
     lock_memory(true);
     return SHERF_OK;
 }
 
-const tensor_memory device_memory = {"emulated CUDA", {take, give}, move, move, move, clear};
+sherf_status wait_for_all(context *c) {
+    begin_work();
+    lock_memory(true);
+    return SHERF_OK;
+}
 
-sherf_status finished(op_call *call) {
+struct mark {
+    uint64_t at;
+};
+
+mark *mark_make() {
+    return new mark();
+}
+
+void mark_set(mark *m) {
+    m->at = late_done + late.size();
+}
+
+void mark_wait(mark *m) {
+    copy_late(m->at);
+    lock_memory(true);
+}
+
+sherf_status finished(context *c, const char *what) {
     lock_memory(true);
     return SHERF_OK;
 }
@@ -432,7 +497,7 @@ static float rounded(float v, bool bf16) {
 }
 
 sherf_status product(op_call *call, const product_shape &s, const float *a, const float *b, float *y) {
-    lock_memory(false);
+    begin_work();
     for (int64_t m = 0; m < s.M; m++) {
         std::vector<float> row((size_t)s.N);
         for (int64_t k = 0; k < s.K; k++) {

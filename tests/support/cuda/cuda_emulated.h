@@ -79,5 +79,7 @@ void launch_wide(void (*kernel)(P...), dim3 grid, dim3 block, size_t shared_byte
 
 /* 0: threads and blocks in ascending order; 1: descending. For tests. */
 extern "C" int cuda_emulated_order;
+/* How much memory the device has; 0: no limit. */
+extern "C" size_t cuda_emulated_bytes;
 
 #endif

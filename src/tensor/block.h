@@ -1,0 +1,43 @@
+/* block: plain runs of numbers in a memory (NULL: the host's): models' weights, their gradients, what an
+ * optimiser keeps. Copies, and the arithmetic of training on them, are done there where they lie and in the
+ * order they are asked for; only downloads wait. */
+#ifndef SHERF_BLOCK_H
+#define SHERF_BLOCK_H
+
+#include "tensor/tensor.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+void *block_take(context *c, const tensor_memory *memory, size_t count, size_t size); /* zeroed */
+void block_give(const tensor_memory *memory, void *block);                            /* NULL is fine */
+sherf_status block_upload(context *c, const tensor_memory *memory, void *to, const void *from, size_t bytes);
+sherf_status block_download(context *c, const tensor_memory *memory, void *to, const void *from,
+                            size_t bytes);
+sherf_status block_copy(context *c, const tensor_memory *memory, void *to, const void *from, size_t bytes);
+sherf_status block_clear(context *c, const tensor_memory *memory, void *to, size_t bytes);
+
+/* One update of train/adam.h: v <- beta2 v + (1 - beta2) g^2; x <- x - rate g / (sqrt(correction v) + eps) */
+typedef struct {
+    float beta2, rate, correction, eps;
+} adam_factors;
+enum { SQUARE_SUMS = 256 }; /* the parts of a block's square sum; their sizes depend on the block's alone */
+
+/* The arithmetic of a memory that is not the host's; train/ has the host's own. n floats each. */
+struct block_kernels {
+    sherf_status (*add)(context *c, int64_t n, float *to, const float *from); /* to += from */
+    sherf_status (*adam)(context *c, int64_t n, float *values, float *second, const float *gradients,
+                         adam_factors f);
+    /* average <- value + decay (average - value) */
+    sherf_status (*average)(context *c, int64_t n, float *average, const float *values, float decay);
+    /* sums[SQUARE_SUMS], there: of the squares of each part. */
+    sherf_status (*square_sums)(context *c, int64_t n, const float *x, double *sums);
+    /* to[i] = mean over the rows of from[row * n + i], taken in double. */
+    sherf_status (*mean_rows)(context *c, int64_t rows, int64_t n, const float *from, float *to);
+};
+
+#ifdef __cplusplus
+}
+#endif
+#endif

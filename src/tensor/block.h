@@ -37,6 +37,23 @@ struct block_kernels {
     sherf_status (*mean_rows)(context *c, int64_t rows, int64_t n, const float *from, float *to);
 };
 
+/* Sums over processes that have a device each. One of them makes a name, and all that know it join the group.
+ */
+enum { GROUP_NAME = 128 };
+typedef struct block_group block_group;
+struct block_groups {
+    sherf_status (*name)(context *c, char name[GROUP_NAME]);
+    sherf_status (*join)(context *c, const char name[GROUP_NAME], int rank, int count, block_group **out);
+    /* values <- the sum over processes. It begins behind all that was asked for so far and runs beside what
+     * is asked for from now on, which leaves the values alone until `wait`. All processes ask for the same
+     * sums in the same order. */
+    sherf_status (*sum)(context *c, block_group *g, int64_t n, float *values);
+    sherf_status (*wait)(context *c,
+                         block_group *g); /* what is asked for from now on comes behind the sums */
+    /* Frees it. broken: other processes may not have asked for sums that this one has; they are given up. */
+    void (*leave)(block_group *g, bool broken);
+};
+
 #ifdef __cplusplus
 }
 #endif

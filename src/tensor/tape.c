@@ -34,6 +34,8 @@ struct tape {
     owned *owned;
     sherf_status status;
     tape *nested[2]; /* not recording, recording */
+    tape_final_function on_final;
+    void *on_final_user;
 };
 
 static const char *const op_names[OP_COUNT] = {
@@ -366,10 +368,58 @@ static sherf_status node_backward(tape *t, node *n) {
     return run(t, t->options.backend->backward[n->op], &call);
 }
 
+/* ---- final gradients ---- */
+void tape_on_final(tape *t, tape_final_function f, void *user) {
+    t->on_final = f;
+    t->on_final_user = user;
+}
+
+/* The parameter that a node reads, itself or another view of it; NULL: it is none. */
+static tensor *parameter_of(tensor *x) {
+    while (x && x->view_of) x = x->view_of;
+    return x && x->name && x->needs_grad ? x : NULL;
+}
+
+/* Nodes of their own kind may read any parameter, so nothing is final before the oldest of them: that one, or
+ * else the oldest node that reads it, is a parameter's first use. */
+static const node *first_uses(tape *t) {
+    const node *oldest = NULL;
+    for (const node *n = t->newest; n; n = n->previous)
+        if (n->backward) oldest = n;
+    bool after = oldest != NULL; /* n is newer than it */
+    for (const node *n = t->newest; n; n = n->previous) {
+        if (n == oldest) after = false;
+        for (int i = 0; i < OP_MAX_IN && !n->backward; i++) {
+            tensor *p = parameter_of(n->in[i]);
+            if (p) p->first_use = after ? oldest : n;
+        }
+    }
+    return oldest;
+}
+
+/* Of the nodes from `n` on to older ones, up to `end`: those that are final behind `at`. */
+static void tell_final(tape *t, const node *n, const node *end, const node *at) {
+    for (; n != end; n = n->previous)
+        for (int i = 0; i < OP_MAX_IN && !n->backward; i++) {
+            tensor *p = parameter_of(n->in[i]);
+            if (!p || p->first_use != at) continue;
+            p->first_use = NULL;
+            t->on_final(t->on_final_user, p);
+        }
+}
+
 sherf_status tape_backward_seeded(tape *t) {
+    const node *oldest = t->on_final ? first_uses(t) : NULL;
+    if (t->on_final && !oldest) t->on_final(t->on_final_user, NULL);
     for (node *n = t->newest; n && t->status == SHERF_OK; n = n->previous) {
         sherf_status status = node_backward(t, n);
-        if (status != SHERF_OK) t->status = status;
+        if (status != SHERF_OK)
+            t->status = status;
+        else if (t->on_final && n == oldest) {
+            tell_final(t, t->newest, n, n);
+            t->on_final(t->on_final_user, NULL);
+        } else if (t->on_final)
+            tell_final(t, n, n->previous, n);
     }
     return t->status;
 }

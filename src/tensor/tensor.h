@@ -20,6 +20,7 @@ enum { TENSOR_RANK = 5 };
 /* Memory that tensors lie in and host code cannot read: a GPU's. NULL where one of these is asked for is the
  * host's own. Work is done in the order it is asked for, kernels included; only download waits for it. */
 struct block_kernels; /* tensor/block.h */
+struct block_groups;
 typedef struct {
     const char *name; /* "CUDA" */
     memory_source source;
@@ -30,6 +31,7 @@ typedef struct {
     sherf_status (*clear)(context *c, void *to, size_t bytes);                  /* zeroes */
     size_t (*peak)(void); /* the most bytes that were taken at a time */
     const struct block_kernels *blocks;
+    const struct block_groups *groups; /* sums over processes */
 } tensor_memory;
 
 typedef struct tensor tensor;
@@ -43,6 +45,8 @@ struct tensor {
     tensor *grad;                /* same shape; NULL until something adds to it */
     tensor *view_of;             /* tape_reshape: the tensor whose data and gradient data this one shares */
     const char *name;            /* parameters only, for messages */
+    const void *first_use; /* parameters only, while a backward pass runs: the step behind which its gradient
+                              is final; NULL: not known, or passed */
 };
 
 size_t dtype_size(dtype t);
@@ -174,6 +178,11 @@ typedef sherf_status (*tape_backward_function)(tape *t, void *payload);
 void tape_record(tape *t, tape_backward_function backward, void *payload);
 /* The gradient of x, made and zeroed on first use; parameters' gradients live with the parameter. */
 tensor *tape_grad(tape *t, tensor *x);
+/* Tells, while a backward pass runs, that nothing will be added to the gradient of a parameter any more; once
+ * with NULL: to none whose first_use is NULL. Heads of parameters must then not be shared by passes that run
+ * at a time. f NULL: nobody is told. */
+typedef void (*tape_final_function)(void *user, tensor *parameter);
+void tape_on_final(tape *t, tape_final_function f, void *user);
 /* Seeds d(loss)/d(loss) = scale (loss has one element) and runs the tape backwards. Gradients add up over
  * calls. */
 sherf_status tape_backward(tape *t, tensor *loss, double scale);

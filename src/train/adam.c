@@ -6,26 +6,45 @@
 enum { GRAIN = 1 << 14 };
 
 sherf_status adam_create(context *c, int64_t n, adam *out) {
-    *out = (adam){.n = n, .second = mem_zero(c, (size_t)n, sizeof(float))};
-    return out->second ? SHERF_OK : SHERF_NO_MEMORY;
+    *out = (adam){.n = n};
+    out->second = mem_zero(c, (size_t)n, sizeof *out->second);
+    out->sums = mem_zero(c, SQUARE_SUMS, sizeof *out->sums);
+    if (out->second && out->sums) return SHERF_OK;
+    adam_free(out);
+    return SHERF_NO_MEMORY;
 }
 
 void adam_free(adam *a) {
-    mem_free(a->second);
+    block_give(a->memory, a->second);
+    block_give(a->memory, a->sums);
     *a = (adam){0};
+}
+
+sherf_status adam_place(context *c, adam *a, const tensor_memory *memory) {
+    const size_t bytes = (size_t)a->n * sizeof(float);
+    if (!memory) return SHERF_OK;
+    adam there = {.n = a->n, .memory = memory, .updates = a->updates};
+    there.second = block_take(c, memory, (size_t)a->n, sizeof(float));
+    there.sums = block_take(c, memory, SQUARE_SUMS, sizeof(double));
+    sherf_status status = there.second && there.sums ? block_upload(c, memory, there.second, a->second, bytes)
+                                                     : SHERF_NO_MEMORY;
+    adam_free(status == SHERF_OK ? a : &there);
+    if (status == SHERF_OK) *a = there;
+    return status;
 }
 
 typedef struct {
     float *values, *second;
     const float *gradients;
-    float beta2, rate, correction, eps;
+    adam_factors factors;
 } adam_job;
 
 static VARIANT_BODY void adam_range(void *arg, int64_t begin, int64_t end, int thread) {
     const adam_job *j = arg;
     float *restrict x = j->values, *restrict v = j->second;
     const float *restrict g = j->gradients;
-    const float b2 = j->beta2, rate = j->rate, correction = j->correction, eps = j->eps;
+    const float b2 = j->factors.beta2, rate = j->factors.rate;
+    const float correction = j->factors.correction, eps = j->factors.eps;
 #pragma omp simd
     for (int64_t i = begin; i < end; i++) {
         v[i] = b2 * v[i] + (1 - b2) * g[i] * g[i];
@@ -34,20 +53,20 @@ static VARIANT_BODY void adam_range(void *arg, int64_t begin, int64_t end, int t
 }
 VARIANTS(adam_range)
 
-void adam_step(const context *c, adam *a, float *values, const float *gradients, double rate) {
+sherf_status adam_step(context *c, adam *a, float *values, const float *gradients, double rate) {
     a->updates++;
-    double correction = 1 / (1 - pow(adam_beta2, (double)a->updates));
-    adam_job job = {values,      a->second,         gradients,      (float)adam_beta2,
-                    (float)rate, (float)correction, (float)adam_eps};
+    const double correction = 1 / (1 - pow(adam_beta2, (double)a->updates));
+    const adam_factors f = {(float)adam_beta2, (float)rate, (float)correction, (float)adam_eps};
+    if (a->memory) return a->memory->blocks->adam(c, a->n, values, a->second, gradients, f);
+    adam_job job = {values, a->second, gradients, f};
     parallel_for(c, a->n, GRAIN, adam_range_best(), &job);
+    return SHERF_OK;
 }
 
-/* One partial sum a block of fixed size. */
-enum { BLOCKS = 256 };
 typedef struct {
     int64_t n;
     const float *gradients;
-    double sum[BLOCKS];
+    double *sum;
 } square_job;
 
 static VARIANT_BODY void square_range(void *arg, int64_t begin, int64_t end, int thread) {
@@ -55,19 +74,25 @@ static VARIANT_BODY void square_range(void *arg, int64_t begin, int64_t end, int
     for (int64_t b = begin; b < end; b++) {
         double sum = 0;
 #pragma omp simd reduction(+ : sum)
-        for (int64_t i = j->n * b / BLOCKS; i < j->n * (b + 1) / BLOCKS; i++)
+        for (int64_t i = j->n * b / SQUARE_SUMS; i < j->n * (b + 1) / SQUARE_SUMS; i++)
             sum += (double)j->gradients[i] * j->gradients[i];
         j->sum[b] = sum;
     }
 }
 VARIANTS(square_range)
 
-double gradients_square_sum(const context *c, int64_t n, const float *gradients) {
-    square_job job = {.n = n, .gradients = gradients};
-    parallel_for(c, BLOCKS, 8, square_range_best(), &job);
-    double sum = 0;
-    for (int b = 0; b < BLOCKS; b++) sum += job.sum[b];
-    return sum;
+sherf_status gradients_square_sum(context *c, const adam *a, const float *gradients, double *out) {
+    double sums[SQUARE_SUMS];
+    square_job job = {a->n, gradients, a->sums};
+    sherf_status status = SHERF_OK;
+    if (a->memory)
+        status = a->memory->blocks->square_sums(c, a->n, gradients, a->sums);
+    else
+        parallel_for(c, SQUARE_SUMS, 8, square_range_best(), &job);
+    if (status == SHERF_OK) status = block_download(c, a->memory, sums, a->sums, sizeof sums);
+    *out = 0;
+    for (int b = 0; b < SQUARE_SUMS && status == SHERF_OK; b++) *out += sums[b];
+    return status;
 }
 
 double schedule_rate(double rate, int64_t step, int64_t halve_every) {
@@ -94,7 +119,10 @@ static VARIANT_BODY void average_range(void *arg, int64_t begin, int64_t end, in
 }
 VARIANTS(average_range)
 
-void average_update(const context *c, int64_t n, float *average, const float *values, double decay) {
+sherf_status average_update(context *c, const tensor_memory *memory, int64_t n, float *average,
+                            const float *values, double decay) {
+    if (memory) return memory->blocks->average(c, n, average, values, (float)decay);
     average_job job = {average, values, (float)decay};
     parallel_for(c, n, GRAIN, average_range_best(), &job);
+    return SHERF_OK;
 }

@@ -2,23 +2,27 @@
 #ifndef SHERF_ADAM_H
 #define SHERF_ADAM_H
 
-#include "base/base.h"
+#include "tensor/block.h"
 
 /* Adam with beta1 = 0, as the network is trained: the first moment is the gradient itself, so that only the
  * second is kept. v <- b2 v + (1 - b2) g^2; x <- x - rate g / (sqrt(v / (1 - b2^t)) + eps). */
 static const double adam_beta2 = 0.99, adam_eps = 1e-8;
 typedef struct {
     int64_t n;
-    float *second; /* n, zero before the first update; owned */
+    const tensor_memory *memory; /* of the arrays, and of those that it works on; NULL: the host's */
+    float *second;               /* n, zero before the first update; owned */
+    double *sums;                /* SQUARE_SUMS, in that memory; owned */
     int64_t updates;
 } adam;
-sherf_status adam_create(context *c, int64_t n, adam *out);
+sherf_status adam_create(context *c, int64_t n, adam *out); /* in the host's memory */
 void adam_free(adam *a);
-void adam_step(const context *c, adam *a, float *values, const float *gradients, double rate);
+/* Moves it into another memory. NULL: it stays. */
+sherf_status adam_place(context *c, adam *a, const tensor_memory *memory);
+sherf_status adam_step(context *c, adam *a, float *values, const float *gradients, double rate);
 
 /* The sum of squares, in double, in an order that does not depend on the thread count. Not finite when any
- * gradient is not. */
-double gradients_square_sum(const context *c, int64_t n, const float *gradients);
+ * gradient is not. Waits for it. */
+sherf_status gradients_square_sum(context *c, const adam *a, const float *gradients, double *out);
 
 /* rate / 2^floor(step / halve_every). */
 double schedule_rate(double rate, int64_t step, int64_t halve_every);
@@ -28,6 +32,7 @@ double schedule_rate(double rate, int64_t step, int64_t halve_every);
  * trainings are not ruled by their beginning. average <- value + decay (average - value), decay 0.5^(1 /
  * half_life). */
 double average_decay(int64_t step);
-void average_update(const context *c, int64_t n, float *average, const float *values, double decay);
+sherf_status average_update(context *c, const tensor_memory *memory, int64_t n, float *average,
+                            const float *values, double decay);
 
 #endif

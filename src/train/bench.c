@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "data/tubeman.h"
+#include "tensor/block.h"
 #include "train/trainer.h"
 
 enum { REPEATS_MOST = 1000, SIDE_MOST = 8192 };
@@ -109,6 +110,7 @@ static sherf_status bench_open(bench *b) {
     stride(0.6f, &shown);
     sherf_status status = model_config_parse(c, b->preset, &config);
     if (status == SHERF_OK) status = model_create(c, &config, 1, &b->model);
+    if (status == SHERF_OK) status = model_place(c, b->model);
     if (status == SHERF_OK) status = tubeman_create(c, &b->body);
     if (status == SHERF_OK) status = photograph(c, b->body, &seen, 0.2f, b->size, &b->observation);
     if (status == SHERF_OK) status = photograph(c, b->body, &shown, 0.8f, b->size, &b->target);
@@ -171,24 +173,48 @@ static const char *precision_name(const context *c) {
     return c->precision == SHERF_PRECISION_BF16 ? "bf16" : "fp32";
 }
 
+static const char *device_name(const context *c) {
+    return c->device == SHERF_DEVICE_CUDA ? "cuda" : "cpu";
+}
+
+/* For people: the GPU's name, or the processor's instructions. */
+static const char *device_text(const context *c, char text[200]) {
+    if (c->device != SHERF_DEVICE_CUDA || sherf_device_find(c->device, text, 200) != SHERF_OK)
+        snprintf(text, 200, "%s", isa_name(isa_best()));
+    return text;
+}
+
+/* Of the device's memory on a GPU, and otherwise the resident set. */
+static double peak_mb(const context *c) {
+    const tensor_memory *memory = backend_of(c)->memory;
+    return (double)(memory ? memory->peak() : memory_peak_bytes()) / 1e6;
+}
+
+static const char *peak_name(const context *c) {
+    return c->device == SHERF_DEVICE_CUDA ? "gpu" : "rss";
+}
+
 static sherf_status bench_render(bench *b, int json, char **text) {
     context *c = b->c;
     frame_job job = {0};
     double avatar_ms = 0, frame_ms = 0;
+    char device[200];
     sherf_status status = timed(b, avatar_once, &job.avatar, &avatar_ms);
     if (status == SHERF_OK) status = timed(b, frame_once, &job, &frame_ms);
     if (status == SHERF_OK) {
-        *text = mem_format(
-            c,
-            json
-                ? "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": %.3f, "
-                  "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"device\": \"cpu\", "
-                  "\"isa\": \"%s\", "
-                  "\"threads\": %d, \"peak_rss_mb\": %.1f}\n"
-                : "%s, %d px: a frame %.1f ms, an avatar %.1f ms, %lld points, %s on %s, %d threads, at most "
-                  "%.0f MB\n",
-            b->preset, b->size, frame_ms, avatar_ms, (long long)job.frame.points, precision_name(c),
-            isa_name(isa_best()), c->threads, (double)memory_peak_bytes() / 1e6);
+        const long long points = (long long)job.frame.points;
+        *text =
+            json ? mem_format(c,
+                              "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": %.3f, "
+                              "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"device\": "
+                              "\"%s\", \"isa\": \"%s\", \"threads\": %d, \"peak_%s_mb\": %.1f}\n",
+                              b->preset, b->size, frame_ms, avatar_ms, points, precision_name(c),
+                              device_name(c), isa_name(isa_best()), c->threads, peak_name(c), peak_mb(c))
+                 : mem_format(c,
+                              "%s, %d px: a frame %.1f ms, an avatar %.1f ms, %lld points, %s on %s, %d "
+                              "threads, at most %.0f MB\n",
+                              b->preset, b->size, frame_ms, avatar_ms, points, precision_name(c),
+                              device_text(c, device), c->threads, peak_mb(c));
         if (!*text) status = SHERF_NO_MEMORY;
     }
     sherf_frame_free(&job.frame);
@@ -203,6 +229,7 @@ typedef struct {
     adam adam;
     model *average;
     loss_networks networks;
+    float *rows; /* losses, in the tape's memory */
     int64_t step;
 } step_job;
 
@@ -227,16 +254,17 @@ static sherf_status prepare_once(bench *b, void *arg) {
 static sherf_status step_once(bench *b, void *arg) {
     step_job *j = arg;
     parameters *p = b->model->weights;
-    loss_values values;
+    double squares;
     j->sample.drawn.noise_key = (uint64_t)++j->step;
     parameters_zero_grads(p);
-    sherf_status status = image_gradients(j->tape, b->model, b->body, &j->networks, &j->sample, 1, &values);
+    sherf_status status = image_gradients(j->tape, b->model, b->body, &j->networks, &j->sample, 1, j->rows);
+    if (status == SHERF_OK) status = gradients_square_sum(b->c, &j->adam, p->grads, &squares);
     if (status != SHERF_OK) return status;
-    if (!isfinite(gradients_square_sum(b->c, p->trained_floats, p->grads)))
-        return failure(b->c, SHERF_BAD_ARGUMENT, "the step's gradients are not finite");
-    adam_step(b->c, &j->adam, p->values, p->grads, 1e-4);
-    average_update(b->c, p->total_floats, j->average->weights->values, p->values, average_decay(j->step));
-    return SHERF_OK;
+    if (!isfinite(squares)) return failure(b->c, SHERF_BAD_ARGUMENT, "the step's gradients are not finite");
+    status = adam_step(b->c, &j->adam, p->values, p->grads, 1e-4);
+    if (status != SHERF_OK) return status;
+    return average_update(b->c, p->memory, p->total_floats, j->average->weights->values, p->values,
+                          average_decay(j->step));
 }
 
 static void made_up(tensor *w, int layer) {
@@ -259,54 +287,75 @@ static sherf_status made_up_lpips(context *c, lpips_network **out) {
     return status;
 }
 
+/* What a training holds, where the context's device computes. */
+static sherf_status step_open(bench *b, step_job *job, lpips_network *lpips, resnet50_network *resnet50) {
+    context *c = b->c;
+    const backend *on = backend_of(c);
+    sherf_status status = parameters_make_grads(c, b->model->weights);
+    if (status == SHERF_OK) status = adam_create(c, b->model->weights->trained_floats, &job->adam);
+    if (status == SHERF_OK) status = adam_place(c, &job->adam, on->memory);
+    if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job->average);
+    if (status == SHERF_OK) status = model_place(c, job->average);
+    if (status == SHERF_OK) status = lpips_place(c, lpips, on->memory);
+    if (status == SHERF_OK) status = resnet50_place(c, resnet50, on->memory);
+    if (status != SHERF_OK) return status;
+    job->rows = block_take(c, on->memory, LOSSES, sizeof *job->rows);
+    job->tape = tape_create(c, (tape_options){.backend = on,
+                                              .record = true,
+                                              .training = true,
+                                              .bf16 = c->precision == SHERF_PRECISION_BF16});
+    return job->rows && job->tape ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+static void step_close(bench *b, step_job *job) {
+    tape_free(job->tape);
+    block_give(backend_of(b->c)->memory, job->rows);
+    model_free(job->average);
+    adam_free(&job->adam);
+    observation_geometry_free(job->sample.observation_geometry);
+    target_geometry_free(job->sample.target_geometry);
+}
+
 static sherf_status bench_train(bench *b, int json, char **text) {
     context *c = b->c;
-    double prepare_ms = 0, step_ms = 0, lpips_ms = 0, resnet50_ms = 0;
+    double prepare_ms = 0, step_ms = 0, lpips_ms = 0, resnet50_ms = 0, peak[2] = {0};
     step_job job = {.sample = {.observation = b->observation, .target = b->target}};
     lpips_network *lpips = NULL;
     resnet50_network *perceptual = NULL;
+    char device[200];
     sherf_status status = timed(b, prepare_once, &job, &prepare_ms);
-    if (status == SHERF_OK) status = parameters_make_grads(c, b->model->weights);
-    if (status == SHERF_OK) status = adam_create(c, b->model->weights->trained_floats, &job.adam);
-    if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job.average);
     if (status == SHERF_OK) status = made_up_lpips(c, &lpips);
     if (status == SHERF_OK) status = made_up_resnet50(c, &perceptual);
-    if (status != SHERF_OK) goto done;
-    job.tape = tape_create(c, (tape_options){.backend = &backend_cpu,
-                                             .record = true,
-                                             .training = true,
-                                             .bf16 = c->precision == SHERF_PRECISION_BF16});
-    if (!job.tape) {
-        status = SHERF_NO_MEMORY;
-        goto done;
-    }
-    if ((status = timed(b, step_once, &job, &step_ms)) != SHERF_OK) goto done;
-    double peak = (double)memory_peak_bytes() / 1e6;
+    if (status == SHERF_OK) status = step_open(b, &job, lpips, perceptual);
+    if (status == SHERF_OK) status = timed(b, step_once, &job, &step_ms);
+    peak[0] = peak_mb(c);
     job.networks = (loss_networks){.resnet50 = perceptual};
-    if ((status = timed(b, step_once, &job, &resnet50_ms)) != SHERF_OK) goto done;
+    if (status == SHERF_OK) status = timed(b, step_once, &job, &resnet50_ms);
     job.networks = (loss_networks){.lpips = lpips};
-    if ((status = timed(b, step_once, &job, &lpips_ms)) != SHERF_OK) goto done;
-    *text = mem_format(
-        c,
-        json ? "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
-               "\"step_resnet50_ms\": %.3f, \"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, \"points\": %lld, "
-               "\"precision\": \"%s\", \"device\": \"cpu\", "
-               "\"isa\": \"%s\", \"threads\": %d, \"peak_rss_mb\": %.1f, \"peak_rss_lpips_mb\": %.1f}\n"
-             : "%s, %d px: a step of one picture %.1f ms (with resnet50 %.1f ms, with LPIPS %.1f ms), its "
-               "preparation by a loading "
-               "thread %.1f ms, %lld points, %s on %s, %d threads, at most %.0f MB (with LPIPS %.0f MB)\n",
-        b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms,
-        (long long)job.sample.target_geometry->points->count, precision_name(c), isa_name(isa_best()),
-        c->threads, peak, (double)memory_peak_bytes() / 1e6);
+    if (status == SHERF_OK) status = timed(b, step_once, &job, &lpips_ms);
+    peak[1] = peak_mb(c);
+    if (status != SHERF_OK) goto done;
+    const long long points = (long long)job.sample.target_geometry->points->count;
+    *text =
+        json ? mem_format(c,
+                          "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
+                          "\"step_resnet50_ms\": %.3f, \"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, "
+                          "\"points\": %lld, \"precision\": \"%s\", \"device\": \"%s\", \"isa\": \"%s\", "
+                          "\"threads\": %d, \"peak_%s_mb\": %.1f, \"peak_%s_lpips_mb\": %.1f}\n",
+                          b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms, points,
+                          precision_name(c), device_name(c), isa_name(isa_best()), c->threads, peak_name(c),
+                          peak[0], peak_name(c), peak[1])
+             : mem_format(c,
+                          "%s, %d px: a step of one picture %.1f ms (with resnet50 %.1f ms, with LPIPS %.1f "
+                          "ms), its preparation by a loading thread %.1f ms, %lld points, %s on %s, %d "
+                          "threads, at most %.0f MB (with LPIPS %.0f MB)\n",
+                          b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms, points,
+                          precision_name(c), device_text(c, device), c->threads, peak[0], peak[1]);
     if (!*text) status = SHERF_NO_MEMORY;
 done:
-    tape_free(job.tape);
+    step_close(b, &job);
     lpips_free(lpips);
     resnet50_free(perceptual);
-    model_free(job.average);
-    adam_free(&job.adam);
-    observation_geometry_free(job.sample.observation_geometry);
-    target_geometry_free(job.sample.target_geometry);
     return status;
 }
 

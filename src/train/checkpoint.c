@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "io/safetensors.h"
+#include "tensor/block.h"
 #include "train/checkpoint.h"
 
 /* ---- the state as metadata ---- */
@@ -69,10 +70,21 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
 enum { GROUPS = 3 };
 static const char *const group_names[GROUPS] = {"model", "average", "second"};
 
-static float *group_values(int group, const parameter *q, const model *m, const model *average,
-                           const adam *a) {
-    if (group == 2) return q->buffer ? NULL : a->second + q->offset;
-    return (group ? average : m)->weights->values + q->offset;
+/* Of a parameter, in its group's block; NULL: that group does not have it. */
+static const float *group_values(int group, const parameter *q, const float *const block[GROUPS]) {
+    return group == 2 && q->buffer ? NULL : block[group] + q->offset;
+}
+
+/* The groups' blocks for the host to read; `copies` are mem_free'd, whatever the answer. */
+static sherf_status blocks_read(context *c, const model *m, const model *average, const adam *a,
+                                const float *block[GROUPS], float *copies[GROUPS]) {
+    sherf_status status = parameters_read(c, m->weights, &block[0], &copies[0]);
+    if (status == SHERF_OK) status = parameters_read(c, average->weights, &block[1], &copies[1]);
+    block[2] = a->second;
+    if (status != SHERF_OK || !a->memory) return status;
+    block[2] = copies[2] = mem_alloc(c, (size_t)a->n, sizeof(float));
+    if (!copies[2]) return SHERF_NO_MEMORY;
+    return block_download(c, a->memory, copies[2], a->second, (size_t)a->n * sizeof(float));
 }
 
 sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
@@ -86,14 +98,17 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     char *config = model_config_text(c, &m->config);
     char(*name)[288] = mem_alloc(c, most, sizeof *name);
     safetensor_item *item = mem_zero(c, most, sizeof *item);
+    const float *block[GROUPS] = {NULL};
+    float *copies[GROUPS] = {NULL};
     if (!config || !name || !item) goto done;
+    if ((status = blocks_read(c, m, average, a, block, copies)) != SHERF_OK) goto done;
     metadata[1] = (safetensor_metadata){"config", config};
     state_text(state, a->updates, text);
     for (int i = 0; i < STATE_KEYS; i++) metadata[i + 2] = (safetensor_metadata){state_keys[i], text[i]};
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            float *values = group_values(group, q, m, average, a);
+            const float *values = group_values(group, q, block);
             if (!values) continue;
             snprintf(name[n], sizeof name[n], "%s.%s", group_names[group], q->name);
             item[n] =
@@ -103,20 +118,23 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
         }
     status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
 done:
+    for (int group = 0; group < GROUPS; group++) mem_free(copies[group]);
     mem_free(config);
     mem_free(name);
     mem_free(item);
     return status;
 }
 
+/* Into arrays of the host. */
 static sherf_status tensors_read(context *c, const safetensors *f, const model *m, const model *average,
                                  const adam *a) {
     const parameters *p = m->weights;
+    const float *const block[GROUPS] = {p->values, average->weights->values, a->second};
     char name[288];
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            float *values = group_values(group, q, m, average, a);
+            float *values = (float *)group_values(group, q, block);
             if (!values) continue;
             snprintf(name, sizeof name, "%s.%s", group_names[group], q->name);
             sherf_status status = safetensors_floats(c, f, name, q->value.rank, q->value.dim, values);

@@ -16,10 +16,10 @@ typedef struct {
 } train_state;
 
 /* The tensors: model.NAME, average.NAME (moving average), second.NAME (Adam's second moment). The metadata:
- * format=sherf-checkpoint, config, and the state. */
+ * format=sherf-checkpoint, config, and the state. The arrays may be in any memory; the file does not tell. */
 sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
                               const adam *a, const train_state *state);
-/* Makes both models and the optimiser's state. */
+/* Makes both models and the optimiser's state, in the host's memory. */
 sherf_status checkpoint_read(context *c, const char *path, model **m, model **average, adam *a,
                              train_state *state);
 

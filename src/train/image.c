@@ -1,13 +1,12 @@
-#include <math.h>
-
+#include "tensor/block.h"
 #include "train/trainer.h"
 
-/* One target's frame from the encoded observation, and its losses. *total stays NULL where no ray meets the
- * box. */
+/* One target's frame from the encoded observation, and its losses, whose total is NULL where no ray meets
+ * the box. */
 static sherf_status target_losses(tape *t, const model *m, const body_model *body,
                                   const loss_networks *networks, const observation_geometry *observation,
                                   model_bank *bank, const data_view *view, const target_geometry *geometry,
-                                  float background, uint64_t noise_key, tensor **total, loss_values *values) {
+                                  float background, uint64_t noise_key, loss_tensors *losses) {
     tensor *frame;
     sherf_status status = model_frame(t, m, body, observation, bank, geometry, background, noise_key, &frame);
     if (status != SHERF_OK) return status;
@@ -18,39 +17,26 @@ static sherf_status target_losses(tape *t, const model *m, const body_model *bod
                                 .unknown = view->unknown,
                                 .at_box = geometry->rays->at_box,
                                 .background = background};
-    return losses_forward(t, networks, frame, &target, total, values);
-}
-
-/* Means over the targets; what a target does not have (NaN) is not in the mean. */
-static void values_add(double *sum, int *count, double v) {
-    if (isnan(v)) return;
-    *sum += v;
-    ++*count;
+    return losses_forward(t, networks, frame, &target, losses);
 }
 
 sherf_status image_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
-                             const sample *s, double scale, loss_values *values) {
+                             const sample *s, double scale, float *rows) {
     model_bank bank;
     tensor *total = NULL;
-    double sum[TOTAL_LOSSES] = {0};
-    int count[TOTAL_LOSSES] = {0};
     tape_reset(t);
     sherf_status status = model_encode(t, m, body, s->observation_geometry, &bank, NULL);
     for (int k = 0; k <= s->drawn.further && status == SHERF_OK; k++) {
         const data_view *view = k ? s->more[k - 1].target : s->target;
         const target_geometry *geometry = k ? s->more[k - 1].geometry : s->target_geometry;
         const uint64_t noise = k ? splitmix64(s->drawn.noise_key + (uint64_t)k) | 1 : s->drawn.noise_key;
-        tensor *one = NULL;
-        loss_values v;
+        loss_tensors one;
         status = target_losses(t, m, body, networks, s->observation_geometry, &bank, view, geometry,
-                               s->drawn.background[k], noise, &one, &v);
+                               s->drawn.background[k], noise, &one);
+        if (status == SHERF_OK) status = losses_store(t, &one, rows + (size_t)k * LOSSES);
         if (status != SHERF_OK) return status;
-        if (one) total = total ? op_add(t, total, one) : one;
-        const double all[TOTAL_LOSSES] = {v.total, v.color, v.mask, v.ssim, v.lpips, v.resnet50};
-        for (int i = 0; i < TOTAL_LOSSES; i++) values_add(&sum[i], &count[i], all[i]);
+        if (one.total) total = total ? op_add(t, total, one.total) : one.total;
     }
-    for (int i = 0; i < TOTAL_LOSSES; i++) sum[i] = count[i] ? sum[i] / count[i] : NAN;
-    *values = (loss_values){sum[0], sum[1], sum[2], sum[3], sum[4], sum[5]};
     if (status != SHERF_OK || !total) return status;
     return tape_backward(t, total, scale / (1 + s->drawn.further));
 }

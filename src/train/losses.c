@@ -1,6 +1,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "tensor/block.h"
 #include "train/losses.h"
 
 enum { SSIM_WINDOW = 11 };
@@ -60,17 +61,13 @@ static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
 }
 
 sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *g,
-                            tensor **total, loss_values *values) {
+                            loss_tensors *out) {
     shift_scale_attr r = {.scale = {0}};
     tensor *ssim = NULL, *lpips = NULL, *resnet50 = NULL;
     const loss_networks none = {0}, *n = networks ? networks : &none;
-    *total = NULL;
-    *values = (loss_values){NAN, NAN, NAN, NAN, NAN, NAN};
+    *out = (loss_tensors){NULL};
     tensor *rows = selected(t, g, true, &r);
-    if (!rows) {
-        *values = (loss_values){.ssim = NAN, .lpips = NAN, .resnet50 = NAN};
-        return tape_status(t);
-    }
+    if (!rows) return tape_status(t);
     tensor *rgb = op_slice(t, frame, 0, 3), *truth = truth_column(t, g);
     tensor *color = op_mean_square(t, rgb, truth, rows);
     tensor *mask = op_mean_square(t, op_slice(t, frame, 3, 1), mask_column(t, g), rows);
@@ -90,13 +87,22 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
             loss = sum(t, loss, resnet50, (float)weight);
         }
     }
-    if (tape_status(t) != SHERF_OK) return tape_status(t);
-    *values = (loss_values){tape_value(t, loss) + (ssim ? 1 : 0),
-                            tape_value(t, color),
-                            tape_value(t, mask),
-                            tape_value(t, ssim),
-                            tape_value(t, lpips),
-                            tape_value(t, resnet50)};
-    *total = loss;
+    *out = (loss_tensors){loss, color, mask, ssim, lpips, resnet50};
     return tape_status(t);
+}
+
+sherf_status losses_store(tape *t, const loss_tensors *l, float *row) {
+    const tensor *const one[LOSSES] = {l->total, l->color, l->mask, l->ssim, l->lpips, l->resnet50};
+    const tensor_memory *memory = tape_backend(t)->memory;
+    const float base = l->total ? NAN : 0;
+    const float plain[LOSSES] = {base, base, base, NAN, NAN, NAN};
+    sherf_status status = block_upload(tape_context(t), memory, row, plain, sizeof plain);
+    for (int i = 0; i < LOSSES && status == SHERF_OK; i++)
+        if (one[i]) status = block_copy(tape_context(t), memory, row + i, one[i]->data, sizeof *row);
+    return status;
+}
+
+loss_values losses_values(const float row[LOSSES]) {
+    const double total = (double)row[0] + (isnan(row[3]) ? 0 : 1);
+    return (loss_values){total, row[1], row[2], row[3], row[4], row[5]};
 }

@@ -26,16 +26,26 @@ typedef struct {
  * is 0.14 to 0.55, 0.31 in the geometric mean: so both terms weigh about the same (docs/training.md). */
 static const double losses_resnet50_weight = 0.3;
 
+enum { LOSSES = 6 };
 typedef struct {
     double total, color, mask, ssim, lpips, resnet50; /* ssim: SSIM itself; not computed: NaN */
 } loss_values;
 
+/* The same as scalars of the tape, NULL where not computed. */
+typedef struct {
+    tensor *total; /* what to go back from: without the 1 of 1 - ssim */
+    tensor *color, *mask, *ssim, *lpips, *resnet50;
+} loss_tensors;
+
 /* frame [N, 5] of model_frame. total = 100 color + 10 mask + (1 - ssim) + lpips: colour, 0.1 mask,
  * 0.01 (1 - SSIM), 0.01 LPIPS, times the 100 of the authors' code; + weight resnet50 where that network is
  * given. ssim and the networks' distances are taken on the bounding rectangle of the rays at the box where it
- * is large enough. `networks` may be NULL. *total is the scalar to go back from; NULL, with values of 0, when
- * no ray meets the box. */
+ * is large enough. `networks` may be NULL. All of them are NULL when no ray meets the box. */
 sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *target,
-                            tensor **total, loss_values *values);
+                            loss_tensors *out);
+/* Puts them into row, LOSSES floats in the memory of the tape's backend, without waiting. */
+sherf_status losses_store(tape *t, const loss_tensors *losses, float *row);
+/* What such a row says; all 0, or NaN, where no ray met the box. */
+loss_values losses_values(const float row[LOSSES]);
 
 #endif

@@ -33,12 +33,15 @@ sherf_status ranks_open(context *c, ranks *out) {
     return SHERF_OK;
 }
 
-void ranks_close(ranks *r) {
+static void finish(ranks *r) {
     if (r->started) MPI_Finalize();
-    r->started = false;
 }
 
-sherf_status ranks_sum(context *c, const ranks *r, int64_t n, float *values) {
+static sherf_status share_name(context *c, char name[GROUP_NAME]) {
+    return check(c, MPI_Bcast(name, GROUP_NAME, MPI_BYTE, 0, MPI_COMM_WORLD), "name of a group");
+}
+
+static sherf_status sum_here(context *c, const ranks *r, int64_t n, float *values) {
     enum { PART = 1 << 24 }; /* MPI counts are int */
     sherf_status status = SHERF_OK;
     for (int64_t i = 0; r->count > 1 && i < n && status == SHERF_OK; i += PART) {
@@ -62,14 +65,48 @@ sherf_status ranks_open(context *c, ranks *out) {
         return failure(c, SHERF_UNSUPPORTED, "mpirun: this build trains in one process only");
     return SHERF_OK;
 }
-void ranks_close(ranks *r) {}
-sherf_status ranks_sum(context *c, const ranks *r, int64_t n, float *values) {
+static void finish(ranks *r) {}
+static sherf_status share_name(context *c, char name[GROUP_NAME]) {
+    return SHERF_OK;
+}
+static sherf_status sum_here(context *c, const ranks *r, int64_t n, float *values) {
     return SHERF_OK;
 }
 sherf_status ranks_max(context *c, const ranks *r, int n, int *flags) {
     return SHERF_OK;
 }
 #endif
+
+sherf_status ranks_join(context *c, ranks *r, const tensor_memory *memory) {
+    char name[GROUP_NAME] = "";
+    int devices[2] = {memory != NULL, memory == NULL};
+    if (r->count == 1) return SHERF_OK;
+    sherf_status status = ranks_max(c, r, 2, devices);
+    if (status == SHERF_OK && devices[0] && devices[1])
+        status = failure(c, SHERF_UNSUPPORTED,
+                         "some processes of this training have a GPU and others none; choose with --device");
+    if (status != SHERF_OK || !memory) return status;
+    if (!r->rank) status = memory->groups->name(c, name);
+    status = ranks_agree(c, r, status);
+    if (status == SHERF_OK) status = share_name(c, name);
+    if (status == SHERF_OK) status = memory->groups->join(c, name, r->rank, r->count, &r->group);
+    r->memory = memory;
+    return status;
+}
+
+void ranks_close(ranks *r, bool broken) {
+    if (r->group) r->memory->groups->leave(r->group, broken);
+    r->group = NULL;
+    finish(r);
+    r->started = false;
+}
+
+sherf_status ranks_sum(context *c, const ranks *r, const tensor_memory *memory, int64_t n, float *values) {
+    if (r->count == 1) return SHERF_OK;
+    if (!memory) return sum_here(c, r, n, values);
+    const sherf_status status = memory->groups->sum(c, r->group, n, values);
+    return status == SHERF_OK ? memory->groups->wait(c, r->group) : status;
+}
 
 sherf_status ranks_agree(context *c, const ranks *r, sherf_status status) {
     int worst = (int)status;

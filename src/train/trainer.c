@@ -201,7 +201,19 @@ static sherf_status begin(trainer *t) {
     double epochs = o->epochs > 0 ? o->epochs : 5;
     double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);
     t->last_step = o->steps ? o->steps : (int64_t)fmin(fmax(steps, 1), 1e15);
-    return parameters_make_grads(c, t->model->weights);
+    return SHERF_OK;
+}
+
+/* Everything to where the context's device computes. */
+static sherf_status place(trainer *t) {
+    context *c = t->c;
+    const tensor_memory *memory = backend_of(c)->memory;
+    sherf_status status = model_place(c, t->model);
+    if (status == SHERF_OK) status = model_place(c, t->average);
+    if (status == SHERF_OK) status = adam_place(c, &t->adam, memory);
+    if (status == SHERF_OK) status = lpips_place(c, t->lpips, memory);
+    if (status == SHERF_OK) status = resnet50_place(c, t->resnet50, memory);
+    return status == SHERF_OK ? parameters_make_grads(c, t->model->weights) : status;
 }
 
 /* Threads, arrays and files of the loop. */
@@ -212,9 +224,12 @@ static sherf_status prepare(trainer *t) {
     char path[PATH_LENGTH];
     int begins = (int)((int64_t)s->images_per_step * t->ranks.rank / t->ranks.count);
     int ends = (int)((int64_t)s->images_per_step * (t->ranks.rank + 1) / t->ranks.count);
-    sherf_status status = total_create(c, t->model->weights, s->images_per_step, begins, ends, &t->total);
+    sherf_status status = place(t);
+    if (status == SHERF_OK)
+        status = total_create(c, t->model->weights, s->images_per_step, begins, ends, s->targets, &t->total);
+    if (status == SHERF_OK) status = total_overlap(c, &t->total, &t->ranks);
     if (status != SHERF_OK) return status;
-    t->tape = tape_create(c, (tape_options){.backend = &backend_cpu,
+    t->tape = tape_create(c, (tape_options){.backend = backend_of(c),
                                             .record = true,
                                             .training = true,
                                             .bf16 = c->precision == SHERF_PRECISION_BF16});
@@ -242,6 +257,7 @@ static sherf_status prepare(trainer *t) {
 static void announce(trainer *t) {
     context *c = t->c;
     const train_state *s = &t->state;
+    char device[200];
     if (t->ranks.rank) return;
     log_line(c, SHERF_LOG_INFO,
              "training %s (%.1f million parameters) on %" PRId64 " pictures of %d people, %d images a step, "
@@ -249,6 +265,8 @@ static void announce(trainer *t) {
              t->model->config.preset, (double)parameters_trained_count(t->model->weights) / 1e6,
              sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
              t->last_step);
+    if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
+        log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
     if (t->resnet50)
         log_line(c, SHERF_LOG_INFO, "the loss has the resnet50 distance (%s) where the paper's has LPIPS",
@@ -266,16 +284,23 @@ static sherf_status share(trainer *t) {
     const loss_networks networks = {t->lpips, t->resnet50, t->options->perceptual_weight};
     for (int i = t->total.begin; i < t->total.end; i++) {
         sample s;
-        loss_values values;
         if (cancelled(c)) return failure(c, SHERF_CANCELLED, "cancelled");
         sherf_status status = loader_next(c, t->loader, &s);
+        total_watch(&t->total, t->tape, i);
         if (status == SHERF_OK)
-            status = image_gradients(t->tape, t->model, t->body, &networks, &s, scale, &values);
+            status =
+                image_gradients(t->tape, t->model, t->body, &networks, &s, scale, total_rows(&t->total, i));
         sample_free(&s);
-        if (status == SHERF_OK) status = total_add(c, &t->total, i, &values);
+        if (status == SHERF_OK) status = total_add(c, &t->total, i);
         if (status != SHERF_OK) return status;
     }
     return SHERF_OK;
+}
+
+/* After a failure, whose message stays. */
+static void undo(trainer *t) {
+    context quiet = {0};
+    total_undo(&quiet, &t->total);
 }
 
 /* One step; on failure the model is as before it. */
@@ -283,17 +308,19 @@ static sherf_status step(trainer *t, loss_values *mean, bool *skipped) {
     context *c = t->c;
     parameters *p = t->model->weights;
     train_state *s = &t->state;
-    total_start(&t->total);
-    sherf_status status = ranks_agree(c, &t->ranks, share(t));
+    double squares = 0;
+    sherf_status status = total_start(c, &t->total);
+    status = ranks_agree(c, &t->ranks, status == SHERF_OK ? share(t) : status);
     if (status == SHERF_OK) status = total_finish(c, &t->total, &t->ranks, mean);
+    if (status == SHERF_OK) status = gradients_square_sum(c, &t->adam, p->grads, &squares);
     if (status != SHERF_OK) {
-        total_undo(&t->total);
+        undo(t);
         return status;
     }
-    *skipped = !isfinite(gradients_square_sum(c, p->trained_floats, p->grads)) || !isfinite(mean->total);
+    *skipped = !isfinite(squares) || !isfinite(mean->total);
     s->step++;
     if (*skipped) {
-        total_undo(&t->total);
+        if ((status = total_undo(c, &t->total)) != SHERF_OK) return status;
         s->skipped++;
         log_line(c, SHERF_LOG_WARNING, "step %" PRId64 ": its gradients are not finite and are left out",
                  s->step);
@@ -304,9 +331,11 @@ static sherf_status step(trainer *t, loss_values *mean, bool *skipped) {
                        SKIPS_IN_A_ROW);
     }
     t->skips_in_a_row = 0;
-    adam_step(c, &t->adam, p->values, p->grads, schedule_rate(s->learning_rate, s->step - 1, s->halve_every));
-    average_update(c, p->total_floats, t->average->weights->values, p->values, average_decay(s->step));
-    return SHERF_OK;
+    status = adam_step(c, &t->adam, p->values, p->grads,
+                       schedule_rate(s->learning_rate, s->step - 1, s->halve_every));
+    if (status != SHERF_OK) return status;
+    return average_update(c, p->memory, p->total_floats, t->average->weights->values, p->values,
+                          average_decay(s->step));
 }
 
 /* ---- files ---- */
@@ -430,12 +459,13 @@ sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
     /* Processes of one machine share its cores, unless the caller has said how many each takes. */
     if (t.ranks.local > 1 && threads == threads_available())
         c->threads = threads > t.ranks.local ? threads / t.ranks.local : 1;
-    status = begin(&t);
+    status = ranks_join(c, &t.ranks, backend_of(c)->memory);
+    if (status == SHERF_OK) status = begin(&t);
     if (status == SHERF_OK) status = prepare(&t);
     status = ranks_agree(c, &t.ranks, status);
     if (status == SHERF_OK) status = run(&t);
+    ranks_close(&t.ranks, status != SHERF_OK);
     trainer_free(&t);
-    ranks_close(&t.ranks);
     c->threads = threads;
     return status;
 }

@@ -1,6 +1,7 @@
 /* A whole training step on the emulated CUDA backend (tests/support/cuda): encoder, frame, losses and every
  * gradient, against the CPU's in float32. The device's memory is locked between ops, so host code
  * that reads or writes a tensor's data there ends the program. */
+#include "losses_of.h"
 #include "support.h"
 
 #include <math.h>
@@ -10,7 +11,6 @@
 #ifdef HAVE_CUDA_EMULATED
 #include "data/tubeman.h"
 #include "model/model.h"
-#include "train/losses.h"
 
 extern const backend backend_emulated;
 
@@ -94,7 +94,7 @@ static void step(scene *s, const backend *b, result *out) {
         parameters_zero_grads(p);
         assert_ok(c, model_encode(t, out->m, s->body, s->g, &bank, NULL));
         assert_ok(c, model_frame(t, out->m, s->body, s->g, &bank, s->target, 0, 5, &frame));
-        assert_ok(c, losses_forward(t, NULL, frame, &truth, &total, &out->losses));
+        assert_ok(c, losses_of(t, NULL, frame, &truth, &total, &out->losses));
         assert_non_null(total);
         assert_ok(c, tensor_download(c, frame, out->frame));
         assert_ok(c, tape_backward(t, total, 1));

@@ -2,6 +2,8 @@
  * wrong one. */
 #include "reference.h"
 
+#include "losses_of.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,7 +11,6 @@
 
 #include "data/data.h"
 #include "data/tubeman.h"
-#include "train/losses.h"
 
 /* float32 stages: at most 3e-4 of the stage's largest value, 2e-5 root mean square. */
 static const reference_bound stage = {3e-4, 2e-5};
@@ -347,7 +348,7 @@ static void training_agrees(void **state) {
                         (double)(i / REFERENCE_SIZE) / REFERENCE_SIZE - 0.5) < 0.3;
     loss_target target = {REFERENCE_SIZE, REFERENCE_SIZE, image.data, mask, NULL, r.target->rays->at_box};
     loss_values values;
-    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = lpips}, frame, &target, &total, &values));
+    assert_ok(c, losses_of(t, &(loss_networks){.lpips = lpips}, frame, &target, &total, &values));
     check_loss(&r, "loss.color", values.color);
     check_loss(&r, "loss.mask", values.mask);
     check_loss(&r, "loss.ssim", values.ssim);

@@ -1,8 +1,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "losses_of.h"
 #include "support.h"
-#include "train/losses.h"
 
 enum { W = 30, H = 26, N = W * H };
 
@@ -42,7 +42,7 @@ static void values_are_the_means(void **state) {
         frame->needs_grad = true;
         loss_target g = {W, H, s.image, s.mask, with_unknown ? s.unknown : NULL, s.at_box};
         loss_values v;
-        assert_ok(c, losses_forward(t, NULL, frame, &g, &total, &v));
+        assert_ok(c, losses_of(t, NULL, frame, &g, &total, &v));
         double color = 0, mask = 0;
         int n = 0;
         for (int i = 0; i < N; i++) {
@@ -86,7 +86,7 @@ static void backgrounds_are_behind_the_person(void **state) {
         tape_reset(t);
         tensor *total;
         loss_values v;
-        assert_ok(c, losses_forward(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+        assert_ok(c, losses_of(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
         const double expected = over_black ? (double)grey * grey * outside / n : 0;
         assert_true(outside > 100 && fabs(v.color - expected) < 1e-6);
         assert_true(over_black ? v.ssim < 0.9 : fabs(v.ssim - 1) < 1e-5);
@@ -110,13 +110,13 @@ static void lpips_adds_its_distance(void **state) {
     tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
     loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
     loss_values v;
-    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = l}, frame, &g, &total, &v));
+    assert_ok(c, losses_of(t, &(loss_networks){.lpips = l}, frame, &g, &total, &v));
     assert_true(v.lpips > 0);
     assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim + v.lpips)) < 1e-4);
     for (int i = 0; i < N; i++) memcpy(s.frame + 5 * i, s.image + 3 * i, 3 * sizeof(float));
     tape_reset(t);
-    assert_ok(c, losses_forward(t, &(loss_networks){.lpips = l}, tape_input(t, s.frame, 2, (int64_t[]){N, 5}),
-                                &g, &total, &v));
+    assert_ok(c, losses_of(t, &(loss_networks){.lpips = l}, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g,
+                           &total, &v));
     assert_true(v.lpips == 0 && v.color == 0 && fabs(v.ssim - 1) < 1e-5);
     lpips_free(l);
     tape_free(t);
@@ -139,7 +139,7 @@ static void resnet50_adds_its_distance(void **state) {
     for (int own = 0; own < 2; own++) { /* its own weight, or one that is given */
         tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
         const loss_networks networks = {.resnet50 = r, .resnet50_weight = own ? 2 : 0};
-        assert_ok(c, losses_forward(t, &networks, frame, &g, &total, &v));
+        assert_ok(c, losses_of(t, &networks, frame, &g, &total, &v));
         double weight = own ? 2 : losses_resnet50_weight;
         assert_true(v.resnet50 > 0 && isnan(v.lpips));
         assert_true(fabs(v.total - (100 * v.color + 10 * v.mask + 1 - v.ssim + weight * v.resnet50)) < 1e-4);
@@ -159,7 +159,7 @@ static void nothing_at_the_box(void **state) {
     tensor *total;
     loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
     loss_values v;
-    assert_ok(c, losses_forward(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
+    assert_ok(c, losses_of(t, NULL, tape_input(t, s.frame, 2, (int64_t[]){N, 5}), &g, &total, &v));
     assert_null(total);
     assert_true(v.total == 0);
     tape_free(t);

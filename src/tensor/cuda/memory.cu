@@ -140,7 +140,7 @@ static sherf_status copy(context *c, void *to, const void *from, size_t bytes) {
 #else
 #define MEMORY_NAME "CUDA"
 #endif
-const tensor_memory device_memory = {MEMORY_NAME, {take, give}, upload, download,
-                                     copy,        clear_begin,  peak,   &block_arithmetic};
+const tensor_memory device_memory = {
+    MEMORY_NAME, {take, give}, upload, download, copy, clear_begin, peak, &block_arithmetic, &process_groups};
 
 } // namespace cuda_backend

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "export/export.h"
+#include "model/canonical.h"
 
 /* Frames have a sample each 10 to 20 mm; these rays are finer and end where most of a surface's opacity is
  * behind them. What is missing to 1 is left out by division. */
@@ -57,7 +58,7 @@ static void fill_samples(void *arg, int64_t begin, int64_t end, int thread) {
             j->set.sample[at + count] = i;
             nearest[count++] = found;
         }
-        field_observe(j->a, j->m, count, j->set.canonical + 3 * at, nearest, j->set.observed_px + 2 * at);
+        canonical_observe(j->a, j->m, count, j->set.canonical + 3 * at, nearest, j->set.observed_px + 2 * at);
     }
 }
 

@@ -19,11 +19,6 @@ enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX
 sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma);
-/* Where each canonical point lies in the observed picture, n x 2 pixels. nearest: each point's canonical
- * vertex. */
-void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
-                   const int32_t *nearest, float *observed_px);
-
 /* A regular grid: point (x, y, z) lies at min + step_m (x, y, z); value[(z * size[1] + y) * size[0] + x]. */
 typedef struct {
     int size[3]; /* x y z */

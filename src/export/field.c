@@ -1,25 +1,13 @@
-/* The network's density and colour at any canonical point. The canonical body is a target whose way to
- * canonical space is the identity, so the point network is asked just as for a frame. */
+/* The network's density and colour at any canonical point. */
 #include <math.h>
 #include <string.h>
 
 #include "export/export.h"
+#include "model/canonical.h"
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has
  * holes. */
 static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f, sigma_most = 1e6f;
-enum { FIELD_BATCH = 1 << 16 };
-
-void field_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
-                   const int32_t *nearest, float *observed_px) {
-    enum { BATCH = 256 };
-    float world[3 * BATCH];
-    for (int64_t b = 0; b < n; b += BATCH) {
-        int64_t count = n - b < BATCH ? n - b : BATCH;
-        deform_from_canonical(m, a->observed, count, points_canonical + 3 * b, nearest + b, world);
-        camera_project(&a->camera, count, world, observed_px + 2 * b, NULL);
-    }
-}
 
 /* ---- any points ---- */
 typedef struct {
@@ -40,67 +28,18 @@ static void find_near(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-typedef struct {
-    const sherf_avatar *a;
-    const body_model *m;
-    const point_set *set;
-    const int32_t *nearest;
-} observe_job;
-
-static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
-    const observe_job *j = arg;
-    field_observe(j->a, j->m, end - begin, j->set->canonical + 3 * begin, j->nearest + begin,
-                  j->set->observed_px + 2 * begin);
-}
-
-/* Room for a batch of points and its answers. */
-typedef struct {
-    point_set set;
-    int32_t *nearest;
-    float *rgb, *sigma;
-} field_batch;
-
-static void batch_free(field_batch *b) {
-    mem_free(b->set.canonical);
-    mem_free(b->set.direction_canonical);
-    mem_free(b->set.observed_px);
-    mem_free(b->nearest);
-    mem_free(b->rgb);
-    mem_free(b->sigma);
-}
-
-static sherf_status batch_make(context *c, size_t n, field_batch *b) {
-    *b = (field_batch){0};
-    b->set.canonical = mem_alloc(c, n, 3 * sizeof(float));
-    b->set.direction_canonical = mem_alloc(c, n, 3 * sizeof(float));
-    b->set.observed_px = mem_alloc(c, n, 2 * sizeof(float));
-    b->nearest = mem_alloc(c, n, sizeof *b->nearest);
-    b->rgb = mem_alloc(c, n, 3 * sizeof(float));
-    b->sigma = mem_alloc(c, n, sizeof(float));
-    bool good = b->set.canonical && b->set.direction_canonical && b->set.observed_px && b->nearest &&
-                b->rgb && b->sigma;
-    return good ? SHERF_OK : SHERF_NO_MEMORY;
-}
-
-/* The batch's points, all within the shell, through the network. */
-static sherf_status batch_run(context *c, const sherf_avatar *a, const body_model *m, field_batch *b) {
-    observe_job job = {a, m, &b->set, b->nearest};
-    parallel_for(c, b->set.count, 1024, observe_range, &job);
-    return point_network_run(c, a->network, &b->set, b->rgb, b->sigma);
-}
-
 sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma) {
     if (m->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
-    field_batch b;
-    int32_t *nearest = mem_alloc(c, FIELD_BATCH, sizeof *nearest),
-            *from = mem_alloc(c, FIELD_BATCH, sizeof *from);
-    sherf_status status = batch_make(c, FIELD_BATCH, &b);
+    canonical_batch b;
+    int32_t *nearest = mem_alloc(c, CANONICAL_BATCH, sizeof *nearest),
+            *from = mem_alloc(c, CANONICAL_BATCH, sizeof *from);
+    sherf_status status = canonical_batch_make(c, CANONICAL_BATCH, &b);
     if (!nearest || !from) status = SHERF_NO_MEMORY;
-    for (int64_t at = 0; at < n && status == SHERF_OK; at += FIELD_BATCH) {
-        int64_t count = n - at < FIELD_BATCH ? n - at : FIELD_BATCH;
+    for (int64_t at = 0; at < n && status == SHERF_OK; at += CANONICAL_BATCH) {
+        int64_t count = n - at < CANONICAL_BATCH ? n - at : CANONICAL_BATCH;
         near_job job = {a, m, points_canonical + 3 * at, nearest};
         parallel_for(c, count, 1024, find_near, &job);
         b.set.count = 0;
@@ -114,13 +53,13 @@ sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m,
             memcpy(b.set.canonical + 3 * k, points_canonical + 3 * (at + i), 3 * sizeof(float));
             memcpy(b.set.direction_canonical + 3 * k, directions_canonical + 3 * (at + i), 3 * sizeof(float));
         }
-        if (b.set.count) status = batch_run(c, a, m, &b);
+        if (b.set.count) status = canonical_batch_run(c, a, m, &b);
         for (int64_t k = 0; k < b.set.count && status == SHERF_OK; k++) {
             sigma[at + from[k]] = b.sigma[k];
             memcpy(rgb + 3 * (at + from[k]), b.rgb + 3 * k, 3 * sizeof *rgb);
         }
     }
-    batch_free(&b);
+    canonical_batch_free(&b);
     mem_free(nearest);
     mem_free(from);
     return status;
@@ -219,7 +158,7 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
     if (m->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
     field_grid *g = out;
-    field_batch b = {0};
+    canonical_batch b = {0};
     int32_t *nearest = NULL;
     size_t *from = NULL;
     float *normal = NULL;
@@ -227,9 +166,9 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
     if (status != SHERF_OK) return status;
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     nearest = mem_alloc(c, count, sizeof *nearest);
-    from = mem_alloc(c, FIELD_BATCH, sizeof *from);
+    from = mem_alloc(c, CANONICAL_BATCH, sizeof *from);
     normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normal);
-    status = batch_make(c, FIELD_BATCH, &b);
+    status = canonical_batch_make(c, CANONICAL_BATCH, &b);
     if (!nearest || !from || !normal) status = SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
     if (status == SHERF_OK) status = find_shell(c, m, normal, g, nearest);
@@ -247,14 +186,14 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
             b.nearest[k] = nearest[i];
             from[k] = i;
         }
-        if (b.set.count < FIELD_BATCH && i + 1 < count) continue;
-        if (b.set.count) status = batch_run(c, a, m, &b);
+        if (b.set.count < CANONICAL_BATCH && i + 1 < count) continue;
+        if (b.set.count) status = canonical_batch_run(c, a, m, &b);
         if (status == SHERF_OK) status = progress(c, "density", (double)(i + 1), (double)count);
         for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fminf(fmaxf(b.sigma[k], 0), sigma_most);
         b.set.count = 0;
     }
 done:
-    batch_free(&b);
+    canonical_batch_free(&b);
     mem_free(nearest);
     mem_free(from);
     mem_free(normal);

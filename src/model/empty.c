@@ -4,12 +4,12 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/model.h"
+#include "model/canonical.h"
 
 /* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
  * Cells below the skin are not asked for: they are full, or hidden. */
 static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
-enum { CELLS_MAX = 1 << 24, BATCH = 1 << 16, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
+enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 
 typedef struct {
     const sherf_avatar *a;
@@ -18,10 +18,8 @@ typedef struct {
     float *normal;    /* of the canonical vertices */
     int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not asked for */
     uint8_t *state;   /* by cell */
-    /* a batch */
-    point_set set;
+    canonical_batch batch;
     int32_t *cell; /* of its points */
-    float *rgb, *sigma;
 } empty_job;
 
 static void middle(const empty_cells *e, size_t cell, float at[3]) {
@@ -60,52 +58,31 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
-    const empty_job *j = arg;
-    enum { SOME = 256 };
-    float world[3 * SOME];
-    int32_t nearest[SOME];
-    for (int64_t b = begin; b < end; b += SOME) {
-        const int64_t count = end - b < SOME ? end - b : SOME;
-        float *canonical = j->set.canonical + 3 * b;
-        for (int64_t i = 0; i < count; i++) {
-            middle(j->cells, (size_t)j->cell[b + i], canonical + 3 * i);
-            nearest[i] = j->nearest[j->cell[b + i]];
-        }
-        deform_from_canonical(j->m, j->a->observed, count, canonical, nearest, world);
-        camera_project(&j->a->camera, count, world, j->set.observed_px + 2 * b, NULL);
-    }
-}
-
 static sherf_status ask(context *c, empty_job *j) {
-    parallel_for(c, j->set.count, 1024, observe_range, j);
-    sherf_status status = point_network_run(c, j->a->network, &j->set, j->rgb, j->sigma);
-    for (int64_t i = 0; i < j->set.count && status == SHERF_OK; i++)
-        j->state[j->cell[i]] = j->sigma[i] > 0 ? FULL : EMPTY;
-    j->set.count = 0;
+    canonical_batch *b = &j->batch;
+    sherf_status status = canonical_batch_run(c, j->a, j->m, b);
+    for (int64_t i = 0; i < b->set.count && status == SHERF_OK; i++)
+        j->state[j->cell[i]] = b->sigma[i] > 0 ? FULL : EMPTY;
+    b->set.count = 0;
     return status;
 }
 
 static sherf_status ask_all(context *c, empty_job *j, int64_t count) {
-    j->set.canonical = mem_alloc(c, BATCH, 3 * sizeof(float));
-    j->set.direction_canonical = mem_zero(c, BATCH, 3 * sizeof(float)); /* density does not look at it */
-    j->set.observed_px = mem_alloc(c, BATCH, 2 * sizeof(float));
-    j->cell = mem_alloc(c, BATCH, sizeof *j->cell);
-    j->rgb = mem_alloc(c, BATCH, 3 * sizeof(float));
-    j->sigma = mem_alloc(c, BATCH, sizeof(float));
-    sherf_status status = SHERF_NO_MEMORY;
-    if (j->set.canonical && j->set.direction_canonical && j->set.observed_px && j->cell && j->rgb && j->sigma)
-        status = SHERF_OK;
+    canonical_batch *b = &j->batch;
+    sherf_status status = canonical_batch_make(c, CANONICAL_BATCH, b);
+    j->cell = mem_alloc(c, CANONICAL_BATCH, sizeof *j->cell);
+    if (!j->cell) status = SHERF_NO_MEMORY;
     for (int64_t i = 0; i < count && status == SHERF_OK; i++) {
-        if (j->nearest[i] >= 0) j->cell[j->set.count++] = (int32_t)i;
-        if (j->set.count == BATCH || (i + 1 == count && j->set.count)) status = ask(c, j);
+        if (j->nearest[i] >= 0) {
+            const int64_t k = b->set.count++;
+            j->cell[k] = (int32_t)i;
+            b->nearest[k] = j->nearest[i];
+            middle(j->cells, (size_t)i, b->set.canonical + 3 * k);
+        }
+        if (b->set.count == CANONICAL_BATCH || (i + 1 == count && b->set.count)) status = ask(c, j);
     }
-    mem_free(j->set.canonical);
-    mem_free(j->set.direction_canonical);
-    mem_free(j->set.observed_px);
+    canonical_batch_free(b);
     mem_free(j->cell);
-    mem_free(j->rgb);
-    mem_free(j->sigma);
     return status;
 }
 

@@ -5,34 +5,18 @@
 #include <unistd.h>
 
 #include "base/path.h"
-#include "data/data.h"
-#include "support.h"
+#include "tube_people.h"
 
-static char root[512], spec[600], body[600], weights[600];
+static char root[512];
+static tube_people people;
 
 static int make_data(void **state) {
     context *c = test_context();
-    sherf_model *m = NULL;
     snprintf(root, sizeof root, "%s", test_path("people"));
-    snprintf(spec, sizeof spec, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s/tubeman.safetensors", root);
-    snprintf(weights, sizeof weights, "%s/model.safetensors", root);
     const sherf_synth_options synth = {.people = 2, .poses = 3, .views = 6, .size_px = 48, .seed = 5};
-    sherf_status status = sherf_synth_tube(c, root, &synth);
-    if (!status)
-        status = sherf_model_create(
-            c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m);
-    if (!status) status = sherf_model_save(c, m, weights);
-    if (status) fprintf(stderr, "%s\n", c->message);
-    sherf_model_free(m);
+    sherf_status status = tube_people_make(c, root, &synth, &people);
     sherf_context_free(c);
     return status != SHERF_OK;
-}
-
-static double number(const value *o, const char *key) {
-    const value *v = value_get(o, key);
-    assert_non_null(v);
-    return v->kind == VALUE_REAL ? v->real : v->kind == VALUE_INTEGER ? (double)v->integer : NAN;
 }
 
 /* PSNR of a written prediction, anew: over the pixels whose rays cross the box. */
@@ -50,7 +34,7 @@ static double psnr_again(context *c, const sherf_dataset *d, const char *folder,
     assert_ok(c, dataset_view(c, d, 0, (int)number(image, "pose"), (int)number(image, "view"), 0, &view));
     body_model *m;
     posed_body *p;
-    assert_ok(c, body_load(c, body, &m));
+    assert_ok(c, body_load(c, people.body, &m));
     assert_ok(c, posed_body_create(c, m, view->pose.poses_rad, view->pose.shapes, view->pose.R,
                                    view->pose.Th_m, &p));
     float low[3], high[3];
@@ -73,10 +57,10 @@ static void listed_pictures(void **state) {
     context *c = test_context();
     char folder[600], path[700];
     snprintf(folder, sizeof folder, "%s/out/listed", root);
-    sherf_eval_options o = {.data = spec,
+    sherf_eval_options o = {.data = people.spec,
                             .people = "0",
-                            .body = body,
-                            .model = weights,
+                            .body = people.body,
+                            .model = people.weights,
                             .observations = "0:4",
                             .poses = "0,2",
                             .views = "0:2:3",
@@ -94,7 +78,7 @@ static void listed_pictures(void **state) {
     sherf_dataset *data;
     snprintf(path, sizeof path, "%s/scores.json", folder);
     assert_ok(c, json_read(c, path, &d));
-    assert_ok(c, sherf_dataset_open(c, spec, &data));
+    assert_ok(c, sherf_dataset_open(c, people.spec, &data));
     const value *images = value_get(d->root, "images");
     assert_int_equal(value_count(images), 5);
     double psnr = 0, ssim = 0;
@@ -120,7 +104,8 @@ static void listed_pictures(void **state) {
 /* Of THuman's protocol the people have poses 0 and 2, views 0, 2, 4 and observation view 4. */
 static void the_protocol_as_far_as_it_goes(void **state) {
     context *c = test_context();
-    sherf_eval_options o = {.data = spec, .people = "0-1", .body = body, .model = weights};
+    sherf_eval_options o = {
+        .data = people.spec, .people = "0-1", .body = people.body, .model = people.weights};
     sherf_scores s;
     assert_ok(c, sherf_eval(c, &o, &s));
     assert_int_equal(s.novel_view.count, 2 * 2 * 2); /* people, poses, views but the observed one */
@@ -131,10 +116,10 @@ static void the_protocol_as_far_as_it_goes(void **state) {
 
 static void mistakes_are_one_line(void **state) {
     context *c = test_context();
-    const sherf_eval_options good = {.data = spec,
+    const sherf_eval_options good = {.data = people.spec,
                                      .people = "0",
-                                     .body = body,
-                                     .model = weights,
+                                     .body = people.body,
+                                     .model = people.weights,
                                      .observations = "0:4",
                                      .poses = "0",
                                      .views = "0"};
@@ -150,9 +135,9 @@ static void mistakes_are_one_line(void **state) {
     assert_int_equal(sherf_eval(c, &o, &s), SHERF_BAD_ARGUMENT);
     o = good, o.views = "4";
     assert_int_equal(sherf_eval(c, &o, &s), SHERF_BAD_ARGUMENT); /* only the observed one */
-    o = good, o.model = body;
+    o = good, o.model = people.body;
     assert_int_not_equal(sherf_eval(c, &o, &s), SHERF_OK);
-    o = good, o.lpips = weights;
+    o = good, o.lpips = people.weights;
     assert_int_equal(sherf_eval(c, &o, &s), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "VGG16"));
     o = good, o.output = "/dev/null/out";
@@ -170,7 +155,7 @@ static void weights_are_finite(void **state) {
     unsigned char *data;
     size_t bytes;
     snprintf(path, sizeof path, "%s/nan.safetensors", root);
-    assert_ok(c, file_read(c, weights, (size_t)1 << 30, &data, &bytes));
+    assert_ok(c, file_read(c, people.weights, (size_t)1 << 30, &data, &bytes));
     memset(data + bytes - 64, 0xff, 4);
     FILE *f = fopen(path, "wb");
     assert_int_equal(fwrite(data, 1, bytes, f), bytes);
@@ -193,8 +178,8 @@ static void broken_people_are_named(void **state) {
     snprintf(folder, sizeof folder, "%s/out_broken", root);
     sherf_eval_options o = {.data = broken_spec,
                             .people = "0",
-                            .body = body,
-                            .model = weights,
+                            .body = people.body,
+                            .model = people.weights,
                             .observations = "0:0",
                             .poses = "0",
                             .views = "1",

@@ -8,34 +8,26 @@
 #include "eval/resnet50_file.h"
 #include "eval/selection.h"
 #include "eval/yardstick.h"
-#include "support.h"
+#include "tube_people.h"
 
 enum { SIDE = 96, PIXELS = SIDE * SIDE };
-static char spec[600], body_path[600], weights[600], out[600];
+static char out[600];
+static tube_people people;
 static sherf_dataset *data;
 static body_model *body;
 static int32_t *mirror;
 
 static int make_data(void **state) {
     context *c = test_context();
-    sherf_model *m = NULL;
     const char *root = test_path("people");
     *state = c;
-    snprintf(spec, sizeof spec, "thuman:%s", root);
-    snprintf(body_path, sizeof body_path, "%s/tubeman.safetensors", root);
-    snprintf(weights, sizeof weights, "%s/model.safetensors", root);
     snprintf(out, sizeof out, "%s/out", root);
     const sherf_synth_options synth = {.people = 3, .poses = 2, .views = 6, .size_px = SIDE, .seed = 5};
-    sherf_status status = sherf_synth_tube(c, root, &synth);
-    if (!status) status = sherf_dataset_open(c, spec, &data);
-    if (!status) status = body_load(c, body_path, &body);
+    sherf_status status = tube_people_make(c, root, &synth, &people);
+    if (!status) status = sherf_dataset_open(c, people.spec, &data);
+    if (!status) status = body_load(c, people.body, &body);
     if (!status) status = yardstick_mirror(c, body, &mirror);
-    if (!status)
-        status = sherf_model_create(
-            c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m);
-    if (!status) status = sherf_model_save(c, m, weights);
     if (status) fprintf(stderr, "%s\n", c->message);
-    sherf_model_free(m);
     return status != SHERF_OK;
 }
 
@@ -117,12 +109,6 @@ static void mean_color_is_the_mean(void **state) {
     sherf_observation_free(target);
 }
 
-static double number(const value *o, const char *key) {
-    const value *v = value_get(o, key);
-    assert_non_null(v);
-    return v->kind == VALUE_REAL ? v->real : v->kind == VALUE_INTEGER ? (double)v->integer : NAN;
-}
-
 /* A file with made-up weights, and the network from it. */
 static resnet50_network *made_up_resnet50(context *c, const char *path) {
     safetensor_item item[2 * RESNET50_CONVOLUTIONS];
@@ -189,10 +175,10 @@ static double psnr_of(context *c, const yardsticks *y, int person, int pose, int
 
 static void scores_are_those_of_the_pictures(void **state) {
     context *c = *state;
-    sherf_eval_options o = {.data = spec,
+    sherf_eval_options o = {.data = people.spec,
                             .people = "1",
-                            .body = body_path,
-                            .model = weights,
+                            .body = people.body,
+                            .model = people.weights,
                             .observations = "1:2",
                             .poses = "0,1",
                             .views = "0,5",
@@ -267,10 +253,10 @@ static void random_observations(void **state) {
             selection_free(&again);
         }
     assert_true(others > 10);
-    sherf_eval_options o = {.data = spec,
+    sherf_eval_options o = {.data = people.spec,
                             .people = "0-2",
-                            .body = body_path,
-                            .model = weights,
+                            .body = people.body,
+                            .model = people.weights,
                             .observations = "random",
                             .poses = "0,1",
                             .views = "0,3",
@@ -281,7 +267,7 @@ static void random_observations(void **state) {
     assert_true(s.novel_pose.count == 6 && s.novel_view.count >= 3 && s.painted_body[0].count == 0);
     assert_null(strstr(s.table, "painted"));
     sherf_free(s.table);
-    o.perceptual = body_path;
+    o.perceptual = people.body;
     assert_int_equal(sherf_eval(c, &o, &s), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "conv1.weight"));
 }

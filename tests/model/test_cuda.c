@@ -1,6 +1,6 @@
-/* A whole training step on the emulated CUDA backend (tests/support/cuda): encoder, frame, losses and every
- * gradient, against the CPU's in float32. The device's memory is locked between ops, so host code
- * that reads or writes a tensor's data there ends the program. */
+/* A whole training step on a GPU, or else on the emulated CUDA backend (tests/support/cuda): encoder, frame,
+ * losses and every gradient, against the CPU's in float32. The device's memory is locked between ops, so host
+ * code that reads or writes a tensor's data there ends the program. */
 #include "losses_of.h"
 #include "support.h"
 
@@ -9,6 +9,7 @@
 #include <stdlib.h>
 
 #ifdef HAVE_CUDA_EMULATED
+#include "base/device.h"
 #include "data/tubeman.h"
 #include "model/model.h"
 
@@ -125,7 +126,7 @@ static void step_agrees(void **state) {
     static result want, got;
     scene_open(&s);
     step(&s, &backend_cpu, &want);
-    step(&s, &backend_emulated, &got);
+    step(&s, backend_of(&(context){.device = SHERF_DEVICE_CUDA}), &got);
     no_further("frame", off(got.frame, want.frame, SIDE * SIDE * 5), 1e-4);
     no_further("loss", fabs(got.losses.total - want.losses.total) / fabs(want.losses.total), 1e-4);
     const parameters *p = want.m->weights;
@@ -148,6 +149,10 @@ static void step_agrees(void **state) {
 }
 
 int main(void) {
+    char line[160];
+    const bool gpu = device_gpu_present(line, sizeof line);
+    if (!gpu) backend_stand_in(&backend_emulated);
+    printf("%s: %s\n", gpu ? "on a GPU" : "on no GPU", line);
     const struct CMUnitTest tests[] = {cmocka_unit_test(step_agrees)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/device.h"
 #include "base/path.h"
 #include "io/safetensors.h"
 #include "io/value.h"
@@ -26,6 +27,7 @@ extern size_t cuda_emulated_bytes;
     "volume_channels0=8,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,"             \
     "decoder_skip=0,view_width=16,samples=6,voxel_size_m=0.05"
 
+static bool on_gpu;
 static char root[512];
 static char program[4096]; /* this one, started again under mpirun */
 
@@ -50,7 +52,6 @@ static int make_data(void **state) {
     sherf_status status = sherf_synth_tube(c, root, &synth);
     if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
     sherf_context_free(c);
-    backend_stand_in(&backend_emulated);
     return status != SHERF_OK;
 }
 
@@ -231,7 +232,6 @@ static sherf_train_options options_for_ranks(const char *output) {
 static int run_rank(const char *data, const char *output) {
     context *c = device_context(true);
     snprintf(root, sizeof root, "%s", data);
-    backend_stand_in(&backend_emulated);
     sherf_train_options o = options_for_ranks(output);
     const sherf_status status = sherf_train(c, &o);
     if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
@@ -241,6 +241,7 @@ static int run_rank(const char *data, const char *output) {
 
 static void processes_equal_one(void **state) {
     char command[16384];
+    if (on_gpu) skip(); /* there may be one */
     if (system("command -v mpirun >/dev/null 2>&1")) skip();
     context *c = device_context(true);
     sherf_train_options o = options_for_ranks(path_of("one"));
@@ -326,6 +327,7 @@ static void check_lack(context *c, const char *what, sherf_status status) {
 }
 
 static void lack_of_memory_is_one_line(void **state) {
+    if (on_gpu) skip(); /* it has enough */
     context *c = device_context(true);
     const size_t live = mem_live();
     sherf_model *m;
@@ -370,6 +372,10 @@ static void devices_are_not_mixed(void **state) {
 }
 
 int main(int argc, char **argv) {
+    char line[160];
+    on_gpu = device_gpu_present(line, sizeof line);
+    if (!on_gpu) backend_stand_in(&backend_emulated);
+    printf("%s: %s\n", on_gpu ? "on a GPU" : "on no GPU", line);
     if (argc == 4 && !strcmp(argv[1], "--rank")) return run_rank(argv[2], argv[3]);
     const ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
     program[n > 0 ? n : 0] = 0;

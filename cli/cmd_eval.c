@@ -4,7 +4,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool npy, no_png, yardsticks;
+    bool npy, no_png, yardsticks, detail;
     int64_t size, samples;
 } set = {.samples = SHERF_SAMPLES_MODEL};
 
@@ -31,6 +31,8 @@ static const option options[] = {
      0, 4096},
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
      "depths on every ray; 0: as sherf render, 12 mm a step at most (the model's, as in the paper)", 0, 1024},
+    {0, "detail", OPTION_FLAG, &set.detail, NULL,
+     "the observed picture's detail is given back to the frames, which is not the paper's way"},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG",
@@ -68,6 +70,7 @@ static int run(session *s, int count, char **argument) {
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                             .yardsticks = set.yardsticks,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
+                            .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,
                             .seed = (uint64_t)common.seed,
                             .observations = set.observation,

@@ -178,11 +178,15 @@ enum {
     SHERF_SAMPLES_AUTO = -1, /* the model's number, and more where its steps would be longer than 12 mm */
     SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
 };
+/* Whether what the observed picture shows and the network's soft colours do not is given back to what of it
+ * a frame shows. Beyond the paper. */
+enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
-    int exact; /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
-                  avatar's empty space (found with its first frame) or behind 99.9 % opacity */
+    int exact;  /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
+                   avatar's empty space (found with its first frame) or behind 99.9 % opacity */
+    int detail; /* 0: SHERF_DETAIL_OFF (the verbs render, animate and view take SHERF_DETAIL_ON) */
 } sherf_render_options;
 
 typedef struct {
@@ -500,6 +504,7 @@ typedef struct {
     int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
     uint64_t seed;             /* of random observations */
     int samples;               /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
+    int detail;                /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
     const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
                                   prediction         and truth; or NULL */
 } sherf_eval_options;

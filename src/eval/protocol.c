@@ -264,7 +264,8 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
     if (e->frame.color.width != truth->image.width || e->frame.color.height != truth->image.height)
         sherf_frame_free(&e->frame);
     const sherf_render_options how = {.samples =
-                                          e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL};
+                                          e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL,
+                                      .detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
     status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, &k)) != SHERF_OK) goto done;

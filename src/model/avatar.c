@@ -7,7 +7,7 @@
 
 #include "data/data.h"
 #include "io/safetensors.h"
-#include "model/model.h"
+#include "model/detail.h"
 
 static int64_t plane_floats(const model_config *k) {
     return 3 * (int64_t)k->plane_resolution * k->plane_resolution * k->token_width;
@@ -16,6 +16,7 @@ static int64_t plane_floats(const model_config *k) {
 static sherf_avatar *avatar_new(context *c) {
     sherf_avatar *a = mem_zero(c, 1, sizeof *a);
     if (a) pthread_mutex_init(&a->empty.lock, NULL);
+    if (a) pthread_mutex_init(&a->detail.lock, NULL);
     return a;
 }
 
@@ -23,6 +24,8 @@ void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
     pthread_mutex_destroy(&a->empty.lock);
     empty_cells_free(&a->empty.cells);
+    pthread_mutex_destroy(&a->detail.lock);
+    detail_free(&a->detail.kept);
     point_network_free(a->network);
     posed_body_free(a->observed);
     parameters_free(a->weights);
@@ -385,6 +388,19 @@ static sherf_status empty_of(context *c, const sherf_avatar *a, const body_model
     return status;
 }
 
+static sherf_status detail_of(context *c, const sherf_avatar *a, const body_model *body, int wish,
+                              const avatar_detail **out) {
+    sherf_avatar *own = (sherf_avatar *)a;
+    sherf_status status = SHERF_OK;
+    *out = NULL;
+    if (wish != SHERF_DETAIL_ON) return SHERF_OK;
+    pthread_mutex_lock(&own->detail.lock);
+    if (!own->detail.kept.texel) status = detail_create(c, a, body, &own->detail.kept);
+    pthread_mutex_unlock(&own->detail.lock);
+    *out = &a->detail.kept;
+    return status;
+}
+
 /* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
  * does. The model learned with 8 to 15 mm a step where people stand upright. */
 enum { SAMPLES_MOST = 1024 };
@@ -414,14 +430,16 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,
                            sherf_frame *frame) {
-    static const sherf_render_options plain = {{0, 0, 0}, 0, 0};
+    static const sherf_render_options plain = {{0, 0, 0}, 0, 0, 0};
     const sherf_render_options *o = options ? options : &plain;
     if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MOST)
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to %d, or 0 for automatic", o->samples,
                        SAMPLES_MOST);
     const empty_cells *empty;
     sherf_status status = camera_check(c, camera);
+    const avatar_detail *detail = NULL;
     if (status == SHERF_OK) status = empty_of(c, a, body, o->exact, &empty);
+    if (status == SHERF_OK) status = detail_of(c, a, body, o->detail, &detail);
     ray_bundle *rays = NULL;
     point_set *points = NULL;
     float farthest;
@@ -436,6 +454,7 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
         frame->points = points->count;
         for (size_t i = 0; i < (size_t)rays->width * (size_t)rays->height; i++)
             frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
+        if (detail) detail_apply(c, a, detail, body, posed, rays, frame);
     }
     rays_free(rays);
     points_free(points);

@@ -159,6 +159,16 @@ sherf_status model_items(context *c, const model *m, const float *values, safete
 sherf_status model_load_resnet(context *c, model *m, const char *path);
 
 /* ---- avatar ---- */
+/* model/detail.h; a texel is a pixel of the observation. */
+typedef struct {
+    float difference[3]; /* observation minus the avatar's own picture of that view */
+    float weight;        /* 0: not to be used; 1: seen well */
+    float depth;         /* metres along the camera's axis, of the avatar's own picture */
+} detail_texel;
+typedef struct {
+    int width, height;
+    detail_texel *texel; /* NULL: none */
+} avatar_detail;
 struct sherf_avatar {
     model_config config;
     sherf_pose pose; /* the observation's */
@@ -174,6 +184,11 @@ struct sherf_avatar {
         bool looked;
         empty_cells cells;
     } empty;
+    /* Made before the first frame that wants it. */
+    struct {
+        pthread_mutex_t lock;
+        avatar_detail kept;
+    } detail;
 };
 
 /* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and

@@ -42,7 +42,7 @@ struct block_kernels {
 enum { GROUP_NAME = 128 };
 typedef struct block_group block_group;
 struct block_groups {
-    sherf_status (*name)(context *c, char name[GROUP_NAME]);
+    sherf_status (*name)(context *c, char *name); /* GROUP_NAME bytes; NULL: whether groups can be made */
     sherf_status (*join)(context *c, const char name[GROUP_NAME], int rank, int count, block_group **out);
     /* values <- the sum over processes. It begins behind all that was asked for so far and runs beside what
      * is asked for from now on, which leaves the values alone until `wait`. All processes ask for the same

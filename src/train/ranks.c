@@ -86,8 +86,8 @@ sherf_status ranks_join(context *c, ranks *r, const tensor_memory *memory) {
         status = failure(c, SHERF_UNSUPPORTED,
                          "some processes of this training have a GPU and others none; choose with --device");
     if (status != SHERF_OK || !memory) return status;
-    if (!r->rank) status = memory->groups->name(c, name);
-    status = ranks_agree(c, r, status);
+    /* Asked by all, so that none waits for one that cannot join. */
+    status = ranks_agree(c, r, memory->groups->name(c, r->rank ? NULL : name));
     if (status == SHERF_OK) status = share_name(c, name);
     if (status == SHERF_OK) status = memory->groups->join(c, name, r->rank, r->count, &r->group);
     r->memory = memory;

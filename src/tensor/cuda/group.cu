@@ -62,9 +62,10 @@ static sherf_status opened(context *c) {
     return failure(c, SHERF_UNSUPPORTED, "several GPUs: NCCL (libnccl.so.2) cannot be opened");
 }
 
-static sherf_status name(context *c, char out[GROUP_NAME]) {
+static sherf_status name(context *c, char *out) {
     nccl_name n;
     sherf_status status = opened(c);
+    if (!out) return status;
     if (status == SHERF_OK) status = checked(c, "a group of processes", library().name(&n));
     if (status == SHERF_OK) memcpy(out, n.bytes, GROUP_NAME);
     return status;

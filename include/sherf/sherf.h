@@ -186,7 +186,7 @@ typedef struct {
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
     int exact;  /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
                    avatar's empty space (found with its first frame) or behind 99.9 % opacity */
-    int detail; /* 0: SHERF_DETAIL_OFF (the verbs render, animate and view take SHERF_DETAIL_ON) */
+    int detail; /* 0: SHERF_DETAIL_OFF */
 } sherf_render_options;
 
 typedef struct {

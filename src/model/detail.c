@@ -8,8 +8,8 @@
 #include "model/detail.h"
 
 /* How far behind the observed view's surface a point may lie, and how far apart neighbours' depths may be:
- * from the first number on it counts less, at the second not at all. The frame's expected depths are a few
- * millimetres off. */
+ * from the first number on it counts less, at the second not at all. Where the surface is hazy expected
+ * depths are further off, and specks stand there; wider bounds let more through to the hidden side. */
 static const float hidden_m[2] = {0.012f, 0.035f}, jump_m[2] = {0.03f, 0.07f};
 /* Cosine of the observed surface's angle to the ray, and opacity. */
 static const float facing[2] = {0.15f, 0.5f}, opaque[2] = {0.7f, 0.95f};

@@ -39,7 +39,6 @@ static int band_rows(const view *v, const view_job *job) {
 }
 
 sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
-    static const sherf_render_options how = {.detail = SHERF_DETAIL_ON};
     const view_wish *w = &job->wish;
     const posed_body *posed;
     double begun = time_seconds();
@@ -53,7 +52,7 @@ sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
     camera.height_px = rows;
     camera.K[5] -= (float)job->rows_done;
     const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
-    status = avatar_render(c, a->avatar, a->body, posed, &camera, &how, &v->band);
+    status = avatar_render(c, a->avatar, a->body, posed, &camera, NULL, &v->band);
     if (status != SHERF_OK) return status;
     size_t first = (size_t)job->rows_done * (size_t)w->width, count = (size_t)rows * (size_t)w->width;
     memcpy(job->color + 3 * first, v->band.color.data, 3 * count * sizeof(float));

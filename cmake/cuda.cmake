@@ -17,7 +17,8 @@ endif()
 target_include_directories(sherf_cuda PRIVATE include src ${CUDAToolkit_INCLUDE_DIRS})
 # Geometry is the same to the last bit as on the CPU: no fused operations.
 set_source_files_properties(src/render/cuda/posing.cu src/render/cuda/points.cu PROPERTIES COMPILE_OPTIONS --fmad=false)
-set_source_files_properties(src/base/device.c src/tensor/backend.c PROPERTIES COMPILE_DEFINITIONS SHERF_HAVE_CUDA)
+set_source_files_properties(src/base/device.c src/tensor/backend.c src/render/gpu.c PROPERTIES COMPILE_DEFINITIONS
+                            SHERF_HAVE_CUDA)
 target_link_libraries(sherf_needs INTERFACE CUDA::cudart_static stdc++)
 set(SHERF_CUDA_LIBS " -L${CUDAToolkit_LIBRARY_DIR} -lcudart_static -lstdc++ -ldl -lrt -lpthread") # for sherf.pc
 list(APPEND SHERF_OBJECTS $<TARGET_OBJECTS:sherf_cuda>) # of the library, besides sherf_objects

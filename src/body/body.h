@@ -40,7 +40,7 @@ typedef struct sherf_body body_model;
  * relative to the rest pose), the body's to world. */
 typedef struct {
     double feature[BODY_POSE_FEATURES], transform[BODY_JOINTS][12], to_world[12];
-    float shape[BODY_SHAPES];
+    float shape[BODY_SHAPES], pose_rad[72];
 } joint_pose;
 
 /* 3 x 4 affine maps, row-major. */

@@ -187,6 +187,7 @@ static bool bounds_of(const posed_body *p, size_t vertices, float min[3], float 
 static void joints_make(const body_model *m, const float pose_rad[72], const float shape[10],
                         const float R[9], const float Th[3], joint_pose *j, posed_body *p) {
     memcpy(j->shape, shape, sizeof j->shape);
+    memcpy(j->pose_rad, pose_rad, sizeof j->pose_rad);
     memcpy(p->R, R, sizeof p->R);
     memcpy(p->Th, Th, sizeof p->Th);
     for (int r = 0; r < 3; r++) {

@@ -17,16 +17,18 @@ static sherf_avatar *avatar_new(context *c) {
     sherf_avatar *a = mem_zero(c, 1, sizeof *a);
     if (a) pthread_mutex_init(&a->empty.lock, NULL);
     if (a) pthread_mutex_init(&a->detail.lock, NULL);
+    if (a) pthread_mutex_init(&a->gpu_lock, NULL);
     return a;
 }
 
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
     pthread_mutex_destroy(&a->empty.lock);
+    pthread_mutex_destroy(&a->gpu_lock);
     empty_cells_free(&a->empty.cells);
     pthread_mutex_destroy(&a->detail.lock);
     detail_free(&a->detail.kept);
-    point_network_free(a->network);
+    avatar_network_free(a);
     posed_body_free(a->observed);
     parameters_free(a->weights);
     for (int l = 0; l < POINT_LEVELS; l++) {
@@ -84,12 +86,7 @@ static sherf_status avatar_finish(context *c, const body_model *body, sherf_avat
         if (status != SHERF_OK) return status;
     }
     a->observed->blend_m = (float)a->config.skin_blend_mm / 1000;
-    point_sizes sizes;
-    point_weights weights;
-    model_point_sizes(&a->config, &sizes);
-    model_point_weights(a->weights, &a->config, &weights);
-    return point_network_create(c, &sizes, &weights, &a->bank, c->precision == SHERF_PRECISION_BF16,
-                                &a->network);
+    return avatar_network_start(c, a, body);
 }
 
 static sherf_status bank_copy(context *c, const model_bank *from, observation_geometry *g, sherf_avatar *a) {
@@ -362,9 +359,11 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
     *out = NULL;
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
-    sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    sherf_status status =
+        a->gpu ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
+               : posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
     if (status == SHERF_OK) (*out)->blend_m = (float)a->config.skin_blend_mm / 1000;
-    if (status == SHERF_OK) status = points_prepare(c, body, *out);
+    if (status == SHERF_OK && !a->gpu) status = points_prepare(c, body, *out);
     if (status == SHERF_OK) return SHERF_OK;
     posed_body_free(*out);
     *out = NULL;
@@ -377,7 +376,7 @@ static sherf_status empty_of(context *c, const sherf_avatar *a, const body_model
     sherf_avatar *own = (sherf_avatar *)a; /* avatars are made by this file, on the heap */
     sherf_status status = SHERF_OK;
     *out = NULL;
-    if (exact || !point_network_in_bf16(a->network)) return SHERF_OK;
+    if (exact || !avatar_in_bf16(a)) return SHERF_OK;
     pthread_mutex_lock(&own->empty.lock);
     if (!own->empty.looked) {
         status = empty_cells_find(c, a, body, &own->empty.cells);
@@ -427,6 +426,38 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
     return SHERF_OK;
 }
 
+/* The detail is still given back by the host, which poses the body again for it. */
+static sherf_status detail_after_gpu(context *c, const sherf_avatar *a, const avatar_detail *detail,
+                                     const body_model *body, const posed_body *posed,
+                                     const sherf_camera *camera, int wish, sherf_frame *frame) {
+    const joint_pose *j = posed->joints;
+    posed_body *whole = NULL;
+    ray_bundle *rays = NULL;
+    float farthest;
+    int samples;
+    sherf_status status = posed_body_create(c, body, j->pose_rad, j->shape, posed->R, posed->Th, &whole);
+    if (status == SHERF_OK) whole->blend_m = posed->blend_m;
+    if (status == SHERF_OK) status = points_prepare(c, body, whole);
+    if (status == SHERF_OK) status = frame_rays(c, a, body, whole, camera, wish, &rays, &samples, &farthest);
+    if (status == SHERF_OK) detail_apply(c, a, detail, body, whole, rays, frame);
+    rays_free(rays);
+    posed_body_free(whole);
+    return status;
+}
+
+static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
+                              const sherf_camera *camera, const sherf_render_options *o,
+                              const empty_cells *empty, sherf_frame *frame) {
+    const bool even = !o->samples || o->samples == SHERF_SAMPLES_AUTO;
+    gpu_frame_options on_gpu = {.samples = o->samples > 0 ? o->samples : a->config.samples,
+                                .samples_most = even ? SAMPLES_MOST : 0,
+                                .step_most_m = step_most_m,
+                                .early_stop = !o->exact,
+                                .empty = empty};
+    memcpy(on_gpu.background, o->background, sizeof on_gpu.background);
+    return avatar_render_gpu(c, a, posed, camera, &on_gpu, frame);
+}
+
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,
                            sherf_frame *frame) {
@@ -444,6 +475,11 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     point_set *points = NULL;
     float farthest;
     int samples;
+    if (status == SHERF_OK && a->gpu) {
+        status = frame_gpu(c, a, posed, camera, o, empty, frame);
+        if (status != SHERF_OK || !detail) return status;
+        return detail_after_gpu(c, a, detail, body, posed, camera, o->samples, frame);
+    }
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
     if (status != SHERF_OK) return status;

@@ -114,7 +114,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
     if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &a->camera, &plain, &own);
     if (status == SHERF_OK) {
-        body_world_box(body, posed, min, max);
+        body_world_box(body, a->observed, min, max);
         status = rays_create(c, &a->camera, min, max, &rays);
     }
     if (status == SHERF_OK) {

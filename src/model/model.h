@@ -9,7 +9,7 @@
 #include "body/body.h"
 #include "io/safetensors.h"
 #include "nn/parameters.h"
-#include "render/pointnet.h"
+#include "render/gpu.h"
 #include "render/render.h"
 #include "tensor/ops.h"
 
@@ -177,7 +177,10 @@ struct sherf_avatar {
     parameters *weights;    /* the point network's only */
     point_bank bank;        /* its arrays are the avatar's own */
     posed_body *observed;   /* observation pose, for the pixel-aligned features */
-    point_network *network; /* packed for the context's precision it was made or loaded in */
+    point_network *network; /* packed for the context's precision it was made or loaded in; NULL on a GPU */
+    struct gpu_avatar *gpu; /* in the memory of the GPU that its context has, or NULL */
+    const gpu_renderer *renderer;
+    pthread_mutex_t gpu_lock; /* frames of one avatar share its room there */
     /* Found before the first frame that may leave something out. */
     struct {
         pthread_mutex_t lock;
@@ -191,14 +194,26 @@ struct sherf_avatar {
     } detail;
 };
 
+/* avatar_network.c: the network of an avatar whose bank, weights and observation are there. */
+sherf_status avatar_network_start(context *c, sherf_avatar *a, const body_model *body);
+void avatar_network_free(sherf_avatar *a);
+bool avatar_in_bf16(const sherf_avatar *a);
+/* As point_network_run, wherever the network is. */
+sherf_status avatar_ask(context *c, const sherf_avatar *a, const point_set *points, float *rgb, float *sigma);
+/* The network on the processor, made now where it is on a GPU alone. The avatar's. */
+sherf_status avatar_host_network(context *c, const sherf_avatar *a, const point_network **out);
+sherf_status avatar_render_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
+                               const sherf_camera *camera, const gpu_frame_options *options,
+                               sherf_frame *frame);
+
 /* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
  * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
  * 6 cm of the body. Free with empty_cells_free. */
 sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out);
 void empty_cells_free(empty_cells *e);
 
-/* sherf_render in two steps, for many frames of one pose: the body posed and ready for points_create (freed
- * with posed_body_free), and a frame of it. */
+/* sherf_render in two steps, for many frames of one pose: the body posed and ready for points_create, or its
+ * joints where the avatar is on a GPU (freed with posed_body_free), and a frame of it. */
 sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
                          posed_body **out);
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,

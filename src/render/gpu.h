@@ -13,7 +13,10 @@ extern "C" {
 typedef struct gpu_avatar gpu_avatar;
 
 typedef struct {
-    int samples;
+    int samples;      /* depths a ray, */
+    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
+                         not */
+    float step_most_m;
     float background[3];
     bool early_stop;          /* rays that are opaque skip the rest of their points */
     const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
@@ -39,7 +42,9 @@ typedef struct {
     sherf_status (*run)(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma);
 } gpu_renderer;
 
-extern const gpu_renderer gpu_renderer_cuda; /* in builds with SHERF_CUDA only */
+extern const gpu_renderer gpu_renderer_cuda;           /* in builds with SHERF_CUDA only */
+const gpu_renderer *gpu_renderer_of(const context *c); /* of the context's device; NULL: the processor */
+void gpu_renderer_stand_in(const gpu_renderer *r); /* for tests: what contexts of a GPU take from now on */
 
 #ifdef __cplusplus
 }

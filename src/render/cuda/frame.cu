@@ -54,10 +54,8 @@ struct frame_room {
     int32_t *take, *list, *sums; /* by rank: points of this round; and they, rank by rank */
     float4 *result;              /* by point */
     float *picture;              /* N x 3, N, N */
-    float *range;                /* depths: least and most of each part */
     network_scratch scratch;
 };
-enum { RANGE_PARTS = 64 };
 
 static sherf_status frame_room_make(context *c, arena *a, const placed_network *n, const placed_points *p,
                                     const ray_ranks &ranks, frame_room *f) {
@@ -72,42 +70,10 @@ static sherf_status frame_room_make(context *c, arena *a, const placed_network *
     f->list = room<int32_t>(c, a, p->most);
     f->result = room<float4>(c, a, p->most);
     f->picture = room<float>(c, a, 5 * N);
-    f->range = room<float>(c, a, 2 * RANGE_PARTS);
     if (!f->way.at || !f->way.transmittance || !f->way.color || !f->way.opacity || !f->way.depth ||
-        !f->take || !f->sums || !f->list || !f->result || !f->picture || !f->range)
+        !f->take || !f->sums || !f->list || !f->result || !f->picture)
         return SHERF_NO_MEMORY;
     return network_room(c, a, n, p->most, &f->scratch);
-}
-
-/* ---- the range of all depths ---- */
-__global__ static void range_kernel(int64_t n, const float *near, const float *far, float *range) {
-    __shared__ float low[BLOCK], high[BLOCK];
-    const int t = (int)threadIdx.x;
-    float least = INFINITY, most = -INFINITY;
-    for (int64_t i = (int64_t)blockIdx.x * BLOCK + t; i < n; i += (int64_t)gridDim.x * BLOCK) {
-        least = fminf(least, fminf(near[i], far[i]));
-        most = fmaxf(most, fmaxf(near[i], far[i]));
-    }
-    low[t] = least, high[t] = most;
-    for (int step = BLOCK / 2; step > 0; step /= 2) {
-        __syncthreads();
-        if (t < step) low[t] = fminf(low[t], low[t + step]), high[t] = fmaxf(high[t], high[t + step]);
-    }
-    if (t == 0) range[2 * blockIdx.x] = low[0], range[2 * blockIdx.x + 1] = high[0];
-}
-
-static void find_range(const placed_points &p, const frame_room &f) {
-    float *range = f.range;
-    frame_head *head = p.head;
-    launch(range_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p.rays, (const float *)p.near, (const float *)p.far,
-           range);
-    each(1, [=] __device__(int64_t) {
-        float least = INFINITY, most = -INFINITY;
-        for (int i = 0; i < RANGE_PARTS; i++)
-            least = fminf(least, range[2 * i]), most = fmaxf(most, range[2 * i + 1]);
-        head->depth_min = least;
-        head->depth_max = most;
-    });
 }
 
 /* ---- compositing ----
@@ -122,7 +88,8 @@ static void composite(const placed_points &p, const ray_ranks &ranks, const fram
         const int32_t count = take[rank + 1] - take[rank];
         if (n < 0 || count == 0) return;
         const float *d = p.direction + 3 * n, near = p.near[n], far = p.far[n];
-        const float step = p.samples > 1 ? (far - near) / (float)(p.samples - 1) : 0;
+        const int samples = p.head->samples;
+        const float step = samples > 1 ? (far - near) / (float)(samples - 1) : 0;
         const float delta = step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
         float T = w.transmittance[n], opacity = w.opacity[n], depth = w.depth[n];
         float color[3] = {w.color[3 * n], w.color[3 * n + 1], w.color[3 * n + 2]};
@@ -130,7 +97,7 @@ static void composite(const placed_points &p, const ray_ranks &ranks, const fram
         for (int32_t i = begin; i < begin + count; i++) {
             const float4 y = result[i];
             if (!(y.w > 0)) continue;
-            const int sample = p.sample[i], last = p.samples - 1;
+            const int sample = p.sample[i], last = samples - 1;
             const float alpha = 1.0f - expf(-y.w * (sample == last ? 1e10f : delta)), weight = alpha * T;
             color[0] += weight * y.x;
             color[1] += weight * y.y;
@@ -264,22 +231,21 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     ray_optics optics;
     placed_pose pose;
     const int64_t rays = (int64_t)camera->width_px * camera->height_px;
-    if (rays * o->samples > INT32_MAX)
-        return failure(c, SHERF_BAD_ARGUMENT, "%d x %d pixels of %d samples: the GPU takes %d at most",
-                       camera->width_px, camera->height_px, o->samples, INT32_MAX);
+    const sample_wish wish = {o->samples, o->samples_most, o->step_most_m};
+    const int samples_most = o->samples_most > o->samples ? o->samples_most : o->samples;
     if (a->most < 4 * rays) a->most = 4 * rays;
     if (a->most < 4096) a->most = 4096;
     arena_reset(a->frame);
     sherf_status status = place_empty(c, a, o->empty);
     if (!status) status = pose_room(c, a->frame, &a->body, &pose);
-    if (!status) status = points_room(c, a->frame, rays, o->samples, a->most, p);
+    if (!status) status = points_room(c, a->frame, rays, samples_most, a->most, p);
     if (status) return status;
     int32_t *scratch = room<int32_t>(c, a->frame, CELLS_MOST + scan_sums(CELLS_MOST));
     if (!scratch) return SHERF_NO_MEMORY;
     ray_optics_of(camera, &optics);
     pose_fill(c, &device_memory, &a->body, posed, &pose, p->head, scratch);
-    points_fill(&a->body, &pose, &optics, camera->width_px, a->observed_maps, a->observed_blend_m, &a->camera,
-                o->empty && o->empty->bit ? &a->empty : nullptr, p);
+    points_fill(&a->body, &pose, &optics, camera->width_px, &wish, a->observed_maps, a->observed_blend_m,
+                &a->camera, o->empty && o->empty->bit ? &a->empty : nullptr, p);
     return SHERF_OK;
 }
 
@@ -287,6 +253,8 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
 static sherf_status head_judge(context *c, gpu_avatar *a, const frame_head *head, bool *again) {
     *again = head->candidates > a->most;
     if (*again) a->most = (int64_t)head->candidates * 5 / 4;
+    if (head->too_many)
+        return failure(c, SHERF_BAD_ARGUMENT, "points: samples near the body are too many for one frame");
     if (head->finite) return SHERF_OK;
     return failure(c, SHERF_BAD_ARGUMENT, "pose: shapes or pose put a vertex beyond 1000 km");
 }
@@ -324,13 +292,12 @@ static sherf_status frame_try(context *c, gpu_avatar *a, const posed_body *posed
     sherf_status status = points_make(c, a, posed, camera, o, &p);
     if (!status) status = frame_room_make(c, a->frame, a->network, &p, ranks, &f);
     if (status) return status;
-    find_range(p, f);
     rays_start(p, f.way);
     /* most rays end within the first rounds; the last one takes what is left */
     static const int chunks[] = {4, 4, 8};
     for (int i = 0; o->early_stop && i < (int)COUNT_OF(chunks); i++)
         round_run(a->network, p, ranks, f, chunks[i], true);
-    round_run(a->network, p, ranks, f, o->samples, o->early_stop);
+    round_run(a->network, p, ranks, f, INT32_MAX, o->early_stop);
     picture_write(p, f, {{o->background[0], o->background[1], o->background[2]}});
     const size_t bytes = 5 * (size_t)p.rays * sizeof(float);
     status = finished_work(c, "rendering");
@@ -370,7 +337,7 @@ static sherf_status points_fetch(context *c, const placed_points *p, const frame
     const size_t n = (size_t)head->points, N = (size_t)p->rays + 1;
     s->count = head->points;
     s->rays = p->rays;
-    s->samples = p->samples;
+    s->samples = head->samples;
     const struct {
         void **to;
         const void *from;

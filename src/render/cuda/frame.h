@@ -66,9 +66,13 @@ struct placed_body {
 
 /* A frame's own numbers. */
 struct frame_head {
-    float min[3], max[3]; /* the box that rays are cut with, in the world */
-    float depth_min, depth_max;
-    int32_t finite; /* whether the vertices are numbers within reason */
+    float min[3], max[3];       /* the box that rays are cut with, in the world */
+    float depth_min, depth_max; /* of all rays, in the box */
+    float longest_m,
+        step_m;       /* the longest way of a ray through the box; of steps where they are made even, or 0 */
+    int32_t finite;   /* whether the vertices are numbers within reason */
+    int32_t samples;  /* a ray */
+    int32_t too_many; /* candidates for any room */
     int32_t candidates, points;
 };
 
@@ -96,7 +100,7 @@ struct placed_camera { /* the observation's */
 
 struct placed_points {
     int64_t rays, most; /* room for candidates and points */
-    int width, samples, words;
+    int width, words;   /* of `bits` a ray: for the most samples that there may be */
     frame_head *head;
     float origin[3];
     float *direction, *near, *far; /* N x 3, N, N */
@@ -107,12 +111,20 @@ struct placed_points {
     int32_t *ray, *sample, *nearest;
     float *canonical, *direction_canonical, *observed_px;
     int32_t *sums; /* for scans */
+    float *range;  /* RANGE_PARTS x 3 */
+    int32_t *many; /* RANGE_PARTS */
 };
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_t most, placed_points *out);
+/* How many depths a ray has: see gpu_frame_options. */
+struct sample_wish {
+    int samples, most;
+    float step_most_m;
+};
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, int64_t most,
+                         placed_points *out);
 /* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const float *observed_maps, float observed_blend_m, const placed_camera *observed_camera,
-                 const empty_cells *empty, placed_points *p);
+                 const sample_wish *wish, const float *observed_maps, float observed_blend_m,
+                 const placed_camera *observed_camera, const empty_cells *empty, placed_points *p);
 
 /* ---- the network (network.cu, network_bf16.cu) ---- */
 struct placed_network;

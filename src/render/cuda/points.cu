@@ -1,19 +1,19 @@
-/* The samples near the body, as points.c finds them, in the same order: candidates by the grid's cells,
- * counted a ray, summed up and written; then one thread a candidate searches its nearest vertex, the kept
- * ones are summed up again, and one thread each maps them to canonical space and to the observation's
- * picture. Compiled without fused operations: the same points as on the CPU. */
+/* Rays, and the samples near the body, as rays.c and points.c make and find them, in the same order:
+ * candidates by the grid's cells, counted a ray, summed up and written; then one thread a candidate searches
+ * its nearest vertex, the kept ones are summed up again, and one thread each maps them to canonical space and
+ * to the observation's picture. Compiled without fused operations: the same points as on the CPU. */
 #include "body/deform_point.h"
 #include "render/cuda/cells.h"
 
 namespace cuda_backend {
 
-enum { WORD = 32 };
+enum { WORD = 32, RANGE_PARTS = 64 };
 
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_t most, placed_points *out) {
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, int64_t most,
+                         placed_points *out) {
     *out = {};
     out->rays = rays;
-    out->samples = samples;
-    out->words = (samples + WORD - 1) / WORD;
+    out->words = (samples_most + WORD - 1) / WORD;
     out->most = most;
     const int64_t longest = rays > most ? rays : most;
     out->direction = room<float>(c, a, 3 * rays);
@@ -34,6 +34,8 @@ sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_
     out->observed_px = room<float>(c, a, 2 * most);
     out->sums = room<int32_t>(c, a, scan_sums(longest));
     out->head = room<frame_head>(c, a, 1);
+    out->range = room<float>(c, a, 3 * RANGE_PARTS);
+    out->many = room<int32_t>(c, a, RANGE_PARTS);
     const void *all[] = {out->direction,
                          out->near,
                          out->far,
@@ -50,6 +52,8 @@ sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_
                          out->canonical,
                          out->direction_canonical,
                          out->observed_px,
+                         out->range,
+                         out->many,
                          out->sums,
                          out->head};
     for (const void *one : all)
@@ -59,44 +63,134 @@ sherf_status points_room(context *c, arena *a, int64_t rays, int samples, int64_
 
 static __device__ void sample_place(const placed_points &p, const placed_pose &pose, int64_t ray, int i,
                                     float out[3]) {
-    const float near = p.near[ray], t = near + (p.far[ray] - near) * ray_fraction(i, p.samples);
+    const float near = p.near[ray], t = near + (p.far[ray] - near) * ray_fraction(i, p.head->samples);
     ray_point_smpl(p.origin, p.direction + 3 * ray, t, pose.R, pose.Th, out);
 }
 
-/* ---- candidates: one warp a ray, its samples side by side ---- */
-static void find_candidates(const placed_pose &pose, const ray_optics &optics, const placed_points &p) {
-    each_row(p.rays, [=] __device__(int64_t n, int lane) {
+/* ---- rays ---- */
+static __device__ float direction_length(const placed_points &p, int64_t n) {
+    const float *v = p.direction + 3 * n;
+    return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+/* Of each part of the rays: the least and the largest depth, the longest way through the box. */
+__global__ static void range_kernel(placed_points p) {
+    __shared__ float low[BLOCK], high[BLOCK], way[BLOCK];
+    const int t = (int)threadIdx.x;
+    float least = INFINITY, most = -INFINITY, longest = 0;
+    for (int64_t i = (int64_t)blockIdx.x * BLOCK + t; i < p.rays; i += (int64_t)gridDim.x * BLOCK) {
+        const float near = p.near[i], far = p.far[i];
+        least = fminf(least, fminf(near, far));
+        most = fmaxf(most, fmaxf(near, far));
+        if (p.at_box[i]) longest = fmaxf(longest, (far - near) * direction_length(p, i));
+    }
+    low[t] = least, high[t] = most, way[t] = longest;
+    for (int step = BLOCK / 2; step > 0; step /= 2) {
+        __syncthreads();
+        if (t >= step) continue;
+        low[t] = fminf(low[t], low[t + step]);
+        high[t] = fmaxf(high[t], high[t + step]);
+        way[t] = fmaxf(way[t], way[t + step]);
+    }
+    if (t != 0) return;
+    float *to = p.range + 3 * blockIdx.x;
+    to[0] = low[0], to[1] = high[0], to[2] = way[0];
+}
+
+/* As rays_even_steps: how many depths, and the longest step, or 0 where nothing changes. */
+static __device__ void even_steps(const sample_wish &wish, frame_head *head) {
+    const float longest = head->longest_m, step_m = wish.step_most_m;
+    head->samples = wish.samples;
+    head->step_m = 0;
+    if (!wish.most || wish.samples < 2 || !(longest > step_m * (float)(wish.samples - 1))) return;
+    const float needed = ceilf(longest / step_m) + 1;
+    const int count = needed < (float)wish.most  ? (int)needed
+                      : wish.most > wish.samples ? wish.most
+                                                 : wish.samples;
+    head->samples = count;
+    head->step_m = fmaxf(step_m, longest / (float)(count - 1));
+}
+
+static void make_rays(const ray_optics &optics, const sample_wish &wish, const placed_points &p) {
+    each(p.rays, [=] __device__(int64_t n) {
         float direction[3], near = 0, far = 1;
         ray_direction(&optics, (int)(n % p.width), (int)(n / p.width), direction);
         const bool hits =
-            cross_box(p.origin, direction, p.head->min, p.head->max, &near, &far) && p.head->finite;
+            p.head->finite && cross_box(p.origin, direction, p.head->min, p.head->max, &near, &far);
+        for (int k = 0; k < 3; k++) p.direction[3 * n + k] = direction[k];
+        p.near[n] = near;
+        p.far[n] = far;
+        p.at_box[n] = hits;
+    });
+    launch(range_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p);
+    each(1, [=] __device__(int64_t) {
+        float least = INFINITY, most = -INFINITY, longest = 0;
+        for (int i = 0; i < RANGE_PARTS; i++) {
+            least = fminf(least, p.range[3 * i]);
+            most = fmaxf(most, p.range[3 * i + 1]);
+            longest = fmaxf(longest, p.range[3 * i + 2]);
+        }
+        p.head->depth_min = least;
+        p.head->depth_max = most;
+        p.head->longest_m = longest;
+        even_steps(wish, p.head);
+    });
+    each(p.rays, [=] __device__(int64_t n) {
+        const float step = p.head->step_m;
+        if (step == 0 || !p.at_box[n]) return;
+        const float own = (p.far[n] - p.near[n]) / (float)(wish.samples - 1);
+        p.far[n] = p.near[n] + fminf(own, step / direction_length(p, n)) * (float)(p.head->samples - 1);
+    });
+}
+
+/* ---- candidates: one warp a ray, its samples side by side ---- */
+__global__ static void many_kernel(placed_points p) {
+    __shared__ int64_t part[BLOCK];
+    const int t = (int)threadIdx.x;
+    int64_t sum = 0;
+    for (int64_t i = (int64_t)blockIdx.x * BLOCK + t; i < p.rays; i += (int64_t)gridDim.x * BLOCK)
+        sum += p.first[i];
+    part[t] = sum;
+    for (int step = BLOCK / 2; step > 0; step /= 2) {
+        __syncthreads();
+        if (t < step) part[t] += part[t + step];
+    }
+    if (t == 0) p.many[blockIdx.x] = part[0] < INT32_MAX / 3 ? (int32_t)part[0] : INT32_MAX / 3;
+}
+
+static void find_candidates(const placed_pose &pose, const placed_points &p) {
+    each_row(p.rays, [=] __device__(int64_t n, int lane) {
         int count = 0;
-        for (int w = 0; w < p.words; w++) {
+        for (int w = 0; p.at_box[n] && WORD * w < p.head->samples; w++) { /* the warp is of one mind */
             const int i = WORD * w + lane;
+            float x[3];
             bool candidate = false;
-            if (hits && i < p.samples) {
-                const float t = near + (far - near) * ray_fraction(i, p.samples);
-                float x[3];
-                ray_point_smpl(p.origin, direction, t, pose.R, pose.Th, x);
+            if (i < p.head->samples) {
+                sample_place(p, pose, n, i, x);
                 candidate = cell_is_near(pose.cells, x);
             }
-            const uint32_t bits = hits ? warp_ballot(candidate) : 0; /* the warp is of one mind */
+            const uint32_t bits = warp_ballot(candidate);
             count += bits_set(bits);
             if (lane == 0) p.bits[n * p.words + w] = bits;
         }
-        if (lane != 0) return;
-        for (int k = 0; k < 3; k++) p.direction[3 * n + k] = direction[k];
-        p.near[n] = hits ? near : 0;
-        p.far[n] = hits ? far : 1;
-        p.at_box[n] = hits;
-        p.first[n] = count;
+        if (lane == 0) p.first[n] = count;
+    });
+    /* more than a number can say: none, and an error in the end */
+    launch(many_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p);
+    each(1, [=] __device__(int64_t) {
+        int64_t sum = 0;
+        for (int i = 0; i < RANGE_PARTS; i++) sum += p.many[i];
+        p.head->too_many = sum >= INT32_MAX / 3;
+    });
+    each(p.rays, [=] __device__(int64_t n) {
+        if (p.head->too_many) p.first[n] = 0;
     });
     scan(p.rays, nullptr, p.first, p.sums);
     each_row(p.rays, [=] __device__(int64_t n, int lane) {
         int64_t at = p.first[n];
         if (n == 0 && lane == 0) p.head->candidates = p.first[p.rays];
         if (p.first[n + 1] == at) return;
-        for (int w = 0; w < p.words; w++) {
+        for (int w = 0; WORD * w < p.head->samples; w++) {
             const uint32_t bits = p.bits[n * p.words + w], before = bits & (((uint32_t)1 << lane) - 1);
             const int64_t to = at + bits_set(before);
             if (bits >> lane & 1 && to < p.most) {
@@ -189,12 +283,13 @@ static void map_points(const placed_body &b, const placed_pose &pose, const obse
 }
 
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const float *observed_maps, float observed_blend_m, const placed_camera *observed_camera,
-                 const empty_cells *empty, placed_points *p) {
+                 const sample_wish *wish, const float *observed_maps, float observed_blend_m,
+                 const placed_camera *observed_camera, const empty_cells *empty, placed_points *p) {
     const empty_cells none = {};
     p->width = width;
     memcpy(p->origin, optics->origin, sizeof p->origin);
-    find_candidates(*pose, *optics, *p);
+    make_rays(*optics, *wish, *p);
+    find_candidates(*pose, *p);
     keep_near(*b, *pose, empty ? *empty : none, *p);
     map_points(*b, *pose, {observed_maps, observed_blend_m, *observed_camera}, *p);
 }

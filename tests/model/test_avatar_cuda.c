@@ -1,0 +1,122 @@
+/* An avatar's file on a context whose device is a GPU (here the emulation): loaded, placed, rendered through
+ * the public functions, against the same on the processor. */
+#include "support.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#ifdef HAVE_CUDA_EMULATED
+#include "data/tubeman.h"
+#include "model/model.h"
+
+extern const gpu_renderer gpu_renderer_emulated;
+
+enum { SIDE = 48 };
+
+static const char settings[] =
+    "small,plane_resolution=16,channel_max=16,encoder_width=8,style_width=16,volume_channels0=8,"
+    "volume_channels1=8,volume_channels2=16,decoder_width=32,decoder_depth=3,decoder_skip=1,view_width=16,"
+    "samples=16,voxel_size_m=0.03,skin_blend_mm=20";
+
+static void avatar_write(context *c, const body_model *body, const char *path) {
+    model_config config;
+    model *m;
+    sherf_avatar *a;
+    sherf_observation *observation;
+    sherf_pose pose;
+    sherf_camera camera;
+    sherf_image image = {SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
+    sherf_image mask = {SIDE, SIDE, 1, mem_alloc(c, SIDE * SIDE, sizeof(float))};
+    for (int i = 0; i < SIDE * SIDE * 3; i++) image.data[i] = (float)random_uniform(5, (uint64_t)i);
+    for (int i = 0; i < SIDE * SIDE; i++) mask.data[i] = i % SIDE > 3 && i % SIDE < SIDE - 3;
+    sherf_pose_identity(&pose);
+    pose.poses_rad[3 * 16 + 2] = -0.9f;
+    sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 0.3f, 0, 0.8f, SIDE, SIDE, &camera);
+    assert_ok(c, model_config_parse(c, settings, &config));
+    assert_ok(c, model_create(c, &config, 3, &m));
+    float *density = tensor_f32(model_tensor(m, "decoder.alpha_linear.bias"));
+    density[0] = 8; /* as new weights are, there is little to see */
+    assert_ok(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &observation));
+    assert_ok(c, sherf_avatar_create(c, m, body, observation, &a));
+    assert_ok(c, sherf_avatar_save(c, a, path));
+    sherf_avatar_free(a);
+    sherf_observation_free(observation);
+    model_free(m);
+    mem_free(image.data);
+    mem_free(mask.data);
+}
+
+static void render(context *c, const body_model *body, const char *path, sherf_frame *frame, size_t *values,
+                   float *sigma) {
+    sherf_avatar *a;
+    sherf_pose pose;
+    sherf_camera camera;
+    const sherf_render_options o = {.background = {0.2f, 0.5f, 1}, .exact = 1};
+    sherf_pose_identity(&pose);
+    pose.poses_rad[3 * 17 + 2] = 0.7f;
+    sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 1.1f, 0, 0.8f, 28, 32, &camera);
+    assert_ok(c, sherf_avatar_load(c, path, body, &a));
+    assert_int_equal(a->gpu != NULL, c->device == SHERF_DEVICE_CUDA);
+    assert_int_equal(a->network == NULL, c->device == SHERF_DEVICE_CUDA);
+    sherf_render_options detailed = o;
+    detailed.detail = SHERF_DETAIL_ON;
+    assert_ok(c, sherf_render(c, a, body, &pose, &camera, &detailed, frame));
+    assert_ok(c, sherf_render(c, a, body, &pose, &camera, &o, frame));
+    /* and a question that is no frame */
+    float at[3] = {0, 0.2f, 0.05f}, none[3] = {0, 0, 0}, px[2] = {20, 20}, rgb[3];
+    const point_set one = {.count = 1, .canonical = at, .direction_canonical = none, .observed_px = px};
+    assert_ok(c, avatar_ask(c, a, &one, rgb, sigma));
+    *values = a->gpu ? a->renderer->bytes(a->gpu) : 0;
+    sherf_avatar_free(a);
+}
+
+static double psnr(const sherf_image *a, const sherf_image *b) {
+    double sum = 0;
+    const int64_t n = (int64_t)a->width * a->height * a->channels;
+    for (int64_t i = 0; i < n; i++)
+        sum += ((double)a->data[i] - b->data[i]) * ((double)a->data[i] - b->data[i]);
+    return sum > 0 ? -10 * log10(sum / (double)n) : 200;
+}
+
+static void avatars_agree(void **state) {
+    context *c = test_context();
+    body_model *body;
+    sherf_frame want = {0}, got = {0};
+    size_t bytes;
+    float sigma, sigma_there;
+    const char *path = test_path("avatar.safetensors");
+    assert_ok(c, tubeman_create(c, &body));
+    avatar_write(c, body, path);
+    render(c, body, path, &want, &bytes, &sigma);
+    gpu_renderer_stand_in(&gpu_renderer_emulated);
+    c->device = SHERF_DEVICE_CUDA;
+    for (int bf16 = 0; bf16 < 2; bf16++) {
+        c->precision = bf16 ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
+        render(c, body, path, &got, &bytes, &sigma_there);
+        const double color = psnr(&got.color, &want.color), opacity = psnr(&got.opacity, &want.opacity);
+        print_message("%s: %lld points, colour %.1f dB, opacity %.1f dB, %.1f MB there\n",
+                      bf16 ? "bf16" : "float32", (long long)got.points, color, opacity, (double)bytes / 1e6);
+        assert_int_equal(got.points, want.points);
+        assert_true(want.points > 100);
+        assert_true(color >= (bf16 ? 45 : 60) && opacity >= (bf16 ? 45 : 60));
+        assert_true(fabsf(sigma_there - sigma) <= (bf16 ? 3e-2f : 1e-4f) * fabsf(sigma));
+    }
+    gpu_renderer_stand_in(NULL);
+    sherf_frame_free(&want);
+    sherf_frame_free(&got);
+    sherf_body_free(body);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(avatars_agree)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
+#else
+int main(void) {
+    printf("no C++ compiler: the CUDA kernels cannot be emulated\n");
+    return 77;
+}
+#endif

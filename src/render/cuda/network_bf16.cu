@@ -8,10 +8,10 @@
  * points); the fusion's weights and all biases to stay, 27 KB; encodings on their way into fragments, 8
  * x 1.75 KB. 89 KB in all; 104 KB are asked for. registers: sums of a layer 64, its input 32, the decoder's
  * first input (kept for the skip) 20, token 1 8; with addresses and weights on their way nvcc 13 takes 229 to
- * 242 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of weights is read by each warp for 16 points: 256 bytes a
- * product of 2048, which keeps shared memory (128 bytes a clock) as busy as 8.0's tensor cores and twice as
- * busy as half of 9.0's. More points a warp want more registers than there are; wgmma, which reads weights
- * from shared memory itself, is the way from there.
+ * 242 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of
+ * weights is read by each warp for 16 points: 256 bytes a product of 2048, which keeps shared memory (128
+ * bytes a clock) as busy as 8.0's tensor cores and twice as busy as half of 9.0's. More points a warp want
+ * more registers than there are; wgmma, which reads weights from shared memory itself, is the way from there.
  *
  * The stream of stages and every barrier are the same for all warps, whether their points exist or not. */
 #include "render/cuda/network.h"

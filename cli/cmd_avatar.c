@@ -49,7 +49,8 @@ static int run(session *s, int count, char **argument) {
     if (!status) status = session_status(s, sherf_model_load(c, model_path, &model));
     if (!status) status = session_observation(s, argument[0], model, body, set.whole, &observation);
     begun_s = seconds_now();
-    if (!status) status = session_status(s, sherf_avatar_create(c, model, body, observation, &avatar));
+    if (!status)
+        status = session_status_of(s, argument[0], sherf_avatar_create(c, model, body, observation, &avatar));
     avatar_s = seconds_now() - begun_s;
     if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
     if (!status) status = report(s, avatar_s);

@@ -176,6 +176,12 @@ int session_status(session *s, sherf_status status) {
     return session_failure("%s", *message ? message : "failed without a word");
 }
 
+int session_status_of(session *s, const char *path, sherf_status status) {
+    if (status == SHERF_OK || status == SHERF_NO_MEMORY || status == SHERF_CANCELLED)
+        return session_status(s, status);
+    return session_failure("%s: %s", path, sherf_message(s->context));
+}
+
 const char *session_precision(const session *s) {
     return sherf_precision_used(s->context) == SHERF_PRECISION_BF16 ? "bf16" : "fp32";
 }
@@ -267,7 +273,7 @@ int session_observation(session *s, const char *path, const sherf_model *model, 
         *out = status ? NULL : read;
         return status;
     }
-    status = session_status(s, sherf_observation_fit(s->context, model, body, read, out));
+    status = session_status_of(s, path, sherf_observation_fit(s->context, model, body, read, out));
     sherf_observation_free(read);
     return status;
 }
@@ -286,7 +292,8 @@ int session_avatar(session *s, const char *input, const char *model, const sherf
     sherf_observation *observation = NULL;
     int status = session_status(s, sherf_model_load(c, model, &weights));
     if (!status) status = session_observation(s, input, weights, body, whole, &observation);
-    if (!status) status = session_status(s, sherf_avatar_create(c, weights, body, observation, out));
+    if (!status)
+        status = session_status_of(s, input, sherf_avatar_create(c, weights, body, observation, out));
     sherf_observation_free(observation);
     sherf_model_free(weights);
     return status;

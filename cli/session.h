@@ -17,6 +17,8 @@ int session_open(session *s, const verb *v);
 void session_close(session *s);
 /* EXIT_DONE for SHERF_OK; otherwise the context's message as one line on stderr, and EXIT_FAILED. */
 int session_status(session *s, sherf_status status);
+/* The same, naming the file where the message does not. */
+int session_status_of(session *s, const char *path, sherf_status status);
 /* One line on stderr, EXIT_FAILED. */
 int session_failure(const char *format, ...) __attribute__((format(printf, 1, 2)));
 /* A remark on stderr, not with --quiet. */

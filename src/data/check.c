@@ -259,7 +259,7 @@ static sherf_status check_files(checker *k, const sherf_dataset *d, int person, 
     return SHERF_OK;
 }
 
-/* Sizes and cameras of every view, by one pose's files. */
+/* Sizes, cameras and masks of every view, by one pose's files. */
 static sherf_status check_views(checker *k, const sherf_dataset *d, int person, int pose,
                                 const person_record *r) {
     char image[PATH_LENGTH], mask[PATH_LENGTH], what[1200];
@@ -277,6 +277,8 @@ static sherf_status check_views(checker *k, const sherf_dataset *d, int person, 
         if (there && (size[0] != mask_size[0] || size[1] != mask_size[1]))
             finding(k, FINDING_ERROR, "%s: a mask of %d x %d pixels for a picture of %d x %d", mask,
                     mask_size[0], mask_size[1], size[0], size[1]);
+        else if (there && (status = finding_of(k, dataset_mask_check(k->c, d, person, pose, view))))
+            return status;
         check_camera(k, what, r->camera[view].K, r->camera[view].T, size[0], size[1]);
     }
     return SHERF_OK;

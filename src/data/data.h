@@ -38,6 +38,7 @@ struct sherf_observation {
 };
 /* The view of a target to be compared with: the same struct. */
 typedef struct sherf_observation data_view;
+sherf_status observation_check_mask(context *c, const sherf_observation *o); /* neither empty nor full */
 sherf_status observation_check(context *c,
                                const sherf_observation *o); /* finite, sizes, mask not empty or full */
 
@@ -65,7 +66,16 @@ data_kind dataset_kind(const sherf_dataset *d);
  * width. */
 sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
                           data_view **out);
-/* The same, and fit to be observed (observation_check). */
+/* The same, where the mask is neither empty nor of the whole picture, or its file is named: for what is
+ * learned from. */
+sherf_status dataset_person_view(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                 int width, data_view **out);
+/* Of a view that was read with these numbers. */
+sherf_status dataset_view_check_mask(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                     const data_view *v);
+/* Of the mask's file alone: cheaper than to read the picture. */
+sherf_status dataset_mask_check(context *c, const sherf_dataset *d, int person, int pose, int view);
+/* dataset_person_view, and fit to be observed (observation_check). */
 sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, sherf_observation **out);
 /* Pose and shape alone, without the picture. */

@@ -284,6 +284,38 @@ sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int po
     return status ? status : view_assemble(c, &source, out);
 }
 
+sherf_status dataset_view_check_mask(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                     const data_view *v) {
+    char image[PATH_LENGTH], mask[PATH_LENGTH];
+    context quiet = {.threads = 1}; /* the message is the check's */
+    sherf_status status = observation_check_mask(c, v);
+    if (!status || dataset_picture_paths(&quiet, d, person, pose, view, image, mask)) return status;
+    return failure_prefix(c, status, "%s", mask);
+}
+
+sherf_status dataset_mask_check(context *c, const sherf_dataset *d, int person, int pose, int view) {
+    char image[PATH_LENGTH], path[PATH_LENGTH];
+    image_u8 mask = {0};
+    size_t n, inside = 0;
+    sherf_status status = dataset_picture_paths(c, d, person, pose, view, image, path);
+    if (!status) status = image_read(c, path, IMAGE_MASK, &mask);
+    if (status) return status;
+    n = (size_t)mask.width * mask.height;
+    for (size_t i = 0; i < n; i++) inside += mask.data[i] != 0;
+    mem_free(mask.data);
+    if (!(status = mask_shares_check(c, inside, 0, n))) return SHERF_OK;
+    return failure_prefix(c, status, "%s", path);
+}
+
+sherf_status dataset_person_view(context *c, const sherf_dataset *d, int person, int pose, int view,
+                                 int width, data_view **out) {
+    sherf_status status = dataset_view(c, d, person, pose, view, width, out);
+    if (status || !(status = dataset_view_check_mask(c, d, person, pose, view, *out))) return status;
+    sherf_observation_free(*out);
+    *out = NULL;
+    return status;
+}
+
 sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d, int person, int pose,
                                        int view, sherf_observation **out) {
     return dataset_observation(c, d, person, pose, view, 0, out);
@@ -291,7 +323,7 @@ sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d,
 
 sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, sherf_observation **out) {
-    sherf_status status = dataset_view(c, d, person, pose, view, width, out);
+    sherf_status status = dataset_person_view(c, d, person, pose, view, width, out);
     if (status || !(status = observation_check(c, *out))) return status;
     sherf_observation_free(*out);
     *out = NULL;

@@ -37,6 +37,14 @@ static sherf_status pose_check(context *c, const sherf_pose *pose) {
     return rotation_check(c, pose->R, "the body's R");
 }
 
+sherf_status observation_check_mask(context *c, const sherf_observation *o) {
+    const size_t n = (size_t)o->image.width * o->image.height;
+    size_t person = 0, unknown = 0;
+    for (size_t i = 0; i < n; i++) person += o->mask[i] != 0;
+    for (size_t i = 0; o->unknown && i < n; i++) unknown += o->unknown[i] != 0;
+    return mask_shares_check(c, person, unknown, n);
+}
+
 sherf_status observation_check(context *c, const sherf_observation *o) {
     sherf_status status = camera_check(c, &o->camera);
     if (!status) status = pose_check(c, &o->pose);
@@ -46,14 +54,8 @@ sherf_status observation_check(context *c, const sherf_observation *o) {
         return failure(c, SHERF_MISMATCH, "a picture of %d x %d x %d for a camera of %d x %d pixels",
                        o->image.width, o->image.height, o->image.channels, o->camera.width_px,
                        o->camera.height_px);
-    size_t n = (size_t)o->image.width * o->image.height, person = 0, unknown = 0;
-    for (size_t i = 0; i < n; i++) person += o->mask[i] != 0;
-    for (size_t i = 0; o->unknown && i < n; i++) unknown += o->unknown[i] != 0;
-    if (!person) return failure(c, SHERF_BAD_ARGUMENT, "the mask is empty: no pixel is the person's");
-    if (person + unknown == n)
-        return failure(c, SHERF_BAD_ARGUMENT,
-                       "the mask covers the whole picture: it should be 0 outside the person");
-    for (size_t i = 0; i < n * 3; i++)
+    if ((status = observation_check_mask(c, o))) return status;
+    for (size_t i = 0; i < (size_t)o->image.width * o->image.height * 3; i++)
         if (!isfinite(o->image.data[i]))
             return failure(c, SHERF_BAD_ARGUMENT, "the picture has a value that is not finite");
     return SHERF_OK;

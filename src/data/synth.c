@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/path.h"
 #include "data/data.h"
@@ -245,6 +246,19 @@ static sherf_status write_list(context *c, const synth_job *job, const char *pat
     return status;
 }
 
+/* A data set that could not be finished would be taken for one: its people and body go, and a folder that was
+ * made for it. */
+static void leave_nothing(const synth_job *job, int people, const char *body, bool folder_is_new) {
+    context quiet = {.threads = 1};
+    char name[64], path[PATH_LENGTH];
+    for (int i = 0; i < people; i++) {
+        snprintf(name, sizeof name, "tube_%03d", i);
+        if (thuman_path(&quiet, path, job->folder, name) == SHERF_OK) thuman_remove_folder(path);
+    }
+    unlink(body);
+    if (folder_is_new) rmdir(job->folder);
+}
+
 static sherf_status options_check(context *c, sherf_synth_options *o) {
     if (!o->people) o->people = 4;
     if (!o->poses) o->poses = 6;
@@ -262,6 +276,8 @@ sherf_status sherf_synth_tube(sherf_context *c, const char *folder, const sherf_
     body_model *body = NULL;
     char list[PATH_LENGTH], path[PATH_LENGTH];
     synth_job job = {0};
+    int made = 0;
+    const bool folder_is_new = !path_is_folder(folder);
     if (options) job.o = *options;
     sherf_status status = options_check(c, &job.o);
     if (status || (status = thuman_path(c, list, folder, "human_list.txt")) ||
@@ -279,8 +295,9 @@ sherf_status sherf_synth_tube(sherf_context *c, const char *folder, const sherf_
     else
         status = folder_make(c, folder);
     if (!status) status = body_save(c, body, path);
-    for (int i = 0; i < job.o.people && !status; i++) status = make_person(c, &job, i);
+    for (; made < job.o.people && !status; made++) status = make_person(c, &job, made);
     if (!status) status = write_list(c, &job, list);
+    if (status) leave_nothing(&job, made, path, folder_is_new);
     mem_free(job.color);
     mem_free(job.camera);
     sherf_body_free(body);

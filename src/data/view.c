@@ -28,6 +28,13 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
+sherf_status mask_shares_check(context *c, size_t person, size_t unsure, size_t total) {
+    if (!person) return failure(c, SHERF_BAD_ARGUMENT, "the mask is empty: no pixel is the person's");
+    if (person + unsure < total) return SHERF_OK;
+    return failure(c, SHERF_BAD_ARGUMENT,
+                   "the mask covers the whole picture: it should be 0 outside the person");
+}
+
 /* 1 where any channel is not 0, or, without a mask file, where the picture's alpha is at least a half. */
 static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};

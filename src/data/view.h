@@ -20,5 +20,7 @@ typedef struct {
     bool observed;  /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0 */
     bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is unsure */
 } view_source;
+/* Of a mask's `total` pixels: some are the person's, and not all of them (`unsure` ones may be). */
+sherf_status mask_shares_check(context *c, size_t person, size_t unsure, size_t total);
 sherf_status view_assemble(context *c, const view_source *source, data_view **out);
 #endif

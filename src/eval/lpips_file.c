@@ -52,6 +52,16 @@ static sherf_status fill_layer(context *c, safetensors *const *file, int files, 
     return status;
 }
 
+/* A distance is a sum of squares by these: LPIPS learns them under that bound, and with others it could fall
+ * below 0. */
+static sherf_status head_check(context *c, int stage, const tensor *t) {
+    for (int64_t i = 0; i < tensor_count(t); i++)
+        if (((const float *)t->data)[i] < 0)
+            return failure(c, SHERF_BAD_FILE, "lin%d, a head of LPIPS, holds %g: no weight of it is negative",
+                           stage, (double)((const float *)t->data)[i]);
+    return SHERF_OK;
+}
+
 static sherf_status fill_head(context *c, safetensors *const *file, int files, int stage, tensor *to) {
     char name[96];
     bool found = false;
@@ -68,7 +78,7 @@ static sherf_status fill_head(context *c, safetensors *const *file, int files, i
         status =
             failure(c, SHERF_MISMATCH,
                     "lin%d, a head of LPIPS, is missing: give VGG16 and the heads as VGG16,HEADS", stage);
-    return status;
+    return status == SHERF_OK ? head_check(c, stage, to) : status;
 }
 
 sherf_status lpips_load(context *c, const char *paths, lpips_network **out) {

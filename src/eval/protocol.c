@@ -109,7 +109,20 @@ static void comparison_free(comparison *k) {
     mem_free(k->truth);
 }
 
-static sherf_status compare_with(evaluation *e, const data_view *truth, comparison *k) {
+/* A picture whose mask is empty or full says nothing of a person who is in it. */
+static sherf_status truth_check(evaluation *e, const data_view *truth, const posed_body *posed, int person,
+                                picture p) {
+    context quiet = {.threads = 1}, *c = e->c;
+    sherf_status status = dataset_view_check_mask(c, e->data, person, p.pose, p.view, truth);
+    if (status == SHERF_OK) return status;
+    for (size_t i = 0, n = (size_t)truth->image.width * (size_t)truth->image.height; i < n; i++)
+        if (truth->mask[i]) return status;
+    const sherf_status seen = body_in_picture(&quiet, e->body, posed, &truth->camera, NULL);
+    return seen == SHERF_MISMATCH ? SHERF_OK : status;
+}
+
+static sherf_status compare_with(evaluation *e, const data_view *truth, int person, picture picture,
+                                 comparison *k) {
     context *c = e->c;
     const int width = truth->image.width, height = truth->image.height;
     const sherf_pose *p = &truth->pose;
@@ -120,7 +133,9 @@ static sherf_status compare_with(evaluation *e, const data_view *truth, comparis
     sherf_status status = posed_body_create(c, e->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
     if (status != SHERF_OK) return status;
     body_world_box(e->body, posed, min_world, max_world);
+    status = truth_check(e, truth, posed, person, picture);
     posed_body_free(posed);
+    if (status != SHERF_OK) return status;
     box_ray_mask(&truth->camera, min_world, max_world, k->mask);
     if (!mask_bounds(k->mask, width, height, &k->r) || k->r.width < METRIC_SSIM_WINDOW ||
         k->r.height < METRIC_SSIM_WINDOW)
@@ -268,7 +283,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
                                       .detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
     status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
-    if ((status = compare_with(e, truth, &k)) != SHERF_OK) goto done;
+    if ((status = compare_with(e, truth, entry.person, entry.target, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
     if (e->mirror && (status = score_yardsticks(e, &k, truth, &entry)) != SHERF_OK) goto done;
     if (isnan(entry.score[SCORE_MODEL].psnr)) {

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "data/thuman_write.h"
 #include "io/image.h"
@@ -432,8 +433,23 @@ static sherf_status finish(context *c, const people_job *job) {
     return status;
 }
 
+/* Whole people stay, and the next run goes on behind them; without any, nothing does. */
+static void leave_nothing(const people_job *job) {
+    static const char *const file[] = {"human_list.txt", "people.json", "body.safetensors"};
+    context quiet = {.threads = 1};
+    char path[PATH_LENGTH], **name = NULL;
+    int count = 0;
+    if (find_people(&quiet, job->folder, &name, &count) == SHERF_OK && !count) {
+        for (size_t i = 0; i < COUNT_OF(file); i++)
+            if (thuman_path(&quiet, path, job->folder, file[i]) == SHERF_OK) unlink(path);
+        rmdir(job->folder);
+    }
+    free_names(name, count);
+}
+
 sherf_status sherf_synth_people(sherf_context *c, const char *folder, const sherf_people_options *options) {
     people_job job = {0};
+    const bool folder_is_new = !path_is_folder(folder);
     if (options) job.o = *options;
     sherf_status status = options_check(c, &job.o);
     if (status || (status = thuman_path(c, job.body_path, folder, "body.safetensors"))) return status;
@@ -449,6 +465,7 @@ sherf_status sherf_synth_people(sherf_context *c, const char *folder, const sher
     job.total = (double)job.o.people * job.o.poses * job.o.views;
     for (int i = 0; i < job.o.people && !status; i++) status = make_person(c, &job, job.o.seed + (uint64_t)i);
     if (!status) status = finish(c, &job);
+    if (status && folder_is_new) leave_nothing(&job);
     mem_free(job.pose);
     mem_free(job.camera);
     pose_library_free(job.poses);

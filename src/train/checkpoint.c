@@ -29,6 +29,8 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[10], 32, "%d", s->random_background);
 }
 
+enum { SIZE_MOST = 4096 }; /* as data sets' pictures are read */
+
 static bool integer(const safetensors *f, const char *key, int64_t low, int64_t high, int64_t *out) {
     const char *text = safetensors_metadata(f, key);
     char *end;
@@ -45,7 +47,7 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     const int64_t most = (int64_t)1 << 50;
     if (!integer(f, "step", 0, most, &s->step) || !integer(f, "skipped", 0, s->step, &s->skipped) ||
         !integer(f, "updates", 0, s->step, updates) || !integer(f, "images_per_step", 1, 65536, &images) ||
-        !integer(f, "size_px", 0, 32768, &size) || !integer(f, "front_view", 0, 1, &front) ||
+        !integer(f, "size_px", 0, SIZE_MOST, &size) || !integer(f, "front_view", 0, 1, &front) ||
         !integer(f, "halve_every", 1, most, &s->halve_every) ||
         (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MOST, &targets)) ||
         (safetensors_metadata(f, "random_background") &&
@@ -138,6 +140,9 @@ static sherf_status tensors_read(context *c, const safetensors *f, const model *
             if (!values) continue;
             snprintf(name, sizeof name, "%s.%s", group_names[group], q->name);
             sherf_status status = safetensors_floats(c, f, name, q->value.rank, q->value.dim, values);
+            for (int64_t k = 0; k < tensor_count(&q->value) && status == SHERF_OK; k++)
+                if (!isfinite(values[k]))
+                    status = failure(c, SHERF_BAD_FILE, "tensor %s holds a number that is not finite", name);
             if (status != SHERF_OK) return status;
         }
     return SHERF_OK;

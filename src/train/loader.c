@@ -15,25 +15,34 @@ void sample_free(sample *s) {
     *s = (sample){0};
 }
 
+/* Whose picture it was that could not be computed with. */
+static sherf_status named(context *c, sherf_status status, const sherf_dataset *d, int person, int pose,
+                          int view) {
+    if (status == SHERF_OK) return status;
+    return failure_prefix(c, status, "%s, pose %d, view %d", sherf_dataset_person(d, person), pose, view);
+}
+
 static sherf_status target_load(context *c, const sherf_dataset *d, const model_config *config,
                                 const body_model *body, int person, int pose, int view, int width,
                                 const observation_geometry *observation, data_view **target,
                                 target_geometry **geometry) {
-    sherf_status status = dataset_view(c, d, person, pose, view, width, target);
+    sherf_status status = dataset_person_view(c, d, person, pose, view, width, target);
     if (status != SHERF_OK) return status;
     const data_view *t = *target;
-    return target_geometry_create(c, config, body, &t->camera, &t->pose, observation, false, geometry);
+    status = target_geometry_create(c, config, body, &t->camera, &t->pose, observation, false, geometry);
+    return named(c, status, d, person, pose, view);
 }
 
 sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
                          const body_model *body, draw drawn, int width, sample *out) {
     *out = (sample){.drawn = drawn};
     sherf_status status =
-        dataset_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
+        dataset_person_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
     if (status != SHERF_OK) goto fail;
     const data_view *o = out->observation;
     status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true, NULL,
                                          &out->observation_geometry);
+    named(c, status, d, drawn.person, drawn.pose, drawn.observed_view);
     if (status == SHERF_OK)
         status = target_load(c, d, config, body, drawn.person, drawn.pose, drawn.view, width,
                              out->observation_geometry, &out->target, &out->target_geometry);
@@ -41,8 +50,6 @@ sherf_status sample_load(context *c, const sherf_dataset *d, const model_config 
         status = target_load(c, d, config, body, drawn.person, drawn.more[k].pose, drawn.more[k].view, width,
                              out->observation_geometry, &out->more[k].target, &out->more[k].geometry);
     if (status == SHERF_OK) return SHERF_OK;
-    failure_prefix(c, status, "%s, pose %d, view %d", sherf_dataset_person(d, drawn.person), drawn.pose,
-                   drawn.view);
 fail:
     sample_free(out);
     return status;

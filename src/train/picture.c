@@ -18,8 +18,9 @@ sherf_status picture_write(context *c, const sherf_dataset *d, const model *m, c
     sherf_frame frame = {0};
     uint8_t *canvas = NULL;
     sherf_status status =
-        dataset_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &observation);
-    if (status == SHERF_OK) status = dataset_view(c, d, drawn.person, drawn.pose, drawn.view, width, &target);
+        dataset_person_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &observation);
+    if (status == SHERF_OK)
+        status = dataset_person_view(c, d, drawn.person, drawn.pose, drawn.view, width, &target);
     if (status == SHERF_OK) status = sherf_avatar_create(c, m, body, observation, &avatar);
     if (status == SHERF_OK)
         status = sherf_render(c, avatar, body, &target->pose, &target->camera, &model_steps, &frame);

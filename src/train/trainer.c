@@ -102,6 +102,22 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
     return SHERF_OK;
 }
 
+/* A data set may have too many masks to look at each before the first step: one of each of these people, so
+ * that masks which are wrong as a whole are not found hours later. */
+static sherf_status masks_look_over(trainer *t) {
+    enum { PEOPLE_MOST = 64 };
+    const sampling *s = &t->sampling;
+    const int people = s->people < PEOPLE_MOST ? s->people : PEOPLE_MOST;
+    for (int i = 0; i < people; i++) {
+        const int k = (int)((int64_t)i * s->people / people);
+        if (!s->views[k] || !s->poses[k]) continue;
+        if (cancelled(t->c)) return failure(t->c, SHERF_CANCELLED, "cancelled");
+        sherf_status status = dataset_mask_check(t->c, t->data, s->person[k], 0, i % s->views[k]);
+        if (status != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
 /* New weights, and the state as the options say. */
 static sherf_status begin_new(trainer *t) {
     const sherf_train_options *o = t->options;
@@ -195,6 +211,7 @@ static sherf_status begin(trainer *t) {
         status = begin_again(t, o->resume);
     else
         status = path_is_file(path) ? begin_again(t, path) : begin_new(t);
+    if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
     t->sampling.random_background = t->state.random_background;
     t->first_step = t->state.step;
@@ -340,10 +357,36 @@ static sherf_status step(trainer *t, loss_values *mean, bool *skipped) {
 
 /* ---- files ---- */
 
+static bool finite_weights(const model *m, const float *values) {
+    for (int64_t i = 0; i < m->weights->total_floats; i++)
+        if (!isfinite(values[i])) return false;
+    return true;
+}
+
+/* What is lost does not take the place of the checkpoint that is there. */
+static sherf_status lost_check(trainer *t) {
+    const model *const m[] = {t->model, t->average};
+    bool finite = true;
+    for (int i = 0; i < 2 && finite; i++) {
+        const float *values;
+        float *copy = NULL;
+        sherf_status status = parameters_read(t->c, m[i]->weights, &values, &copy);
+        finite = status == SHERF_OK && finite_weights(m[i], values);
+        mem_free(copy);
+        if (status != SHERF_OK) return status;
+    }
+    if (finite) return SHERF_OK;
+    return failure(t->c, SHERF_BAD_ARGUMENT,
+                   "the training has come apart: after step %" PRId64
+                   " its weights are not finite; a lower learning rate may help",
+                   t->state.step);
+}
+
 static sherf_status save(trainer *t) {
     char path[PATH_LENGTH];
     if (t->ranks.rank) return SHERF_OK;
-    sherf_status status = output_path(t, path, "checkpoint.safetensors");
+    sherf_status status = lost_check(t);
+    if (status == SHERF_OK) status = output_path(t, path, "checkpoint.safetensors");
     if (status == SHERF_OK) status = checkpoint_write(t->c, path, t->model, t->average, &t->adam, &t->state);
     if (status == SHERF_OK) status = output_path(t, path, "model.safetensors");
     if (status == SHERF_OK) status = sherf_model_save(t->c, t->average, path);
@@ -435,11 +478,21 @@ static sherf_status run(trainer *t) {
     t->started = time_seconds();
     announce(t);
     sherf_status status = loop(t, &cancel);
+    if (status != SHERF_OK && status != SHERF_CANCELLED && t->state.step > t->first_step) {
+        char reason[sizeof c->message];
+        memcpy(reason, c->message, sizeof reason);
+        if (lost_check(t) == SHERF_OK) memcpy(c->message, reason, sizeof reason);
+    }
     memcpy(message, c->message, sizeof message);
     const bool nothing = status != SHERF_OK && t->state.step == t->first_step;
     sherf_status saved = t->skips_in_a_row < SKIPS_IN_A_ROW && !nothing ? save(t) : SHERF_OK;
     if (status != SHERF_OK) {
-        if (nothing) leave_nothing(t);
+        if (nothing)
+            leave_nothing(t);
+        else if (saved == SHERF_OK && t->skips_in_a_row < SKIPS_IN_A_ROW && !t->ranks.rank)
+            log_line(c, SHERF_LOG_INFO,
+                     "what was learned in %" PRId64 " steps is saved; the same command goes on from %s",
+                     t->state.step, t->options->output);
         memcpy(c->message, message, sizeof message);
         return status;
     }
@@ -464,6 +517,10 @@ sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
     if (status == SHERF_OK) status = prepare(&t);
     status = ranks_agree(c, &t.ranks, status);
     if (status == SHERF_OK) status = run(&t);
+    if (status == SHERF_NO_MEMORY && t.model)
+        failure_prefix(c, status, "training %s on pictures %d wide, %d images a step", t.model->config.preset,
+                       t.state.size_px ? t.state.size_px : t.model->config.image_size,
+                       t.state.images_per_step);
     ranks_close(&t.ranks, status != SHERF_OK);
     trainer_free(&t);
     c->threads = threads;

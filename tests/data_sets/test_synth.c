@@ -28,6 +28,10 @@ static void assert_same_file(context *c, const char *a, const char *b) {
     mem_free(y);
 }
 
+static void stop_in_the_second(void *user, const char *text, double done, double total) {
+    if (done > total / 2) sherf_cancel(user);
+}
+
 static void the_seed_decides(void **state) {
     static const char *const files[] = {"human_list.txt",
                                         "tubeman.safetensors",
@@ -56,8 +60,16 @@ static void the_seed_decides(void **state) {
     assert_fails(c, sherf_synth_tube(c, test_path("file/below"), &options), SHERF_WRITE_FAILED, "file");
     sherf_cancel(c);
     assert_fails(c, sherf_synth_tube(c, test_path("cancelled"), &options), SHERF_CANCELLED, "cancelled");
-    assert_false(path_is_folder(test_path("cancelled/tube_000")) ||
-                 path_is_folder(test_path("cancelled/tube_000.part")));
+    assert_false(path_is_folder(test_path("cancelled")));
+    make_text(c, test_path("own/notes.txt"), "somebody's");
+    assert_fails(c, sherf_synth_tube(c, test_path("own"), &options), SHERF_CANCELLED, "cancelled");
+    assert_true(path_is_file(test_path("own/notes.txt")));
+    assert_false(path_is_file(test_path("own/tubeman.safetensors")) ||
+                 path_is_folder(test_path("own/tube_000")) || path_is_folder(test_path("own/tube_000.part")));
+    sherf_cancel_reset(c);
+    c->user = c, c->progress = stop_in_the_second;
+    assert_fails(c, sherf_synth_tube(c, test_path("second"), &options), SHERF_CANCELLED, "cancelled");
+    assert_false(path_is_folder(test_path("second")));
     sherf_context_free(c);
 }
 
@@ -210,6 +222,10 @@ static void check_finds_faults(void **state) {
     assert_int_equal(unlink(join(broken, "tube_000/view03/000001.png")), 0);
     assert_finding(c, broken, body, 2, "a mask of 40 x 30 pixels for a picture of 64 x 64");
     assert_finding(c, broken, body, 2, "view03/000001.png: the picture is missing");
+    make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 64, 64, 9, 1);
+    assert_finding(c, broken, body, 2, "view01/000000.png: the mask covers the whole picture");
+    make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 64, 64, 0, 0);
+    assert_finding(c, broken, body, 2, "view01/000000.png: the mask is empty");
     make_text(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), "");
     assert_finding(c, broken, body, 2, "neither PNG nor JPEG");
     assert_int_equal(unlink(join(broken, "tube_000/new_params_neutral/1.npy")), 0);

@@ -191,6 +191,18 @@ static void broken_people_are_named(void **state) {
     assert_int_equal(sherf_eval(c, &o, &scores), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "tube_000, pose 0, view 0: no part of the body"));
     assert_false(path_is_folder(folder));
+    static uint8_t kept[48 * 48], fill[48 * 48];
+    for (int i = 0; i < 48 * 48; i++) kept[i] = i % 48 > 15 && i % 48 < 32; /* where the person stands */
+    assert_ok(c, png_write(c, path, 48, 48, 1, kept));
+    for (int full = 0; full < 2; full++) { /* of a picture that is compared with */
+        snprintf(path, sizeof path, "%s/tube_000/mask_cihp/view01/000000.png", broken);
+        memset(fill, full ? 255 : 0, sizeof fill);
+        assert_ok(c, png_write(c, path, 48, 48, 1, fill));
+        assert_int_equal(sherf_eval(c, &o, &scores), SHERF_BAD_ARGUMENT);
+        assert_non_null(strstr(c->message, "view01/000000.png: the mask "));
+        assert_false(path_is_folder(folder));
+    }
+    assert_ok(c, png_write(c, path, 48, 48, 1, kept));
     snprintf(path, sizeof path, "%s/tube_000/view00/000000.png", broken);
     assert_int_equal(unlink(path), 0);
     assert_int_equal(sherf_eval(c, &o, &scores), SHERF_NO_FILE);

@@ -86,7 +86,7 @@ static void an_encoder_starts_whole_or_not_at_all(void **state) {
 /* ---- VGG16 and the heads ---- */
 enum { ITEMS = 2 * LPIPS_CONVOLUTIONS + LPIPS_STAGES };
 
-static void lpips_is_whole_and_finite(void **state) {
+static void lpips_is_whole_finite_and_no_less_than_zero(void **state) {
     context *c = test_context();
     static char name[ITEMS][32];
     static safetensor_item item[ITEMS];
@@ -122,6 +122,9 @@ static void lpips_is_whole_and_finite(void **state) {
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
     assert_says(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2 holds a number that is not finite");
     assert_non_null(strstr(c->message, path));
+    ((float *)n->head[2]->data)[5] = -0.25f;
+    assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
+    assert_says(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2, a head of LPIPS, holds -0.25");
     assert_says(c, lpips_load(c, ",", &read), SHERF_BAD_ARGUMENT, "no file");
     assert_null(read);
     remove(path);
@@ -131,6 +134,6 @@ static void lpips_is_whole_and_finite(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(an_encoder_starts_whole_or_not_at_all),
-                                       cmocka_unit_test(lpips_is_whole_and_finite)};
+                                       cmocka_unit_test(lpips_is_whole_finite_and_no_less_than_zero)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,6 +9,7 @@
 
 #include "base/path.h"
 #include "data/thuman_write.h"
+#include "io/image.h"
 #include "io/safetensors.h"
 #include "io/value.h"
 #include "support.h"
@@ -195,6 +196,25 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     o = options_for(path_of("bad"), 7);
     o.learning_rate = 1e30;
     assert_int_equal(sherf_train(c, &o), SHERF_OK); /* seven steps are too few to give up */
+    thuman_remove_folder(path_of("bad"));
+    o = options_for(path_of("bad"), 2);
+    assert_ok(c, sherf_train(c, &o));
+    o = options_for(path_of("bad"), 7);
+    o.learning_rate = 1e308; /* weights that are lost do not take the place of good ones */
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "come apart"));
+    o = options_for(path_of("bad"), 7);
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(
+        difference(c, path_of("whole/checkpoint.safetensors"), path_of("bad/checkpoint.safetensors")) == 0);
+    FILE *f = fopen(path_of("bad/checkpoint.safetensors"), "r+b");
+    assert_non_null(f);
+    assert_int_equal(fseek(f, -4, SEEK_END), 0);
+    assert_int_equal(fwrite("\xff\xff\xff\xff", 1, 4, f), 4);
+    fclose(f);
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "bad/checkpoint.safetensors: tensor second."));
+    assert_non_null(strstr(c->message, "not finite"));
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
@@ -242,6 +262,66 @@ static void broken_data_is_one_line(void **state) {
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "broken/tube_000/annots.npy"));
     assert_false(path_is_folder(path_of("broken_run")));
+    assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
+}
+
+/* Every pixel of the masks of a pose of "masks", whose first mask is 000000.png. */
+static void fill_masks(context *c, int pose, int views, bool keep, uint8_t with) {
+    for (int v = 0; v < views; v++) {
+        char name[80], kept[90];
+        image_u8 mask;
+        snprintf(name, sizeof name, "masks/tube_000/mask_cihp/view%02d/%06d.png", v, pose);
+        snprintf(kept, sizeof kept, "%s.kept", name);
+        if (!keep) {
+            assert_int_equal(rename(path_of(kept), path_of(name)), 0);
+            continue;
+        }
+        assert_int_equal(rename(path_of(name), path_of(kept)), 0);
+        assert_ok(c, image_read(c, path_of(kept), IMAGE_MASK, &mask));
+        memset(mask.data, with, (size_t)mask.width * (size_t)mask.height);
+        assert_ok(c, png_write(c, path_of(name), mask.width, mask.height, 1, mask.data));
+        mem_free(mask.data);
+    }
+}
+
+/* Wrong masks of first pictures are found before the first step. One that is drawn later ends the training by
+ * its name, what was learned is kept, and with the mask mended it goes on as if nothing had been. */
+static void an_empty_or_full_mask_ends_it(void **state) {
+    enum { VIEWS = 3 };
+    context *c = float_context(1);
+    const size_t live = mem_live();
+    char spec[600], body[600];
+    const sherf_synth_options synth = {.people = 1, .poses = 2, .views = VIEWS, .size_px = 48, .seed = 6};
+    assert_ok(c, sherf_synth_tube(c, path_of("masks"), &synth));
+    snprintf(spec, sizeof spec, "thuman:%s", path_of("masks"));
+    snprintf(body, sizeof body, "%s", path_of("masks/tubeman.safetensors"));
+    sherf_train_options o = options_for(path_of("masks_run"), 5);
+    o.data = spec, o.body = body, o.people = "0", o.images_per_step = 1, o.targets = 1, o.seed = 3;
+    for (int with = 0; with < 2; with++) {
+        const char *says = with ? "covers the whole picture" : "is empty";
+        fill_masks(c, 0, 1, true, with ? 255 : 0);
+        assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
+        assert_non_null(strstr(c->message, "mask_cihp/view00/000000.png: the mask "));
+        assert_non_null(strstr(c->message, says));
+        assert_false(path_is_folder(path_of("masks_run")));
+        fill_masks(c, 0, 1, false, 0);
+
+        fill_masks(c, 1, VIEWS, true, with ? 255 : 0);
+        assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
+        assert_non_null(strstr(c->message, "/000001.png: the mask "));
+        assert_non_null(strstr(c->message, says));
+        assert_true(path_is_file(path_of("masks_run/checkpoint.safetensors")));
+        assert_true(logged(c, path_of("masks_run"), 1, "step") == 1);
+        fill_masks(c, 1, VIEWS, false, 0);
+        assert_ok(c, sherf_train(c, &o));
+        o.output = path_of("masks_whole");
+        assert_ok(c, sherf_train(c, &o));
+        assert_true(difference(c, path_of("masks_run/checkpoint.safetensors"),
+                               path_of("masks_whole/checkpoint.safetensors")) == 0);
+        o.output = path_of("masks_run");
+        thuman_remove_folder(path_of("masks_run"));
+    }
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
@@ -296,6 +376,7 @@ int main(int argc, char **argv) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(learns_and_writes),       cmocka_unit_test(resuming_gives_the_same_bits),
         cmocka_unit_test(cancelling_saves),        cmocka_unit_test(a_bad_checkpoint_is_one_line),
-        cmocka_unit_test(broken_data_is_one_line), cmocka_unit_test(processes_equal_one)};
+        cmocka_unit_test(broken_data_is_one_line), cmocka_unit_test(an_empty_or_full_mask_ends_it),
+        cmocka_unit_test(processes_equal_one)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

@@ -11,7 +11,7 @@ static struct {
     double unit_m, source_fps, fps, smooth_s, blend_s;
     const char *track, *size, *background;
     int64_t first, last, samples;
-    bool loop, own_place, their_shape, exact, detail, whole;
+    bool loop, own_place, their_shape, exact, no_detail, whole;
     double turn_s, azimuth_deg, elevation_deg, distance_m, fov_deg;
 } set = {.background = "black", .blend_s = -1, .turn_s = 8, .azimuth_deg = NAN, .elevation_deg = NAN};
 
@@ -69,8 +69,8 @@ static const option options[] = {
      "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
-    {0, "detail", OPTION_FLAG, &set.detail, NULL,
-     "give back what the picture shows where frames show it, which the network makes soft"},
+    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
+     "the network's soft colours alone; otherwise what the picture shows is given back where frames show it"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
      "every point near the body is asked for; otherwise bf16 leaves out empty space and what lies "
      "behind 99.9 % opacity"},
@@ -103,7 +103,7 @@ static int wishes_check(const char *input, sherf_animate_options *o) {
     memcpy(o->render.background, ground.rgb, sizeof o->render.background);
     o->render.samples = (int)set.samples;
     o->render.exact = set.exact;
-    o->render.detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF;
+    o->render.detail = set.no_detail ? SHERF_DETAIL_OFF : SHERF_DETAIL_ON;
     return EXIT_DONE;
 }
 

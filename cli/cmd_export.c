@@ -9,7 +9,7 @@ static struct {
     int format, up;
     int64_t resolution, triangles, texture, splats, frame;
     double level, islands, fps;
-    bool vertex_colors, all_triangles, lit, whole;
+    bool vertex_colors, all_triangles, lit, no_detail, whole;
 } set;
 
 static const option options[] = {
@@ -35,6 +35,8 @@ static const option options[] = {
     {0, "vertex-colors", OPTION_FLAG, &set.vertex_colors, NULL,
      "colours of the vertices instead of a texture"},
     {0, "splats", OPTION_INTEGER, &set.splats, "N", "how many Gaussians (100000)", 1, 10000000},
+    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
+     "the network's soft colours alone; otherwise what the picture shows is given back where it was seen"},
     {0, "lit", OPTION_FLAG, &set.lit, NULL,
      "light falls on a .glb's material; otherwise it shows its colours as they are"},
     {0, "up", OPTION_CHOICE, &set.up, "y|z|-y", "up axis of .obj and .ply; a .glb has +Y up"},
@@ -120,7 +122,8 @@ static int export_avatar(session *s, const sherf_avatar *avatar, const sherf_bod
                               .texture_px = set.vertex_colors ? -1 : (int)set.texture,
                               .splats = (int)set.splats,
                               .lit = set.lit,
-                              .up = ups[set.up]};
+                              .up = ups[set.up],
+                              .detail = set.no_detail ? SHERF_DETAIL_OFF : SHERF_DETAIL_ON};
     int status = pose_find(s, avatar, &pose, &o.pose);
     if (!status) status = motion_find(s, avatar, body, &motion);
     o.motion = motion;

@@ -13,7 +13,7 @@ static struct {
     const char *model, *body, *output, *strip, *background;
     int64_t strip_frames, samples;
     double fps;
-    bool npy, depth, opacity, exact, detail, whole;
+    bool npy, depth, opacity, exact, no_detail, whole;
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
@@ -62,8 +62,8 @@ static const option options[] = {
      "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
-    {0, "detail", OPTION_FLAG, &set.detail, NULL,
-     "give back what the picture shows where frames show it, which the network makes soft"},
+    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
+     "the network's soft colours alone; otherwise what the picture shows is given back where frames show it"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
      "every point near the body is asked for; otherwise bf16 leaves out empty space and what lies "
      "behind 99.9 % opacity"},
@@ -151,7 +151,7 @@ static int frames_take(session *s, studio *t, const shots *all, const sherf_avat
                        const sherf_body *body, const background *ground) {
     sherf_render_options o = {.samples = (int)set.samples,
                               .exact = set.exact,
-                              .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF};
+                              .detail = set.no_detail ? SHERF_DETAIL_OFF : SHERF_DETAIL_ON};
     memcpy(o.background, ground->rgb, sizeof o.background);
     int status = EXIT_DONE;
     for (int n = 0; n < all->count && !status; n++) {

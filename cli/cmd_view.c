@@ -13,7 +13,7 @@ static struct {
     const char *model, *body, *listen;
     option_files motions;
     int64_t port, size;
-    bool open, whole;
+    bool open, no_detail, whole;
 } set = {.listen = "127.0.0.1", .size = 1024};
 
 static const option options[] = {
@@ -25,6 +25,8 @@ static const option options[] = {
      "a motion or poses to play, as sherf animate and --poses of sherf render take them; may be given again"},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
+    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
+     "the network's soft colours alone; otherwise what the picture shows is given back where it is seen"},
     {0, "listen", OPTION_TEXT, &set.listen, "ADDR",
      "address to listen at (127.0.0.1, which only this machine reaches; 0.0.0.0: everybody who does)"},
     {0, "port", OPTION_INTEGER, &set.port, "N", "port to listen at (0: any that is free)", 0, 65535},
@@ -140,7 +142,8 @@ static bool loopback(const char *address) {
 
 static int serve(session *s, gallery *g) {
     sherf_viewer *viewer = NULL;
-    sherf_viewer_options o = {.avatars = g->avatar,
+    sherf_viewer_options o = {.detail = set.no_detail ? SHERF_DETAIL_OFF : SHERF_DETAIL_ON,
+                              .avatars = g->avatar,
                               .avatar_count = g->avatars,
                               .motions = g->motion,
                               .motion_count = g->motions,

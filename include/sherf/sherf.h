@@ -178,15 +178,16 @@ enum {
     SHERF_SAMPLES_AUTO = -1, /* the model's number, and more where its steps would be longer than 12 mm */
     SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
 };
-/* Whether what the observed picture shows and the network's soft colours do not is given back to what of it
- * a frame shows. Beyond the paper. */
+/* Whether what the observed picture shows and the network's soft colours do not is given back where a frame,
+ * or an exported surface, shows what was seen. Beyond the paper; for people to look at, not for its scores.
+ */
 enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
     int exact;  /* non-zero: every point near the body counts; otherwise bf16 leaves out what lies in the
                    avatar's empty space (found with its first frame) or behind 99.9 % opacity */
-    int detail; /* 0: SHERF_DETAIL_OFF */
+    int detail; /* 0: SHERF_DETAIL_ON */
 } sherf_render_options;
 
 typedef struct {
@@ -312,6 +313,7 @@ typedef struct {
     const sherf_motion *motion; /* .glb: an animation, or NULL */
     int lit;                    /* .glb: light falls on the material; 0: it shows its colours as they are */
     sherf_up up; /* axes of .obj and .ply, of a world that has y up; AUTO: y. A .glb has y up */
+    int detail;  /* as in sherf_render_options, for the colours */
 } sherf_export_options;
 
 typedef struct {
@@ -401,6 +403,7 @@ typedef struct {
     const char *listen; /* address in figures; NULL: 127.0.0.1, which only this machine reaches */
     int port;           /* 0: any that is free */
     int size_px;        /* shorter side of a picture at most, 64 to 2048; 0: 1024 */
+    int detail;         /* as in sherf_render_options */
 } sherf_viewer_options;
 
 typedef struct sherf_viewer sherf_viewer;

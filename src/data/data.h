@@ -35,6 +35,7 @@ struct sherf_observation {
     uint8_t *unknown;
     sherf_camera camera;
     sherf_pose pose;
+    sherf_image fine; /* the same picture with more pixels, where it was scaled down; or no data */
 };
 /* The view of a target to be compared with: the same struct. */
 typedef struct sherf_observation data_view;

@@ -10,6 +10,7 @@
 void sherf_observation_free(sherf_observation *o) {
     if (!o) return;
     sherf_image_free(&o->image);
+    sherf_image_free(&o->fine);
     mem_free(o->mask);
     mem_free(o->unknown);
     mem_free(o);

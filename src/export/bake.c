@@ -5,6 +5,7 @@
 
 #include "export/export.h"
 #include "model/canonical.h"
+#include "model/detail.h"
 
 /* Frames have a sample each 10 to 20 mm; these rays are finer and end where most of a surface's opacity is
  * behind them. What is missing to 1 is left out by division. */
@@ -124,7 +125,35 @@ static sherf_status bake_batch(context *c, bake_job *j, float *rgb) {
     return SHERF_OK;
 }
 
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+typedef struct {
+    const sherf_avatar *a;
+    const body_model *m;
+    const avatar_detail *d;
+    const float *position;
+    float *rgb;
+} detail_job;
+
+static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const detail_job *j = arg;
+    int32_t guess = -1;
+    for (int64_t n = begin; n < end; n++) {
+        const float *p = j->position + 3 * n;
+        float add[3], seen;
+        guess = vertex_grid_nearest_from(body_canonical_grid(j->m), p, guess, NULL);
+        detail_look_up(j->d, j->a, j->m, 1, p, &guess, add, &seen);
+        for (int k = 0; k < 3; k++) j->rgb[3 * n + k] = fminf(fmaxf(j->rgb[3 * n + k] + seen * add[k], 0), 1);
+    }
+}
+
+static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+                                const float *positions_canonical, float *rgb) {
+    detail_job j = {a, m, NULL, positions_canonical, rgb};
+    const sherf_status status = avatar_detail_of(c, a, m, &j.d);
+    if (status == SHERF_OK) parallel_for(c, n, 1024, detail_range, &j);
+    return status;
+}
+
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, bool detail, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb) {
     bake_job *j = mem_zero(c, 1, sizeof *j);
     if (!j) return SHERF_NO_MEMORY;
@@ -140,5 +169,6 @@ sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m,
     }
     job_free(j);
     mem_free(j);
+    if (status == SHERF_OK && detail) status = bake_detail(c, a, m, n, positions_canonical, rgb);
     return status;
 }

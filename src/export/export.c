@@ -154,6 +154,7 @@ static void texel_places(const export_job *j, float *position, float *normal) {
 }
 
 static sherf_status texture_make(context *c, export_job *j) {
+    const bool detail = j->options.detail != SHERF_DETAIL_OFF;
     atlas *a = &j->atlas;
     const size_t side = (size_t)j->options.texture_px;
     sherf_status status = atlas_make(c, &j->surface, j->options.texture_px, a);
@@ -167,7 +168,7 @@ static sherf_status texture_make(context *c, export_job *j) {
     status = position && normal && j->rgb && j->picture ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
         texel_places(j, position, normal);
-        status = bake_colors(c, j->a, j->m, a->texels, position, normal, j->rgb);
+        status = bake_colors(c, j->a, j->m, detail, a->texels, position, normal, j->rgb);
     }
     if (status == SHERF_OK) status = atlas_paint(c, a, j->rgb, j->picture);
     mem_free(position);
@@ -176,6 +177,7 @@ static sherf_status texture_make(context *c, export_job *j) {
 }
 
 static sherf_status colors_make(context *c, export_job *j) {
+    const bool detail = j->options.detail != SHERF_DETAIL_OFF;
     const surface *s = &j->surface;
     sherf_status status = SHERF_OK;
     if (j->options.format == SHERF_EXPORT_SPLATS) {
@@ -184,13 +186,13 @@ static sherf_status colors_make(context *c, export_job *j) {
         if (status != SHERF_OK) return status;
         j->report.splats = j->splats.count;
         splats_place(s, s->position, s->normal, &j->splats);
-        status =
-            bake_colors(c, j->a, j->m, j->splats.count, j->splats.position, j->splats.normal, j->splats.rgb);
+        status = bake_colors(c, j->a, j->m, detail, j->splats.count, j->splats.position, j->splats.normal,
+                             j->splats.rgb);
     } else if (textured(j)) {
         status = texture_make(c, j);
     } else {
         j->rgb = mem_alloc(c, (size_t)s->vertices, 3 * sizeof *j->rgb);
-        status = j->rgb ? bake_colors(c, j->a, j->m, s->vertices, s->position, s->normal, j->rgb)
+        status = j->rgb ? bake_colors(c, j->a, j->m, detail, s->vertices, s->position, s->normal, j->rgb)
                         : SHERF_NO_MEMORY;
     }
     lap(j, 3);

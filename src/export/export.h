@@ -87,8 +87,9 @@ sherf_status surface_normals(context *c, surface *s, const field_grid *g);
 sherf_status surface_reduce(context *c, surface *s, int64_t triangles);
 
 /* ---- bake.c ---- */
-/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them. */
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them,
+ * with the observation's detail or without. */
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, bool detail, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb);
 
 #endif

@@ -29,6 +29,7 @@ void sherf_avatar_free(sherf_avatar *a) {
     pthread_mutex_destroy(&a->detail.lock);
     detail_free(&a->detail.kept);
     avatar_network_free(a);
+    mem_free(a->picture);
     posed_body_free(a->observed);
     parameters_free(a->weights);
     for (int l = 0; l < POINT_LEVELS; l++) {
@@ -119,6 +120,17 @@ static sherf_status bank_copy(context *c, const model_bank *from, observation_ge
     return SHERF_OK;
 }
 
+static sherf_status picture_keep(context *c, const sherf_image *fine, sherf_avatar *a) {
+    const size_t n = (size_t)fine->width * (size_t)fine->height * 3;
+    if (!fine->data) return SHERF_OK;
+    a->picture = mem_alloc(c, n, 1);
+    if (!a->picture) return SHERF_NO_MEMORY;
+    a->picture_width = fine->width;
+    a->picture_height = fine->height;
+    for (size_t i = 0; i < n; i++) a->picture[i] = float_to_u8(fine->data[i]);
+    return SHERF_OK;
+}
+
 sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const sherf_body *body,
                                  const sherf_observation *observation, sherf_avatar **out) {
     *out = NULL;
@@ -141,6 +153,7 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = point_parameters(c, m->weights, &a->weights);
     if (status == SHERF_OK) status = bank_copy(c, &bank, g, a);
+    if (status == SHERF_OK) status = picture_keep(c, &observation->fine, a);
     if (status != SHERF_OK) goto done;
     a->observed = g->body;
     g->body = NULL;
@@ -215,6 +228,9 @@ sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const ch
     snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)a->body_fingerprint);
     item[n++] = (safetensor_item){"observation", T_F32, 1, {NUMBERS}, numbers};
     item[n++] = (safetensor_item){"image", T_F32, 3, {b->image_height, b->image_width, 3}, b->image};
+    if (a->picture)
+        item[n++] =
+            (safetensor_item){"picture", T_U8, 3, {a->picture_height, a->picture_width, 3}, a->picture};
     item[n++] = (safetensor_item){
         "features", T_F32, 3, {b->feature_height, b->feature_width, a->config.feature_width}, b->features};
     item[n++] = (safetensor_item){
@@ -312,6 +328,21 @@ static sherf_status bank_load(context *c, const safetensors *s, const body_model
     return status;
 }
 
+/* Avatars of small pictures, and older files, have none. */
+static sherf_status picture_load(context *c, const safetensors *s, sherf_avatar *a) {
+    enum { SIDE_MAX = 4096 };
+    const safetensor *t = safetensors_find(s, "picture");
+    if (!t) return SHERF_OK;
+    if (t->type != T_U8 || t->rank != 3 || t->dim[2] != 3 || t->dim[0] < 2 || t->dim[1] < 2 ||
+        t->dim[0] > SIDE_MAX || t->dim[1] > SIDE_MAX)
+        return failure(c, SHERF_BAD_FILE, "tensor picture is of the wrong shape");
+    const size_t bytes = (size_t)t->dim[0] * (size_t)t->dim[1] * 3;
+    a->picture = copy_of(c, t->data, bytes, 1);
+    a->picture_height = (int)t->dim[0];
+    a->picture_width = (int)t->dim[1];
+    return a->picture ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
 static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar *a) {
     model *shape = NULL; /* names and shapes of this configuration */
     sherf_status status = model_create(c, &a->config, 0, &shape);
@@ -342,6 +373,7 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
         status = failure(c, SHERF_MISMATCH, "made with another body: give the body file it was made with");
     if (status == SHERF_OK) status = model_config_parse(c, config, &a->config);
     if (status == SHERF_OK) status = bank_load(c, s, body, a);
+    if (status == SHERF_OK) status = picture_load(c, s, a);
     if (status == SHERF_OK) status = weights_load(c, s, a);
     if (status == SHERF_OK) status = avatar_finish(c, body, a);
     safetensors_free(s);
@@ -387,16 +419,31 @@ static sherf_status empty_of(context *c, const sherf_avatar *a, const body_model
     return status;
 }
 
-static sherf_status detail_of(context *c, const sherf_avatar *a, const body_model *body, int wish,
+sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
                               const avatar_detail **out) {
     sherf_avatar *own = (sherf_avatar *)a;
     sherf_status status = SHERF_OK;
-    *out = NULL;
-    if (wish != SHERF_DETAIL_ON) return SHERF_OK;
     pthread_mutex_lock(&own->detail.lock);
     if (!own->detail.kept.texel) status = detail_create(c, a, body, &own->detail.kept);
     pthread_mutex_unlock(&own->detail.lock);
     *out = &a->detail.kept;
+    return status;
+}
+
+/* A GPU's frames get theirs from the host, which poses the body again for it. */
+sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
+                                const posed_body *posed, const sherf_camera *camera, sherf_frame *frame) {
+    const avatar_detail *detail;
+    const joint_pose *j = posed->joints;
+    posed_body *whole = NULL;
+    sherf_status status = avatar_detail_of(c, a, body, &detail);
+    if (status != SHERF_OK || !j)
+        return status == SHERF_OK ? detail_apply(c, a, detail, body, posed, camera, frame) : status;
+    status = posed_body_create(c, body, j->pose_rad, j->shape, posed->R, posed->Th, &whole);
+    if (status == SHERF_OK) whole->blend_m = posed->blend_m;
+    if (status == SHERF_OK) status = points_prepare(c, body, whole);
+    if (status == SHERF_OK) status = detail_apply(c, a, detail, body, whole, camera, frame);
+    posed_body_free(whole);
     return status;
 }
 
@@ -426,25 +473,6 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
     return SHERF_OK;
 }
 
-/* The detail is still given back by the host, which poses the body again for it. */
-static sherf_status detail_after_gpu(context *c, const sherf_avatar *a, const avatar_detail *detail,
-                                     const body_model *body, const posed_body *posed,
-                                     const sherf_camera *camera, int wish, sherf_frame *frame) {
-    const joint_pose *j = posed->joints;
-    posed_body *whole = NULL;
-    ray_bundle *rays = NULL;
-    float farthest;
-    int samples;
-    sherf_status status = posed_body_create(c, body, j->pose_rad, j->shape, posed->R, posed->Th, &whole);
-    if (status == SHERF_OK) whole->blend_m = posed->blend_m;
-    if (status == SHERF_OK) status = points_prepare(c, body, whole);
-    if (status == SHERF_OK) status = frame_rays(c, a, body, whole, camera, wish, &rays, &samples, &farthest);
-    if (status == SHERF_OK) detail_apply(c, a, detail, body, whole, rays, frame);
-    rays_free(rays);
-    posed_body_free(whole);
-    return status;
-}
-
 static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
                               const sherf_camera *camera, const sherf_render_options *o,
                               const empty_cells *empty, sherf_frame *frame) {
@@ -468,17 +496,16 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
                        SAMPLES_MOST);
     const empty_cells *empty;
     sherf_status status = camera_check(c, camera);
-    const avatar_detail *detail = NULL;
+    const bool detail = o->detail != SHERF_DETAIL_OFF;
     if (status == SHERF_OK) status = empty_of(c, a, body, o->exact, &empty);
-    if (status == SHERF_OK) status = detail_of(c, a, body, o->detail, &detail);
     ray_bundle *rays = NULL;
     point_set *points = NULL;
     float farthest;
     int samples;
     if (status == SHERF_OK && a->gpu) {
         status = frame_gpu(c, a, posed, camera, o, empty, frame);
-        if (status != SHERF_OK || !detail) return status;
-        return detail_after_gpu(c, a, detail, body, posed, camera, o->samples, frame);
+        if (status == SHERF_OK && detail) status = avatar_give_detail(c, a, body, posed, camera, frame);
+        return status;
     }
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
@@ -490,10 +517,10 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
         frame->points = points->count;
         for (size_t i = 0; i < (size_t)rays->width * (size_t)rays->height; i++)
             frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
-        if (detail) detail_apply(c, a, detail, body, posed, rays, frame);
     }
     rays_free(rays);
     points_free(points);
+    if (status == SHERF_OK && detail) status = avatar_give_detail(c, a, body, posed, camera, frame);
     return status;
 }
 

@@ -1,57 +1,124 @@
-/* The picture's own detail in frames. The network's colours are soft; what its picture of the observed view
- * lacks against the observation is kept once per avatar and given back to frames where they show a surface
- * that the observation saw: each pixel's expected surface point goes to the observation's space, as samples
- * do, and is looked up there. Beyond the paper; the network is not asked, so it costs a point a pixel. */
+/* The picture's own detail. The network's colours are soft; what its picture of the observed view lacks
+ * against the observation is kept once per avatar and given back where frames and exported surfaces show what
+ * the observation saw: a point goes to the observation's space, as samples do, and is looked up there. Beyond
+ * the paper; the network is not asked, so it costs a point a pixel.
+ *
+ * What the observation saw is told twice. The body's mesh tells it smoothly and without haze: front from
+ * back, and limbs before each other. The depths of the observed view, smoothed, tell it of the rest: hair,
+ * clothes.
+ */
 #include <math.h>
 #include <string.h>
 
 #include "model/detail.h"
 
-/* How far behind the observed view's surface a point may lie, and how far apart neighbours' depths may be:
- * from the first number on it counts less, at the second not at all. Where the surface is hazy expected
- * depths are further off, and specks stand there; wider bounds let more through to the hidden side. */
-static const float hidden_m[2] = {0.012f, 0.035f}, jump_m[2] = {0.03f, 0.07f};
-/* Cosine of the observed surface's angle to the ray, and opacity. */
-static const float facing[2] = {0.15f, 0.5f}, opaque[2] = {0.7f, 0.95f};
-enum { BATCH = 256 };
+/* How far a point may lie behind the observed view's surface, and before it: from the first number on it
+ * counts less, at the second not at all. */
+static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
+/* The same for the body's vertices behind the body. */
+static const float body_behind_m[2] = {0.02f, 0.04f};
+/* Cosines of the angle to the ray: of the body's vertices, of the surface. */
+static const float body_facing[2] = {-0.05f, 0.3f}, facing[2] = {0.1f, 0.45f};
+static const float smooth_m = 0.01f, fade_m = 0.006f, blend_m = 0.025f;
+enum { RADIUS_MOST = 8, FADE_MOST = 4, BODY_ROUNDS = 4 };
 
-/* 0 up to low, 1 from high on. */
-static float rise(float x, const float edge[2]) {
-    const float t = fminf(fmaxf((x - edge[0]) / (edge[1] - edge[0]), 0), 1);
-    return t * t * (3 - 2 * t);
-}
-
-/* World points of a picture's depths; t along rays whose z_camera is 1. */
-static void surface_point(const ray_bundle *r, const sherf_image *depth, size_t n, float out[3]) {
-    for (size_t k = 0; k < 3; k++) out[k] = r->origin_world[k] + depth->data[n] * r->direction[3 * n + k];
-}
-
-/* The largest step of depth to a neighbour in the picture. */
-static float jump_at(const sherf_image *depth, int x, int y) {
-    const size_t w = (size_t)depth->width, n = (size_t)y * w + (size_t)x;
-    const float *d = depth->data;
+/* ---- what the body's vertices tell ---- */
+/* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
+static float body_depth(const raster *r, const float px[2]) {
     float most = 0;
-    if (x > 0) most = fmaxf(most, fabsf(d[n] - d[n - 1]));
-    if (y > 0) most = fmaxf(most, fabsf(d[n] - d[n - w]));
-    if (x + 1 < depth->width) most = fmaxf(most, fabsf(d[n] - d[n + 1]));
-    if (y + 1 < depth->height) most = fmaxf(most, fabsf(d[n] - d[n + w]));
+    if (!(fabsf(px[0]) < 1e6f && fabsf(px[1]) < 1e6f)) return 0;
+    const int x0 = (int)lrintf(px[0]), y0 = (int)lrintf(px[1]);
+    for (int y = y0 - 1; y <= y0 + 1; y++)
+        for (int x = x0 - 1; x <= x0 + 1; x++)
+            if (x >= 0 && y >= 0 && x < r->width && y < r->height)
+                most = fmaxf(most, r->depth[(size_t)y * (size_t)r->width + (size_t)x]);
     return most;
 }
 
-/* ---- once per avatar ---- */
-static float facing_at(const ray_bundle *r, const sherf_image *depth, int x, int y) {
-    const size_t w = (size_t)depth->width, n = (size_t)y * w + (size_t)x;
-    float p[4][3], u[3], v[3];
-    if (x < 1 || y < 1 || x + 1 >= depth->width || y + 1 >= depth->height) return 0;
-    surface_point(r, depth, n - 1, p[0]);
-    surface_point(r, depth, n + 1, p[1]);
-    surface_point(r, depth, n - w, p[2]);
-    surface_point(r, depth, n + w, p[3]);
+static float cosine_to(const sherf_camera *camera, const float world[3], const float normal[3]) {
+    float at[3], d[3], dn = 0, dd = 0;
+    camera_position(camera, at);
+    for (int k = 0; k < 3; k++) {
+        d[k] = at[k] - world[k];
+        dn += d[k] * normal[k];
+        dd += d[k] * d[k];
+    }
+    return dn / sqrtf(dd + 1e-20f);
+}
+
+static void spread(const body_model *m, float *seen, float *room) {
+    for (int round = 0; round < BODY_ROUNDS; round++) {
+        for (int v = 0; v < m->vertices; v++) {
+            const int32_t first = m->neighbour_first[v], end = m->neighbour_first[v + 1];
+            float sum = 0;
+            for (int32_t i = first; i < end; i++) sum += seen[m->neighbour[i]];
+            room[v] = end > first ? 0.5f * (seen[v] + sum / (float)(end - first)) : seen[v];
+        }
+        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
+    }
+}
+
+static sherf_status see_vertices(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d) {
+    const size_t V = (size_t)m->vertices;
+    raster *r = NULL;
+    float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
+    float *room = mem_alloc(c, V, sizeof *room);
+    d->seen = mem_alloc(c, V, sizeof *d->seen);
+    sherf_status status = world && normal && room && d->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        body_vertices_world(m, a->observed, world);
+        status = body_normals(c, m, world, normal);
+    }
+    if (status == SHERF_OK)
+        status = raster_create(c, &d->camera, 1, m->vertices, world, m->faces, m->face, &r);
+    if (status == SHERF_OK) {
+        for (size_t v = 0; v < V; v++) {
+            float px[2], depth;
+            camera_project(&d->camera, 1, world + 3 * v, px, &depth);
+            d->seen[v] = detail_rise(cosine_to(&d->camera, world + 3 * v, normal + 3 * v), body_facing) *
+                         (1 - detail_rise(depth - body_depth(r, px), body_behind_m));
+            if (!(depth > 0)) d->seen[v] = 0;
+        }
+        spread(m, d->seen, room);
+    }
+    raster_free(r);
+    mem_free(world);
+    mem_free(normal);
+    mem_free(room);
+    return status;
+}
+
+/* Of the vertex and its neighbours, as their maps are blended (deform_point.h). */
+static float seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v) {
+    const float *vertex = m->canonical->vertices_smpl;
+    float sum = d->seen[v], weights = 1, own = 0;
+    for (int k = 0; k < 3; k++) own += (x[k] - vertex[3 * v + k]) * (x[k] - vertex[3 * v + k]);
+    for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
+        const int32_t u = m->neighbour[i];
+        float other = 0;
+        for (int k = 0; k < 3; k++) other += (x[k] - vertex[3 * u + k]) * (x[k] - vertex[3 * u + k]);
+        float w = 1 - (other - own) / (blend_m * blend_m);
+        if (!(w > 0)) continue;
+        w = w < 1 ? w * w : 1;
+        sum += w * d->seen[u];
+        weights += w;
+    }
+    return sum / weights;
+}
+
+/* ---- what the avatar's own picture of the observed view tells ---- */
+static float facing_at(const detail_optics *o, const float *depth, int width, int height, int x, int y) {
+    float p[5][3], u[3], v[3];
+    if (x < 1 || y < 1 || x + 1 >= width || y + 1 >= height) return 0;
+    for (int i = 0; i < 5; i++) {
+        const int px = x + (i == 1) - (i == 0), py = y + (i == 3) - (i == 2);
+        detail_point(o, px, py, depth[(size_t)py * (size_t)width + (size_t)px], p[i]);
+    }
     for (int k = 0; k < 3; k++) u[k] = p[1][k] - p[0][k], v[k] = p[3][k] - p[2][k];
-    const float *d = r->direction + 3 * n;
-    const float m[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
-    const float mm = m[0] * m[0] + m[1] * m[1] + m[2] * m[2], dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    return fabsf(m[0] * d[0] + m[1] * d[1] + m[2] * d[2]) / sqrtf(mm * dd + 1e-30f);
+    const float d[3] = {p[4][0] - o->origin[0], p[4][1] - o->origin[1], p[4][2] - o->origin[2]};
+    const float n[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
+    const float nn = n[0] * n[0] + n[1] * n[1] + n[2] * n[2], dd = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+    return fabsf(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) / sqrtf(nn * dd + 1e-30f);
 }
 
 /* The smallest value in a square of 2 r + 1, then the mean of one: edges fade inwards and hold none back. */
@@ -74,61 +141,120 @@ static void fade_inwards(float *weight, float *room, int width, int height, int 
     }
 }
 
-static void keep_difference(avatar_detail *d, const sherf_avatar *a, const ray_bundle *r,
-                            const sherf_frame *own, float *room) {
+/* Whether a pixel is beyond the mask, where the picture is black, or at its edge, which was mixed with that.
+ */
+static bool at_mask_edge(const float *image, int width, int height, int x, int y) {
+    enum { STRAIGHT_EDGE = 3 };
+    int black = 0;
+    for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < height; j++)
+        for (int i = x > 0 ? x - 1 : 0; i <= x + 1 && i < width; i++) {
+            const float *p = image + 3 * ((size_t)j * (size_t)width + (size_t)i);
+            black += !(p[0] > 0 || p[1] > 0 || p[2] > 0);
+        }
+    return black >= STRAIGHT_EDGE;
+}
+
+/* room: two floats a texel. */
+static void keep_difference(const context *c, avatar_detail *d, const sherf_avatar *a, const float *image,
+                            sherf_frame *own, float *room) {
     const int width = d->width, height = d->height;
+    const int reach = detail_pixels(&d->camera, a->observed, 0.004f, FADE_MOST);
+    const size_t pixels = (size_t)width * (size_t)height;
+    float *weight = room + pixels, *depth = own->depth.data;
+    detail_optics o;
+    detail_optics_of(&d->camera, &o);
+    detail_smooth(c, &own->opacity, detail_pixels(&d->camera, a->observed, smooth_m, RADIUS_MOST), depth,
+                  NULL, room);
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
             const size_t n = (size_t)y * (size_t)width + (size_t)x;
-            const float jump = jump_at(&own->depth, x, y);
-            float w = 0;
-            if (jump < jump_m[1] && own->opacity.data[n] > opaque[0])
-                w = rise(own->opacity.data[n], opaque) * (1 - rise(jump, jump_m)) *
-                    rise(facing_at(r, &own->depth, x, y), facing);
-            d->texel[n].weight = w;
+            weight[n] = detail_solid(own->opacity.data[n], detail_jump(depth, width, height, reach, x, y)) *
+                        detail_rise(facing_at(&o, depth, width, height, x, y), facing);
+            if (weight[n] > 0 && at_mask_edge(image, width, height, x, y)) weight[n] = 0;
         }
-    float *weight = room + (size_t)width * (size_t)height;
-    for (size_t n = 0; n < (size_t)width * (size_t)height; n++) weight[n] = d->texel[n].weight;
-    fade_inwards(weight, room, width, height, 1);
-    for (size_t n = 0; n < (size_t)width * (size_t)height; n++) {
+    fade_inwards(weight, room, width, height, detail_pixels(&d->camera, a->observed, fade_m, FADE_MOST));
+    for (size_t n = 0; n < pixels; n++) {
         d->texel[n].weight = weight[n];
-        d->texel[n].depth = own->depth.data[n];
+        d->texel[n].depth = depth[n];
         for (size_t k = 0; k < 3; k++)
-            d->texel[n].difference[k] = a->bank.image[3 * n + k] - own->color.data[3 * n + k];
+            d->texel[n].difference[k] = image[3 * n + k] - own->color.data[3 * n + k];
     }
 }
 
 void detail_free(avatar_detail *d) {
     mem_free(d->texel);
+    mem_free(d->seen);
     *d = (avatar_detail){0};
 }
 
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out) {
     const sherf_render_options plain = {.detail = SHERF_DETAIL_OFF};
-    const size_t n = (size_t)a->bank.image_width * (size_t)a->bank.image_height;
     sherf_frame own = {0};
     posed_body *posed = NULL;
-    ray_bundle *rays = NULL;
-    float min[3], max[3], *room = NULL;
-    *out = (avatar_detail){.width = a->bank.image_width, .height = a->bank.image_height};
-    sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
-    if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &a->camera, &plain, &own);
-    if (status == SHERF_OK) {
-        body_world_box(body, a->observed, min, max);
-        status = rays_create(c, &a->camera, min, max, &rays);
+    float *room = NULL, *image = NULL;
+    *out = (avatar_detail){a->bank.image_width, a->bank.image_height, a->camera, NULL, NULL};
+    if (a->picture) {
+        out->width = a->picture_width;
+        out->height = a->picture_height;
+        camera_resize(&out->camera, out->width, out->height);
     }
+    const size_t n = (size_t)out->width * (size_t)out->height;
+    sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
+    if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &out->camera, &plain, &own);
+    if (status == SHERF_OK) status = see_vertices(c, a, body, out);
     if (status == SHERF_OK) {
         out->texel = mem_alloc(c, n, sizeof *out->texel);
         room = mem_alloc(c, 2 * n, sizeof *room);
-        if (!out->texel || !room) status = SHERF_NO_MEMORY;
+        image = mem_alloc(c, 3 * n, sizeof *image);
+        if (!out->texel || !room || !image) status = SHERF_NO_MEMORY;
     }
-    if (status == SHERF_OK) keep_difference(out, a, rays, &own, room);
+    if (status == SHERF_OK) {
+        for (size_t i = 0; i < 3 * n; i++) image[i] = a->picture ? a->picture[i] / 255.0f : a->bank.image[i];
+        keep_difference(c, out, a, image, &own, room);
+    }
     mem_free(room);
-    rays_free(rays);
+    mem_free(image);
     posed_body_free(posed);
     sherf_frame_free(&own);
     if (status != SHERF_OK) detail_free(out);
     return status;
+}
+
+/* ---- looking up ---- */
+/* The mean over four texels. */
+static float texels_at(const avatar_detail *d, const float px[2], float depth, float add[3]) {
+    float seen = 0;
+    memset(add, 0, 3 * sizeof *add);
+    if (!(px[0] >= 0 && px[1] >= 0 && px[0] < (float)(d->width - 1) && px[1] < (float)(d->height - 1)))
+        return 0;
+    const int x = (int)px[0], y = (int)px[1];
+    const float fx = px[0] - (float)x, fy = px[1] - (float)y;
+    for (int i = 0; i < 4; i++) {
+        const detail_texel *t = d->texel + (size_t)(y + i / 2) * (size_t)d->width + (size_t)(x + i % 2);
+        const float share = (i % 2 ? fx : 1 - fx) * (i / 2 ? fy : 1 - fy);
+        for (int k = 0; k < 3; k++) add[k] += share * t->weight * t->difference[k];
+        if (t->weight > 0)
+            seen += share * (1 - detail_rise(depth - t->depth, behind_m)) *
+                    (1 - detail_rise(t->depth - depth, before_m));
+    }
+    return seen;
+}
+
+void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *m, int64_t n,
+                    const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
+    enum { SOME = 64 };
+    float world[3 * SOME], px[2 * SOME], depth[SOME];
+    for (int64_t b = 0; b < n; b += SOME) {
+        const int64_t count = n - b < SOME ? n - b : SOME;
+        deform_from_canonical(m, a->observed, count, points_canonical + 3 * b, nearest + b, world);
+        camera_project(&d->camera, count, world, px, depth);
+        for (int64_t i = 0; i < count; i++) {
+            const int32_t v = nearest[b + i];
+            memset(add + 3 * (b + i), 0, 3 * sizeof *add);
+            seen[b + i] = v >= 0 && depth[i] > 0 ? seen_near(d, m, points_canonical + 3 * (b + i), v) : 0;
+            if (seen[b + i] > 0) seen[b + i] *= texels_at(d, px + 2 * i, depth[i], add + 3 * (b + i));
+        }
+    }
 }
 
 /* ---- once per frame ---- */
@@ -137,79 +263,102 @@ typedef struct {
     const avatar_detail *d;
     const body_model *m;
     const posed_body *posed;
-    const ray_bundle *rays;
+    detail_optics optics;
+    int reach;
+    float *depth, *weight, *add; /* of pixels: smoothed, to be smoothed */
     sherf_frame *frame;
 } apply_job;
 
+enum { BATCH = 256 };
 /* The pixels of a batch, and where they are. */
 typedef struct {
     int count;
     size_t pixel[BATCH];
-    float weight[BATCH], point[3 * BATCH], px[2 * BATCH], depth[BATCH];
+    float weight[BATCH], point[3 * BATCH], add[3 * BATCH], seen[BATCH];
     int32_t nearest[BATCH];
 } batch;
 
-/* What the observation adds at px to a point at this depth: the mean over four texels that see it. */
-static void look_up(const avatar_detail *d, const float px[2], float depth, float out[3]) {
-    memset(out, 0, 3 * sizeof *out);
-    if (!(px[0] >= 0 && px[1] >= 0 && px[0] < (float)(d->width - 1) && px[1] < (float)(d->height - 1)))
-        return;
-    const int x = (int)px[0], y = (int)px[1];
-    const float fx = px[0] - (float)x, fy = px[1] - (float)y;
-    for (int i = 0; i < 4; i++) {
-        const detail_texel *t = d->texel + (size_t)(y + i / 2) * (size_t)d->width + (size_t)(x + i % 2);
-        const float share = (i % 2 ? fx : 1 - fx) * (i / 2 ? fy : 1 - fy);
-        if (!(t->weight > 0)) continue;
-        const float w = share * t->weight * (1 - rise(depth - t->depth, hidden_m));
-        for (int k = 0; k < 3; k++) out[k] += w * t->difference[k];
-    }
-}
-
-static void give_back(const apply_job *j, batch *b) {
+static void look_up_batch(const apply_job *j, batch *b) {
     deform_to_canonical(j->m, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
     for (int i = 0; i < b->count; i++)
         b->nearest[i] =
             vertex_grid_nearest_from(body_canonical_grid(j->m), b->point + 3 * i, b->nearest[i], NULL);
-    deform_from_canonical(j->m, j->a->observed, b->count, b->point, b->nearest, b->point);
-    camera_project(&j->a->camera, b->count, b->point, b->px, b->depth);
+    detail_look_up(j->d, j->a, j->m, b->count, b->point, b->nearest, b->add, b->seen);
     for (int i = 0; i < b->count; i++) {
-        float *color = j->frame->color.data + 3 * b->pixel[i], add[3];
-        if (!(b->depth[i] > 0)) continue;
-        look_up(j->d, b->px + 2 * i, b->depth[i], add);
-        for (int k = 0; k < 3; k++) color[k] = fminf(fmaxf(color[k] + b->weight[i] * add[k], 0), 1);
+        j->weight[b->pixel[i]] = b->weight[i] * b->seen[i];
+        memcpy(j->add + 3 * b->pixel[i], b->add + 3 * i, 3 * sizeof *b->add);
     }
     b->count = 0;
 }
 
-static void apply_rows(void *arg, int64_t begin, int64_t end, int thread) {
-    const apply_job *j = arg;
+/* A pixel's point in the body's space and its nearest vertex, or -1. Where haze lets a ray through, its mean
+ * depth can lie so deep inside the body that none is near: then further out. */
+static int32_t find_surface(const apply_job *j, int x, int y, int32_t guess, float point_smpl[3]) {
     const float *R = j->posed->R, *Th = j->posed->Th;
-    const int width = j->frame->color.width;
+    const float depth = j->depth[(size_t)y * (size_t)j->frame->color.width + (size_t)x];
+    for (int step = 0; step < 3; step++) {
+        float p[3];
+        detail_point(&j->optics, x, y, depth - 0.02f * (float)step, p);
+        for (int k = 0; k < 3; k++) p[k] -= Th[k];
+        for (int k = 0; k < 3; k++) point_smpl[k] = p[0] * R[k] + p[1] * R[3 + k] + p[2] * R[6 + k];
+        const int32_t found = vertex_grid_nearest_from(j->posed->near, point_smpl, guess, NULL);
+        if (found >= 0) return found;
+    }
+    return -1;
+}
+
+static void look_up_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const apply_job *j = arg;
+    const int width = j->frame->color.width, height = j->frame->color.height;
     batch b = {0};
     int32_t guess = -1;
     for (int y = (int)begin; y < (int)end; y++)
         for (int x = 0; x < width; x++) {
             const size_t n = (size_t)y * (size_t)width + (size_t)x;
             const float opacity = j->frame->opacity.data[n];
-            if (!(opacity > opaque[0])) continue;
-            const float jump = jump_at(&j->frame->depth, x, y);
-            if (!(jump < jump_m[1])) continue;
-            float p[3], *s = b.point + 3 * b.count;
-            surface_point(j->rays, &j->frame->depth, n, p);
-            for (int k = 0; k < 3; k++) p[k] -= Th[k];
-            for (int k = 0; k < 3; k++) s[k] = p[0] * R[k] + p[1] * R[3 + k] + p[2] * R[6 + k];
-            const int32_t found = vertex_grid_nearest_from(j->posed->near, s, guess, NULL);
+            j->weight[n] = 0;
+            memset(j->add + 3 * n, 0, 3 * sizeof *j->add);
+            if (!(detail_solid(opacity, 0) > 0)) continue;
+            const float solid = detail_solid(opacity, detail_jump(j->depth, width, height, j->reach, x, y));
+            if (!(solid > 0)) continue;
+            const int32_t found = find_surface(j, x, y, guess, b.point + 3 * b.count);
             if (found < 0) continue;
             b.nearest[b.count] = guess = found;
             b.pixel[b.count] = n;
-            b.weight[b.count] = rise(opacity, opaque) * (1 - rise(jump, jump_m));
-            if (++b.count == BATCH) give_back(j, &b);
+            b.weight[b.count] = solid;
+            if (++b.count == BATCH) look_up_batch(j, &b);
         }
-    if (b.count) give_back(j, &b);
+    if (b.count) look_up_batch(j, &b);
 }
 
-void detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
-                  const posed_body *posed, const ray_bundle *rays, sherf_frame *frame) {
-    apply_job job = {a, d, m, posed, rays, frame};
-    if (d->texel) parallel_for(c, frame->color.height, 8, apply_rows, &job);
+static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const apply_job *j = arg;
+    const int64_t width = j->frame->color.width;
+    float *color = j->frame->color.data;
+    for (int64_t n = begin * width; n < end * width; n++) {
+        if (!(j->weight[n] > 0)) continue;
+        for (int k = 0; k < 3; k++)
+            color[3 * n + k] = fminf(fmaxf(color[3 * n + k] + j->weight[n] * j->add[3 * n + k], 0), 1);
+    }
+}
+
+sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
+                          const posed_body *posed, const sherf_camera *camera, sherf_frame *frame) {
+    const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MOST);
+    const size_t pixels = (size_t)frame->color.width * (size_t)height;
+    float *room = mem_alloc(c, pixels, 6 * sizeof *room);
+    if (!room) return SHERF_NO_MEMORY;
+    apply_job job = {.a = a, .d = d, .m = m, .posed = posed, .frame = frame};
+    job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MOST);
+    job.depth = room + pixels;
+    job.weight = job.depth + pixels;
+    job.add = job.weight + pixels;
+    detail_optics_of(camera, &job.optics);
+    memcpy(job.depth, frame->depth.data, pixels * sizeof *job.depth);
+    detail_smooth(c, &frame->opacity, radius, job.depth, NULL, room);
+    parallel_for(c, height, 8, look_up_rows, &job);
+    detail_smooth(c, &frame->opacity, radius, job.depth, job.weight, room);
+    parallel_for(c, height, 8, add_rows, &job);
+    mem_free(room);
+    return SHERF_OK;
 }

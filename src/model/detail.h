@@ -1,4 +1,4 @@
-/* detail: what the observation shows and the network's colours do not, given back to frames. */
+/* detail: what the observation shows and the network's colours do not, given back to frames and surfaces. */
 #ifndef SHERF_DETAIL_H
 #define SHERF_DETAIL_H
 
@@ -7,8 +7,43 @@
 /* The avatar's picture of the observed view rendered and compared. Free with detail_free. */
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out);
 void detail_free(avatar_detail *d);
-/* Into frame's colours; rays as the frame was made from, posed with its grid (points_prepare). */
-void detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
-                  const posed_body *posed, const ray_bundle *rays, sherf_frame *frame);
+
+/* What the observation adds to the colour of `n` canonical points of the surface, [n, 3], as far as the
+ * points' texels are to be trusted, and how much of each place it sees, [n], 0 to 1; nearest: each one's
+ * nearest canonical vertex. */
+void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *m, int64_t n,
+                    const float *points_canonical, const int32_t *nearest, float *add, float *seen);
+/* Into frame's colours. posed is whole, with its grid (points_prepare). */
+sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
+                          const posed_body *posed, const sherf_camera *camera, sherf_frame *frame);
+
+/* ---- detail_smooth.c: pictures of a hazy surface ---- */
+/* 0 up to edge[0], 1 from edge[1] on. */
+static inline float detail_rise(float x, const float edge[2]) {
+    const float t = (x - edge[0]) / (edge[1] - edge[0]), u = t < 0 ? 0 : t > 1 ? 1 : t;
+    return u * u * (3 - 2 * u);
+}
+/* So many pixels are about `m` metres where the body's root is; 1 to most. */
+int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int most);
+/* Means over neighbours within `radius` pixels, twice, weighted by opacity and by how near their depths are:
+ * value (NULL: the depths themselves) is smoothed in place. room: as large as one of them. What is below an
+ * opacity of 0.3 neither counts nor changes. */
+void detail_smooth(const context *c, const sherf_image *opacity, int radius, float *depth, float *value,
+                   float *room);
+/* The largest step of depth to the pixels `reach` away. */
+float detail_jump(const float *depth, int width, int height, int reach, int x, int y);
+/* How much a pixel is surface, and not an edge where two of them mix: 0 to 1. */
+float detail_solid(float opacity, float jump);
+/* World points of a picture's depths. */
+typedef struct {
+    float origin[3], to_world[9];
+} detail_optics;
+void detail_optics_of(const sherf_camera *camera, detail_optics *out);
+static inline void detail_point(const detail_optics *o, int x, int y, float depth, float out[3]) {
+    for (int k = 0; k < 3; k++) {
+        const float *m = o->to_world + 3 * k;
+        out[k] = o->origin[k] + depth * (m[0] * (float)x + m[1] * (float)y + m[2]);
+    }
+}
 
 #endif

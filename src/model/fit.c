@@ -12,6 +12,10 @@ static const double scale_tolerance = 1.25;
 static const double large = 1.15;
 /* Room round the body for clothes and hair, in metres. */
 static const double margin_m = 0.15;
+/* The picture before it was scaled is kept for the detail: at most twice as large, and this many pixels wide;
+ * not where it is hardly larger. */
+enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
+static const double fine_least = 1.2;
 
 static sherf_status joints_camera(context *c, const body_model *body, const sherf_pose *pose,
                                   const sherf_camera *camera, float out[BODY_JOINTS][3]) {
@@ -92,10 +96,22 @@ static sherf_observation *observation_of(context *c, sherf_image *image, uint8_t
     return o;
 }
 
+static sherf_status keep_fine(context *c, const sherf_image *image, int width, sherf_image *out) {
+    const size_t n = (size_t)image->width * (size_t)image->width * 3;
+    int side = image->width < FINE_TIMES * width ? image->width : FINE_TIMES * width;
+    if (side > FINE_SIDE_MAX) side = FINE_SIDE_MAX;
+    if (side < fine_least * width) return SHERF_OK;
+    *out = *image;
+    out->data = mem_alloc(c, n, sizeof *out->data);
+    if (!out->data) return SHERF_NO_MEMORY;
+    memcpy(out->data, image->data, n * sizeof *out->data);
+    return image_resize_area(c, out, side, side);
+}
+
 /* Cut to the square, scaled to `width`. */
 static sherf_status cut_and_scale(context *c, const sherf_observation *o, int left, int top, int side,
                                   int width, sherf_observation **out) {
-    sherf_image image = {0};
+    sherf_image image = {0}, fine = {0};
     image_u8 mask = {0};
     sherf_camera camera = o->camera;
     const float scale = (float)width / (float)side;
@@ -105,10 +121,15 @@ static sherf_status cut_and_scale(context *c, const sherf_observation *o, int le
         camera.K[3 + k] = scale * (o->camera.K[3 + k] - (float)top * o->camera.K[6 + k]);
     }
     sherf_status status = cut_out(c, o, left, top, side, &image, &mask);
+    if (status == SHERF_OK) status = keep_fine(c, &image, width, &fine);
     if (status == SHERF_OK) status = image_resize_area(c, &image, width, width);
     if (status == SHERF_OK) status = image_resize_nearest(c, &mask, width, width);
     if (status == SHERF_OK && !(*out = observation_of(c, &image, &mask.data, &camera, &o->pose)))
         status = SHERF_NO_MEMORY;
+    if (status == SHERF_OK)
+        (*out)->fine = fine;
+    else
+        mem_free(fine.data);
     mem_free(image.data);
     mem_free(mask.data);
     return status;

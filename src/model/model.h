@@ -159,23 +159,27 @@ sherf_status model_items(context *c, const model *m, const float *values, safete
 sherf_status model_load_resnet(context *c, model *m, const char *path);
 
 /* ---- avatar ---- */
-/* model/detail.h; a texel is a pixel of the observation. */
+/* model/detail.h; a texel is a pixel of the observed picture. */
 typedef struct {
     float difference[3]; /* observation minus the avatar's own picture of that view */
     float weight;        /* 0: not to be used; 1: seen well */
-    float depth;         /* metres along the camera's axis, of the avatar's own picture */
+    float depth;         /* metres along the camera's axis, of the avatar's own picture, smoothed */
 } detail_texel;
 typedef struct {
     int width, height;
+    sherf_camera camera;
     detail_texel *texel; /* NULL: none */
+    float *seen;         /* V: how much the observation sees of what is near the vertex, 0 to 1 */
 } avatar_detail;
 struct sherf_avatar {
     model_config config;
     sherf_pose pose; /* the observation's */
     sherf_camera camera;
     uint64_t body_fingerprint;
-    parameters *weights;    /* the point network's only */
-    point_bank bank;        /* its arrays are the avatar's own */
+    parameters *weights; /* the point network's only */
+    point_bank bank;     /* its arrays are the avatar's own */
+    uint8_t *picture;    /* the observation with more pixels than the bank's image, RGB; NULL: none */
+    int picture_width, picture_height;
     posed_body *observed;   /* observation pose, for the pixel-aligned features */
     point_network *network; /* packed for the context's precision it was made or loaded in; NULL on a GPU */
     struct gpu_avatar *gpu; /* in the memory of the GPU that its context has, or NULL */
@@ -219,5 +223,11 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,
                            sherf_frame *frame);
+/* The observation's detail to a frame that was rendered without, for those who render in parts. */
+sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
+                                const posed_body *posed, const sherf_camera *camera, sherf_frame *frame);
+/* The avatar's detail, made now where there is none yet. */
+sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
+                              const avatar_detail **out);
 
 #endif

@@ -164,7 +164,7 @@ typedef struct {
 
 static sherf_status frame_once(bench *b, void *arg) {
     frame_job *j = arg;
-    const sherf_render_options model_steps = {.samples = SHERF_SAMPLES_MODEL};
+    const sherf_render_options model_steps = {.samples = SHERF_SAMPLES_MODEL, .detail = SHERF_DETAIL_OFF};
     return sherf_render(b->c, j->avatar, b->body, &b->target->pose, &b->target->camera, &model_steps,
                         &j->frame);
 }

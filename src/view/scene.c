@@ -74,6 +74,7 @@ sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene 
     s->avatar_count = o->avatar_count;
     s->motion_count = VIEW_OWN_MOTIONS + o->motion_count;
     s->side_max = o->size_px ? o->size_px : 1024;
+    s->detail = o->detail != SHERF_DETAIL_OFF;
     s->avatars = mem_alloc(c, (size_t)s->avatar_count, sizeof *s->avatars);
     s->motions = mem_zero(c, (size_t)s->motion_count, sizeof *s->motions);
     s->framings = mem_zero(c, (size_t)s->avatar_count * (size_t)s->motion_count, sizeof *s->framings);

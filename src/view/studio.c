@@ -38,6 +38,17 @@ static int band_rows(const view *v, const view_job *job) {
     return rows * 4 > left * 3 ? left : rows; /* no small rest */
 }
 
+/* The detail, whose depths are smoothed over neighbours, waits for the whole picture. */
+static sherf_status job_detail(context *c, view *v, view_job *job, const posed_body *posed) {
+    const view_wish *w = &job->wish;
+    const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
+    sherf_frame f = {.color = {w->width, w->height, 3, job->color},
+                     .opacity = {w->width, w->height, 1, job->opacity},
+                     .depth = {w->width, w->height, 1, job->depth}};
+    if (!v->scene.detail || w->mode != VIEW_COLOR) return SHERF_OK;
+    return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, &f);
+}
+
 sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
     const view_wish *w = &job->wish;
     const posed_body *posed;
@@ -52,7 +63,8 @@ sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
     camera.height_px = rows;
     camera.K[5] -= (float)job->rows_done;
     const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
-    status = avatar_render(c, a->avatar, a->body, posed, &camera, NULL, &v->band);
+    const sherf_render_options plain = {.detail = SHERF_DETAIL_OFF};
+    status = avatar_render(c, a->avatar, a->body, posed, &camera, &plain, &v->band);
     if (status != SHERF_OK) return status;
     size_t first = (size_t)job->rows_done * (size_t)w->width, count = (size_t)rows * (size_t)w->width;
     memcpy(job->color + 3 * first, v->band.color.data, 3 * count * sizeof(float));
@@ -63,9 +75,10 @@ sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
     double now = time_seconds(), *pixel_s = &v->pixel_s[w->avatar];
     double latest = (now - posed_s) / (double)count;
     *pixel_s = *pixel_s > 0 ? 0.7 * *pixel_s + 0.3 * latest : latest;
-    job->render_s += now - begun;
     *complete = job->rows_done == w->height;
-    return SHERF_OK;
+    if (*complete) status = job_detail(c, v, job, posed);
+    job->render_s += time_seconds() - begun;
+    return status;
 }
 
 sherf_status job_paint(context *c, const view_job *job, int channels, uint8_t **out) {

@@ -97,6 +97,7 @@ typedef struct {
     view_posed posed[VIEW_POSED];
     uint64_t clock;
     int side_max;
+    bool detail;
     char *about; /* JSON */
 } view_scene;
 sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene *out);

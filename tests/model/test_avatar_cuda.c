@@ -52,7 +52,7 @@ static void render(context *c, const body_model *body, const char *path, sherf_f
     sherf_avatar *a;
     sherf_pose pose;
     sherf_camera camera;
-    const sherf_render_options o = {.background = {0.2f, 0.5f, 1}, .exact = 1};
+    const sherf_render_options o = {.background = {0.2f, 0.5f, 1}, .exact = 1, .detail = SHERF_DETAIL_OFF};
     sherf_pose_identity(&pose);
     pose.poses_rad[3 * 17 + 2] = 0.7f;
     sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 1.1f, 0, 0.8f, 28, 32, &camera);

@@ -42,7 +42,7 @@ static void camera_at(scene *s, double azimuth_deg, int size_px, sherf_camera *o
 }
 
 static void render(scene *s, const sherf_camera *camera, int samples, sherf_frame *out) {
-    const sherf_render_options o = {.samples = samples, .exact = 1};
+    const sherf_render_options o = {.samples = samples, .exact = 1, .detail = SHERF_DETAIL_OFF};
     assert_ok(s->c, sherf_render(s->c, s->avatar, s->body, &s->rest, camera, &o, out));
 }
 

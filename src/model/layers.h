@@ -42,7 +42,7 @@ void decoder(tape *t, const model *m, tensor *tokens, const float *points_canoni
 
 /* points_fused.c: all points at once through the fused network (render/pointnet_train.h), recorded; for
  * training in bf16. sigma [P, 1] and rgb [P, 3] are filled. */
-bool points_fused_possible(const tape *t, const model *m);
+bool points_fused_possible(tape *t, const model *m);
 sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 

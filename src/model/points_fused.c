@@ -1,12 +1,14 @@
 /* Training in bf16: the point network as one step of the tape. The linear layers in front of the fusion are
  * applied to planes, map and volume by ops, so that the tape takes their gradients; the rest runs in tiles,
- * forwards and backwards (render/pointnet_train.h). */
+ * forwards and backwards: on the processor (render/pointnet_train.h) or on a GPU (render/gpu.h). */
 #include "model/layers.h"
-#include "render/pointnet_train.h"
+#include "render/gpu.h"
 
 /* An encoded observation's, for all its frames. */
 struct fused_bank {
-    point_network *network;
+    point_network *network; /* the processor's, */
+    const gpu_point_training *gpu;
+    gpu_points *there; /* or a GPU's */
     point_weights weights;
     const model *m;
     tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
@@ -17,14 +19,23 @@ typedef struct fused_bank fused_bank;
 typedef struct {
     const fused_bank *bank;
     const point_set *points;
+    gpu_point_set there; /* the same in the GPU's memory */
     tensor *sigma, *rgb;
 } fused_node;
 
-bool points_fused_possible(const tape *t, const model *m) {
+/* What trains in the memory of the tape's backend; NULL: the processor, or nothing. */
+static const gpu_point_training *gpu_of(tape *t) {
+    const gpu_renderer *r = gpu_renderer_of(tape_context(t));
+    const tensor_memory *memory = tape_backend(t)->memory;
+    return r && memory && r->memory == memory ? r->training : NULL;
+}
+
+bool points_fused_possible(tape *t, const model *m) {
     point_sizes sizes;
     model_point_sizes(&m->config, &sizes);
-    return tape_records(t) && tape_settings(t).bf16 && tape_backend(t) == &backend_cpu &&
-           point_training_possible(&sizes);
+    if (!tape_records(t) || !tape_settings(t).bf16) return false;
+    const gpu_point_training *gpu = gpu_of(t);
+    return gpu ? gpu->possible(&sizes) : tape_backend(t) == &backend_cpu && point_training_possible(&sizes);
 }
 
 static void network_release(void *network) {
@@ -86,6 +97,40 @@ static void bank_of(const model *m, const body_model *body, const observation_ge
     }
 }
 
+/* The bank's image and grids, which are the host's, in the GPU's memory. */
+static sherf_status place_bank(tape *t, const model_bank *bank, point_bank *b) {
+    b->image = bank->image ? tensor_f32(bank->image) : NULL;
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        const int64_t cells[3] = {b->level[l].size[0], b->level[l].size[1], b->level[l].size[2]};
+        const tensor *grid = tape_constant(t, T_I32, 3, cells, b->level[l].grid);
+        if (!grid || !b->image) return tape_status(t);
+        b->level[l].grid = tensor_i32(grid);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status place_points(tape *t, const point_set *p, gpu_point_set *out) {
+    const int64_t three[2] = {p->count, 3}, two[2] = {p->count, 2};
+    const tensor *canonical = tape_input(t, p->canonical, 2, three),
+                 *direction = tape_input(t, p->direction_canonical, 2, three),
+                 *px = tape_input(t, p->observed_px, 2, two);
+    if (!canonical || !direction || !px) return tape_status(t);
+    *out = (gpu_point_set){p->count, tensor_f32(canonical), tensor_f32(direction), tensor_f32(px)};
+    return SHERF_OK;
+}
+
+static sherf_status processor_backward(tape *t, const fused_node *n, const tensor *drgb, const tensor *dsigma,
+                                       const point_gradients *out) {
+    tape *work = tape_nested(t, false);
+    if (!work) return tape_status(t);
+    tape_reset(work);
+    sherf_status status =
+        point_network_backward(work, n->bank->network, &n->bank->weights, n->points, tensor_f32(n->rgb),
+                               tensor_f32(drgb), tensor_f32(dsigma), out);
+    tape_reset(work);
+    return status;
+}
+
 static sherf_status fused_backward(tape *t, void *payload) {
     const fused_node *n = payload;
     const fused_bank *f = n->bank;
@@ -100,14 +145,11 @@ static sherf_status fused_backward(tape *t, void *payload) {
         out.plane[i] = tensor_f32(plane);
         out.level[i] = tensor_f32(level);
     }
-    tape *work = good ? tape_nested(t, false) : NULL;
-    if (!work) return tape_status(t);
+    if (!good) return tape_status(t);
     out.map = tensor_f32(map);
-    tape_reset(work);
-    sherf_status status = point_network_backward(work, f->network, &f->weights, n->points, tensor_f32(n->rgb),
-                                                 tensor_f32(drgb), tensor_f32(dsigma), &out);
-    tape_reset(work);
-    return status;
+    return f->gpu ? f->gpu->backward(t, f->there, &n->there, tensor_f32(n->rgb), tensor_f32(drgb),
+                                     tensor_f32(dsigma), &out)
+                  : processor_backward(t, n, drgb, dsigma, &out);
 }
 
 static sherf_status fused_create(tape *t, const model *m, const body_model *body,
@@ -117,15 +159,19 @@ static sherf_status fused_create(tape *t, const model *m, const body_model *body
     point_bank b;
     fused_bank *f = tape_alloc(t, 1, sizeof *f);
     if (!f) return tape_status(t);
-    *f = (fused_bank){.m = m};
+    *f = (fused_bank){.m = m, .gpu = gpu_of(t)};
     sherf_status status = merge(t, m, bank, f);
     if (status != SHERF_OK) return status;
     model_point_sizes(&m->config, &sizes);
     model_point_weights(m->weights, &m->config, &f->weights);
     bank_of(m, body, g, f, &merged, &b);
+    *out = f;
+    if (f->gpu) {
+        status = place_bank(t, bank, &b);
+        return status == SHERF_OK ? f->gpu->create(t, &sizes, &f->weights, &b, &f->there) : status;
+    }
     status = point_network_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
     if (status == SHERF_OK && !tape_own(t, f->network, network_release)) status = tape_status(t);
-    *out = f;
     return status;
 }
 
@@ -135,9 +181,15 @@ sherf_status points_fused(tape *t, const model *m, const body_model *body, const
     if (!bank->fused) status = fused_create(t, m, body, g, bank, &bank->fused);
     fused_node *n = tape_alloc(t, 1, sizeof *n);
     if (status != SHERF_OK || !n) return status != SHERF_OK ? status : tape_status(t);
-    *n = (fused_node){bank->fused, points, sigma, rgb};
-    status =
-        point_network_run(tape_context(t), bank->fused->network, points, tensor_f32(rgb), tensor_f32(sigma));
+    const fused_bank *f = bank->fused;
+    *n = (fused_node){.bank = f, .points = points, .sigma = sigma, .rgb = rgb};
+    if (f->gpu) {
+        status = place_points(t, points, &n->there);
+        if (status == SHERF_OK)
+            status = f->gpu->run(t, f->there, &n->there, tensor_f32(rgb), tensor_f32(sigma));
+    } else {
+        status = point_network_run(tape_context(t), f->network, points, tensor_f32(rgb), tensor_f32(sigma));
+    }
     if (status == SHERF_OK) tape_record(t, fused_backward, n);
     return status == SHERF_OK ? tape_status(t) : status;
 }

@@ -5,6 +5,7 @@
 #define SHERF_RENDER_GPU_H
 
 #include "render/pointnet_parts.h"
+#include "render/pointnet_train.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,6 +22,24 @@ typedef struct {
     bool early_stop;          /* rays that are opaque skip the rest of their points */
     const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
 } gpu_frame_options;
+
+/* Training in bf16: the fused point network, forwards and backwards, as pointnet_train is on the processor.
+ * All arrays lie in the device's memory: the bank's (which is merged, with images and grids), the weights'
+ * and the gradients'; what is made lives until the tape is reset. Scratch is the tape's. */
+typedef struct gpu_points gpu_points;
+typedef struct {
+    int64_t count;
+    const float *canonical, *direction_canonical, *observed_px; /* as in point_set */
+} gpu_point_set;
+typedef struct {
+    bool (*possible)(const point_sizes *s);
+    sherf_status (*create)(tape *t, const point_sizes *sizes, const point_weights *weights,
+                           const point_bank *bank, gpu_points **out);
+    sherf_status (*run)(tape *t, const gpu_points *n, const gpu_point_set *points, float *rgb, float *sigma);
+    /* As point_network_backward; the same bits every time. */
+    sherf_status (*backward)(tape *t, const gpu_points *n, const gpu_point_set *points, const float *rgb,
+                             const float *drgb, const float *dsigma, const point_gradients *out);
+} gpu_point_training;
 
 /* The functions of one device. Not for two threads at once with one avatar. */
 typedef struct {
@@ -40,6 +59,7 @@ typedef struct {
                            const gpu_frame_options *options, point_set **out);
     /* As point_network_run: points, rgb and sigma are the host's. */
     sherf_status (*run)(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma);
+    const gpu_point_training *training;
 } gpu_renderer;
 
 extern const gpu_renderer gpu_renderer_cuda;           /* in builds with SHERF_CUDA only */

@@ -8,6 +8,10 @@
 #include "render/pointnet.h"
 #include "tensor/tensor.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Where gradients go; float32, added to. */
 typedef struct {
     /* A weight at address p of point_weights has its gradient at grads + (p - values). */
@@ -27,4 +31,7 @@ sherf_status point_network_backward(tape *work, const point_network *n, const po
                                     const point_set *points, const float *rgb, const float *drgb,
                                     const float *dsigma, const point_gradients *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

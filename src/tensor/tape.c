@@ -141,6 +141,10 @@ void *tape_alloc(tape *t, size_t count, size_t size) {
     return p;
 }
 
+arena *tape_scratch(tape *t) {
+    return t->scratch;
+}
+
 /* Memory for kernels. */
 static void *data_alloc(tape *t, size_t count, size_t size) {
     if (t->status != SHERF_OK) return NULL;

@@ -156,6 +156,8 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same 
 /* Values on the host that somebody else keeps at least until the reset: read in place where the backend can,
  * copied otherwise. No gradient. */
 tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data);
+/* Where kernels take scratch, in the backend's memory: a node of its own kind rewinds it when it is done. */
+arena *tape_scratch(tape *t);
 void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory of the host with the same life */
 /* The value of a scalar: waits for it. NaN for NULL and when the tape has failed. */
 double tape_value(tape *t, const tensor *x);

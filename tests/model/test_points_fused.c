@@ -1,140 +1,7 @@
 /* The point network's fused way through training (bf16) against the ops in float32: densities, colours and
  * the gradients of all that goes in. */
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "data/tubeman.h"
-#include "model/model.h"
-#include "support.h"
-
-/* What both ways are given: a small model, the tube person in two poses, a bank of made-up numbers. */
-typedef struct {
-    context *c;
-    body_model *body;
-    model *m;
-    sherf_image image;
-    observation_geometry *g;
-    target_geometry *target;
-    float *values; /* the bank's numbers */
-} scene;
-
-enum { SIDE = 96, BANK = 3 + 1 + POINT_LEVELS };
-
-static void look(const body_model *body, float azimuth, sherf_camera *out) {
-    sherf_pose pose;
-    sherf_pose_identity(&pose);
-    sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, azimuth, 0, 0.7f, SIDE, SIDE, out);
-    (void)body;
-}
-
-static void scene_open(scene *s, const char *config_text) {
-    context *c = s->c = test_context();
-    model_config config;
-    assert_ok(c, model_config_parse(c, config_text, &config));
-    assert_ok(c, model_create(c, &config, 3, &s->m));
-    assert_ok(c, parameters_make_grads(c, s->m->weights));
-    /* biases and norms away from 0 and 1, densities that both show and hide */
-    for (int i = 0; i < s->m->weights->count; i++) {
-        parameter *q = s->m->weights->item[i];
-        if (q->buffer || q->value.rank > 1 || !model_is_point_weight(q->name)) continue;
-        int64_t n = tensor_count(&q->value);
-        for (int64_t k = 0; k < n; k++)
-            tensor_f32(&q->value)[k] += 0.2f * (float)random_normal(random_key(7, q->name, 0), (uint64_t)k);
-    }
-    assert_ok(c, tubeman_create(c, &s->body));
-    sherf_pose seen, shown;
-    sherf_pose_identity(&seen);
-    sherf_pose_identity(&shown);
-    seen.poses_rad[3 * 16 + 2] = -0.9f;
-    shown.poses_rad[3 * 17 + 2] = 0.7f;
-    sherf_camera camera;
-    look(s->body, 0.3f, &camera);
-    s->image = (sherf_image){SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
-    for (int i = 0; i < SIDE * SIDE * 3; i++) s->image.data[i] = (float)random_uniform(11, (uint64_t)i);
-    assert_ok(c,
-              observation_geometry_create(c, &config, s->body, &s->image, &camera, &seen, true, NULL, &s->g));
-    look(s->body, 1.1f, &camera);
-    assert_ok(c, target_geometry_create(c, &config, s->body, &camera, &shown, s->g, false, &s->target));
-}
-
-static void scene_close(scene *s) {
-    target_geometry_free(s->target);
-    observation_geometry_free(s->g);
-    mem_free(s->image.data);
-    sherf_body_free(s->body);
-    model_free(s->m);
-    sherf_context_free(s->c);
-}
-
-/* One pass: the outputs of a fixed sum of the frame, and all gradients into `out` (the weights', then the
- * bank's). */
-static int64_t pass(scene *s, const backend *with, bool bf16, float *frame_out, float **gradients) {
-    context *c = s->c;
-    tape *t = tape_create(c, (tape_options){with, true, true, bf16});
-    assert_non_null(t);
-    const model_config *k = &s->m->config;
-    model_bank bank = {0};
-    int64_t R = k->plane_resolution, half = SIDE / 2, total = s->m->weights->trained_floats;
-    tensor *leaf[BANK];
-    for (int i = 0; i < BANK; i++) {
-        int64_t dim[3] = {R, R, k->token_width};
-        int rank = 3;
-        if (i == 3) dim[0] = dim[1] = half, dim[2] = k->feature_width;
-        if (i > 3) rank = 2, dim[0] = s->g->level[i - 3].voxels, dim[1] = k->volume_channels[i - 4];
-        leaf[i] = tape_tensor(t, T_F32, rank, dim);
-        assert_non_null(leaf[i]);
-        leaf[i]->needs_grad = true;
-        for (int64_t n = 0; n < tensor_count(leaf[i]); n++)
-            tensor_f32(leaf[i])[n] = (float)random_normal((uint64_t)i + 20, (uint64_t)n);
-        total += tensor_count(leaf[i]);
-    }
-    for (int i = 0; i < 3; i++) {
-        bank.plane[i] = leaf[i];
-        bank.level[i] = leaf[4 + i];
-    }
-    bank.features = leaf[3];
-    bank.image = tape_input(t, s->image.data, 3, (int64_t[]){SIDE, SIDE, 3});
-    parameters_zero_grads(s->m->weights);
-    tensor *frame = NULL;
-    assert_ok(c, model_frame(t, s->m, s->body, s->g, &bank, s->target, 0, 5, &frame));
-    memcpy(frame_out, frame->data, SIDE * SIDE * 5 * sizeof(float));
-    tensor *d = tape_grad(t, frame);
-    for (int64_t i = 0; i < SIDE * SIDE * 5; i++) /* none on depth, which has no gradient */
-        tensor_f32(d)[i] = i % 5 == 4 ? 0 : 1 + 0.5f * (float)random_normal(99, (uint64_t)i);
-    assert_ok(c, tape_backward_seeded(t));
-    float *g = *gradients = mem_zero(c, (size_t)total, sizeof *g);
-    memcpy(g, s->m->weights->grads, (size_t)s->m->weights->trained_floats * sizeof *g);
-    g += s->m->weights->trained_floats;
-    for (int i = 0; i < BANK; i++) {
-        assert_non_null(leaf[i]->grad);
-        memcpy(g, leaf[i]->grad->data, (size_t)tensor_count(leaf[i]) * sizeof *g);
-        g += tensor_count(leaf[i]);
-    }
-    tape_free(t);
-    return total;
-}
-
-/* |a - b| / |b| */
-static double off(const float *a, const float *b, int64_t n) {
-    double apart = 0, size = 0;
-    for (int64_t i = 0; i < n; i++) {
-        apart += (double)(a[i] - b[i]) * (a[i] - b[i]);
-        size += (double)b[i] * b[i];
-    }
-    assert_true(size > 0);
-    return sqrt(apart / size);
-}
-
-/* Rounding to bf16 in an order of its own may be as far from float32 as the ops' bf16 is, not much further.
- */
-static void no_worse(const char *name, const float *fused, const float *rounded, const float *exact,
-                     int64_t n) {
-    const double a = off(fused, exact, n), b = off(rounded, exact, n);
-    if (getenv("SHERF_TEST_VERBOSE")) printf("%-56s %.4f, ops in bf16 %.4f\n", name, a, b);
-    if (a > 1.3 * b + 0.003) fail_msg("%s: %g from float32, the ops in bf16 %g", name, a, b);
-}
+enum { SIDE = 96, WITHOUT = 0 };
+#include "points_fused_pass.h"
 
 static void agrees(const char *config) {
     scene s = {0};
@@ -142,21 +9,11 @@ static void agrees(const char *config) {
     static float frame[3][SIDE * SIDE * 5];
     float *fused, *rounded, *exact;
     const backend ops = backend_cpu; /* another than the one that fuses */
-    int64_t n = pass(&s, &backend_cpu, true, frame[0], &fused);
-    assert_int_equal(pass(&s, &ops, true, frame[1], &rounded), n);
-    assert_int_equal(pass(&s, &ops, false, frame[2], &exact), n);
+    int64_t n = pass(&s, s.m, &backend_cpu, true, frame[0], &fused);
+    assert_int_equal(pass(&s, s.m, &ops, true, frame[1], &rounded), n);
+    assert_int_equal(pass(&s, s.m, &ops, false, frame[2], &exact), n);
     no_worse("frame", frame[0], frame[1], frame[2], SIDE * SIDE * 5);
-    const parameters *p = s.m->weights;
-    int checked = 0;
-    for (int i = 0; i < p->count; i++) {
-        const parameter *q = p->item[i];
-        if (q->buffer || !model_is_point_weight(q->name)) continue;
-        no_worse(q->name, fused + q->offset, rounded + q->offset, exact + q->offset, tensor_count(&q->value));
-        checked++;
-    }
-    assert_int_equal(checked, 23 + 2 * s.m->config.decoder_depth);
-    no_worse("bank", fused + p->trained_floats, rounded + p->trained_floats, exact + p->trained_floats,
-             n - p->trained_floats);
+    no_worse_all(&s, fused, rounded, exact, n);
     mem_free(fused);
     mem_free(rounded);
     mem_free(exact);

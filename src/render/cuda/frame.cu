@@ -417,5 +417,6 @@ static sherf_status avatar_run(context *c, gpu_avatar *a, const point_set *point
 
 } // namespace cuda_backend
 
-const gpu_renderer gpu_renderer_cuda = {&device_memory, avatar_place, avatar_release, avatar_in_bf16,
-                                        avatar_bytes,   avatar_frame, avatar_points,  avatar_run};
+const gpu_renderer gpu_renderer_cuda = {&device_memory, avatar_place, avatar_release,
+                                        avatar_in_bf16, avatar_bytes, avatar_frame,
+                                        avatar_points,  avatar_run,   &cuda_backend::points_training};

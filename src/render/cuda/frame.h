@@ -126,6 +126,9 @@ void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics
                  const sample_wish *wish, const float *observed_maps, float observed_blend_m,
                  const placed_camera *observed_camera, const empty_cells *empty, placed_points *p);
 
+/* ---- training (train.cu) ---- */
+extern const gpu_point_training points_training;
+
 /* ---- the network (network.cu, network_bf16.cu) ---- */
 struct placed_network;
 sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,

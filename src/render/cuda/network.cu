@@ -122,14 +122,9 @@ static sherf_status place_layers(context *c, arena *a, const tensor_memory *memo
     return SHERF_OK;
 }
 
-sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
-                           placed_network **out) {
-    *out = nullptr;
-    placed_network *n = (placed_network *)mem_zero(c, 1, sizeof *n);
-    if (!n) return SHERF_NO_MEMORY;
+network_sizes network_sizes_of(const point_parts *p) {
     const point_sizes *s = &p->s;
-    n->bf16 = bf16 && bf16_fits(p);
-    n->s = {s->token_width,     p->fused,
+    return {s->token_width,     p->fused,
             s->heads,           s->head_width,
             p->attention_width, p->color_width,
             p->color_token,     s->color_frequencies,
@@ -137,8 +132,17 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
             p->direction_width, s->direction_frequencies,
             s->decoder_width,   s->decoder_depth,
             s->decoder_skip,    s->view_width};
+}
+
+sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
+                           placed_network **out) {
+    *out = nullptr;
+    placed_network *n = (placed_network *)mem_zero(c, 1, sizeof *n);
+    if (!n) return SHERF_NO_MEMORY;
+    n->s = network_sizes_of(p);
+    n->bf16 = bf16 && bf16_fits(n->s);
     sherf_status status = place_bank(c, a, memory, p, n->bf16, &n->bank);
-    if (!status && n->bf16) status = bf16_place(c, a, memory, p, &n->fragments);
+    if (!status && n->bf16) status = bf16_place(c, a, memory, p, n->s, &n->fragments);
     if (!status && !n->bf16) status = place_layers(c, a, memory, p, &n->layers);
     if (!status) status = finished_work(c, "placing a point network");
     if (status)

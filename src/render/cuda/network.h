@@ -70,9 +70,10 @@ int float_blocks();
 void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
                const network_scratch *scratch);
 /* network_bf16.cu */
-bool bf16_fits(const point_parts *p);
+network_sizes network_sizes_of(const point_parts *p);
+bool bf16_fits(const network_sizes &s);
 sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
-                        bf16_layers *out);
+                        const network_sizes &s, bf16_layers *out);
 void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
               const network_scratch *scratch);
 

@@ -59,6 +59,14 @@ __device__ inline void mma_bf16(float c[4], const uint32_t a[4], const uint32_t 
                  : "r"(a[0]), "r"(a[1]), "r"(a[2]), "r"(a[3]), "r"(b[0]), "r"(b[1]));
 }
 
+/* The whole warp: an 8 x 8 matrix of 16-bit values, lane 4 g + t holding columns 2 t, 2 t + 1 of row g,
+ * transposed. */
+__device__ inline uint32_t transpose8(uint32_t v) {
+    uint32_t out;
+    asm volatile("movmatrix.sync.aligned.m8n8.trans.b16 %0, %1;" : "=r"(out) : "r"(v));
+    return out;
+}
+
 /* To nearest, even on a tie. */
 __device__ inline uint32_t pack_bf16(float low, float high) {
     const __nv_bfloat162 both = __floats2bfloat162_rn(low, high);

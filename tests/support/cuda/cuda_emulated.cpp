@@ -329,6 +329,15 @@ void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]) {
     }
 }
 
+uint32_t transpose8(uint32_t v) {
+    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const int g = current % WARP / 4, t = current % 4;
+    auto at = [&](int row, int column) {
+        return of_lane<uint32_t>(lanes, 4 * row + column / 2) >> column % 2 * 16 & 0xffff;
+    };
+    return at(2 * t, g) | at(2 * t + 1, g) << 16;
+}
+
 uint32_t pack_bf16(float low, float high) {
     const float v[2] = {low, high};
     uint32_t bits[2];

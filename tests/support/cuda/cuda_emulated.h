@@ -53,6 +53,7 @@ int32_t warp_before(int32_t v);
 int bits_set(uint32_t bits);
 uint32_t warp_ballot(bool v);
 void warp_barrier();
+uint32_t transpose8(uint32_t v);
 void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]);
 uint32_t pack_bf16(float low, float high);
 float unpack_bf16(uint32_t pair, int high);

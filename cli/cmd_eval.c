@@ -109,7 +109,7 @@ const verb verb_eval = {
     .example =
         "sherf eval --data thuman:THuman/nerf_data_ --model model.safetensors --body body.safetensors -o "
         "out\n"
-        "sherf eval --data thuman:people --people person_3 --observation 0:4 --poses 0,2 --views 0:2:12 "
+        "sherf eval --data thuman:people --people tube_003 --observation 0:4 --poses 0,2 --views 0:2:12 "
         "-m model.safetensors -b people/tubeman.safetensors\n"
         "sherf eval --data thuman:people --people 0-9 --observation random --seed 1 --size 256 --yardsticks "
         "-m "

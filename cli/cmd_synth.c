@@ -57,7 +57,9 @@ static int report(int64_t people, int64_t poses, int64_t views) {
         cJSON_AddNumberToObject(json, "pictures", (double)(people * poses * views));
         session_json(json);
     } else {
-        session_remark("%s: %d people, %d poses, %d views", set.output, (int)people, (int)poses, (int)views);
+        session_remark("%s: %d %s, %d pose%s, %d view%s", set.output, (int)people,
+                       people == 1 ? "person" : "people", (int)poses, poses == 1 ? "" : "s", (int)views,
+                       views == 1 ? "" : "s");
     }
     return EXIT_DONE;
 }

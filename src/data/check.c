@@ -357,7 +357,8 @@ static sherf_status check_dataset(checker *k, const char *spec) {
     dataset_count n = {0};
     sherf_status status = sherf_dataset_open(k->c, spec, &d);
     if (status) return finding_of(k, status);
-    finding(k, NOTE, "%s: %s, %d people", d->root, data_protocol_of(d->kind)->name, d->people);
+    finding(k, NOTE, "%s: %s, %d %s", d->root, data_protocol_of(d->kind)->name, d->people,
+            d->people == 1 ? "person" : "people");
     for (int i = 0; i < d->people && !status; i++) {
         status = check_person(k, d, i, &n);
         if (!status) status = progress(k->c, "people", i + 1, d->people);

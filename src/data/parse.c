@@ -130,11 +130,11 @@ sherf_status parse_pose(context *c, const value *v, sherf_pose *out) {
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera) {
     const double *K = camera->K;
     for (int i = 0; i < 9; i++)
-        if (!isfinite(K[i]) || !isfinite(camera->R[i]))
+        if (!isfinite((float)K[i]) || !isfinite((float)camera->R[i])) /* 1e39 is not one either */
             return failure(c, SHERF_BAD_FILE, "camera: %c has a value that is not finite",
-                           isfinite(K[i]) ? 'R' : 'K');
+                           isfinite((float)K[i]) ? 'R' : 'K');
     for (int i = 0; i < 3; i++)
-        if (!isfinite(camera->T[i]))
+        if (!isfinite((float)camera->T[i]))
             return failure(c, SHERF_BAD_FILE, "camera: T has a value that is not finite");
     for (int i = 0; i < 5; i++)
         if (!isfinite(camera->D[i]))

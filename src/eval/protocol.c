@@ -121,19 +121,20 @@ static sherf_status truth_check(evaluation *e, const data_view *truth, const pos
     return seen == SHERF_MISMATCH ? SHERF_OK : status;
 }
 
-static sherf_status compare_with(evaluation *e, const data_view *truth, int person, picture picture,
+static sherf_status compare_with(evaluation *e, const data_view *truth, int person, picture p,
                                  comparison *k) {
     context *c = e->c;
     const int width = truth->image.width, height = truth->image.height;
-    const sherf_pose *p = &truth->pose;
+    const sherf_pose *pose = &truth->pose;
     float min_world[3], max_world[3];
     posed_body *posed = NULL;
     *k = (comparison){.mask = mem_zero(c, (size_t)width * (size_t)height, 1)};
     if (!k->mask) return SHERF_NO_MEMORY;
-    sherf_status status = posed_body_create(c, e->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    sherf_status status =
+        posed_body_create(c, e->body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed);
     if (status != SHERF_OK) return status;
     body_world_box(e->body, posed, min_world, max_world);
-    status = truth_check(e, truth, posed, person, picture);
+    status = truth_check(e, truth, posed, person, p);
     posed_body_free(posed);
     if (status != SHERF_OK) return status;
     box_ray_mask(&truth->camera, min_world, max_world, k->mask);

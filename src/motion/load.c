@@ -121,13 +121,11 @@ static void describe(const source *s, int frames, sherf_up up, double unit_m, ch
     if (unit_m == 0.001) snprintf(unit, sizeof unit, "millimetres");
     if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
         snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
-    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s, %s%s%s%s", s->format, frames,
+    const bool told = s->is_pelvis && *s->detail; /* a BVH's detail has its unit */
+    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s", s->format, frames,
              frames == 1 ? "" : "s", s->clip.fps, s->fps_said ? "" : " (assumed)", up_name[up],
-             s->is_pelvis ? "" : unit,
-             s->is_pelvis ? ""
-             : *s->detail ? ", "
-                          : "",
-             s->detail, s->has_shapes ? ", with a body shape" : "");
+             told ? "" : ", ", told ? "" : unit, *s->detail ? ", " : "", s->detail,
+             s->has_shapes ? ", with a body shape" : "");
 }
 
 sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out) {

@@ -1,9 +1,15 @@
 /* Camera and body that do not belong together are told before anything is computed from them. */
+#include <math.h>
+
 #include "render/render.h"
+
+/* Pixels; nothing is to be seen of who is smaller. */
+enum { SIDE_LEAST = 2 };
 
 sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
                              const uint8_t *mask) {
     size_t V = (size_t)m->vertices, inside = 0, masked = 0;
+    float least[2] = {INFINITY, INFINITY}, most[2] = {-INFINITY, -INFINITY};
     float *vertices = mem_alloc(c, V * 3, sizeof *vertices);
     float *uv = mem_alloc(c, V * 2, sizeof *uv), *depth = mem_alloc(c, V, sizeof *depth);
     sherf_status status = vertices && uv && depth ? SHERF_OK : SHERF_NO_MEMORY;
@@ -15,12 +21,21 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
             if (!(depth[i] > 0 && x >= 0 && x < camera->width_px && y >= 0 && y < camera->height_px))
                 continue;
             inside++;
+            for (int k = 0; k < 2; k++) {
+                least[k] = fminf(least[k], uv[2 * i + (size_t)k]);
+                most[k] = fmaxf(most[k], uv[2 * i + (size_t)k]);
+            }
             masked += mask && mask[(size_t)y * (size_t)camera->width_px + (size_t)x];
         }
         if (!inside)
             status = failure(c, SHERF_MISMATCH,
                              "the body lies outside the picture: camera and body do not belong together "
                              "(metres? world to camera? see sherf check)");
+        else if (inside == V && most[0] - least[0] < SIDE_LEAST && most[1] - least[1] < SIDE_LEAST)
+            status = failure(c, SHERF_MISMATCH,
+                             "the body would be less than %d pixels large: camera and body do not belong "
+                             "together (metres? see sherf check)",
+                             SIDE_LEAST);
         else if (mask && !masked)
             status = failure(c, SHERF_MISMATCH,
                              "no part of the body lies inside the mask: mask, camera and body do not belong "

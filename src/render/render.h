@@ -15,8 +15,8 @@ void camera_project(const sherf_camera *camera, int64_t n, const float *points_w
 void camera_position(const sherf_camera *camera, float position_world[3]);
 sherf_status
 camera_check(context *c, const sherf_camera *camera); /* finite, K invertible, R a rotation, sizes in range */
-/* SHERF_MISMATCH when no vertex of the posed body falls into the camera's picture, or, with a mask (1 byte a
- * pixel), none where it is not 0. */
+/* SHERF_MISMATCH when no vertex of the posed body falls into the camera's picture, when all of it is smaller
+ * than two pixels, or, with a mask (1 byte a pixel), when no vertex falls where it is not 0. */
 sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
                              const uint8_t *mask);
 /* Scales K with the picture. */

@@ -30,6 +30,7 @@ static sherf_status target_load(context *c, const sherf_dataset *d, const model_
     if (status != SHERF_OK) return status;
     const data_view *t = *target;
     status = target_geometry_create(c, config, body, &t->camera, &t->pose, observation, false, geometry);
+    if (status == SHERF_OK) status = body_in_picture(c, body, (*geometry)->body, &t->camera, t->mask);
     return named(c, status, d, person, pose, view);
 }
 
@@ -42,6 +43,8 @@ sherf_status sample_load(context *c, const sherf_dataset *d, const model_config 
     const data_view *o = out->observation;
     status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true, NULL,
                                          &out->observation_geometry);
+    if (status == SHERF_OK)
+        status = body_in_picture(c, body, out->observation_geometry->body, &o->camera, o->mask);
     named(c, status, d, drawn.person, drawn.pose, drawn.observed_view);
     if (status == SHERF_OK)
         status = target_load(c, d, config, body, drawn.person, drawn.pose, drawn.view, width,

@@ -210,6 +210,8 @@ static void from_memory(void **state) {
     o->pose.Th_m[0] = 0;
     o->pose.Th_m[2] = 10; /* behind the camera */
     assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "outside the picture");
+    o->pose.Th_m[2] = -50;
+    assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "less than 2 pixels");
     o->pose.Th_m[2] = 0;
     memset(o->mask, 0, 6 * 4);
     o->mask[23] = 1; /* a corner that the body is not in */

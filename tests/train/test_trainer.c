@@ -219,15 +219,16 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     sherf_context_free(c);
 }
 
-/* Cameras of tube_000 in millimetres. */
-static void write_millimetres(context *c, const char *spec, const char *person) {
+/* Cameras of tube_000, T scaled and then moved along x. */
+static void write_cameras(context *c, const char *spec, const char *person, float scale, float shift) {
     enum { VIEWS = 3 };
     sherf_dataset *d;
     sherf_camera camera[VIEWS];
     assert_ok(c, sherf_dataset_open(c, spec, &d));
     for (int v = 0; v < VIEWS; v++) {
         assert_ok(c, sherf_dataset_camera(c, d, 0, v, &camera[v]));
-        for (int i = 0; i < 3; i++) camera[v].T_m[i] *= 1000;
+        for (int i = 0; i < 3; i++) camera[v].T_m[i] *= scale;
+        camera[v].T_m[0] += shift;
     }
     sherf_dataset_free(d);
     assert_ok(c, thuman_write_annots(c, person, 1, VIEWS, camera));
@@ -246,6 +247,12 @@ static void broken_data_is_one_line(void **state) {
     o.data = spec;
     o.body = body;
     o.people = "0";
+    write_cameras(c, spec, path_of("broken/tube_000"), 1, 50);
+    assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "tube_000, pose 0, view "));
+    assert_non_null(strstr(c->message, "the body lies outside the picture"));
+    assert_false(path_is_folder(path_of("broken_run")));
+    write_cameras(c, spec, path_of("broken/tube_000"), 1, -50);
     for (int v = 0; v < 3; v++) { /* whichever comes first is drawn */
         char name[64];
         snprintf(name, sizeof name, "broken/tube_000/mask_cihp/view%02d/000000.png", v);
@@ -254,7 +261,7 @@ static void broken_data_is_one_line(void **state) {
     assert_int_equal(sherf_train(c, &o), SHERF_NO_FILE);
     assert_non_null(strstr(c->message, "broken/tube_000/mask_cihp/view0"));
     assert_false(path_is_folder(path_of("broken_run")));
-    write_millimetres(c, spec, path_of("broken/tube_000"));
+    write_cameras(c, spec, path_of("broken/tube_000"), 1000, 0);
     assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "metres?"));
     assert_false(path_is_folder(path_of("broken_run")));

@@ -130,9 +130,12 @@ static inline void finish_all(waiting *w) {
     ORDER();
 }
 
-/* Room for 8 tiles of sums: the half that nothing waits in. */
+/* Room for 8 tiles of sums: the half that something waits in, and the other. */
+static inline float *used_half(const waiting *w, float *c) {
+    return w->count && w->tile[0].sums >= c + 1024 ? c + 1024 : c;
+}
 static inline float *free_half(const waiting *w, float *c) {
-    return w->count && w->tile[0].sums < c + 1024 ? c + 1024 : c;
+    return used_half(w, c) == c ? c + 1024 : c;
 }
 
 /* What goes between two tile instructions of a step: two rows of a waiting tile and a part of the prefetch of
@@ -173,7 +176,7 @@ static inline float *free_half(const waiting *w, float *c) {
         BETWEEN(7);                                                                                          \
         char *out = y.at + (size_t)g * y.pitch + m * 8 * PAIR;                                               \
         oldest = newest;                                                                                     \
-        newest = (waiting_tile){ring + (step & 3) * 256, l->bias + m * 16, out, masked ? out + mask : NULL}; \
+        newest = (waiting_tile){ring + (step & 1) * 256, l->bias + m * 16, out, masked ? out + mask : NULL}; \
         step++;                                                                                              \
         g++;                                                                                                 \
     } while (0)
@@ -188,11 +191,13 @@ static inline void leave_two(waiting *w, waiting_tile nothing) {
 
 /* y = ReLU(W x + b), or (masked) W x + b where the ReLU's result `mask` bytes behind y is not 0; rounded, for
  * all points, of up to 4 column blocks: the weights of 16 rows stay in tiles. The last two tiles are left
- * waiting. */
+ * waiting. Sums take two places in turn, what waits in the first or elsewhere being finished in step 0 and
+ * what waits in the second in step 1, before the next sums come there: inputs, results and two rows of
+ * weights fill the first cache but for 4 KB. */
 static inline __attribute__((always_inline)) void dense_short(const tiles *l, const int blocks, channels x,
                                                               channels y, const bool masked, ptrdiff_t mask,
                                                               float *c, waiting *w) {
-    float *ring = free_half(w, c);
+    float *ring = used_half(w, c);
     int step = 0;
     leave_two(w, (waiting_tile){ring, l->bias, y.at, masked ? y.at + mask : NULL});
     waiting_tile oldest = w->tile[0], newest = w->tile[1];

@@ -1,6 +1,9 @@
 /* Rays through the pixels, and where they cross the body's box (network.md: Rays and points, 1). */
 #include <math.h>
 #include <string.h>
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
 
 #include "render/ray.h"
 
@@ -21,6 +24,7 @@ typedef struct {
     ray_bundle *r;
     ray_optics optics;
     float min[3], max[3];
+    bool wide; /* sixteen columns at a time */
 } ray_job;
 
 static void invert(const float K[9], float out[9]) {
@@ -53,15 +57,98 @@ static bool make_ray(const ray_job *job, int column, int row, float direction[3]
     return cross_box(job->optics.origin, direction, job->min, job->max, near, far);
 }
 
+/* The rays of a row's columns from `column` on. */
+static void make_some(const ray_job *job, int row, int column) {
+    ray_bundle *r = job->r;
+    for (; column < r->width; column++) {
+        size_t n = (size_t)row * (size_t)r->width + (size_t)column;
+        r->near[n] = 0, r->far[n] = 1;
+        r->at_box[n] = make_ray(job, column, row, r->direction + 3 * n, r->near + n, r->far + n);
+    }
+}
+
+#if defined(__x86_64__)
+#define AVX512 __attribute__((target("avx512f,avx512dq,avx512bw")))
+
+/* As ray_direction for sixteen columns, operation by operation. */
+AVX512 static void directions_avx512(const ray_optics *o, int column, int row, __m512 out[3]) {
+    __m512 p[3], x = _mm512_cvtepi32_ps(_mm512_add_epi32(
+                     _mm512_set1_epi32(column),
+                     _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)));
+    for (int k = 0; k < 3; k++) {
+        p[k] = _mm512_add_ps(_mm512_mul_ps(_mm512_set1_ps(o->K_inverse[3 * k]), x),
+                             _mm512_set1_ps(o->K_inverse[3 * k + 1] * (float)row));
+        p[k] = _mm512_add_ps(p[k], _mm512_set1_ps(o->K_inverse[3 * k + 2]));
+        p[k] = _mm512_sub_ps(p[k], _mm512_set1_ps(o->T_m[k]));
+    }
+    for (int k = 0; k < 3; k++) {
+        __m512 d = _mm512_mul_ps(_mm512_set1_ps(o->R[k]), p[0]);
+        d = _mm512_add_ps(d, _mm512_mul_ps(_mm512_set1_ps(o->R[3 + k]), p[1]));
+        d = _mm512_add_ps(d, _mm512_mul_ps(_mm512_set1_ps(o->R[6 + k]), p[2]));
+        out[k] = _mm512_sub_ps(d, _mm512_set1_ps(o->origin[k]));
+    }
+}
+
+/* As cross_box for sixteen directions: which cross the box, and where. */
+AVX512 static __mmask16 cross_box_avx512(const ray_job *job, const __m512 direction[3], __m512 *near,
+                                         __m512 *far) {
+    const float spare = 1e-6f, *from = job->optics.origin;
+    const __m512 zero = _mm512_setzero_ps();
+    __m512 first = zero, second = zero;
+    __mmask16 one = 0, two = 0, more = 0; /* crossings so far: at least this many */
+    for (int face = 0; face < 6; face++) {
+        const int k = face % 3;
+        __mmask16 inside = _mm512_cmp_ps_mask(direction[k], zero, _CMP_NEQ_UQ);
+        const __m512 at =
+            _mm512_div_ps(_mm512_set1_ps((face < 3 ? job->min[k] : job->max[k]) - from[k]), direction[k]);
+        for (int a = 0; a < 3; a++) {
+            const __m512 x = _mm512_add_ps(_mm512_mul_ps(at, direction[a]), _mm512_set1_ps(from[a]));
+            inside = _mm512_mask_cmp_ps_mask(inside, x, _mm512_set1_ps(job->min[a] - spare), _CMP_GE_OQ);
+            inside = _mm512_mask_cmp_ps_mask(inside, x, _mm512_set1_ps(job->max[a] + spare), _CMP_LE_OQ);
+        }
+        more |= two & inside;
+        second = _mm512_mask_mov_ps(second, one & inside, at);
+        two |= one & inside;
+        first = _mm512_mask_mov_ps(first, ~one & inside, at);
+        one |= inside;
+    }
+    const __mmask16 ordered = _mm512_cmp_ps_mask(first, second, _CMP_LT_OQ);
+    const __m512 low = _mm512_mask_mov_ps(second, ordered, first);
+    *far = _mm512_mask_mov_ps(first, ordered, second);
+    *near = _mm512_maskz_mov_ps(_mm512_cmp_ps_mask(low, zero, _CMP_GT_OQ), low);
+    return two & ~more & _mm512_cmp_ps_mask(*far, zero, _CMP_GT_OQ);
+}
+
+/* Whole sixteens of a row; returns the first column that is left. */
+AVX512 static int make_sixteens(const ray_job *job, int row) {
+    ray_bundle *r = job->r;
+    int column = 0;
+    for (; column + 16 <= r->width; column += 16) {
+        const size_t n = (size_t)row * (size_t)r->width + (size_t)column;
+        __m512 d[3], near, far;
+        float direction[3][16];
+        directions_avx512(&job->optics, column, row, d);
+        const __mmask16 met = cross_box_avx512(job, d, &near, &far);
+        for (int k = 0; k < 3; k++) _mm512_storeu_ps(direction[k], d[k]);
+        for (int i = 0; i < 16; i++)
+            for (int k = 0; k < 3; k++) r->direction[3 * (n + (size_t)i) + (size_t)k] = direction[k][i];
+        _mm512_storeu_ps(r->near + n, _mm512_maskz_mov_ps(met, near));
+        _mm512_storeu_ps(r->far + n, _mm512_mask_mov_ps(_mm512_set1_ps(1), met, far));
+        _mm_storeu_si128((__m128i *)(r->at_box + n), _mm512_maskz_cvtepi32_epi8(met, _mm512_set1_epi32(1)));
+    }
+    return column;
+}
+#endif
+
 static void make_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const ray_job *job = arg;
-    ray_bundle *r = job->r;
-    for (int row = (int)begin; row < end; row++)
-        for (int column = 0; column < r->width; column++) {
-            size_t n = (size_t)row * (size_t)r->width + (size_t)column;
-            r->near[n] = 0, r->far[n] = 1;
-            r->at_box[n] = make_ray(job, column, row, r->direction + 3 * n, r->near + n, r->far + n);
-        }
+    for (int row = (int)begin; row < end; row++) {
+        int column = 0;
+#if defined(__x86_64__)
+        if (job->wide) column = make_sixteens(job, row);
+#endif
+        make_some(job, row, column);
+    }
 }
 
 void box_ray_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3],
@@ -94,7 +181,7 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
         rays_free(r);
         return SHERF_NO_MEMORY;
     }
-    ray_job job = {.r = r};
+    ray_job job = {.r = r, .wide = isa_best() >= ISA_AVX512};
     ray_job_init(&job, camera, min_world, max_world);
     memcpy(r->origin_world, job.optics.origin, sizeof r->origin_world);
     parallel_for(c, r->height, 8, make_rows, &job);

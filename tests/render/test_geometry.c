@@ -130,6 +130,38 @@ static bool tied(const body_reference *r, const float p[3]) {
     return second - best < 1e-5 * best;
 }
 
+/* Sixteen columns at a time give the bits of one at a time, also for rays along the axes, from inside the box
+ * and past it. */
+static void rays_are_exact(void **state) {
+    context *c = ((body_reference *)*state)->c;
+    const float min[3] = {-0.4f, -0.9f, -0.25f}, max[3] = {0.5f, 0.8f, 0.2f}, centre[3] = {0};
+    int64_t met = 0, all = 0;
+    for (int i = 0; i < 60; i++) {
+        const int width = 3 + i * 7 % 64, height = 5 + i % 9;
+        const float distance = i % 3 == 0 ? 0.1f : i % 3 == 1 ? 1.5f : 4;
+        sherf_camera k;
+        ray_bundle *rays[2];
+        sherf_camera_orbit(centre, distance, i < 8 ? (float)i * 1.57079633f : 0.37f * (float)i,
+                           i < 8 ? 0 : (float)sin(i), 1.2f, width, height, &k);
+        for (int run = 0; run < 2; run++) {
+            if (run)
+                unsetenv("SHERF_ISA");
+            else
+                setenv("SHERF_ISA", "plain", 1);
+            assert_ok(c, rays_create(c, &k, min, max, &rays[run]));
+        }
+        const size_t n = (size_t)width * (size_t)height;
+        assert_memory_equal(rays[0]->direction, rays[1]->direction, 3 * n * sizeof(float));
+        assert_memory_equal(rays[0]->near, rays[1]->near, n * sizeof(float));
+        assert_memory_equal(rays[0]->far, rays[1]->far, n * sizeof(float));
+        assert_memory_equal(rays[0]->at_box, rays[1]->at_box, n);
+        for (size_t p = 0; p < n; p++) met += rays[0]->at_box[p], all++;
+        rays_free(rays[0]);
+        rays_free(rays[1]);
+    }
+    assert_true(met > all / 4 && met < all * 3 / 4);
+}
+
 static void points_agree(void **state) {
     body_reference *r = *state;
     ray_bundle *rays = target_rays(r, &r->target_camera);
@@ -386,16 +418,12 @@ static void allocations_may_fail(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(projection_agrees),
-                                       cmocka_unit_test(orbit_looks_at_the_centre),
-                                       cmocka_unit_test(bad_cameras_are_refused),
-                                       cmocka_unit_test(rays_agree),
-                                       cmocka_unit_test(points_agree),
-                                       cmocka_unit_test(points_are_exact),
-                                       cmocka_unit_test(nobody_in_sight),
-                                       cmocka_unit_test(box_mask_is_opencvs),
-                                       cmocka_unit_test(raster_is_analytic),
-                                       cmocka_unit_test(raster_draws_the_body),
-                                       cmocka_unit_test(allocations_may_fail)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(projection_agrees),       cmocka_unit_test(orbit_looks_at_the_centre),
+        cmocka_unit_test(bad_cameras_are_refused), cmocka_unit_test(rays_agree),
+        cmocka_unit_test(rays_are_exact),          cmocka_unit_test(points_agree),
+        cmocka_unit_test(points_are_exact),        cmocka_unit_test(nobody_in_sight),
+        cmocka_unit_test(box_mask_is_opencvs),     cmocka_unit_test(raster_is_analytic),
+        cmocka_unit_test(raster_draws_the_body),   cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
 }

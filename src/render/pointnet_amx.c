@@ -9,11 +9,87 @@ typedef struct {
     float *sums;
 } fusion_space;
 
+enum { ONE = WIDTH * GROUP, ALL = 3 * ONE };
+
+/* Eight rows, from R * 8 on, of the sums before, while tile instructions are under way. */
+#define ADD(R)                                                                                               \
+    do {                                                                                                     \
+        ORDER();                                                                                             \
+        for (int row = (R)*8 * GROUP; row < ((R) + 1) * 8 * GROUP; row += GROUP)                             \
+            _mm512_store_ps(to + row, _mm512_add_ps(_mm512_load_ps(to + row), _mm512_load_ps(from + row)));  \
+        ORDER();                                                                                             \
+    } while (0)
+
+/* Tokens 0 and 1 of all groups += W x, x: B tiles of group and token, `pitch` bytes apart; the weights, up to
+ * two blocks, stay in tiles 4 to 7. Sums start at zero and are added by the vector units: a load into a tile
+ * of sums is dear. sums: room for two tokens, in turn. */
+static void add_tokens(const tiles *l, const char *x, size_t pitch, float *sums, float *token) {
+    const char *weight = (const char *)l->w;
+    const bool two = l->blocks > 1;
+    float *to = sums + ONE, *from = sums + ONE; /* nothing of use before the first */
+    tile_load(4, weight, 64);
+    tile_load(5, weight + TILE, 64);
+    if (two) {
+        tile_load(6, weight + 2 * TILE, 64);
+        tile_load(7, weight + 3 * TILE, 64);
+    }
+    for (int k = 0; k < 2 * AMX_GROUPS; k++, x += pitch) {
+        _tile_zero(0);
+        _tile_zero(1);
+        tile_load(2, x, 64);
+        if (two) tile_load(3, x + TILE, 64);
+        _tile_dpbf16ps(0, 4, 2);
+        ADD(0);
+        _tile_dpbf16ps(1, 5, 2);
+        ADD(1);
+        if (two) _tile_dpbf16ps(0, 6, 3);
+        ADD(2);
+        if (two) _tile_dpbf16ps(1, 7, 3);
+        ADD(3);
+        from = sums + (k & 1) * ONE;
+        to = token + (k >> 1) * ALL + (k & 1) * ONE;
+        _tile_stored(0, from, 64);
+        _tile_stored(1, from + ONE / 2, 64);
+    }
+    for (int r = 0; r < 4; r++) ADD(r);
+}
+
+/* A token's sums of the first feed-forward layer, with its bias through GELU to a B tile. */
+static inline void gelu_tile(const float *x, const float *bias, char *out) {
+    for (int r = 0; r < WIDTH; r += 2, x += 2 * GROUP)
+        _mm512_store_si512(
+            out + r * 32,
+            pairs(gelu_16(_mm512_add_ps(_mm512_load_ps(x), _mm512_set1_ps(bias[r]))),
+                  gelu_16(_mm512_add_ps(_mm512_load_ps(x + GROUP), _mm512_set1_ps(bias[r + 1])))));
+}
+
+/* normed: of tokens 0 and 1 of all groups; through the first layer and GELU in place, the token before's GELU
+ * while a token's products are under way. sums: room for two tokens. */
+static void mlp_tokens(const tiles *l, char *normed, float *sums) {
+    tile_load(4, (const char *)l->w, 64);
+    tile_load(5, (const char *)l->w + TILE, 64);
+    for (int k = 0; k < 2 * AMX_GROUPS; k++) {
+        float *y = sums + (k & 1) * ONE;
+        _tile_zero(0);
+        _tile_zero(1);
+        tile_load(2, normed + k * TILE, 64);
+        tile_product(0, 4, 2);
+        tile_product(1, 5, 2);
+        ORDER();
+        if (k) gelu_tile(sums + (~k & 1) * ONE, l->bias, normed + (k - 1) * TILE);
+        ORDER();
+        _tile_stored(0, y, 64);
+        _tile_stored(1, y + ONE / 2, 64);
+    }
+    ORDER();
+    gelu_tile(sums + ONE, l->bias, normed + (2 * AMX_GROUPS - 1) * TILE);
+    ORDER();
+}
+
 /* token [group][3 x 32][16]: tokens 0 and 1 in place (token 2 serves as key and value only, since the decoder
  * never reads its result); the last bias, mlp1's, is left to the reader. */
 static void transformer(const point_network *n, float *token, fusion_space f) {
     const point_amx *a = n->amx;
-    enum { ONE = WIDTH * GROUP, ALL = 3 * ONE };
     size_t mixed = (size_t)a->mixed_blocks * TILE;
     for (int k = 0; k < 3 * AMX_GROUPS; k++)
         norm_tile(token + k * ONE, n->norm0_w, n->norm0_b, f.normed + k * TILE);
@@ -22,24 +98,18 @@ static void transformer(const point_network *n, float *token, fusion_space f) {
         attention(n, f.sums, f.mixed + (size_t)g * 2 * mixed, NULL);
     }
     ORDER();
-    for (int k = 0; k < 2 * AMX_GROUPS; k++)
-        add_product(&a->attention_out, f.mixed + (size_t)k * mixed, token + (k >> 1) * ALL + (k & 1) * ONE);
+    if (a->mixed_blocks <= 2)
+        add_tokens(&a->attention_out, f.mixed, mixed, f.sums, token);
+    else
+        for (int k = 0; k < 2 * AMX_GROUPS; k++)
+            add_product(&a->attention_out, f.mixed + (size_t)k * mixed,
+                        token + (k >> 1) * ALL + (k & 1) * ONE);
     ORDER();
     for (int k = 0; k < 2 * AMX_GROUPS; k++)
         norm_tile(token + (k >> 1) * ALL + (k & 1) * ONE, n->norm1_w, n->norm1_b, f.normed + k * TILE);
-    for (int k = 0; k < 2 * AMX_GROUPS; k++) mlp_product(&a->mlp0, f.normed + k * TILE, f.sums + k * 512);
-    for (int k = 0; k < 2 * AMX_GROUPS; k++)
-        for (int r = 0; r < WIDTH; r += 2) {
-            const float *x = f.sums + k * 512 + r * GROUP, *bias = a->mlp0.bias + r;
-            _mm512_store_si512(
-                f.normed + k * TILE + r * 32,
-                pairs(gelu_16(_mm512_add_ps(_mm512_load_ps(x), _mm512_set1_ps(bias[0]))),
-                      gelu_16(_mm512_add_ps(_mm512_load_ps(x + GROUP), _mm512_set1_ps(bias[1])))));
-        }
     ORDER();
-    for (int k = 0; k < 2 * AMX_GROUPS; k++)
-        add_product(&a->mlp1, f.normed + k * TILE, token + (k >> 1) * ALL + (k & 1) * ONE);
-    ORDER();
+    mlp_tokens(&a->mlp0, f.normed, f.sums);
+    add_tokens(&a->mlp1, f.normed, TILE, f.sums, token);
 }
 
 /* ---- the tile ---- */

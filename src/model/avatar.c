@@ -466,6 +466,7 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
     body_world_box(body, posed, min, max);
     sherf_status status = rays_create(c, camera, min, max, rays);
     if (status != SHERF_OK) return status;
+    if (wish != SHERF_SAMPLES_MODEL) rays_mend(*rays, min, max);
     *farthest = depth_most(*rays);
     *samples = wish > 0 ? wish : a->config.samples;
     if (!wish || wish == SHERF_SAMPLES_AUTO)
@@ -480,6 +481,7 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
     gpu_frame_options on_gpu = {.samples = o->samples > 0 ? o->samples : a->config.samples,
                                 .samples_most = even ? SAMPLES_MOST : 0,
                                 .step_most_m = step_most_m,
+                                .mend = o->samples != SHERF_SAMPLES_MODEL,
                                 .early_stop = !o->exact,
                                 .empty = empty};
     memcpy(on_gpu.background, o->background, sizeof on_gpu.background);

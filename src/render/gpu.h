@@ -18,6 +18,7 @@ typedef struct {
     int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
                          not */
     float step_most_m;
+    bool mend; /* rays_mend */
     float background[3];
     bool early_stop;          /* rays that are opaque skip the rest of their points */
     const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */

@@ -20,6 +20,8 @@ void body_world_box(const body_model *m, const posed_body *p, float min_world[3]
     for (int k = 0; k < 3; k++) min_world[k] -= 0.05f, max_world[k] += 0.05f;
 }
 
+static const float box_spare_m = 0.01f;
+
 typedef struct {
     ray_bundle *r;
     ray_optics optics;
@@ -48,7 +50,8 @@ void ray_optics_of(const sherf_camera *camera, ray_optics *out) {
 static void ray_job_init(ray_job *job, const sherf_camera *camera, const float min_world[3],
                          const float max_world[3]) {
     ray_optics_of(camera, &job->optics);
-    for (int k = 0; k < 3; k++) job->min[k] = min_world[k] - 0.01f, job->max[k] = max_world[k] + 0.01f;
+    for (int k = 0; k < 3; k++)
+        job->min[k] = min_world[k] - box_spare_m, job->max[k] = max_world[k] + box_spare_m;
 }
 
 /* True when the ray has its two crossings. */
@@ -191,6 +194,14 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
 
 static float length3(const float v[3]) {
     return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]) {
+    float min[3], max[3];
+    for (int k = 0; k < 3; k++) min[k] = min_world[k] - box_spare_m, max[k] = max_world[k] + box_spare_m;
+    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++)
+        if (cross_slabs(r->origin_world, r->direction + 3 * i, min, max, r->near + i, r->far + i))
+            r->at_box[i] = 1;
 }
 
 int rays_even_steps(ray_bundle *r, int samples, int most, float step_m) {

@@ -41,6 +41,10 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
                          const float max_world[3],
                          ray_bundle **out); /* min/max: the target vertices' -/+ 0.05, see body_world_box */
 void rays_free(ray_bundle *r);
+/* The paper's way of rays_create takes a ray that crosses exactly two faces, and now and then rounding loses
+ * one or counts one twice: a black pixel. These get their two depths here. For frames that people look at;
+ * not for scores. */
+void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]);
 /* At most step_m metres between two depths of any ray: returns how many depths a ray has, `samples` at least
  * and `most` at most (steps are longer then). A ray that is short enough keeps its `samples` steps, the same
  * length with more of them; others get steps of step_m. Depths past the box, where nothing is, are why far is

@@ -162,6 +162,45 @@ static void rays_are_exact(void **state) {
     assert_true(met > all / 4 && met < all * 3 / 4);
 }
 
+/* A box is convex: the rays of a row that meet it stand side by side. The paper's way leaves some out. */
+static int rows_with_holes(const ray_bundle *r) {
+    int holes = 0;
+    for (int y = 0; y < r->height; y++) {
+        const uint8_t *met = r->at_box + (size_t)y * (size_t)r->width;
+        int begun = 0;
+        for (int x = 0; x < r->width; x++) begun += met[x] && (x == 0 || !met[x - 1]);
+        holes += begun > 1;
+    }
+    return holes;
+}
+
+static void mended_rays_have_no_holes(void **state) {
+    context *c = ((body_reference *)*state)->c;
+    const float min[3] = {-0.43f, -0.91f, -0.27f}, max[3] = {0.51f, 0.83f, 0.22f}, centre[3] = {0, 0.1f, 0};
+    int before = 0, after = 0;
+    for (int i = 0; i < 6; i++) {
+        sherf_camera k;
+        ray_bundle *r, *whole;
+        sherf_camera_orbit(centre, 3.5f, 1.57079633f * (float)(i % 4), i < 4 ? 0.087f : 0.3f, 0.52f, 768, 768,
+                           &k);
+        assert_ok(c, rays_create(c, &k, min, max, &r));
+        assert_ok(c, rays_create(c, &k, min, max, &whole));
+        rays_mend(whole, min, max);
+        before += rows_with_holes(r);
+        after += rows_with_holes(whole);
+        for (size_t n = 0; n < (size_t)768 * 768; n++) {
+            if (!whole->at_box[n]) assert_true(whole->near[n] == 0 && whole->far[n] == 1);
+            if (r->at_box[n] && r->far[n] - r->near[n] > 1e-3f)
+                assert_true(whole->near[n] == r->near[n] && whole->far[n] == r->far[n]);
+            if (whole->at_box[n] && !r->at_box[n])
+                assert_true(whole->near[n] > 2 && whole->near[n] < whole->far[n] && whole->far[n] < 5);
+        }
+        rays_free(r);
+        rays_free(whole);
+    }
+    if (before == 0 || after != 0) fail_msg("%d rows with holes, %d when mended", before, after);
+}
+
 static void points_agree(void **state) {
     body_reference *r = *state;
     ray_bundle *rays = target_rays(r, &r->target_camera);
@@ -418,12 +457,18 @@ static void allocations_may_fail(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(projection_agrees),       cmocka_unit_test(orbit_looks_at_the_centre),
-        cmocka_unit_test(bad_cameras_are_refused), cmocka_unit_test(rays_agree),
-        cmocka_unit_test(rays_are_exact),          cmocka_unit_test(points_agree),
-        cmocka_unit_test(points_are_exact),        cmocka_unit_test(nobody_in_sight),
-        cmocka_unit_test(box_mask_is_opencvs),     cmocka_unit_test(raster_is_analytic),
-        cmocka_unit_test(raster_draws_the_body),   cmocka_unit_test(allocations_may_fail)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(projection_agrees),
+                                       cmocka_unit_test(orbit_looks_at_the_centre),
+                                       cmocka_unit_test(bad_cameras_are_refused),
+                                       cmocka_unit_test(rays_agree),
+                                       cmocka_unit_test(rays_are_exact),
+                                       cmocka_unit_test(mended_rays_have_no_holes),
+                                       cmocka_unit_test(points_agree),
+                                       cmocka_unit_test(points_are_exact),
+                                       cmocka_unit_test(nobody_in_sight),
+                                       cmocka_unit_test(box_mask_is_opencvs),
+                                       cmocka_unit_test(raster_is_analytic),
+                                       cmocka_unit_test(raster_draws_the_body),
+                                       cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
 }

@@ -231,7 +231,7 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     ray_optics optics;
     placed_pose pose;
     const int64_t rays = (int64_t)camera->width_px * camera->height_px;
-    const sample_wish wish = {o->samples, o->samples_most, o->step_most_m};
+    const sample_wish wish = {o->samples, o->samples_most, o->step_most_m, o->mend};
     const int samples_most = o->samples_most > o->samples ? o->samples_most : o->samples;
     if (a->most < 4 * rays) a->most = 4 * rays;
     if (a->most < 4096) a->most = 4096;

@@ -118,6 +118,7 @@ struct placed_points {
 struct sample_wish {
     int samples, most;
     float step_most_m;
+    bool mend;
 };
 sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, int64_t most,
                          placed_points *out);

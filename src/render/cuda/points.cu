@@ -115,8 +115,9 @@ static void make_rays(const ray_optics &optics, const sample_wish &wish, const p
     each(p.rays, [=] __device__(int64_t n) {
         float direction[3], near = 0, far = 1;
         ray_direction(&optics, (int)(n % p.width), (int)(n / p.width), direction);
-        const bool hits =
-            p.head->finite && cross_box(p.origin, direction, p.head->min, p.head->max, &near, &far);
+        bool hits = p.head->finite && cross_box(p.origin, direction, p.head->min, p.head->max, &near, &far);
+        if (wish.mend && p.head->finite) /* as rays_mend */
+            hits |= cross_slabs(p.origin, direction, p.head->min, p.head->max, &near, &far);
         for (int k = 0; k < 3; k++) p.direction[3 * n + k] = direction[k];
         p.near[n] = near;
         p.far[n] = far;

@@ -70,7 +70,8 @@ static const option options[] = {
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
     {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
-     "the network's soft colours alone; otherwise what the picture shows is given back where frames show it"},
+     "the network's colours and haze as they are; otherwise what the picture shows is given back "
+     "where frames show it, and haze is cleared"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
      "every point near the body is asked for; otherwise bf16 leaves out empty space and what lies "
      "behind 99.9 % opacity"},

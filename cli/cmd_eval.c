@@ -32,7 +32,8 @@ static const option options[] = {
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
      "depths on every ray; 0: as sherf render, 12 mm a step at most (the model's, as in the paper)", 0, 1024},
     {0, "detail", OPTION_FLAG, &set.detail, NULL,
-     "the observed picture's detail is given back to the frames, which is not the paper's way"},
+     "the observed picture's detail is given back to the frames and haze is cleared, which is not "
+     "the paper's way"},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG",

@@ -26,7 +26,8 @@ static const option options[] = {
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
     {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
-     "the network's soft colours alone; otherwise what the picture shows is given back where it is seen"},
+     "the network's colours and haze as they are; otherwise what the picture shows is given back "
+     "where it is seen, and haze is cleared"},
     {0, "listen", OPTION_TEXT, &set.listen, "ADDR",
      "address to listen at (127.0.0.1, which only this machine reaches; 0.0.0.0: everybody who does)"},
     {0, "port", OPTION_INTEGER, &set.port, "N", "port to listen at (0: any that is free)", 0, 65535},

@@ -179,8 +179,8 @@ enum {
     SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
 };
 /* Whether what the observed picture shows and the network's soft colours do not is given back where a frame,
- * or an exported surface, shows what was seen. Beyond the paper; for people to look at, not for its scores.
- */
+ * or an exported surface, shows what was seen; and frames are cleared of the faint haze round the person,
+ * their opacity made firm. Beyond the paper; for people to look at, not for its scores. */
 enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */

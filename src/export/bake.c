@@ -129,17 +129,27 @@ typedef struct {
     const sherf_avatar *a;
     const body_model *m;
     const avatar_detail *d;
-    const float *position;
+    const float *position, *body_normal; /* of the canonical vertices */
     float *rgb;
 } detail_job;
+
+/* A place that haze has let sink into the body is where its nearest vertex' surface is. */
+static void raise_to_body(const body_model *m, int32_t nearest, const float *body_normal, float p[3]) {
+    if (nearest < 0) return;
+    const float *v = m->canonical->vertices_smpl + 3 * (size_t)nearest,
+                *n = body_normal + 3 * (size_t)nearest;
+    const float above = (p[0] - v[0]) * n[0] + (p[1] - v[1]) * n[1] + (p[2] - v[2]) * n[2];
+    for (int k = 0; k < 3 && above < 0; k++) p[k] -= above * n[k];
+}
 
 static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
     const detail_job *j = arg;
     int32_t guess = -1;
     for (int64_t n = begin; n < end; n++) {
-        const float *p = j->position + 3 * n;
-        float add[3], seen;
+        float p[3], add[3], seen;
+        memcpy(p, j->position + 3 * n, sizeof p);
         guess = vertex_grid_nearest_from(body_canonical_grid(j->m), p, guess, NULL);
+        raise_to_body(j->m, guess, j->body_normal, p);
         detail_look_up(j->d, j->a, j->m, 1, p, &guess, add, &seen);
         for (int k = 0; k < 3; k++) j->rgb[3 * n + k] = fminf(fmaxf(j->rgb[3 * n + k] + seen * add[k], 0), 1);
     }
@@ -147,9 +157,12 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
 
 static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
                                 const float *positions_canonical, float *rgb) {
-    detail_job j = {a, m, NULL, positions_canonical, rgb};
-    const sherf_status status = avatar_detail_of(c, a, m, &j.d);
+    float *normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normal);
+    detail_job j = {a, m, NULL, positions_canonical, normal, rgb};
+    sherf_status status = normal ? avatar_detail_of(c, a, m, &j.d) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
     if (status == SHERF_OK) parallel_for(c, n, 1024, detail_range, &j);
+    mem_free(normal);
     return status;
 }
 

@@ -432,17 +432,19 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
 
 /* A GPU's frames get theirs from the host, which poses the body again for it. */
 sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
-                                const posed_body *posed, const sherf_camera *camera, sherf_frame *frame) {
+                                const posed_body *posed, const sherf_camera *camera,
+                                const float background[3], sherf_frame *frame) {
     const avatar_detail *detail;
     const joint_pose *j = posed->joints;
     posed_body *whole = NULL;
     sherf_status status = avatar_detail_of(c, a, body, &detail);
-    if (status != SHERF_OK || !j)
-        return status == SHERF_OK ? detail_apply(c, a, detail, body, posed, camera, frame) : status;
-    status = posed_body_create(c, body, j->pose_rad, j->shape, posed->R, posed->Th, &whole);
-    if (status == SHERF_OK) whole->blend_m = posed->blend_m;
-    if (status == SHERF_OK) status = points_prepare(c, body, whole);
-    if (status == SHERF_OK) status = detail_apply(c, a, detail, body, whole, camera, frame);
+    if (status == SHERF_OK && j) {
+        status = posed_body_create(c, body, j->pose_rad, j->shape, posed->R, posed->Th, &whole);
+        if (status == SHERF_OK) whole->blend_m = posed->blend_m;
+        if (status == SHERF_OK) status = points_prepare(c, body, whole);
+    }
+    if (status == SHERF_OK)
+        status = detail_apply(c, a, detail, body, j ? whole : posed, camera, background, frame);
     posed_body_free(whole);
     return status;
 }
@@ -506,7 +508,8 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     int samples;
     if (status == SHERF_OK && a->gpu) {
         status = frame_gpu(c, a, posed, camera, o, empty, frame);
-        if (status == SHERF_OK && detail) status = avatar_give_detail(c, a, body, posed, camera, frame);
+        if (status == SHERF_OK && detail)
+            status = avatar_give_detail(c, a, body, posed, camera, o->background, frame);
         return status;
     }
     if (status == SHERF_OK)
@@ -522,7 +525,8 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     }
     rays_free(rays);
     points_free(points);
-    if (status == SHERF_OK && detail) status = avatar_give_detail(c, a, body, posed, camera, frame);
+    if (status == SHERF_OK && detail)
+        status = avatar_give_detail(c, a, body, posed, camera, o->background, frame);
     return status;
 }
 

@@ -5,7 +5,8 @@
  *
  * What the observation saw is told twice. The body's mesh tells it smoothly and without haze: front from
  * back, and limbs before each other. The depths of the observed view, smoothed, tell it of the rest: hair,
- * clothes.
+ * clothes. Neither view's depths may lie in the body (detail_body.c): where haze lets rays into it, one place
+ * would have two depths, and what is looked up would lie beside itself.
  */
 #include <math.h>
 #include <string.h>
@@ -15,96 +16,10 @@
 /* How far a point may lie behind the observed view's surface, and before it: from the first number on it
  * counts less, at the second not at all. */
 static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
-/* The same for the body's vertices behind the body. */
-static const float body_behind_m[2] = {0.02f, 0.04f};
-/* Cosines of the angle to the ray: of the body's vertices, of the surface. */
-static const float body_facing[2] = {-0.05f, 0.3f}, facing[2] = {0.1f, 0.45f};
-static const float smooth_m = 0.01f, fade_m = 0.006f, blend_m = 0.025f;
-enum { RADIUS_MOST = 8, FADE_MOST = 4, BODY_ROUNDS = 4 };
-
-/* ---- what the body's vertices tell ---- */
-/* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
-static float body_depth(const raster *r, const float px[2]) {
-    float most = 0;
-    if (!(fabsf(px[0]) < 1e6f && fabsf(px[1]) < 1e6f)) return 0;
-    const int x0 = (int)lrintf(px[0]), y0 = (int)lrintf(px[1]);
-    for (int y = y0 - 1; y <= y0 + 1; y++)
-        for (int x = x0 - 1; x <= x0 + 1; x++)
-            if (x >= 0 && y >= 0 && x < r->width && y < r->height)
-                most = fmaxf(most, r->depth[(size_t)y * (size_t)r->width + (size_t)x]);
-    return most;
-}
-
-static float cosine_to(const sherf_camera *camera, const float world[3], const float normal[3]) {
-    float at[3], d[3], dn = 0, dd = 0;
-    camera_position(camera, at);
-    for (int k = 0; k < 3; k++) {
-        d[k] = at[k] - world[k];
-        dn += d[k] * normal[k];
-        dd += d[k] * d[k];
-    }
-    return dn / sqrtf(dd + 1e-20f);
-}
-
-static void spread(const body_model *m, float *seen, float *room) {
-    for (int round = 0; round < BODY_ROUNDS; round++) {
-        for (int v = 0; v < m->vertices; v++) {
-            const int32_t first = m->neighbour_first[v], end = m->neighbour_first[v + 1];
-            float sum = 0;
-            for (int32_t i = first; i < end; i++) sum += seen[m->neighbour[i]];
-            room[v] = end > first ? 0.5f * (seen[v] + sum / (float)(end - first)) : seen[v];
-        }
-        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
-    }
-}
-
-static sherf_status see_vertices(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d) {
-    const size_t V = (size_t)m->vertices;
-    raster *r = NULL;
-    float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
-    float *room = mem_alloc(c, V, sizeof *room);
-    d->seen = mem_alloc(c, V, sizeof *d->seen);
-    sherf_status status = world && normal && room && d->seen ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) {
-        body_vertices_world(m, a->observed, world);
-        status = body_normals(c, m, world, normal);
-    }
-    if (status == SHERF_OK)
-        status = raster_create(c, &d->camera, 1, m->vertices, world, m->faces, m->face, &r);
-    if (status == SHERF_OK) {
-        for (size_t v = 0; v < V; v++) {
-            float px[2], depth;
-            camera_project(&d->camera, 1, world + 3 * v, px, &depth);
-            d->seen[v] = detail_rise(cosine_to(&d->camera, world + 3 * v, normal + 3 * v), body_facing) *
-                         (1 - detail_rise(depth - body_depth(r, px), body_behind_m));
-            if (!(depth > 0)) d->seen[v] = 0;
-        }
-        spread(m, d->seen, room);
-    }
-    raster_free(r);
-    mem_free(world);
-    mem_free(normal);
-    mem_free(room);
-    return status;
-}
-
-/* Of the vertex and its neighbours, as their maps are blended (deform_point.h). */
-static float seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v) {
-    const float *vertex = m->canonical->vertices_smpl;
-    float sum = d->seen[v], weights = 1, own = 0;
-    for (int k = 0; k < 3; k++) own += (x[k] - vertex[3 * v + k]) * (x[k] - vertex[3 * v + k]);
-    for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
-        const int32_t u = m->neighbour[i];
-        float other = 0;
-        for (int k = 0; k < 3; k++) other += (x[k] - vertex[3 * u + k]) * (x[k] - vertex[3 * u + k]);
-        float w = 1 - (other - own) / (blend_m * blend_m);
-        if (!(w > 0)) continue;
-        w = w < 1 ? w * w : 1;
-        sum += w * d->seen[u];
-        weights += w;
-    }
-    return sum / weights;
-}
+/* Cosines of the surface's angle to the ray. */
+static const float facing[2] = {0.1f, 0.45f};
+static const float smooth_m = 0.01f, fade_m = 0.006f;
+enum { RADIUS_MOST = 8, FADE_MOST = 4 };
 
 /* ---- what the avatar's own picture of the observed view tells ---- */
 static float facing_at(const detail_optics *o, const float *depth, int width, int height, int x, int y) {
@@ -191,6 +106,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     const sherf_render_options plain = {.detail = SHERF_DETAIL_OFF};
     sherf_frame own = {0};
     posed_body *posed = NULL;
+    raster *drawn = NULL;
     float *room = NULL, *image = NULL;
     *out = (avatar_detail){a->bank.image_width, a->bank.image_height, a->camera, NULL, NULL};
     if (a->picture) {
@@ -201,7 +117,9 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     const size_t n = (size_t)out->width * (size_t)out->height;
     sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
     if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &out->camera, &plain, &own);
-    if (status == SHERF_OK) status = see_vertices(c, a, body, out);
+    if (status == SHERF_OK) status = detail_draw_body(c, body, a->observed, &out->camera, &drawn);
+    if (status == SHERF_OK) detail_bound(drawn, own.depth.data);
+    if (status == SHERF_OK) status = detail_see_body(c, a, body, out);
     if (status == SHERF_OK) {
         out->texel = mem_alloc(c, n, sizeof *out->texel);
         room = mem_alloc(c, 2 * n, sizeof *room);
@@ -214,6 +132,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     }
     mem_free(room);
     mem_free(image);
+    raster_free(drawn);
     posed_body_free(posed);
     sherf_frame_free(&own);
     if (status != SHERF_OK) detail_free(out);
@@ -251,8 +170,10 @@ void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_mo
         for (int64_t i = 0; i < count; i++) {
             const int32_t v = nearest[b + i];
             memset(add + 3 * (b + i), 0, 3 * sizeof *add);
-            seen[b + i] = v >= 0 && depth[i] > 0 ? seen_near(d, m, points_canonical + 3 * (b + i), v) : 0;
-            if (seen[b + i] > 0) seen[b + i] *= texels_at(d, px + 2 * i, depth[i], add + 3 * (b + i));
+            seen[b + i] = 0;
+            if (v >= 0 && depth[i] > 0)
+                seen[b + i] = texels_at(d, px + 2 * i, depth[i], add + 3 * (b + i)) *
+                              detail_seen_near(d, m, points_canonical + 3 * (b + i), v);
         }
     }
 }
@@ -320,7 +241,6 @@ static void look_up_rows(void *arg, int64_t begin, int64_t end, int thread) {
             memset(j->add + 3 * n, 0, 3 * sizeof *j->add);
             if (!(detail_solid(opacity, 0) > 0)) continue;
             const float solid = detail_solid(opacity, detail_jump(j->depth, width, height, j->reach, x, y));
-            if (!(solid > 0)) continue;
             const int32_t found = find_surface(j, x, y, guess, b.point + 3 * b.count);
             if (found < 0) continue;
             b.nearest[b.count] = guess = found;
@@ -343,11 +263,14 @@ static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
 }
 
 sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
-                          const posed_body *posed, const sherf_camera *camera, sherf_frame *frame) {
+                          const posed_body *posed, const sherf_camera *camera, const float background[3],
+                          sherf_frame *frame) {
     const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MOST);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
+    raster *drawn = NULL;
     float *room = mem_alloc(c, pixels, 6 * sizeof *room);
-    if (!room) return SHERF_NO_MEMORY;
+    sherf_status status = room ? detail_draw_body(c, m, posed, camera, &drawn) : SHERF_NO_MEMORY;
+    if (status != SHERF_OK) goto done;
     apply_job job = {.a = a, .d = d, .m = m, .posed = posed, .frame = frame};
     job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MOST);
     job.depth = room + pixels;
@@ -355,10 +278,14 @@ sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail
     job.add = job.weight + pixels;
     detail_optics_of(camera, &job.optics);
     memcpy(job.depth, frame->depth.data, pixels * sizeof *job.depth);
+    detail_bound(drawn, job.depth);
     detail_smooth(c, &frame->opacity, radius, job.depth, NULL, room);
     parallel_for(c, height, 8, look_up_rows, &job);
     detail_smooth(c, &frame->opacity, radius, job.depth, job.weight, room);
     parallel_for(c, height, 8, add_rows, &job);
+    detail_clear_haze(c, drawn, background, frame);
+done:
+    raster_free(drawn);
     mem_free(room);
-    return SHERF_OK;
+    return status;
 }

@@ -13,9 +13,27 @@ void detail_free(avatar_detail *d);
  * nearest canonical vertex. */
 void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *m, int64_t n,
                     const float *points_canonical, const int32_t *nearest, float *add, float *seen);
-/* Into frame's colours. posed is whole, with its grid (points_prepare). */
+/* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
+ * (points_prepare). */
 sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
-                          const posed_body *posed, const sherf_camera *camera, sherf_frame *frame);
+                          const posed_body *posed, const sherf_camera *camera, const float background[3],
+                          sherf_frame *frame);
+
+/* ---- detail_body.c: what the body's mesh tells ---- */
+/* d->seen, from d->camera. */
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d);
+/* How much the observation sees of what is near a canonical point: of its nearest vertex v and that one's
+ * neighbours, as their maps are blended (deform_point.h). */
+float detail_seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v);
+/* The posed body in a picture; free with raster_free. */
+sherf_status detail_draw_body(context *c, const body_model *m, const posed_body *posed,
+                              const sherf_camera *camera, raster **out);
+/* The picture's depths (metres along the camera's axis) that lie a little way in the body are brought to its
+ * surface. */
+void detail_bound(const raster *body, float *depth);
+/* Opacities are made firm: faint haze round the person goes, and where the body is, little shines through.
+ * Colours follow, as far as they are the frame's own and not the background's. */
+void detail_clear_haze(const context *c, const raster *body, const float background[3], sherf_frame *frame);
 
 /* ---- detail_smooth.c: pictures of a hazy surface ---- */
 /* 0 up to edge[0], 1 from edge[1] on. */

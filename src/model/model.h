@@ -223,9 +223,11 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,
                            sherf_frame *frame);
-/* The observation's detail to a frame that was rendered without, for those who render in parts. */
+/* What SHERF_DETAIL_ON does to a frame over `background` that was rendered without, for those who render in
+ * parts. */
 sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
-                                const posed_body *posed, const sherf_camera *camera, sherf_frame *frame);
+                                const posed_body *posed, const sherf_camera *camera,
+                                const float background[3], sherf_frame *frame);
 /* The avatar's detail, made now where there is none yet. */
 sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
                               const avatar_detail **out);

@@ -38,15 +38,17 @@ static int band_rows(const view *v, const view_job *job) {
     return rows * 4 > left * 3 ? left : rows; /* no small rest */
 }
 
-/* The detail, whose depths are smoothed over neighbours, waits for the whole picture. */
+/* The detail, whose depths are smoothed over neighbours, waits for the whole picture, which is over black
+ * until it is painted. */
 static sherf_status job_detail(context *c, view *v, view_job *job, const posed_body *posed) {
+    static const float black[3] = {0, 0, 0};
     const view_wish *w = &job->wish;
     const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
     sherf_frame f = {.color = {w->width, w->height, 3, job->color},
                      .opacity = {w->width, w->height, 1, job->opacity},
                      .depth = {w->width, w->height, 1, job->depth}};
-    if (!v->scene.detail || w->mode != VIEW_COLOR) return SHERF_OK;
-    return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, &f);
+    if (!v->scene.detail) return SHERF_OK;
+    return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, black, &f);
 }
 
 sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {

@@ -1,0 +1,179 @@
+/* What the body's mesh tells of a hazy surface: which of it the observation saw, and how deep it can lie. */
+#include <math.h>
+#include <string.h>
+
+#include "model/detail.h"
+
+/* How far a vertex may lie behind the body: from the first number on it counts less, at the second not at
+ * all. */
+static const float behind_m[2] = {0.02f, 0.04f};
+/* Cosines of a vertex' angle to the ray. */
+static const float facing[2] = {-0.05f, 0.3f};
+static const float blend_m = 0.025f;
+/* Depths this far in the body are haze, up to the first number; from the second on another limb's. */
+static const float sunk_m[2] = {0.06f, 0.1f};
+/* Opacities of haze, which is cleared, and of what is taken for solid; less in the body. */
+static const float haze[2] = {0.15f, 1.0f}, firm[2] = {0.15f, 0.5f};
+enum { ROUNDS = 4, HOLE_ROUNDS = 6, HEAD = 15 };
+
+/* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
+static float body_depth(const raster *r, const float px[2]) {
+    float most = 0;
+    if (!(fabsf(px[0]) < 1e6f && fabsf(px[1]) < 1e6f)) return 0;
+    const int x0 = (int)lrintf(px[0]), y0 = (int)lrintf(px[1]);
+    for (int y = y0 - 1; y <= y0 + 1; y++)
+        for (int x = x0 - 1; x <= x0 + 1; x++)
+            if (x >= 0 && y >= 0 && x < r->width && y < r->height)
+                most = fmaxf(most, r->depth[(size_t)y * (size_t)r->width + (size_t)x]);
+    return most;
+}
+
+static float cosine_to(const sherf_camera *camera, const float world[3], const float normal[3]) {
+    float at[3], d[3], dn = 0, dd = 0;
+    camera_position(camera, at);
+    for (int k = 0; k < 3; k++) {
+        d[k] = at[k] - world[k];
+        dn += d[k] * normal[k];
+        dd += d[k] * d[k];
+    }
+    return dn / sqrtf(dd + 1e-20f);
+}
+
+static void spread(const body_model *m, float *seen, float *room) {
+    for (int round = 0; round < ROUNDS; round++) {
+        for (int v = 0; v < m->vertices; v++) {
+            const int32_t first = m->neighbour_first[v], end = m->neighbour_first[v + 1];
+            float sum = 0;
+            for (int32_t i = first; i < end; i++) sum += seen[m->neighbour[i]];
+            room[v] = end > first ? 0.5f * (seen[v] + sum / (float)(end - first)) : seen[v];
+        }
+        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
+    }
+}
+
+static bool of_head(const body_model *m, int v) {
+    return m->weights[(size_t)v * BODY_JOINTS + HEAD] > 0.5f;
+}
+
+/* The head's holes (mouth, eyes, nostrils, ears) are seen as what is round them: the largest value within
+ * some edges, and the smallest of those. The rest has thin parts, whose other side is not a hole. */
+static void close_holes(const body_model *m, float *seen, float *room) {
+    for (int round = 0; round < 2 * HOLE_ROUNDS; round++) {
+        for (int v = 0; v < m->vertices; v++) {
+            room[v] = seen[v];
+            for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
+                const float other = seen[m->neighbour[i]];
+                if (of_head(m, v) && of_head(m, m->neighbour[i]))
+                    room[v] = round < HOLE_ROUNDS ? fmaxf(room[v], other) : fminf(room[v], other);
+            }
+        }
+        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
+    }
+}
+
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d) {
+    const size_t V = (size_t)m->vertices;
+    raster *r = NULL;
+    float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
+    float *room = mem_alloc(c, V, sizeof *room);
+    d->seen = mem_alloc(c, V, sizeof *d->seen);
+    sherf_status status = world && normal && room && d->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        body_vertices_world(m, a->observed, world);
+        status = body_normals(c, m, world, normal);
+    }
+    if (status == SHERF_OK)
+        status = raster_create(c, &d->camera, 1, m->vertices, world, m->faces, m->face, &r);
+    if (status == SHERF_OK) {
+        for (size_t v = 0; v < V; v++) {
+            float px[2], depth;
+            camera_project(&d->camera, 1, world + 3 * v, px, &depth);
+            d->seen[v] = detail_rise(cosine_to(&d->camera, world + 3 * v, normal + 3 * v), facing) *
+                         (1 - detail_rise(depth - body_depth(r, px), behind_m));
+            if (!(depth > 0)) d->seen[v] = 0;
+        }
+        close_holes(m, d->seen, room);
+        spread(m, d->seen, room);
+    }
+    raster_free(r);
+    mem_free(world);
+    mem_free(normal);
+    mem_free(room);
+    return status;
+}
+
+float detail_seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v) {
+    const float *vertex = m->canonical->vertices_smpl;
+    float sum = d->seen[v], weights = 1, own = 0;
+    for (int k = 0; k < 3; k++) own += (x[k] - vertex[3 * v + k]) * (x[k] - vertex[3 * v + k]);
+    for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
+        const int32_t u = m->neighbour[i];
+        float other = 0;
+        for (int k = 0; k < 3; k++) other += (x[k] - vertex[3 * u + k]) * (x[k] - vertex[3 * u + k]);
+        float w = 1 - (other - own) / (blend_m * blend_m);
+        if (!(w > 0)) continue;
+        w = w < 1 ? w * w : 1;
+        sum += w * d->seen[u];
+        weights += w;
+    }
+    return sum / weights;
+}
+
+sherf_status detail_draw_body(context *c, const body_model *m, const posed_body *posed,
+                              const sherf_camera *camera, raster **out) {
+    float *world = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *world);
+    *out = NULL;
+    if (!world) return SHERF_NO_MEMORY;
+    body_vertices_world(m, posed, world);
+    const sherf_status status = raster_create(c, camera, 1, m->vertices, world, m->faces, m->face, out);
+    mem_free(world);
+    return status;
+}
+
+void detail_bound(const raster *body, float *depth) {
+    for (size_t n = 0; n < (size_t)body->width * (size_t)body->height; n++) {
+        const float sunk = depth[n] - body->depth[n];
+        if (sunk > 0) depth[n] -= sunk * (1 - detail_rise(sunk, sunk_m));
+    }
+}
+
+typedef struct {
+    const raster *body;
+    const float *background;
+    sherf_frame *frame;
+} haze_job;
+
+/* 0 outside the body and at its outline, 1 a pixel further in. */
+static float inside_body(const raster *r, int x, int y) {
+    int count = 0;
+    for (int j = y - 1; j <= y + 1; j++)
+        for (int i = x - 1; i <= x + 1; i++) {
+            const int column = i < 0 ? 0 : i < r->width ? i : r->width - 1;
+            const int row = j < 0 ? 0 : j < r->height ? j : r->height - 1;
+            count += r->face[(size_t)row * (size_t)r->width + (size_t)column] >= 0;
+        }
+    return fmaxf(0, (float)count / 4.5f - 1);
+}
+
+static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const haze_job *j = arg;
+    for (int y = (int)begin; y < (int)end; y++)
+        for (int x = 0; x < j->body->width; x++) {
+            const size_t n = (size_t)y * (size_t)j->body->width + (size_t)x;
+            float *opacity = j->frame->opacity.data + n, *color = j->frame->color.data + 3 * n;
+            if (!(*opacity > 0)) continue;
+            const float inside = inside_body(j->body, x, y), least = haze[0] - inside * firm[0];
+            const float share = (*opacity - least) / (haze[1] - inside * firm[1] - least);
+            const float is = fminf(fmaxf(share, 0), 1);
+            for (int k = 0; k < 3; k++) {
+                const float own = color[k] - (1 - *opacity) * j->background[k];
+                color[k] = fminf(fmaxf(own * (is / *opacity) + (1 - is) * j->background[k], 0), 1);
+            }
+            *opacity = is;
+        }
+}
+
+void detail_clear_haze(const context *c, const raster *body, const float background[3], sherf_frame *frame) {
+    haze_job job = {body, background, frame};
+    parallel_for(c, body->height, 8, clear_rows, &job);
+}

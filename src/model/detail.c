@@ -119,7 +119,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &out->camera, &plain, &own);
     if (status == SHERF_OK) status = detail_draw_body(c, body, a->observed, &out->camera, &drawn);
     if (status == SHERF_OK) detail_bound(drawn, own.depth.data);
-    if (status == SHERF_OK) status = detail_see_body(c, a, body, out);
+    if (status == SHERF_OK) status = detail_see_body(c, a, body, drawn, out);
     if (status == SHERF_OK) {
         out->texel = mem_alloc(c, n, sizeof *out->texel);
         room = mem_alloc(c, 2 * n, sizeof *room);

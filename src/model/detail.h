@@ -20,8 +20,9 @@ sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail
                           sherf_frame *frame);
 
 /* ---- detail_body.c: what the body's mesh tells ---- */
-/* d->seen, from d->camera. */
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d);
+/* d->seen, from d->camera; drawn: the observed body in its picture. */
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, const raster *drawn,
+                             avatar_detail *d);
 /* How much the observation sees of what is near a canonical point: of its nearest vertex v and that one's
  * neighbours, as their maps are blended (deform_point.h). */
 float detail_seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v);

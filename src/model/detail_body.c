@@ -71,9 +71,9 @@ static void close_holes(const body_model *m, float *seen, float *room) {
     }
 }
 
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, avatar_detail *d) {
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, const raster *drawn,
+                             avatar_detail *d) {
     const size_t V = (size_t)m->vertices;
-    raster *r = NULL;
     float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
     float *room = mem_alloc(c, V, sizeof *room);
     d->seen = mem_alloc(c, V, sizeof *d->seen);
@@ -82,20 +82,17 @@ sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model
         body_vertices_world(m, a->observed, world);
         status = body_normals(c, m, world, normal);
     }
-    if (status == SHERF_OK)
-        status = raster_create(c, &d->camera, 1, m->vertices, world, m->faces, m->face, &r);
     if (status == SHERF_OK) {
         for (size_t v = 0; v < V; v++) {
             float px[2], depth;
             camera_project(&d->camera, 1, world + 3 * v, px, &depth);
             d->seen[v] = detail_rise(cosine_to(&d->camera, world + 3 * v, normal + 3 * v), facing) *
-                         (1 - detail_rise(depth - body_depth(r, px), behind_m));
+                         (1 - detail_rise(depth - body_depth(drawn, px), behind_m));
             if (!(depth > 0)) d->seen[v] = 0;
         }
         close_holes(m, d->seen, room);
         spread(m, d->seen, room);
     }
-    raster_free(r);
     mem_free(world);
     mem_free(normal);
     mem_free(room);

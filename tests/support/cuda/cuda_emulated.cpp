@@ -1,4 +1,5 @@
 #include <deque>
+#include <setjmp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,7 +32,9 @@ enum { STACK_BYTES = 128 << 10, THREADS_MOST = 1024 };
 enum thread_state { FRESH, READY, AT_WARP, AT_BLOCK, DONE };
 
 struct fibre {
-    ucontext_t place;
+    ucontext_t place; /* where it begins; under the sanitizer, where it stands */
+    jmp_buf stop;     /* where it stands, once it has begun */
+    bool begun;
     const void *stack;
     size_t stack_bytes;
     void *watched; /* by the address sanitizer */
@@ -84,7 +87,16 @@ static void change(fibre *from, fibre *to) {
     __sanitizer_start_switch_fiber(&from->watched, to->stack, to->stack_bytes);
 #endif
     running = to;
+#ifdef FIBRES_WATCHED
     swapcontext(&from->place, &to->place);
+#else
+    /* swapcontext makes two system calls; it is needed to begin only */
+    from->begun = true;
+    if (!_setjmp(from->stop)) {
+        if (to->begun) _longjmp(to->stop, 1);
+        setcontext(&to->place);
+    }
+#endif
     changed(from);
 }
 
@@ -191,10 +203,15 @@ static void run_block() {
         if (!copies[i].empty()) broken("a thread ends with copies that it has not waited for");
 }
 
-/* ---- memory: locked from an op's end to the next launch or copy ---- */
+/* ---- memory: locked from an op's end to the next launch or copy ----
+ * A region ends where a mapping ends that is of whole huge pages: locking takes one entry of the page table
+ * for each of them instead of 512, and nothing lies behind a region's end. */
+enum { PAGE_BYTES = 4096, HUGE_BYTES = 2 << 20 };
 struct region {
     char *data;
     size_t bytes;
+    char *block, *mapping; /* the huge pages; all that was mapped */
+    size_t block_bytes, mapping_bytes;
 };
 static std::vector<region> regions;
 
@@ -203,7 +220,23 @@ static bool locked = true;
 static void lock_memory(bool lock) {
     if (lock == locked) return;
     locked = lock;
-    for (const region &r : regions) mprotect(r.data, r.bytes, lock ? PROT_NONE : PROT_READ | PROT_WRITE);
+    for (const region &r : regions)
+        mprotect(r.block, r.block_bytes, lock ? PROT_NONE : PROT_READ | PROT_WRITE);
+}
+
+static bool region_map(size_t bytes, region *r) {
+    r->bytes = bytes;
+    r->block_bytes = (bytes + HUGE_BYTES - 1) / HUGE_BYTES * HUGE_BYTES;
+    r->mapping_bytes = r->block_bytes + HUGE_BYTES + PAGE_BYTES;
+    void *p = mmap(nullptr, r->mapping_bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (p == MAP_FAILED) return false;
+    r->mapping = (char *)p;
+    r->block = r->mapping + (HUGE_BYTES - (uintptr_t)p % HUGE_BYTES) % HUGE_BYTES;
+    r->data = r->block + r->block_bytes - bytes;
+    madvise(r->block, r->block_bytes, MADV_HUGEPAGE);
+    if (!mprotect(r->block, r->block_bytes, PROT_READ | PROT_WRITE)) return true;
+    munmap(r->mapping, r->mapping_bytes);
+    return false;
 }
 
 /* Copies out of pinned memory happen as late as they may: when somebody waits for them, or when work comes
@@ -398,21 +431,20 @@ static size_t in_use;
 
 /* Not a number in every type, until somebody writes. */
 void *device_take(context *c, size_t bytes) {
-    const size_t rounded = (bytes + 4095) / 4096 * 4096;
+    const size_t rounded = (bytes + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
     const bool room = !cuda_emulated_bytes || in_use + rounded <= cuda_emulated_bytes;
-    void *p = room ? mmap(nullptr, rounded, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0)
-                   : MAP_FAILED;
-    if (p == MAP_FAILED) {
+    region r;
+    if (!room || !region_map(rounded, &r)) {
         failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
                 (double)bytes / 1e6, (double)(cuda_emulated_bytes - in_use) / 1e6,
                 (double)cuda_emulated_bytes / 1e6);
         return nullptr;
     }
-    memset(p, 0xff, rounded);
+    memset(r.data, 0xff, rounded);
     in_use += rounded;
-    regions.push_back({(char *)p, rounded});
-    if (locked) mprotect(p, rounded, PROT_NONE);
-    return p;
+    regions.push_back(r);
+    if (locked) mprotect(r.block, r.block_bytes, PROT_NONE);
+    return r.data;
 }
 
 void device_give(void *p) {
@@ -420,7 +452,7 @@ void device_give(void *p) {
     lock_memory(true);
     for (size_t i = 0; i < regions.size(); i++)
         if (regions[i].data == p) {
-            munmap(p, regions[i].bytes);
+            munmap(regions[i].mapping, regions[i].mapping_bytes);
             in_use -= regions[i].bytes;
             regions.erase(regions.begin() + (long)i);
             return;

@@ -47,6 +47,8 @@ sherf_status failure(context *c, sherf_status status, const char *format, ...) P
 /* Puts "prefix: " before the message that is there: for adding the file name at the level that knows it. */
 sherf_status failure_prefix(context *c, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
 void log_line(context *c, sherf_log_level level, const char *format, ...) PRINTF_LIKE(3, 4);
+/* What this context computes in: bf16 where it is asked for, or for AUTO, and the device has it. */
+sherf_precision precision_resolve(const context *c, sherf_precision wanted);
 /* done of total (total 0: unknown); text is a short noun phrase. Returns SHERF_CANCELLED once cancelled. */
 sherf_status progress(context *c, const char *text, double done, double total);
 bool cancelled(context *c);
@@ -104,9 +106,10 @@ int64_t random_below(uint64_t key, uint64_t i, int64_t n);              /* integ
 
 /* ---- processor (processor.c) ---- */
 typedef enum { ISA_PLAIN, ISA_AVX2, ISA_AVX512, ISA_AMX } isa_level;
-/* The best level this machine has (AMX means AVX-512 with BF16 and AMX tiles that the kernel lets us use),
- * lowered by SHERF_ISA=plain|avx2|avx512|amx. */
+/* The best level this machine has (AMX means AVX-512 with BF16 and FP16, and AMX tiles that the kernel lets
+ * us use), lowered by SHERF_ISA=plain|avx2|avx512|amx. */
 isa_level isa_best(void);
+bool isa_has_bf16(void); /* isa_best() is a level with products in bf16: AMX */
 const char *isa_name(isa_level level);
 
 double time_seconds(void);      /* monotonic */

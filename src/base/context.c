@@ -20,11 +20,18 @@ sherf_status sherf_context_create(const sherf_options *options, sherf_context **
     }
     c->device = device;
     if (c->threads <= 0) c->threads = threads_available();
-    if (c->precision == SHERF_PRECISION_AUTO) /* every GPU that is taken multiplies bf16 */
-        c->precision = device == SHERF_DEVICE_CUDA || isa_best() >= ISA_AMX ? SHERF_PRECISION_BF16
-                                                                            : SHERF_PRECISION_FP32;
+    const sherf_precision wanted = c->precision;
+    c->precision = precision_resolve(c, wanted);
+    if (wanted == SHERF_PRECISION_BF16 && c->precision != wanted)
+        log_line(c, SHERF_LOG_WARNING, "bf16 needs a processor with AMX: computing in float32 (%s)",
+                 isa_name(isa_best()));
     *out = c;
     return SHERF_OK;
+}
+
+sherf_precision precision_resolve(const context *c, sherf_precision wanted) {
+    const bool has = c->device == SHERF_DEVICE_CUDA || isa_has_bf16(); /* every GPU that is taken has it */
+    return has && wanted != SHERF_PRECISION_FP32 ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
 }
 
 void sherf_context_free(sherf_context *c) {

@@ -13,7 +13,8 @@
 static bool amx_permitted(void) {
     unsigned a, b, c, d;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return false;
-    if (!(d & (1u << 22)) || !(d & (1u << 24))) return false; /* AMX-BF16, AMX-TILE */
+    const unsigned needed = 1u << 22 | 1u << 23 | 1u << 24; /* AMX-BF16, AVX512-FP16, AMX-TILE */
+    if ((d & needed) != needed) return false;
     return syscall(SYS_arch_prctl, 0x1023, 18) == 0;
 }
 #endif
@@ -45,6 +46,10 @@ isa_level isa_best(void) {
     for (int i = 0; mask && i < level; i++)
         if (!strcmp(mask, names[i])) level = i;
     return (isa_level)level;
+}
+
+bool isa_has_bf16(void) {
+    return isa_best() >= ISA_AMX;
 }
 
 const char *isa_name(isa_level level) {

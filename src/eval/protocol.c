@@ -358,7 +358,8 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
     char path[PATH_LENGTH];
     const sherf_precision precision = c->precision;
     *out = (sherf_scores){0};
-    c->precision = options->precision == SHERF_PRECISION_AUTO ? SHERF_PRECISION_FP32 : options->precision;
+    c->precision = options->precision == SHERF_PRECISION_AUTO ? SHERF_PRECISION_FP32
+                                                              : precision_resolve(c, options->precision);
     sherf_status status = evaluation_open(&e);
     for (int i = 0; i < e.people_count && status == SHERF_OK; i++)
         for (int k = 0; k < e.selection[i].observations && status == SHERF_OK; k++)

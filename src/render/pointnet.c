@@ -7,10 +7,6 @@
 
 #include "render/pointnet_inside.h"
 
-#if defined(__x86_64__)
-#include <cpuid.h>
-#endif
-
 /* ---- creation ---- */
 static sherf_status check_sizes(context *c, const point_sizes *s) {
     bool good = s->token_width >= 1 && s->token_width <= 256 && s->feature_channels >= 1 &&
@@ -94,20 +90,10 @@ static sherf_status copy_vectors(context *c, point_network *n, const point_weigh
     return SHERF_OK;
 }
 
-/* The AMX tile reads a float16 bank with AVX512-FP16, which isa_best() does not promise. */
-bool point_amx_possible(void) {
-#if defined(__x86_64__)
-    unsigned eax, ebx, ecx, edx;
-    return isa_best() >= ISA_AMX && __get_cpuid_count(7, 0, &eax, &ebx, &ecx, &edx) && (edx & (1u << 23));
-#else
-    return false;
-#endif
-}
-
 /* Its offsets are 32 bits. */
 static bool amx_possible(const point_sizes *s, const point_bank *b) {
 #if defined(__x86_64__)
-    return point_amx_possible() && (int64_t)b->feature_width * b->feature_height <= 10000000 &&
+    return isa_has_bf16() && (int64_t)b->feature_width * b->feature_height <= 10000000 &&
            (int64_t)b->image_width * b->image_height <= 100000000 && point_amx_fits(s);
 #else
     return false;

@@ -122,7 +122,6 @@ size_t point_tile_float_bytes(const point_network *n);
 
 /* pointnet.c: the points index[0 .. count), or those from `first` on, into a tile. */
 void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t);
-bool point_amx_possible(void); /* the processor has all that the bf16 tile takes */
 
 /* pointnet_amx_pack.c: bf16. m is used up. */
 bool point_amx_fits(const point_sizes *s);

@@ -6,8 +6,6 @@
 #include <string.h>
 
 #if defined(__x86_64__)
-#include <cpuid.h>
-
 #include "render/pointnet_train_inside.h"
 
 /* Points are split over this many lanes, each with sums of its own, whatever the number of threads, so that
@@ -15,7 +13,7 @@
 enum { LANES = 16 };
 
 bool point_training_possible(const point_sizes *s) {
-    return point_amx_possible() && point_amx_fits(s) && s->feature_channels % s->token_width == 0 &&
+    return isa_has_bf16() && point_amx_fits(s) && s->feature_channels % s->token_width == 0 &&
            s->decoder_depth >= 2;
 }
 

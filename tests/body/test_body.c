@@ -194,13 +194,12 @@ static void check_grid(context *c, const float *v, int n, float radius, float re
 
 static void nearest_is_exact(void **state) {
     body_reference *r = *state;
-    static const char *const levels[] = {"plain", "avx2", "avx512"};
     const float *v = r->m->canonical->vertices_smpl;
     float few[3 * 200];
     for (int i = 0; i < 600; i++) /* coarse values: many ties */
         few[i] = 0.05f * (float)random_below(4, (uint64_t)i, 12);
-    for (size_t i = 0; i < COUNT_OF(levels); i++) {
-        setenv("SHERF_ISA", levels[i], 1);
+    for (int level = ISA_PLAIN; level <= ISA_AVX512; level++) {
+        if (!test_isa((isa_level)level)) continue;
         check_grid(r->c, v, r->m->vertices, 0, 0, 0, 0.03);
         check_grid(r->c, v, r->m->vertices, 0, 0.06f, 0.02f, 0.03);
         check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.02f, 0.03);
@@ -211,7 +210,7 @@ static void nearest_is_exact(void **state) {
         check_grid(r->c, few, 1, 0, 0.1f, 0.02f, 100);
         check_grid(r->c, few, 2, 0, 0, 0, 0.01);
     }
-    unsetenv("SHERF_ISA");
+    test_isa_restore();
     vertex_grid *g;
     few[4] = INFINITY;
     assert_int_equal(vertex_grid_create(r->c, 200, few, 0, &g), SHERF_BAD_ARGUMENT);

@@ -136,6 +136,58 @@ static int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *f
     return total;
 }
 
+/* ---- ops in bf16 on any processor: products whose two sides were rounded, with float32 sums. Of the ops of
+ * a pass only linear has products in bf16. ---- */
+static sherf_status rounded(op_call *call, const tensor *x, tensor *out) {
+    const int64_t n = tensor_count(x);
+    const float *from = x->data;
+    uint32_t *to = arena_alloc(call->c, call->scratch, (size_t)n, sizeof *to);
+    if (!to) return SHERF_NO_MEMORY;
+    memcpy(to, from, (size_t)n * sizeof *to);
+    for (int64_t i = 0; i < n; i++) /* to nearest even; a pass has only finite numbers */
+        to[i] = (to[i] + 0x7fff + (to[i] >> 16 & 1)) & 0xffff0000u;
+    *out = *x;
+    out->data = to;
+    return SHERF_OK;
+}
+
+/* As the processor's own: few rows, inputs or outputs stay in float32. */
+static bool is_rounded(const op_call *call) {
+    const int64_t I = call->in[1]->dim[1], O = call->in[1]->dim[0];
+    return I >= 16 && O >= 16 && tensor_count(call->in[0]) / I >= 16;
+}
+
+static sherf_status linear_rounded(op_call *call) {
+    op_call k = *call;
+    tensor x, w;
+    if (!is_rounded(call)) return backend_cpu.forward[OP_linear](call);
+    sherf_status status = rounded(call, call->in[0], &x);
+    if (!status) status = rounded(call, call->in[1], &w);
+    k.in[0] = &x;
+    k.in[1] = &w;
+    return status ? status : backend_cpu.forward[OP_linear](&k);
+}
+
+static sherf_status linear_rounded_backward(op_call *call) {
+    op_call k = *call, bias = *call;
+    tensor x, w, dy;
+    if (!is_rounded(call)) return backend_cpu.backward[OP_linear](call);
+    bias.din[0] = bias.din[1] = k.din[2] = NULL; /* the bias' gradient is a sum, not a product */
+    sherf_status status = backend_cpu.backward[OP_linear](&bias);
+    if (!status) status = rounded(call, call->in[0], &x);
+    if (!status) status = rounded(call, call->in[1], &w);
+    if (!status) status = rounded(call, call->dout[0], &dy);
+    k.in[0] = &x;
+    k.in[1] = &w;
+    k.dout[0] = &dy;
+    return status ? status : backend_cpu.backward[OP_linear](&k);
+}
+
+static void ops_round(backend *b) {
+    b->forward[OP_linear] = linear_rounded;
+    b->backward[OP_linear] = linear_rounded_backward;
+}
+
 /* |a - b| / |b| */
 static double off(const float *a, const float *b, int64_t n) {
     double apart = 0, size = 0;

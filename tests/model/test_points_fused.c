@@ -8,10 +8,11 @@ static void agrees(const char *config) {
     scene_open(&s, config);
     static float frame[3][SIDE * SIDE * 5];
     float *fused, *rounded, *exact;
-    const backend ops = backend_cpu; /* another than the one that fuses */
+    backend ops = backend_cpu; /* another than the one that fuses */
     int64_t n = pass(&s, s.m, &backend_cpu, true, frame[0], &fused);
-    assert_int_equal(pass(&s, s.m, &ops, true, frame[1], &rounded), n);
     assert_int_equal(pass(&s, s.m, &ops, false, frame[2], &exact), n);
+    ops_round(&ops);
+    assert_int_equal(pass(&s, s.m, &ops, false, frame[1], &rounded), n);
     no_worse("frame", frame[0], frame[1], frame[2], SIDE * SIDE * 5);
     no_worse_all(&s, fused, rounded, exact, n);
     mem_free(fused);
@@ -28,6 +29,10 @@ static void paper_agrees(void **state) {
 }
 
 int main(void) {
+    if (!isa_has_bf16()) {
+        printf("skipped: the fused way is for bf16, which needs AMX; this is %s\n", isa_name(isa_best()));
+        return 77;
+    }
     const struct CMUnitTest tests[] = {cmocka_unit_test(small_agrees), cmocka_unit_test(paper_agrees)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

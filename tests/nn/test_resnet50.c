@@ -169,6 +169,7 @@ static void as_the_slow_one(void **state) {
 }
 
 static void bf16_is_near(void **state) {
+    skip_without_bf16();
     context *c = test_context();
     resnet50_network *n = made_up(c);
     static float a[VALUES], b[VALUES];

@@ -145,9 +145,9 @@ static void rays_are_exact(void **state) {
                            i < 8 ? 0 : (float)sin(i), 1.2f, width, height, &k);
         for (int run = 0; run < 2; run++) {
             if (run)
-                unsetenv("SHERF_ISA");
+                test_isa_restore();
             else
-                setenv("SHERF_ISA", "plain", 1);
+                test_isa(ISA_PLAIN);
             assert_ok(c, rays_create(c, &k, min, max, &rays[run]));
         }
         const size_t n = (size_t)width * (size_t)height;
@@ -237,7 +237,6 @@ static void points_agree(void **state) {
 /* Every sample of a small frame one by one, on every instruction set, with one thread and three. */
 static void points_are_exact(void **state) {
     body_reference *r = *state;
-    static const char *const levels[] = {"plain", "avx2", "avx512"};
     const int samples = 70; /* more than one word of bits */
     sherf_camera small = r->target_camera;
     camera_resize(&small, 20, 24);
@@ -245,7 +244,7 @@ static void points_are_exact(void **state) {
     vertex_grid *g;
     assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, r->target->vertices_smpl, 0.05f, &g));
     for (int run = 0; run < 6; run++) {
-        setenv("SHERF_ISA", levels[run % 3], 1);
+        if (!test_isa((isa_level)(run % 3))) continue;
         r->c->threads = run < 3 ? 1 : 3;
         point_set *p;
         assert_ok(r->c, points_create(r->c, r->m, r->target, rays, samples, NULL, NULL, NULL, true, &p));
@@ -274,7 +273,7 @@ static void points_are_exact(void **state) {
         assert_true(at > 500);
         points_free(p);
     }
-    unsetenv("SHERF_ISA");
+    test_isa_restore();
     r->c->threads = 2;
     vertex_grid_free(g);
     rays_free(rays);

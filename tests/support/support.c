@@ -40,3 +40,36 @@ const char *test_path(const char *name) {
     snprintf(path[next], sizeof path[next], "%s/%s", folder, name);
     return path[next];
 }
+
+static char *given_isa; /* SHERF_ISA as the program began with it, or NULL */
+
+__attribute__((constructor)) static void keep_isa(void) {
+    const char *given = getenv("SHERF_ISA");
+    given_isa = given ? strdup(given) : NULL;
+}
+
+void test_isa_restore(void) {
+    if (given_isa)
+        setenv("SHERF_ISA", given_isa, 1);
+    else
+        unsetenv("SHERF_ISA");
+}
+
+isa_level test_isa_highest(void) {
+    const char *now = getenv("SHERF_ISA");
+    char *kept = now ? strdup(now) : NULL;
+    test_isa_restore();
+    const isa_level highest = isa_best();
+    if (kept)
+        setenv("SHERF_ISA", kept, 1);
+    else
+        unsetenv("SHERF_ISA");
+    free(kept);
+    return highest;
+}
+
+bool test_isa(isa_level level) {
+    if (level > test_isa_highest()) return false;
+    setenv("SHERF_ISA", isa_name(level), 1);
+    return true;
+}

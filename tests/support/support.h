@@ -14,6 +14,19 @@ context *test_context(void); /* float32, 2 threads; aborts when it cannot be mad
 void test_centred(const char *name, int64_t n, double scale, float *out);
 /* A path in a fresh temporary folder of this test program, removed at exit; static storage, 4 at a time. */
 const char *test_path(const char *name);
+/* Levels of the processor, for tests that compare them. The highest is what SHERF_ISA let the program begin
+ * with: a test never leaves a mask that was put on it. */
+isa_level test_isa_highest(void);
+bool test_isa(
+    isa_level level);        /* masks the processor to it; false: it is above the highest, nothing is done */
+void test_isa_restore(void); /* as the program began */
+/* In a test that is about products in bf16 on the processor: skips it, and says so, where there are none. */
+#define skip_without_bf16()                                                                                  \
+    do {                                                                                                     \
+        if (isa_has_bf16()) break;                                                                           \
+        print_message("skipped: bf16 needs AMX, this is %s\n", isa_name(isa_best()));                        \
+        skip();                                                                                              \
+    } while (0)
 /* Fails the test with the context's message unless status is SHERF_OK. */
 #define assert_ok(c, call)                                                                                   \
     do {                                                                                                     \

@@ -22,7 +22,7 @@ static conv_shape shape_of(const op_call *call, bool transpose) {
 }
 
 static bool is_bf16(const op_call *call) {
-    return call->bf16 && isa_best() >= ISA_AMX;
+    return call->bf16 && isa_has_bf16();
 }
 
 static sherf_status forward(op_call *call, bool transpose) {

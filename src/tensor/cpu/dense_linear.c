@@ -24,7 +24,7 @@ static bool is_small(const linear_job *j) {
     return j->R < FEW || j->O < FEW;
 }
 static bool is_amx(const op_call *call, const linear_job *j) {
-    return call->bf16 && isa_best() >= ISA_AMX && j->I >= FEW;
+    return call->bf16 && isa_has_bf16() && j->I >= FEW;
 }
 
 static void linear_of(op_call *call, linear_job *j) {

@@ -70,7 +70,7 @@ static sherf_status add_rows(op_call *call, const tensor *x, const int32_t *rule
 }
 
 static bool is_amx(const op_call *call) {
-    return call->bf16 && isa_best() >= ISA_AMX && amx_sparse_fits(call->in[1]);
+    return call->bf16 && isa_has_bf16() && amx_sparse_fits(call->in[1]);
 }
 
 sherf_status cpu_sparse_conv_forward(op_call *call) {

@@ -142,6 +142,46 @@ static void choose_plain(gathered *a, const float low[3], const float high[3], f
     choose_any(a, low, high, limit_d2, nearest, chosen);
 }
 #if defined(__x86_64__)
+AVX2 static float least_of(__m256 x) {
+    __m128 half = _mm_min_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps(x, 1));
+    half = _mm_min_ps(half, _mm_movehl_ps(half, half));
+    return _mm_cvtss_f32(_mm_min_ss(half, _mm_shuffle_ps(half, half, 1)));
+}
+
+AVX2 static void choose_avx2(gathered *a, const float low[3], const float high[3], float limit_d2,
+                             float *nearest, int *chosen) {
+    const __m256 zero = _mm256_setzero_ps(), none = _mm256_set1_ps(FLT_MAX);
+    const __m256i lane = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+    __m256 within = _mm256_set1_ps(limit_d2), least = none;
+    const float *axis[3] = {a->x, a->y, a->z};
+    for (int i = 0; i < a->count; i += 8) { /* the arrays have room for whole vectors */
+        const __m256 in = _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(a->count - i), lane));
+        __m256 far2 = zero, near2 = zero;
+        for (int k = 0; k < 3; k++) {
+            __m256 x = _mm256_loadu_ps(axis[k] + i);
+            __m256 x0 = _mm256_sub_ps(_mm256_set1_ps(low[k]), x),
+                   x1 = _mm256_sub_ps(x, _mm256_set1_ps(high[k]));
+            __m256 f = _mm256_min_ps(x0, x1), n = _mm256_max_ps(_mm256_max_ps(x0, x1), zero);
+            far2 = _mm256_add_ps(far2, _mm256_mul_ps(f, f));
+            near2 = _mm256_add_ps(near2, _mm256_mul_ps(n, n));
+        }
+        near2 = _mm256_blendv_ps(none, near2, in);
+        _mm256_storeu_ps(a->d2 + i, near2);
+        within = _mm256_min_ps(within, _mm256_blendv_ps(none, far2, in));
+        least = _mm256_min_ps(least, near2);
+    }
+    *nearest = least_of(least);
+    within = _mm256_set1_ps(least_of(within) * 1.0001f);
+    int n = 0;
+    for (int i = 0; i < a->count; i += 8) {
+        unsigned in =
+            (unsigned)_mm256_movemask_ps(_mm256_cmp_ps(_mm256_loadu_ps(a->d2 + i), within, _CMP_LE_OQ));
+        if (i + 8 > a->count) in &= (1u << (a->count - i)) - 1;
+        for (; in; in &= in - 1) a->chosen[n++] = i + __builtin_ctz(in);
+    }
+    *chosen = n;
+}
+
 AVX512 static void choose_avx512(gathered *a, const float low[3], const float high[3], float limit_d2,
                                  float *nearest, int *chosen) {
     __m512 within = _mm512_set1_ps(limit_d2), least = _mm512_set1_ps(FLT_MAX), zero = _mm512_setzero_ps();
@@ -351,7 +391,9 @@ sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float
     refine_job job = {.g = g, .choose = choose_plain};
     for (int k = 0; k < 3; k++) job.blocks[k] = (g->shell.cells[k] + SIDE - 1) / SIDE;
 #if defined(__x86_64__)
-    if (isa_best() >= ISA_AVX512) job.choose = choose_avx512;
+    const isa_level level = isa_best();
+    if (level >= ISA_AVX2) job.choose = choose_avx2;
+    if (level >= ISA_AVX512) job.choose = choose_avx512;
 #endif
     g->list = vertex_list_best();
     parallel_for(c, job.blocks[2], 1, refine_layers, &job);

@@ -50,8 +50,9 @@ typedef struct {
 
 enum { PERSON_MASK_SIDE = 256 };
 typedef struct {
-    float score; /* probability that this is a person */
-    photo_region region;
+    float score;         /* probability that this is a person */
+    photo_region region; /* in which the networks looked */
+    photo_region next; /* in which they would look for the same person again: nearer, or in the next frame */
     landmark landmark[LANDMARKS];
     /* Row-major: probability that the centre ((column + 1/2) / side, (row + 1/2) / side) of the region shows
      * the person. */

@@ -1,5 +1,6 @@
 /* convert: sherf_convert. What a file is follows from what it holds: SMPL bodies, the authors' snapshots,
- * torch's weights of ResNet-18, VGG16 and the heads of LPIPS, TensorFlow.js's of ResNet-50. */
+ * torch's weights of ResNet-18, VGG16 and the heads of LPIPS, TensorFlow.js's of ResNet-50, and its graphs.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -334,28 +335,67 @@ static sherf_status weights(conversion *o, const value *root, const char *kind, 
     return status == SHERF_OK && !*said ? SHERF_NO_MEMORY : status;
 }
 
+/* ---------------------------------------------------------------- graphs ----------------------------- */
+/* The two that find people and their landmarks: a folder that has both becomes one file. */
+static const char *const pose_graphs[] = {"blazepose-detector", "blazepose-heavy"};
+
+static sherf_status second_graph(conversion *o, char *folder) {
+    char path[PATH_LENGTH];
+    document *d;
+    if (snprintf(path, sizeof path, "%s/%s.json", folder, pose_graphs[1]) >= (int)sizeof path)
+        return failure(o->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+    sherf_status status = json_read(o->c, path, &d);
+    if (status != SHERF_OK) return status;
+    status = tfjs_is_graph(d->root) ? convert_graph(o, d->root, pose_graphs[1], folder)
+                                    : failure(o->c, SHERF_MISMATCH, "%s: no TensorFlow.js graph model", path);
+    document_free(d);
+    return status;
+}
+
+/* Named as its file. */
+static sherf_status graphs(conversion *o, const value *root, const char *file, char *folder, bool both,
+                           char **said) {
+    const char *slash = strrchr(file, '/'), *name = slash ? slash + 1 : file;
+    const int length = (int)strcspn(name, ".");
+    char *named = convert_text(o, "%.*s", length < 100 ? length : 100, name);
+    convert_describe(o, "format", "graph");
+    sherf_status status = named ? convert_graph(o, root, named, folder) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK && both) status = second_graph(o, folder);
+    if (status != SHERF_OK) return status;
+    *said = convert_text(o, "%s%s%s: %zu arrays of weights in float16", both ? "graphs " : "graph ", named,
+                         both ? " and blazepose-heavy" : "", o->count);
+    return *said ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
 /* ---------------------------------------------------------------- the verb --------------------------- */
-static sherf_status recognise(conversion *o, const value *root, const char *kind, char *folder,
-                              named_arrays *arrays, char **said) {
+static sherf_status recognise(conversion *o, const value *root, const char *kind, const char *file,
+                              char *folder, bool both, named_arrays *arrays, char **said) {
     const value *format = value_get(value_get(root, "__metadata__"), "format");
     if (!strcmp(kind, "safetensors") && format && format->kind == VALUE_STRING)
         return failure(o->c, SHERF_BAD_ARGUMENT, "is converted already (%.40s)", format->string.text);
     if (value_get(root, "v_template") || (value_get(root, "kintree_table") && value_get(root, "shapedirs")))
         return smpl(o, root, said);
+    if (tfjs_is_graph(root)) return graphs(o, root, file, folder, both, said);
     if (tfjs_is(root)) return convert_resnet50(o, root, folder, said);
     if (root->kind == VALUE_DICT && (module_is(value_get(root, "G_ema")) || module_is(value_get(root, "G"))))
         return snapshot(o, root, arrays, said);
     return weights(o, root, kind, arrays, said);
 }
 
-/* The file to read, and the folder it is in: a TensorFlow.js model may be given as its folder. */
+/* The file to read, and the folder it is in: a TensorFlow.js model may be given as its folder, and so may
+ * both of pose_graphs. */
 static sherf_status input_paths(context *c, const char *input, char file[PATH_LENGTH],
-                                char folder[PATH_LENGTH]) {
+                                char folder[PATH_LENGTH], bool *both) {
     bool inside = path_is_folder(input);
-    if (snprintf(file, PATH_LENGTH, inside ? "%s/model.json" : "%s", input) >= PATH_LENGTH)
+    *both = false;
+    if (snprintf(file, PATH_LENGTH, inside ? "%s/model.json" : "%s", input) >= PATH_LENGTH - 32)
         return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", input);
-    if (inside && !path_is_file(file))
-        return failure(c, SHERF_NO_FILE, "%s: a folder without a model.json (TensorFlow.js)", input);
+    if (inside && !path_is_file(file)) {
+        snprintf(file, PATH_LENGTH, "%s/%s.json", input, pose_graphs[0]);
+        *both = path_is_file(file);
+        if (!*both)
+            return failure(c, SHERF_NO_FILE, "%s: a folder without a model.json (TensorFlow.js)", input);
+    }
     memcpy(folder, file, PATH_LENGTH);
     char *slash = strrchr(folder, '/');
     if (!slash)
@@ -372,12 +412,13 @@ sherf_status sherf_convert(sherf_context *c, const char *input, const char *path
     char *said = NULL;
     conversion o = {.c = c};
     named_arrays arrays = {0};
+    bool both;
     if (description) *description = NULL;
-    sherf_status status = input_paths(c, input, file, folder);
+    sherf_status status = input_paths(c, input, file, folder, &both);
     if (status == SHERF_OK) status = document_read(c, file, &d, &kind);
     if (status != SHERF_OK) return status;
     o.memory = arena_create(c);
-    status = o.memory ? recognise(&o, d->root, kind, folder, &arrays, &said) : SHERF_NO_MEMORY;
+    status = o.memory ? recognise(&o, d->root, kind, file, folder, both, &arrays, &said) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) {
         failure_prefix(c, status, "%s", input);
         goto done;

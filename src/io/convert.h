@@ -26,4 +26,7 @@ sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, 
 /* convert_resnet50.c: the first stages of an ImageNet ResNet-50 as a TensorFlow.js layers model; `root` is
  * its model.json, in `folder`. */
 sherf_status convert_resnet50(conversion *o, const value *root, char *folder, char **said);
+/* convert_graph.c: any TensorFlow.js graph model as nodes of nn/graph.h: metadata graph.NAME, and weights
+ * NAME/.... Nodes that are not known are refused by name. */
+sherf_status convert_graph(conversion *o, const value *root, const char *name, char *folder);
 #endif

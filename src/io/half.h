@@ -1,4 +1,4 @@
-/* 16-bit floats to float32; both are exact. */
+/* 16-bit floats to float32, exactly, and back to the nearest. */
 #ifndef SHERF_HALF_H
 #define SHERF_HALF_H
 
@@ -23,5 +23,23 @@ static inline float half_to_float(uint16_t h) {
     uint32_t bits = sign | fraction << 13 | (exponent == 31 ? 255u << 23 : (exponent + 112) << 23);
     memcpy(&f, &bits, sizeof f);
     return f;
+}
+
+/* To the nearest, ties to even; what is too large becomes infinite. */
+static inline uint16_t half_from_float(float f) {
+    uint32_t bits;
+    memcpy(&bits, &f, sizeof bits);
+    const uint32_t sign = bits >> 16 & 0x8000u, whole = bits & 0x7fffffffu;
+    if (whole > 0x7f800000u) return (uint16_t)(sign | 0x7e00u); /* no number */
+    if (whole >= 0x477ff000u) return (uint16_t)(sign | 0x7c00u);
+    if (whole < 0x38800000u) { /* a multiple of 2^-24 below 2^-14; the addition rounds */
+        float small, one = 0x1p-1f;
+        memcpy(&small, &whole, sizeof small);
+        small += one;
+        uint32_t rounded;
+        memcpy(&rounded, &small, sizeof rounded);
+        return (uint16_t)(sign | (rounded - 0x3f000000u));
+    }
+    return (uint16_t)(sign | ((whole - 0x38000000u + 0xfffu + (whole >> 13 & 1)) >> 13));
 }
 #endif

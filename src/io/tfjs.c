@@ -6,6 +6,7 @@
 
 #include "base/path.h"
 #include "io/build.h"
+#include "io/half.h"
 #include "io/tfjs.h"
 
 enum { WEIGHTS_MAX = 1 << 14, SHARDS_MAX = 1 << 12, NAME_LENGTH = 256 };
@@ -13,6 +14,10 @@ static const size_t group_bytes_max = (size_t)1 << 30;
 
 bool tfjs_is(const value *root) {
     return value_get(root, "weightsManifest") && value_get(root, "modelTopology");
+}
+
+bool tfjs_is_graph(const value *root) {
+    return tfjs_is(root) && value_is_string(value_get(root, "format"), "graph-model");
 }
 
 const value *tfjs_layer(const value *root, const char *class_name, const char *name) {
@@ -32,7 +37,9 @@ typedef struct {
     const char *name;
     int rank;
     int64_t dim[8], count;
-    int size; /* bytes of a number: 4 float32, 1 or 2 quantised */
+    dtype type; /* float32 or int32 */
+    int size;   /* bytes of a number: 4, or 1 or 2 quantised */
+    bool half;  /* float16 */
     double minimum, scale;
 } weight;
 
@@ -45,10 +52,15 @@ static bool text_is_plain(const value *v, size_t length_max) {
 
 static sherf_status quantization(context *c, const value *q, weight *w) {
     const value *type = value_get(q, "dtype");
+    if (value_is_string(type, "float16")) {
+        w->size = 2;
+        w->half = true;
+        return SHERF_OK;
+    }
     w->size = value_is_string(type, "uint8") ? 1 : value_is_string(type, "uint16") ? 2 : 0;
     if (!w->size)
-        return failure(c, SHERF_UNSUPPORTED, "array %s: its quantization is neither uint8 nor uint16",
-                       w->name);
+        return failure(c, SHERF_UNSUPPORTED,
+                       "array %s: its quantization is neither float16 nor uint8 nor uint16", w->name);
     sherf_status status = value_doubles(c, value_get(q, "min"), "min of a quantization", 1, &w->minimum);
     if (status == SHERF_OK)
         status = value_doubles(c, value_get(q, "scale"), "scale of a quantization", 1, &w->scale);
@@ -58,12 +70,14 @@ static sherf_status quantization(context *c, const value *q, weight *w) {
 static sherf_status weight_parse(context *c, const value *v, weight *w) {
     const value *name = value_get(v, "name"), *shape = value_get(v, "shape"),
                 *q = value_get(v, "quantization");
-    *w = (weight){.size = 4};
+    *w = (weight){.type = T_F32, .size = 4};
     if (!text_is_plain(name, NAME_LENGTH))
         return failure(c, SHERF_BAD_FILE, "an array of the manifest has no proper name");
     w->name = name->string.text;
-    if (!value_is_string(value_get(v, "dtype"), "float32"))
-        return failure(c, SHERF_UNSUPPORTED, "array %s: only float32 is read", w->name);
+    if (value_is_string(value_get(v, "dtype"), "int32") && !q)
+        w->type = T_I32;
+    else if (!value_is_string(value_get(v, "dtype"), "float32"))
+        return failure(c, SHERF_UNSUPPORTED, "array %s: only float32 and plain int32 are read", w->name);
     if (!shape || shape->kind != VALUE_LIST || shape->list.count > COUNT_OF(w->dim))
         return failure(c, SHERF_BAD_FILE, "array %s: its shape is no list of up to 8 sizes", w->name);
     w->rank = (int)shape->list.count;
@@ -80,16 +94,16 @@ static sherf_status weight_parse(context *c, const value *v, weight *w) {
 }
 
 static value *weight_build(builder *b, const weight *w, const unsigned char *data) {
-    value *v = build_array(b, T_F32, w->rank, w->dim);
+    value *v = build_array(b, w->type, w->rank, w->dim);
     if (!v) return NULL;
     float *out = v->array.data;
     if (w->size == 4) {
-        memcpy(out, data, (size_t)w->count * 4);
+        memcpy(v->array.data, data, (size_t)w->count * 4);
         return v;
     }
     for (int64_t i = 0; i < w->count; i++) {
         unsigned stored = w->size == 1 ? data[i] : data[2 * i] | (unsigned)data[2 * i + 1] << 8;
-        out[i] = (float)(w->minimum + w->scale * stored);
+        out[i] = w->half ? half_to_float((uint16_t)stored) : (float)(w->minimum + w->scale * stored);
     }
     return v;
 }

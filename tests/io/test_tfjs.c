@@ -75,7 +75,7 @@ static void refused(void **state) {
         {"\"8\\\\x\"", FLOATS, "path 0"},
         {"\"8:x\"", FLOATS, "path 0"},
         {"\"8 x\"", FLOATS, "path 0"},
-        {"\"8\"", ARRAY("\"w\"", "[2]", "\"int32\""), "only float32"},
+        {"\"8\"", ARRAY("\"w\"", "[2]", "\"bool\""), "only float32"},
         {"\"8\"", ARRAY("\"w\"", "[-2]", "\"float32\""), "out of range"},
         {"\"8\"", ARRAY("\"w\"", "[4294967296, 4294967296]", "\"float32\""), "out of range"},
         {"\"8\"", ARRAY("\"w\"", "[1000000, 1000000]", "\"float32\""), "out of range"},
@@ -88,7 +88,7 @@ static void refused(void **state) {
         {"\"8\"", "7", "proper name"},
         {"\"2\"",
          "{\"name\": \"w\", \"shape\": [2], \"dtype\": \"float32\", \"quantization\": {\"dtype\": \"int4\"}}",
-         "neither uint8"},
+         "neither float16"},
         {"\"2\"",
          "{\"name\": \"w\", \"shape\": [2], \"dtype\": \"float32\", \"quantization\": {\"dtype\": \"uint8\", "
          "\"min\": \"x\", \"scale\": 1}}",

@@ -50,6 +50,13 @@ static bool engine_ready(void) {
     return true;
 }
 
+dnnl_engine_t plan_engine(void) {
+    pthread_mutex_lock(&lock);
+    dnnl_engine_t ready = engine_ready() ? engine : NULL;
+    pthread_mutex_unlock(&lock);
+    return ready;
+}
+
 /* Under the lock: the slot for a new plan, the longest unused one's; -1 when all are running. */
 static int slot_free(void) {
     int best = -1;

@@ -34,6 +34,9 @@ typedef struct {
 sherf_status plan_acquire(context *c, const plan_key *key, plan **out);
 void plan_release(plan *p);
 
+/* oneDNN's engine on this processor, held to SHERF_ISA, until the process ends; NULL: none. */
+dnnl_engine_t plan_engine(void);
+
 /* Sets the threads of the OpenMP regions that oneDNN opens from here; returns what was set before. */
 int threads_set(int n);
 

@@ -1,0 +1,20 @@
+/* landmarks: people in a photo or in a video's frames, as far as networks see them. */
+#ifndef SHERF_ESTIMATE_LANDMARKS_H
+#define SHERF_ESTIMATE_LANDMARKS_H
+
+#include "estimate/networks.h"
+#include "estimate/person.h"
+
+enum { PEOPLE_MOST = 8 };
+/* At most `most` (1 to PEOPLE_MOST) people of an RGB photo, the largest first: *out holds *count of them,
+ * freed with mem_free; none: *out is NULL and that is no failure. The same bits for any number of threads. */
+sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int most,
+                         photo_person **out, int *count);
+/* One look at one region; out->score says whether a person is there. */
+sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,
+                            const photo_region *region, photo_person *out);
+/* The person of the frame before, in the next frame and without the detector. *there: still seen; else *out
+ * is what was seen instead. `out` may be `before`. */
+sherf_status landmarks_track(context *c, const pose_networks *n, const sherf_image *frame,
+                             const photo_person *before, photo_person *out, bool *there);
+#endif

@@ -1,0 +1,125 @@
+#include <math.h>
+#include <string.h>
+
+#include "estimate/region.h"
+
+void region_place(const photo_region *region, float u, float v, float place_px[2]) {
+    const float cosine = cosf(region->angle_rad), sine = sinf(region->angle_rad);
+    const float x = region->side_px * (u - .5f), y = region->side_px * (v - .5f);
+    place_px[0] = region->centre_px[0] + cosine * x - sine * y;
+    place_px[1] = region->centre_px[1] + sine * x + cosine * y;
+}
+
+photo_region region_about(const float middle_px[2], const float top_px[2]) {
+    const float right = top_px[0] - middle_px[0], down = top_px[1] - middle_px[1];
+    return (photo_region){.centre_px = {middle_px[0], middle_px[1]},
+                          .side_px = 2.5f * hypotf(right, down),
+                          .angle_rad = atan2f(right, -down)};
+}
+
+/* Means of squares of `step` pixels: cell (i, j) begins at pixel first + step (i, j). */
+typedef struct {
+    const sherf_image *photo;
+    int step, first[2], size[2]; /* across, down */
+    bool black;
+    float *mean; /* [down, across, 3] */
+} cells;
+
+static int clamped(int64_t i, int count) {
+    return i < 0 ? 0 : i >= count ? count - 1 : (int)i;
+}
+
+static void cell_mean(const cells *m, int i, int j, float *mean) {
+    const sherf_image *p = m->photo;
+    const int64_t left = m->first[0] + (int64_t)i * m->step, top = m->first[1] + (int64_t)j * m->step;
+    float sum[3] = {0};
+    for (int64_t y = top; y < top + m->step; y++) {
+        if (m->black && (y < 0 || y >= p->height)) continue;
+        const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3;
+        for (int64_t x = left; x < left + m->step; x++) {
+            if (m->black && (x < 0 || x >= p->width)) continue;
+            const float *from = row + (size_t)clamped(x, p->width) * 3;
+            for (int k = 0; k < 3; k++) sum[k] += from[k];
+        }
+    }
+    for (int k = 0; k < 3; k++) mean[k] = sum[k] / ((float)m->step * (float)m->step);
+}
+
+static void cell_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const cells *m = arg;
+    for (int64_t j = begin; j < end; j++)
+        for (int i = 0; i < m->size[0]; i++)
+            cell_mean(m, i, (int)j, m->mean + ((size_t)j * (size_t)m->size[0] + (size_t)i) * 3);
+}
+
+/* Bilinear, at a place in the photo; the cells reach far enough. */
+static void between_cells(const cells *m, const float place_px[2], float sum[3]) {
+    float at[2];
+    int low[2], high[2];
+    for (int k = 0; k < 2; k++) {
+        at[k] = (place_px[k] - (float)m->first[k] - .5f * (float)(m->step - 1)) / (float)m->step;
+        low[k] = clamped((int64_t)floorf(at[k]), m->size[k]);
+        high[k] = clamped(low[k] + 1, m->size[k]);
+        at[k] = fminf(fmaxf(at[k] - (float)low[k], 0), 1);
+    }
+    const float *above = m->mean + (size_t)low[1] * (size_t)m->size[0] * 3,
+                *below = m->mean + (size_t)high[1] * (size_t)m->size[0] * 3;
+    for (int k = 0; k < 3; k++) {
+        const float a = above[3 * low[0] + k], b = above[3 * high[0] + k], c = below[3 * low[0] + k],
+                    d = below[3 * high[0] + k];
+        const float upper = a + (b - a) * at[0], lower = c + (d - c) * at[0];
+        sum[k] += upper + (lower - upper) * at[1];
+    }
+}
+
+typedef struct {
+    const cells *m;
+    const photo_region *region;
+    int side;
+    float scale, shift, *out;
+} sampling;
+
+static void sample_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const sampling *s = arg;
+    const bool shrinks = s->region->side_px > (float)s->side;
+    const int samples = shrinks ? 2 : 1; /* a side */
+    const float part = 1.f / ((float)samples * (float)s->side);
+    for (int64_t j = begin; j < end; j++)
+        for (int i = 0; i < s->side; i++) {
+            float sum[3] = {0}, place_px[2];
+            for (int k = 0; k < samples * samples; k++) {
+                const int column = i * samples + k % samples, row = (int)j * samples + k / samples;
+                region_place(s->region, ((float)column + .5f) * part, ((float)row + .5f) * part, place_px);
+                between_cells(s->m, place_px, sum);
+            }
+            float *out = s->out + ((size_t)j * (size_t)s->side + (size_t)i) * 3;
+            for (int k = 0; k < 3; k++) out[k] = s->scale * (sum[k] / (float)(samples * samples)) + s->shift;
+        }
+}
+
+sherf_status region_sample(context *c, const sherf_image *photo, const photo_region *region, int side,
+                           bool black_outside, float scale, float shift, float *out) {
+    const float longest = (float)(photo->width > photo->height ? photo->width : photo->height);
+    if (photo->channels != 3)
+        return failure(c, SHERF_BAD_ARGUMENT, "a photo of %d channels", photo->channels);
+    if (!(region->side_px > 0 && region->side_px <= 64 * longest + 64) ||
+        !(fabsf(region->centre_px[0]) <= 64 * longest + 64) ||
+        !(fabsf(region->centre_px[1]) <= 64 * longest + 64) || !isfinite(region->angle_rad))
+        return failure(c, SHERF_BAD_ARGUMENT, "a region far outside the photo");
+    cells m = {.photo = photo, .black = black_outside, .step = (int)(region->side_px / (float)side)};
+    if (m.step < 1) m.step = 1;
+    /* what the turned square covers, and a cell more on every side */
+    const float half =
+        .5f * region->side_px * (fabsf(cosf(region->angle_rad)) + fabsf(sinf(region->angle_rad)));
+    for (int k = 0; k < 2; k++) {
+        m.first[k] = (int)floorf(region->centre_px[k] - half) - m.step;
+        m.size[k] = (int)ceilf(2 * half / (float)m.step) + 3;
+    }
+    m.mean = mem_alloc(c, (size_t)m.size[0] * (size_t)m.size[1] * 3, sizeof *m.mean);
+    if (!m.mean) return SHERF_NO_MEMORY;
+    parallel_for(c, m.size[1], 8, cell_rows, &m);
+    sampling s = {&m, region, side, scale, shift, out};
+    parallel_for(c, side, 8, sample_rows, &s);
+    mem_free(m.mean);
+    return SHERF_OK;
+}

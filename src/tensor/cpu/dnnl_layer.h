@@ -1,0 +1,28 @@
+/* layer: a convolution for inference whose weights and sizes never change: bias, sum and activation are part
+ * of one primitive of oneDNN, and its weights are packed once. float32, pictures [H, W, C]. */
+#ifndef SHERF_DNNL_LAYER_H
+#define SHERF_DNNL_LAYER_H
+
+#include "base/base.h"
+
+typedef enum { LAYER_LINEAR, LAYER_RELU, LAYER_RELU6 } layer_activation;
+
+/* y = then(sum + bias + weight * x); pairs are down and across. Sizes are checked by the caller. */
+typedef struct {
+    int size[2], in, out;                          /* x is [size[0], size[1], in], y has `out` channels */
+    bool depthwise;                                /* in == out, a kernel a channel */
+    int kernel[2], stride[2], before[2], after[2]; /* zeros before and after x */
+    bool adds;                                     /* the sum is what y held; else 0 */
+    layer_activation then;
+} layer_shape;
+
+typedef struct layer layer;
+/* weight: [kernel, kernel, in, out], depthwise [kernel, kernel, in]; bias: [out] or NULL. Both are copied.
+ * oneDNN splits the work for the context's threads now; the layer always runs with as many. */
+sherf_status layer_create(context *c, const layer_shape *shape, const float *weight, const float *bias,
+                          layer **out);
+void layer_free(layer *l);
+size_t layer_scratch_bytes(const layer *l);
+/* scratch: 64-byte aligned, of that many bytes. May run in several threads at once. */
+sherf_status layer_run(context *c, const layer *l, const float *x, float *y, void *scratch);
+#endif

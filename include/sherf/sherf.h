@@ -97,8 +97,9 @@ typedef struct {
     float *data;
 } sherf_image;
 SHERF_API void sherf_image_free(sherf_image *image); /* frees data and zeroes the struct */
-SHERF_API sherf_status sherf_image_read(sherf_context *c, const char *path,
-                                        sherf_image *out); /* PNG or JPEG, to RGB */
+SHERF_API sherf_status
+sherf_image_read(sherf_context *c, const char *path,
+                 sherf_image *out); /* PNG, JPEG, WebP, HEIC or AVIF, upright, to RGB */
 SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
                                          const sherf_image *image); /* .png, .npy; 1, 3 or 4 channels (RGB
                                                                        and alpha, not premultiplied) */

@@ -243,25 +243,17 @@ static sherf_status info_tree(teller *t, const char *path) {
 
 /* ---- pictures, folders ---- */
 
-/* "PNG", "JPEG", or NULL. */
-static const char *picture_kind(const char *path) {
-    unsigned char start[8] = {0};
-    FILE *f = fopen(path, "rb");
-    size_t n = f ? fread(start, 1, sizeof start, f) : 0;
-    if (f) fclose(f);
-    if (n >= 8 && !memcmp(start, "\x89PNG\r\n\x1a\n", 8)) return "PNG";
-    return n >= 3 && !memcmp(start, "\xff\xd8\xff", 3) ? "JPEG" : NULL;
-}
-
 static sherf_status info_picture(teller *t, const char *path, const char *kind) {
-    int width, height, channels;
-    sherf_status status = image_size(t->c, path, &width, &height, &channels);
+    photo_info photo;
+    sherf_status status = image_photo_info(t->c, path, &photo);
     if (status) return status;
     tell(t, "kind", "%s", kind);
     tell(t, "what", "a picture");
-    tell_number(t, "width", width);
-    tell_number(t, "height", height);
-    tell_number(t, "channels", channels);
+    tell_number(t, "width", photo.width);
+    tell_number(t, "height", photo.height);
+    tell_number(t, "channels", photo.channels);
+    if (photo.orientation > 1) tell_number(t, "orientation", photo.orientation);
+    if (photo.focal_px > 0) tell_number(t, "focal_px", photo.focal_px);
     return SHERF_OK;
 }
 
@@ -343,7 +335,7 @@ static sherf_status info_any(teller *t, const char *path) {
     if (!path_is_file(path) && strchr(path, '#')) return info_observation(t, path);
     if (!path_is_file(path) && strchr(path, ':')) return info_dataset(t, path);
     if (stat(path, &stat_of) == 0) tell_number(t, "size", (double)stat_of.st_size);
-    if ((picture = picture_kind(path))) return info_picture(t, path, picture);
+    if ((picture = image_file_kind(path))) return info_picture(t, path, picture);
     return is_safetensors(path) ? info_safetensors(t, path) : info_tree(t, path);
 }
 

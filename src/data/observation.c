@@ -262,7 +262,8 @@ static sherf_status first_file(context *c, const char *folder, const char *const
 /* A folder without observation.json: files with fixed names. */
 static sherf_status observation_from_folder(context *c, const char *folder, file_names *names,
                                             view_source *source) {
-    static const char *const images[] = {"image.png", "image.jpg", "image.jpeg", NULL};
+    static const char *const images[] = {"image.png",  "image.jpg",  "image.jpeg", "image.webp",
+                                         "image.heic", "image.heif", "image.avif", NULL};
     static const char *const cameras[] = {"camera.json", NULL};
     static const char *const bodies[] = {"body.json", "body.npz", "body.npy", NULL};
     int size[2], channels;
@@ -356,14 +357,12 @@ static sherf_status observation_from_dataset(context *c, const char *path, const
 }
 
 sherf_status sherf_observation_load(sherf_context *c, const char *path, sherf_observation **out) {
-    static const char *const picture[] = {".png", ".jpg", ".jpeg"};
     *out = NULL;
-    for (size_t i = 0; i < COUNT_OF(picture); i++)
-        if (path_is_file(path) && path_ends(path, picture[i]))
-            return failure(c, SHERF_BAD_FILE,
-                           "%s: a picture alone is no observation: camera, body pose and mask belong to it, "
-                           "named in an observation.json (docs/observation.md)",
-                           path);
+    if (path_is_file(path) && image_file_kind(path))
+        return failure(c, SHERF_BAD_FILE,
+                       "%s: a picture alone is no observation: camera, body pose and mask belong to it, "
+                       "named in an observation.json (docs/observation.md)",
+                       path);
     if (path_is_folder(path) || path_is_file(path)) return observation_from_files(c, path, out);
     const char *hash = strrchr(path, '#');
     if (hash) return observation_from_dataset(c, path, hash, out);

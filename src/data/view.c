@@ -35,10 +35,29 @@ sherf_status mask_shares_check(context *c, size_t person, size_t unsure, size_t 
                    "the mask covers the whole picture: it should be 0 outside the person");
 }
 
-/* 1 where any channel is not 0, or, without a mask file, where the picture's alpha is at least a half. */
+/* Most of what is not black in a soft mask is white; labels of the body's parts are something else. Of a soft
+ * one the person begins at a half. */
+static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
+    image_u8 grey = {0};
+    sherf_status status = image_read(c, path, 1, &grey);
+    if (status) return status;
+    const size_t n = (size_t)mask->width * mask->height;
+    size_t inside = 0, white = 0;
+    for (size_t i = 0; i < n; i++) inside += mask->data[i], white += grey.data[i] >= 250;
+    if (2 * white > inside)
+        for (size_t i = 0; i < n; i++) mask->data[i] = grey.data[i] >= 128;
+    mem_free(grey.data);
+    return SHERF_OK;
+}
+
+/* 1 where any channel is not 0, or, in soft masks and where without a mask file the picture's alpha counts,
+ * where it is at least a half. */
 static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
-    if (s->mask) return image_read(c, s->mask, IMAGE_MASK, out);
+    if (s->mask) {
+        sherf_status read = image_read(c, s->mask, IMAGE_MASK, out);
+        return read || !s->observed ? read : mask_harden(c, s->mask, out);
+    }
     sherf_status status = image_read(c, s->image, 4, &color);
     if (status) return status;
     size_t n = (size_t)color.width * color.height;

@@ -7,7 +7,7 @@
 /* Longer sides are refused: of files, and of what they become. An observation is scaled down to the last,
  * since the encoders take gigabytes (4 GB, and an avatar of 0.3 GB, at 2048 x 2048) for what networks have
  * not seen in training. */
-enum { VIEW_READ_SIDE_MAX = 8192, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
+enum { VIEW_READ_SIDE_MAX = IMAGE_SIDE_MAX, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
 /* An observation's size: of the same shape, and told when it is another. */
 void view_observed_size(context *c, const char *what, int *width, int *height);
 
@@ -15,9 +15,9 @@ typedef struct {
     const char *image, *mask; /* paths; mask NULL: the picture's alpha channel */
     parsed_camera camera;     /* for the picture as it is in the file */
     sherf_pose pose;
-    double scale;   /* used when width is 0 */
-    int width;      /* 0: by scale */
-    bool observed;  /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0 */
+    double scale;  /* used when width is 0 */
+    int width;     /* 0: by scale */
+    bool observed; /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0; the mask may be soft */
     bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is unsure */
 } view_source;
 /* Of a mask's `total` pixels: some are the person's, and not all of them (`unsure` ones may be). */

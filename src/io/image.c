@@ -1,10 +1,8 @@
-/* image: PNG through libpng, JPEG through libjpeg-turbo. Both report errors by longjmp; what must be freed is
- * kept in a struct that the setjmp frame only points to. Decoding is OpenCV's (slow DCT, fancy upsampling,
- * upright by
- * EXIF), so that scores agree. */
+/* image: PNG through libpng, JPEG through libjpeg-turbo; image_webp.c and image_heif.c have the others. Both
+ * report errors by longjmp; what must be freed is kept in a struct that the setjmp frame only points to.
+ * Decoding is OpenCV's (slow DCT, fancy upsampling, upright by EXIF), so that scores agree. */
 #include <errno.h>
 #include <png.h>
-#include <setjmp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,43 +12,32 @@
 #include <jerror.h>
 
 #include "base/path.h"
-#include "io/image.h"
+#include "io/image_inside.h"
 
 enum { JPEG_SCANS = 200 };
 static const size_t image_bytes_max = (size_t)1 << 30;
 
-typedef struct {
-    context *c;
-    const unsigned char *data;
-    size_t bytes, at;
-    sherf_status status;
-    jmp_buf back;
-    char text[200];
-    image_u8 out;
-    unsigned char *row; /* scratch: a row, or the whole picture when interlaced */
-    int channels;       /* wanted; 0: only the size is asked for */
-    bool mask;          /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
-    int own_channels;
-    int orientation; /* of a JPEG, as EXIF says; 0 or 1: upright */
-    png_bytep *rows; /* interlaced PNG */
-} decoder;
+typedef image_decoder decoder;
 
-static sherf_status check_size(decoder *d, uint64_t width, uint64_t height) {
+sherf_status image_check_size(decoder *d, uint64_t width, uint64_t height) {
     if (!width || !height || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX ||
         width * height > image_pixels_max)
-        return failure(d->c, SHERF_BAD_FILE, "a picture of %llu x %llu pixels, which is not read",
-                       (unsigned long long)width, (unsigned long long)height);
+        return failure(d->c, SHERF_BAD_FILE,
+                       "a picture of %llu x %llu pixels: from 1 to %d on a side and %zu in all are read",
+                       (unsigned long long)width, (unsigned long long)height, IMAGE_SIDE_MAX,
+                       image_pixels_max);
     d->out.width = (int)width;
     d->out.height = (int)height;
     return SHERF_OK;
 }
 
-static bool make_room(decoder *d, size_t row_bytes) {
+bool image_make_room(decoder *d, size_t row_bytes) {
     d->out.channels = d->channels;
     d->out.data = mem_alloc(d->c, (size_t)d->out.width * (size_t)d->out.height, (size_t)d->channels);
-    d->row = d->out.data ? mem_alloc(d->c, row_bytes, 1) : NULL;
-    if (!d->row) d->status = SHERF_NO_MEMORY;
-    return d->row != NULL;
+    if (d->out.data && row_bytes) d->row = mem_alloc(d->c, row_bytes, 1);
+    bool there = d->out.data && (d->row || !row_bytes);
+    if (!there) d->status = SHERF_NO_MEMORY;
+    return there;
 }
 
 /* Grey as libpng (and so OpenCV) takes it: 15-bit fixed point, cut off, grey pixels as they are. */
@@ -59,8 +46,7 @@ static uint8_t grey_of(const uint8_t *p) {
     return (uint8_t)((9797 * p[0] + 19234 * p[1] + 3737 * p[2]) >> 15);
 }
 
-/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
-static void put_row(decoder *d, const uint8_t *row, int y, int from) {
+void image_put_row(decoder *d, const uint8_t *row, int y, int from) {
     size_t width = (size_t)d->out.width;
     uint8_t *to = d->out.data + (size_t)y * width * (size_t)d->channels;
     if (d->mask) {
@@ -129,7 +115,7 @@ static void png_put_row(decoder *d, uint8_t *row, int y, int from, bool deep) {
     if (deep)
         for (size_t i = 0; i < (size_t)d->out.width * (size_t)from; i++)
             row[i] = row[2 * i] || row[2 * i + 1];
-    put_row(d, row, y, from);
+    image_put_row(d, row, y, from);
 }
 
 static void png_rows(decoder *d, png_structp png, png_infop info) {
@@ -140,7 +126,7 @@ static void png_rows(decoder *d, png_structp png, png_infop info) {
     bool deep = png_get_bit_depth(png, info) == 16;
     if (from < 1 || from > 4 || row_bytes != (size_t)d->out.width * (size_t)from * (deep ? 2 : 1))
         png_error(png, "odd rows");
-    if (!make_room(d, passes > 1 ? row_bytes * height : row_bytes)) longjmp(d->back, 1);
+    if (!image_make_room(d, passes > 1 ? row_bytes * height : row_bytes)) longjmp(d->back, 1);
     if (passes > 1) {
         d->rows = mem_alloc(d->c, height, sizeof *d->rows);
         if (!d->rows) {
@@ -156,6 +142,20 @@ static void png_rows(decoder *d, png_structp png, png_infop info) {
             png_put_row(d, d->row, (int)y, from, deep);
         }
     png_read_end(png, NULL); /* the last sums are looked at, too */
+}
+
+/* The eXIf chunk, which may also lie behind the pixels, where libpng has not been yet. */
+static void png_exif(decoder *d) {
+    for (size_t at = 8; at + 12 <= d->bytes;) {
+        const unsigned char *p = d->data + at;
+        size_t length = (size_t)p[0] << 24 | (size_t)p[1] << 16 | (size_t)p[2] << 8 | p[3];
+        if (length > d->bytes - at - 12) return;
+        if (!memcmp(p + 4, "eXIf", 4)) {
+            exif_read(p + 8, length, &d->exif);
+            return;
+        }
+        at += length + 12;
+    }
 }
 
 static void png_decode(decoder *d) {
@@ -180,10 +180,12 @@ static void png_decode(decoder *d) {
     png_set_chunk_malloc_max(png, (png_alloc_size_t)8 << 20);
     png_set_read_fn(png, d, png_bytes);
     png_read_info(png, info);
-    d->status = check_size(d, png_get_image_width(png, info), png_get_image_height(png, info));
+    d->status = image_check_size(d, png_get_image_width(png, info), png_get_image_height(png, info));
     int own = png_get_channels(png, info);
     d->own_channels = png_get_color_type(png, info) == PNG_COLOR_TYPE_PALETTE ? 3 : own;
     if (png_get_valid(png, info, PNG_INFO_tRNS)) d->own_channels++;
+    d->alpha = d->own_channels == 2 || d->own_channels == 4;
+    png_exif(d);
     if (d->status == SHERF_OK && d->channels) {
         png_transforms(d, png, info);
         png_rows(d, png, info);
@@ -239,57 +241,12 @@ static void cmyk_to_rgb(uint8_t *row, size_t width, bool inverted) {
     }
 }
 
-static unsigned exif_number(const uint8_t *p, int bytes, bool big_endian) {
-    unsigned n = 0;
-    for (int i = 0; i < bytes; i++) n |= (unsigned)p[i] << 8 * (big_endian ? bytes - 1 - i : i);
-    return n;
-}
-
-/* Tag 0x112 of the first directory in the EXIF marker: 1 upright ... 8; 1 when there is none. */
-static int exif_orientation(const struct jpeg_decompress_struct *j) {
-    for (jpeg_saved_marker_ptr m = j->marker_list; m; m = m->next) {
-        if (m->marker != JPEG_APP0 + 1 || m->data_length < 14 || memcmp(m->data, "Exif\0", 6)) continue;
-        const uint8_t *p = m->data + 6;
-        size_t bytes = m->data_length - 6;
-        bool big = p[0] == 'M';
-        size_t at = exif_number(p + 4, 4, big);
-        if (at > bytes - 2) return 1;
-        unsigned entries = exif_number(p + at, 2, big);
-        for (at += 2; entries-- && bytes >= 12 && at <= bytes - 12; at += 12)
-            if (exif_number(p + at, 2, big) == 0x112) {
-                unsigned o = exif_number(p + at + 8, 2, big);
-                return o >= 1 && o <= 8 ? (int)o : 1;
-            }
-        return 1;
-    }
-    return 1;
-}
-
-/* Turns the picture upright: orientations 5 to 8 swap rows and columns. The pixel at (x, y) of the result
- * comes from (u, v) of the file's picture. */
-static void turn(decoder *d) {
-    int w = d->out.width, h = d->out.height, n = d->channels, o = d->orientation;
-    bool swap = o >= 5;
-    int width = swap ? h : w, height = swap ? w : h;
-    if (d->channels) {
-        uint8_t *to = mem_alloc(d->c, (size_t)w * (size_t)h, (size_t)n);
-        if (!to) {
-            d->status = SHERF_NO_MEMORY;
+static void jpeg_exif(decoder *d, const struct jpeg_decompress_struct *j) {
+    for (jpeg_saved_marker_ptr m = j->marker_list; m; m = m->next)
+        if (m->marker == JPEG_APP0 + 1 && m->data_length >= 6 && !memcmp(m->data, "Exif\0", 6)) {
+            exif_read(m->data, m->data_length, &d->exif);
             return;
         }
-        for (int y = 0; y < height; y++)
-            for (int x = 0; x < width; x++) {
-                int u = swap ? y : x, v = swap ? x : y;
-                if (o == 2 || o == 3 || o == 7 || o == 8) u = w - 1 - u;
-                if (o == 3 || o == 4 || o == 6 || o == 7) v = h - 1 - v;
-                memcpy(to + ((size_t)y * (size_t)width + (size_t)x) * (size_t)n,
-                       d->out.data + ((size_t)v * (size_t)w + (size_t)u) * (size_t)n, (size_t)n);
-            }
-        mem_free(d->out.data);
-        d->out.data = to;
-    }
-    d->out.width = width;
-    d->out.height = height;
 }
 
 static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
@@ -307,13 +264,13 @@ static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
         snprintf(d->text, sizeof d->text, "an unusual layout");
         longjmp(d->back, 1);
     }
-    if (!make_room(d, (size_t)d->out.width * (size_t)from)) longjmp(d->back, 1);
+    if (!image_make_room(d, (size_t)d->out.width * (size_t)from)) longjmp(d->back, 1);
     while (j->output_scanline < j->output_height) {
         int y = (int)j->output_scanline;
         JSAMPROW row = d->row;
         if (jpeg_read_scanlines(j, &row, 1) != 1) continue;
         if (cmyk) cmyk_to_rgb(d->row, (size_t)d->out.width, adobe);
-        put_row(d, d->row, y, cmyk ? 3 : from);
+        image_put_row(d, d->row, y, cmyk ? 3 : from);
     }
     jpeg_finish_decompress(j);
 }
@@ -337,23 +294,76 @@ static void jpeg_decode(decoder *d) {
     jpeg_save_markers(&j, JPEG_APP0 + 1, 0xffff);
     jpeg_mem_src(&j, d->data, d->bytes);
     jpeg_read_header(&j, TRUE);
-    d->status = check_size(d, j.image_width, j.image_height);
+    d->status = image_check_size(d, j.image_width, j.image_height);
     d->own_channels = j.num_components;
-    d->orientation = exif_orientation(&j);
+    jpeg_exif(d, &j);
     if (d->status == SHERF_OK && d->channels) jpeg_rows(d, &j);
     jpeg_destroy_decompress(&j);
-    if (d->status == SHERF_OK && d->orientation > 1) turn(d);
 }
 
 /* ---------------------------------------------------------------- reading ---------------------------- */
-static sherf_status decode(decoder *d) {
-    static const unsigned char png_start[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
-    if (d->bytes >= 8 && !memcmp(d->data, png_start, 8))
+/* Where the pixel at (x, y) of the upright picture lies in the file's: `at` + x * `right` + y * `down`
+ * pixels. Orientations 5 to 8 swap rows and columns. */
+typedef struct {
+    ptrdiff_t at, right, down;
+} turning;
+
+static turning turning_of(int orientation, int w, int h) {
+    bool swap = orientation >= 5;
+    bool flip_u = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+    bool flip_v = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+    ptrdiff_t u = flip_u ? -1 : 1, v = flip_v ? -(ptrdiff_t)w : w;
+    turning t = {(flip_u ? w - 1 : 0) + (flip_v ? (ptrdiff_t)(h - 1) * w : 0), swap ? v : u, swap ? u : v};
+    return t;
+}
+
+/* Turns the picture upright, in squares that stay in cache. */
+static void turn(decoder *d) {
+    enum { SQUARE = 32 };
+    int w = d->out.width, h = d->out.height, n = d->channels;
+    bool swap = d->exif.orientation >= 5;
+    int width = swap ? h : w, height = swap ? w : h;
+    d->out.width = width;
+    d->out.height = height;
+    if (!n) return;
+    uint8_t *to = mem_alloc(d->c, (size_t)w * (size_t)h, (size_t)n);
+    if (!to) {
+        d->status = SHERF_NO_MEMORY;
+        return;
+    }
+    turning t = turning_of(d->exif.orientation, w, h);
+    for (int y0 = 0; y0 < height; y0 += SQUARE)
+        for (int x0 = 0; x0 < width; x0 += SQUARE)
+            for (int y = y0; y < height && y < y0 + SQUARE; y++)
+                for (int x = x0; x < width && x < x0 + SQUARE; x++) {
+                    const uint8_t *from = d->out.data + (t.at + x * t.right + y * t.down) * n;
+                    uint8_t *p = to + ((size_t)y * (size_t)width + (size_t)x) * (size_t)n;
+                    for (int k = 0; k < n; k++) p[k] = from[k];
+                }
+    mem_free(d->out.data);
+    d->out.data = to;
+}
+
+static void decode_any(decoder *d) {
+    const char *kind = image_kind(d->data, d->bytes);
+    if (!kind) {
+        const char *other = image_other_kind(d->data, d->bytes);
+        d->status = failure(d->c, SHERF_BAD_FILE, "%s%sPNG, JPEG, WebP, HEIC and AVIF are read",
+                            other ? other : "", other ? "; " : "not a known picture; ");
+    } else if (!strcmp(kind, "PNG")) {
         png_decode(d);
-    else if (d->bytes >= 3 && d->data[0] == 0xff && d->data[1] == 0xd8 && d->data[2] == 0xff)
+    } else if (!strcmp(kind, "JPEG")) {
         jpeg_decode(d);
-    else
-        d->status = failure(d->c, SHERF_BAD_FILE, "neither PNG nor JPEG");
+    } else if (!strcmp(kind, "WebP")) {
+        image_webp_decode(d);
+    } else {
+        image_heif_decode(d, kind);
+    }
+}
+
+static sherf_status decode(decoder *d) {
+    decode_any(d);
+    if (d->status == SHERF_OK && d->exif.orientation > 1) turn(d);
     mem_free(d->row);
     mem_free(d->rows);
     if (d->status != SHERF_OK) {
@@ -363,7 +373,9 @@ static sherf_status decode(decoder *d) {
     return d->status;
 }
 
-sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out) {
+/* info may be NULL. */
+static sherf_status parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out,
+                          photo_info *info) {
     decoder *d = mem_zero(c, 1, sizeof *d);
     *out = (image_u8){0};
     if (!d) return SHERF_NO_MEMORY;
@@ -372,11 +384,24 @@ sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, in
     d->bytes = bytes;
     d->mask = channels == IMAGE_MASK;
     d->channels = d->mask ? 1 : channels;
+    d->exif.orientation = 1;
     sherf_status status = decode(d);
     *out = d->out;
     if (status == SHERF_OK && !channels) out->channels = d->own_channels;
+    if (status == SHERF_OK && info)
+        *info = (photo_info){.kind = image_kind(data, bytes),
+                             .width = d->out.width,
+                             .height = d->out.height,
+                             .channels = d->own_channels,
+                             .alpha = d->alpha,
+                             .orientation = d->exif.orientation,
+                             .focal_px = (float)exif_focal_px(&d->exif, d->out.width, d->out.height)};
     mem_free(d);
     return status;
+}
+
+sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out) {
+    return parse(c, data, bytes, channels, out, NULL);
 }
 
 static sherf_status read_file(context *c, const char *path, int channels, image_u8 *out) {
@@ -388,6 +413,35 @@ static sherf_status read_file(context *c, const char *path, int channels, image_
     status = image_parse(c, data, bytes, channels, out);
     mem_free(data);
     return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}
+
+sherf_status image_photo_parse(context *c, const unsigned char *data, size_t bytes, image_u8 *out,
+                               photo_info *info) {
+    *info = (photo_info){0};
+    sherf_status status = parse(c, data, bytes, 0, out, info);
+    if (status == SHERF_OK) status = parse(c, data, bytes, info->alpha ? 4 : 3, out, NULL);
+    return status;
+}
+
+static sherf_status photo_file(context *c, const char *path, bool pixels, image_u8 *out, photo_info *info) {
+    unsigned char *data;
+    size_t bytes;
+    *out = (image_u8){0};
+    *info = (photo_info){0};
+    sherf_status status = file_read(c, path, image_bytes_max, &data, &bytes);
+    if (status != SHERF_OK) return status;
+    status = pixels ? image_photo_parse(c, data, bytes, out, info) : parse(c, data, bytes, 0, out, info);
+    mem_free(data);
+    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
+}
+
+sherf_status image_photo_read(context *c, const char *path, image_u8 *out, photo_info *info) {
+    return photo_file(c, path, true, out, info);
+}
+
+sherf_status image_photo_info(context *c, const char *path, photo_info *info) {
+    image_u8 size;
+    return photo_file(c, path, false, &size, info);
 }
 
 sherf_status image_read(context *c, const char *path, int channels, image_u8 *out) {

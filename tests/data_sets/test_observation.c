@@ -14,6 +14,20 @@ static void zeros(char *out, int n) {
     strcat(out, "]");
 }
 
+/* A JPEG that says it is 33000 pixels wide. */
+static void make_wide(context *c, const char *path) {
+    uint8_t rgb[16 * 2 * 3] = {0}, *data;
+    size_t bytes;
+    assert_ok(c, jpeg_to_memory(c, 16, 2, rgb, 90, &data, &bytes));
+    for (size_t i = 0; i + 9 < bytes; i++)
+        if (data[i] == 0xff && data[i + 1] == 0xc0) data[i + 7] = 33000 >> 8, data[i + 8] = 33000 & 255;
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(data, 1, bytes, f), bytes);
+    fclose(f);
+    mem_free(data);
+}
+
 static int make_basics(void **state) {
     context *c = test_context();
     snprintf(folder, sizeof folder, "%s", test_path("observation"));
@@ -24,9 +38,7 @@ static int make_basics(void **state) {
     make_mask(c, join(folder, "empty.png"), MADE_WIDTH, MADE_HEIGHT, 0, 0);
     make_mask(c, join(folder, "full.png"), MADE_WIDTH, MADE_HEIGHT, 255, 255);
     make_mask(c, join(folder, "small.png"), MADE_WIDTH - 1, MADE_HEIGHT, 0, 255);
-    uint8_t *wide = mem_zero(c, 9000 * 2, 3);
-    assert_ok(c, png_write(c, join(folder, "wide.png"), 9000, 2, 3, wide));
-    mem_free(wide);
+    make_wide(c, join(folder, "wide.jpg"));
     make_text(c, join(folder, "rubbish.png"), "\x89PNG\r\n\x1a\nrubbish");
     sherf_context_free(c);
     return 0;
@@ -132,6 +144,38 @@ static void from_a_folder_with_alpha(void **state) {
     sherf_context_free(c);
 }
 
+/* Soft masks count from a half on; of labels, and of a few soft values among them, everything counts. */
+static void soft_masks(void **state) {
+    enum { N = MADE_WIDTH * MADE_HEIGHT };
+    context *c = test_context();
+    uint8_t mask[N];
+    for (int labels = 0; labels < 2; labels++) {
+        for (int i = 0; i < N; i++) {
+            int x = i % MADE_WIDTH, y = i / MADE_WIDTH;
+            mask[i] = made_person(x, y) ? (labels ? 1 + x % 20 : 255) : 0;
+            if (y == 0) mask[i] = labels ? 1 : x < 20 ? 127 : 128;
+        }
+        assert_ok(c, png_write(c, join(folder, "soft.png"), MADE_WIDTH, MADE_HEIGHT, 1, mask));
+        sherf_observation *o = NULL;
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "soft.png", NULL, NULL), &o));
+        for (int i = 0; i < N; i++)
+            assert_int_equal(o->mask[i], i < MADE_WIDTH ? labels || i >= 20
+                                                        : made_person(i % MADE_WIDTH, i / MADE_WIDTH));
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
+/* A picture without camera and body, whatever its name. */
+static void pictures_are_named(void **state) {
+    context *c = test_context();
+    sherf_observation *o = NULL;
+    uint8_t grey[4] = {0};
+    assert_ok(c, png_write(c, join(folder, "alone"), 2, 2, 1, grey));
+    assert_fails(c, sherf_observation_load(c, join(folder, "alone"), &o), SHERF_BAD_FILE, "picture alone");
+    sherf_context_free(c);
+}
+
 static void faults_are_told(void **state) {
     static const struct {
         const char *image, *mask, *camera, *body, *message;
@@ -145,7 +189,7 @@ static void faults_are_told(void **state) {
          SHERF_MISMATCH},
         {"a.png", "empty.png", NULL, NULL, "the mask is empty", SHERF_BAD_ARGUMENT},
         {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
-        {"wide.png", "m.png", NULL, NULL, "9000 x 2 pixels, at most 8192", SHERF_UNSUPPORTED},
+        {"wide.jpg", "m.png", NULL, NULL, "33000 x 2 pixels: from 1 to 32768 on a side", SHERF_BAD_FILE},
         {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
         {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
         {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
@@ -248,8 +292,7 @@ static void large_pictures_shrink(void **state) {
     enum { W = 8192, H = 64 };
     context *c = test_context();
     uint8_t *rgb = mem_zero(c, W * H, 3), *inside = mem_zero(c, W * H, 1);
-    float *pixels = mem_zero(c, (W + 1) * H, 3 * sizeof *pixels),
-          *person = mem_zero(c, (W + 1) * H, sizeof *person);
+    float *pixels = mem_zero(c, W * H, 3 * sizeof *pixels), *person = mem_zero(c, W * H, sizeof *person);
     for (int i = 0; i < W * H; i++) {
         int x = i % W / 4, y = i / W / 4;
         person[i] = inside[i] = x >= 1000 && x < 1100 && y >= 4 && y < 14;
@@ -285,9 +328,9 @@ static void large_pictures_shrink(void **state) {
         sherf_observation_free(o);
     }
     sherf_observation *o = NULL;
-    image.width = mask.width = W + 1;
+    image.width = mask.width = 32769;
     assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_UNSUPPORTED,
-                 "at most 8192");
+                 "at most 32768");
     image.width = mask.width = W;
     camera.width_px = 0;
     assert_fails(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &o), SHERF_BAD_ARGUMENT,
@@ -423,6 +466,8 @@ int main(void) {
         cmocka_unit_test(from_json),
         cmocka_unit_test(body_forms),
         cmocka_unit_test(from_a_folder_with_alpha),
+        cmocka_unit_test(soft_masks),
+        cmocka_unit_test(pictures_are_named),
         cmocka_unit_test(faults_are_told),
         cmocka_unit_test(from_memory),
         cmocka_unit_test(large_pictures_shrink),

@@ -227,7 +227,7 @@ static void check_finds_faults(void **state) {
     make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 64, 64, 0, 0);
     assert_finding(c, broken, body, 2, "view01/000000.png: the mask is empty");
     make_text(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), "");
-    assert_finding(c, broken, body, 2, "neither PNG nor JPEG");
+    assert_finding(c, broken, body, 2, "an empty file; PNG, JPEG, WebP, HEIC and AVIF are read");
     assert_int_equal(unlink(join(broken, "tube_000/new_params_neutral/1.npy")), 0);
     assert_finding(c, broken, NULL, 3, "1.npy: the pose is missing");
     make_text(c, join(broken, "tube_000/annots.npy"), "rubbish");

@@ -1,0 +1,37 @@
+/* image: what its decoders share. */
+#ifndef SHERF_IMAGE_INSIDE_H
+#define SHERF_IMAGE_INSIDE_H
+
+#include <setjmp.h>
+
+#include "io/exif.h"
+#include "io/image.h"
+
+typedef struct {
+    context *c;
+    const unsigned char *data;
+    size_t bytes, at;
+    sherf_status status;
+    jmp_buf back; /* of libpng and libjpeg */
+    char text[200];
+    image_u8 out;
+    unsigned char *row;   /* scratch: a row, or the whole picture when interlaced */
+    unsigned char **rows; /* interlaced PNG */
+    int channels;         /* wanted; 0: only the size is asked for */
+    bool mask;            /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
+    int own_channels;
+    bool alpha;      /* the file has it */
+    exif_facts exif; /* its orientation: how the decoded picture still is to be turned */
+} image_decoder;
+
+/* These set d->status, and take it on success to d->out. */
+void image_webp_decode(image_decoder *d);
+void image_heif_decode(image_decoder *d, const char *kind);
+
+/* Sets the size of d->out, or fails when it is beyond the limits. */
+sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height);
+/* Takes d->out.data, and d->row of row_bytes (0: none). */
+bool image_make_room(image_decoder *d, size_t row_bytes);
+/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
+void image_put_row(image_decoder *d, const uint8_t *row, int y, int from);
+#endif

@@ -4,7 +4,7 @@
 #include "verbs.h"
 
 static struct {
-    const char *output, *source, *body, *motions, *sheet;
+    const char *output, *source, *body, *motions, *sheet, *background, *cameras;
     int64_t people, poses, views, size;
     bool normals, depth;
 } set;
@@ -22,6 +22,10 @@ static const option options[] = {
     {0, "body", OPTION_FILE, &set.body, "FILE", "people: the open body (the one that ships)"},
     {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
      "people: CMU's clips 01_01.bvh and 01_03.bvh (where Debian's assimp-testmodels has them)"},
+    {0, "background", OPTION_TEXT, &set.background, "KIND",
+     "people: black, or scenes: places made by rule and their light (black)"},
+    {0, "cameras", OPTION_TEXT, &set.cameras, "KIND",
+     "people: ring, or photo: as people hold telephones, the person 55 to 95 % of the height (ring)"},
     {0, "normals", OPTION_FLAG, &set.normals, NULL, "people: pictures of normals too"},
     {0, "depth", OPTION_FLAG, &set.depth, NULL, "people: depths too"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG", "body, people: what was made in one picture"},
@@ -80,7 +84,9 @@ static int run_people(session *s) {
                               .motions = set.motions,
                               .normals = set.normals,
                               .depth = set.depth,
-                              .sheet = set.sheet};
+                              .sheet = set.sheet,
+                              .background = set.background,
+                              .cameras = set.cameras};
     int status = session_status(s, sherf_synth_people(s->context, set.output, &o));
     return status ? status : report(set.people, set.poses, set.views);
 }

@@ -483,6 +483,10 @@ typedef struct {
     const char *motions;      /* folder of CMU's clips; NULL: where Debian's assimp-testmodels puts them */
     int normals, depth; /* write these too: normal/ (PNG, world axes), depth/ (npy, metres, 0: nothing) */
     const char *sheet;  /* PNG of everybody in the folder; NULL: none */
+    /* "scenes": before places made by rule and in their light, each picture before another; NULL: "black" */
+    const char *background;
+    /* "photo": as people hold telephones, about level; NULL: "ring", looking down and up at the person too */
+    const char *cameras;
 } sherf_people_options;
 /* Clothed, moving people in the THuman layout below `folder`, with their body file folder/body.safetensors.
  * People that are there already are kept, so a run that was stopped goes on where it was. */

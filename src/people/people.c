@@ -10,6 +10,8 @@
 
 #include "data/thuman_write.h"
 #include "io/image.h"
+#include "people/people_cameras.h"
+#include "people/people_photo.h"
 
 enum {
     PEOPLE_MOST = 1000000,
@@ -17,7 +19,8 @@ enum {
     VIEWS_MOST = 100,
     SIZE_LEAST = 16,
     SIZE_MOST = 2048,
-    TRIES = 8
+    TRIES = 8,
+    TRIES_PHOTO = 48
 };
 static const float overlap_allowed = 0.012f; /* share of the limbs' vertices that lie deep in the body */
 
@@ -36,6 +39,9 @@ typedef struct {
     char part[PATH_LENGTH];
     float *position[DRESSED_MOST];
     int at_pose;
+    bool scenes, photo; /* background, cameras */
+    place_kind place;   /* of the person */
+    float floor_world;  /* of the pose: the lowest of what is worn */
 } people_job;
 
 static float between(uint64_t key, uint64_t i, double low, double high) {
@@ -44,22 +50,26 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
 
 /* ---- poses and cameras ---- */
 
-/* Draws until arms are not in the trunk; the least bad one when none will do. The body's middle comes to the
- * world's origin. */
+/* Draws until arms are not in the trunk and, for photos, the body stands on its feet; the least bad one when
+ * none will do. The body's middle comes to the world's origin. */
 static sherf_status choose_pose(context *c, const people_job *job, uint64_t key, sherf_pose *out,
                                 float *radius_m) {
     const body_model *m = job->studio->body;
+    const uint64_t tries = job->photo ? TRIES_PHOTO : TRIES;
     float best = INFINITY, *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
     if (!vertices) return SHERF_NO_MEMORY;
     sherf_status status = SHERF_OK;
-    for (uint64_t i = 0; i < TRIES && best > overlap_allowed && !status; i++) {
+    for (uint64_t i = 0; i < tries && best > overlap_allowed && !status; i++) {
         sherf_pose p;
         posed_body *posed = NULL;
         float share, low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
         sherf_pose_identity(&p);
         memcpy(p.shapes, job->dressed->shape, sizeof p.shapes);
         uint64_t own = random_key(key, "people.try", i);
-        pose_draw(job->poses, own, p.poses_rad);
+        if (job->photo)
+            pose_draw_photo(job->poses, own, p.poses_rad);
+        else
+            pose_draw(job->poses, own, p.poses_rad);
         float turn[3] = {0, between(own, 1, -0.6, 0.6), 0}, root[9], yaw[9];
         rodrigues(p.poses_rad, root); /* the layout has the root's rotation in R */
         rodrigues(turn, yaw);
@@ -69,9 +79,10 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
         memset(p.poses_rad, 0, 3 * sizeof *p.poses_rad);
         status = posed_body_create(c, m, p.poses_rad, p.shapes, p.R, p.Th_m, &posed);
         if (!status) status = pose_overlap(c, m, posed->vertices_smpl, &share);
+        if (!status) body_vertices_world(m, posed, vertices);
+        if (!status && job->photo) share += fmaxf(0, pose_imbalance(m, vertices) - 0.01f);
         if (!status && share < best) {
             best = share;
-            body_vertices_world(m, posed, vertices);
             for (int v = 0; v < 3 * m->vertices; v++) {
                 low[v % 3] = fminf(low[v % 3], vertices[v]);
                 high[v % 3] = fmaxf(high[v % 3], vertices[v]);
@@ -94,20 +105,6 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
     }
     mem_free(vertices);
     return status;
-}
-
-/* View views / 2 looks at the front; heights vary, distances fit the largest pose. */
-static void make_cameras(const people_job *job, uint64_t key, float radius_m) {
-    static const float centre[3] = {0, 0, 0};
-    int views = job->o.views, size = job->o.size_px;
-    float fov = between(key, 1000, 0.55, 0.85);
-    float least = (radius_m + 0.06f) / sinf(0.5f * fov); /* hair, hats and hems reach further than the body */
-    for (int v = 0; v < views; v++) {
-        float azimuth = (float)(2 * M_PI * (v - views / 2) / views);
-        float distance = least * between(key, (uint64_t)v * 2, 1.0, 1.08);
-        float elevation = between(key, (uint64_t)v * 2 + 1, -0.12, 0.45);
-        sherf_camera_orbit(centre, distance, azimuth, elevation, fov, size, size, &job->camera[v]);
-    }
 }
 
 void people_light(uint64_t key, trace_light *out) {
@@ -176,6 +173,17 @@ static sherf_status write_extras(context *c, const people_job *job, int view, co
     return status;
 }
 
+/* Every picture has a place of its own, of the person's kind. */
+static sherf_status draw_place(context *c, const people_job *job, int view, trace_picture *picture,
+                               uint8_t *rgb, uint8_t *mask) {
+    place p = {.kind = job->place,
+               .key = random_key(random_key(job->light.seed, "people.place", (uint64_t)job->at_pose), "view",
+                                 (uint64_t)view),
+               .floor_world = job->floor_world};
+    return people_photo(c, &p, &job->light, job->dressed, (const float *const *)job->position,
+                        &job->camera[view], picture, rgb, mask);
+}
+
 static sherf_status draw_view(context *c, const people_job *job, int view) {
     int size = job->o.size_px;
     size_t pixels = (size_t)size * (size_t)size;
@@ -186,7 +194,11 @@ static sherf_status draw_view(context *c, const people_job *job, int view) {
     sherf_status status = SHERF_NO_MEMORY;
     if (!rgb || !mask) goto done;
     if ((status = trace_render(c, job->scene, &job->camera[view], &options, &picture))) goto done;
-    to_bytes(&picture, rgb, mask);
+    if (job->scenes)
+        status = draw_place(c, job, view, &picture, rgb, mask);
+    else
+        to_bytes(&picture, rgb, mask);
+    if (status) goto done;
     status = thuman_write_picture(c, job->part, view, job->at_pose, size, size, rgb, mask);
     if (!status) status = write_extras(c, job, view, &picture, rgb);
 done:
@@ -214,6 +226,14 @@ static void draw_views(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
+static float lowest(const people_job *job) {
+    float low = INFINITY;
+    for (int i = 0; i < job->dressed->meshes; i++)
+        for (int v = 0; v < job->dressed->mesh[i].vertices; v++)
+            low = fminf(low, job->position[i][3 * (size_t)v + 1]);
+    return low;
+}
+
 static sherf_status draw_pose(context *c, people_job *job, int pose) {
     const body_model *m = job->studio->body;
     const sherf_pose *p = &job->pose[pose];
@@ -228,6 +248,7 @@ static sherf_status draw_pose(context *c, people_job *job, int pose) {
     body_vertices_world(m, posed, vertices);
     for (int i = 0; i < job->dressed->meshes; i++)
         dressed_pose(job->studio, job->dressed, i, posed, job->position[i]);
+    job->floor_world = lowest(job);
     if ((status = thuman_write_parameters(c, job->part, pose, p)) ||
         (status = thuman_write_vertices(c, job->part, pose, m->vertices, vertices)) ||
         (status = trace_scene_pose(c, job->scene, (const float *const *)job->position, &job->light)))
@@ -267,6 +288,42 @@ static sherf_status build_scene(context *c, people_job *job, float spacing_m) {
     return status;
 }
 
+/* Every eighth vertex of all that is worn, in all poses; these are brought onto one floor first. */
+static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
+    enum { EVERY = 8 };
+    static const float floor_world = -0.9f;
+    const body_model *m = job->studio->body;
+    int64_t most = 0, points = 0;
+    for (int i = 0; i < job->dressed->meshes; i++) most += job->dressed->mesh[i].vertices / EVERY + 1;
+    float *point = mem_alloc(c, (size_t)(most * job->o.poses), 3 * sizeof *point);
+    sherf_status status = point ? SHERF_OK : SHERF_NO_MEMORY;
+    for (int n = 0; n < job->o.poses && !status; n++) {
+        sherf_pose *p = &job->pose[n];
+        posed_body *posed = NULL;
+        if ((status = posed_body_create(c, m, p->poses_rad, p->shapes, p->R, p->Th_m, &posed))) break;
+        for (int i = 0; i < job->dressed->meshes; i++)
+            dressed_pose(job->studio, job->dressed, i, posed, job->position[i]);
+        float up = floor_world - lowest(job);
+        p->Th_m[1] += up;
+        for (int i = 0; i < job->dressed->meshes; i++)
+            for (int v = 0; v < job->dressed->mesh[i].vertices; v += EVERY, points++)
+                for (int k = 0; k < 3; k++)
+                    point[3 * points + k] = job->position[i][3 * v + k] + (k == 1 ? up : 0);
+        posed_body_free(posed);
+    }
+    if (!status)
+        status = people_cameras_photo(c, key, points, point, floor_world, job->o.views, job->o.size_px,
+                                      job->camera);
+    mem_free(point);
+    return status;
+}
+
+static sherf_status make_cameras(context *c, people_job *job, uint64_t key, float radius_m) {
+    if (job->photo) return photo_cameras(c, job, key);
+    people_cameras_ring(key, radius_m, job->o.views, job->o.size_px, job->camera);
+    return SHERF_OK;
+}
+
 static void clear_person(people_job *job) {
     trace_scene_free(job->scene);
     job->scene = NULL;
@@ -291,9 +348,12 @@ static sherf_status draw_person(context *c, people_job *job, const person *p) {
         radius_m = fmaxf(radius_m, own);
     }
     if (status) return status;
-    make_cameras(job, random_key(p->key, "people.cameras", 0), radius_m);
-    people_light(random_key(p->key, "people.light", 0), &job->light);
+    if (job->scenes)
+        job->place = place_light(random_key(p->key, "people.place", 0), &job->light);
+    else
+        people_light(random_key(p->key, "people.light", 0), &job->light);
     if ((status = build_scene(c, job, 4.4f * radius_m / (float)job->o.size_px)) ||
+        (status = make_cameras(c, job, random_key(p->key, "people.cameras", 0), radius_m)) ||
         (status =
              thuman_make_folders(c, job->part, job->o.views, kinds[!!job->o.normals + 2 * !!job->o.depth])) ||
         (status = thuman_write_annots(c, job->part, job->o.poses, job->o.views, job->camera)))
@@ -377,8 +437,9 @@ static sherf_status same_settings(context *c, const people_job *job) {
     unsigned char *old = NULL;
     size_t bytes;
     snprintf(line, sizeof line,
-             "{\"poses\": %d, \"views\": %d, \"size\": %d, \"normals\": %d, \"depth\": %d}", job->o.poses,
-             job->o.views, job->o.size_px, !!job->o.normals, !!job->o.depth);
+             "{\"poses\": %d, \"views\": %d, \"size\": %d, \"normals\": %d, \"depth\": %d%s%s}", job->o.poses,
+             job->o.views, job->o.size_px, !!job->o.normals, !!job->o.depth,
+             job->scenes ? ", \"background\": \"scenes\"" : "", job->photo ? ", \"cameras\": \"photo\"" : "");
     sherf_status status = thuman_path(c, path, job->folder, "people.json");
     if (status) return status;
     if (!path_is_file(path)) return write_text(c, path, (const char *const[]){line}, 1);
@@ -402,6 +463,14 @@ static sherf_status copy_file(context *c, const char *from, const char *to) {
     output_abort(&file);
     mem_free(data);
     return status;
+}
+
+/* One of two words; NULL is the first. */
+static sherf_status second_word(context *c, const char *what, const char *word, const char *first,
+                                const char *second, bool *out) {
+    *out = word && !strcmp(word, second);
+    if (!word || *out || !strcmp(word, first)) return SHERF_OK;
+    return failure(c, SHERF_BAD_ARGUMENT, "%s: %.100s: not known; %s or %s", what, word, first, second);
 }
 
 static sherf_status options_check(context *c, sherf_people_options *o) {
@@ -452,6 +521,8 @@ sherf_status sherf_synth_people(sherf_context *c, const char *folder, const sher
     const bool folder_is_new = !path_is_folder(folder);
     if (options) job.o = *options;
     sherf_status status = options_check(c, &job.o);
+    if (!status) status = second_word(c, "background", job.o.background, "black", "scenes", &job.scenes);
+    if (!status) status = second_word(c, "cameras", job.o.cameras, "ring", "photo", &job.photo);
     if (status || (status = thuman_path(c, job.body_path, folder, "body.safetensors"))) return status;
     snprintf(job.folder, sizeof job.folder, "%s", folder);
     status = studio_open(c, job.o.source, job.o.body, &job.studio);

@@ -58,8 +58,11 @@ bool pose_within(const float pose_rad[72]) {
 
 void pose_clamp(float pose_rad[72]) {
     for (int j = 1; j < BODY_JOINTS; j++)
-        for (int k = 0; k < 3; k++)
-            pose_rad[3 * j + k] = fminf(fmaxf(pose_rad[3 * j + k], pose_lowest[j][k]), pose_highest[j][k]);
+        for (int k = 0; k < 3; k++) { /* fminf and fmaxf may give either zero, and bits are kept */
+            float *x = &pose_rad[3 * j + k];
+            *x = *x > pose_lowest[j][k] ? *x : pose_lowest[j][k];
+            *x = *x < pose_highest[j][k] ? *x : pose_highest[j][k];
+        }
 }
 
 /* ---- small rotations ---- */
@@ -260,14 +263,9 @@ static double draw(dice *d, range r) {
     return r.low + (r.high - r.low) * u;
 }
 
-static void free_pose(uint64_t key, float pose[72]) {
+static void posture_pose(uint64_t key, size_t m, float pose[72]) {
     dice d = {key, 10};
-    double sum = 0, at = 0;
-    size_t m = 0;
     memset(pose, 0, 72 * sizeof *pose);
-    for (size_t i = 0; i < COUNT_OF(manner); i++) sum += manner[i].share;
-    at = sum * random_uniform(key, 0);
-    while (m + 1 < COUNT_OF(manner) && at >= manner[m].share) at -= manner[m++].share;
     bool alike = random_uniform(key, 1) < 0.3; /* both sides do the same */
     dice sides = d;
     for (int side = 0; side < 2; side++) {
@@ -293,6 +291,15 @@ static void free_pose(uint64_t key, float pose[72]) {
     set_joint(pose, 15, draw(&d, (range){-0.45, 0.45}), draw(&d, (range){-0.25, 0.3}),
               draw(&d, (range){-0.2, 0.2}), 0);
     set_joint(pose, 0, 0, draw(&d, manner[m].root), draw(&d, (range){-0.06, 0.06}), 0);
+}
+
+static void free_pose(uint64_t key, float pose[72]) {
+    double sum = 0, at = 0;
+    size_t m = 0;
+    for (size_t i = 0; i < COUNT_OF(manner); i++) sum += manner[i].share;
+    at = sum * random_uniform(key, 0);
+    while (m + 1 < COUNT_OF(manner) && at >= manner[m].share) at -= manner[m++].share;
+    posture_pose(key, m, pose);
 }
 
 /* Every joint of the posture turned a little. */
@@ -345,6 +352,52 @@ pose_kind pose_draw(const pose_library *l, uint64_t key, float pose[72]) {
     if (random_uniform(own, 3) < 0.5) mirror(pose);
     pose_clamp(pose);
     return (pose_kind)kind;
+}
+
+/* ---- for photos ---- */
+
+void pose_draw_photo(const pose_library *l, uint64_t key, float pose[72]) {
+    enum { STANDS = 0, TALKS = 2 };
+    const float straight = 0.4f; /* of what free poses bend the spine */
+    double what = random_uniform(key, 0);
+    uint64_t own = random_key(key, "pose.photo", 0);
+    if (what >= 0.75) {
+        pose_draw(l, own, pose);
+        return;
+    }
+    if (what < 0.5) {
+        posture_pose(own, what < 0.35 ? STANDS : TALKS, pose);
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++) pose[3 * spine[i] + k] *= straight;
+    } else {
+        pose_walk(random_uniform(own, 0), 0.4 + 0.5 * random_uniform(own, 1), pose);
+        about(pose, own + 99, 0.05, pose);
+    }
+    pose_clamp(pose);
+}
+
+float pose_imbalance(const body_model *m, const float *vertices) {
+    const float sole_m = 0.04f, step_m = 0.08f;
+    float lowest[2] = {INFINITY, INFINITY}, box[2][2] = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+    double weight[2] = {0, 0}; /* the middle, along the floor */
+    for (int v = 0; v < m->vertices; v++) {
+        const float *w = m->weights + (size_t)v * BODY_JOINTS, *p = vertices + 3 * (size_t)v;
+        for (int side = 0; side < 2; side++)
+            if (w[7 + side] + w[10 + side] > 0.5f) lowest[side] = fminf(lowest[side], p[1]);
+        for (int k = 0; k < 2; k++) weight[k] += (double)p[2 * k] / m->vertices;
+    }
+    float floor = fminf(lowest[0], lowest[1]), apart = fabsf(lowest[0] - lowest[1]) - step_m;
+    for (int v = 0; v < m->vertices; v++) {
+        const float *p = vertices + 3 * (size_t)v;
+        for (int k = 0; k < 2 && p[1] < floor + sole_m; k++) {
+            box[0][k] = fminf(box[0][k], p[2 * k]);
+            box[1][k] = fmaxf(box[1][k], p[2 * k]);
+        }
+    }
+    float out = fmaxf(apart, 0);
+    for (int k = 0; k < 2; k++)
+        out += fmaxf(0, fmaxf(box[0][k] - (float)weight[k], (float)weight[k] - box[1][k]));
+    return isfinite(out) ? out : 1;
 }
 
 /* ---- what was given ---- */

@@ -25,6 +25,12 @@ sherf_status pose_library_add_bvh(context *c, pose_library *l, const char *path,
                                   const float joints_rest[BODY_JOINTS][3], double every_s);
 /* A pose with joint 0 upright or tilted as the kind wants it; the turn about the vertical is the caller's. */
 pose_kind pose_draw(const pose_library *l, uint64_t key, float pose_rad[72]);
+/* What people do who are photographed: half of them stand or talk, upright, a quarter walk, and the others do
+ * anything. */
+void pose_draw_photo(const pose_library *l, uint64_t key, float pose_rad[72]);
+/* Metres by which the body's weight lies outside its soles, and by which one foot hangs above the other
+ * beyond what a step needs; 0: it stands. vertices: in the world, y up. */
+float pose_imbalance(const body_model *m, const float *vertices_world);
 /* Phase 0 to 1 of one step of each leg. */
 void pose_walk(double phase, double vigour, float pose_rad[72]);
 void pose_run(double phase, double vigour, float pose_rad[72]);

@@ -113,7 +113,7 @@ static void packet_ray(const render_job *job, packet *p, int lane, float x, floa
     r->dir_y[lane] = m[3] * x + m[4] * y + m[5];
     r->dir_z[lane] = m[6] * x + m[7] * y + m[8];
     r->tnear[lane] = 0, r->tfar[lane] = INFINITY, r->time[lane] = 0;
-    r->mask[lane] = ~0u, r->id[lane] = (unsigned)lane, r->flags[lane] = 0;
+    r->mask[lane] = ~seen_mask(TRACE_NOT_BY_CAMERAS), r->id[lane] = (unsigned)lane, r->flags[lane] = 0;
     p->at.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
     p->at.hit.instID[0][lane] = RTC_INVALID_GEOMETRY_ID;
     p->valid[lane] = -1;
@@ -212,7 +212,7 @@ static bool covers(const render_job *job, const found *under, const found *over)
 static bool go_on(packet *p, int lane, float near, float far, int layer) {
     p->at.ray.tnear[lane] = near;
     p->at.ray.tfar[lane] = far;
-    p->at.ray.mask[lane] = ~0u << layer;
+    p->at.ray.mask[lane] = ~0u << layer & ~seen_mask(TRACE_NOT_BY_CAMERAS);
     p->at.hit.geomID[lane] = RTC_INVALID_GEOMETRY_ID;
     return true;
 }

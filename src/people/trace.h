@@ -25,6 +25,14 @@ typedef enum {
     TRACE_BLENDED /* alpha is opacity: hair, lashes */
 } trace_alpha;
 
+/* To whom a mesh is there: walls of a room that is open to a lamp, ceilings, people who only cast shadows. */
+typedef enum {
+    TRACE_BY_ALL,
+    TRACE_BY_CAMERAS,   /* it casts no shadow */
+    TRACE_NOT_BY_LAMPS, /* it darkens the sky alone */
+    TRACE_NOT_BY_CAMERAS
+} trace_seen;
+
 typedef struct {
     const trace_texture *color; /* NULL: white. Borrowed: it must live as long as the scene */
     float tint[3];              /* linear, times the colour */
@@ -39,6 +47,8 @@ typedef struct {
     float near_m;   /* what is nearer than this does not darken: hair 0.005, so that its layers do not */
     bool coat;      /* reflections are there where alpha is not: the cornea */
     bool one_sided; /* cameras look through the back */
+    float glow[3];  /* linear: light of its own, times the colour; it does not light others */
+    trace_seen seen;
 } trace_material;
 #define TRACE_COVER_M 0.025f
 trace_material trace_material_plain(void); /* white, opaque, Lambert, no reflections */

@@ -96,6 +96,10 @@ int light_parents(const scene_mesh *m, uint32_t face, const light_corner *at, li
                   float *apart_m);
 
 /* ---- the scene (trace_scene.c) ---- */
+/* Rays look for bits 0 to 15, a layer each, and for these; the filter functions do the rest. */
+static inline unsigned seen_mask(trace_seen seen) {
+    return 1u << (16 + seen);
+}
 enum { SKY_STEPS = 256 };
 struct trace_scene {
     RTCDevice device;

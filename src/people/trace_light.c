@@ -147,7 +147,7 @@ void light_forget(trace_scene *s) {
 
 typedef struct {
     float origin[3], normal[3], near_m;
-    unsigned layer;
+    unsigned layer, mask;
     uint64_t key; /* of the point's random numbers */
 } light_point;
 
@@ -155,7 +155,7 @@ static void ray_init(struct RTCRay16 *rays, int lane, const light_point *p, cons
     rays->org_x[lane] = p->origin[0], rays->org_y[lane] = p->origin[1], rays->org_z[lane] = p->origin[2];
     rays->dir_x[lane] = d[0], rays->dir_y[lane] = d[1], rays->dir_z[lane] = d[2];
     rays->tnear[lane] = p->near_m, rays->tfar[lane] = INFINITY, rays->time[lane] = 0;
-    rays->mask[lane] = ~0u, rays->flags[lane] = p->layer;
+    rays->mask[lane] = p->mask, rays->flags[lane] = p->layer;
     rays->id[lane] = (unsigned)(p->key >> 32) + (unsigned)number;
 }
 
@@ -269,7 +269,9 @@ static uint64_t trace_point(const trace_scene *s, const scene_mesh *m, const lig
     p.layer = (unsigned)m->material.layer;
     p.key =
         splitmix64(s->light.seed ^ splitmix64(2 * ((uint64_t)m->points_before + at->point) + (uint64_t)side));
+    p.mask = ~seen_mask(TRACE_BY_CAMERAS);
     v.sky = sky_share(s, &p);
+    p.mask &= ~seen_mask(TRACE_NOT_BY_LAMPS);
     for (int i = 0; i < s->light.lamps; i++) v.lamp[i] = lamp_share(s, i, &p);
     return visible_pack(&v);
 }

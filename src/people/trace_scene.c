@@ -106,7 +106,7 @@ static void attach_mesh(trace_scene *s, scene_mesh *m) {
     rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->face, 0, 3 * sizeof *m->face,
                                (size_t)m->faces);
     rtcSetGeometryUserData(g, m);
-    rtcSetGeometryMask(g, 1u << m->material.layer);
+    rtcSetGeometryMask(g, m->material.seen ? seen_mask(m->material.seen) : 1u << m->material.layer);
     if (memchr(m->solid, 0, (size_t)m->faces) || m->material.layer < s->top_layer)
         rtcSetGeometryOccludedFilterFunction(g, light_filter);
     rtcCommitGeometry(g);

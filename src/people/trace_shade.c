@@ -95,7 +95,7 @@ void surface_shade(const trace_scene *s, const surface *at, const float directio
             if (soft > 0) rgb[k] += lamp->color[k] * seen.lamp[i] * soft;
         }
     }
-    for (int k = 0; k < 3; k++) rgb[k] *= at->rgba[k], coat[k] = 0;
+    for (int k = 0; k < 3; k++) rgb[k] = (rgb[k] + m->glow[k]) * at->rgba[k], coat[k] = 0;
     if (!(m->specular > 0)) return;
     reflect_light(s, at, &seen, direction, shine);
     for (int k = 0; k < 3; k++)

@@ -522,6 +522,15 @@ typedef struct {
     int count;
     double resnet50; /* a perceptual distance, not comparable with LPIPS */
 } sherf_score;       /* lpips and resnet50 are NaN when not computed */
+/* What estimated bodies are off by, in the observed camera's frame; count 0: none were estimated. */
+typedef struct {
+    int count, missed;             /* pictures; those in which nobody was found */
+    int wrong_way;                 /* front taken for back */
+    double joints_mm, aligned_mm;  /* means: pelvises brought together; after the similarity that fits best */
+    double lean_deg, forward_deg;  /* of the trunk; the second with its sign, forward */
+    double turn_deg;               /* of where hips and shoulders face */
+    double overlap, overlap_least; /* of the masks, intersection over union */
+} sherf_estimate_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
@@ -529,6 +538,7 @@ typedef struct {
      * of the observed person, inside the true mask. Painted body: the body mesh, its vertices in the observed
      * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
     sherf_score mean_color[2], painted_body[2];
+    sherf_estimate_scores estimates;
 } sherf_scores;
 SHERF_API sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out);
 

@@ -67,7 +67,10 @@ data_kind dataset_kind(const sherf_dataset *d);
  * width. */
 sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
                           data_view **out);
-/* The same, where the mask is neither empty nor of the whole picture, or its file is named: for what is
+/* Its picture alone, with the background. sherf_image_free it. */
+sherf_status dataset_photo(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
+                           sherf_image *out);
+/* dataset_view, where the mask is neither empty nor of the whole picture, or its file is named: for what is
  * learned from. */
 sherf_status dataset_person_view(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, data_view **out);

@@ -266,8 +266,8 @@ sherf_status dataset_camera(context *c, const sherf_dataset *d, int person, int 
     return SHERF_OK;
 }
 
-sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
-                          data_view **out) {
+static sherf_status read_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
+                              bool whole, data_view **out) {
     *out = NULL;
     const person_record *r;
     char image[PATH_LENGTH], mask[PATH_LENGTH];
@@ -279,9 +279,27 @@ sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int po
                           .camera = r->camera[view],
                           .scale = protocols[d->kind].image_scale,
                           .width = width,
+                          .whole = whole,
                           .edge_band = d->kind == DATA_ZJU};
     status = dataset_pose(c, d, person, pose, &source.pose);
     return status ? status : view_assemble(c, &source, out);
+}
+
+sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
+                          data_view **out) {
+    return read_view(c, d, person, pose, view, width, false, out);
+}
+
+sherf_status dataset_photo(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
+                           sherf_image *out) {
+    data_view *v;
+    *out = (sherf_image){0};
+    sherf_status status = read_view(c, d, person, pose, view, width, true, &v);
+    if (status) return status;
+    *out = v->image;
+    v->image = (sherf_image){0};
+    sherf_observation_free(v);
+    return SHERF_OK;
 }
 
 sherf_status dataset_view_check_mask(context *c, const sherf_dataset *d, int person, int pose, int view,

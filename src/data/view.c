@@ -164,7 +164,7 @@ sherf_status view_assemble(context *c, const view_source *s, data_view **out) {
         (status = image_undistort_f32(c, &v->image, s->camera.K, s->camera.D)) ||
         (status = image_undistort(c, &mask, s->camera.K, s->camera.D)))
         goto done;
-    for (size_t i = 0; i < (size_t)width * height; i++)
+    for (size_t i = 0; i < (size_t)width * height && !s->whole; i++)
         if (mask.data[i] == MASK_OUT) memset(v->image.data + i * 3, 0, 3 * sizeof(float));
     if ((status = image_resize_area(c, &v->image, to_width, to_height)) ||
         (status = image_resize_nearest(c, &mask, to_width, to_height)) ||

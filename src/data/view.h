@@ -18,6 +18,7 @@ typedef struct {
     double scale;  /* used when width is 0 */
     int width;     /* 0: by scale */
     bool observed; /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0; the mask may be soft */
+    bool whole;    /* the background stays in the picture */
     bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is unsure */
 } view_source;
 /* Of a mask's `total` pixels: some are the person's, and not all of them (`unsure` ones may be). */

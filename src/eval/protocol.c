@@ -6,6 +6,7 @@
 #include "base/path.h"
 #include "eval/lpips_file.h"
 #include "eval/metrics.h"
+#include "eval/protocol.h"
 #include "eval/report.h"
 #include "eval/resnet50_file.h"
 #include "eval/sheet.h"
@@ -29,6 +30,8 @@ typedef struct {
     int64_t done, total;
     sherf_frame frame;
     report report;
+    const eval_estimator *estimator; /* NULL: bodies and cameras are the data set's */
+    carried carried;                 /* of the observation */
     sheet sheet;
     int sheet_row;
     bool folder_is_new;
@@ -182,6 +185,7 @@ static sherf_status score(evaluation *e, comparison *k, const float *prediction,
 
 /* The two yardsticks; the painted body stays in e->painted. */
 static sherf_status score_yardsticks(evaluation *e, comparison *k, const data_view *truth,
+                                     const sherf_camera *camera, const sherf_pose *pose,
                                      report_entry *entry) {
     context *c = e->c;
     const int width = truth->image.width, height = truth->image.height;
@@ -194,8 +198,7 @@ static sherf_status score_yardsticks(evaluation *e, comparison *k, const data_vi
     yardstick_mean_color(&e->yardsticks, truth, e->painted.data);
     sherf_status status = score(e, k, e->painted.data, truth, &entry->score[SCORE_MEAN_COLOR]);
     if (status == SHERF_OK)
-        status =
-            yardstick_painted_body(c, &e->yardsticks, e->body, &truth->camera, &truth->pose, e->painted.data);
+        status = yardstick_painted_body(c, &e->yardsticks, e->body, camera, pose, e->painted.data);
     if (status == SHERF_OK) status = score(e, k, e->painted.data, truth, &entry->score[SCORE_PAINTED_BODY]);
     return status;
 }
@@ -268,25 +271,39 @@ static sherf_status named(evaluation *e, sherf_status status, int person, pictur
                           p.view);
 }
 
+/* Camera and pose of a target; with an estimator in the estimate's world. */
+static sherf_status target_of(evaluation *e, const data_view *truth, const report_entry *entry,
+                              sherf_camera *camera, sherf_pose *pose) {
+    *camera = truth->camera;
+    *pose = truth->pose;
+    if (!e->estimator) return SHERF_OK;
+    carried_camera(&e->carried, &truth->camera, camera);
+    return carried_pose(e->c, &e->carried, e->body, &truth->pose,
+                        entry->target.pose == entry->observation.pose, pose);
+}
+
 /* pair: where on the sheet; -1: not on it. */
 static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, report_entry entry,
                                      int pair) {
     context *c = e->c;
     data_view *truth = NULL;
     comparison k = {0};
+    sherf_camera camera;
+    sherf_pose pose;
     sherf_status status = dataset_view(c, e->data, entry.person, entry.target.pose, entry.target.view,
                                        e->options->size_px, &truth);
     if (status != SHERF_OK) return status;
+    if ((status = target_of(e, truth, &entry, &camera, &pose)) != SHERF_OK) goto done;
     if (e->frame.color.width != truth->image.width || e->frame.color.height != truth->image.height)
         sherf_frame_free(&e->frame);
     const sherf_render_options how = {.samples =
                                           e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL,
                                       .detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
-    status = sherf_render(c, avatar, e->body, &truth->pose, &truth->camera, &how, &e->frame);
+    status = sherf_render(c, avatar, e->body, &pose, &camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, entry.person, entry.target, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
-    if (e->mirror && (status = score_yardsticks(e, &k, truth, &entry)) != SHERF_OK) goto done;
+    if (e->mirror && (status = score_yardsticks(e, &k, truth, &camera, &pose, &entry)) != SHERF_OK) goto done;
     if (isnan(entry.score[SCORE_MODEL].psnr)) {
         log_line(c, SHERF_LOG_WARNING, "%s: the person of pose %d is outside view %d, which is left out",
                  sherf_dataset_person(e->data, entry.person), entry.target.pose, entry.target.view);
@@ -321,6 +338,31 @@ static int sheet_pair(const evaluation *e, int n, int count) {
     return n == (2 * pair + 1) * count / (2 * pairs) ? pair : -1;
 }
 
+/* Puts an estimate from the picture alone in the observation's place, and notes what it is off by; *o NULL
+ * where nobody was found. */
+static sherf_status estimate(evaluation *e, int person, picture from, sherf_observation **o) {
+    context *c = e->c;
+    sherf_image photo = {0};
+    sherf_observation *truth = *o, *found = NULL;
+    estimate_entry entry = {.person = person, .observation = from};
+    sherf_status status =
+        dataset_photo(c, e->data, person, from.pose, from.view, e->options->size_px, &photo);
+    if (status == SHERF_OK) status = e->estimator->estimate(c, e->estimator->state, &photo, truth, &found);
+    if (status == SHERF_OK && found) status = estimated_error(c, e->body, truth, found, &entry.error);
+    if (status == SHERF_OK && found) status = carried_create(c, e->body, truth, found, &e->carried);
+    if (status == SHERF_OK && found) status = estimate_list_add(c, &e->report.estimates, &entry);
+    if (status == SHERF_OK && !found) {
+        log_line(c, SHERF_LOG_WARNING, "%s: nobody was found in pose %d, view %d, which is left out",
+                 sherf_dataset_person(e->data, person), from.pose, from.view);
+        e->report.estimates.missed++;
+    }
+    sherf_image_free(&photo);
+    sherf_observation_free(truth);
+    if (status != SHERF_OK) sherf_observation_free(found), found = NULL;
+    *o = found;
+    return named(e, status, person, from);
+}
+
 static sherf_status evaluate_observation(evaluation *e, const selection *s, int i) {
     context *c = e->c;
     sherf_observation *observation = NULL;
@@ -328,7 +370,13 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     picture from = s->observation[i];
     sherf_status status =
         dataset_observation(c, e->data, s->person, from.pose, from.view, e->options->size_px, &observation);
+    if (status == SHERF_OK && e->estimator) status = estimate(e, s->person, from, &observation);
     if (status != SHERF_OK) goto done;
+    if (!observation) {
+        e->done += observation_targets(s, i);
+        e->sheet_row++;
+        goto done;
+    }
     yardsticks_free(&e->yardsticks);
     if (e->mirror) status = yardsticks_create(c, e->body, e->mirror, observation, &e->yardsticks);
     if (status == SHERF_OK) status = sherf_avatar_create(c, e->model, e->body, observation, &avatar);
@@ -354,7 +402,37 @@ done:
 }
 
 sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out) {
-    evaluation e = {.c = c, .options = options};
+    return eval_run(c, options, NULL, out);
+}
+
+static sherf_estimate_scores estimate_scores(const estimate_list *l) {
+    const estimate_summary s = estimate_list_summary(l, -1);
+    return (sherf_estimate_scores){.count = s.count,
+                                   .missed = l->missed,
+                                   .wrong_way = s.wrong_way,
+                                   .joints_mm = s.mean.joints_mm,
+                                   .aligned_mm = s.mean.aligned_mm,
+                                   .lean_deg = s.mean.lean_deg,
+                                   .forward_deg = s.mean.forward_deg,
+                                   .turn_deg = s.mean.turn_deg,
+                                   .overlap = s.mean.overlap,
+                                   .overlap_least = s.worst.overlap};
+}
+
+/* The two tables, one below the other. */
+static char *whole_table(const evaluation *e) {
+    char *scores = report_table(e->c, &e->report, e->data), *both = NULL;
+    if (!scores || !e->estimator) return scores;
+    char *errors = estimate_list_table(e->c, &e->report.estimates, e->data);
+    if (errors) both = mem_format(e->c, "%s\n%s", scores, errors);
+    mem_free(errors);
+    mem_free(scores);
+    return both;
+}
+
+sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_estimator *estimator,
+                      sherf_scores *out) {
+    evaluation e = {.c = c, .options = options, .estimator = estimator};
     char path[PATH_LENGTH];
     const sherf_precision precision = c->precision;
     *out = (sherf_scores){0};
@@ -364,6 +442,9 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
     for (int i = 0; i < e.people_count && status == SHERF_OK; i++)
         for (int k = 0; k < e.selection[i].observations && status == SHERF_OK; k++)
             status = evaluate_observation(&e, &e.selection[i], k);
+    if (status == SHERF_OK && !e.report.count && e.report.estimates.missed)
+        status =
+            failure(c, SHERF_MISMATCH, "%s: nobody was found in any of the observed pictures", options->data);
     if (status == SHERF_OK && !e.report.count)
         status =
             failure(c, SHERF_MISMATCH,
@@ -379,7 +460,7 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
         }
         if ((status = report_write_json(c, &e.report, e.data, path)) != SHERF_OK) goto done;
     }
-    char *table = report_table(c, &e.report, e.data);
+    char *table = whole_table(&e);
     if (!table) {
         status = SHERF_NO_MEMORY;
         goto done;
@@ -391,6 +472,7 @@ sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, she
         out->mean_color[pose] = report_mean(r, SCORE_MEAN_COLOR, -1, pose);
         out->painted_body[pose] = report_mean(r, SCORE_PAINTED_BODY, -1, pose);
     }
+    if (estimator) out->estimates = estimate_scores(&r->estimates);
 done:
     if (status != SHERF_OK && e.folder_is_new) rmdir(options->output); /* goes only if nothing is in it */
     evaluation_free(&e);

@@ -24,6 +24,7 @@ void report_free(report *r) {
         mem_free(r->entry[i].png);
     }
     mem_free(r->entry);
+    estimate_list_free(&r->estimates);
     *r = (report){0};
 }
 
@@ -193,6 +194,13 @@ static bool add_file(cJSON *to, const char *key, const char *name) {
     return (name ? cJSON_AddStringToObject(to, key, name) : cJSON_AddNullToObject(to, key)) != NULL;
 }
 
+static bool add_pair(cJSON *to, const char *key, picture p) {
+    cJSON *pair = cJSON_CreateIntArray((int[]){p.pose, p.view}, 2);
+    if (pair && cJSON_AddItemToObject(to, key, pair)) return true;
+    cJSON_Delete(pair);
+    return false;
+}
+
 static bool add_image(cJSON *images, const sherf_dataset *d, const report *r, const report_entry *e) {
     cJSON *o = cJSON_CreateObject();
     if (!o) return false;
@@ -200,13 +208,9 @@ static bool add_image(cJSON *images, const sherf_dataset *d, const report *r, co
         cJSON_Delete(o);
         return false;
     }
-    cJSON *pair = NULL;
-    if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, e->person))) return false;
-    if (!(pair = cJSON_CreateIntArray((int[]){e->observation.pose, e->observation.view}, 2))) return false;
-    if (!cJSON_AddItemToObject(o, "observation", pair)) {
-        cJSON_Delete(pair);
+    if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, e->person)) ||
+        !add_pair(o, "observation", e->observation))
         return false;
-    }
     for (int kind = 1; kind < SCORE_KINDS && r->yardsticks; kind++) {
         cJSON *yardstick = cJSON_AddObjectToObject(o, kind_key[kind]);
         if (!yardstick || !add_picture_score(yardstick, &e->score[kind])) return false;
@@ -215,6 +219,34 @@ static bool add_image(cJSON *images, const sherf_dataset *d, const report *r, co
            cJSON_AddStringToObject(o, "kind", e->novel_pose ? "novel_pose" : "novel_view") &&
            add_picture_score(o, &e->score[SCORE_MODEL]) && add_file(o, "rgb", e->rgb) &&
            add_file(o, "png", e->png);
+}
+
+static bool add_error(cJSON *to, const pose_error *e) {
+    return add_number(to, "joints_mm", e->joints_mm) && add_number(to, "aligned_mm", e->aligned_mm) &&
+           add_number(to, "lean_deg", e->lean_deg) && add_number(to, "forward_deg", e->forward_deg) &&
+           add_number(to, "turn_deg", e->turn_deg) && add_number(to, "overlap", e->overlap);
+}
+
+/* What every estimate is off by, and their mean and the worst of each number. */
+static bool add_estimates(cJSON *root, const estimate_list *l, const sherf_dataset *d) {
+    cJSON *all = cJSON_AddObjectToObject(root, "estimates");
+    cJSON *each = all ? cJSON_AddArrayToObject(all, "each") : NULL;
+    for (int64_t i = 0; i < l->count && each; i++) {
+        cJSON *o = cJSON_CreateObject();
+        if (!o || !cJSON_AddItemToArray(each, o)) {
+            cJSON_Delete(o);
+            return false;
+        }
+        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, l->entry[i].person)) ||
+            !add_pair(o, "observation", l->entry[i].observation) || !add_error(o, &l->entry[i].error))
+            return false;
+    }
+    estimate_summary s = estimate_list_summary(l, -1);
+    cJSON *mean = each ? cJSON_AddObjectToObject(all, "mean") : NULL;
+    cJSON *worst = mean ? cJSON_AddObjectToObject(all, "worst") : NULL;
+    return worst && add_error(mean, &s.mean) && add_error(worst, &s.worst) &&
+           add_number(all, "wrong_way", s.wrong_way) && add_number(all, "count", s.count) &&
+           add_number(all, "missed", l->missed);
 }
 
 static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
@@ -235,6 +267,7 @@ static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
         if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, p)) || !add_means(o, r, p))
             return false;
     }
+    if ((r->estimates.count || r->estimates.missed) && !add_estimates(root, &r->estimates, d)) return false;
     return add_means(root, r, -1);
 }
 

@@ -3,7 +3,7 @@
 #ifndef SHERF_REPORT_H
 #define SHERF_REPORT_H
 
-#include "eval/selection.h"
+#include "eval/estimated.h"
 
 enum { SCORE_MODEL, SCORE_MEAN_COLOR, SCORE_PAINTED_BODY, SCORE_KINDS };
 
@@ -22,8 +22,9 @@ typedef struct {
 typedef struct {
     int64_t count, capacity;
     report_entry *entry;
-    bool yardsticks; /* false: only SCORE_MODEL is filled in */
-    bool plain_mean; /* over all pictures alike: observations drawn by chance */
+    bool yardsticks;         /* false: only SCORE_MODEL is filled in */
+    estimate_list estimates; /* empty: bodies and cameras are the data set's */
+    bool plain_mean;         /* over all pictures alike: observations drawn by chance */
 } report;
 
 sherf_status report_add(context *c, report *r, const report_entry *e); /* takes over rgb and png on success */

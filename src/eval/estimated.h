@@ -1,0 +1,60 @@
+/* estimated: evaluating with bodies and cameras that were estimated from the observed picture alone.
+ *
+ * An estimate has a world of its own. What it is compared with is carried over: directions by way of the
+ * observed camera, in whose frame both worlds are known, places so that the pelvis of the true body comes to
+ * the estimate's. */
+#ifndef SHERF_ESTIMATED_H
+#define SHERF_ESTIMATED_H
+
+#include "data/data.h"
+#include "eval/pose_error.h"
+#include "eval/selection.h"
+
+/* From a picture with its background to an observation of the same size in pixels: *out NULL where nobody is
+ * found. truth is for tests, which bend it. */
+typedef struct {
+    sherf_status (*estimate)(context *c, void *state, const sherf_image *photo,
+                             const sherf_observation *truth, sherf_observation **out);
+    void *state;
+} eval_estimator;
+
+/* ---- carrying over ---- */
+typedef struct {
+    bool same;           /* the estimate has the truth's camera and body to the bit: nothing is moved */
+    double R[9], t_m[3]; /* x_estimate = R x_truth + t */
+    sherf_pose pose;     /* the estimate's */
+} carried;
+sherf_status carried_create(context *c, const body_model *body, const sherf_observation *truth,
+                            const sherf_observation *estimate, carried *out);
+void carried_camera(const carried *w, const sherf_camera *truth, sherf_camera *out);
+/* The observed pose is the estimate's own. Another one keeps the truth's joints and has the estimate's shape;
+ * its pelvis is where the true one comes to. */
+sherf_status carried_pose(context *c, const carried *w, const body_model *body, const sherf_pose *truth,
+                          bool observed, sherf_pose *out);
+
+/* ---- errors ---- */
+sherf_status estimated_error(context *c, const body_model *body, const sherf_observation *truth,
+                             const sherf_observation *estimate, pose_error *out);
+
+typedef struct {
+    int person;
+    picture observation;
+    pose_error error;
+} estimate_entry;
+typedef struct {
+    int64_t count, capacity;
+    estimate_entry *entry; /* by person */
+    int missed;            /* pictures in which nobody was found */
+} estimate_list;
+sherf_status estimate_list_add(context *c, estimate_list *l, const estimate_entry *e);
+void estimate_list_free(estimate_list *l);
+/* Of one person, or all (-1). */
+typedef struct {
+    int count, wrong_way;
+    pose_error mean, worst;
+} estimate_summary;
+estimate_summary estimate_list_summary(const estimate_list *l, int person);
+/* To print below the scores; mem_free it. NULL when memory lacks. */
+char *estimate_list_table(context *c, const estimate_list *l, const sherf_dataset *d);
+
+#endif

@@ -26,7 +26,9 @@ static void put_cell(const image_u8 *in, uint8_t *sheet, int width, int x0, int 
 
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png) {
-    int rows = people < ROWS_MOST ? people : ROWS_MOST, width = COLUMNS * CELL;
+    int rows = people < ROWS_MOST ? people : ROWS_MOST;
+    int columns = poses == 1 && views < COLUMNS ? views : COLUMNS; /* none twice */
+    int width = columns * CELL;
     if (!rows) return failure(c, SHERF_NO_FILE, "%s: nobody to show", folder);
     uint8_t *sheet = mem_zero(c, (size_t)width * (size_t)rows * CELL, 3);
     if (!sheet) return SHERF_NO_MEMORY;
@@ -34,7 +36,7 @@ sherf_status people_sheet(context *c, const char *folder, int people, const char
     for (int r = 0; r < rows && !status; r++) {
         char one[PATH_LENGTH], path[PATH_LENGTH];
         status = thuman_path(c, one, folder, name[(int64_t)r * people / rows]);
-        for (int i = 0; i < COLUMNS && !status; i++) {
+        for (int i = 0; i < columns && !status; i++) {
             /* the front first, then round */
             int view = (views / 2 + i * (views > COLUMNS ? views / COLUMNS : 1)) % views,
                 pose = i * poses / COLUMNS;

@@ -110,6 +110,16 @@ static double standing_of(const body_fit_input *in) {
     return least;
 }
 
+/* A trunk that stands upright in the picture most likely does so in depth. */
+static double upright_of(const body_fit_input *in) {
+    const landmark *l = in->person->landmark;
+    double trunk[2];
+    for (int k = 0; k < 2; k++)
+        trunk[k] = (double)(l[LANDMARK_LEFT_HIP].place_px[k] + l[LANDMARK_RIGHT_HIP].place_px[k] -
+                            l[LANDMARK_LEFT_SHOULDER].place_px[k] - l[LANDMARK_RIGHT_SHOULDER].place_px[k]);
+    return fade(atan2(fabs(trunk[0]), trunk[1]), 0.2, 0.5);
+}
+
 /* The rotation that takes the optical axis to the ray through the hips: the network sees the person in the
  * middle of its own picture. */
 static void ray_of(fit_problem *p, double focal_px) {
@@ -439,6 +449,7 @@ sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in,
     p.focal_spread = in->focal_px > 0 ? 0.01 : 0.2;
     weigh_landmarks(&p);
     p.stands = standing_of(in);
+    p.upright = upright_of(in) * (0.25 + 0.75 * p.stands);
     for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;
     if (seen < 4) return failure(c, SHERF_BAD_ARGUMENT, "fit: hardly a landmark is seen in the photo");
     ray_of(&p, p.focal_guess_px);

@@ -68,6 +68,7 @@ typedef struct {
     double place_m[LANDMARKS][3]; /* in 3D, about the hips, turned from the ray's to the camera's frame */
     double ray[9];                /* the rotation that does so */
     double px_per_m;              /* at the body, of the state at hand; fixed during a stage */
+    double upright;               /* how much a trunk that leans costs */
     double stands;                /* 0 to 1: how sure it is that the feet carry the body */
     /* which terms count */
     double weight_2d, weight_3d, weight_mask;

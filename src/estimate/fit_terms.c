@@ -201,10 +201,10 @@ static void upright(terms *t, const blend *b, double spread, double weight, doub
     along_axis(t, b, t->up, 0, v, spread, weight, tail);
 }
 
-/* The middle of a foot. */
+/* Where a foot carries: 5 cm in front of the ankle. */
 static void take_foot(blend *b, int side, double share) {
-    take(b, LANDMARK_LEFT_HEEL + side, 0.5 * share);
-    take(b, LANDMARK_LEFT_TOE + side, 0.5 * share);
+    take(b, LANDMARK_LEFT_HEEL + side, 0.55 * share);
+    take(b, LANDMARK_LEFT_TOE + side, 0.45 * share);
 }
 
 /* Who stands on straight legs is carried by the feet: the middle of the mass is above the line between them,
@@ -212,7 +212,7 @@ static void take_foot(blend *b, int side, double share) {
 static void standing(terms *t) {
     double weight = t->p->stands, apart[3], v[3], line[3], across[3], half;
     if (!(weight > 0)) return;
-    blend feet = {0}, mass = {0}, trunk = {0}, ankles = {0};
+    blend feet = {0}, mass = {0}, ankles = {0};
     take_foot(&feet, 0, 1);
     take_foot(&feet, 1, -1);
     blend_place(t, &feet, apart);
@@ -243,10 +243,27 @@ static void standing(terms *t) {
     take(&ankles, LANDMARKS + 7, 1);
     take(&ankles, LANDMARKS + 8, -1);
     upright(t, &ankles, 0.03, weight, 1.5);
+}
+
+/* From the pelvis to the neck a trunk that is upright leans 3 degrees forward. */
+static void trunk_upright(terms *t) {
+    const double *root = t->s->body.root, weight = t->p->upright, spread = 0.05;
+    double ahead[3] = {root[2], root[5], root[8]}, aside[3], v[3];
+    blend trunk = {0};
+    if (!(weight > 0)) return;
+    double rise = dot(ahead, t->up);
+    for (int k = 0; k < 3; k++) ahead[k] -= rise * t->up[k];
+    double length = sqrt(dot(ahead, ahead));
+    if (length < 0.3) return; /* lying */
+    for (int k = 0; k < 3; k++) ahead[k] /= length;
+    for (int k = 0; k < 3; k++)
+        aside[k] = t->up[(k + 1) % 3] * ahead[(k + 2) % 3] - t->up[(k + 2) % 3] * ahead[(k + 1) % 3];
     take(&trunk, LANDMARKS + 12, 1);
     take(&trunk, LANDMARKS, -1);
-    level(t, &trunk, line, 0, 0.07, weight, 1.5);
-    level(t, &trunk, across, 0, 0.06, weight, 1.5);
+    blend_place(t, &trunk, v);
+    double high = sqrt(dot(v, v));
+    level(t, &trunk, ahead, 0.055 * high, spread, weight, 1.5);
+    level(t, &trunk, aside, 0, spread, weight, 1.5);
 }
 
 /* ---- the mask ---- */
@@ -328,7 +345,10 @@ double fit_cost(fit_problem *p, const fit_state *s, fit_equations *e) {
     for (int l = 0; l < LANDMARKS && p->weight_3d > 0; l++)
         if (p->seen_3d[l] > 0) landmark_in_3d(&t, l);
     priors(&t);
-    if (p->weight_2d > 0) standing(&t);
+    if (p->weight_2d > 0) {
+        standing(&t);
+        trunk_upright(&t);
+    }
     if (p->mask && p->mask->outline && p->weight_mask > 0) {
         int points = body_points_count(p->skin);
         body_points_place(p->skin, &s->body, p->skin_place, e ? p->skin_slope : NULL, p->skin_blend);

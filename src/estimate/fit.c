@@ -408,7 +408,7 @@ static void set_words(const fit_problem *p, const fit_state *s, body_fit_result 
     }
     out->cut_head = !in_photo(p->in, LANDMARK_NOSE);
     out->small = out->height_px < 150;
-    out->poor = out->landmarks_px > 0.03 * out->height_px || out->iou < 0.55;
+    out->poor = out->landmarks_px > 0.02 * out->height_px || out->iou < 0.6;
 }
 
 static sherf_status conclude(context *c, fit_problem *p, const fit_state *s, body_fit_result *out) {

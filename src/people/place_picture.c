@@ -162,22 +162,22 @@ static sherf_status defocus(context *c, const place *p, const sherf_camera *came
     enum { LEVELS = 5 };
     uint64_t key = random_key(p->key, "place.lens", 0);
     size_t n = 3 * (size_t)out->width * (size_t)out->height;
+    int unit = (out->height + 256) / 512; /* pixels; radii of the blurred pictures are in it */
+    if (unit < 1) unit = 1;
     float focus_m = camera->T_m[2], lens = (float)random_uniform(key, 0);
     /* the radius at infinity: a third of the pictures sharp, up to 2.5 % of the height */
     float most = fmaxf(0, lens - 0.33f) / 0.67f * 0.025f * (float)out->height;
     if (most < 0.7f) return SHERF_OK;
     float *level = mem_alloc(c, n, LEVELS * sizeof *level), *scratch = mem_alloc(c, n, sizeof *scratch);
     sherf_status status = level && scratch ? SHERF_OK : SHERF_NO_MEMORY;
-    for (int i = 0; i < LEVELS && !status; i++) { /* radii 0, 1, 2, 4, 8: twice that by two boxes */
+    for (int i = 0; i < LEVELS && !status; i++) { /* radii 0, 1, 2, 4, 8, and twice that by two boxes */
         memcpy(level + (size_t)i * n, out->color, n * sizeof *level);
-        if (i)
-            blur(level + (size_t)i * n, scratch, out->width, out->height,
-                 (1 << (i - 1)) * (out->height > 800 ? 2 : 1));
+        if (i) blur(level + (size_t)i * n, scratch, out->width, out->height, (1 << (i - 1)) * unit);
     }
     for (size_t i = 0; i < n && !status; i++) {
         float z = out->depth_m[i / 3];
         float radius = most * (isfinite(z) ? fabsf(1 - focus_m / fmaxf(z, 0.2f)) : 1);
-        float at = out->height > 800 ? 0.5f * radius : radius;
+        float at = radius / (float)unit;
         at = at < 1 ? at : 1 + log2f(at);
         at = fminf(at, LEVELS - 1.001f);
         int low = (int)at;

@@ -217,6 +217,7 @@ static float lamp_share(const trace_scene *s, int lamp, const light_point *p) {
     uint64_t stream = 2 + 2 * (uint64_t)lamp;
     float turn[2] = {(float)random_uniform(p->key, stream), (float)random_uniform(p->key, stream + 1)};
     int lanes = l->half_angle_rad > 0 ? PACKET : 1, cast = 0, seen = 0;
+    if (lanes < PACKET) memset(&rays, 0, sizeof rays); /* Embree asserts of idle lanes too */
     /* The first packet decides in full light and in full shadow. */
     while (cast < s->light.lamp_rays && (cast == 0 || (seen > 0 && seen < cast))) {
         for (int i = 0; i < lanes; i++) {

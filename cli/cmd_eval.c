@@ -4,7 +4,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool npy, no_png, yardsticks, detail;
+    bool npy, no_png, yardsticks, detail, estimated;
     int64_t size, samples;
 } set = {.samples = SHERF_SAMPLES_MODEL};
 
@@ -27,6 +27,10 @@ static const option options[] = {
      "there)"},
     {0, "yardsticks", OPTION_FLAG, &set.yardsticks, NULL,
      "scores also of the mean colour in the true mask and of the body painted with the picture"},
+    {0, "estimated", OPTION_FLAG, &set.estimated, NULL,
+     "cameras, bodies and masks of the observations are estimated from their pictures alone; what they are "
+     "off by "
+     "is told too"},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
      0, 4096},
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
@@ -58,6 +62,21 @@ static void yardstick_add(cJSON *json, const char *name, const sherf_score score
     score_add(o, "novel_pose", &score[1]);
 }
 
+static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {
+    if (!e->count && !e->missed) return;
+    cJSON *o = cJSON_AddObjectToObject(json, "estimates");
+    cJSON_AddNumberToObject(o, "joints_mm", e->joints_mm);
+    cJSON_AddNumberToObject(o, "aligned_mm", e->aligned_mm);
+    cJSON_AddNumberToObject(o, "lean_deg", e->lean_deg);
+    cJSON_AddNumberToObject(o, "forward_deg", e->forward_deg);
+    cJSON_AddNumberToObject(o, "turn_deg", e->turn_deg);
+    cJSON_AddNumberToObject(o, "overlap", e->overlap);
+    cJSON_AddNumberToObject(o, "overlap_least", e->overlap_least);
+    cJSON_AddNumberToObject(o, "wrong_way", e->wrong_way);
+    cJSON_AddNumberToObject(o, "count", e->count);
+    cJSON_AddNumberToObject(o, "missed", e->missed);
+}
+
 static int run(session *s, int count, char **argument) {
     if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
     const char *body = session_body(s, set.body, set.data);
@@ -70,6 +89,7 @@ static int run(session *s, int count, char **argument) {
                             .lpips = set.lpips,
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                             .yardsticks = set.yardsticks,
+                            .estimated = set.estimated,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,
@@ -90,6 +110,7 @@ static int run(session *s, int count, char **argument) {
         score_add(json, "novel_pose", &scores.novel_pose);
         yardstick_add(json, "mean_color", scores.mean_color);
         yardstick_add(json, "painted_body", scores.painted_body);
+        estimates_add(json, &scores.estimates);
         session_json(json);
     } else if (!status && scores.table) {
         fputs(scores.table, stdout);

@@ -515,6 +515,8 @@ typedef struct {
     int detail;                /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
     const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
                                   prediction         and truth; or NULL */
+    int estimated; /* non-zero: observations' cameras, bodies and masks are estimated from their pictures
+                      alone */
 } sherf_eval_options;
 
 typedef struct {

@@ -402,6 +402,9 @@ done:
 }
 
 sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out) {
+    *out = (sherf_scores){0};
+    if (options->estimated) /* an eval_estimator over estimate/ goes here */
+        return failure(c, SHERF_UNSUPPORTED, "this build has nothing that estimates bodies from photos");
     return eval_run(c, options, NULL, out);
 }
 

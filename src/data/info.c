@@ -1,5 +1,6 @@
 /* What a file is and what it holds, as lines or as one JSON object. */
 #include <math.h>
+#include <limits.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -69,6 +70,7 @@ static const char *format_says(const char *format) {
         {"vgg16", "VGG16 weights"},
         {"lpips-heads", "LPIPS heads"},
         {"lpips", "VGG16 with LPIPS heads"},
+        {"graph", "networks as graphs of nodes"},
     };
     for (size_t i = 0; format && i < COUNT_OF(known); i++)
         if (!strcmp(format, known[i].name)) return known[i].says;
@@ -120,7 +122,10 @@ static sherf_status info_safetensors(teller *t, const char *path) {
         text_add(&t->text, "{");
         t->first = true;
     }
-    for (size_t i = 0; i < s->metadata_count; i++) tell(t, s->metadata_key[i], "%s", s->metadata_value[i]);
+    for (size_t i = 0; i < s->metadata_count; i++) {
+        const bool nodes = !strncmp(s->metadata_key[i], "graph.", 6); /* pages of them */
+        tell(t, s->metadata_key[i], "%.*s", nodes ? 60 : INT_MAX, s->metadata_value[i]);
+    }
     if (t->json && s->metadata_count) text_add(&t->text, "}");
     t->first = false;
     tell_tensors(t, s);

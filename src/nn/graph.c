@@ -112,6 +112,8 @@ static sherf_status check_weights(context *c, const graph_node *n, int64_t chann
     if (w[2] != channels || (depthwise && w[3] != 1))
         REFUSE("weights [%lld, %lld, %lld, %lld] for %lld channels", (long long)w[0], (long long)w[1],
                (long long)w[2], (long long)w[3], (long long)channels);
+    if (depthwise && channels % 8) /* oneDNN 2.6 reads sums of others at unaligned places, on SSE a crash */
+        REFUSE("a depthwise convolution of %lld channels, which are no multiple of 8", (long long)channels);
     const int64_t out = depthwise ? channels : w[3];
     if (n->bias && n->bias_size != out)
         REFUSE("%lld biases for %lld channels", (long long)n->bias_size, (long long)out);

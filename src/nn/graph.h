@@ -10,7 +10,7 @@
 typedef enum {
     GRAPH_INPUT,       /* of `size` */
     GRAPH_CONVOLUTION, /* input 0 over weight [kernel, kernel, in, out]; input 1, if given, is added */
-    GRAPH_DEPTHWISE,   /* the same with weight [kernel, kernel, in, 1] */
+    GRAPH_DEPTHWISE,   /* the same with weight [kernel, kernel, in, 1]; in: a multiple of 8 */
     GRAPH_ADD,         /* of two of one size */
     GRAPH_ACTIVATION,
     GRAPH_MAX_POOL,

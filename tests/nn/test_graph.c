@@ -6,7 +6,7 @@
 #include "nn/graph.h"
 #include "support.h"
 
-enum { H = 9, W = 7, I = 5, O = 6 };
+enum { H = 9, W = 7, I = 8, O = 6 };
 
 static graph *begin_with_input(context *c) {
     graph *g = graph_begin(c);
@@ -26,7 +26,7 @@ static int64_t out_of(int64_t in, int64_t kernel, int64_t stride, bool same, int
 /* y = relu6(sum + bias + w * x), depthwise or not; the sum is of the same convolution without all that. */
 static void convolve(context *c, bool depthwise, int k, int stride, bool same, int pad) {
     const int out = depthwise ? I : O, taps = k * k * I * (depthwise ? 1 : O);
-    float x[H * W * I], w[5 * 5 * I * O], b[O];
+    float x[H * W * I], w[5 * 5 * I * O], b[I];
     const float *y;
     test_centred("x", H * W * I, 2, x);
     test_centred("w", taps, 1, w);
@@ -139,7 +139,7 @@ static void refused(void **state) {
           .weight = w,
           .weight_size = {3, 3, I + 1, O},
           .stride = {1, 1}},
-         "for 5 channels"},
+         "for 8 channels"},
         {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .weight = w, .weight_size = {3, 3, I, O}},
          "kernel or stride"},
         {{.kind = GRAPH_CONVOLUTION,
@@ -163,10 +163,10 @@ static void refused(void **state) {
           .stride = {1, 1}},
          "not finite"},
         {{.kind = GRAPH_RESIZE, .inputs = 1, .size = {30000, 30000}}, "more than"},
-        {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, 4}}, "another number"},
+        {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, 5}}, "another number"},
         {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, -1}}, "another number"},
         {{.kind = GRAPH_CONCAT, .inputs = 1, .axis = 3}, "axis"},
-        {{.kind = GRAPH_UNFOLD, .inputs = 1, .block = 2}, "blocks"},
+        {{.kind = GRAPH_UNFOLD, .inputs = 1, .block = 3}, "blocks"},
     };
     for (size_t i = 0; i < COUNT_OF(wrong); i++) {
         const size_t live = mem_live();

@@ -1,0 +1,12 @@
+/* local_color: which colours the person has hereabouts, and which the background. */
+#ifndef SHERF_ESTIMATE_LOCAL_COLOR_H
+#define SHERF_ESTIMATE_LOCAL_COLOR_H
+
+#include "base/base.h"
+
+/* Sharpens `value`, [H, W], each pixel's probability of being the person's, by the pixel's colour in picture,
+ * [H, W, 3]: by Bayes' rule with histograms of colour in cells of the picture of `cell` pixels on a side,
+ * each over its neighbours too, to which pixels count by how sure they are. The same bits for any number of
+ * threads. */
+sherf_status local_color_sharpen(context *c, const sherf_image *picture, int cell, float *value);
+#endif

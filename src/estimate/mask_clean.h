@@ -1,0 +1,11 @@
+/* mask_clean: islands and holes. */
+#ifndef SHERF_ESTIMATE_MASK_CLEAN_H
+#define SHERF_ESTIMATE_MASK_CLEAN_H
+
+#include "base/base.h"
+
+/* value, prior: [height, width], the mask and what the network said; mask_px: pixels here to one of the
+ * network's mask. Pieces (of values from a half on) far smaller than the largest go, and what is soft far
+ * from the others; holes are filled that are small, or that the network did not see. */
+sherf_status mask_clean(context *c, int width, int height, const float *prior, float mask_px, float *value);
+#endif

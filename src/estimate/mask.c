@@ -245,6 +245,9 @@ static void lay_rows(void *arg, int64_t begin, int64_t end, int thread) {
                                  l->k->planes + ((size_t)v0 * w->to_width + u1) * 4,
                                  l->k->planes + ((size_t)v1 * w->to_width + u0) * 4,
                                  l->k->planes + ((size_t)v1 * w->to_width + u1) * 4};
+            bool nothing = true; /* most of the region: far from the person */
+            for (int i = 0; i < 4 && nothing; i++) nothing = !p[i][3] && !p[i][0] && !p[i][1] && !p[i][2];
+            if (nothing) continue;
             float plane[4];
             for (int i = 0; i < 4; i++)
                 plane[i] =

@@ -6,7 +6,7 @@
 
 #include "estimate/mask.h"
 
-enum { OUTSIDE, KNOWN, WANTED, NEW, RINGS_MOST = 512 };
+enum { OUTSIDE, KNOWN, WANTED, RINGS_MOST = 512 };
 static const float all_of_it = 0.98f, none_of_it = 0.004f;
 
 typedef struct {
@@ -66,26 +66,51 @@ static bool neighbours_mean(const rim *r, const float *colors, int x, int y, flo
     return sum[3] > 0;
 }
 
+typedef struct {
+    const rim *rim;
+    const size_t *wanted;
+    bool *found; /* one a wanted pixel */
+    float *colors;
+} ringing;
+
+static void ring_part(void *arg, int64_t begin, int64_t end, int thread) {
+    const ringing *g = arg;
+    const size_t width = (size_t)g->rim->mask->width;
+    for (int64_t i = begin; i < end; i++) {
+        const size_t at = g->wanted[i];
+        g->found[i] =
+            neighbours_mean(g->rim, g->colors, (int)(at % width), (int)(at / width), g->colors + 3 * at);
+    }
+}
+
 /* What no ring reaches keeps the photo's colours. */
-static void rings_fill(const rim *r, size_t *wanted, size_t count, float *colors) {
-    const int width = r->mask->width;
+static void rings_fill(context *c, const rim *r, size_t *wanted, bool *found, size_t count, float *colors) {
     for (int ring = 0; ring < RINGS_MOST && count; ring++) {
-        size_t left = 0, found = 0;
+        ringing g = {r, wanted, found, colors};
+        size_t left = 0;
+        parallel_for(c, (int64_t)count, 4096, ring_part, &g);
         for (size_t i = 0; i < count; i++) {
             const size_t at = wanted[i];
-            const bool is = neighbours_mean(r, colors, (int)(at % width), (int)(at / width), colors + 3 * at);
-            if (is) r->state[at] = NEW;
-        }
-        for (size_t i = 0; i < count; i++) {
-            const size_t at = wanted[i];
-            if (r->state[at] == NEW)
-                r->state[at] = KNOWN, found++;
+            if (found[i])
+                r->state[at] = KNOWN;
             else
                 wanted[left++] = at;
         }
+        if (left == count) return;
         count = left;
-        if (!found) return;
     }
+}
+
+typedef struct {
+    const float *from;
+    float *to;
+    size_t row_values;
+} copying;
+
+static void rows_copy(void *arg, int64_t begin, int64_t end, int thread) {
+    const copying *k = arg;
+    memcpy(k->to + (size_t)begin * k->row_values, k->from + (size_t)begin * k->row_values,
+           (size_t)(end - begin) * k->row_values * sizeof(float));
 }
 
 sherf_status mask_free_colors(context *c, const sherf_image *photo, const sherf_image *mask,
@@ -103,18 +128,22 @@ sherf_status mask_free_colors(context *c, const sherf_image *photo, const sherf_
     if (r.reach < 2) r.reach = 2;
     if (r.reach > 6) r.reach = 6;
     size_t *wanted = NULL, count = 0;
+    bool *found = NULL;
     float *colors = mem_alloc(c, n, 3 * sizeof *colors);
     sherf_status status = SHERF_NO_MEMORY;
     if (!r.along || !r.state || !colors) goto done;
     parallel_for(c, photo->height, 16, rows_erode, &r);
     parallel_for(c, photo->height, 16, columns_erode, &r);
     for (size_t i = 0; i < n; i++) count += r.state[i] == WANTED;
-    if (!(wanted = mem_alloc(c, count + 1, sizeof *wanted))) goto done;
+    wanted = mem_alloc(c, count + 1, sizeof *wanted);
+    found = mem_alloc(c, count + 1, sizeof *found);
+    if (!wanted || !found) goto done;
     count = 0;
     for (size_t i = 0; i < n; i++)
         if (r.state[i] == WANTED) wanted[count++] = i;
-    memcpy(colors, photo->data, n * 3 * sizeof *colors);
-    rings_fill(&r, wanted, count, colors);
+    copying k = {photo->data, colors, (size_t)photo->width * 3};
+    parallel_for(c, photo->height, 16, rows_copy, &k);
+    rings_fill(c, &r, wanted, found, count, colors);
     *out = (sherf_image){photo->width, photo->height, 3, colors};
     colors = NULL;
     status = SHERF_OK;
@@ -122,6 +151,7 @@ done:
     mem_free(r.along);
     mem_free(r.state);
     mem_free(wanted);
+    mem_free(found);
     mem_free(colors);
     return status;
 }

@@ -1,6 +1,6 @@
 #include <sys/stat.h>
 
-#include "session.h"
+#include "photo.h"
 #include "verbs.h"
 
 static struct {
@@ -15,6 +15,8 @@ static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "encode the picture as it is, not cut out round the person and scaled to what the model knows"},
+    PHOTO_OPTIONS,
+    {0, "overlay", OPTION_FILE, &photo_wanted.overlay, "FILE", "draw the estimated body over a photo, .png"},
     {0},
 };
 
@@ -65,10 +67,13 @@ const verb verb_avatar = {
     .name = "avatar",
     .arguments = "OBSERVATION",
     .summary = "make an avatar from one picture of a person",
-    .description = "Encodes an observation (picture, mask, camera, body pose and shape) into an avatar: one "
-                   "file with everything that rendering the person needs. OBSERVATION is a folder or JSON "
-                   "file, or a picture of a data set as DATA#PERSON/POSE/VIEW.",
+    .description =
+        "Encodes an observation (picture, mask, camera, body pose and shape) into an avatar: one "
+        "file with everything that rendering the person needs. OBSERVATION is a photo, of which "
+        "the rest is estimated (see sherf estimate), a folder or JSON file, or a picture of a data "
+        "set as DATA#PERSON/POSE/VIEW.",
     .example =
+        "sherf avatar me.jpg -o me.safetensors\n"
         "sherf avatar ann/ --model model.safetensors --body body.safetensors -o ann.safetensors\n"
         "sherf avatar thuman:people#0007/0/4 -m model.safetensors -b body.safetensors -o 7.safetensors",
     .options = options,

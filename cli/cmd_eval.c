@@ -1,4 +1,4 @@
-#include "session.h"
+#include "photo.h"
 #include "verbs.h"
 
 static struct {
@@ -82,6 +82,8 @@ static int run(session *s, int count, char **argument) {
     const char *body = session_body(s, set.body, set.data);
     const char *model = body ? session_model(s, set.model) : NULL;
     if (!model) return EXIT_USAGE;
+    const char *networks = set.estimated ? photo_networks() : NULL;
+    if (set.estimated && !networks) return EXIT_FAILED;
     sherf_eval_options o = {.data = set.data,
                             .people = set.people,
                             .body = body,
@@ -89,7 +91,7 @@ static int run(session *s, int count, char **argument) {
                             .lpips = set.lpips,
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                             .yardsticks = set.yardsticks,
-                            .estimated = set.estimated,
+                            .estimated = networks,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,

@@ -1,4 +1,4 @@
-#include "session.h"
+#include "photo.h"
 
 #include <errno.h>
 #include <signal.h>
@@ -132,9 +132,16 @@ static void on_log(void *user, sherf_log_level level, const char *text) {
 /* ---- Ctrl-C ---- */
 static sherf_context *volatile interrupted_context;
 
+static volatile sig_atomic_t interrupted;
+
 static void on_interrupt(int number) {
+    interrupted = 1;
     sherf_cancel(interrupted_context);
     signal(number, SIG_DFL); /* the second one ends the program */
+}
+
+bool session_interrupted(void) {
+    return interrupted;
 }
 
 /* ---- the session ---- */
@@ -268,7 +275,8 @@ int session_observation(session *s, const char *path, const sherf_model *model, 
                         bool whole, sherf_observation **out) {
     sherf_observation *read;
     *out = NULL;
-    int status = session_status(s, sherf_observation_load(s->context, path, &read));
+    int status = photo_is(path) ? photo_observation(s, body, path, &read)
+                                : session_status(s, sherf_observation_load(s->context, path, &read));
     if (status || whole) {
         *out = status ? NULL : read;
         return status;
@@ -285,7 +293,7 @@ int session_avatar(session *s, const char *input, const char *model, const sherf
     struct stat st;
     const bool folder = stat(input, &st) == 0 && S_ISDIR(st.st_mode);
     *out = NULL;
-    if (!model && !folder && !strchr(input, '#') && !(end && strcmp(end, ".json") == 0))
+    if (!model && !folder && !strchr(input, '#') && !(end && strcmp(end, ".json") == 0) && !photo_is(input))
         return session_status(s, sherf_avatar_load(c, input, body, out));
     if (!(model = session_model(s, model))) return EXIT_USAGE;
     sherf_model *weights = NULL;

@@ -25,6 +25,7 @@ int session_failure(const char *format, ...) __attribute__((format(printf, 1, 2)
 void session_remark(const char *format, ...) __attribute__((format(printf, 1, 2)));
 /* A bar on a terminal, now and then a line elsewhere; nothing with --quiet. */
 void session_progress(const char *text, double done, double total);
+bool session_interrupted(void);                  /* by Ctrl-C */
 const char *session_precision(const session *s); /* what is used: "fp32" or "bf16" */
 const char *session_device(const session *s);    /* "cpu" or "cuda" */
 /* Prints and deletes `json`. */
@@ -48,8 +49,8 @@ const char *session_model(const session *s, const char *given);
 int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
                         bool whole, sherf_observation **out);
 
-/* The avatar in `input`: an avatar file; or an observation (a folder, a .json, a picture of a data set, or
- * whatever `model` is given with), encoded by these weights or the ones that ship. */
+/* The avatar in `input`: an avatar file; or an observation (a photo, a folder, a .json, a picture of a data
+ * set, or whatever `model` is given with), encoded by these weights or the ones that ship. */
 int session_avatar(session *s, const char *input, const char *model, const sherf_body *body, bool whole,
                    sherf_avatar **out);
 

@@ -17,9 +17,8 @@ may_include() {
     motion) echo "base tensor io body render data motion" ;;
     estimate) echo "base tensor io nn body render data model estimate" ;;
     people) echo "base tensor io body render data people" ;;
-    train | eval) echo "base tensor nn body render model io data motion people train eval" ;;
+    train | eval) echo "base tensor nn body render model io data motion people estimate train eval" ;;
     export) echo "base tensor io nn body render model data motion export" ;;
-    train | eval) echo "base tensor nn body render model io data people train eval" ;;
     *) return 1 ;;
     esac
 }

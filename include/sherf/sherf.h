@@ -100,6 +100,9 @@ SHERF_API void sherf_image_free(sherf_image *image); /* frees data and zeroes th
 SHERF_API sherf_status
 sherf_image_read(sherf_context *c, const char *path,
                  sherf_image *out); /* PNG, JPEG, WebP, HEIC or AVIF, upright, to RGB */
+/* "JPEG", "PNG", "WebP", "HEIC" or "AVIF", by the file's first bytes; NULL: none that sherf_image_read knows.
+ */
+SHERF_API const char *sherf_image_kind(const char *path);
 SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
                                          const sherf_image *image); /* .png, .npy; 1, 3 or 4 channels (RGB
                                                                        and alpha, not premultiplied) */
@@ -142,6 +145,75 @@ SHERF_API void sherf_observation_free(sherf_observation *o);
 SHERF_API const sherf_camera *sherf_observation_camera(const sherf_observation *o);
 SHERF_API const sherf_pose *sherf_observation_pose(const sherf_observation *o);
 SHERF_API const sherf_image *sherf_observation_image(const sherf_observation *o); /* black outside the mask */
+
+/* ---------------------------------------------------------------- estimate --------------------------- */
+/* From a photo alone to an observation: finds the person, cuts out the mask, estimates camera, body pose and
+ * shape (docs/photo.md). */
+typedef struct sherf_estimator sherf_estimator;
+/* The networks that find people: assets/models/blazepose.safetensors. */
+SHERF_API sherf_status sherf_estimator_load(sherf_context *c, const char *path, sherf_estimator **out);
+SHERF_API void sherf_estimator_free(sherf_estimator *e);
+
+typedef struct {
+    int person;       /* 1: the largest, 2 the next; 0: the largest, or the one that `mask` shows */
+    double focal_px;  /* of the upright photo at its full size, kept to 1 %; 0: EXIF's, or else it is
+                         estimated */
+    const char *mask; /* picture of the photo's size, bright where the person is, hard or soft; NULL: the
+                         photo's alpha channel where it cuts something out, or else it is estimated */
+} sherf_estimate_options;
+
+/* Bits of `warnings`. */
+enum {
+    SHERF_ESTIMATE_FROM_BEHIND = 1,
+    SHERF_ESTIMATE_CUT_FEET = 2,     /* the feet are outside the photo */
+    SHERF_ESTIMATE_CUT_HEAD = 4,     /* the head is */
+    SHERF_ESTIMATE_SMALL = 8,        /* the person is less than 150 pixels high */
+    SHERF_ESTIMATE_HIDDEN_ARMS = 16, /* an arm is not seen: its pose is a guess */
+    SHERF_ESTIMATE_POOR = 32,        /* the body lies badly on the person */
+    SHERF_ESTIMATE_MASK_CUT = 64     /* the mask may end before the person does */
+};
+typedef struct {
+    int people, person; /* how many were found, and which was taken, from 1 */
+    unsigned warnings;
+    int width_px, height_px;          /* of the estimate's pictures, at most 2048 on a side */
+    float box_px[4];                  /* the person's left, top, right and bottom */
+    double person_px;                 /* how high the person stands, head to feet */
+    double focal_px;                  /* at that size */
+    double pitch_deg, lean_deg;       /* the camera looks down; the trunk leans forward */
+    double landmarks_off;             /* mean distance of the landmarks from the body's, in person_px */
+    double mask_covered, body_inside; /* share of the mask that the body covers; of the body in the mask */
+    double find_ms, mask_ms, fit_ms;  /* what it took */
+} sherf_estimate_facts;
+
+typedef struct sherf_estimate sherf_estimate;
+/* A photo of any kind that sherf_image_read knows. SHERF_MISMATCH when nobody is found in it. The world is
+ * upright: y up, the floor at y = 0. The same photo gives the same bits, with any number of threads. */
+SHERF_API sherf_status sherf_estimate_photo(sherf_context *c, const sherf_estimator *estimator,
+                                            const sherf_body *body, const char *path,
+                                            const sherf_estimate_options *options, sherf_estimate **out);
+/* RGB, at most 2048 pixels on a side; mask (1 channel of the same size) may be NULL, and options->mask is not
+ * looked at. */
+SHERF_API sherf_status sherf_estimate_picture(sherf_context *c, const sherf_estimator *estimator,
+                                              const sherf_body *body, const sherf_image *photo,
+                                              const sherf_image *mask, const sherf_estimate_options *options,
+                                              sherf_estimate **out);
+SHERF_API void sherf_estimate_free(sherf_estimate *e);
+/* These are e's. The picture has its background, and the person's own colours at the person's rim. */
+SHERF_API const sherf_image *sherf_estimate_image(const sherf_estimate *e); /* H x W x 3 */
+SHERF_API const sherf_image *sherf_estimate_mask(const sherf_estimate *e);  /* H x W x 1, soft */
+SHERF_API const sherf_camera *sherf_estimate_camera(const sherf_estimate *e);
+SHERF_API const sherf_pose *sherf_estimate_pose(const sherf_estimate *e);
+SHERF_API const sherf_estimate_facts *sherf_estimate_found(const sherf_estimate *e);
+/* The person is where the mask is at least a half. */
+SHERF_API sherf_status sherf_estimate_observation(sherf_context *c, const sherf_estimate *e,
+                                                  sherf_observation **out);
+/* Into a folder that is an observation (observation.json, image.png, mask.png), with overlay.png to look at.
+ * body: the one it was estimated with. */
+SHERF_API sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, const sherf_body *body,
+                                           const char *folder);
+/* The body over the photo, which is darker outside the mask; PNG. */
+SHERF_API sherf_status sherf_estimate_overlay(sherf_context *c, const sherf_estimate *e,
+                                              const sherf_body *body, const char *path);
 
 /* ---------------------------------------------------------------- model ------------------------------ */
 typedef struct sherf_model sherf_model;
@@ -515,8 +587,8 @@ typedef struct {
     int detail;                /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
     const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
                                   prediction         and truth; or NULL */
-    int estimated; /* non-zero: observations' cameras, bodies and masks are estimated from their pictures
-                      alone */
+    const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
+                              masks are estimated from their pictures alone; NULL: they are the data's */
 } sherf_eval_options;
 
 typedef struct {

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "base/path.h"
+#include "estimate/estimate.h"
 #include "eval/lpips_file.h"
 #include "eval/metrics.h"
 #include "eval/protocol.h"
@@ -401,11 +402,33 @@ done:
     return status;
 }
 
+/* ---- bodies by estimate/ ---- */
+typedef struct {
+    sherf_estimator *networks;
+    sherf_body *body;
+} photo_estimator;
+
+static sherf_status estimate_photo(context *c, void *state, const sherf_image *photo,
+                                   const sherf_observation *truth, sherf_observation **out) {
+    const photo_estimator *e = state;
+    sherf_estimate *found = NULL;
+    sherf_status status = sherf_estimate_picture(c, e->networks, e->body, photo, NULL, NULL, &found);
+    if (status == SHERF_MISMATCH) return SHERF_OK; /* nobody was found: counted */
+    if (!status) status = sherf_estimate_observation(c, found, out);
+    sherf_estimate_free(found);
+    return status;
+}
+
 sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out) {
     *out = (sherf_scores){0};
-    if (options->estimated) /* an eval_estimator over estimate/ goes here */
-        return failure(c, SHERF_UNSUPPORTED, "this build has nothing that estimates bodies from photos");
-    return eval_run(c, options, NULL, out);
+    if (!options->estimated) return eval_run(c, options, NULL, out);
+    photo_estimator e = {0};
+    sherf_status status = sherf_estimator_load(c, options->estimated, &e.networks);
+    if (!status) status = sherf_body_load(c, options->body, &e.body);
+    if (!status) status = eval_run(c, options, &(eval_estimator){estimate_photo, &e}, out);
+    sherf_body_free(e.body);
+    sherf_estimator_free(e.networks);
+    return status;
 }
 
 static sherf_estimate_scores estimate_scores(const estimate_list *l) {

@@ -26,6 +26,10 @@ sherf_status sherf_image_read(sherf_context *c, const char *path, sherf_image *o
     return data ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
+const char *sherf_image_kind(const char *path) {
+    return image_file_kind(path);
+}
+
 /* 2 channels have no PNG of colours; more than 4 have none at all. */
 static sherf_status write_png(context *c, const char *path, const sherf_image *image) {
     size_t n = (size_t)image->width * (size_t)image->height * (size_t)image->channels;

@@ -1,8 +1,8 @@
 /* The program as a person or a script meets it: words, exit statuses, one line an error, JSON. */
 #include "program.h"
 
-static const char *const verbs[] = {"avatar", "render", "animate", "view",  "export", "train",
-                                    "eval",   "synth",  "convert", "check", "info",   "bench"};
+static const char *const verbs[] = {"avatar", "estimate", "render",  "animate", "view", "export", "train",
+                                    "eval",   "synth",    "convert", "check",   "info", "bench"};
 
 /* ---- words ---- */
 static void version_and_help(void **state) {

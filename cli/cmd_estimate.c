@@ -1,0 +1,163 @@
+/* sherf estimate: photos to observation folders. */
+#include <dirent.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "photo.h"
+#include "verbs.h"
+
+enum { PHOTOS_MOST = 10000 };
+static struct { const char *body, *output; } set;
+
+static const option options[] = {
+    {'o', "output", OPTION_FILE, &set.output, "FOLDER",
+     "of one photo the observation; of more, a folder each in here, named after the photo", .needed = true},
+    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model to fit (the open body)"},
+    PHOTO_OPTIONS,
+    {0},
+};
+
+typedef struct {
+    char *path[PHOTOS_MOST];
+    int count;
+    bool folder; /* one was given */
+} photo_list;
+
+static int by_name(const void *a, const void *b) {
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static int list_add(photo_list *l, const char *folder, const char *name) {
+    char path[4096];
+    if (l->count == PHOTOS_MOST) return session_failure("more than %d photos", PHOTOS_MOST);
+    if (snprintf(path, sizeof path, "%s%s%s", folder, *folder ? "/" : "", name) >= (int)sizeof path)
+        return session_failure("%.60s...: path too long", name);
+    if (!(l->path[l->count] = strdup(path))) return session_failure("out of memory");
+    l->count++;
+    return EXIT_DONE;
+}
+
+/* The pictures of a folder, by name; other files are left. */
+static int list_folder(photo_list *l, const char *folder) {
+    DIR *d = opendir(folder);
+    int status = EXIT_DONE, first = l->count;
+    if (!d) return session_failure("%s: cannot be read", folder);
+    for (struct dirent *f; !status && (f = readdir(d));) {
+        char path[4096];
+        struct stat st;
+        if (f->d_name[0] == '.' ||
+            snprintf(path, sizeof path, "%s/%s", folder, f->d_name) >= (int)sizeof path)
+            continue;
+        if (stat(path, &st) == 0 && S_ISREG(st.st_mode) && sherf_image_kind(path))
+            status = list_add(l, folder, f->d_name);
+    }
+    closedir(d);
+    qsort(l->path + first, (size_t)(l->count - first), sizeof *l->path, by_name);
+    if (!status && l->count == first) status = session_failure("%s: no pictures in it", folder);
+    l->folder = true;
+    return status;
+}
+
+/* The folder of photo i: OUTPUT, or OUTPUT/NAME without the ending. */
+static int output_of(const photo_list *l, int i, char out[4096]) {
+    const char *name = strrchr(l->path[i], '/'), *end;
+    name = name ? name + 1 : l->path[i];
+    end = strrchr(name, '.');
+    const int length = end && end != name ? (int)(end - name) : (int)strlen(name);
+    int n = l->count == 1 && !l->folder ? snprintf(out, 4096, "%s", set.output)
+                                        : snprintf(out, 4096, "%s/%.*s", set.output, length, name);
+    return n < 4096 ? EXIT_DONE : session_failure("%.60s...: path too long", set.output);
+}
+
+/* Two photos of one name but for the ending would write into one folder. */
+static int check_names(const photo_list *l) {
+    int status = EXIT_DONE;
+    char **name = calloc((size_t)l->count + 1, sizeof *name);
+    if (!name) return session_failure("out of memory");
+    for (int i = 0; !status && i < l->count; i++) {
+        char path[4096];
+        status = output_of(l, i, path);
+        if (!status && !(name[i] = strdup(path))) status = session_failure("out of memory");
+    }
+    if (!status) qsort(name, (size_t)l->count, sizeof *name, by_name);
+    for (int i = 1; !status && i < l->count; i++)
+        if (!strcmp(name[i - 1], name[i]))
+            status = session_failure("two photos would be written to %s: rename one of them", name[i]);
+    for (int i = 0; i < l->count; i++) free(name[i]);
+    free(name);
+    return status;
+}
+
+static int one(session *s, const sherf_estimator *n, const sherf_body *body, const photo_list *l, int i,
+               cJSON *json) {
+    char folder[4096];
+    sherf_estimate *e = NULL;
+    int status = output_of(l, i, folder);
+    if (!status) status = photo_estimate(s, n, body, l->path[i], &e);
+    if (!status) status = session_status(s, sherf_estimate_save(s->context, e, body, folder));
+    if (!status && json) {
+        cJSON *said = photo_json(l->path[i], sherf_estimate_found(e));
+        cJSON_AddStringToObject(said, "observation", folder);
+        cJSON_AddItemToArray(json, said);
+    } else if (!status) {
+        session_remark("%s: the observation; look at %s/overlay.png", folder, folder);
+    }
+    sherf_estimate_free(e);
+    return status;
+}
+
+static int run(session *s, int count, char **argument) {
+    photo_list *l = calloc(1, sizeof *l);
+    sherf_body *body = NULL;
+    sherf_estimator *n = NULL;
+    cJSON *json = common.json ? cJSON_CreateArray() : NULL;
+    int status = l ? EXIT_DONE : session_failure("out of memory"), failed = 0;
+    for (int i = 0; !status && i < count; i++) {
+        struct stat st;
+        const bool folder = stat(argument[i], &st) == 0 && S_ISDIR(st.st_mode);
+        status = folder ? list_folder(l, argument[i]) : list_add(l, "", argument[i]);
+    }
+    if (!status && l->count > 1 && (photo_wanted.mask || photo_wanted.focal_px > 0))
+        status = usage_error(s->verb_name, "--mask and --focal-px are for one photo, these are %d", l->count);
+    if (!status) status = check_names(l);
+    const char *path = status ? NULL : session_body(s, set.body, NULL);
+    if (!status && !path) status = EXIT_USAGE;
+    if (!status) status = session_status(s, sherf_body_load(s->context, path, &body));
+    if (!status) status = photo_estimator(s, &n);
+    for (int i = 0; !status && i < l->count; i++) {
+        const int result = one(s, n, body, l, i, json);
+        if (result) failed++; /* it was said; the others go on */
+        if (l->count > 1) session_progress("photos", i + 1, l->count);
+        if (session_interrupted()) break;
+    }
+    if (!status && failed) status = EXIT_FAILED;
+    if (!status && json) session_json(json), json = NULL;
+    if (failed && l->count > 1) session_remark("%d of %d photos failed", failed, l->count);
+    if (json && failed < l->count) session_json(json), json = NULL;
+    cJSON_Delete(json);
+    sherf_estimator_free(n);
+    sherf_body_free(body);
+    for (int i = 0; l && i < l->count; i++) free(l->path[i]);
+    free(l);
+    return status;
+}
+
+const verb verb_estimate = {
+    .name = "estimate",
+    .arguments = "PHOTO...",
+    .summary = "find the person in a photo: mask, camera, body pose and shape",
+    .description =
+        "Writes the observation of a photo as a folder: the picture, a soft mask to paint in, camera and "
+        "body "
+        "as numbers to correct (observation.json), and overlay.png to look at. All verbs that take an "
+        "observation take such a folder. PHOTO is a JPEG, PNG, WebP, HEIC or AVIF file, or a folder of them.",
+    .example = "sherf estimate me.jpg -o me/\n"
+               "sherf avatar me/ -o me.safetensors\n"
+               "sherf estimate holiday/ -o people/ --json",
+    .options = options,
+    .arguments_least = 1,
+    .arguments_most = 1000,
+    .computes = true,
+    .run = run,
+};

@@ -1,0 +1,99 @@
+/* An estimate as a folder that one can look at and correct: an observation (docs/observation.md), and a
+ * drawing of it. */
+#include <cjson/cJSON.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "data/silhouette.h"
+#include "estimate/estimate.h"
+
+sherf_status estimate_draw(context *c, const sherf_estimate *e, const body_model *body, const char *path) {
+    const size_t n = (size_t)e->photo.width * (size_t)e->photo.height;
+    sherf_observation o = {.camera = e->fit.camera, .pose = e->fit.pose};
+    o.image = (sherf_image){e->photo.width, e->photo.height, 3, mem_alloc(c, n, 3 * sizeof(float))};
+    o.mask = mem_alloc(c, n, 1);
+    sherf_status status = o.image.data && o.mask ? SHERF_OK : SHERF_NO_MEMORY;
+    for (size_t i = 0; !status && i < 3 * n; i++)
+        o.image.data[i] = e->photo.data[i] * (0.35f + 0.65f * e->mask.data[i / 3]);
+    if (!status) memset(o.mask, 1, n);
+    if (!status) status = silhouette_draw(c, &o, body, path);
+    mem_free(o.image.data);
+    mem_free(o.mask);
+    return status;
+}
+
+sherf_status sherf_estimate_overlay(sherf_context *c, const sherf_estimate *e, const sherf_body *body,
+                                    const char *path) {
+    return estimate_draw(c, e, body, path);
+}
+
+static cJSON *numbers(const float *from, int count) {
+    double as_read[72];
+    for (int i = 0; i < count; i++) as_read[i] = (double)from[i];
+    return cJSON_CreateDoubleArray(as_read, count);
+}
+
+static cJSON *matrix(const float *from) {
+    cJSON *rows = cJSON_CreateArray();
+    for (int i = 0; i < 3; i++) cJSON_AddItemToArray(rows, numbers(from + 3 * i, 3));
+    return rows;
+}
+
+/* NULL when memory lacks. */
+static char *observation_text(const sherf_estimate *e) {
+    const sherf_camera *k = &e->fit.camera;
+    const sherf_pose *p = &e->fit.pose;
+    cJSON *root = cJSON_CreateObject(), *camera = cJSON_CreateObject(), *body = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "image", "image.png");
+    cJSON_AddStringToObject(root, "mask", "mask.png");
+    cJSON_AddItemToObject(camera, "K", matrix(k->K));
+    cJSON_AddItemToObject(camera, "R", matrix(k->R));
+    cJSON_AddItemToObject(camera, "T", numbers(k->T_m, 3));
+    cJSON_AddNumberToObject(camera, "width", k->width_px);
+    cJSON_AddNumberToObject(camera, "height", k->height_px);
+    cJSON_AddItemToObject(root, "camera", camera);
+    cJSON_AddItemToObject(body, "global_orient", numbers(p->poses_rad, 3));
+    cJSON_AddItemToObject(body, "body_pose", numbers(p->poses_rad + 3, 69));
+    cJSON_AddItemToObject(body, "betas", numbers(p->shapes, 10));
+    cJSON_AddItemToObject(body, "R", matrix(p->R));
+    cJSON_AddItemToObject(body, "transl", numbers(p->Th_m, 3));
+    cJSON_AddItemToObject(root, "body", body);
+    char *text = cJSON_Print(root);
+    cJSON_Delete(root);
+    return text;
+}
+
+static sherf_status write_text(context *c, const char *path, const char *text) {
+    output_file out = {0};
+    sherf_status status = output_open(c, path, &out);
+    if (!status) status = output_write(c, &out, text, strlen(text));
+    if (!status) status = output_write(c, &out, "\n", 1);
+    if (!status) status = output_commit(c, &out);
+    if (status) output_abort(&out);
+    return status;
+}
+
+sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, const sherf_body *body,
+                                 const char *folder) {
+    char path[PATH_LENGTH];
+    char *text = observation_text(e);
+    if (!text) return failure(c, SHERF_NO_MEMORY, "out of memory: an observation as text");
+    sherf_status status = folder_make(c, folder);
+    const char *const pictures[] = {"image.png", "mask.png"};
+    const sherf_image *const picture[] = {&e->color, &e->mask};
+    for (int i = 0; !status && i < 2; i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, pictures[i]);
+        status = sherf_image_write(c, path, picture[i]);
+    }
+    if (!status) {
+        snprintf(path, sizeof path, "%s/overlay.png", folder);
+        status = estimate_draw(c, e, body, path);
+    }
+    /* last: a folder without it is no observation */
+    if (!status) {
+        snprintf(path, sizeof path, "%s/observation.json", folder);
+        status = write_text(c, path, text);
+    }
+    cJSON_free(text);
+    return status;
+}

@@ -299,6 +299,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
         sherf_frame_free(&e->frame);
     const sherf_render_options how = {.samples =
                                           e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL,
+                                      .exact = c->precision == SHERF_PRECISION_FP32,
                                       .detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
     status = sherf_render(c, avatar, e->body, &pose, &camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;

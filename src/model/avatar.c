@@ -408,7 +408,7 @@ static sherf_status empty_of(context *c, const sherf_avatar *a, const body_model
     sherf_avatar *own = (sherf_avatar *)a; /* avatars are made by this file, on the heap */
     sherf_status status = SHERF_OK;
     *out = NULL;
-    if (exact || !avatar_in_bf16(a)) return SHERF_OK;
+    if (exact) return SHERF_OK;
     pthread_mutex_lock(&own->empty.lock);
     if (!own->empty.looked) {
         status = empty_cells_find(c, a, body, &own->empty.cells);

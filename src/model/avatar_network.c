@@ -35,10 +35,6 @@ void avatar_network_free(sherf_avatar *a) {
     point_network_free(a->network);
 }
 
-bool avatar_in_bf16(const sherf_avatar *a) {
-    return a->gpu ? a->renderer->in_bf16(a->gpu) : point_network_in_bf16(a->network);
-}
-
 sherf_status avatar_ask(context *c, const sherf_avatar *a, const point_set *points, float *rgb,
                         float *sigma) {
     if (!a->gpu) return point_network_run(c, a->network, points, rgb, sigma);

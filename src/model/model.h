@@ -201,7 +201,6 @@ struct sherf_avatar {
 /* avatar_network.c: the network of an avatar whose bank, weights and observation are there. */
 sherf_status avatar_network_start(context *c, sherf_avatar *a, const body_model *body);
 void avatar_network_free(sherf_avatar *a);
-bool avatar_in_bf16(const sherf_avatar *a);
 /* As point_network_run, wherever the network is. */
 sherf_status avatar_ask(context *c, const sherf_avatar *a, const point_set *points, float *rgb, float *sigma);
 /* The network on the processor, made now where it is on a GPU alone. The avatar's. */

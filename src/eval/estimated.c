@@ -7,6 +7,13 @@
 
 /* ---- carrying over ---- */
 
+/* How many metres a pixel of the observed picture is at the pelvis, along x. */
+static double metres_a_pixel(const sherf_camera *k, const double pelvis[3]) {
+    double z = (double)k->T_m[2];
+    for (int i = 0; i < 3; i++) z += (double)k->R[6 + i] * pelvis[i];
+    return z / (double)k->K[0];
+}
+
 /* In the world; joints alone. */
 static sherf_status joints_world(context *c, const body_model *body, const sherf_pose *p,
                                  double out[BODY_JOINTS][3]) {
@@ -36,18 +43,23 @@ sherf_status carried_create(context *c, const body_model *body, const sherf_obse
     for (int i = 0; i < 9; i++) /* R_estimate^T R_truth of the cameras */
         for (int k = 0; k < 3; k++)
             out->R[i] += (double)estimate->camera.R[3 * k + i / 3] * (double)truth->camera.R[3 * k + i % 3];
-    for (int k = 0; k < 3 && !status; k++) {
+    if (status) return status;
+    out->scale = metres_a_pixel(&estimate->camera, to[0]) / metres_a_pixel(&truth->camera, from[0]);
+    if (!(out->scale > 0.01 &&
+          out->scale < 100)) /* a pelvis behind the camera: nothing is to be seen anyway */
+        out->scale = 1;
+    for (int k = 0; k < 3; k++) {
         out->t_m[k] = to[0][k];
-        for (int i = 0; i < 3; i++) out->t_m[k] -= out->R[3 * k + i] * from[0][i];
+        for (int i = 0; i < 3; i++) out->t_m[k] -= out->scale * out->R[3 * k + i] * from[0][i];
     }
-    return status;
+    return SHERF_OK;
 }
 
 void carried_camera(const carried *w, const sherf_camera *truth, sherf_camera *out) {
     *out = *truth;
     if (w->same) return;
     for (int r = 0; r < 3; r++) {
-        double T = (double)truth->T_m[r];
+        double T = w->scale * (double)truth->T_m[r];
         for (int k = 0; k < 3; k++) {
             double sum = 0;
             for (int i = 0; i < 3; i++) sum += (double)truth->R[3 * r + i] * w->R[3 * k + i];
@@ -77,7 +89,7 @@ sherf_status carried_pose(context *c, const carried *w, const body_model *body, 
     if ((status = joints_world(c, body, out, own))) return status;
     for (int k = 0; k < 3; k++) {
         double at = w->t_m[k];
-        for (int i = 0; i < 3; i++) at += w->R[3 * k + i] * pelvis[0][i];
+        for (int i = 0; i < 3; i++) at += w->scale * w->R[3 * k + i] * pelvis[0][i];
         out->Th_m[k] = (float)(at - own[0][k]);
     }
     return SHERF_OK;

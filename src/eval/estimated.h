@@ -20,9 +20,9 @@ typedef struct {
 
 /* ---- carrying over ---- */
 typedef struct {
-    bool same;           /* the estimate has the truth's camera and body to the bit: nothing is moved */
-    double R[9], t_m[3]; /* x_estimate = R x_truth + t */
-    sherf_pose pose;     /* the estimate's */
+    bool same; /* the estimate has the truth's camera and body to the bit: nothing is moved */
+    double scale, R[9], t_m[3]; /* x_estimate = scale R x_truth + t */
+    sherf_pose pose;            /* the estimate's */
 } carried;
 sherf_status carried_create(context *c, const body_model *body, const sherf_observation *truth,
                             const sherf_observation *estimate, carried *out);

@@ -67,7 +67,7 @@ int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body,
                    sherf_estimate **out) {
     const sherf_estimate_options o = {
         .person = (int)photo_wanted.person, .focal_px = photo_wanted.focal_px, .mask = photo_wanted.mask};
-    const int status = session_status_of(s, path, sherf_estimate_photo(s->context, n, body, path, &o, out));
+    const int status = session_status(s, sherf_estimate_photo(s->context, n, body, path, &o, out));
     if (!status) say(path, sherf_estimate_found(*out));
     return status;
 }

@@ -372,6 +372,44 @@ static void interrupt_saves(void **state) {
     if (file_size(checkpoint) <= 0) fail_msg("no checkpoint, status %d: %s", WEXITSTATUS(status), text);
 }
 
+/* A photo where an observation is taken, and as a folder to correct; each photo's failure is its own. */
+static void photos(void **state) {
+    const char *const photo = "../assets/demo/photo.jpg";
+    char text[2048], out[2100], avatar[2048], overlay[2048], folder[2048];
+    setenv("SHERF_ASSETS", "../assets", 1);
+    snprintf(text, sizeof text, "%s", test_path("text.jpg"));
+    snprintf(out, sizeof out, "%s", test_path("one"));
+    snprintf(avatar, sizeof avatar, "%s", test_path("photo.safetensors"));
+    snprintf(overlay, sizeof overlay, "%s", test_path("overlay.png"));
+    const outcome *o = run("avatar %s -o %s --overlay %s", photo, avatar, overlay);
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "photo.jpg: one person, 9");
+    assert_true(file_size(avatar) > 1e6 && file_size(overlay) > 1e5);
+    cJSON *json = json_of(run("estimate %s -o %s --json", photo, out));
+    const cJSON *said = cJSON_GetArrayItem(json, 0);
+    assert_int_equal(cJSON_GetArraySize(json), 1);
+    assert_string_equal(cJSON_GetStringValue(cJSON_GetObjectItem(said, "observation")), out);
+    assert_true(number(said, "person_px") > 800);
+    assert_int_equal(cJSON_GetArraySize(cJSON_GetObjectItem(said, "warnings")), 0);
+    cJSON_Delete(json);
+    assert_int_equal(run("check %s -b ../assets/body.safetensors", out)->status, 0);
+    file_write(text, "<!DOCTYPE html><html></html>");
+    snprintf(folder, sizeof folder, "%s", test_path("many"));
+    o = run("estimate %s %s -o %s", text, photo, folder);
+    assert_int_equal(o->status, 1);
+    assert_contains(o->err, "text.jpg: ");
+    assert_contains(o->err, "1 of 2 photos failed");
+    snprintf(out, sizeof out, "%s/photo/observation.json", folder);
+    assert_true(file_size(out) > 1000);
+    assert_error(run("render %s --orbit 1 -o %s -q", text, test_path("x.png")), 1, "text.jpg", "web page");
+    assert_error(run("estimate %s %s -o x --mask y", photo, text), 2, "--mask", "one photo");
+    assert_error(run("estimate %s %s -o x", photo, photo), 1, "x/photo", "rename");
+    assert_error(run("avatar %s -o x --person 3 -q", photo), 1, "person 3", "1 was found");
+    assert_error(run("avatar %s -o x --person 9", photo), 2, "--person", "sherf avatar --help");
+    assert_error(run("estimate /no/such/photo.jpg -o x -q"), 1, "sherf: ", "/no/such/photo.jpg");
+    unsetenv("SHERF_ASSETS");
+}
+
 int main(void) {
     const char *program = getenv("SHERF_PROGRAM");
     if (!program || !*program) {
@@ -383,7 +421,9 @@ int main(void) {
         cmocka_unit_test(version_and_help), cmocka_unit_test(texts_agree),
         cmocka_unit_test(wrong_usage),      cmocka_unit_test(what_is_missing_or_broken),
         cmocka_unit_test(bench_answers),    cmocka_unit_test(from_data_to_frames),
-        cmocka_unit_test(animations),       cmocka_unit_test(interrupt_saves),
+        cmocka_unit_test(animations),       cmocka_unit_test(photos),
+        cmocka_unit_test(interrupt_saves),
     };
+    if (getenv("SHERF_TEST_ONLY")) cmocka_set_test_filter(getenv("SHERF_TEST_ONLY"));
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -4,111 +4,33 @@
 
 #include "estimate/detect.h"
 #include "estimate/landmarks.h"
+#include "estimate/look.h"
 #include "estimate/region.h"
 
-/* What is less probably a person is dropped: after the detector's region, and after the last look. */
-static const float score_first = .1f, score_least = .5f;
+/* What is less probably a person is dropped. */
+static const float score_least = .5f;
 /* Two people are one when their landmarks lie this close, as a part of the region's side. */
 static const float same_place = .08f;
 /* Or when this much of one's mask is the other's. */
 static const float part_least = .7f;
 /* Parts of a region's side. */
 static const float settled_size = .15f, settled_place = .08f;
+/* Of a straight and a mirrored look (look_mirrored): so little is usual, and so much is nobody. */
+static const float doubt_little = .015f, doubt_cut = .03f, doubt_most = .15f;
+/* Part of a region's side in which no knee or ankle of a person lies who is wholly in it. */
+static const float rim = .06f;
+enum { OTHER_REGIONS = 3 };
 static const float pi = 3.14159265f;
-enum { HELPER_MIDDLE = 33, HELPER_TOP = 34, LOOKS_MOST = 4 };
-
-static float sigmoid(float x) {
-    return 1 / (1 + expf(-x));
-}
-
-static bool finite_all(const float *x, int count) {
-    for (int i = 0; i < count; i++)
-        if (!isfinite(x[i])) return false;
-    return true;
-}
-
-static void helper_place(const photo_region *region, const float *places, int helper, float place_px[2]) {
-    const float *p = places + helper * LANDMARK_COLUMNS, unit = 1.f / LANDMARKS_SIDE;
-    region_place(region, unit * p[0], unit * p[1], place_px);
-}
-
-/* The network's numbers to the photo's and the camera's axes: both are turned as the region is. */
-static void read_outputs(const float *const *output, photo_person *out) {
-    const float *places = output[LANDMARKS_PICTURE], *world = output[LANDMARKS_WORLD];
-    const float cosine = cosf(out->region.angle_rad), sine = sinf(out->region.angle_rad);
-    float middle_px[2], top_px[2];
-    for (int i = 0; i < LANDMARKS; i++) {
-        const float *p = places + i * LANDMARK_COLUMNS, *w = world + i * 3;
-        landmark *to = &out->landmark[i];
-        helper_place(&out->region, places, i, to->place_px);
-        to->place_m[0] = cosine * w[0] - sine * w[1];
-        to->place_m[1] = sine * w[0] + cosine * w[1];
-        to->place_m[2] = w[2];
-        to->visible = sigmoid(p[3]);
-        to->present = sigmoid(p[4]);
-    }
-    helper_place(&out->region, places, HELPER_MIDDLE, middle_px);
-    helper_place(&out->region, places, HELPER_TOP, top_px);
-    out->next = region_about(middle_px, top_px);
-    memcpy(out->inside, output[LANDMARKS_MASK], sizeof out->inside);
-}
 
 sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,
                             const photo_region *region, photo_person *out) {
-    const photo_region looked_at = *region; /* may be one of out's */
-    const float *output[LANDMARKS_OUTPUTS];
-    sherf_status status = SHERF_NO_MEMORY;
-    arena *memory = arena_create(c);
-    float *input =
-        memory ? arena_alloc(c, memory, (size_t)LANDMARKS_SIDE * LANDMARKS_SIDE * 3, sizeof *input) : NULL;
-    if (!input) goto done;
-    status = region_sample(c, photo, &looked_at, LANDMARKS_SIDE, false, 1, 0, input);
-    if (status == SHERF_OK) status = graph_run(c, n->landmarks, input, memory, output);
-    if (status != SHERF_OK) goto done;
-    memset(out, 0, sizeof *out);
-    out->region = out->next = looked_at;
-    if (finite_all(output[LANDMARKS_PICTURE], LANDMARKS_IN_FILE * LANDMARK_COLUMNS) &&
-        finite_all(output[LANDMARKS_WORLD], LANDMARKS_IN_FILE * 3) &&
-        finite_all(output[LANDMARKS_MASK], PERSON_MASK_SIDE * PERSON_MASK_SIDE) &&
-        isfinite(output[LANDMARKS_FLAG][0])) {
-        read_outputs(output, out);
-        out->score = output[LANDMARKS_FLAG][0];
-    }
-done:
-    if (memory) arena_free(memory);
-    return status;
-}
-
-/* A region that can be looked at: not a point, and not beside the photo. */
-static bool region_is_sound(const sherf_image *photo, const photo_region *r) {
-    const float longest = (float)(photo->width > photo->height ? photo->width : photo->height);
-    return r->side_px > 8 && r->side_px < 8 * longest && r->centre_px[0] > -.5f * r->side_px &&
-           r->centre_px[0] < (float)photo->width + .5f * r->side_px && r->centre_px[1] > -.5f * r->side_px &&
-           r->centre_px[1] < (float)photo->height + .5f * r->side_px;
+    return look_once(c, n, photo, region, false, out);
 }
 
 /* The next look would be at much the same square. */
 static bool settled(const photo_region *a, const photo_region *b) {
     const float moved = hypotf(a->centre_px[0] - b->centre_px[0], a->centre_px[1] - b->centre_px[1]);
     return fabsf(logf(a->side_px / b->side_px)) < settled_size && moved < settled_place * a->side_px;
-}
-
-/* At least two looks, each at the region that the one before gave; more where that is quite another one, as
- * after a detection that took in a neighbour or half the room. *there: a person. */
-static sherf_status look_well(context *c, const pose_networks *n, const sherf_image *photo,
-                              const photo_region *region, photo_person *out, bool *there) {
-    photo_region next = *region;
-    sherf_status status = SHERF_OK;
-    *there = false;
-    for (int look = 0; look < LOOKS_MOST; look++) {
-        if (!region_is_sound(photo, &next)) return SHERF_OK;
-        status = landmarks_find(c, n, photo, &next, out);
-        if (status != SHERF_OK || !(out->score >= score_first)) return status;
-        if (look && settled(&out->region, &out->next)) break;
-        next = out->next;
-    }
-    *there = out->score >= score_least && region_is_sound(photo, &out->next);
-    return SHERF_OK;
 }
 
 /* Mean distance of the shoulders, hips, knees and ankles. */
@@ -178,6 +100,88 @@ static int settle_newest(photo_person *people, int count) {
     return count - 1;
 }
 
+/* Where else somebody may be whom a look at that region (NULL: none) does not show well: below it, if it took
+ * in a head or a trunk, at the photo's height there, or in the photo's middle. Returns how many. */
+static int other_regions(const sherf_image *photo, const photo_region *seen, photo_region *out) {
+    const float width = (float)photo->width, height = (float)photo->height;
+    int count = 0;
+    if (seen) {
+        const float x = fminf(fmaxf(seen->centre_px[0], 0), width - 1);
+        out[count++] =
+            (photo_region){{x, seen->centre_px[1] + .35f * seen->side_px}, 1.8f * seen->side_px, 0};
+        out[count++] = (photo_region){{x, .5f * (height - 1)}, .95f * height, 0};
+    }
+    out[count++] = (photo_region){{.5f * (width - 1), .5f * (height - 1)}, height, 0};
+    return count;
+}
+
+/* The limbs reach the region's rim, where it may have cut them off; beyond the photo there is nothing to see.
+ */
+static bool is_cut(const sherf_image *photo, const photo_person *p) {
+    static const int end[] = {LANDMARK_NOSE,       LANDMARK_LEFT_HIP,   LANDMARK_RIGHT_HIP,
+                              LANDMARK_LEFT_KNEE,  LANDMARK_RIGHT_KNEE, LANDMARK_LEFT_ANKLE,
+                              LANDMARK_RIGHT_ANKLE};
+    for (size_t i = 0; i < COUNT_OF(end); i++) {
+        const float *place = p->landmark[end[i]].place_px;
+        float uv[2];
+        region_find(&p->region, place, uv);
+        const bool in_photo = place[0] > 0 && place[1] > 0 && place[0] < (float)photo->width - 1 &&
+                              place[1] < (float)photo->height - 1;
+        if (in_photo && !(fminf(uv[0], uv[1]) > rim && fmaxf(uv[0], uv[1]) < 1 - rim)) return true;
+    }
+    return false;
+}
+
+static sherf_status look_mirrored_and_judge(context *c, const pose_networks *n, const sherf_image *photo,
+                                            photo_person *p, float *doubt) {
+    const sherf_status status = look_mirrored(c, n, photo, p, doubt);
+    if (status == SHERF_OK && is_cut(photo, p)) *doubt = fmaxf(*doubt, doubt_cut);
+    return status;
+}
+
+/* Looks at a person found in a region once more, mirrored, and elsewhere if the two do not agree well. `p` is
+ * the last of `people`; nobody is found twice. *there: somebody. */
+static sherf_status look_elsewhere(context *c, const pose_networks *n, const sherf_image *photo,
+                                   const photo_person *others, int count, photo_person *p, bool *there) {
+    photo_region region[OTHER_REGIONS];
+    float doubt = 1, other_doubt;
+    sherf_status status = SHERF_OK;
+    if (*there) status = look_mirrored_and_judge(c, n, photo, p, &doubt);
+    if (status != SHERF_OK || doubt < doubt_little) return status;
+    photo_person *other = mem_alloc(c, 1, sizeof *other);
+    if (!other) return SHERF_NO_MEMORY;
+    const int regions = other_regions(photo, *there ? &p->region : NULL, region);
+    for (int i = 0; i < regions && status == SHERF_OK && doubt >= doubt_little; i++) {
+        bool seen;
+        status = look_until_settled(c, n, photo, &region[i], others, count, other, &seen);
+        if (status != SHERF_OK || !seen) continue;
+        status = look_mirrored_and_judge(c, n, photo, other, &other_doubt);
+        if (status != SHERF_OK || !(other_doubt < doubt)) continue;
+        *p = *other;
+        doubt = other_doubt;
+    }
+    *there = doubt < (*there ? doubt_most : doubt_little);
+    mem_free(other);
+    return status;
+}
+
+/* The second round: all that were found, mirrored; nobody: the photo as a whole. */
+static sherf_status look_again(context *c, const pose_networks *n, const sherf_image *photo,
+                               photo_person *people, int *count) {
+    sherf_status status = SHERF_OK;
+    const int found = *count;
+    *count = 0;
+    for (int i = 0; (i < found || !i) && status == SHERF_OK; i++) {
+        bool there = found > 0;
+        photo_person *p = &people[*count];
+        if (there && i != *count) *p = people[i];
+        status = cancelled(c) ? failure(c, SHERF_CANCELLED, "cancelled")
+                              : look_elsewhere(c, n, photo, people, *count, p, &there);
+        if (status == SHERF_OK && there) *count = settle_newest(people, *count + 1);
+    }
+    return status;
+}
+
 static int by_size(const void *x, const void *y) {
     const photo_person *a = x, *b = y;
     return a->next.side_px > b->next.side_px ? -1 : a->next.side_px < b->next.side_px;
@@ -205,11 +209,13 @@ sherf_status people_find(context *c, const pose_networks *n, const sherf_image *
     for (int i = 0; status == SHERF_OK && i < detections; i++) {
         bool there = false;
         if (is_known(&d[i], people, found)) continue;
-        status = cancelled(c) ? failure(c, SHERF_CANCELLED, "cancelled")
-                              : look_well(c, n, photo, &d[i].region, &people[found], &there);
+        status = cancelled(c)
+                     ? failure(c, SHERF_CANCELLED, "cancelled")
+                     : look_until_settled(c, n, photo, &d[i].region, people, found, &people[found], &there);
         if (there) found = settle_newest(people, found + 1);
     }
     mem_free(d);
+    if (status == SHERF_OK) status = look_again(c, n, photo, people, &found);
     if (status != SHERF_OK || !found) {
         mem_free(people);
         return status;
@@ -223,12 +229,12 @@ sherf_status people_find(context *c, const pose_networks *n, const sherf_image *
 sherf_status landmarks_track(context *c, const pose_networks *n, const sherf_image *frame,
                              const photo_person *before, photo_person *out, bool *there) {
     *there = false;
-    if (!region_is_sound(frame, &before->next)) {
+    if (!look_is_sound(frame, &before->next)) {
         if (out != before) *out = *before;
         out->score = 0;
         return SHERF_OK;
     }
     sherf_status status = landmarks_find(c, n, frame, &before->next, out);
-    *there = status == SHERF_OK && out->score >= score_least && region_is_sound(frame, &out->next);
+    *there = status == SHERF_OK && out->score >= score_least && look_is_sound(frame, &out->next);
     return status;
 }

@@ -103,12 +103,18 @@ static void sample_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const bool shrinks = s->region->side_px > (float)s->side;
     const int samples = shrinks ? 2 : 1; /* a side */
     const float part = 1.f / ((float)samples * (float)s->side);
+    float corner[2], across[2], down[2]; /* and a whole side from there; region_place at each would be slow */
+    region_place(s->region, 0, 0, corner);
+    region_place(s->region, 1, 0, across);
+    region_place(s->region, 0, 1, down);
+    for (int k = 0; k < 2; k++) across[k] -= corner[k], down[k] -= corner[k];
     for (int64_t j = begin; j < end; j++)
         for (int i = 0; i < s->side; i++) {
             float sum[3] = {0}, place_px[2];
             for (int k = 0; k < samples * samples; k++) {
                 const int column = i * samples + k % samples, row = (int)j * samples + k / samples;
-                region_place(s->region, ((float)column + .5f) * part, ((float)row + .5f) * part, place_px);
+                const float u = ((float)column + .5f) * part, v = ((float)row + .5f) * part;
+                for (int a = 0; a < 2; a++) place_px[a] = corner[a] + u * across[a] + v * down[a];
                 between_cells(s->m, place_px, sum);
             }
             float *out = s->out + ((size_t)j * (size_t)s->side + (size_t)i) * 3;

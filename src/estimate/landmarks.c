@@ -19,7 +19,7 @@ static const float settled_size = .15f, settled_place = .08f;
 static const float doubt_little = .015f, doubt_cut = .03f, doubt_most = .15f;
 /* Part of a region's side in which no knee or ankle of a person lies who is wholly in it. */
 static const float rim = .06f;
-enum { OTHER_REGIONS = 3 };
+enum { OTHER_REGIONS = 3, SHORT_SIDE_MIN = 32 };
 static const float pi = 3.14159265f;
 
 sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,
@@ -105,6 +105,7 @@ static int settle_newest(photo_person *people, int count) {
 static int other_regions(const sherf_image *photo, const photo_region *seen, photo_region *out) {
     const float width = (float)photo->width, height = (float)photo->height;
     int count = 0;
+    if (fminf(width, height) < SHORT_SIDE_MIN) return 0;
     if (seen) {
         const float x = fminf(fmaxf(seen->centre_px[0], 0), width - 1);
         out[count++] =

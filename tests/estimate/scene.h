@@ -40,8 +40,16 @@ static inline void draw_noise(sherf_image *p, int width, int height, uint64_t se
     for (size_t i = 0; i < count; i++) p->data[i] = (float)random_uniform(seed, i);
 }
 
+/* Loaded by the first who asks for joints, for all; its reading takes a tenth of a second. */
+static sherf_body *scene_body;
+
+static inline void scene_free(void) {
+    sherf_body_free(scene_body);
+    scene_body = NULL;
+}
+
 /* Puts the observed person into the picture at this scale, its picture's corner at (left, top), and tells
- * where its 24 joints then are (NULL: not wanted). */
+ * where its 24 joints then are (NULL: not wanted; else scene_free ends it all). */
 static inline void put_person(context *c, sherf_image *p, const char *observed, double scale, int left,
                               int top, float joint_px[24][2]) {
     sherf_observation *o;
@@ -64,16 +72,14 @@ static inline void put_person(context *c, sherf_image *p, const char *observed, 
             for (int k = 0; k < 3; k++) to[k] = to[k] * (1 - from[3]) + from[k];
         }
     if (joint_px) {
-        sherf_body *body;
         float world_m[24 * 3], uv[24 * 2], depth[24];
-        assert_ok(c, sherf_body_load(c, "../assets/body.safetensors", &body));
-        assert_ok(c, sherf_body_pose(c, body, &o->pose, NULL, world_m));
+        if (!scene_body) assert_ok(c, sherf_body_load(c, "../assets/body.safetensors", &scene_body));
+        assert_ok(c, sherf_body_pose(c, scene_body, &o->pose, NULL, world_m));
         camera_project(&o->camera, 24, world_m, uv, depth);
         for (int i = 0; i < 24; i++) {
             joint_px[i][0] = (float)((uv[2 * i] + .5) * width / o->image.width - .5 + left);
             joint_px[i][1] = (float)((uv[2 * i + 1] + .5) * height / o->image.height - .5 + top);
         }
-        sherf_body_free(body);
     }
     mem_free(four.data);
     sherf_observation_free(o);

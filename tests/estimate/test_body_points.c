@@ -22,6 +22,7 @@ static int open_bodies(void **state) {
 
 static int close_bodies(void **state) {
     for (int b = 0; b < BODIES; b++) sherf_body_free(body[b]);
+    sherf_context_free(*state);
     return 0;
 }
 

@@ -20,6 +20,7 @@ static int open_body(void **state) {
 
 static int close_body(void **state) {
     sherf_body_free(body);
+    sherf_context_free(*state);
     return 0;
 }
 

@@ -71,7 +71,7 @@ static void pose_body(const scene *w, body_state *s) {
 }
 
 /* Landmarks where the tables say that the networks see them. */
-static void make_landmarks(const scene *w, shot *o) {
+static void make_landmarks(context *c, const scene *w, shot *o) {
     body_point list[LANDMARKS];
     body_points *p;
     double place[LANDMARKS][3];
@@ -80,7 +80,7 @@ static void make_landmarks(const scene *w, shot *o) {
         list[l] = (body_point){.vertex = -1, .joint = f->joint < 0 ? 15 : f->joint};
         memcpy(list[l].offset_m, f->offset_m, sizeof f->offset_m);
     }
-    assert_ok(test_context(), body_points_create(test_context(), body, LANDMARKS, list, &p));
+    assert_ok(c, body_points_create(c, body, LANDMARKS, list, &p));
     body_points_place(p, &o->truth, place[0], NULL, NULL);
     body_points_free(p);
     for (int l = 0; l < LANDMARKS; l++) {
@@ -135,7 +135,7 @@ static void take(context *c, const scene *w, shot *o) {
     fit_up(&s, o->up);
     o->person.score = 1;
     o->person.region = (photo_region){{SIDE / 2.f, SIDE / 2.f}, SIDE, 0};
-    make_landmarks(w, o);
+    make_landmarks(c, w, o);
     if (w->mask) draw_mask(c, w, o);
     o->in = (body_fit_input){
         .person = &o->person, .width_px = SIDE, .height_px = SIDE, .mask = w->mask ? &o->mask : NULL};
@@ -299,14 +299,17 @@ static void bad_input_is_refused(void **state) {
     o.person.landmark[3].place_m[1] = NAN;
     assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(c->message, "finite"));
+    mem_free(o.mask.data);
     take(c, &standing, &o);
     o.mask.width--;
     assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "mask"));
+    mem_free(o.mask.data);
     take(c, &standing, &o);
     for (int l = 0; l < LANDMARKS; l++) o.person.landmark[l].place_px[0] = -500;
     assert_int_equal(body_fit(c, body, &o.in, &r), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(c->message, "landmark"));
+    mem_free(o.mask.data);
     for (int trial = 0; trial < 20; trial++) { /* noise: refused or a finite body */
         take(c, &standing, &o);
         for (int l = 0; l < LANDMARKS; l++)

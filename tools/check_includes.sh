@@ -15,7 +15,7 @@ may_include() {
     data) echo "base tensor io body render data" ;;
     view) echo "base tensor nn body render model io view" ;;
     motion) echo "base tensor io body render data motion" ;;
-    estimate) echo "base tensor io nn body render data model estimate" ;;
+    estimate) echo "base tensor io nn body render data model motion estimate" ;;
     people) echo "base tensor io body render data people" ;;
     train | eval) echo "base tensor nn body render model io data motion people estimate train eval" ;;
     export) echo "base tensor io nn body render model data motion export" ;;

@@ -214,6 +214,36 @@ SHERF_API sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimat
 /* The body over the photo, which is darker outside the mask; PNG. */
 SHERF_API sherf_status sherf_estimate_overlay(sherf_context *c, const sherf_estimate *e,
                                               const sherf_body *body, const char *path);
+/* ---------------------------------------------------------------- video ------------------------------ */
+typedef struct {
+    int person;      /* where anybody is seen first: 0 the largest person, 1 the next, ... up to 7 */
+    double focal_px; /* of the upright video; 0: it is found */
+    double fps;      /* of the motion, at most 60; 0: the video's average, or the part of it that is */
+    double smooth;   /* 0 or 1: as usual; 2: half the band; 0.5: twice; negative: not at all */
+} sherf_clip_options;
+typedef struct {
+    int frames; /* of the motion */
+    double fps;
+    int people;                 /* where anybody is seen first; at most 8 */
+    int filled;                 /* frames of the motion in which the person was not found */
+    int filled_most;            /* of them, the most that follow each other */
+    int mended;                 /* in which the networks took front for back */
+    int left_out;               /* frames of the video before and after those that show the person */
+    int poor;                   /* in which the body lies badly on the person */
+    double focal_px;            /* of the upright video; it does not turn or move */
+    double pitch_rad, roll_rad; /* the camera looks down by that; is turned clockwise */
+    double landmarks; /* how far the body is from the landmarks, share of its height in the picture; mean */
+    float shapes[10];
+    double seconds[3]; /* frames and networks; fits; smoothing */
+} sherf_clip_facts;
+/* A video of one person, taken by a camera that does not move, to a smoothed motion: an npz as
+ * sherf_motion_save writes it, with the person's shape; y was up and the floor at 0, the first frame's pelvis
+ * above the origin, the camera on the side of +z (z up, -y in the file). networks: blazepose.safetensors.
+ * MP4, MOV, WebM, MKV, AVI, GIF and more; at most 36000 frames. Nobody there: SHERF_BAD_FILE. options and
+ * facts may be NULL. */
+SHERF_API sherf_status sherf_estimate_clip(sherf_context *c, const char *networks, const sherf_body *body,
+                                           const char *video, const sherf_clip_options *options,
+                                           const char *output, sherf_clip_facts *facts);
 
 /* ---------------------------------------------------------------- model ------------------------------ */
 typedef struct sherf_model sherf_model;

@@ -256,6 +256,37 @@ static bool first_place(fit_problem *p, fit_state *s) {
     return s->body.pelvis_m[2] > 0.3 && s->body.pelvis_m[2] < 1e4;
 }
 
+static void keep_known(const body_fit_result *known, fit_state *s) {
+    for (int b = 0; b < BODY_SHAPES; b++) s->body.shape[b] = (double)known->pose.shapes[b];
+    s->pitch = known->pitch_rad;
+    s->roll = known->roll_rad;
+    s->log_focal = log((double)known->camera.K[0]);
+}
+
+/* A fit's end as a start. */
+static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s, fit_equations *e) {
+    double turned[9], camera[9], w[3], place[3];
+    memset(s, 0, sizeof *s);
+    for (int k = 0; k < 9; k++) camera[k] = (double)r->camera.R[k];
+    for (int k = 0; k < 3; k++) w[k] = (double)r->pose.poses_rad[k];
+    rotation_exp(w, turned, NULL);
+    multiply3(camera, turned, s->body.root);
+    for (int j = 1; j < BODY_JOINTS; j++)
+        for (int k = 0; k < 3; k++) s->body.bend[j][k] = (double)r->pose.poses_rad[3 * j + k];
+    for (int k = 0; k < 3; k++) {
+        place[k] = (double)r->pose.Th_m[k] + p->m->joint_template[0][k];
+        for (int b = 0; b < BODY_SHAPES; b++)
+            place[k] += (double)r->pose.shapes[b] * p->m->joint_shape[0][k][b];
+    }
+    for (int k = 0; k < 3; k++) s->body.pelvis_m[k] = dot(camera + 3 * k, place) + (double)r->camera.T_m[k];
+    keep_known(p->in->known, s);
+    p->px_per_m = exp(s->log_focal) / s->body.pelvis_m[2];
+    p->weight_2d = 1;
+    p->weight_3d = 0.5;
+    p->weight_mask = 0;
+    return fit_solve(p, s, STAGE_LANDMARKS, e);
+}
+
 /* One start: the turn of the trunk, turned on by `yaw` about its own axis. */
 static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations *e) {
     const double axis[3] = {0, yaw, 0};
@@ -268,6 +299,7 @@ static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations 
         memcpy(s->body.bend[j], fit_joints[j].usual, sizeof s->body.bend[j]);
     s->pitch = 0.12;
     s->log_focal = log(p->focal_guess_px);
+    if (p->in->known) keep_known(p->in->known, s);
     s->body.pelvis_m[2] = 4;
     p->weight_2d = p->weight_mask = 0;
     p->weight_3d = 1;
@@ -280,15 +312,16 @@ static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations 
 
 static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equations *e) {
     static const double yaw[] = {0, M_PI};
-    double least = INFINITY;
-    for (size_t i = 0; i < COUNT_OF(yaw); i++) {
+    const bool begun = p->in->known && p->in->before;
+    double least = begun ? start_from(p, p->in->before, best, e) : INFINITY;
+    for (size_t i = 0; i < COUNT_OF(yaw) && !begun; i++) {
         fit_state s;
         double cost = try_start(p, yaw[i], &s, e);
         if (cost < least) least = cost, *best = s;
     }
     if (!(least < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
     p->weight_mask = 60;
-    for (int round = 0; round < ROUNDS_MASK; round++) {
+    for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {
         p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
         ray_of(p, exp(best->log_focal));
         fit_solve(p, best, STAGE_MASK, e);
@@ -445,8 +478,10 @@ sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in,
     fit_state s = {0};
     p.centre_px[0] = 0.5 * (in->width_px - 1);
     p.centre_px[1] = 0.5 * (in->height_px - 1);
-    p.focal_guess_px = in->focal_px > 0 ? in->focal_px : focal_usual * longer;
-    p.focal_spread = in->focal_px > 0 ? 0.01 : 0.2;
+    p.focal_guess_px = in->known          ? (double)in->known->camera.K[0]
+                       : in->focal_px > 0 ? in->focal_px
+                                          : focal_usual * longer;
+    p.focal_spread = in->known ? 0.001 : in->focal_px > 0 ? 0.01 : 0.2;
     weigh_landmarks(&p);
     p.stands = standing_of(in);
     p.upright = upright_of(in) * (0.25 + 0.75 * p.stands);

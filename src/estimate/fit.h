@@ -9,16 +9,20 @@
 #include "body/body.h"
 #include "estimate/person.h"
 
+typedef struct body_fit_result body_fit_result;
 typedef struct {
     const photo_person *person;
     int width_px, height_px; /* of the photo */
     double focal_px;         /* 0: unknown; then it is found, near 1.3 times the longer side */
     const sherf_image *mask; /* width_px x height_px x 1, probabilities; NULL: the person's own `inside` */
+    /* For a video's frames, or NULL. known: its shape, focal length, pitch and roll are kept. before: the
+     * same person a moment ago, by the known camera; the fit starts from there. */
+    const body_fit_result *known, *before;
 } body_fit_input;
 
 /* The world is upright: y up, floor at y = 0 under the lowest part of the body, the pelvis above the origin;
  * the camera looks along -z, down by pitch_rad. R of the pose is the identity: joint 0 has the whole turn. */
-typedef struct {
+struct body_fit_result {
     sherf_camera camera;
     sherf_pose pose;
     double pitch_rad, roll_rad; /* of the camera: looking down, turned clockwise as seen by it */
@@ -35,7 +39,7 @@ typedef struct {
     bool hidden_arms;        /* an elbow or wrist is not seen: its pose is a guess */
     bool small;              /* fewer than 150 pixels high */
     bool poor;               /* landmarks or mask lie badly on the body: look at the overlay */
-} body_fit_result;
+};
 
 /* Same input, same bits, for any number of threads. SHERF_BAD_ARGUMENT where the input is not finite or no
  * landmark is seen; SHERF_MISMATCH where no body lies anywhere near the landmarks. */

@@ -135,9 +135,16 @@ static void priors(terms *t) {
             if (x < f->lowest[k]) one(t, u, x - f->lowest[k], 0.05, 1, 0);
             if (x > f->highest[k]) one(t, u, x - f->highest[k], 0.05, 1, 0);
         }
-    for (int b = 0; b < BODY_SHAPES; b++) one(t, BODY_SHAPE + b, t->s->body.shape[b], b ? 0.7 : 0.9, 1, 0);
-    one(t, FIT_PITCH, t->s->pitch - 0.12, 0.15, 1, 0);
-    one(t, FIT_ROLL, t->s->roll, 0.06, 1, 0);
+    const body_fit_result *known = p->in->known;
+    const double sure = 1e-3;
+    for (int b = 0; b < BODY_SHAPES; b++)
+        one(t, BODY_SHAPE + b, t->s->body.shape[b] - (known ? (double)known->pose.shapes[b] : 0),
+            known ? sure
+            : b   ? 0.7
+                  : 0.9,
+            1, 0);
+    one(t, FIT_PITCH, t->s->pitch - (known ? known->pitch_rad : 0.12), known ? sure : 0.15, 1, 0);
+    one(t, FIT_ROLL, t->s->roll - (known ? known->roll_rad : 0), known ? sure : 0.06, 1, 0);
     one(t, FIT_FOCAL, t->s->log_focal - log(p->focal_guess_px), p->focal_spread, 1, 0);
     one(t, FIT_SCALE, t->s->log_scale, 0.08, 1, 0);
 }

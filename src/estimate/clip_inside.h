@@ -1,0 +1,54 @@
+/* clip_inside: what the parts of clip share. */
+#ifndef SHERF_ESTIMATE_CLIP_INSIDE_H
+#define SHERF_ESTIMATE_CLIP_INSIDE_H
+
+#include "estimate/clip.h"
+#include "estimate/fit.h"
+
+/* A photo_person takes 260 KB; of a frame 17 KB are kept. */
+enum { CLIP_MASK_SIDE = PERSON_MASK_SIDE / 2 };
+typedef struct {
+    float score;
+    photo_region region, next;
+    landmark landmark[LANDMARKS];
+    uint8_t inside[CLIP_MASK_SIDE * CLIP_MASK_SIDE]; /* probabilities of 2 x 2, in 255ths */
+    bool swapped; /* left and right were taken for each other; the landmarks here are put right */
+    bool fitted;
+    body_fit_result fit;
+} clip_frame;
+
+typedef struct {
+    clip_frame **frame; /* NULL: the person was not seen, or the video's picture is the one before */
+    int count, room;
+    bool *repeated;    /* the picture was the one before */
+    int width, height; /* of the pictures that were looked at */
+    int people;        /* where anybody was seen first */
+    double fps, scale; /* pixels of the full video in one of those looked at */
+} clip_track;
+void clip_track_free(clip_track *t);
+/* All frames of the video are looked at (clip_look.c). */
+sherf_status clip_look(context *c, const pose_networks *n, const char *path, const sherf_clip_options *o,
+                       clip_track *t);
+void clip_frame_person(const clip_frame *f, photo_person *out);
+/* Where the networks took front for back for less than a second or so, left and right are exchanged again;
+ * returns in how many frames. */
+sherf_status clip_mend(context *c, clip_track *t, int *mended);
+
+/* min over x of sum_i weight_i (x_i - value_i)^2 + stiffness sum_i (x_{i-1} - 2 x_i + x_{i+1})^2
+ * + sum_i pull_i (x_{i+1} - x_i - step_i)^2 (clip_smooth.c). pull and step may both be NULL; value and out
+ * are count x dims with one row a frame, the others count. Two weights at least must not be 0, or one where
+ * count is 1. */
+typedef struct {
+    int count, dims;
+    double stiffness;
+    const double *weight, *value, *pull, *step;
+} path_problem;
+sherf_status path_solve(context *c, const path_problem *p, double *out);
+/* The stiffness at which a swing of `cut_hz` is halved. */
+double path_stiffness(double fps, double cut_hz);
+
+/* From fits to a motion (clip_smooth.c). first and last: the first and last frame fitted. known: the shape
+ * and the camera. */
+sherf_status clip_settle(context *c, const body_model *m, const clip_track *t, int first, int last,
+                         const body_fit_result *known, double smooth, sherf_motion **out);
+#endif

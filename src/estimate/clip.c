@@ -57,10 +57,26 @@ static const clip_frame *best_of(const clip_track *t, int part, int parts) {
     return best;
 }
 
+/* Where somebody walks nearer, the ground under them says how far the camera looks down, better than any
+ * frame alone: floor_m are places on it in the camera's frame, y and z. */
+static double pitch_of(const double (*floor_m)[2], int count, double guess_rad) {
+    const double spread_m = 0.04, spread_rad = 0.05;
+    double mean[2] = {0}, zz = 0, zy = 0;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 2; k++) mean[k] += floor_m[i][k] / count;
+    for (int i = 0; i < count; i++) {
+        const double y = floor_m[i][0] - mean[0], z = floor_m[i][1] - mean[1];
+        zz += z * z / (spread_m * spread_m);
+        zy += z * y / (spread_m * spread_m);
+    }
+    const double sure = 1 / (spread_rad * spread_rad);
+    return atan((sure * tan(guess_rad) - zy) / (sure + zz));
+}
+
 /* Medians of what some frames' own fits say. */
 static sherf_status find_known(context *c, const body_model *m, const clip_track *t, double focal_px,
                                body_fit_result *known) {
-    double value[BODY_SHAPES + 3][SAMPLES];
+    double value[BODY_SHAPES + 3][SAMPLES], floor_m[SAMPLES][2];
     const int parts = t->count < SAMPLES ? t->count : SAMPLES;
     int count = 0;
     body_fit_result r;
@@ -73,6 +89,7 @@ static sherf_status find_known(context *c, const body_model *m, const clip_track
             if (status != SHERF_OK && !hopeless(status)) return status;
             if (status != SHERF_OK || (r.poor && !poor)) continue;
             for (int b = 0; b < BODY_SHAPES; b++) value[b][count] = (double)r.pose.shapes[b];
+            for (int k = 0; k < 2; k++) floor_m[count][k] = (double)r.camera.T_m[k + 1];
             value[BODY_SHAPES][count] = log((double)r.camera.K[0]);
             value[BODY_SHAPES + 1][count] = r.pitch_rad;
             value[BODY_SHAPES + 2][count++] = r.roll_rad;
@@ -81,7 +98,7 @@ static sherf_status find_known(context *c, const body_model *m, const clip_track
     if (!count) return failure(c, SHERF_BAD_FILE, "no body lies on the person in any frame");
     for (int b = 0; b < BODY_SHAPES; b++) known->pose.shapes[b] = (float)median(value[b], count);
     known->camera.K[0] = known->camera.K[4] = (float)exp(median(value[BODY_SHAPES], count));
-    known->pitch_rad = median(value[BODY_SHAPES + 1], count);
+    known->pitch_rad = pitch_of((const double(*)[2])floor_m, count, median(value[BODY_SHAPES + 1], count));
     known->roll_rad = median(value[BODY_SHAPES + 2], count);
     return SHERF_OK;
 }

@@ -9,9 +9,10 @@
 #include "estimate/clip_inside.h"
 
 /* Above these a motion is more noise than motion. */
-static const double cut_limbs_hz = 5, cut_trunk_hz = 3.5, cut_across_hz = 3.5, cut_depth_hz = 0.9,
-                    cut_held_hz = 4;
-static const double turn_tail_rad = 0.25, place_tail = 0.03; /* further off it is a mistake */
+static const double cut_limbs_hz = 3.5, cut_trunk_hz = 2.5, cut_root_hz = 3.5, cut_across_hz = 3,
+                    cut_depth_hz = 0.9, cut_held_hz = 4;
+static const double turn_tail_rad = 0.35, root_tail_rad = 0.7,
+                    place_tail = 0.03; /* further off it is a mistake */
 enum { ROUNDS = 3 };
 
 double path_stiffness(double fps, double cut_hz) {
@@ -114,11 +115,11 @@ static double known_of(const clip_frame *f, int joint) {
 
 /* Quaternions as numbers, each on the side of the one before; then made unit again. */
 static sherf_status smooth_joint(context *c, settling *s, int joint) {
-    const bool limb = joint && tells[joint] >= 0;
+    const double cut_hz = !joint ? cut_root_hz : tells[joint] >= 0 ? cut_limbs_hz : cut_trunk_hz;
+    const double tail = joint ? turn_tail_rad : root_tail_rad;
     const path_problem p = {.count = s->count,
                             .dims = 4,
-                            .stiffness =
-                                path_stiffness(s->t->fps, cut(s, limb ? cut_limbs_hz : cut_trunk_hz)),
+                            .stiffness = path_stiffness(s->t->fps, cut(s, cut_hz)),
                             .weight = s->robust,
                             .value = s->value};
     float before[4] = {1, 0, 0, 0};
@@ -146,7 +147,7 @@ static sherf_status smooth_joint(context *c, settling *s, int joint) {
                 s->out[4 * i + k] /= length;
                 along += s->out[4 * i + k] * s->value[4 * i + k];
             }
-            const double off = 2 * acos(fmin(1, fabs(along))) / turn_tail_rad;
+            const double off = 2 * acos(fmin(1, fabs(along))) / tail;
             s->robust[i] = s->weight[i] / (1 + off * off);
             for (int k = 0; k < 4; k++) s->clip.turn[i][joint][k] = (float)s->out[4 * i + k];
         }
@@ -286,6 +287,8 @@ static sherf_status hold_feet(context *c, settling *s) {
         for (int i = 0; i < s->count; i++) {
             double stands = i + 1 < s->count ? pull[i] : 0;
             if (i > 0) stands = fmax(stands, pull[i - 1]);
+            /* who is hardly above the floor is on it, sliding or not */
+            stands = fmax(stands, fade(fabs(s->place[i][1] + st[i].lowest - floor_m), 0.05, 0.12));
             s->value[i] = s->place[i][a];
             s->weight[i] = a == 1 ? 1 : 0.3;
             if (a == 1) s->value[i] += stands * (floor_m - st[i].lowest - s->value[i]);

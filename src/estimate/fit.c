@@ -282,7 +282,7 @@ static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s,
     keep_known(p->in->known, s);
     p->px_per_m = exp(s->log_focal) / s->body.pelvis_m[2];
     p->weight_2d = 1;
-    p->weight_3d = 0.5;
+    p->weight_3d = 0.15; /* the frame before says more about depth */
     p->weight_mask = 0;
     return fit_solve(p, s, STAGE_LANDMARKS, e);
 }

@@ -11,6 +11,8 @@
 /* Above these a motion is more noise than motion. */
 static const double cut_limbs_hz = 3.5, cut_trunk_hz = 2.5, cut_root_hz = 3.5, cut_across_hz = 3,
                     cut_depth_hz = 0.9, cut_held_hz = 4;
+/* Over longer than this, or twice in depth, the picture is believed where feet that stand go another way. */
+static const double held_s = 0.2;
 static const double turn_tail_rad = 0.35, root_tail_rad = 0.7,
                     place_tail = 0.03; /* further off it is a mistake */
 enum { ROUNDS = 3 };
@@ -273,6 +275,7 @@ static double find_floor(settling *s, const stance *st, const double *pull) {
 /* Across, the feet that carry say how the pelvis moves; upwards, that they are on the floor. */
 static sherf_status hold_feet(context *c, settling *s) {
     const double stiffness = path_stiffness(s->t->fps, cut(s, cut_held_hz));
+    const double held = s->t->fps * s->t->fps * held_s * held_s;
     sherf_status status = SHERF_NO_MEMORY;
     stance *st = mem_alloc(c, (size_t)s->count, sizeof *st);
     double *pull = mem_alloc(c, (size_t)s->count, sizeof *pull);
@@ -290,20 +293,20 @@ static sherf_status hold_feet(context *c, settling *s) {
             /* who is hardly above the floor is on it, sliding or not */
             stands = fmax(stands, fade(fabs(s->place[i][1] + st[i].lowest - floor_m), 0.05, 0.12));
             s->value[i] = s->place[i][a];
-            s->weight[i] = a == 1 ? 1 : 0.3;
+            s->weight[i] = a == 2 ? 0.3 : 1; /* the camera looks along -z */
             if (a == 1) s->value[i] += stands * (floor_m - st[i].lowest - s->value[i]);
             if (a == 1) s->weight[i] += 4 * stands;
         }
         double *steps = s->robust;
         for (int i = 0; i < s->count; i++) steps[i] = step[i][a];
         if (a != 1) {
-            for (int i = 0; i < s->count; i++) pull[i] *= 30;
+            for (int i = 0; i < s->count; i++) pull[i] *= held;
             p.pull = pull;
             p.step = steps;
         }
         status = path_solve(c, &p, s->out);
         if (a != 1)
-            for (int i = 0; i < s->count; i++) pull[i] /= 30;
+            for (int i = 0; i < s->count; i++) pull[i] /= held;
         if (status != SHERF_OK) goto done;
         for (int i = 0; i < s->count; i++) s->place[i][a] = s->out[i];
     }

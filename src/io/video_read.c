@@ -410,12 +410,13 @@ static sherf_status paint(context *c, video_reader *v) {
 }
 
 sherf_status video_read_next(context *c, video_reader *v, const image_u8 **frame, bool *repeated) {
-    const double step = 1 / v->info.fps, until = ((double)v->count + 0.5) * step;
+    const double step = 1 / v->info.fps, at = (double)v->count * step;
     bool fresh = false;
     sherf_status status = SHERF_OK;
     *frame = NULL;
     if (!v->has_shown) status = look_ahead(c, v);
-    while (status == SHERF_OK && v->has_ahead && (!v->has_shown || v->ahead_s < until)) {
+    while (status == SHERF_OK && v->has_ahead &&
+           (!v->has_shown || v->ahead_s - at < fabs(at - v->shown_s) - 1e-9)) {
         AVFrame *empty = v->shown;
         av_frame_unref(empty);
         v->shown = v->ahead;
@@ -427,7 +428,7 @@ sherf_status video_read_next(context *c, video_reader *v, const image_u8 **frame
     if (status != SHERF_OK) return status;
     if (!v->has_shown) return failed(c, SHERF_BAD_FILE, v, "not a single frame of it can be decoded", 0);
     /* The end; what is left of a faster video is nearer to the frame before. */
-    if (!v->has_ahead && v->count && (!fresh || v->shown_s < until - (1 - 1e-6) * step)) return SHERF_OK;
+    if (!v->has_ahead && v->count && (!fresh || v->shown_s < at - (0.5 - 1e-6) * step)) return SHERF_OK;
     if (fresh && (status = paint(c, v)) != SHERF_OK) return status;
     v->count++;
     if (repeated) *repeated = !fresh;

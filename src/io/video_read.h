@@ -36,8 +36,8 @@ sherf_status video_read_parse(context *c, const unsigned char *data, size_t byte
                               const video_read_options *options, video_reader **out);
 const video_read_info *video_read_information(const video_reader *v);
 /* The next frame, RGB, owned by the reader until the next call; NULL behind the last one. Frame i shows the
- * time i / fps: of the video's frames the last that is not later than half a frame after it. *repeated (may
- * be NULL): the same picture as before. Where time stamps jump (back, or by more than two seconds) the gap is
+ * time i / fps: the frame of the video that is nearest to it. *repeated (may be NULL): the same picture as
+ * before. Where time stamps jump (back, or by more than two seconds) the gap is
  * closed. A broken frame is left out; a video without a single good one is SHERF_BAD_FILE. */
 sherf_status video_read_next(context *c, video_reader *v, const image_u8 **frame, bool *repeated);
 void video_read_close(video_reader *v); /* NULL is fine */

@@ -11,12 +11,14 @@
 static body_model *body;
 
 static int open_body(void **state) {
-    assert_ok(test_context(), body_load(test_context(), "../assets/body.safetensors", &body));
+    context *c = *state = test_context();
+    assert_ok(c, body_load(c, "../assets/body.safetensors", &body));
     return 0;
 }
 
 static int close_body(void **state) {
     sherf_body_free(body);
+    sherf_context_free(*state);
     return 0;
 }
 
@@ -24,7 +26,7 @@ static int close_body(void **state) {
 
 static void steady_paths_stay(void **state) {
     enum { N = 30 };
-    context *c = test_context();
+    context *c = *state;
     double given[N][2], weight[N], out[N][2];
     for (int i = 0; i < N; i++) {
         weight[i] = i < 10 || i > 16; /* a gap */
@@ -42,7 +44,7 @@ static void steady_paths_stay(void **state) {
 /* A swing at the band's end is halved, a slow one kept, and steps are taken where they pull hard. */
 static void bands_and_steps(void **state) {
     enum { N = 400 };
-    context *c = test_context();
+    context *c = *state;
     static double given[N], weight[N], out[N], pull[N], step[N];
     const double fps = 30, hz[] = {0.5, 3, 12}, keeps[] = {0.999, 0.5, 0.004};
     for (int k = 0; k < 3; k++) {
@@ -78,7 +80,7 @@ static void look_like(clip_frame *f, double yaw, bool wrong) {
 
 static void front_and_back(void **state) {
     enum { N = 60 };
-    context *c = test_context();
+    context *c = *state;
     clip_track t = {.count = N, .fps = 30};
     int mended;
     t.frame = mem_zero(c, N, sizeof *t.frame);
@@ -109,7 +111,7 @@ static double wobble(int i, int k) {
 /* Somebody who swings an arm and moves sideways before a camera that looks down. */
 static void noise_and_gaps(void **state) {
     enum { N = 60 };
-    context *c = test_context();
+    context *c = *state;
     const double pitch = 0.2, high_m = 1.5, noise_rad = 0.08;
     sherf_motion *m;
     body_fit_result known = {.pitch_rad = pitch};
@@ -202,7 +204,7 @@ static void joints_camera(context *c, const sherf_pose *pose, const float R[9], 
 }
 
 static void a_known_person(void **state) {
-    context *c = test_context();
+    context *c = *state;
     sherf_dataset *d;
     sherf_observation *o;
     sherf_motion *m;
@@ -267,7 +269,7 @@ static void a_known_person(void **state) {
 }
 
 static void bad_wishes(void **state) {
-    context *c = test_context();
+    context *c = *state;
     sherf_motion *m;
     assert_int_equal(clip_estimate(c, NULL, body, "x.mp4", &(sherf_clip_options){.person = 8}, &m, NULL),
                      SHERF_BAD_ARGUMENT);

@@ -19,6 +19,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         if (p->width != video_read_information(v)->width || p->channels != 3) abort();
         sum += fuzz_sum(p->data, (size_t)p->width * (size_t)p->height * 3);
     }
+    (void)sum;
     video_read_close(v);
     return fuzz_end(c, status, live);
 }

@@ -53,7 +53,7 @@ static int read_all(context *c, video_reader *v, int *repeated, int *shades, int
 }
 
 static void own_videos(void **state) {
-    context *c = test_context();
+    context *c = *state;
     static const char *const names[] = {"a.mp4", "b.webm", "c.gif"};
     for (size_t i = 0; i < COUNT_OF(names); i++) {
         const char *path = test_path(names[i]);
@@ -83,7 +83,7 @@ static void own_videos(void **state) {
 }
 
 static void smaller_and_at_another_rate(void **state) {
-    context *c = test_context();
+    context *c = *state;
     const char *path = test_path("d.mp4");
     video_reader *v;
     int shades[2 * FRAMES], repeated;
@@ -134,7 +134,7 @@ static void turn_file(const char *from, const char *to, double degrees, bool mir
 /* Where the bright corner comes to lie: a telephone that was held upright says 90 degrees clockwise, which
  * FFmpeg's helper writes as +90 in its own sense (av_display_rotation_set turns clockwise). */
 static void display_matrix(void **state) {
-    context *c = test_context();
+    context *c = *state;
     static const struct {
         double degrees;
         bool mirrored;
@@ -180,7 +180,7 @@ static void refuse(context *c, const void *data, size_t bytes, sherf_status want
 }
 
 static void hostile(void **state) {
-    context *c = test_context();
+    context *c = *state;
     video_reader *v;
     unsigned char *data;
     size_t bytes;
@@ -213,6 +213,16 @@ static void hostile(void **state) {
     assert_int_equal(video_read_open(c, "/tmp", NULL, &v), SHERF_NO_FILE);
 }
 
+static int begin(void **state) {
+    *state = test_context();
+    return 0;
+}
+
+static int end(void **state) {
+    sherf_context_free(*state);
+    return 0;
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(own_videos),
@@ -220,5 +230,5 @@ int main(void) {
         cmocka_unit_test(display_matrix),
         cmocka_unit_test(hostile),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    return cmocka_run_group_tests(tests, begin, end);
 }

@@ -1,7 +1,8 @@
-/* sherf estimate: photos to observation folders. */
+/* sherf estimate: photos to observation folders, a video to a motion. */
 #include <dirent.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "photo.h"
@@ -12,7 +13,9 @@ static struct { const char *body, *output; } set;
 
 static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "FOLDER",
-     "of one photo the observation; of more, a folder each in here, named after the photo", .needed = true},
+     "of one photo the observation; of more, a folder each in here, named after the photo; of a video "
+     "FILE.npz, the motion",
+     .needed = true},
     {'b', "body", OPTION_FILE, &set.body, "FILE", "body model to fit (the open body)"},
     PHOTO_OPTIONS,
     {0},
@@ -107,7 +110,7 @@ static int one(session *s, const sherf_estimator *n, const sherf_body *body, con
     return status;
 }
 
-static int run(session *s, int count, char **argument) {
+static int run_photos(session *s, int count, char **argument) {
     photo_list *l = calloc(1, sizeof *l);
     sherf_body *body = NULL;
     sherf_estimator *n = NULL;
@@ -143,18 +146,82 @@ static int run(session *s, int count, char **argument) {
     return status;
 }
 
+/* ---- a video ---- */
+static bool ends(const char *path, const char *ending) {
+    const size_t n = strlen(path), m = strlen(ending);
+    return n > m && !strcasecmp(path + n - m, ending);
+}
+
+static bool is_video(const char *path) {
+    static const char *const endings[] = {".mp4", ".mov", ".m4v", ".webm", ".mkv", ".avi", ".mpg", ".ts"};
+    for (size_t i = 0; i < sizeof endings / sizeof *endings; i++)
+        if (ends(path, endings[i])) return true;
+    return false;
+}
+
+static void say_clip(const sherf_clip_facts *f) {
+    if (common.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "motion", set.output);
+        cJSON_AddNumberToObject(json, "frames", f->frames);
+        cJSON_AddNumberToObject(json, "fps", f->fps);
+        cJSON_AddNumberToObject(json, "people", f->people);
+        cJSON_AddNumberToObject(json, "filled", f->filled);
+        cJSON_AddNumberToObject(json, "mended", f->mended);
+        cJSON_AddNumberToObject(json, "left_out", f->left_out);
+        cJSON_AddNumberToObject(json, "poor", f->poor);
+        cJSON_AddNumberToObject(json, "focal_px", f->focal_px);
+        cJSON_AddNumberToObject(json, "landmarks_off", f->landmarks);
+        cJSON_AddNumberToObject(json, "seconds", f->seconds[0] + f->seconds[1] + f->seconds[2]);
+        session_json(json);
+        return;
+    }
+    session_remark(
+        "%s: %d frames at %.4g a second; %d without the person are filled in, %d lie badly, %d before "
+        "and after are left out; landmarks are %.1f %% of the height off",
+        set.output, f->frames, f->fps, f->filled, f->poor, f->left_out, 100 * f->landmarks);
+}
+
+static int run_video(session *s, const char *video) {
+    sherf_body *body = NULL;
+    sherf_clip_facts facts;
+    if (photo_wanted.mask) return usage_error(s->verb_name, "--mask is for photos");
+    const char *path = session_body(s, set.body, NULL), *networks = path ? photo_networks() : NULL;
+    if (!networks) return path ? EXIT_FAILED : EXIT_USAGE;
+    const sherf_clip_options o = {.person = photo_wanted.person > 0 ? (int)photo_wanted.person - 1 : 0,
+                                  .focal_px = photo_wanted.focal_px};
+    int status = session_status(s, sherf_body_load(s->context, path, &body));
+    if (!status)
+        status =
+            session_status(s, sherf_estimate_clip(s->context, networks, body, video, &o, set.output, &facts));
+    if (!status) say_clip(&facts);
+    sherf_body_free(body);
+    return status;
+}
+
+static int run(session *s, int count, char **argument) {
+    const bool motion = ends(set.output, ".npz");
+    for (int i = 0; i < count; i++)
+        if ((motion && count > 1) || (!motion && is_video(argument[i])))
+            return usage_error(s->verb_name, "%s: one video goes into a motion, -o FILE.npz", argument[i]);
+    return motion ? run_video(s, argument[0]) : run_photos(s, count, argument);
+}
+
 const verb verb_estimate = {
     .name = "estimate",
-    .arguments = "PHOTO...",
+    .arguments = "PHOTO...|VIDEO",
     .summary = "find the person in a photo: mask, camera, body pose and shape",
     .description =
         "Writes the observation of a photo as a folder: the picture, a soft mask to paint in, camera and "
         "body "
         "as numbers to correct (observation.json), and overlay.png to look at. All verbs that take an "
-        "observation take such a folder. PHOTO is a JPEG, PNG, WebP, HEIC or AVIF file, or a folder of them.",
+        "observation take such a folder. PHOTO is a JPEG, PNG, WebP, HEIC or AVIF file, or a folder of them. "
+        "Of a video of one person, taken by a camera that stands still, the motion is written for sherf "
+        "animate.",
     .example = "sherf estimate me.jpg -o me/\n"
                "sherf avatar me/ -o me.safetensors\n"
-               "sherf estimate holiday/ -o people/ --json",
+               "sherf estimate holiday/ -o people/ --json\n"
+               "sherf estimate dance.mp4 -o dance.npz",
     .options = options,
     .arguments_least = 1,
     .arguments_most = 1000,

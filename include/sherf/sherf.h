@@ -214,6 +214,7 @@ SHERF_API sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimat
 /* The body over the photo, which is darker outside the mask; PNG. */
 SHERF_API sherf_status sherf_estimate_overlay(sherf_context *c, const sherf_estimate *e,
                                               const sherf_body *body, const char *path);
+
 /* ---------------------------------------------------------------- video ------------------------------ */
 typedef struct {
     int person;      /* where anybody is seen first: 0 the largest person, 1 the next, ... up to 7 */

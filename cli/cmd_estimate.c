@@ -192,8 +192,8 @@ static int run_video(session *s, const char *video) {
                                   .focal_px = photo_wanted.focal_px};
     int status = session_status(s, sherf_body_load(s->context, path, &body));
     if (!status)
-        status =
-            session_status(s, sherf_estimate_clip(s->context, networks, body, video, &o, set.output, &facts));
+        status = session_status_of(
+            s, video, sherf_estimate_clip(s->context, networks, body, video, &o, set.output, &facts));
     if (!status) say_clip(&facts);
     sherf_body_free(body);
     return status;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "estimate/mask.h"
+#include "estimate/shrink.h"
 
 sherf_status sherf_estimator_load(sherf_context *c, const char *path, sherf_estimator **out) {
     *out = NULL;
@@ -49,21 +50,28 @@ const sherf_estimate_facts *sherf_estimate_found(const sherf_estimate *e) {
 
 /* ---- the photo ---- */
 
+typedef struct {
+    const image_u8 *from;
+    int first, count;
+} channels;
+
+static void channels_row(const void *user, int y, float *row) {
+    const channels *k = user;
+    const uint8_t *in = k->from->data + (size_t)y * (size_t)k->from->width * (size_t)k->from->channels;
+    for (int x = 0; x < k->from->width; x++, in += k->from->channels)
+        for (int i = 0; i < k->count; i++) *row++ = (float)in[k->first + i] / 255;
+}
+
 /* Channels [first, first + count) of a picture, no longer than longest on a side: as floats in [0, 1]. */
 static sherf_status take_channels(context *c, const image_u8 *from, int first, int count, int longest,
                                   sherf_image *out) {
     const double longer = from->width > from->height ? from->width : from->height;
     const double scale = longer > longest ? longest / longer : 1;
-    const size_t n = (size_t)from->width * (size_t)from->height;
     const int width = (int)fmax(1, floor(from->width * scale + 0.5)),
               height = (int)fmax(1, floor(from->height * scale + 0.5));
-    *out = (sherf_image){from->width, from->height, count, mem_alloc(c, n, (size_t)count * sizeof(float))};
-    if (!out->data) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < n; i++)
-        for (int k = 0; k < count; k++)
-            out->data[i * (size_t)count + (size_t)k] =
-                (float)from->data[i * (size_t)from->channels + (size_t)(first + k)] / 255;
-    return scale < 1 ? image_resize_area(c, out, width, height) : SHERF_OK;
+    const channels k = {from, first, count};
+    *out = (sherf_image){width, height, count, NULL};
+    return picture_shrink(c, channels_row, &k, from->width, from->height, out);
 }
 
 /* A transparent background is a mask, if anything of the picture is transparent. */
@@ -92,7 +100,9 @@ static sherf_status given_mask(context *c, const char *path, const image_u8 *pho
 /* Which of the people is meant: most of the given mask's pixels, or the one asked for by number. */
 static sherf_status choose(context *c, const photo_person *people, int count, int wanted,
                            const sherf_image *mask, int *chosen) {
-    if (count < 1) return failure(c, SHERF_MISMATCH, "nobody was found in the photo");
+    if (count < 1)
+        return failure(c, SHERF_MISMATCH,
+                       "nobody was found in the photo: a whole person, at least 60 pixels high, is needed");
     if (wanted > count)
         return failure(c, SHERF_BAD_ARGUMENT, "person %d was asked for, %d %s found", wanted, count,
                        count == 1 ? "was" : "were");
@@ -125,6 +135,27 @@ static void find_box(const sherf_image *mask, float box_px[4]) {
     for (int k = 0; k < 4; k++) box_px[k] = (float)box[k];
 }
 
+/* Refused: of a head alone no body can be told, and one that is guessed lies anywhere, of any size. */
+static sherf_status only_a_piece(context *c) {
+    return failure(c, SHERF_MISMATCH,
+                   "only a head, or a small part of a person, is in the photo: take one of the whole person");
+}
+
+static bool shoulders_seen(const photo_person *p, const sherf_image *photo) {
+    bool seen = false;
+    for (int k = LANDMARK_LEFT_SHOULDER; k <= LANDMARK_RIGHT_SHOULDER; k++) {
+        const float x = p->landmark[k].place_px[0], y = p->landmark[k].place_px[1];
+        seen |= x >= 0 && y >= 0 && x < (float)photo->width && y < (float)photo->height;
+    }
+    return seen;
+}
+
+/* A head is a seventh of a body. */
+static bool fits_the_photo(const sherf_estimate *e) {
+    const float *box = e->facts.box_px;
+    return e->fit.height_px < 7 * fmax(box[2] - box[0] + 1, box[3] - box[1] + 1);
+}
+
 static void describe(const person_mask_facts *mask, sherf_estimate *e) {
     const body_fit_result *fit = &e->fit;
     sherf_estimate_facts *f = &e->facts;
@@ -154,6 +185,7 @@ static sherf_status estimate(context *c, const sherf_estimator *n, const body_mo
     double begun_s = time_seconds();
     if (!status) status = people_find(c, n->networks, &e->photo, PEOPLE_MOST, &people, &count);
     if (!status) status = choose(c, people, count, o ? o->person : 0, &e->mask, &chosen);
+    if (!status && !shoulders_seen(&people[chosen], &e->photo)) status = only_a_piece(c);
     if (status) goto done;
     e->facts.people = count;
     e->facts.person = chosen + 1;
@@ -176,6 +208,10 @@ static sherf_status estimate(context *c, const sherf_estimator *n, const body_mo
     if ((status = body_fit(c, body, &input, &e->fit))) goto done;
     e->facts.fit_ms = 1e3 * (time_seconds() - begun_s);
     describe(&mask, e);
+    if (!fits_the_photo(e)) {
+        status = only_a_piece(c);
+        goto done;
+    }
     status = progress(c, "fitting the body", STEPS, STEPS);
 done:
     mem_free(people);

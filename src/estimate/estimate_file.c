@@ -1,11 +1,14 @@
 /* An estimate as a folder that one can look at and correct: an observation (docs/observation.md), and a
  * drawing of it. */
 #include <cjson/cJSON.h>
+#include <errno.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "base/path.h"
 #include "data/silhouette.h"
 #include "estimate/estimate.h"
+#include "io/image.h"
 
 sherf_status estimate_draw(context *c, const sherf_estimate *e, const body_model *body, const char *path) {
     const size_t n = (size_t)e->photo.width * (size_t)e->photo.height;
@@ -63,37 +66,67 @@ static char *observation_text(const sherf_estimate *e) {
     return text;
 }
 
-static sherf_status write_text(context *c, const char *path, const char *text) {
-    output_file out = {0};
-    sherf_status status = output_open(c, path, &out);
-    if (!status) status = output_write(c, &out, text, strlen(text));
-    if (!status) status = output_write(c, &out, "\n", 1);
-    if (!status) status = output_commit(c, &out);
-    if (status) output_abort(&out);
+/* ---- the folder ---- */
+enum { PARTS = 3 };
+typedef struct {
+    const char *name;
+    uint8_t *data;
+    size_t bytes;
+} part;
+
+static sherf_status to_png(context *c, const sherf_image *image, part *out) {
+    const size_t n = (size_t)image->width * (size_t)image->height * (size_t)image->channels;
+    uint8_t *data = mem_alloc(c, n, 1);
+    if (!data) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < n; i++) data[i] = float_to_u8(image->data[i]);
+    sherf_status status = png_to_memory(c, image->width, image->height, image->channels, data,
+                                        png_level(image->width, image->height), &out->data, &out->bytes);
+    mem_free(data);
+    return status;
+}
+
+/* All of them appear, or none: each is on the disk before the first is put in place. */
+static sherf_status write_parts(context *c, const char *folder, const part *parts) {
+    sherf_status status = SHERF_OK;
+    char path[PATH_LENGTH];
+    output_file *out = mem_zero(c, PARTS, sizeof *out);
+    if (!out) return SHERF_NO_MEMORY;
+    for (int i = 0; !status && i < PARTS; i++) {
+        if (snprintf(path, sizeof path, "%s/%s", folder, parts[i].name) >= (int)sizeof path)
+            status = failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+        if (!status) status = output_open(c, path, &out[i]);
+        if (!status) status = output_write(c, &out[i], parts[i].data, parts[i].bytes);
+        if (!status && fflush(out[i].file))
+            status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", path, strerror(errno));
+    }
+    for (int i = 0; !status && i < PARTS; i++) status = output_commit(c, &out[i]);
+    for (int i = 0; i < PARTS; i++) output_abort(&out[i]);
+    mem_free(out);
     return status;
 }
 
 sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, const sherf_body *body,
                                  const char *folder) {
     char path[PATH_LENGTH];
+    const bool fresh = !path_is_folder(folder);
+    /* the text last: a folder without it is no observation */
+    part parts[PARTS] = {{"image.png"}, {"mask.png"}, {"observation.json"}};
     char *text = observation_text(e);
     if (!text) return failure(c, SHERF_NO_MEMORY, "out of memory: an observation as text");
-    sherf_status status = folder_make(c, folder);
-    const char *const pictures[] = {"image.png", "mask.png"};
-    const sherf_image *const picture[] = {&e->color, &e->mask};
-    for (int i = 0; !status && i < 2; i++) {
-        snprintf(path, sizeof path, "%s/%s", folder, pictures[i]);
-        status = sherf_image_write(c, path, picture[i]);
+    sherf_status status = to_png(c, &e->color, &parts[0]);
+    if (!status) status = to_png(c, &e->mask, &parts[1]);
+    parts[2].data = (uint8_t *)text;
+    parts[2].bytes = strlen(text);
+    if (!status && snprintf(path, sizeof path, "%s/overlay.png", folder) >= (int)sizeof path)
+        status = failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+    if (!status) status = folder_make(c, folder);
+    if (!status) status = estimate_draw(c, e, body, path);
+    if (!status) status = write_parts(c, folder, parts);
+    if (status && fresh) { /* what was made for it */
+        remove(path);
+        remove(folder);
     }
-    if (!status) {
-        snprintf(path, sizeof path, "%s/overlay.png", folder);
-        status = estimate_draw(c, e, body, path);
-    }
-    /* last: a folder without it is no observation */
-    if (!status) {
-        snprintf(path, sizeof path, "%s/observation.json", folder);
-        status = write_text(c, path, text);
-    }
+    for (int i = 0; i < 2; i++) mem_free(parts[i].data);
     cJSON_free(text);
     return status;
 }

@@ -10,6 +10,7 @@
 #include "estimate/guided.h"
 #include "estimate/local_color.h"
 #include "estimate/mask_clean.h"
+#include "estimate/shrink.h"
 
 enum { WORK_SIDE = 1024 };
 
@@ -48,49 +49,19 @@ static bool window_of(const sherf_image *photo, const photo_region *region, wind
 typedef struct {
     const sherf_image *photo;
     const window *window;
-    sherf_image *out;
-    float *rows; /* one a row of out */
-} shrinking;
+} window_view;
 
-/* Weight of source pixel i in target pixel `to`, which covers [to, to + 1) * scale. */
-static float share(int to, double scale, int i) {
-    const double from = fmax(to * scale, i), end = fmin((to + 1) * scale, i + 1.);
-    return end > from ? (float)((end - from) / scale) : 0;
-}
-
-static void shrink_rows(void *arg, int64_t begin, int64_t end, int thread) {
-    const shrinking *s = arg;
-    const window *w = s->window;
-    const double scale_x = (double)w->width / w->to_width, scale_y = (double)w->height / w->to_height;
-    float *row = s->rows + (size_t)thread * w->width * 3;
-    for (int y = (int)begin; y < end; y++) {
-        memset(row, 0, (size_t)w->width * 3 * sizeof *row);
-        for (int v = (int)(y * scale_y); v < (y + 1) * scale_y && v < w->height; v++) {
-            const float weight = share(y, scale_y, v);
-            const float *in = s->photo->data + ((size_t)(w->top + v) * s->photo->width + w->left) * 3;
-            for (int i = 0; i < w->width * 3; i++) row[i] += weight * in[i];
-        }
-        for (int x = 0; x < w->to_width; x++) {
-            float *out = s->out->data + ((size_t)y * w->to_width + x) * 3, sum[3] = {0};
-            for (int u = (int)(x * scale_x); u < (x + 1) * scale_x && u < w->width; u++) {
-                const float weight = share(x, scale_x, u);
-                for (int k = 0; k < 3; k++) sum[k] += weight * row[u * 3 + k];
-            }
-            memcpy(out, sum, sizeof sum);
-        }
-    }
+static void window_row(const void *user, int y, float *row) {
+    const window_view *v = user;
+    const window *w = v->window;
+    memcpy(row, v->photo->data + ((size_t)(w->top + y) * (size_t)v->photo->width + (size_t)w->left) * 3,
+           (size_t)w->width * 3 * sizeof *row);
 }
 
 static sherf_status window_picture(context *c, const sherf_image *photo, const window *w, sherf_image *out) {
-    *out = (sherf_image){w->to_width, w->to_height, 3,
-                         mem_alloc(c, (size_t)w->to_width * w->to_height, 3 * sizeof(float))};
-    float *rows = mem_alloc(c, (size_t)c->threads * w->width, 3 * sizeof *rows);
-    if (out->data && rows) {
-        shrinking s = {photo, w, out, rows};
-        parallel_for(c, w->to_height, 8, shrink_rows, &s);
-    }
-    mem_free(rows);
-    return out->data && rows ? SHERF_OK : SHERF_NO_MEMORY;
+    const window_view v = {photo, w};
+    *out = (sherf_image){w->to_width, w->to_height, 3, NULL};
+    return picture_shrink(c, window_row, &v, w->width, w->height, out);
 }
 
 /* ---- the network's mask ---- */

@@ -58,5 +58,7 @@ sherf_status png_to_memory(context *c, int width, int height, int channels, cons
                            uint8_t **out, size_t *bytes);
 sherf_status jpeg_to_memory(context *c, int width, int height, const uint8_t *rgb, int quality, uint8_t **out,
                             size_t *bytes);
+/* The level of png_write: 4; for large pictures 1, a third of the time for files a tenth larger. */
+int png_level(int width, int height);
 uint8_t float_to_u8(float v); /* clamped, v * 255 rounded to nearest */
 #endif

@@ -57,6 +57,8 @@ static growing *start(context *c, const char *what, int width, int height, sherf
 }
 
 /* ---- PNG ---- */
+enum { PNG_LARGE = 8 << 20 }; /* pixels */
+
 static void png_failed(png_structp png, png_const_charp text) {
     growing *g = png_get_error_ptr(png);
     snprintf(g->text, sizeof g->text, "%s", text);
@@ -121,6 +123,10 @@ static void png_run(growing *g, int width, int height, int channels, const uint8
     png_structp p = png;
     png_infop i = info;
     png_destroy_write_struct(&p, &i);
+}
+
+int png_level(int width, int height) {
+    return (int64_t)width * height >= PNG_LARGE ? 1 : 4;
 }
 
 sherf_status png_to_memory(context *c, int width, int height, int channels, const uint8_t *data, int level,
@@ -242,7 +248,8 @@ sherf_status png_write(context *c, const char *path, int width, int height, int 
                        const uint8_t *data) {
     uint8_t *png = NULL;
     size_t bytes = 0;
-    sherf_status status = png_to_memory(c, width, height, channels, data, 4, &png, &bytes);
+    sherf_status status =
+        png_to_memory(c, width, height, channels, data, png_level(width, height), &png, &bytes);
     return to_file(c, path, status, png, bytes);
 }
 

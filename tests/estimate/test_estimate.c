@@ -1,8 +1,10 @@
 /* A photo in, an observation out: the photo of a made person that ships, by the networks that ship. */
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include "base/path.h"
@@ -201,6 +203,69 @@ static void refused(const char *path, const sherf_estimate_options *o, sherf_sta
     assert_null(strchr(sherf_message(s.c), '\n'));
 }
 
+/* Columns and rows from `at` on. */
+static sherf_image piece_of(const sherf_image *from, int left, int top, int width, int height) {
+    sherf_image out = {width, height, 3, mem_alloc(s.c, (size_t)width * (size_t)height, 3 * sizeof(float))};
+    for (int y = 0; y < height; y++)
+        memcpy(out.data + (size_t)y * (size_t)width * 3,
+               from->data + ((size_t)(top + y) * (size_t)from->width + (size_t)left) * 3,
+               (size_t)width * 3 * sizeof(float));
+    return out;
+}
+
+/* Of a head no body can be told; from the waist up is enough for a guess. */
+static void a_head_alone_is_refused(void **state) {
+    const sherf_estimate_facts *f = sherf_estimate_found(s.e);
+    const int middle = (int)(f->box_px[0] + f->box_px[2]) / 2, top = (int)f->box_px[1] - 20;
+    for (int waist = 0; waist < 2; waist++) {
+        const int half = waist ? 200 : 70, height = waist ? 500 : 150;
+        sherf_estimate *e = NULL;
+        sherf_image piece = piece_of(&s.e->photo, middle - half, top, 2 * half, height);
+        const sherf_status status = sherf_estimate_picture(s.c, s.networks, s.body, &piece, NULL, NULL, &e);
+        if (waist)
+            assert_ok(s.c, status);
+        else
+            assert_true(status == SHERF_MISMATCH && !e);
+        if (e) assert_true(sherf_estimate_found(e)->warnings & SHERF_ESTIMATE_CUT_FEET);
+        if (e && fabs(log2(sherf_estimate_found(e)->person_px / f->person_px)) > 1)
+            fail_msg("%.0f pixels high, not %.0f", sherf_estimate_found(e)->person_px, f->person_px);
+        if (!e) assert_non_null(strstr(sherf_message(s.c), "only a head"));
+        sherf_image_free(&piece);
+        sherf_estimate_free(e);
+    }
+}
+
+/* A disk that is full leaves no folder, and a folder as it was. */
+static void a_folder_is_whole_or_not_there(void **state) {
+    struct rlimit limit, little;
+    const char *folder = test_path("half");
+    char text[2][1024];
+    unsigned char *before, *after;
+    size_t bytes[2];
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
+    signal(SIGXFSZ, SIG_IGN);
+    for (int there = 0; there < 2; there++) {
+        little = limit;
+        little.rlim_cur = there ? 1200 : 100000; /* the text alone does not fit; a picture does not fit */
+        snprintf(text[0], sizeof text[0], "%s/observation.json", folder);
+        snprintf(text[1], sizeof text[1], "%s/image.png", folder);
+        if (there) assert_ok(s.c, sherf_estimate_save(s.c, s.e, s.body, folder));
+        if (there) assert_ok(s.c, file_read(s.c, text[1], (size_t)1 << 28, &before, &bytes[0]));
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &little), 0);
+        const sherf_status status = sherf_estimate_save(s.c, s.e, s.body, folder);
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
+        assert_int_equal(status, SHERF_WRITE_FAILED);
+        assert_int_equal(path_is_folder(folder), there);
+        if (!there) continue;
+        assert_ok(s.c, file_read(s.c, text[1], (size_t)1 << 28, &after, &bytes[1]));
+        assert_true(bytes[0] == bytes[1] && !memcmp(before, after, bytes[0]));
+        assert_true(path_is_file(text[0]));
+        mem_free(before);
+        mem_free(after);
+    }
+    signal(SIGXFSZ, SIG_DFL);
+}
+
 static void what_is_refused(void **state) {
     sherf_estimator *none;
     uint8_t *noise = mem_alloc(s.c, 160 * 120, 3);
@@ -235,6 +300,8 @@ int main(void) {
                                        cmocka_unit_test(the_one_that_is_asked_for),
                                        cmocka_unit_test(alpha_is_a_mask),
                                        cmocka_unit_test(known_focal_length),
+                                       cmocka_unit_test(a_head_alone_is_refused),
+                                       cmocka_unit_test(a_folder_is_whole_or_not_there),
                                        cmocka_unit_test(what_is_refused)};
     return cmocka_run_group_tests(tests, open_scene, close_scene);
 }

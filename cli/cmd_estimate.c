@@ -41,7 +41,7 @@ static int list_add(photo_list *l, const char *folder, const char *name) {
     return EXIT_DONE;
 }
 
-/* The pictures of a folder, by name; other files are left. */
+/* The pictures of a folder, by name, also those that are only named as such; other files are left. */
 static int list_folder(photo_list *l, const char *folder) {
     DIR *d = opendir(folder);
     int status = EXIT_DONE, first = l->count;
@@ -52,7 +52,7 @@ static int list_folder(photo_list *l, const char *folder) {
         if (f->d_name[0] == '.' ||
             snprintf(path, sizeof path, "%s/%s", folder, f->d_name) >= (int)sizeof path)
             continue;
-        if (stat(path, &st) == 0 && S_ISREG(st.st_mode) && sherf_image_kind(path))
+        if (stat(path, &st) == 0 && S_ISREG(st.st_mode) && photo_is(path))
             status = list_add(l, folder, f->d_name);
     }
     closedir(d);
@@ -159,7 +159,7 @@ static bool is_video(const char *path) {
     return false;
 }
 
-static void say_clip(const sherf_clip_facts *f) {
+static void say_clip(const char *video, int person, const sherf_clip_facts *f) {
     if (common.json) {
         cJSON *json = cJSON_CreateObject();
         cJSON_AddStringToObject(json, "motion", set.output);
@@ -176,10 +176,15 @@ static void say_clip(const sherf_clip_facts *f) {
         session_json(json);
         return;
     }
+    if (f->people > 1)
+        session_remark(
+            "%s: %d people where anybody is seen first, number %d%s followed (--person N takes another)",
+            video, f->people, person, person == 1 ? ", the largest," : "");
     session_remark(
-        "%s: %d frames at %.4g a second; %d without the person are filled in, %d lie badly, %d before "
+        "%s: %d frame%s at %.4g a second; %d without the person are filled in, %d lie badly, %d before "
         "and after are left out; landmarks are %.1f %% of the height off",
-        set.output, f->frames, f->fps, f->filled, f->poor, f->left_out, 100 * f->landmarks);
+        set.output, f->frames, f->frames == 1 ? "" : "s", f->fps, f->filled, f->poor, f->left_out,
+        100 * f->landmarks);
 }
 
 static int run_video(session *s, const char *video) {
@@ -192,9 +197,9 @@ static int run_video(session *s, const char *video) {
                                   .focal_px = photo_wanted.focal_px};
     int status = session_status(s, sherf_body_load(s->context, path, &body));
     if (!status)
-        status = session_status_of(
-            s, video, sherf_estimate_clip(s->context, networks, body, video, &o, set.output, &facts));
-    if (!status) say_clip(&facts);
+        status =
+            session_status(s, sherf_estimate_clip(s->context, networks, body, video, &o, set.output, &facts));
+    if (!status) say_clip(video, o.person + 1, &facts);
     sherf_body_free(body);
     return status;
 }
@@ -204,6 +209,9 @@ static int run(session *s, int count, char **argument) {
     for (int i = 0; i < count; i++)
         if ((motion && count > 1) || (!motion && is_video(argument[i])))
             return usage_error(s->verb_name, "%s: one video goes into a motion, -o FILE.npz", argument[i]);
+    if (motion && sherf_image_kind(argument[0]))
+        return usage_error(s->verb_name, "%s is a photo, not a video: it goes into a folder, -o FOLDER",
+                           argument[0]);
     return motion ? run_video(s, argument[0]) : run_photos(s, count, argument);
 }
 

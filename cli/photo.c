@@ -4,6 +4,8 @@
 #include <string.h>
 #include <strings.h>
 
+enum { PEOPLE_MOST = 8 }; /* more are not looked for */
+
 photo_wishes photo_wanted;
 
 bool photo_is(const char *path) {
@@ -53,7 +55,8 @@ static void warn(const char *path, const sherf_estimate_facts *f) {
 static void say(const char *path, const sherf_estimate_facts *f) {
     char which[64] = "one person";
     if (f->people > 1)
-        snprintf(which, sizeof which, "%d people, number %d%s taken", f->people, f->person,
+        snprintf(which, sizeof which, "%d people%s, number %d%s taken", f->people,
+                 f->people == PEOPLE_MOST ? " or more" : "", f->person,
                  f->person == 1 ? ", the largest," : "");
     session_remark(
         "%s: %s, %.0f px high; the body covers %.0f %% of the person, landmarks are %.1f %% of the "

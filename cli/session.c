@@ -274,7 +274,10 @@ const char *session_model(const session *s, const char *given) {
 int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
                         bool whole, sherf_observation **out) {
     sherf_observation *read;
+    struct stat st;
     *out = NULL;
+    if (stat(path, &st) == 0 && !S_ISDIR(st.st_mode) && !S_ISREG(st.st_mode))
+        return session_failure("%s: neither a file nor a folder", path);
     int status = photo_is(path) ? photo_observation(s, body, path, &read)
                                 : session_status(s, sherf_observation_load(s->context, path, &read));
     if (status || whole) {

@@ -191,7 +191,9 @@ sherf_status clip_estimate(context *c, const pose_networks *n, const body_model 
     if (status != SHERF_OK) return status;
     for (int i = 0; i < t.count; i++) seen += t.frame[i] != NULL;
     const double looked = time_seconds();
-    if (!(seen > 0)) status = failure(c, SHERF_BAD_FILE, "nobody is seen in any frame");
+    if (!(seen > 0))
+        status = failure(c, SHERF_BAD_FILE,
+                         "nobody is seen in any frame: a whole person, at least 60 pixels high, is needed");
     if (status == SHERF_OK) status = clip_mend(c, &t, &all.mended);
     if (status == SHERF_OK) status = find_known(c, m, &t, o->focal_px / t.scale, &known);
     if (status == SHERF_OK) status = fit_all(c, m, &t, &known, &first, &last);

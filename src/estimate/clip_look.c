@@ -81,6 +81,7 @@ static sherf_status add(context *c, clip_track *t, const photo_person *person, b
 
 typedef struct {
     const pose_networks *n;
+    const char *path;
     int wanted;
     sherf_image image;
     photo_person person; /* as last seen */
@@ -116,8 +117,8 @@ static sherf_status search(context *c, follower *f, clip_track *t) {
     f->there = best >= 0;
     mem_free(people);
     if (!f->known && best < 0)
-        return failure(c, SHERF_BAD_ARGUMENT, "person %d is asked for, and %d %s there", f->wanted + 1,
-                       t->people, t->people == 1 ? "is" : "are");
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: person %d is asked for, and %d %s there", f->path,
+                       f->wanted + 1, t->people, t->people == 1 ? "is" : "are");
     f->known = true;
     return SHERF_OK;
 }
@@ -160,6 +161,7 @@ sherf_status clip_look(context *c, const pose_networks *n, const char *path, con
     t->scale = (double)info->full_width / info->width;
     if (f) {
         f->n = n;
+        f->path = path;
         f->wanted = o->person;
         f->image = (sherf_image){info->width, info->height, 3, data};
     }
@@ -174,6 +176,10 @@ sherf_status clip_look(context *c, const pose_networks *n, const char *path, con
         if (status == SHERF_OK)
             status = progress(c, "frames looked at", t->count, round(info->seconds * info->fps));
     }
+    if (status == SHERF_OK && t->count < 0.9 * info->seconds * info->fps)
+        log_line(c, SHERF_LOG_WARNING,
+                 "%s: only %.1f of its %.1f seconds can be read: it is damaged or was not copied whole", path,
+                 t->count / info->fps, info->seconds);
     video_read_close(v);
     mem_free(data);
     mem_free(f);

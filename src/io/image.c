@@ -167,7 +167,7 @@ static void png_decode(decoder *d) {
         return;
     }
     if (setjmp(d->back)) {
-        if (d->status == SHERF_OK) d->status = failure(d->c, SHERF_BAD_FILE, "PNG: %s", d->text);
+        if (d->status == SHERF_OK) d->status = image_broken(d, "PNG", d->text);
         goto done;
     }
     info = png_create_info_struct(png);
@@ -283,7 +283,7 @@ static void jpeg_decode(decoder *d) {
     error.base.emit_message = jpeg_warned;
     error.base.output_message = jpeg_silent;
     if (setjmp(d->back)) {
-        if (d->status == SHERF_OK) d->status = failure(d->c, SHERF_BAD_FILE, "JPEG: %s", d->text);
+        if (d->status == SHERF_OK) d->status = image_broken(d, "JPEG", d->text);
         jpeg_destroy_decompress(&j);
         return;
     }
@@ -359,6 +359,13 @@ static void decode_any(decoder *d) {
     } else {
         image_heif_decode(d, kind);
     }
+}
+
+sherf_status image_broken(decoder *d, const char *kind, const char *why) {
+    int length = (int)strlen(why);
+    while (length && (why[length - 1] == ' ' || why[length - 1] == '.')) length--;
+    return failure(d->c, SHERF_BAD_FILE, "%s: %.*s (damaged, or not copied whole: get the file again)", kind,
+                   length < 200 ? length : 200, why);
 }
 
 static sherf_status decode(decoder *d) {

@@ -25,7 +25,7 @@ static bool went_well(image_decoder *d, const char *kind, struct heif_error erro
     else if (error.code == heif_error_Unsupported_feature || error.code == heif_error_Unsupported_filetype)
         d->status = failure(d->c, SHERF_UNSUPPORTED, "%s: %.200s", kind, error.message);
     else
-        d->status = failure(d->c, SHERF_BAD_FILE, "%s: %.200s", kind, error.message);
+        d->status = image_broken(d, kind, error.message);
     return false;
 }
 
@@ -64,7 +64,7 @@ static void put_rows(image_decoder *d, const char *kind, struct heif_image *pict
     if (!plane || heif_image_get_width(picture, heif_channel_interleaved) != d->out.width ||
         heif_image_get_height(picture, heif_channel_interleaved) != d->out.height ||
         stride < d->out.width * from) {
-        d->status = failure(d->c, SHERF_BAD_FILE, "%s: its size is not the one that it states", kind);
+        d->status = image_broken(d, kind, "its size is not the one that it states");
         return;
     }
     if (!image_make_room(d, 0)) return;

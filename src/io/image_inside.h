@@ -28,6 +28,8 @@ typedef struct {
 void image_webp_decode(image_decoder *d);
 void image_heif_decode(image_decoder *d, const char *kind);
 
+/* SHERF_BAD_FILE: what is said of a file whose data are wrong. */
+sherf_status image_broken(image_decoder *d, const char *kind, const char *why);
 /* Sets the size of d->out, or fails when it is beyond the limits. */
 sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height);
 /* Takes d->out.data, and d->row of row_bytes (0: none). */

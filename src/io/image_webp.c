@@ -43,7 +43,7 @@ static void decode_rows(image_decoder *d, WebPDecoderConfig *config) {
     if (code == VP8_STATUS_OUT_OF_MEMORY)
         d->status = failure(d->c, SHERF_NO_MEMORY, "out of memory");
     else if (code != VP8_STATUS_OK)
-        d->status = failure(d->c, SHERF_BAD_FILE, "WebP: %s", reason(code));
+        d->status = image_broken(d, "WebP", reason(code));
     for (size_t y = 0; !d->status && !straight && y < height; y++)
         image_put_row(d, d->row + y * width * from, (int)y, (int)from);
 }
@@ -56,7 +56,7 @@ void image_webp_decode(image_decoder *d) {
     }
     VP8StatusCode code = WebPGetFeatures(d->data, d->bytes, &config.input);
     if (code != VP8_STATUS_OK)
-        d->status = failure(d->c, SHERF_BAD_FILE, "WebP: %s", reason(code));
+        d->status = image_broken(d, "WebP", reason(code));
     else if (config.input.has_animation)
         d->status = failure(d->c, SHERF_BAD_FILE, "a moving WebP, of which no picture is read");
     else

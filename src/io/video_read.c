@@ -246,14 +246,16 @@ static sherf_status open_reader(context *c, video_reader *v, const video_read_op
 sherf_status video_read_open(context *c, const char *path, const video_read_options *options,
                              video_reader **out) {
     *out = NULL;
+    if (path_is_folder(path)) return failure(c, SHERF_NO_FILE, "%s: a folder, not a video", path);
     video_reader *v = mem_zero(c, 1, sizeof *v);
     if (!v) return SHERF_NO_MEMORY;
     snprintf(v->name, sizeof v->name, "%s", path);
-    v->file = path_is_folder(path) ? NULL : fopen(path, "rb");
+    v->file = fopen(path, "rb");
     if (!v->file || fseeko(v->file, 0, SEEK_END) || (v->bytes = (int64_t)ftello(v->file)) < 0 ||
         fseeko(v->file, 0, SEEK_SET)) {
+        const int code = errno;
         video_read_close(v);
-        return failure(c, SHERF_NO_FILE, "%s: cannot be opened", path);
+        return failure(c, SHERF_NO_FILE, "%s: cannot be opened: %s", path, strerror(code));
     }
     return open_reader(c, v, options, out);
 }

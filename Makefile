@@ -17,7 +17,7 @@ test:
 	tools/install.sh build test
 	$(CONFIGURE) -DSHERF_TESTS=ON
 	ninja -C $(BUILD) -j $(JOBS)
-	cd $(BUILD) && OMP_WAIT_POLICY=passive ctest --output-on-failure -j $(JOBS)
+	cd $(BUILD) && ctest --output-on-failure -j $(JOBS)
 
 demo: program
 	tools/demo.sh $(BUILD)/sherf demo

@@ -78,10 +78,12 @@ static int run(int count, char **argument) {
 
 /* The OpenMP runtime lets idle threads spin for milliseconds by default, which halves everybody's speed as
  * soon as two programs share the cores. It reads its settings before main, so a shorter spin (some tens of
- * microseconds) takes a second start. Whoever has set a policy keeps it. */
+ * microseconds with gcc's runtime, which heeds the count above the policy; none with LLVM's) takes a second
+ * start. Whoever has set a policy keeps it. */
 static void spin_briefly(char **argument) {
     if (getenv("GOMP_SPINCOUNT") || getenv("OMP_WAIT_POLICY")) return;
-    if (setenv("GOMP_SPINCOUNT", "2000", 1) == 0) execv("/proc/self/exe", argument); /* goes on if it fails */
+    if (setenv("GOMP_SPINCOUNT", "2000", 1) == 0 && setenv("OMP_WAIT_POLICY", "passive", 1) == 0)
+        execv("/proc/self/exe", argument); /* goes on if it fails */
 }
 
 int main(int count, char **argument) {

@@ -6,7 +6,6 @@ set -eu
 sherf=$1
 out=$2
 photo=assets/demo/photo.jpg
-export OMP_WAIT_POLICY=passive
 
 step() { printf '\n== %s\n   %s\n' "$1" "$2"; }
 run() {

@@ -11,7 +11,6 @@ body=$people/tubeman.safetensors
 model=$out/run/model.safetensors
 last=7
 held_out=$(printf 'tube_%03d' $last)
-export OMP_WAIT_POLICY=passive
 
 step() { printf '\n== %s\n   %s\n' "$1" "$2"; }
 run() {

@@ -33,7 +33,7 @@ eval "cc -std=c11 '$here/docs/example.c' $(pkg-config --cflags sherf) '$lib/libs
 eval "c++ -std=c++20 -Wall -x c++ '$here/docs/example.c' -x none $(pkg-config --cflags --libs sherf) -o '$work/example-cxx'"
 eval "cc -std=c11 '$here/tests/cli/make_model.c' $(pkg-config --cflags --libs sherf) -o '$work/make_model'"
 
-export LD_LIBRARY_PATH="$lib" OMP_WAIT_POLICY=passive
+export LD_LIBRARY_PATH="$lib"
 "$work/make_model" "$work/model.safetensors"
 "$usr/bin/sherf" synth tube -q -o "$work/people" --people 1 --poses 1 --views 4 --size 64
 person=$(head -n 1 "$work/people/human_list.txt")

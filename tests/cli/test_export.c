@@ -169,7 +169,6 @@ int main(void) {
         puts("the program was not built");
         return 77;
     }
-    setenv("OMP_WAIT_POLICY", "passive", 1);
     const struct CMUnitTest tests[] = {cmocka_unit_test(every_format_in_every_pose),
                                        cmocka_unit_test(a_motion_goes_along),
                                        cmocka_unit_test(what_cannot_be_is_said), cmocka_unit_test(no_room)};

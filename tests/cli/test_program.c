@@ -416,7 +416,6 @@ int main(void) {
         puts("the program was not built");
         return 77;
     }
-    setenv("OMP_WAIT_POLICY", "passive", 1);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(version_and_help), cmocka_unit_test(texts_agree),
         cmocka_unit_test(wrong_usage),      cmocka_unit_test(what_is_missing_or_broken),

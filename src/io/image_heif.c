@@ -3,6 +3,7 @@
 #include <libheif/heif.h>
 #include <string.h>
 
+#include "io/heif_stream.h"
 #include "io/image_inside.h"
 
 /* libheif takes the side of a square of pixels. */
@@ -91,6 +92,20 @@ static void decode_picture(image_decoder *d, const char *kind, heif_parts *p) {
     if (went_well(d, kind, error)) put_rows(d, kind, p->picture, rgba, multiplied);
 }
 
+/* libheif looks at a frame's size when the decoder has taken the memory for it. A coded frame is a little
+ * larger than what is shown of it, and layers of a picture may state twice the size. */
+static void check_streams(image_decoder *d, const char *kind) {
+    heif_sizes sizes;
+    if ((d->status = heif_stream_sizes(d->c, d->data, d->bytes, &sizes))) return;
+    bool large = sizes.odd;
+    for (int k = 0; k < 2; k++) large |= sizes.coded[k] > 2 * (uint64_t)sizes.stated[k] + 64;
+    if (large)
+        d->status = failure(d->c, SHERF_BAD_FILE,
+                            "%s: its data are of %u x %u pixels, and it states %u x %u: damaged, or made to "
+                            "harm",
+                            kind, sizes.coded[0], sizes.coded[1], sizes.stated[0], sizes.stated[1]);
+}
+
 void image_heif_decode(image_decoder *d, const char *kind) {
     heif_parts p = {heif_context_alloc(), NULL, NULL, NULL};
     if (!p.file) {
@@ -108,6 +123,7 @@ void image_heif_decode(image_decoder *d, const char *kind) {
     d->alpha = heif_image_handle_has_alpha_channel(p.handle);
     d->own_channels = d->alpha ? 4 : 3;
     exif_from(d, p.handle);
+    if (!d->status && d->channels) check_streams(d, kind);
     if (!d->status && d->channels) decode_picture(d, kind, &p);
 done:
     heif_decoding_options_free(p.options);

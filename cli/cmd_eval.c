@@ -4,7 +4,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool npy, no_png, yardsticks, detail, estimated;
+    bool npy, no_png, yardsticks, detail, estimated, own_pose;
     int64_t size, samples;
 } set = {.samples = SHERF_SAMPLES_MODEL};
 
@@ -29,8 +29,9 @@ static const option options[] = {
      "scores also of the mean colour in the true mask and of the body painted with the picture"},
     {0, "estimated", OPTION_FLAG, &set.estimated, NULL,
      "cameras, bodies and masks of the observations are estimated from their pictures alone; what they are "
-     "off by "
-     "is told too"},
+     "off by is told too"},
+    {0, "own-pose", OPTION_FLAG, &set.own_pose, NULL,
+     "with --estimated: novel views in the pose that was estimated, not the true one"},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
      0, 4096},
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
@@ -78,6 +79,7 @@ static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {
 }
 
 static int run(session *s, int count, char **argument) {
+    if (set.own_pose && !set.estimated) return usage_error(s->verb_name, "--own-pose needs --estimated");
     if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
     const char *body = session_body(s, set.body, set.data);
     const char *model = body ? session_model(s, set.model) : NULL;
@@ -92,6 +94,7 @@ static int run(session *s, int count, char **argument) {
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                             .yardsticks = set.yardsticks,
                             .estimated = networks,
+                            .own_pose = set.own_pose,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,

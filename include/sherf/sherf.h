@@ -620,6 +620,8 @@ typedef struct {
                                   prediction         and truth; or NULL */
     const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
                               masks are estimated from their pictures alone; NULL: they are the data's */
+    int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
+                     pose, as novel poses do */
 } sherf_eval_options;
 
 typedef struct {

@@ -42,6 +42,8 @@ typedef struct sherf_observation data_view;
 sherf_status observation_check_mask(context *c, const sherf_observation *o); /* neither empty nor full */
 sherf_status observation_check(context *c,
                                const sherf_observation *o); /* finite, sizes, mask not empty or full */
+/* Picture, mask and K of an observation without `unknown` and `fine`, as pictures from files are resized. */
+sherf_status observation_resize(context *c, sherf_observation *o, int width, int height);
 
 /* SHERF_MISMATCH when no vertex of the posed body falls into the picture, or none into its mask. */
 sherf_status observation_check_body(context *c, const sherf_observation *o, const body_model *body);

@@ -72,11 +72,8 @@ sherf_status observation_check_body(context *c, const sherf_observation *o, cons
     return status;
 }
 
-/* To the size that is worked with, as pictures from files are. */
-static sherf_status shrink(context *c, sherf_observation *o) {
-    int width = o->image.width, height = o->image.height;
-    image_u8 mask = {width, height, 1, o->mask};
-    view_observed_size(c, "observation", &width, &height);
+sherf_status observation_resize(context *c, sherf_observation *o, int width, int height) {
+    image_u8 mask = {o->image.width, o->image.height, 1, o->mask};
     if (width == mask.width && height == mask.height) return SHERF_OK;
     sherf_status status = image_resize_area(c, &o->image, width, height);
     if (status == SHERF_OK) status = image_resize_nearest(c, &mask, width, height);
@@ -84,6 +81,13 @@ static sherf_status shrink(context *c, sherf_observation *o) {
     if (status != SHERF_OK) return status;
     camera_resize(&o->camera, width, height);
     return observation_check(c, o);
+}
+
+/* To the size that is worked with, as pictures from files are. */
+static sherf_status shrink(context *c, sherf_observation *o) {
+    int width = o->image.width, height = o->image.height;
+    view_observed_size(c, "observation", &width, &height);
+    return observation_resize(c, o, width, height);
 }
 
 sherf_status sherf_observation_create(sherf_context *c, const sherf_image *image, const sherf_image *mask,

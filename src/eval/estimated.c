@@ -71,10 +71,10 @@ void carried_camera(const carried *w, const sherf_camera *truth, sherf_camera *o
 }
 
 sherf_status carried_pose(context *c, const carried *w, const body_model *body, const sherf_pose *truth,
-                          bool observed, sherf_pose *out) {
+                          bool own_pose, sherf_pose *out) {
     double pelvis[BODY_JOINTS][3], own[BODY_JOINTS][3];
     *out = w->pose;
-    if (observed) return SHERF_OK;
+    if (own_pose) return SHERF_OK;
     *out = *truth;
     if (w->same) return SHERF_OK;
     sherf_status status = joints_world(c, body, truth, pelvis);

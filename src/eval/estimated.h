@@ -27,10 +27,10 @@ typedef struct {
 sherf_status carried_create(context *c, const body_model *body, const sherf_observation *truth,
                             const sherf_observation *estimate, carried *out);
 void carried_camera(const carried *w, const sherf_camera *truth, sherf_camera *out);
-/* The observed pose is the estimate's own. Another one keeps the truth's joints and has the estimate's shape;
- * its pelvis is where the true one comes to. */
+/* The truth's joints with the estimate's shape; the pelvis is where the true one comes to. own: the
+ * estimate's own pose, where it was observed. */
 sherf_status carried_pose(context *c, const carried *w, const body_model *body, const sherf_pose *truth,
-                          bool observed, sherf_pose *out);
+                          bool own, sherf_pose *out);
 
 /* ---- errors ---- */
 sherf_status estimated_error(context *c, const body_model *body, const sherf_observation *truth,

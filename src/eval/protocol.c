@@ -280,7 +280,7 @@ static sherf_status target_of(evaluation *e, const data_view *truth, const repor
     if (!e->estimator) return SHERF_OK;
     carried_camera(&e->carried, &truth->camera, camera);
     return carried_pose(e->c, &e->carried, e->body, &truth->pose,
-                        entry->target.pose == entry->observation.pose, pose);
+                        e->options->own_pose && entry->target.pose == entry->observation.pose, pose);
 }
 
 /* pair: where on the sheet; -1: not on it. */
@@ -340,16 +340,17 @@ static int sheet_pair(const evaluation *e, int n, int count) {
     return n == (2 * pair + 1) * count / (2 * pairs) ? pair : -1;
 }
 
-/* Puts an estimate from the picture alone in the observation's place, and notes what it is off by; *o NULL
- * where nobody was found. */
+/* Puts an estimate from the picture alone, as large as the protocol has it, in the observation's place, and
+ * notes what it is off by; *o NULL where nobody was found. */
 static sherf_status estimate(evaluation *e, int person, picture from, sherf_observation **o) {
     context *c = e->c;
     sherf_image photo = {0};
     sherf_observation *truth = *o, *found = NULL;
     estimate_entry entry = {.person = person, .observation = from};
-    sherf_status status =
-        dataset_photo(c, e->data, person, from.pose, from.view, e->options->size_px, &photo);
+    sherf_status status = dataset_photo(c, e->data, person, from.pose, from.view, 0, &photo);
     if (status == SHERF_OK) status = e->estimator->estimate(c, e->estimator->state, &photo, truth, &found);
+    if (status == SHERF_OK && found)
+        status = observation_resize(c, found, truth->image.width, truth->image.height);
     if (status == SHERF_OK && found) status = estimated_error(c, e->body, truth, found, &entry.error);
     if (status == SHERF_OK && found) status = carried_create(c, e->body, truth, found, &e->carried);
     if (status == SHERF_OK && found) status = estimate_list_add(c, &e->report.estimates, &entry);

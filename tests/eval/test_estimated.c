@@ -129,6 +129,7 @@ static void errors_are_what_was_done(void **state) {
 typedef struct {
     float world_rad[3], world_m[3]; /* camera and body go together into this world */
     float turn_rad[3], away_m;      /* of the body about its pelvis; along the camera's axis */
+    bool own_pose;                  /* novel views in the estimated pose */
     int lost, seen;                 /* the number of the picture in which nobody is found; pictures so far */
 } bend;
 
@@ -205,6 +206,7 @@ static sherf_eval_options options_of(void) {
 static void run(context *c, bend *b, sherf_scores *out) {
     sherf_eval_options o = options_of();
     const eval_estimator estimator = {bent, b};
+    o.own_pose = b && b->own_pose;
     assert_ok(c, eval_run(c, &o, b ? &estimator : NULL, out));
 }
 
@@ -244,25 +246,32 @@ static void the_truth_in_another_world_scores_as_the_truth(void **state) {
     sherf_context_free(c);
 }
 
-/* A body that is too far away is brought back by its pelvis; one that is turned is not. */
+/* A body that is too far away is brought back by its pelvis; one that is turned is not: less is lost in the
+ * true pose, for which the avatar alone is wrong. */
 static void errors_cost_what_they_should(void **state) {
     context *c = test_context();
-    sherf_scores truth, away, turned;
-    bend farther = {.away_m = 0.25f}, round = {.turn_rad = {0, 0.6f, 0}, .world_m = {1, 0, 0}};
+    sherf_scores truth, away, turned, posed;
+    bend farther = {.away_m = 0.25f, .own_pose = true},
+         round = {.turn_rad = {0, 0.6f, 0}, .world_m = {1, 0, 0}, .own_pose = true}, avatar = round;
     run(c, NULL, &truth);
     run(c, &farther, &away);
     run(c, &round, &turned);
+    avatar.own_pose = false;
+    run(c, &avatar, &posed);
     double painted = truth.painted_body[0].psnr;
     assert_true(away.estimates.joints_mm < 0.01 && away.estimates.turn_deg < 0.01);
     assert_true(fabs(turned.estimates.turn_deg - 0.6 * 180 / M_PI) < 1.5 && turned.estimates.joints_mm > 30);
     assert_true(turned.estimates.aligned_mm < 0.01 && turned.estimates.wrong_way == 0);
-    printf("painted body: %.2f dB, too far away %.2f, turned %.2f\n", painted, away.painted_body[0].psnr,
-           turned.painted_body[0].psnr);
+    printf("painted body: %.2f dB, too far away %.2f, turned %.2f, and in the true pose %.2f\n", painted,
+           away.painted_body[0].psnr, turned.painted_body[0].psnr, posed.painted_body[0].psnr);
     assert_true(turned.painted_body[0].psnr < painted - 1 &&
                 away.painted_body[0].psnr > turned.painted_body[0].psnr);
+    assert_true(posed.painted_body[0].psnr > turned.painted_body[0].psnr + 0.5);
+    assert_true(apart(&posed.painted_body[1], &turned.painted_body[1]) == 0);
     sherf_free(truth.table);
     sherf_free(away.table);
     sherf_free(turned.table);
+    sherf_free(posed.table);
     sherf_context_free(c);
 }
 

@@ -2,7 +2,7 @@
  * pass. */
 #include <math.h>
 
-#include "model/layers.h"
+#include "model/sherf/sherf.h"
 
 enum { CHUNK_POINTS = 8192 };
 

@@ -9,7 +9,7 @@
 #include "body/body.h"
 #include "io/safetensors.h"
 #include "nn/parameters.h"
-#include "render/gpu.h"
+#include "model/sherf/fused/gpu.h"
 #include "render/render.h"
 #include "tensor/ops.h"
 

@@ -6,7 +6,7 @@ enum { SIDE = 40, WITHOUT = 1 };
 
 #if defined(HAVE_CUDA_EMULATED)
 #include "base/device.h"
-#include "render/gpu.h"
+#include "model/sherf/fused/gpu.h"
 
 extern const backend backend_emulated;
 extern const gpu_renderer gpu_renderer_emulated;

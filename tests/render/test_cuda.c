@@ -7,12 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../render/pointnet_made.h"
+#include "../model/radiance_field_made.h"
 
 #if defined(HAVE_CUDA_EMULATED)
 #include "base/device.h"
 #include "data/tubeman.h"
-#include "render/gpu.h"
+#include "model/sherf/fused/gpu.h"
 
 extern const gpu_renderer gpu_renderer_emulated;
 extern int cuda_emulated_order;

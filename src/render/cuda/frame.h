@@ -6,8 +6,8 @@
 
 #include "body/pose_vertex.h"
 #include "render/cuda/warp.h"
-#include "render/gpu.h"
 #include "render/ray.h"
+#include "render/render.h"
 
 namespace cuda_backend {
 
@@ -126,32 +126,6 @@ sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, i
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
                  const sample_wish *wish, const float *observed_maps, float observed_blend_m,
                  const placed_camera *observed_camera, const empty_cells *empty, placed_points *p);
-
-/* ---- training (train.cu) ---- */
-extern const gpu_point_training points_training;
-
-/* ---- the network (network.cu, network_bf16.cu) ---- */
-struct placed_network;
-sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
-                           placed_network **out);
-void network_free(placed_network *n);
-bool network_in_bf16(const placed_network *n);
-/* Points to take: list[i] for i < *count, of at most `most`. To result[point]: red, green, blue, raw density.
- */
-struct network_points {
-    const float *canonical, *direction, *observed_px;
-    const int32_t *list, *count;
-    int64_t most;
-    float4 *result;
-};
-/* Room that network_run needs for at most `most` points, from the arena. */
-struct network_scratch {
-    int64_t most; /* points at a time */
-    void *tokens;
-    float *color, *layers;
-};
-sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t most, network_scratch *out);
-void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch);
 
 } // namespace cuda_backend
 #endif

@@ -1,0 +1,108 @@
+/* A point network on the GPU: what its kernels share. */
+#ifndef SHERF_CUDA_NETWORK_H
+#define SHERF_CUDA_NETWORK_H
+
+#include "model/sherf/fused/gpu.h"
+#include "render/cuda/frame.h"
+
+namespace cuda_backend {
+
+/* ---- training (train.cu) ---- */
+extern const gpu_point_training points_training;
+
+/* ---- the network (network.cu, network_bf16.cu) ---- */
+struct placed_network;
+sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
+                           placed_network **out);
+void network_free(placed_network *n);
+bool network_in_bf16(const placed_network *n);
+/* Points to take: list[i] for i < *count, of at most `most`. To result[point]: red, green, blue, raw density.
+ */
+struct network_points {
+    const float *canonical, *direction, *observed_px;
+    const int32_t *list, *count;
+    int64_t most;
+    float4 *result;
+};
+/* Room that network_run needs for at most `most` points, from the arena. */
+struct network_scratch {
+    int64_t most; /* points at a time */
+    void *tokens;
+    float *color, *layers;
+};
+sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t most, network_scratch *out);
+void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch);
+
+/* The bank's values are float32, or float16 times the bank's scale. */
+struct placed_map {
+    int width, height, stride;
+    const void *texel;
+};
+struct placed_level {
+    int size[3];
+    float voxels_per_m[3];
+    const int32_t *cell, *corner;
+    int stride;
+    const void *value;
+};
+struct placed_bank {
+    int width, fused, map_tokens; /* of a token; of three; tokens with values of the map */
+    float plane_min[3], plane_scale[3], map_scale[2], image_scale[2], volume_min[3];
+    placed_map plane[3], map;
+    int image_width, image_height;
+    const float4 *image;
+    placed_level level[POINT_LEVELS];
+    float scale;
+};
+
+struct placed_matrix {
+    int rows, columns;
+    const float *w, *b;
+};
+struct float_layers {
+    placed_matrix color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], alpha, views, rgb;
+    const float *norm0_w, *norm0_b, *norm1_w, *norm1_b, *token_b;
+};
+
+/* Sizes that kernels read, from point_parts. */
+struct network_sizes {
+    int width, fused, heads, head_width, all, color_width, color_token, color_frequencies;
+    int position_width, position_frequencies, direction_width, direction_frequencies;
+    int decoder_width, decoder_depth, decoder_skip, view_width;
+};
+
+/* Weights as the tensor cores' fragments (network_bf16.cu). */
+struct bf16_layers {
+    const uint4 *stream;   /* of the decoder, by stages */
+    const uint4 *resident; /* what stays in shared memory: fusion's fragments, then all biases */
+    int stages, resident_bytes;
+};
+
+struct placed_network {
+    bool bf16;
+    network_sizes s;
+    placed_bank bank;
+    float_layers layers; /* float32 */
+    bf16_layers fragments;
+};
+
+/* tokens[i][fused] of the points list[base + i], 0 <= i < most; color[i][3]. Without token_b, times the
+ * bank's scale. */
+void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+                   void *tokens, float *color);
+
+/* network_float.cu */
+int64_t float_rows(const network_sizes *s); /* of scratch, 32 floats each, for one block */
+int float_blocks();
+void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+               const network_scratch *scratch);
+/* network_bf16.cu */
+network_sizes network_sizes_of(const point_parts *p);
+bool bf16_fits(const network_sizes &s);
+sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
+                        const network_sizes &s, bf16_layers *out);
+void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+              const network_scratch *scratch);
+
+} // namespace cuda_backend
+#endif

@@ -1,0 +1,346 @@
+/* The point network in bf16 on tensor cores: what its kernels for frames (network_bf16.cu) and for training
+ * (train_*.cu) share: where weights are, how they come, and how a warp takes 16 points through a layer. */
+#ifndef SHERF_CUDA_NETWORK_BF16_H
+#define SHERF_CUDA_NETWORK_BF16_H
+
+#include "model/sherf/cuda/network.h"
+
+namespace cuda_backend {
+
+enum {
+    WARPS = 8,
+    TILE_POINTS = 16, /* of a warp */
+    THREADS = WARPS * WARP,
+    STAGES = 3,          /* in shared memory */
+    STAGE_TILES = 4,     /* k-tiles of a stage */
+    TOKEN = 32,          /* the only width supported */
+    TOKEN_TILES = 2,     /* k-tiles of a token */
+    TOKEN_N = 4,         /* n-tiles of a token */
+    PLACE_TILES = 3,     /* k-tiles of the encoded position, */
+    DIRECTION_TILES = 2, /* of the direction */
+    COLOR_TILES = 2,     /* and the colour */
+    VIEW_N = 8,
+    VIEW_TILES = VIEW_N / 2,
+    HEADS_MOST = 4,
+    FRAGMENT = 2 * WARP,                 /* 32-bit words: 16 inputs x 8 outputs */
+    ENCODED_PITCH = 16 * PLACE_TILES + 8 /* bf16 a point: without bank conflicts */
+};
+
+/* ---- where things are in the resident part: fragments, then floats ---- */
+struct resident_places {
+    int color, heads, head_each, mlp0, mlp1, alpha, rgb, fragments; /* fragments */
+    int token_b, norm0_w, norm0_b, norm1_w, norm1_b, out_b, mlp0_b, mlp1_b, views_b, rgb_b, pts_b, floats;
+};
+
+enum {
+    HEAD_QKV = 4 * 3,
+    HEAD_EACH = HEAD_QKV + TOKEN_N
+}; /* q, k, v: 2 k-tiles x 2 n-tiles each; out: 1 x 4 */
+
+__host__ __device__ inline resident_places resident_layout(int heads, int h_tiles, int depth) {
+    resident_places p;
+    int at = 0;
+    p.color = at, at += COLOR_TILES * TOKEN_N;
+    p.heads = at, at += heads * HEAD_EACH;
+    p.mlp0 = at, at += TOKEN_TILES * TOKEN_N;
+    p.mlp1 = at, at += TOKEN_TILES * TOKEN_N;
+    p.alpha = at, at += h_tiles;
+    p.rgb = at, at += VIEW_TILES;
+    p.fragments = at;
+    at = 0;
+    p.token_b = at, at += 3 * TOKEN;
+    p.norm0_w = at, at += TOKEN;
+    p.norm0_b = at, at += TOKEN;
+    p.norm1_w = at, at += TOKEN;
+    p.norm1_b = at, at += TOKEN;
+    p.out_b = at, at += TOKEN;
+    p.mlp0_b = at, at += TOKEN;
+    p.mlp1_b = at, at += TOKEN;
+    p.views_b = at, at += 8 * VIEW_N;
+    p.rgb_b = at, at += 4; /* red, green, blue, density */
+    p.pts_b = at, at += 16 * h_tiles * depth;
+    p.floats = at;
+    return p;
+}
+
+__host__ __device__ inline int resident_words(const resident_places &p) {
+    return (p.fragments * FRAGMENT + p.floats + 3) / 4 * 4;
+}
+
+__host__ __device__ inline int h_tiles_of(int decoder_width) {
+    return decoder_width <= 96 ? 6 : 8;
+}
+
+/* Stages of the decoder: its layers' inputs in k-tiles, each begun with a new stage. */
+__host__ __device__ inline int tiles_stages(int k_tiles) {
+    return (k_tiles + STAGE_TILES - 1) / STAGE_TILES;
+}
+enum { X_TILES = PLACE_TILES + TOKEN_TILES };
+inline int layer_tiles(const network_sizes &s, int layer, int h_tiles) {
+    return layer == 0 ? X_TILES : layer == s.decoder_skip + 1 ? X_TILES + h_tiles : h_tiles;
+}
+
+/* A column for each input of an encoding's k-tiles: the values, then the low parts of the first three again.
+ */
+__host__ __device__ inline int encoded_column(int input, int width) {
+    return input < width ? input : input < width + 3 ? input - width : -1;
+}
+
+/* [encoded position, token 0, h] */
+__host__ __device__ inline int pts_column(const network_sizes &s, int layer, int input) {
+    const bool first = layer == 0, wide = layer == s.decoder_skip + 1;
+    if (!first && !wide) return input;
+    if (input < 16 * PLACE_TILES) return encoded_column(input, s.position_width);
+    if (input < 16 * X_TILES) return s.position_width + input - 16 * PLACE_TILES;
+    return s.position_width + TOKEN + input - 16 * X_TILES;
+}
+
+/* [h, encoded direction, token 1] */
+__host__ __device__ inline int views_column(const network_sizes &s, int h_tiles, int input) {
+    const int h = s.decoder_width, direction = 16 * h_tiles, token = direction + 16 * DIRECTION_TILES;
+    if (input < direction) return input < h ? input : -1;
+    if (input < token) {
+        const int column = encoded_column(input - direction, s.direction_width);
+        return column < 0 ? -1 : h + column;
+    }
+    return h + s.direction_width + input - token;
+}
+
+/* ---- fragments ---- */
+struct input { /* 16 points x 16 channels */
+    uint32_t a[4];
+};
+struct sums { /* 16 points x 8 channels */
+    float c[4];
+};
+
+/* Two neighbouring sums as input. */
+__device__ inline input input_of(const sums &low, const sums &high) {
+    return {{pack_bf16(low.c[0], low.c[1]), pack_bf16(low.c[2], low.c[3]), pack_bf16(high.c[0], high.c[1]),
+             pack_bf16(high.c[2], high.c[3])}};
+}
+
+__device__ inline sums positive(const sums &s) {
+    return {{fmaxf(s.c[0], 0), fmaxf(s.c[1], 0), fmaxf(s.c[2], 0), fmaxf(s.c[3], 0)}};
+}
+
+/* What this lane's sums of n-tile n begin with. */
+__device__ inline sums bias_of(const float *b, int n, int t) {
+    const float low = b[8 * n + 2 * t], high = b[8 * n + 2 * t + 1];
+    return {{low, high, low, high}};
+}
+
+struct network_warp {
+    const uint32_t *fragments; /* resident */
+    const float *values;
+    uint16_t *encoded; /* TILE_POINTS x ENCODED_PITCH, the warp's own */
+    int lane, g, t;    /* g = lane / 4: points g and g + 8; t: channels 2 t, 2 t + 1 */
+
+    /* to[n] += x times the resident fragments from `first` on. */
+    template <int K, int N> __device__ void product(const input *x, int first, sums *to) const {
+        UNROLL
+        for (int k = 0; k < K; k++) {
+            UNROLL
+            for (int n = 0; n < N; n++) {
+                const uint2 w = *(const uint2 *)(fragments + (first + k * N + n) * FRAGMENT + 2 * lane);
+                const uint32_t b[2] = {w.x, w.y};
+                mma_bf16(to[n].c, x[k].a, b);
+            }
+        }
+    }
+
+    /* x, then sin(2^k x), cos(2^k x), of the values of one point's component; and what bf16 drops of x. The
+     * sines of doubled angles come from the first: an error of 1e-7 becomes 6e-6 at most. */
+    __device__ void encode_one(int point, int component, float x, int frequencies, int width) const {
+        uint16_t *to = encoded + point * ENCODED_PITCH;
+        const uint32_t high = pack_bf16(x, 0);
+        if (component < width) to[component] = (uint16_t)high;
+        if (width + component < ENCODED_PITCH - 8)
+            to[width + component] = (uint16_t)pack_bf16(x - unpack_bf16(high, 0), 0);
+        float s, c;
+        sincosf(x, &s, &c);
+        for (int k = 0; k < frequencies; k++) {
+            const int sine = 3 + 6 * k + component;
+            if (sine < width) to[sine] = (uint16_t)pack_bf16(s, 0);
+            if (sine + 3 < width) to[sine + 3] = (uint16_t)pack_bf16(c, 0);
+            const float doubled = 2 * s * c;
+            c = 1 - 2 * s * s;
+            s = doubled;
+        }
+    }
+
+    /* value(point, component) of this warp's points as K inputs. */
+    template <int K, typename F>
+    __device__ void encode(F value, int frequencies, int width, input *to) const {
+        warp_barrier();
+        uint32_t *words = (uint32_t *)encoded;
+        for (int i = lane; i < TILE_POINTS * ENCODED_PITCH / 2; i += WARP) words[i] = 0;
+        warp_barrier();
+        for (int i = lane; i < 3 * TILE_POINTS; i += WARP)
+            encode_one(i / 3, i % 3, value(i / 3, i % 3), frequencies, width);
+        warp_barrier();
+        UNROLL
+        for (int k = 0; k < K; k++) {
+            const uint32_t *low = words + (g * ENCODED_PITCH + 16 * k) / 2 + t,
+                           *high = low + 4 * ENCODED_PITCH;
+            to[k] = {{low[0], high[0], low[4], high[4]}};
+        }
+    }
+
+    /* The points' rows of `token`, normalised. */
+    __device__ void norm(const sums *token, int w, int b, input *out) const {
+        float mean[2] = {0, 0}, scale[2] = {0, 0};
+        sums y[TOKEN_N];
+        UNROLL
+        for (int n = 0; n < TOKEN_N; n++)
+            for (int i = 0; i < 4; i++) mean[i / 2] += token[n].c[i];
+        for (int r = 0; r < 2; r++) mean[r] = quad_sum(mean[r]) * (1.0f / TOKEN);
+        UNROLL
+        for (int n = 0; n < TOKEN_N; n++)
+            for (int i = 0; i < 4; i++) {
+                y[n].c[i] = token[n].c[i] - mean[i / 2];
+                scale[i / 2] += y[n].c[i] * y[n].c[i];
+            }
+        for (int r = 0; r < 2; r++) scale[r] = 1.0f / sqrtf(quad_sum(scale[r]) * (1.0f / TOKEN) + 1e-5f);
+        UNROLL
+        for (int n = 0; n < TOKEN_N; n++)
+            for (int i = 0; i < 4; i++) {
+                const int channel = 8 * n + 2 * t + i % 2;
+                y[n].c[i] = y[n].c[i] * scale[i / 2] * values[w + channel] + values[b + channel];
+            }
+        UNROLL
+        for (int k = 0; k < TOKEN_TILES; k++) out[k] = input_of(y[2 * k], y[2 * k + 1]);
+    }
+
+    /* One head: out[i] += its part of the attention's result, for tokens 0 and 1. */
+    __device__ void attend(const input (*x)[TOKEN_TILES], int first, sums (*out)[TOKEN_N]) const {
+        sums q[2][2] = {}, k[3][2] = {}, v[3][2] = {};
+        UNROLL
+        for (int i = 0; i < 3; i++) {
+            if (i < 2) product<TOKEN_TILES, 2>(x[i], first, q[i]);
+            product<TOKEN_TILES, 2>(x[i], first + 4, k[i]);
+            product<TOKEN_TILES, 2>(x[i], first + 8, v[i]);
+        }
+        UNROLL
+        for (int i = 0; i < 2; i++) {
+            sums mixed[2] = {};
+            UNROLL
+            for (int r = 0; r < 2; r++) { /* points g and g + 8 */
+                float dot[3], sum = 0;
+                UNROLL
+                for (int j = 0; j < 3; j++) {
+                    dot[j] = 0;
+                    for (int n = 0; n < 2; n++)
+                        for (int e = 2 * r; e < 2 * r + 2; e++) dot[j] += q[i][n].c[e] * k[j][n].c[e];
+                    dot[j] = quad_sum(dot[j]);
+                }
+                const float top = fmaxf(fmaxf(dot[0], dot[1]), dot[2]);
+                for (int j = 0; j < 3; j++) sum += dot[j] = exp2f(dot[j] - top);
+                UNROLL
+                for (int n = 0; n < 2; n++)
+                    for (int e = 2 * r; e < 2 * r + 2; e++)
+                        for (int j = 0; j < 3; j++) mixed[n].c[e] += dot[j] / sum * v[j][n].c[e];
+            }
+            const input y = input_of(mixed[0], mixed[1]);
+            product<1, TOKEN_N>(&y, first + HEAD_QKV, out[i]);
+        }
+    }
+
+    /* Tokens 0 and 1 through attention and feed-forward, in place; token 2 is key and value only. */
+    __device__ void transform(const network_sizes &s, const resident_places &at,
+                              sums (*token)[TOKEN_N]) const {
+        input x[3][TOKEN_TILES];
+        UNROLL
+        for (int i = 0; i < 3; i++) norm(token[i], at.norm0_w, at.norm0_b, x[i]);
+        UNROLL
+        for (int i = 0; i < 2; i++)
+            for (int n = 0; n < TOKEN_N; n++) {
+                const sums b = bias_of(values + at.out_b, n, t);
+                for (int e = 0; e < 4; e++) token[i][n].c[e] += b.c[e];
+            }
+        for (int h = 0; h < s.heads; h++) attend(x, at.heads + h * HEAD_EACH, token);
+        UNROLL
+        for (int i = 0; i < 2; i++) {
+            sums hidden[TOKEN_N];
+            norm(token[i], at.norm1_w, at.norm1_b, x[i]);
+            UNROLL
+            for (int n = 0; n < TOKEN_N; n++) {
+                const sums b = bias_of(values + at.mlp1_b, n, t);
+                hidden[n] = bias_of(values + at.mlp0_b, n, t);
+                for (int e = 0; e < 4; e++) token[i][n].c[e] += b.c[e];
+            }
+            product<TOKEN_TILES, TOKEN_N>(x[i], at.mlp0, hidden);
+            UNROLL
+            for (int n = 0; n < TOKEN_N; n++)
+                for (int e = 0; e < 4; e++) {
+                    const float y = hidden[n].c[e];
+                    hidden[n].c[e] = 0.5f * y * (1.0f + erff(y * 0.707106781f));
+                }
+            UNROLL
+            for (int k = 0; k < TOKEN_TILES; k++) x[i][k] = input_of(hidden[2 * k], hidden[2 * k + 1]);
+            product<TOKEN_TILES, TOKEN_N>(x[i], at.mlp1, token[i]);
+        }
+    }
+};
+
+/* ---- the decoder's weights, stage by stage ---- */
+template <int STAGE_WORDS> struct weight_stream {
+    const uint4 *from;
+    uint32_t *ring;
+    int stages;        /* of the stream */
+    int64_t next, end; /* the next one to copy, of this block's whole work */
+    int64_t used;
+
+    __device__ void copy() {
+        if (next < end) {
+            const uint4 *source = from + next % stages * (STAGE_WORDS / 4);
+            uint32_t *to = ring + next % STAGES * STAGE_WORDS;
+            for (int i = (int)threadIdx.x; i < STAGE_WORDS / 4; i += THREADS)
+                async_copy(to + 4 * i, source + i);
+        }
+        next++;
+        async_commit();
+    }
+
+    __device__ void begin() {
+        for (int i = 0; i < STAGES - 1; i++) copy();
+    }
+
+    /* The next stage's weights. All threads of the block. */
+    __device__ const uint32_t *take() {
+        async_wait_but(STAGES - 2);
+        __syncthreads(); /* everybody's copies are there, and everybody has left the stage before this one */
+        copy();
+        return ring + used++ % STAGES * STAGE_WORDS;
+    }
+
+    /* to[n] += x times the k-tiles [first, first + COUNT) of a stage of N n-tiles. */
+    template <int COUNT, int N>
+    static __device__ void product(const uint32_t *stage, int first, int lane, const input *x, sums *to) {
+        UNROLL
+        for (int k = 0; k < COUNT; k++) {
+            UNROLL
+            for (int n = 0; n < N; n += 2) {
+                const uint4 w =
+                    *(const uint4 *)(stage + ((first + k) * (N / 2) + n / 2) * 2 * FRAGMENT + 4 * lane);
+                const uint32_t low[2] = {w.x, w.y}, high[2] = {w.z, w.w};
+                mma_bf16(to[n].c, x[k].a, low);
+                mma_bf16(to[n + 1].c, x[k].a, high);
+            }
+        }
+    }
+
+    /* Over all K k-tiles of a layer, from stage to stage. */
+    template <int K, int N> __device__ void layer(int lane, const input *x, sums *to) {
+        UNROLL
+        for (int k = 0; k < K / STAGE_TILES; k++)
+            product<STAGE_TILES, N>(take(), 0, lane, x + k * STAGE_TILES, to);
+        if (K % STAGE_TILES)
+            product<K % STAGE_TILES, N>(take(), 0, lane, x + K / STAGE_TILES * STAGE_TILES, to);
+    }
+};
+
+constexpr size_t resident_most = 40 << 10; /* bytes */
+
+} // namespace cuda_backend
+#endif

@@ -1,0 +1,61 @@
+/* Weights packed as tiles for AMX: what amx_pack.c makes and the bf16 kernels read. */
+#ifndef SHERF_POINTNET_AMX_PACK_H
+#define SHERF_POINTNET_AMX_PACK_H
+
+#include "model/sherf/fused/inside.h"
+
+enum {
+    WIDTH = 32, /* of a token: the only one supported here */
+    GROUP = 16, /* points of a vector */
+    PAIR = 64,  /* bytes of a pair of channels */
+    TILE = 1024 /* bytes of a tile */
+};
+/* Weights as tiles: [pair of row tiles][column block][2][16 rows][32 columns]; with an odd number of row
+ * tiles the last comes alone. bias: a value a row, to be added by who reads the sums. */
+typedef struct {
+    int row_tiles, blocks;
+    uint16_t *w;
+    float *bias;
+} tiles;
+
+struct point_amx {
+    tiles color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views, alpha, rgb;
+    int x_blocks, h_blocks,
+        v_blocks;     /* of 32 channels: [PE(position), token 0], h, [PE(direction), token 1] */
+    int mixed_blocks; /* attention's result and two ones for the bias */
+    float *mlp1_b;
+    /* where the parts of the scratch are, bytes */
+    size_t x_pitch, v_pitch, h_pitch; /* of the activation buffers */
+    size_t token, x, v, a, b, c, sample, row, color_tiles, normed, mixed, sums;
+};
+/* What is read at the points of one group. */
+enum { TAPS = 4 * 4 + 4 }; /* 3 planes, the map, the image */
+typedef struct {
+    _Alignas(64) int32_t offset[TAPS][GROUP]; /* bytes */
+    int32_t weight[TAPS][GROUP];              /* float16 twice; the image's are float */
+    int32_t cell[POINT_LEVELS][GROUP];
+    int32_t cell_weight[POINT_LEVELS][8][GROUP];
+    float value[GROUP][3 * WIDTH];
+    float color[GROUP][4];
+} samples;
+
+/* The column of a matrix that each input of a packed layer has; -1: none. */
+enum { SLOTS = 8192 };
+void slots_none(int *slot);
+/* Inputs [at, at + count) read columns from `column` on. */
+void slots_add(int *slot, int at, int column, int count);
+/* [encoding of `width` values, the three low parts of its first ones, a token], columns without the low
+ * parts. */
+void slots_add_encoded(int *slot, int at, int column, int width);
+
+sherf_status tiles_pack(context *c, const point_matrix *m, int row_tiles, int blocks, const int *slot,
+                        tiles *out);
+void tiles_free(tiles *l);
+
+/* q's weights are packed times this: attention's scale and log2 e. */
+float point_q_scale(const point_network *n);
+
+/* tile_amx.c: runs one tile. */
+void point_tile_amx(const point_network *n, point_tile *t, void *scratch);
+
+#endif

@@ -1,0 +1,73 @@
+/* Frames on a GPU: what host code asks of src/render/cuda. An avatar's body, observation, bank and weights
+ * are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for the
+ * host between. */
+#ifndef SHERF_RENDER_GPU_H
+#define SHERF_RENDER_GPU_H
+
+#include "model/sherf/fused/parts.h"
+#include "model/sherf/fused/train.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct gpu_avatar gpu_avatar;
+
+typedef struct {
+    int samples;      /* depths a ray, */
+    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
+                         not */
+    float step_most_m;
+    bool mend; /* rays_mend */
+    float background[3];
+    bool early_stop;          /* rays that are opaque skip the rest of their points */
+    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
+} gpu_frame_options;
+
+/* Training in bf16: the fused point network, forwards and backwards, as train.h is on the processor.
+ * All arrays lie in the device's memory: the bank's (which is merged, with images and grids), the weights'
+ * and the gradients'; what is made lives until the tape is reset. Scratch is the tape's. */
+typedef struct gpu_points gpu_points;
+typedef struct {
+    int64_t count;
+    const float *canonical, *direction_canonical, *observed_px; /* as in point_set */
+} gpu_point_set;
+typedef struct {
+    bool (*possible)(const point_sizes *s);
+    sherf_status (*create)(tape *t, const point_sizes *sizes, const point_weights *weights,
+                           const point_bank *bank, gpu_points **out);
+    sherf_status (*run)(tape *t, const gpu_points *n, const gpu_point_set *points, float *rgb, float *sigma);
+    /* As point_network_backward; the same bits every time. */
+    sherf_status (*backward)(tape *t, const gpu_points *n, const gpu_point_set *points, const float *rgb,
+                             const float *drgb, const float *dsigma, const point_gradients *out);
+} gpu_point_training;
+
+/* The functions of one device. Not for two threads at once with one avatar. */
+typedef struct {
+    const tensor_memory *memory;
+    /* The result keeps nothing of what it is given but `m`'s sizes. */
+    sherf_status (*place)(context *c, const body_model *m, const posed_body *observed,
+                          const sherf_camera *observed_camera, const point_parts *network, bool bf16,
+                          gpu_avatar **out);
+    void (*release)(gpu_avatar *a);       /* NULL is fine */
+    bool (*in_bf16)(const gpu_avatar *a); /* what it was placed with, where the kernel can */
+    size_t (*bytes)(const gpu_avatar *a); /* of the device's memory, so far */
+    /* `posed` has joints (posed_joints_create). As points_create and point_network_render together. */
+    sherf_status (*render)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
+                           const gpu_frame_options *options, sherf_frame *frame);
+    /* The points that a frame is made of, for tests; free with points_free. */
+    sherf_status (*points)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
+                           const gpu_frame_options *options, point_set **out);
+    /* As point_network_run: points, rgb and sigma are the host's. */
+    sherf_status (*run)(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma);
+    const gpu_point_training *training;
+} gpu_renderer;
+
+extern const gpu_renderer gpu_renderer_cuda;           /* in builds with SHERF_CUDA only */
+const gpu_renderer *gpu_renderer_of(const context *c); /* of the context's device; NULL: the processor */
+void gpu_renderer_stand_in(const gpu_renderer *r); /* for tests: what contexts of a GPU take from now on */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,11 @@
+/* The float32 tile for AVX2 with FMA (the build compiles this file for it). */
+#if defined(__AVX2__)
+#define LANES 8
+#define ROWS POINT_ROWS_AVX2
+#define VECTORS 2
+#define TILE_FUNCTION point_tile_avx2
+#define PROJECT_FUNCTION point_project_avx2
+#include "model/sherf/fused/tile_float.h"
+#else
+typedef int nothing_here;
+#endif

@@ -1,0 +1,387 @@
+/* The float32 tile: included by one file per instruction set, which defines LANES (floats a vector), ROWS x
+ * VECTORS (the block of outputs that a product keeps in registers), TILE_FUNCTION and PROJECT_FUNCTION.
+ * Activations are [channel][POINT_TILE]: all arithmetic runs across points. */
+#include <math.h>
+#include <string.h>
+
+#include "model/sherf/fused/inside.h"
+
+typedef float vf __attribute__((vector_size(LANES * 4), may_alias));
+typedef int32_t vi __attribute__((vector_size(LANES * 4), may_alias));
+typedef float vf_any __attribute__((vector_size(LANES * 4), may_alias, aligned(4)));
+
+enum { PARTS = POINT_TILE / LANES };
+
+static inline vf splat(float x) {
+    return x - (vf){0};
+}
+static inline vf choose(vi mask, vf yes, vf no) {
+    return (vf)(((vi)yes & mask) | ((vi)no & ~mask));
+}
+static inline vf vmax(vf a, vf b) {
+    return choose(a > b, a, b);
+}
+static inline vf vmin(vf a, vf b) {
+    return choose(a < b, a, b);
+}
+
+/* Nearest integer of |x| < 2^22, ties to even, by the float's own rounding. */
+static inline vf vround(vf x) {
+    const vf magic = splat(12582912.0f);
+    return (x + magic) - magic;
+}
+
+/* exp to 2 units in the last place; arguments are clamped to where the result is normal. */
+static inline vf vexp(vf x) {
+    x = vmin(vmax(x, splat(-87.0f)), splat(88.0f));
+    vf n = vround(x * 1.44269504f);
+    vf r = x - n * 0.693359375f;
+    r = r - n * -2.12194440e-4f;
+    vf p = splat(0.0013950243f);
+    p = p * r + 0.0083688858f;
+    p = p * r + 0.041666209f;
+    p = p * r + 0.1666651887f;
+    p = p * r + 0.5000000094f;
+    p = p * (r * r) + r + 1.0f;
+    vi e = (__builtin_convertvector(n, vi) + 127) << 23;
+    return p * (vf)e;
+}
+
+/* sin and cos to 1e-7 for |x| < 1e4: x = n pi/2 + r with pi/2 in three parts, |r| <= pi/4. */
+static inline void vsincos(vf x, vf *s, vf *c) {
+    x = vmin(vmax(x, splat(-1e5f)), splat(1e5f));
+    vf n = vround(x * 0.636619772f);
+    vf r = x - n * 1.5703125f;
+    r = r - n * 4.83751297e-4f;
+    r = r - n * 7.54978942e-8f;
+    vf u = r * r;
+    vf ps = (splat(-0.0001949564f) * u + 0.0083319787f) * u + -0.1666665067f;
+    ps = r + r * u * ps;
+    vf pc = (splat(2.4438451404e-05f) * u + -1.3887367514e-03f) * u + 4.1666646866e-02f;
+    pc = 1.0f - 0.5f * u + u * u * pc;
+    vi q = __builtin_convertvector(n, vi);
+    vi odd = -(q & 1);
+    vf sv = choose(odd, pc, ps), cv = choose(odd, ps, pc);
+    *s = (vf)((vi)sv ^ ((q & 2) << 30));
+    *c = (vf)((vi)cv ^ (((q + 1) & 2) << 30));
+}
+
+/* x Phi(x); the error function by Abramowitz and Stegun 7.1.26, absolute error 1.5e-7. */
+static inline vf vgelu(vf x) {
+    vf a = choose(x < 0.0f, -x, x);
+    vf z = vmin(a * 0.707106781f, splat(9.0f));
+    vf t = 1.0f / (1.0f + 0.3275911f * z);
+    vf p = splat(1.061405429f) * t + -1.453152027f;
+    p = p * t + 1.421413741f;
+    p = p * t + -0.284496736f;
+    p = p * t + 0.254829592f;
+    vf tail = 0.5f * t * p * vexp(-(z * z)); /* Phi(-a) */
+    return choose(x < 0.0f, x * tail, x - x * tail);
+}
+
+/* ---- y[rows][tile] = w x + b, with ReLU; x[columns][tile] ---- */
+static void block_product(const float *w, const float *b, const float *x, int columns, float *y, int rows,
+                          bool relu) {
+    vf sum[ROWS][VECTORS];
+    for (int r = 0; r < ROWS; r++)
+        for (int v = 0; v < VECTORS; v++) sum[r][v] = splat(b[r]);
+    for (int k = 0; k < columns; k++, w += ROWS, x += POINT_TILE) {
+        vf in[VECTORS];
+        for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
+        for (int r = 0; r < ROWS; r++) {
+            vf weight = splat(w[r]);
+            for (int v = 0; v < VECTORS; v++) sum[r][v] += weight * in[v];
+        }
+    }
+    if (relu)
+        for (int r = 0; r < ROWS; r++)
+            for (int v = 0; v < VECTORS; v++) sum[r][v] = vmax(sum[r][v], splat(0));
+    for (int r = 0; r < ROWS; r++)
+        for (int v = 0; v < VECTORS; v++)
+            if (r < rows) ((vf *)(y + (size_t)r * POINT_TILE))[v] = sum[r][v];
+}
+
+/* Rows from `from` (a multiple of ROWS) on; y is that of row 0. */
+static void product_from(const point_layer *l, int from, const float *x, float *y, bool relu) {
+    for (int p = 0; p < POINT_TILE; p += VECTORS * LANES)
+        for (int r = from; r < l->rows; r += ROWS)
+            block_product(l->w + (size_t)r * l->columns, l->b + r, x + p, l->columns,
+                          y + (size_t)r * POINT_TILE + p, l->rows - r, relu);
+}
+
+static void product(const point_layer *l, const float *x, float *y, bool relu) {
+    product_from(l, 0, x, y, relu);
+}
+
+/* ---- sampling: point by point, channels side by side ---- */
+typedef struct {
+    const float *row;
+    float weight;
+} tap;
+
+/* floor and fraction of a position; -2 when it is outside [-1, size) (a NaN is). */
+static inline int low_corner(float x, int size, float *fraction) {
+    *fraction = 0;
+    if (!(x >= -1.0f && x < (float)size)) return -2;
+    float low = floorf(x);
+    *fraction = x - low;
+    return (int)low;
+}
+
+static int bilinear_taps(const float *texel, int width, int height, int stride, float x, float y,
+                         tap taps[4]) {
+    float fx, fy;
+    int ix = low_corner(x, width, &fx), iy = low_corner(y, height, &fy), n = 0;
+    if (ix < -1 || iy < -1) return 0;
+    for (int k = 0; k < 4; k++) {
+        int cx = ix + (k & 1), cy = iy + (k >> 1);
+        if (cx < 0 || cy < 0 || cx >= width || cy >= height) continue;
+        taps[n].row = texel + ((size_t)cy * (size_t)width + (size_t)cx) * (size_t)stride;
+        taps[n++].weight = ((k & 1) ? fx : 1.0f - fx) * ((k >> 1) ? fy : 1.0f - fy);
+    }
+    return n;
+}
+
+static int trilinear_taps(const point_level *l, const float p[3], tap taps[8]) {
+    float fx, fy, fz;
+    int x = low_corner(p[0] * l->voxels_per_m[0], l->size[2], &fx),
+        y = low_corner(p[1] * l->voxels_per_m[1], l->size[1], &fy),
+        z = low_corner(p[2] * l->voxels_per_m[2], l->size[0], &fz), n = 0;
+    if (x < -1 || y < -1 || z < -1) return 0;
+    int64_t at = ((int64_t)(z + 1) * (l->size[1] + 1) + (y + 1)) * (l->size[2] + 1) + (x + 1);
+    if (l->cell[at] < 0) return 0;
+    const int32_t *corner = l->corner[l->cell[at]];
+    for (int k = 0; k < 8; k++) {
+        if (!corner[k]) continue;
+        taps[n].row = l->value + (size_t)corner[k] * (size_t)l->stride;
+        taps[n++].weight =
+            ((k & 1) ? fx : 1.0f - fx) * ((k & 2) ? fy : 1.0f - fy) * ((k & 4) ? fz : 1.0f - fz);
+    }
+    return n;
+}
+
+/* out[0 .. width) += sum of weighted rows; width is rounded up to whole vectors (rows are padded with
+ * zeros, out has room). */
+static void add_taps(const tap *taps, int n, int width, float *out) {
+    for (int c = 0; c < width; c += LANES) {
+        vf sum = *(vf_any *)(out + c);
+        for (int k = 0; k < n; k++) sum += *(const vf_any *)(taps[k].row + c) * taps[k].weight;
+        *(vf_any *)(out + c) = sum;
+    }
+}
+
+/* Everything read from the bank for point p: tokens [3 D] before the colour, and the colour. */
+static void sample_point(const point_network *n, const point_tile *t, int p, float *token, float color[4]) {
+    static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
+    tap taps[8 * POINT_LEVELS];
+    int width = n->s.token_width;
+    memcpy(token, n->token_b, (size_t)n->fused * sizeof(float));
+    float at[3], texel[3];
+    for (int i = 0; i < 3; i++) {
+        at[i] = t->position[i][p] - n->volume_min[i];
+        texel[i] = (t->position[i][p] - n->plane_min[i]) * n->plane_scale[i] - 0.5f;
+    }
+    for (int i = 0; i < 3; i++) {
+        const point_map *m = &n->plane[i];
+        int k = bilinear_taps(m->texel, m->width, m->height, m->stride, texel[axis[i][0]], texel[axis[i][1]],
+                              taps);
+        add_taps(taps, k, width, token + i * width);
+    }
+    float u = t->pixel[0][p], v = t->pixel[1][p];
+    const point_map *m = &n->map;
+    int k = bilinear_taps(m->texel, m->width, m->height, m->stride, u * n->map_scale[0], v * n->map_scale[1],
+                          taps);
+    add_taps(taps, k, n->map_tokens * width, token);
+    k = 0;
+    for (int i = 0; i < POINT_LEVELS; i++) k += trilinear_taps(&n->level[i], at, taps + k);
+    add_taps(taps, k, n->fused, token);
+    k = bilinear_taps(n->image, n->image_width, n->image_height, 4, u * n->image_scale[0],
+                      v * n->image_scale[1], taps);
+    for (int i = 0; i < 3; i++) {
+        color[i] = 0;
+        for (int j = 0; j < k; j++) color[i] += taps[j].weight * taps[j].row[i];
+    }
+}
+
+/* ---- PE: x, then sin(2^k x), cos(2^k x) over the three components; rows beyond `width` are dropped ---- */
+static void encode(const float x[3][POINT_TILE], int frequencies, int width, float *out) {
+    for (int i = 0; i < 3 && i < width; i++) memcpy(out + i * POINT_TILE, x[i], sizeof x[i]);
+    for (int k = 0; k < frequencies; k++)
+        for (int i = 0; i < 3; i++) {
+            int s_row = 3 + 6 * k + i, c_row = s_row + 3;
+            for (int v = 0; v < PARTS; v++) {
+                vf s, c;
+                vsincos(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
+                if (s_row < width) ((vf *)(out + s_row * POINT_TILE))[v] = s;
+                if (c_row < width) ((vf *)(out + c_row * POINT_TILE))[v] = c;
+            }
+        }
+}
+
+/* ---- the transformer, one token's rows at a time ---- */
+static void layer_norm(const float *x, int width, const float *weight, const float *bias, float *y) {
+    for (int v = 0; v < PARTS; v++) {
+        const vf *in = (const vf *)x + v;
+        vf *out = (vf *)y + v, mean = splat(0), variance = splat(0), scale;
+        for (int i = 0; i < width; i++) mean += in[i * PARTS];
+        mean /= (float)width;
+        for (int i = 0; i < width; i++) variance += (in[i * PARTS] - mean) * (in[i * PARTS] - mean);
+        variance = variance / (float)width + 1e-5f;
+        for (int i = 0; i < LANES; i++) scale[i] = 1.0f / sqrtf(variance[i]);
+        for (int i = 0; i < width; i++) out[i * PARTS] = (in[i * PARTS] - mean) * scale * weight[i] + bias[i];
+    }
+}
+
+/* qkv[3 tokens][q k v][heads][head_width] to out[2 tokens][heads][head_width]: the decoder reads tokens 0 and
+ * 1 only, so that token 2 is key and value. */
+static void attention(const point_network *n, const float *qkv, float *out) {
+    int head = n->s.head_width, all = n->attention_width;
+    float scale = 1.0f / sqrtf((float)head);
+    for (int h = 0; h < n->s.heads; h++)
+        for (int v = 0; v < PARTS; v++) {
+            const vf *at = (const vf *)qkv + (size_t)(h * head) * PARTS + v;
+            size_t token = (size_t)(3 * all) * PARTS, part = (size_t)all * PARTS;
+            for (int i = 0; i < 2; i++) {
+                vf dot[3] = {splat(0), splat(0), splat(0)};
+                for (int d = 0; d < head; d++)
+                    for (int j = 0; j < 3; j++)
+                        dot[j] +=
+                            at[i * token + (size_t)d * PARTS] * at[j * token + part + (size_t)d * PARTS];
+                vf top = vmax(vmax(dot[0], dot[1]), dot[2]), sum = splat(0);
+                for (int j = 0; j < 3; j++) sum += dot[j] = vexp((dot[j] - top) * scale);
+                for (int j = 0; j < 3; j++) dot[j] /= sum;
+                vf *y = (vf *)out + (size_t)(i * all + h * head) * PARTS + v;
+                for (int d = 0; d < head; d++) {
+                    const vf *value = at + 2 * part + (size_t)d * PARTS;
+                    y[d * PARTS] = dot[0] * value[0] + dot[1] * value[token] + dot[2] * value[2 * token];
+                }
+            }
+        }
+}
+
+static void add_rows(float *x, const float *y, int rows) {
+    for (int i = 0; i < rows * PARTS; i++) ((vf *)x)[i] += ((const vf *)y)[i];
+}
+
+/* token[3 D][tile], tokens 0 and 1 in place; a and b are scratch of 3 x 3 attention_width and 3
+ * attention_width rows (or 3 D where that is more). */
+static void transformer(const point_network *n, float *token, float *a, float *b) {
+    int width = n->s.token_width, all = n->attention_width;
+    for (int i = 0; i < 3; i++) {
+        layer_norm(token + i * width * POINT_TILE, width, n->norm0_w, n->norm0_b, b);
+        product_from(&n->qkv, i < 2 ? 0 : all / ROWS * ROWS, b, a + (size_t)(i * 3 * all) * POINT_TILE,
+                     false);
+    }
+    attention(n, a, b);
+    for (int i = 0; i < 2; i++) {
+        float *x = token + i * width * POINT_TILE;
+        product(&n->attention_out, b + (size_t)(i * all) * POINT_TILE, a, false);
+        add_rows(x, a, width);
+        layer_norm(x, width, n->norm1_w, n->norm1_b, a);
+        float *hidden = a + width * POINT_TILE;
+        product(&n->mlp0, a, hidden, false);
+        for (int k = 0; k < width * PARTS; k++) ((vf *)hidden)[k] = vgelu(((vf *)hidden)[k]);
+        product(&n->mlp1, hidden, a, false);
+        add_rows(x, a, width);
+    }
+}
+
+/* ---- the decoder ---- */
+/* x holds PE(position), token 0 and behind them room for h; v: room for h, then PE(direction), token 1 */
+static void decoder(const point_network *n, float *x, float *v, float *a, float *b, point_tile *t) {
+    const point_sizes *s = &n->s;
+    float *behind = x + (size_t)(n->position_width + s->token_width) * POINT_TILE;
+    const float *in = x;
+    for (int i = 0; i < s->decoder_depth; i++) {
+        bool last = i == s->decoder_depth - 1, skip = i == s->decoder_skip && !last;
+        float *out = last ? v : skip ? behind : in == a ? b : a;
+        product(&n->pts[i], in, out, true);
+        in = skip ? x : out;
+    }
+    product(&n->alpha, v, t->out[3], false);
+    product(&n->views, v, a, true);
+    product(&n->rgb, a, t->out[0], false);
+    for (int i = 0; i < 3 * PARTS; i++) {
+        vf *y = (vf *)t->out[0] + i;
+        *y = 1.002f / (1.0f + vexp(-*y)) - 0.001f;
+    }
+}
+
+static inline int more(int a, int b) {
+    return a > b ? a : b;
+}
+
+#ifdef TILE_BYTES_FUNCTION
+size_t TILE_BYTES_FUNCTION(const point_network *n) {
+    const point_sizes *s = &n->s;
+    int a = more(9 * n->attention_width, more(s->view_width, s->decoder_width));
+    a = more(a, more(n->fused, 8)); /* four points' tokens with a margin each */
+    int b = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
+    int x = n->position_width + s->token_width + s->decoder_width;
+    int v = s->decoder_width + n->direction_width + s->token_width;
+    int rows = n->fused + a + b + x + v;
+    return (size_t)rows * POINT_TILE * sizeof(float);
+}
+#endif
+
+void TILE_FUNCTION(const point_network *n, point_tile *t, void *scratch) {
+    const point_sizes *s = &n->s;
+    int width = s->token_width;
+    float *token = scratch;
+    float *x = token + (size_t)n->fused * POINT_TILE;
+    float *v = x + (size_t)(n->position_width + width + s->decoder_width) * POINT_TILE;
+    float *b = v + (size_t)(s->decoder_width + n->direction_width + width) * POINT_TILE;
+    int b_rows = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
+    float *a = b + (size_t)b_rows * POINT_TILE;
+    float color[3][POINT_TILE] __attribute__((aligned(64)));
+    memset(color, 0, sizeof color);
+    memset(token, 0, (size_t)n->fused * POINT_TILE * sizeof(float));
+    for (int first = 0; first < t->count; first += 4) { /* `a` holds four points' tokens here */
+        int pitch = round_up(n->fused, 16) + 16;
+        float rgb[4];
+        for (int p = 0; p < 4; p++) {
+            sample_point(n, t, first + p, a + p * pitch, rgb);
+            for (int i = 0; i < 3; i++) color[i][first + p] = rgb[i];
+        }
+        for (int i = 0; i < n->fused; i++)
+            for (int p = 0; p < 4; p++) token[i * POINT_TILE + first + p] = a[p * pitch + i];
+    }
+    if (n->color_width) {
+        encode((const float(*)[POINT_TILE])color, s->color_frequencies, n->color_width, b);
+        product(&n->color, b, a, false);
+        add_rows(token + n->color_token * width * POINT_TILE, a, (3 - n->color_token) * width);
+    }
+    transformer(n, token, a, b);
+    encode((const float(*)[POINT_TILE])t->position, s->position_frequencies, n->position_width, x);
+    memcpy(x + n->position_width * POINT_TILE, token, (size_t)width * POINT_TILE * sizeof(float));
+    float *direction = v + s->decoder_width * POINT_TILE;
+    encode((const float(*)[POINT_TILE])t->direction, s->direction_frequencies, n->direction_width, direction);
+    memcpy(direction + n->direction_width * POINT_TILE, token + width * POINT_TILE,
+           (size_t)width * POINT_TILE * sizeof(float));
+    decoder(n, x, v, a, b, t);
+}
+
+/* ---- the bank ---- */
+/* COUNT rows of x through one block of POINT_PAD columns. */
+#define PROJECT_ROWS(COUNT)                                                                                  \
+    do {                                                                                                     \
+        vf sum[COUNT][POINT_PAD / LANES] = {0};                                                              \
+        for (int k = 0; k < columns; k++)                                                                    \
+            for (int v = 0; v < POINT_PAD / LANES; v++) {                                                    \
+                const vf w = *(const vf_any *)(m + k * POINT_PAD + v * LANES);                               \
+                for (int i = 0; i < COUNT; i++) sum[i][v] += x[(int64_t)i * columns + k] * w;                \
+            }                                                                                                \
+        for (int i = 0; i < COUNT; i++)                                                                      \
+            for (int v = 0; v < POINT_PAD / LANES; v++)                                                      \
+                *(vf_any *)(y + (int64_t)i * stride + v * LANES) = sum[i][v];                                \
+    } while (0)
+
+void PROJECT_FUNCTION(const float *from, int64_t rows, int columns, const float *m, int stride, float *to) {
+    for (int block = 0; block < stride; block += POINT_PAD, m += (size_t)columns * POINT_PAD) {
+        const float *x = from;
+        float *y = to + block;
+        int64_t r = 0;
+        for (; r + 4 <= rows; r += 4, x += 4 * (int64_t)columns, y += 4 * (int64_t)stride) PROJECT_ROWS(4);
+        for (; r < rows; r++, x += columns, y += stride) PROJECT_ROWS(1);
+    }
+}

@@ -1,0 +1,196 @@
+/* Training in bf16: the point network as one step of the tape. The linear layers in front of the fusion are
+ * applied to planes, map and volume by ops, so that the tape takes their gradients; the rest runs in tiles,
+ * forwards and backwards: on the processor (model/sherf/fused/train.h) or on a GPU (model/sherf/fused/gpu.h).
+ */
+#include "model/sherf/sherf.h"
+#include "model/sherf/fused/gpu.h"
+
+/* An encoded observation's, for all its frames. */
+struct fused_bank {
+    point_network *network; /* the processor's, */
+    const gpu_point_training *gpu;
+    gpu_points *there; /* or a GPU's */
+    point_weights weights;
+    const model *m;
+    tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
+};
+typedef struct fused_bank fused_bank;
+
+/* A frame's. */
+typedef struct {
+    const fused_bank *bank;
+    const point_set *points;
+    gpu_point_set there; /* the same in the GPU's memory */
+    tensor *sigma, *rgb;
+} fused_node;
+
+/* What trains in the memory of the tape's backend; NULL: the processor, or nothing. */
+static const gpu_point_training *gpu_of(tape *t) {
+    const gpu_renderer *r = gpu_renderer_of(tape_context(t));
+    const tensor_memory *memory = tape_backend(t)->memory;
+    return r && memory && r->memory == memory ? r->training : NULL;
+}
+
+bool points_fused_possible(tape *t, const model *m) {
+    point_sizes sizes;
+    model_point_sizes(&m->config, &sizes);
+    if (!tape_records(t) || !tape_settings(t).bf16) return false;
+    const gpu_point_training *gpu = gpu_of(t);
+    return gpu ? gpu->possible(&sizes) : tape_backend(t) == &backend_cpu && point_training_possible(&sizes);
+}
+
+static void network_release(void *network) {
+    point_network_free(network);
+}
+
+/* y [rows, width] = x [rows, width] w^T, x as rows of w's width whatever its shape. */
+static tensor *through(tape *t, tensor *x, tensor *w) {
+    if (!x || !w) return NULL;
+    const int64_t width = tensor_columns(w);
+    tensor *y =
+        op_linear(t, tape_reshape(t, x, 2, (int64_t[]){tensor_count(x) / width, width}), w, NULL, 1, 1);
+    return tape_reshape(t, y, x->rank, x->dim);
+}
+
+static tensor *as_matrix(tape *t, const model *m, const char *name) {
+    tensor *w = model_tensor(m, "%s", name);
+    return w ? tape_reshape(t, w, 2, (int64_t[]){w->dim[0], tensor_count(w) / w->dim[0]}) : NULL;
+}
+
+static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused_bank *n) {
+    const int64_t D = m->config.token_width;
+    tensor *token = as_matrix(t, m, "renderer.conv1d_reprojection.weight"),
+           *volume = as_matrix(t, m, "renderer.conv1d_projection.weight");
+    tensor *part[3];
+    for (int i = 0; i < 3; i++) part[i] = op_slice(t, token, i * D, D); /* of planes, pixel and volume */
+    for (int i = 0; i < 3; i++) n->plane[i] = through(t, bank->plane[i], part[0]);
+    n->map = through(t, bank->features, part[1]);
+    for (int l = 0, column = 0; l < POINT_LEVELS; column += m->config.volume_channels[l++]) {
+        tensor *w = op_slice(t, volume, column, m->config.volume_channels[l]);
+        n->level[l] = through(t, op_linear(t, bank->level[l], w, NULL, 1, 1), part[2]);
+    }
+    return tape_status(t);
+}
+
+static void bank_of(const model *m, const body_model *body, const observation_geometry *g,
+                    const fused_bank *n, point_merged *merged, point_bank *b) {
+    *b = (point_bank){.merged = merged,
+                      .plane_size = m->config.plane_resolution,
+                      .feature_width = (int)n->map->dim[1],
+                      .feature_height = (int)n->map->dim[0],
+                      .image_width = g->width,
+                      .image_height = g->height,
+                      .image = g->image,
+                      .voxel_size_m = m->config.voxel_size_m};
+    float max[3];
+    body_canonical_bounds_z(body, b->plane_min, b->plane_max);
+    body_canonical_bounds(body, b->volume_min, max);
+    for (int i = 0; i < 3; i++) {
+        merged->plane[i] = tensor_f32(n->plane[i]);
+        b->volume_size[i] = g->volume_size[i];
+    }
+    merged->map = tensor_f32(n->map);
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        merged->level[l] = tensor_f32(n->level[l]);
+        b->level[l].voxels = g->level[l + 1].voxels;
+        b->level[l].grid = g->level[l + 1].grid;
+        for (int i = 0; i < 3; i++) b->level[l].size[i] = g->level[l + 1].size[i];
+    }
+}
+
+/* The bank's image and grids, which are the host's, in the GPU's memory. */
+static sherf_status place_bank(tape *t, const model_bank *bank, point_bank *b) {
+    b->image = bank->image ? tensor_f32(bank->image) : NULL;
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        const int64_t cells[3] = {b->level[l].size[0], b->level[l].size[1], b->level[l].size[2]};
+        const tensor *grid = tape_constant(t, T_I32, 3, cells, b->level[l].grid);
+        if (!grid || !b->image) return tape_status(t);
+        b->level[l].grid = tensor_i32(grid);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status place_points(tape *t, const point_set *p, gpu_point_set *out) {
+    const int64_t three[2] = {p->count, 3}, two[2] = {p->count, 2};
+    const tensor *canonical = tape_input(t, p->canonical, 2, three),
+                 *direction = tape_input(t, p->direction_canonical, 2, three),
+                 *px = tape_input(t, p->observed_px, 2, two);
+    if (!canonical || !direction || !px) return tape_status(t);
+    *out = (gpu_point_set){p->count, tensor_f32(canonical), tensor_f32(direction), tensor_f32(px)};
+    return SHERF_OK;
+}
+
+static sherf_status processor_backward(tape *t, const fused_node *n, const tensor *drgb, const tensor *dsigma,
+                                       const point_gradients *out) {
+    tape *work = tape_nested(t, false);
+    if (!work) return tape_status(t);
+    tape_reset(work);
+    sherf_status status =
+        point_network_backward(work, n->bank->network, &n->bank->weights, n->points, tensor_f32(n->rgb),
+                               tensor_f32(drgb), tensor_f32(dsigma), out);
+    tape_reset(work);
+    return status;
+}
+
+static sherf_status fused_backward(tape *t, void *payload) {
+    const fused_node *n = payload;
+    const fused_bank *f = n->bank;
+    if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
+    tensor *dsigma = tape_grad(t, n->sigma), *drgb = tape_grad(t, n->rgb), *map = tape_grad(t, f->map);
+    point_gradients out = {.values = f->m->weights->values, .grads = f->m->weights->grads};
+    bool good = dsigma && drgb && map && out.grads;
+    for (int i = 0; i < 3 && good; i++) {
+        tensor *plane = tape_grad(t, f->plane[i]), *level = tape_grad(t, f->level[i]);
+        good = plane && level;
+        if (!good) break;
+        out.plane[i] = tensor_f32(plane);
+        out.level[i] = tensor_f32(level);
+    }
+    if (!good) return tape_status(t);
+    out.map = tensor_f32(map);
+    return f->gpu ? f->gpu->backward(t, f->there, &n->there, tensor_f32(n->rgb), tensor_f32(drgb),
+                                     tensor_f32(dsigma), &out)
+                  : processor_backward(t, n, drgb, dsigma, &out);
+}
+
+static sherf_status fused_create(tape *t, const model *m, const body_model *body,
+                                 const observation_geometry *g, const model_bank *bank, fused_bank **out) {
+    point_sizes sizes;
+    point_merged merged;
+    point_bank b;
+    fused_bank *f = tape_alloc(t, 1, sizeof *f);
+    if (!f) return tape_status(t);
+    *f = (fused_bank){.m = m, .gpu = gpu_of(t)};
+    sherf_status status = merge(t, m, bank, f);
+    if (status != SHERF_OK) return status;
+    model_point_sizes(&m->config, &sizes);
+    model_point_weights(m->weights, &m->config, &f->weights);
+    bank_of(m, body, g, f, &merged, &b);
+    *out = f;
+    if (f->gpu) {
+        status = place_bank(t, bank, &b);
+        return status == SHERF_OK ? f->gpu->create(t, &sizes, &f->weights, &b, &f->there) : status;
+    }
+    status = point_network_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
+    if (status == SHERF_OK && !tape_own(t, f->network, network_release)) status = tape_status(t);
+    return status;
+}
+
+sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
+    sherf_status status = SHERF_OK;
+    if (!bank->fused) status = fused_create(t, m, body, g, bank, &bank->fused);
+    fused_node *n = tape_alloc(t, 1, sizeof *n);
+    if (status != SHERF_OK || !n) return status != SHERF_OK ? status : tape_status(t);
+    const fused_bank *f = bank->fused;
+    *n = (fused_node){.bank = f, .points = points, .sigma = sigma, .rgb = rgb};
+    if (f->gpu) {
+        status = place_points(t, points, &n->there);
+        if (status == SHERF_OK)
+            status = f->gpu->run(t, f->there, &n->there, tensor_f32(rgb), tensor_f32(sigma));
+    } else {
+        status = point_network_run(tape_context(t), f->network, points, tensor_f32(rgb), tensor_f32(sigma));
+    }
+    if (status == SHERF_OK) tape_record(t, fused_backward, n);
+    return status == SHERF_OK ? tape_status(t) : status;
+}

@@ -1,0 +1,208 @@
+/* A made-up point network (hash weights of the reference's scale rules, a made-up bank and points) for the
+ * test and the benchmark of the radiance field. */
+#ifndef POINTNET_MADE_H
+#define POINTNET_MADE_H
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "model/sherf/fused/radiance_field.h"
+
+static const point_sizes made_paper = {32, 64, {32, 64, 96}, 3, 16, 128, 8, 4, 64, 6, 4, 5};
+static const point_sizes made_narrow = {32, 68, {8, 20, 28}, 2, 8, 40, 3, 0, 24, 4, 3, 5};
+static const point_sizes made_odd = {24, 40, {8, 20, 28}, 2, 12, 48, 5, 2, 24, 4, 3, 5};
+
+typedef struct {
+    point_sizes s;
+    point_weights w;
+    point_bank bank;
+    ray_bundle rays;
+    point_set points;
+    void *owned[128];
+    int owned_count;
+} made;
+
+static void *made_memory(made *m, size_t count, size_t size) {
+    void *p = calloc(count ? count : 1, size);
+    if (!p || m->owned_count == 128) abort();
+    return m->owned[m->owned_count++] = p;
+}
+
+static void made_free(made *m) {
+    for (int i = 0; i < m->owned_count; i++) free(m->owned[i]);
+    memset(m, 0, sizeof *m);
+}
+
+static float *made_values(made *m, const char *name, size_t n, double middle, double scale) {
+    float *x = made_memory(m, n, sizeof *x);
+    uint64_t key = fnv1a64(name);
+    for (size_t i = 0; i < n; i++) x[i] = (float)(middle + scale * (2.0 * random_uniform(key, i) - 1.0));
+    return x;
+}
+
+static float *made_weight(made *m, const char *name, int out, int in, double gain) {
+    return made_values(m, name, (size_t)out * (size_t)in, 0, gain * sqrt(3.0 / in));
+}
+
+static void made_weights(made *m) {
+    const point_sizes *s = &m->s;
+    int d = s->token_width, all = s->heads * s->head_width, h = s->decoder_width;
+    int volume = s->volume_channels[0] + s->volume_channels[1] + s->volume_channels[2];
+    int x = 3 * (1 + 2 * s->position_frequencies) + d;
+    point_weights *w = &m->w;
+    w->volume_projection_w = made_weight(m, "vp.w", 3 * d, volume, 1);
+    w->volume_projection_b = made_values(m, "vp.b", (size_t)(3 * d), 0, 0.05);
+    w->token_projection_w = made_weight(m, "tp.w", d, 3 * d, 1);
+    w->token_projection_b = made_values(m, "tp.b", (size_t)d, 0, 0.05);
+    w->norm0_w = made_values(m, "n0.w", (size_t)d, 1, 0.1);
+    w->norm0_b = made_values(m, "n0.b", (size_t)d, 0, 0.05);
+    w->norm1_w = made_values(m, "n1.w", (size_t)d, 1, 0.1);
+    w->norm1_b = made_values(m, "n1.b", (size_t)d, 0, 0.05);
+    w->qkv_w = made_weight(m, "qkv.w", 3 * all, d, 1);
+    w->attention_out_w = made_weight(m, "ao.w", d, all, 1);
+    w->attention_out_b = made_values(m, "ao.b", (size_t)d, 0, 0.05);
+    w->mlp0_w = made_weight(m, "m0.w", d, d, 1);
+    w->mlp0_b = made_values(m, "m0.b", (size_t)d, 0, 0.05);
+    w->mlp1_w = made_weight(m, "m1.w", d, d, 1);
+    w->mlp1_b = made_values(m, "m1.b", (size_t)d, 0, 0.05);
+    for (int i = 0; i < s->decoder_depth; i++) {
+        char name[32];
+        snprintf(name, sizeof name, "pts.%d.w", i);
+        w->pts_w[i] = made_weight(m, name, h, i == 0 ? x : i == s->decoder_skip + 1 ? x + h : h, sqrt(2.0));
+        snprintf(name, sizeof name, "pts.%d.b", i);
+        w->pts_b[i] = made_values(m, name, (size_t)h, 0, 0.05);
+    }
+    w->alpha_w = made_weight(m, "alpha.w", 1, h, 40);
+    w->alpha_b = made_values(m, "alpha.b", 1, 0, 0.05);
+    w->feature_w = made_weight(m, "feature.w", h, h, 1);
+    w->feature_b = made_values(m, "feature.b", (size_t)h, 0, 0.05);
+    int view = h + 3 * (1 + 2 * s->direction_frequencies) + d;
+    w->views_w = made_weight(m, "views.w", s->view_width, view, sqrt(2.0));
+    w->views_b = made_values(m, "views.b", (size_t)s->view_width, 0, 0.05);
+    w->rgb_w = made_weight(m, "rgb.w", 3, s->view_width, 1);
+    w->rgb_b = made_values(m, "rgb.b", 3, 0, 0.05);
+}
+
+/* A body of a kind: a capsule along y, radius 0.25 m, half length 0.75 m. Distance of a point to its skin. */
+static double made_distance(double x, double y, double z) {
+    double cy = y < -0.6 ? y + 0.6 : y > 0.6 ? y - 0.6 : 0;
+    return sqrt(x * x + cy * cy + z * z) - 0.25;
+}
+
+/* Voxels of a level: those within a voxel of the capsule's skin. */
+static void made_level(made *m, int level, int shrink) {
+    point_bank *b = &m->bank;
+    double voxel = (double)b->voxel_size_m * shrink;
+    size_t cells = 1;
+    for (int i = 0; i < 3; i++) cells *= (size_t)(b->level[level].size[i] = b->volume_size[i] / shrink);
+    int32_t *grid = made_memory(m, cells, sizeof *grid);
+    int32_t rows = 0;
+    const int *size = b->level[level].size;
+    for (int z = 0, i = 0; z < size[0]; z++)
+        for (int y = 0; y < size[1]; y++)
+            for (int x = 0; x < size[2]; x++, i++) {
+                double d = made_distance(b->volume_min[0] + x * voxel, b->volume_min[1] + y * voxel,
+                                         b->volume_min[2] + z * voxel);
+                grid[i] = fabs(d) < voxel * 0.9 ? rows++ : -1;
+            }
+    char name[16];
+    snprintf(name, sizeof name, "level%d", level);
+    float *v = made_values(m, name, (size_t)rows * (size_t)m->s.volume_channels[level], 0, 2);
+    for (size_t i = 0; i < (size_t)rows * (size_t)m->s.volume_channels[level]; i++)
+        v[i] = v[i] > 0 ? v[i] : 0;
+    b->level[level].voxels = rows;
+    b->level[level].grid = grid;
+    b->level[level].value = v;
+}
+
+static void made_bank(made *m, int plane_size, int image, float voxel_m) {
+    point_bank *b = &m->bank;
+    static const float min[3] = {-0.32f, -0.93f, -0.31f}, max[3] = {0.31f, 0.92f, 0.32f};
+    b->plane_size = plane_size;
+    b->planes = made_values(m, "planes",
+                            3 * (size_t)plane_size * (size_t)plane_size * (size_t)m->s.token_width, 0, 1.5);
+    for (int i = 0; i < 3; i++) {
+        b->plane_min[i] = min[i] - (i == 2 ? 0.1f : 0);
+        b->plane_max[i] = max[i] + (i == 2 ? 0.1f : 0);
+        b->volume_min[i] = min[i];
+        b->volume_size[2 - i] = ((int)ceil((max[i] - min[i]) / voxel_m) | 31) + 1;
+    }
+    b->voxel_size_m = voxel_m;
+    b->feature_width = image / 2;
+    b->feature_height = image / 2;
+    b->features = made_values(
+        m, "map", (size_t)(image / 2) * (size_t)(image / 2) * (size_t)m->s.feature_channels, 0.5, 0.5);
+    b->image_width = b->image_height = image;
+    b->image = made_values(m, "image", (size_t)image * (size_t)image * 3, 0.5, 0.5);
+    for (int i = 0; i < POINT_LEVELS; i++) made_level(m, i, 2 << i);
+}
+
+/* A picture of the capsule: rays along z from z = -2 (parallel, then slightly tilted), 48 samples from 1.5 to
+ * 2.5; kept: within 5 cm of the skin. The observation looks along x. */
+static void made_points(made *m, int width, int height, int samples) {
+    int64_t n = (int64_t)width * height, count = 0, room = 1024;
+    m->rays = (ray_bundle){.width = width, .height = height, .origin_world = {0, 0, -2}};
+    m->rays.direction = made_memory(m, (size_t)n * 3, sizeof(float));
+    m->rays.near = made_memory(m, (size_t)n, sizeof(float));
+    m->rays.far = made_memory(m, (size_t)n, sizeof(float));
+    m->rays.at_box = made_memory(m, (size_t)n, 1);
+    point_set *p = &m->points;
+    p->rays = n;
+    p->samples = samples;
+    p->first = made_memory(m, (size_t)n + 1, sizeof(int32_t));
+    float *point = malloc((size_t)room * 3 * sizeof(float));
+    int32_t *ray = malloc((size_t)room * sizeof *ray), *sample = malloc((size_t)room * sizeof *sample);
+    for (int64_t i = 0; i < n; i++) {
+        p->first[i] = (int32_t)count;
+        float *d = m->rays.direction + 3 * i;
+        d[0] = ((float)(i % width) - (float)width / 2) / (float)height * 1.85f;
+        d[1] = ((float)(i / width) - (float)height / 2) / (float)height * 1.85f;
+        d[2] = 1;
+        if (fabsf(d[0] * 2) > 0.4f || fabsf(d[1] * 2) > 1) {
+            m->rays.far[i] = 1;
+            continue;
+        }
+        m->rays.at_box[i] = 1;
+        m->rays.near[i] = 1.6f + 0.02f * d[0];
+        m->rays.far[i] = 2.4f + 0.01f * d[1];
+        for (int k = 0; k < samples; k++) {
+            float t = m->rays.near[i] + (m->rays.far[i] - m->rays.near[i]) * (float)k / (float)(samples - 1);
+            float x[3] = {d[0] * t, d[1] * t, t - 2};
+            if (fabs(made_distance(x[0], x[1], x[2])) > 0.05) continue;
+            if (count == room) {
+                room *= 2;
+                point = realloc(point, (size_t)room * 3 * sizeof(float));
+                ray = realloc(ray, (size_t)room * sizeof *ray);
+                sample = realloc(sample, (size_t)room * sizeof *sample);
+                if (!point || !ray || !sample) abort();
+            }
+            memcpy(point + 3 * count, x, sizeof x);
+            ray[count] = (int32_t)i;
+            sample[count++] = k;
+        }
+    }
+    p->first[n] = (int32_t)count;
+    p->count = count;
+    m->owned[m->owned_count++] = p->canonical = point;
+    m->owned[m->owned_count++] = p->ray = ray;
+    m->owned[m->owned_count++] = p->sample = sample;
+    p->direction_canonical = made_memory(m, (size_t)count * 3, sizeof(float));
+    p->observed_px = made_memory(m, (size_t)count * 2, sizeof(float));
+    for (int64_t i = 0; i < count; i++) {
+        memcpy(p->direction_canonical + 3 * i, m->rays.direction + 3 * ray[i], 3 * sizeof(float));
+        p->observed_px[2 * i] = (point[3 * i + 2] + 1) / 2 * (float)m->bank.image_width;
+        p->observed_px[2 * i + 1] = (point[3 * i + 1] + 1) / 2 * (float)m->bank.image_height;
+    }
+}
+
+static void made_create(made *m, const point_sizes *s, int plane_size, int image, float voxel_m, int width,
+                        int height, int samples) {
+    memset(m, 0, sizeof *m);
+    m->s = *s;
+    made_weights(m);
+    made_bank(m, plane_size, image, voxel_m);
+    made_points(m, width, height, samples);
+}
+#endif

@@ -84,6 +84,9 @@ void points_free(point_set *p);
  * it each call makes its own. */
 sherf_status points_prepare(context *c, const body_model *m, posed_body *target);
 
+/* Room for the three pictures of a frame, kept where it has that size. */
+sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
+
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
 sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible);

@@ -4,21 +4,12 @@
 #define SHERF_POINTNET_INSIDE_H
 
 #include "model/sherf/fused/radiance_field.h"
+#include "render/tiles.h"
 
-/* Points of a tile; every array over the points of a tile has this length, 64-byte aligned. */
-enum { POINT_TILE = 64 };
 /* Rows of the bank are padded with zeros to a multiple of this. */
 enum { POINT_PAD = 32 };
 /* Rows of a product that the float32 kernels keep in registers. */
 enum { POINT_ROWS_PLAIN = 4, POINT_ROWS_AVX2 = 4, POINT_ROWS_AVX512 = 4 };
-
-typedef struct {
-    _Alignas(64) float position[3][POINT_TILE]; /* canonical, metres */
-    float direction[3][POINT_TILE];             /* canonical, not normalised */
-    float pixel[2][POINT_TILE];                 /* in the observation's picture */
-    float out[4][POINT_TILE];                   /* red, green, blue, raw density */
-    int count;                                  /* of POINT_TILE; the others hold zeros */
-} point_tile;
 
 /* A map after the linear layer: height x width texels of `stride` values (padded with zeros). */
 typedef struct {
@@ -120,9 +111,6 @@ typedef void point_project(const float *from, int64_t rows, int columns, const f
                            float *to);
 point_project point_project_plain, point_project_avx2, point_project_avx512;
 size_t point_tile_float_bytes(const point_network *n);
-
-/* radiance_field.c: the points index[0 .. count), or those from `first` on, into a tile. */
-void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t);
 
 /* amx_pack.c: bf16. m is used up. */
 bool point_amx_fits(const point_sizes *s);

@@ -89,9 +89,6 @@ bool point_network_in_bf16(const point_network *n); /* what it was made with, wh
 sherf_status point_network_run(context *c, const point_network *n, const point_set *points, float *rgb,
                                float *sigma);
 
-/* Room for the three pictures of a frame, kept where it has that size. */
-sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
-
 /* Colour, opacity, depth pictures of one frame from rays and points (compositing as network.md 6); out as in
  * sherf_frame, background RGB; early_stop: rays that are opaque skip the rest of their points. */
 sherf_status point_network_render(context *c, const point_network *n, const ray_bundle *rays,

@@ -1,0 +1,42 @@
+/* tiles: points in the order of their rays, a tile at a time through whatever answers them, and composited
+ * into a frame (network.md 6). */
+#ifndef SHERF_TILES_H
+#define SHERF_TILES_H
+
+#include "render/render.h"
+
+/* Points of a tile; every array over the points of a tile has this length, 64-byte aligned. */
+enum { POINT_TILE = 64 };
+typedef struct {
+    _Alignas(64) float position[3][POINT_TILE]; /* canonical, metres */
+    float direction[3][POINT_TILE];             /* canonical, not normalised */
+    float pixel[2][POINT_TILE];                 /* in the observation's picture */
+    float out[4][POINT_TILE];                   /* red, green, blue, raw density */
+    int count;                                  /* of POINT_TILE; the others hold zeros */
+} point_tile;
+
+/* What answers points a tile at a time, on any thread. */
+typedef struct {
+    const void *self;
+    void (*answer)(const void *self, point_tile *t, void *scratch); /* fills t->out */
+    size_t scratch_bytes;                                           /* one a thread, 64-byte aligned */
+    bool stops_early; /* frames may leave out what lies behind opaque points */
+} tile_source;
+
+/* The points index[0 .. count), or those from `first` on, into a tile. */
+void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t);
+
+/* rgb [P, 3] and raw density [P] of every point of the set. */
+sherf_status tiles_run(context *c, const tile_source *source, const point_set *points, float *rgb,
+                       float *sigma);
+
+/* Colour, opacity and depth of one frame from rays and points; out as in sherf_frame, background RGB;
+ * early_stop: rays that are opaque skip the rest of their points, where the source allows it. */
+sherf_status tiles_render(context *c, const tile_source *source, const ray_bundle *rays,
+                          const point_set *points, const float background[3], bool early_stop,
+                          sherf_frame *frame);
+/* The same of points whose answers are there: rgb [P, 3] and raw density [P]. */
+sherf_status points_render(context *c, const ray_bundle *rays, const point_set *points, const float *rgb,
+                           const float *sigma, const float background[3], sherf_frame *frame);
+
+#endif

@@ -110,10 +110,7 @@ static sherf_status bake_batch(context *c, bake_job *j, float *rgb) {
     for (int64_t n = j->rays; n < RAYS; n++) j->set.first[n + 1] = j->set.first[j->rays];
     j->set.count = j->set.first[RAYS];
     parallel_for(c, j->rays, 64, fill_samples, j);
-    const point_network *network;
-    sherf_status status = avatar_host_network(c, j->a, &network);
-    if (status == SHERF_OK)
-        status = point_network_render(c, network, &j->bundle, &j->set, black, true, &j->frame);
+    sherf_status status = avatar_composite(c, j->a, j->m, &j->bundle, &j->set, black, true, &j->frame);
     if (status != SHERF_OK) return status;
     for (int64_t n = 0; n < j->rays; n++) {
         float opacity = j->frame.opacity.data[n];

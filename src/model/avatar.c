@@ -1,4 +1,5 @@
-/* Avatars: the feature bank of one observation with the point network's weights, and the frames made from it.
+/* Avatars: the feature bank of one observation with the weights that queries read, and the frames made from
+ * it.
  */
 #include <math.h>
 #include <stdio.h>
@@ -8,48 +9,39 @@
 #include "data/data.h"
 #include "io/safetensors.h"
 #include "model/detail.h"
-
-static int64_t plane_floats(const model_config *k) {
-    return 3 * (int64_t)k->plane_resolution * k->plane_resolution * k->token_width;
-}
+#include "model/field.h"
 
 static sherf_avatar *avatar_new(context *c) {
     sherf_avatar *a = mem_zero(c, 1, sizeof *a);
     if (a) pthread_mutex_init(&a->empty.lock, NULL);
     if (a) pthread_mutex_init(&a->detail.lock, NULL);
-    if (a) pthread_mutex_init(&a->gpu_lock, NULL);
     return a;
 }
 
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
     pthread_mutex_destroy(&a->empty.lock);
-    pthread_mutex_destroy(&a->gpu_lock);
     empty_cells_free(&a->empty.cells);
     pthread_mutex_destroy(&a->detail.lock);
     detail_free(&a->detail.kept);
-    avatar_network_free(a);
+    if (a->field_kind) a->field_kind->release(a->field);
     mem_free(a->picture);
+    mem_free(a->image);
     posed_body_free(a->observed);
     parameters_free(a->weights);
-    for (int l = 0; l < POINT_LEVELS; l++) {
-        mem_free((void *)a->bank.level[l].value);
-        mem_free((void *)a->bank.level[l].grid);
-    }
-    mem_free((void *)a->bank.planes);
-    mem_free((void *)a->bank.features);
-    mem_free((void *)a->bank.image);
+    kept_free(&a->kept);
     mem_free(a);
 }
 
-/* The point network's weights of a model (from != NULL), or room for them. */
-static sherf_status point_parameters(context *c, const parameters *like, parameters **out) {
+/* The weights of a model that its queries read. */
+static sherf_status queried_parameters(context *c, const model *m, parameters **out) {
+    const parameters *like = m->weights;
     parameters *p = *out = parameters_create(c);
     if (!p) return SHERF_NO_MEMORY;
     for (int i = 0; i < like->count; i++) {
         const parameter *q = like->item[i];
-        if (model_is_point_weight(q->name) &&
-            !parameter_add(c, p, false, q->value.rank, q->value.dim, "%s", q->name))
+        if (model_is_queried(m->config.kind, q->name) &&
+            !parameter_add(c, p, q->buffer, q->value.rank, q->value.dim, "%s", q->name))
             return SHERF_NO_MEMORY;
     }
     sherf_status status = parameters_lay_out(c, p);
@@ -66,20 +58,8 @@ static void *copy_of(context *c, const void *data, size_t count, size_t size) {
     return p;
 }
 
-/* A float32 tensor's values, from wherever it lies. */
-static float *values_of(context *c, const tensor *x) {
-    float *p = mem_alloc(c, (size_t)tensor_count(x), sizeof *p);
-    if (p && tensor_download(c, x, p) == SHERF_OK) return p;
-    mem_free(p);
-    return NULL;
-}
-
-/* What the canonical body decides, and the network packed for this context's precision. */
+/* What the canonical body decides, and the field for this context. */
 static sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) {
-    body_canonical_bounds_z(body, a->bank.plane_min, a->bank.plane_max);
-    float max[3];
-    body_canonical_bounds(body, a->bank.volume_min, max);
-    a->bank.voxel_size_m = a->config.voxel_size_m;
     a->body_fingerprint = body->fingerprint;
     if (!a->observed) {
         sherf_status status = posed_body_create(c, body, a->pose.poses_rad, a->pose.shapes, a->pose.R,
@@ -87,37 +67,15 @@ static sherf_status avatar_finish(context *c, const body_model *body, sherf_avat
         if (status != SHERF_OK) return status;
     }
     a->observed->blend_m = (float)a->config.skin_blend_mm / 1000;
-    return avatar_network_start(c, a, body);
+    a->field_kind = a->config.kind->field ? a->config.kind->field : &field_of_ops;
+    return a->field_kind->create(c, a, body, &a->field);
 }
 
-static sherf_status bank_copy(context *c, const model_bank *from, observation_geometry *g, sherf_avatar *a) {
-    point_bank *b = &a->bank;
-    b->plane_size = a->config.plane_resolution;
-    size_t each = (size_t)plane_floats(&a->config) / 3;
-    float *planes = mem_alloc(c, 3 * each, sizeof *planes);
-    b->planes = planes;
-    if (!planes) return SHERF_NO_MEMORY;
-    for (int k = 0; k < 3; k++) {
-        const sherf_status status = tensor_download(c, from->plane[k], planes + (size_t)k * each);
-        if (status != SHERF_OK) return status;
-    }
-    b->feature_height = (int)from->features->dim[0];
-    b->feature_width = (int)from->features->dim[1];
-    b->features = values_of(c, from->features);
-    b->image_width = g->width;
-    b->image_height = g->height;
-    b->image = copy_of(c, g->image, (size_t)g->width * (size_t)g->height * 3, sizeof(float));
-    if (!b->features || !b->image) return SHERF_NO_MEMORY;
-    memcpy(b->volume_size, g->volume_size, sizeof b->volume_size);
-    for (int l = 0; l < POINT_LEVELS; l++) {
-        memcpy(b->level[l].size, g->level[l + 1].size, sizeof b->level[l].size);
-        b->level[l].voxels = g->level[l + 1].voxels;
-        b->level[l].value = values_of(c, from->level[l]);
-        b->level[l].grid = g->level[l + 1].grid; /* taken over */
-        g->level[l + 1].grid = NULL;
-        if (!b->level[l].value) return SHERF_NO_MEMORY;
-    }
-    return SHERF_OK;
+static sherf_status image_keep(context *c, const observation_geometry *g, sherf_avatar *a) {
+    a->image_width = g->width;
+    a->image_height = g->height;
+    a->image = copy_of(c, g->image, (size_t)g->width * (size_t)g->height * 3, sizeof(float));
+    return a->image ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
 static sherf_status picture_keep(context *c, const sherf_image *fine, sherf_avatar *a) {
@@ -146,13 +104,14 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     a->pose = *sherf_observation_pose(observation);
     a->camera = *sherf_observation_camera(observation);
     sherf_status status = observation_geometry_create(
-        c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, NULL, &g);
+        c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, &g);
     if (status == SHERF_OK) status = body_in_picture(c, body, g->body, &a->camera, observation->mask);
     if (status != SHERF_OK) goto done;
     t = tape_create(c, (tape_options){backend_of(c), false, false, c->precision == SHERF_PRECISION_BF16});
-    status = t ? model_encode(t, m, body, g, &bank, NULL) : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = point_parameters(c, m->weights, &a->weights);
-    if (status == SHERF_OK) status = bank_copy(c, &bank, g, a);
+    status = t ? model_encode(t, m, body, g, &bank) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = queried_parameters(c, m, &a->weights);
+    if (status == SHERF_OK) status = image_keep(c, g, a);
+    if (status == SHERF_OK) status = kept_make(c, m, g, &bank, &a->kept);
     if (status == SHERF_OK) status = picture_keep(c, &observation->fine, a);
     if (status != SHERF_OK) goto done;
     a->observed = g->body;
@@ -176,7 +135,7 @@ const sherf_camera *sherf_avatar_camera(const sherf_avatar *a) {
 }
 
 /* ---- the file ---- */
-enum { AVATAR_ITEMS = 128, NUMBERS = 72 + 10 + 9 + 3 + 9 + 9 + 3 };
+enum { NUMBERS = 72 + 10 + 9 + 3 + 9 + 9 + 3 };
 
 /* The observation's pose and camera as one row of numbers and back. */
 static void numbers_put(const sherf_avatar *a, float n[NUMBERS]) {
@@ -199,133 +158,58 @@ static sherf_status numbers_get(context *c, const float n[NUMBERS], sherf_avatar
     memcpy(a->camera.K, n + 94, 9 * sizeof *n);
     memcpy(a->camera.R, n + 103, 9 * sizeof *n);
     memcpy(a->camera.T_m, n + 112, 3 * sizeof *n);
-    a->camera.width_px = a->bank.image_width;
-    a->camera.height_px = a->bank.image_height;
+    a->camera.width_px = a->image_width;
+    a->camera.height_px = a->image_height;
     return camera_check(c, &a->camera);
 }
 
-/* Linear voxel numbers of a level's rows: the grid turned round. */
-static int32_t *voxel_numbers(context *c, const point_bank *b, int l) {
-    int32_t *number = mem_zero(c, (size_t)b->level[l].voxels, sizeof *number);
-    int64_t cells = (int64_t)b->level[l].size[0] * b->level[l].size[1] * b->level[l].size[2];
-    for (int64_t i = 0; number && i < cells; i++)
-        if (b->level[l].grid[i] >= 0) number[b->level[l].grid[i]] = (int32_t)i;
-    return number;
-}
-
-static const char *const level_value[] = {"volume.1.value", "volume.2.value", "volume.3.value"};
-static const char *const level_voxel[] = {"volume.1.voxel", "volume.2.voxel", "volume.3.voxel"};
-
 sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const char *path) {
-    const point_bank *b = &a->bank;
-    safetensor_item item[AVATAR_ITEMS];
-    size_t n = 0;
-    int32_t *voxel[POINT_LEVELS] = {NULL};
+    enum { OWN_ITEMS = 3 };
+    const size_t most = OWN_ITEMS + (size_t)a->kept.count + (size_t)a->weights->count;
     float numbers[NUMBERS];
-    char fingerprint[32], *config = model_config_text(c, &a->config);
-    sherf_status status = config ? SHERF_OK : SHERF_NO_MEMORY;
+    char fingerprint[32], key[MODEL_KEY], *config = model_config_text(c, &a->config);
+    safetensor_item *item = mem_zero(c, most, sizeof *item);
+    sherf_status status = config && item ? SHERF_OK : SHERF_NO_MEMORY;
+    size_t n = 0;
+    if (status != SHERF_OK) goto done;
     numbers_put(a, numbers);
     snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)a->body_fingerprint);
     item[n++] = (safetensor_item){"observation", T_F32, 1, {NUMBERS}, numbers};
-    item[n++] = (safetensor_item){"image", T_F32, 3, {b->image_height, b->image_width, 3}, b->image};
+    item[n++] = (safetensor_item){"image", T_F32, 3, {a->image_height, a->image_width, 3}, a->image};
     if (a->picture)
         item[n++] =
             (safetensor_item){"picture", T_U8, 3, {a->picture_height, a->picture_width, 3}, a->picture};
-    item[n++] = (safetensor_item){
-        "features", T_F32, 3, {b->feature_height, b->feature_width, a->config.feature_width}, b->features};
-    item[n++] = (safetensor_item){
-        "planes", T_F32, 4, {3, b->plane_size, b->plane_size, a->config.token_width}, b->planes};
-    for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++) {
-        voxel[l] = voxel_numbers(c, b, l);
-        if (!voxel[l]) status = SHERF_NO_MEMORY;
-        item[n++] = (safetensor_item){
-            level_value[l], T_F32, 2, {b->level[l].voxels, a->config.volume_channels[l]}, b->level[l].value};
-        item[n++] = (safetensor_item){level_voxel[l], T_I32, 1, {b->level[l].voxels}, voxel[l]};
+    for (int i = 0; i < a->kept.count; i++) {
+        const kept_array *k = &a->kept.array[i];
+        item[n] = (safetensor_item){.name = k->name, .type = k->type, .rank = k->rank, .data = k->data};
+        memcpy(item[n++].dim, k->dim, sizeof k->dim);
     }
-    for (int i = 0; i < a->weights->count && n < AVATAR_ITEMS; i++) {
+    for (int i = 0; i < a->weights->count; i++) {
         const tensor *w = &a->weights->item[i]->value;
         item[n] = (safetensor_item){
             .name = a->weights->item[i]->name, .type = T_F32, .rank = w->rank, .data = w->data};
         memcpy(item[n++].dim, w->dim, sizeof w->dim);
     }
-    if (status == SHERF_OK) {
-        safetensor_metadata metadata[] = {
-            {"format", "sherf-avatar"}, {"sherf.config", config}, {"body", fingerprint}};
-        status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
-    }
-    for (int l = 0; l < POINT_LEVELS; l++) mem_free(voxel[l]);
+    model_metadata_key(a->config.kind, key);
+    safetensor_metadata metadata[] = {
+        {"format", "sherf-avatar"}, {"model", a->config.kind->name}, {key, config}, {"body", fingerprint}};
+    status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
+done:
+    mem_free(item);
     mem_free(config);
     return status;
 }
 
-/* A float tensor of the given rank whose last dimension is known; the others are told. */
-static sherf_status floats_load(context *c, const safetensors *s, const char *name, int rank, int64_t *dim,
-                                const float **out) {
-    const safetensor *t = safetensors_find(s, name);
-    if (!t || t->rank != rank || t->dim[rank - 1] != dim[rank - 1])
-        return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", name);
-    int64_t count = 1;
-    for (int i = 0; i < rank; i++) {
-        dim[i] = t->dim[i];
-        if (dim[i] < 1 || dim[i] > 1 << 24) return failure(c, SHERF_BAD_FILE, "tensor %s: bad size", name);
-        count *= dim[i];
-    }
-    float *data = mem_alloc(c, (size_t)count, sizeof *data);
-    *out = data;
-    return data ? safetensors_floats(c, s, name, rank, dim, data) : SHERF_NO_MEMORY;
-}
-
-static sherf_status level_load(context *c, const safetensors *s, sherf_avatar *a, int l) {
-    point_bank *b = &a->bank;
-    int64_t dim[2] = {0, a->config.volume_channels[l]};
-    sherf_status status = floats_load(c, s, level_value[l], 2, dim, &b->level[l].value);
-    if (status != SHERF_OK) return status;
-    const safetensor *t = safetensors_find(s, level_voxel[l]);
-    if (!t || t->type != T_I32 || t->rank != 1 || t->dim[0] != dim[0])
-        return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", level_voxel[l]);
-    int64_t cells = 1;
-    for (int i = 0; i < 3; i++) {
-        b->level[l].size[i] = b->volume_size[i] >> (l + 1);
-        cells *= b->level[l].size[i];
-    }
-    int32_t *grid = mem_alloc(c, (size_t)cells, sizeof *grid);
-    b->level[l].grid = grid;
-    b->level[l].voxels = dim[0];
-    if (!grid) return SHERF_NO_MEMORY;
-    memset(grid, 0xff, (size_t)cells * sizeof *grid);
-    for (int64_t i = 0; i < dim[0]; i++) {
-        int32_t at;
-        memcpy(&at, (const char *)t->data + (size_t)i * sizeof at, sizeof at);
-        if (at < 0 || at >= cells || grid[at] >= 0)
-            return failure(c, SHERF_BAD_FILE, "tensor %s: voxel %lld out of place", level_voxel[l],
-                           (long long)i);
-        grid[at] = (int32_t)i;
-    }
-    return SHERF_OK;
-}
-
-static sherf_status bank_load(context *c, const safetensors *s, const body_model *body, sherf_avatar *a) {
-    point_bank *b = &a->bank;
-    int64_t image[3] = {0, 0, 3}, features[3] = {0, 0, a->config.feature_width},
-            planes[4] = {0, 0, 0, a->config.token_width};
+static sherf_status observation_load(context *c, const safetensors *s, sherf_avatar *a) {
+    kept_array image = {"image", T_F32, 3, {0, 0, 3}};
     int64_t numbers_dim[1] = {NUMBERS};
     float numbers[NUMBERS];
-    sherf_status status = floats_load(c, s, "image", 3, image, &b->image);
-    if (status == SHERF_OK) status = floats_load(c, s, "features", 3, features, &b->features);
-    if (status == SHERF_OK) status = floats_load(c, s, "planes", 4, planes, &b->planes);
+    sherf_status status = kept_array_read(c, s, &image);
+    a->image = image.data;
+    a->image_height = (int)image.dim[0];
+    a->image_width = (int)image.dim[1];
     if (status == SHERF_OK) status = safetensors_floats(c, s, "observation", 1, numbers_dim, numbers);
-    if (status != SHERF_OK) return status;
-    if (planes[0] != 3 || planes[1] != a->config.plane_resolution || planes[2] != a->config.plane_resolution)
-        return failure(c, SHERF_BAD_FILE, "tensor planes is of the wrong shape");
-    b->plane_size = a->config.plane_resolution;
-    b->image_height = (int)image[0];
-    b->image_width = (int)image[1];
-    b->feature_height = (int)features[0];
-    b->feature_width = (int)features[1];
-    status = numbers_get(c, numbers, a);
-    if (status == SHERF_OK) status = volume_size_of(c, &a->config, body, b->volume_size);
-    for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++) status = level_load(c, s, a, l);
-    return status;
+    return status == SHERF_OK ? numbers_get(c, numbers, a) : status;
 }
 
 /* Avatars of small pictures, and older files, have none. */
@@ -346,7 +230,7 @@ static sherf_status picture_load(context *c, const safetensors *s, sherf_avatar 
 static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar *a) {
     model *shape = NULL; /* names and shapes of this configuration */
     sherf_status status = model_create(c, &a->config, 0, &shape);
-    if (status == SHERF_OK) status = point_parameters(c, shape->weights, &a->weights);
+    if (status == SHERF_OK) status = queried_parameters(c, shape, &a->weights);
     for (int i = 0; status == SHERF_OK && i < a->weights->count; i++) {
         tensor *w = &a->weights->item[i]->value;
         status = safetensors_floats(c, s, a->weights->item[i]->name, w->rank, w->dim, w->data);
@@ -362,17 +246,18 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
     sherf_status status = safetensors_read(c, path, &s);
     if (status != SHERF_OK) return status;
     sherf_avatar *a = avatar_new(c);
-    const char *format = safetensors_metadata(s, "format"), *config = safetensors_metadata(s, "sherf.config");
+    const char *format = safetensors_metadata(s, "format");
     const char *fingerprint = safetensors_metadata(s, "body");
     if (!a)
         status = SHERF_NO_MEMORY;
-    else if (!format || strcmp(format, "sherf-avatar") || !config || !fingerprint)
+    else if (!format || strcmp(format, "sherf-avatar") || !fingerprint)
         status =
             failure(c, SHERF_BAD_FILE, "not an avatar%s%s", format ? " but a " : "", format ? format : "");
     else if (strtoull(fingerprint, NULL, 16) != body->fingerprint)
         status = failure(c, SHERF_MISMATCH, "made with another body: give the body file it was made with");
-    if (status == SHERF_OK) status = model_config_parse(c, config, &a->config);
-    if (status == SHERF_OK) status = bank_load(c, s, body, a);
+    if (status == SHERF_OK) status = model_config_of_file(c, s, NULL, false, &a->config);
+    if (status == SHERF_OK) status = observation_load(c, s, a);
+    if (status == SHERF_OK) status = kept_read(c, s, &a->config, &a->kept);
     if (status == SHERF_OK) status = picture_load(c, s, a);
     if (status == SHERF_OK) status = weights_load(c, s, a);
     if (status == SHERF_OK) status = avatar_finish(c, body, a);
@@ -386,16 +271,32 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
 }
 
 /* ---- frames ---- */
+sherf_status avatar_query(context *c, const sherf_avatar *a, const body_model *body, const point_set *points,
+                          float *rgb, float *sigma) {
+    return a->field_kind->run(c, a->field, body, points, rgb, sigma);
+}
+
+sherf_status avatar_composite(context *c, const sherf_avatar *a, const body_model *body,
+                              const ray_bundle *rays, const point_set *points, const float background[3],
+                              bool early_stop, sherf_frame *frame) {
+    return a->field_kind->render(c, a->field, body, rays, points, background, early_stop, frame);
+}
+
+bool avatar_takes_joints(const sherf_avatar *a) {
+    return a->field_kind->takes_joints && a->field_kind->takes_joints(a->field);
+}
+
 sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
                          posed_body **out) {
     *out = NULL;
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    const bool joints = avatar_takes_joints(a);
     sherf_status status =
-        a->gpu ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
+        joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
                : posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
     if (status == SHERF_OK) (*out)->blend_m = (float)a->config.skin_blend_mm / 1000;
-    if (status == SHERF_OK && !a->gpu) status = points_prepare(c, body, *out);
+    if (status == SHERF_OK && !joints) status = points_prepare(c, body, *out);
     if (status == SHERF_OK) return SHERF_OK;
     posed_body_free(*out);
     *out = NULL;
@@ -487,7 +388,9 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
                                 .early_stop = !o->exact,
                                 .empty = empty};
     memcpy(on_gpu.background, o->background, sizeof on_gpu.background);
-    return avatar_render_gpu(c, a, posed, camera, &on_gpu, frame);
+    if (!posed->joints)
+        return failure(c, SHERF_MISMATCH, "the avatar is on a GPU, and the pose was made for the processor");
+    return a->field_kind->render_joints(c, a->field, posed, camera, &on_gpu, frame);
 }
 
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
@@ -506,7 +409,7 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     point_set *points = NULL;
     float farthest;
     int samples;
-    if (status == SHERF_OK && a->gpu) {
+    if (status == SHERF_OK && avatar_takes_joints(a)) {
         status = frame_gpu(c, a, posed, camera, o, empty, frame);
         if (status == SHERF_OK && detail)
             status = avatar_give_detail(c, a, body, posed, camera, o->background, frame);
@@ -517,7 +420,7 @@ sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *
     if (status != SHERF_OK) return status;
     status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, empty, false, &points);
     if (status == SHERF_OK)
-        status = point_network_render(c, a->network, rays, points, o->background, !o->exact, frame);
+        status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) {
         frame->points = points->count;
         for (size_t i = 0; i < (size_t)rays->width * (size_t)rays->height; i++)

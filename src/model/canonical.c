@@ -48,5 +48,5 @@ static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status canonical_batch_run(context *c, const sherf_avatar *a, const body_model *m, canonical_batch *b) {
     observe_job job = {a, m, b};
     parallel_for(c, b->set.count, 1024, observe_range, &job);
-    return avatar_ask(c, a, &b->set, b->rgb, b->sigma);
+    return avatar_query(c, a, m, &b->set, b->rgb, b->sigma);
 }

@@ -1,4 +1,4 @@
-/* The point network asked for any canonical points, as for a frame's: the canonical body is a target whose
+/* An avatar queried at any canonical points, as for a frame's: the canonical body is a target whose
  * way to canonical space is the identity. */
 #ifndef SHERF_CANONICAL_H
 #define SHERF_CANONICAL_H

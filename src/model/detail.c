@@ -108,7 +108,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     posed_body *posed = NULL;
     raster *drawn = NULL;
     float *room = NULL, *image = NULL;
-    *out = (avatar_detail){a->bank.image_width, a->bank.image_height, a->camera, NULL, NULL};
+    *out = (avatar_detail){a->image_width, a->image_height, a->camera, NULL, NULL};
     if (a->picture) {
         out->width = a->picture_width;
         out->height = a->picture_height;
@@ -127,7 +127,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
         if (!out->texel || !room || !image) status = SHERF_NO_MEMORY;
     }
     if (status == SHERF_OK) {
-        for (size_t i = 0; i < 3 * n; i++) image[i] = a->picture ? a->picture[i] / 255.0f : a->bank.image[i];
+        for (size_t i = 0; i < 3 * n; i++) image[i] = a->picture ? a->picture[i] / 255.0f : a->image[i];
         keep_difference(c, out, a, image, &own, room);
     }
     mem_free(room);

@@ -1,13 +1,15 @@
-/* The whole network on a tape: encode, then the points in chunks that are computed again in the backward
- * pass. */
+/* A model on a tape: encode, then the points in chunks that are computed again in the backward pass. */
 #include <math.h>
 
-#include "model/sherf/sherf.h"
+#include "model/model.h"
 
 enum { CHUNK_POINTS = 8192 };
 
-/* A tape that does not record works inside, part by part, and keeps each part's result only. */
-static tensor *keep(tape *t, tape *work, tensor *x) {
+tape *tape_for_parts(tape *t) {
+    return tape_records(t) ? t : tape_nested(t, false);
+}
+
+tensor *tape_keep(tape *t, tape *work, tensor *x) {
     if (work == t) return x;
     tensor *copy = NULL;
     if (!x)
@@ -21,34 +23,9 @@ static tensor *keep(tape *t, tape *work, tensor *x) {
 }
 
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          model_bank *bank, model_stages *stages) {
+                          model_bank *bank) {
     *bank = (model_bank){0};
-    const int64_t D = m->config.token_width;
-    tape *work = tape_records(t) || stages ? t : tape_nested(t, false);
-    if (!work) return tape_status(t);
-    bank->image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
-    bank->features = keep(t, work, encoder_features(work, m, bank->image));
-    bank->latent = keep(t, work, encoder_global(work, m, bank->image));
-    bank->style = triplane_style(t, m, bank->latent);
-    tensor *planes = keep(t, work, triplane_synthesis(work, m, bank->style, stages));
-    for (int k = 0; k < 3; k++) bank->plane[k] = op_slice(t, planes, k * D, D);
-    return volume_encode(t, m, g, bank);
-}
-
-sherf_status model_points(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
-                          point_outputs *out) {
-    *out = (point_outputs){0};
-    const int64_t n = end - begin;
-    const float *canonical = points->canonical + 3 * begin;
-    tensor *plane[3];
-    triplane_sample(t, body, bank, canonical, n, plane);
-    tensor *pixel = pixel_sample(t, m, bank, points->observed_px + 2 * begin, n);
-    out->volume = volume_sample(t, g, bank, canonical, n);
-    out->fusion = fusion(t, m, plane, pixel, out->volume);
-    for (int k = 0; k < 3; k++) out->plane[k] = plane[k];
-    decoder(t, m, out->fusion, canonical, points->direction_canonical + 3 * begin, n, &out->sigma, &out->rgb);
-    return tape_status(t);
+    return m->config.kind->encode(t, m, body, g, bank);
 }
 
 /* What the backward pass needs to run a chunk again. */
@@ -61,18 +38,20 @@ typedef struct {
     tensor *sigma, *rgb;
 } points_node;
 
-static sherf_status points_forward(tape *t, points_node *n) {
+sherf_status model_query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                         const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
     tape *inner = tape_nested(t, false);
     if (!inner) return tape_status(t);
-    for (int64_t begin = 0; begin < n->points->count; begin += CHUNK_POINTS) {
-        int64_t end = begin + CHUNK_POINTS < n->points->count ? begin + CHUNK_POINTS : n->points->count;
-        point_outputs out;
+    for (int64_t begin = 0; begin < points->count; begin += CHUNK_POINTS) {
+        int64_t end = begin + CHUNK_POINTS < points->count ? begin + CHUNK_POINTS : points->count;
+        tensor *part[2] = {NULL, NULL};
         tape_reset(inner);
-        sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
+        sherf_status status =
+            m->config.kind->query(inner, m, body, g, bank, points, begin, end, &part[0], &part[1]);
         if (status != SHERF_OK) return status;
-        status = tensor_copy_rows(tape_context(t), n->sigma, begin, out.sigma, 0, end - begin);
+        status = tensor_copy_rows(tape_context(t), sigma, begin, part[0], 0, end - begin);
         if (status == SHERF_OK)
-            status = tensor_copy_rows(tape_context(t), n->rgb, begin, out.rgb, 0, end - begin);
+            status = tensor_copy_rows(tape_context(t), rgb, begin, part[1], 0, end - begin);
         if (status != SHERF_OK) return status;
     }
     return SHERF_OK;
@@ -89,19 +68,20 @@ static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t beg
 static sherf_status points_backward(tape *t, void *payload) {
     points_node *n = payload;
     if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
-    tensor *outer[] = {n->bank.plane[0], n->bank.plane[1], n->bank.plane[2], n->bank.features,
-                       n->bank.level[0], n->bank.level[1], n->bank.level[2]};
-    for (size_t i = 0; i < COUNT_OF(outer); i++) /* made here, so that they outlive the inner tape */
-        if (outer[i]->needs_grad && !tape_grad(t, outer[i])) return tape_status(t);
+    for (int i = 0; i < n->bank.count; i++) { /* made here, so that they outlive the inner tape */
+        tensor *outer = n->bank.tensor[i];
+        if (outer->needs_grad && !tape_grad(t, outer)) return tape_status(t);
+    }
     tape *inner = tape_nested(t, true);
     if (!inner) return tape_status(t);
     for (int64_t begin = 0; begin < n->points->count; begin += CHUNK_POINTS) {
         int64_t end = begin + CHUNK_POINTS < n->points->count ? begin + CHUNK_POINTS : n->points->count;
-        point_outputs out;
+        tensor *sigma, *rgb;
         tape_reset(inner);
-        sherf_status status = model_points(inner, n->m, n->body, n->g, &n->bank, n->points, begin, end, &out);
-        if (status == SHERF_OK) status = seed(inner, out.sigma, n->sigma->grad, begin);
-        if (status == SHERF_OK) status = seed(inner, out.rgb, n->rgb->grad, begin);
+        sherf_status status = n->m->config.kind->query(inner, n->m, n->body, n->g, &n->bank, n->points, begin,
+                                                       end, &sigma, &rgb);
+        if (status == SHERF_OK) status = seed(inner, sigma, n->sigma->grad, begin);
+        if (status == SHERF_OK) status = seed(inner, rgb, n->rgb->grad, begin);
         if (status == SHERF_OK) status = tape_backward_seeded(inner);
         if (status != SHERF_OK) return status;
     }
@@ -163,11 +143,12 @@ sherf_status model_frame(tape *t, const model *m, const body_model *body, const 
     n->rgb = tape_tensor(t, real, 2, (int64_t[]){P, 3});
     if (!n->sigma || !n->rgb) return tape_status(t);
     sherf_status status;
-    if (points_fused_possible(t, m)) {
-        status = points_fused(t, m, body, g, bank, target->points, n->sigma, n->rgb);
+    const model_fused_training *fused = m->config.kind->fused_training;
+    if (fused && fused->possible(t, m)) {
+        status = fused->run(t, m, body, g, bank, target->points, n->sigma, n->rgb);
         if (status != SHERF_OK) return status;
     } else {
-        status = points_forward(t, n);
+        status = model_query(t, m, body, g, &n->bank, n->points, n->sigma, n->rgb);
         if (status != SHERF_OK) return status;
         if (tape_records(t)) tape_record(t, points_backward, n);
     }

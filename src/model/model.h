@@ -1,6 +1,7 @@
-/* model: SHERF by the paper's names. Encoders, tri-plane, volume, pixel-aligned features, fusion, decoder.
- * The way of the data: geometry (no tape: body, camera) -> model_encode (feature bank) -> model_points ->
- * compositing. The same functions run inference, training (a recording tape) and evaluation. */
+/* model: what a model is, and what trainer, loader, evaluator, avatars, frames and exports do with one. The
+ * way of the data: geometry (no tape: body, camera) -> encode (feature bank) -> query (raw density and colour
+ * of points) -> compositing. The same functions run inference, training (a recording tape) and evaluation. A
+ * model is an entry of the table (table.c); nothing outside its folder knows more of it than this. */
 #ifndef SHERF_MODEL_H
 #define SHERF_MODEL_H
 
@@ -8,91 +9,70 @@
 
 #include "body/body.h"
 #include "io/safetensors.h"
-#include "nn/parameters.h"
-#include "model/sherf/fused/gpu.h"
+#include "nn/layers.h"
 #include "render/render.h"
 #include "tensor/ops.h"
 
-/* Every size of the network; kept in the weights' metadata. The paper's in brackets. */
-typedef struct {
-    char preset[32];
-    int encoder_width;    /* first width of the global ResNet-18 [64]; its latent has 8 times this */
-    int feature_width;    /* channels of the feature map [64] */
-    int style_width;      /* width of the mapping and its style [512] */
-    int mapping_layers;   /* [2] */
-    int plane_resolution; /* [256] */
-    int channel_base;     /* generator channels: min(channel_max, channel_base / resolution) [32768] */
-    int channel_max;      /* [512] */
-    int volume_channels[POINT_LEVELS];                          /* [32 64 96] */
-    int token_width;                                            /* [32] */
-    int heads, head_width;                                      /* [3 16] */
-    int decoder_width, decoder_depth, decoder_skip, view_width; /* [128 8 4 64] */
-    int samples;                                                /* per ray [48] */
-    float voxel_size_m;                                         /* [0.005] */
-    int image_size; /* width of the pictures it was trained on; 0: unknown [512] */
-    int px_per_m;   /* how large people were in them, at their distance; 0: unknown [0] */
-    /* Points move with their nearest vertex's map, the paper's way [0], or with a blend of it and its
-     * neighbours' within so many millimetres (body.h, blend_m), which leaves no teeth at silhouettes. */
-    int skin_blend_mm;
-} model_config;
-
-/* "small" or "small,plane_resolution=64". */
-sherf_status model_config_parse(context *c, const char *text, model_config *out);
-/* One line "preset,name=value,...": what model_config_parse reads back to the same sizes. Free with mem_free.
- */
-char *model_config_text(context *c, const model_config *config);
-sherf_status model_config_check(context *c, const model_config *config);
-int model_latent_width(const model_config *config);
-int model_channels(const model_config *config, int resolution); /* of the generator */
-void model_point_sizes(const model_config *config, point_sizes *out);
-
-struct sherf_model {
-    model_config config;
-    parameters *weights;
-};
+typedef struct model_kind model_kind;
 typedef struct sherf_model model;
 
-sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
-void model_free(model *m);
-/* Moves the weights to where the context's device computes; nothing for the CPU. Before there are gradients.
- */
-sherf_status model_place(context *c, model *m);
-/* The tensors of the point network alone (renderer.*, decoder.*), as an avatar keeps them. */
-bool model_is_point_weight(const char *name);
-void model_point_weights(const parameters *weights, const model_config *config, point_weights *out);
-/* By name; NULL never happens for names of the configuration. */
-tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
+/* ---- settings ---- */
+enum { MODEL_SETTINGS_ROOM = 256, MODEL_KEY = 64 };
+/* Every size of a network; kept in the weights' metadata. */
+typedef struct {
+    const model_kind *kind;
+    char preset[32];
+    int samples;    /* per ray */
+    int image_size; /* width of the pictures it was trained on; 0: unknown */
+    int px_per_m;   /* how large people were in them, at their distance; 0: unknown */
+    /* Points move with their nearest vertex's map, the paper's way (0), or with a blend of it and its
+     * neighbours' within so many millimetres (body.h, blend_m), which leaves no teeth at silhouettes. */
+    int skin_blend_mm;
+    union { /* the model's own, a struct of int and float */
+        double alignment;
+        unsigned char bytes[MODEL_SETTINGS_ROOM];
+    } own;
+} model_config;
+/* offset: into model_config. multiple: an int, from low to high in steps of so many; 0: a float. */
+typedef struct {
+    const char *name;
+    size_t offset;
+    double low, high;
+    int multiple;
+} model_setting;
+#define MODEL_SETTING_AT(settings_struct, field)                                                             \
+    (offsetof(model_config, own) + offsetof(settings_struct, field))
+/* Settings that are not the defaults, as "name=value,...". */
+typedef struct {
+    const char *name, *settings;
+} model_preset;
+
+/* "[MODEL:]PRESET[,name=value...]", as "small,plane_resolution=64"; without MODEL the table's first. */
+sherf_status model_config_parse(context *c, const char *text, model_config *out);
+sherf_status model_config_parse_as(context *c, const model_kind *kind, const char *text, model_config *out);
+/* One line "PRESET,name=value,...": what model_config_parse_as reads back. Free with mem_free. */
+char *model_config_text(context *c, const model_config *config);
+sherf_status model_config_check(context *c, const model_config *config);
+/* A file's metadata have its model's name under "model" and its settings under model_metadata_key, or under
+ * `key` where that is not NULL. Files without a name are the first model's. infer: from the tensors, where
+ * the file has no settings. */
+void model_metadata_key(const model_kind *kind, char key[MODEL_KEY]);
+sherf_status model_config_of_file(context *c, const safetensors *s, const char *key, bool infer,
+                                  model_config *out);
 
 /* ---- what the body and the camera decide, once per observation ---- */
 typedef struct {
+    const model_kind *kind;
     int width, height, vertices;
     float *image;     /* H x W x 3, black outside the mask; owned */
     posed_body *body; /* observation pose */
     sherf_camera camera;
-    int32_t *visible; /* V */
-    float *vertex_px; /* V x 2 */
-    /* the sparse volume */
-    float volume_min[3]; /* canonical box without the extra z */
-    float voxel_size_m;
-    int volume_size[3];    /* z y x */
-    int32_t *vertex_zyx;   /* V x 3, voxel of each vertex */
-    int32_t *vertex_voxel; /* V: row of the active voxel list of level 0 */
-    struct {
-        int size[3]; /* z y x */
-        int64_t voxels;
-        int32_t *grid;         /* size z*y*x: row or -1 */
-        int32_t *rule;         /* [voxels, 27] submanifold */
-        int32_t *down_rule;    /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
-    } level[POINT_LEVELS + 2]; /* 0: full resolution, 1..3: read by points, 4: down3, only in training */
+    void *own; /* the model's, from its observe */
 } observation_geometry;
-/* down3: also the level that only moves down3's batch statistics. fixed_voxels (tests): V x 3 given instead,
- * or NULL. */
+/* training: also what only training needs. */
 sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
-                                         const sherf_pose *pose, bool down3, const int32_t *fixed_voxels,
-                                         observation_geometry **out);
-/* Full-resolution size of the sparse volume, z y x: ceil(extent / voxel) | 31, plus 1. */
-sherf_status volume_size_of(context *c, const model_config *config, const body_model *body, int size_zyx[3]);
+                                         const sherf_pose *pose, bool training, observation_geometry **out);
 void observation_geometry_free(observation_geometry *g);
 
 /* ---- and once per target ---- */
@@ -109,22 +89,102 @@ sherf_status target_geometry_create(context *c, const model_config *config, cons
 void target_geometry_free(target_geometry *g);
 
 /* ---- the feature bank, as tensors on a tape ---- */
+enum { MODEL_BANK = 16 };
 typedef struct {
-    tensor *latent;              /* [L] global feature */
-    tensor *style;               /* [style_width] */
-    tensor *plane[3];            /* [R, R, D] each */
-    tensor *features;            /* [H/2, W/2, F] */
-    tensor *image;               /* [H, W, 3] */
-    tensor *level[POINT_LEVELS]; /* [voxels, channels] */
-    struct fused_bank *fused;    /* points_fused.c; made at the first frame when NULL */
+    int count; /* of the tensors that queries read, whose gradients they give */
+    tensor *tensor[MODEL_BANK];
+    void *own; /* the model's, on the tape; or NULL */
 } model_bank;
-/* Stages for the parity tests; NULL in normal use. */
+
+/* Arrays of a bank in the host's memory, as an avatar and its file keep them. */
 typedef struct {
-    tensor *block_x[16], *block_image[16];
-    int blocks;
-} model_stages;
+    const char *name; /* in the file */
+    dtype type;       /* T_F32 or T_I32 */
+    int rank;
+    int64_t dim[4]; /* 0 in model_kind.kept: any size */
+    void *data;     /* owned */
+} kept_array;
+typedef struct {
+    int count;
+    kept_array array[MODEL_BANK];
+} kept_bank;
+const kept_array *kept_find(const kept_bank *k, const char *name); /* NULL: not there */
+void kept_free(kept_bank *k);
+/* An array from a float32 tensor, wherever it lies. */
+sherf_status kept_take(context *c, const tensor *x, kept_array *out);
+/* An array of a file, whose sizes must be those that out->dim gives. */
+sherf_status kept_array_read(context *c, const safetensors *s, kept_array *out);
+
+/* ---- the table ---- */
+/* The same network as `query`, a tile of points at a time, for training in bf16. */
+typedef struct {
+    bool (*possible)(tape *t, const model *m);
+    /* All points at once, recorded; sigma [P, 1] and rgb [P, 3] are filled. */
+    sherf_status (*run)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                        model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
+} model_fused_training;
+
+struct model_kind {
+    const char *name; /* in files and before presets: letters, digits, _ */
+    /* settings */
+    const model_preset *presets;   /* up to one without a name; the first is the default */
+    const model_setting *settings; /* up to one without a name */
+    void (*defaults)(model_config *out);
+    sherf_status (*check)(context *c, const model_config *config); /* what ranges do not say; or NULL */
+    /* The settings of weights without metadata, from their tensors; or NULL. */
+    sherf_status (*infer)(context *c, const safetensors *s, model_config *out);
+    /* parameters: declares them into layers, which lie in m->network: network_bytes, zeroed */
+    size_t network_bytes;
+    void (*declare)(declaration *d, const model_config *config, void *network);
+    bool (*queried)(const char *name); /* what `query` reads, and avatars keep; NULL: all */
+    /* From the tensors of a converted ResNet-18; or NULL. */
+    sherf_status (*start_from_resnet)(context *c, model *m, const safetensors *s);
+    /* geometry of an observation into g->own, which observed_free frees; both NULL: there is none */
+    sherf_status (*observe)(context *c, const model_config *config, const body_model *body, bool training,
+                            observation_geometry *g);
+    void (*observed_free)(void *own);
+    /* the observation -> its bank */
+    sherf_status (*encode)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                           model_bank *bank);
+    /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op. */
+    sherf_status (*query)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
+                          tensor **sigma, tensor **rgb);
+    const model_fused_training *fused_training; /* or NULL */
+    /* Names and shapes of what an avatar keeps, without data. Where keep is NULL they are the bank's tensors
+     * in their order. */
+    void (*kept)(const model_config *config, kept_bank *out);
+    sherf_status (*keep)(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
+                         kept_bank *out);
+    const struct field_kind *field; /* the same network as `query` for frames (field.h); or NULL */
+};
+
+/* name NULL: the table's first. */
+sherf_status model_kind_find(context *c, const char *name, size_t length, const model_kind **out);
+void model_kind_add(const model_kind *kind); /* for tests: one more from now on; NULL: none */
+
+/* ---- a model ---- */
+struct sherf_model {
+    model_config config;
+    parameters *weights;
+    void *network; /* the kind's layers, whose tensors are the weights' */
+};
+
+sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
+void model_free(model *m);
+/* Moves the weights to where the context's device computes; nothing for the CPU. Before there are gradients.
+ */
+sherf_status model_place(context *c, model *m);
+bool model_is_queried(const model_kind *kind, const char *name);
+/* By name; NULL where there is none. For tests. */
+tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
+
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          model_bank *bank, model_stages *stages);
+                          model_bank *bank);
+/* A tape for work whose results alone are wanted: `t` where it records. keep: such a result, on `t`; what
+ * else is on `work` is gone. */
+tape *tape_for_parts(tape *t);
+tensor *tape_keep(tape *t, tape *work, tensor *x);
 
 /* How large a person in this pose is in the picture, in pixels a metre at the joints' mean distance; 0 where
  * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_fit).
@@ -132,14 +192,10 @@ sherf_status model_encode(tape *t, const model *m, const body_model *body, const
 sherf_status model_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
                             const sherf_camera *camera, double *out);
 
-/* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op on the tape. */
-typedef struct {
-    tensor *plane[3], *volume, *fusion, *sigma, *rgb;
-} point_outputs;
-sherf_status model_points(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
-                          point_outputs *out);
-
+/* Raw density and colour of all points, in chunks of which the tape keeps nothing: into sigma [P, 1] and rgb
+ * [P, 3]. */
+sherf_status model_query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                         const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 /* The whole frame on the tape: [N, 5] colour, opacity, depth. The points go through in chunks whose inside is
  * not kept but computed again in the backward pass. noise_key != 0: standard normal noise is added to the raw
  * density (training). */
@@ -155,8 +211,11 @@ sherf_status model_save_values(context *c, const model *m, const float *values, 
 /* All tensors as a file holds them; mem_free both results. For checkpoints. */
 sherf_status model_items(context *c, const model *m, const float *values, safetensor_item **out,
                          float **memory);
-/* Values of all tensors of `from` (a converted ResNet-18) into both encoders where shapes agree. */
+/* A converted ResNet-18's values into the model's encoders where shapes agree. */
 sherf_status model_load_resnet(context *c, model *m, const char *path);
+/* For model_kind.start_from_resnet: the parameters named PREFIX... take the values, whole or not at all: not
+ * where the network has another width (*taken stays false). */
+sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken);
 
 /* ---- avatar ---- */
 /* model/detail.h; a texel is a pixel of the observed picture. */
@@ -176,15 +235,15 @@ struct sherf_avatar {
     sherf_pose pose; /* the observation's */
     sherf_camera camera;
     uint64_t body_fingerprint;
-    parameters *weights; /* the point network's only */
-    point_bank bank;     /* its arrays are the avatar's own */
-    uint8_t *picture;    /* the observation with more pixels than the bank's image, RGB; NULL: none */
+    parameters *weights;           /* what queries read, in the host's memory */
+    kept_bank kept;                /* of its bank */
+    int image_width, image_height; /* of the observation as it was encoded */
+    float *image;                  /* H x W x 3, black outside the mask */
+    uint8_t *picture;              /* the observation with more pixels than the image, RGB; NULL: none */
     int picture_width, picture_height;
-    posed_body *observed;   /* observation pose, for the pixel-aligned features */
-    point_network *network; /* packed for the context's precision it was made or loaded in; NULL on a GPU */
-    struct gpu_avatar *gpu; /* in the memory of the GPU that its context has, or NULL */
-    const gpu_renderer *renderer;
-    pthread_mutex_t gpu_lock; /* frames of one avatar share its room there */
+    posed_body *observed; /* observation pose, for the pixel-aligned features */
+    const struct field_kind *field_kind;
+    void *field; /* answers its points, for the context that it was made or loaded in */
     /* Found before the first frame that may leave something out. */
     struct {
         pthread_mutex_t lock;
@@ -198,16 +257,20 @@ struct sherf_avatar {
     } detail;
 };
 
-/* avatar_network.c: the network of an avatar whose bank, weights and observation are there. */
-sherf_status avatar_network_start(context *c, sherf_avatar *a, const body_model *body);
-void avatar_network_free(sherf_avatar *a);
-/* As point_network_run, wherever the network is. */
-sherf_status avatar_ask(context *c, const sherf_avatar *a, const point_set *points, float *rgb, float *sigma);
-/* The network on the processor, made now where it is on a GPU alone. The avatar's. */
-sherf_status avatar_host_network(context *c, const sherf_avatar *a, const point_network **out);
-sherf_status avatar_render_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
-                               const sherf_camera *camera, const gpu_frame_options *options,
-                               sherf_frame *frame);
+/* kept.c: of a model's bank, and from a file; free with kept_free, whatever the answer. */
+sherf_status kept_make(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
+                       kept_bank *out);
+sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
+
+/* rgb [P, 3] and raw density [P] of points that the avatar's body has (points_create, canonical.h). */
+sherf_status avatar_query(context *c, const sherf_avatar *a, const body_model *body, const point_set *points,
+                          float *rgb, float *sigma);
+/* A frame of rays and points of the caller's, as tiles_render. */
+sherf_status avatar_composite(context *c, const sherf_avatar *a, const body_model *body,
+                              const ray_bundle *rays, const point_set *points, const float background[3],
+                              bool early_stop, sherf_frame *frame);
+/* Whether frames are made whole from a pose's joints, on a GPU (posed_joints_create). */
+bool avatar_takes_joints(const sherf_avatar *a);
 
 /* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
  * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within

@@ -73,6 +73,18 @@ sherf_status parameters_lay_out(context *c, parameters *p) {
     return SHERF_OK;
 }
 
+void parameters_initialise(parameters *p, uint64_t seed) {
+    for (int i = 0; i < p->count; i++) {
+        const parameter *q = p->item[i];
+        const int64_t n = tensor_count(&q->value);
+        const uint64_t key = random_key(seed, q->name, 0);
+        const double deviation = q->first.deviation;
+        float *v = q->value.data;
+        for (int64_t k = 0; k < n; k++)
+            v[k] = deviation != 0 ? (float)(deviation * random_normal(key, (uint64_t)k)) : q->first.constant;
+    }
+}
+
 sherf_status parameters_make_grads(context *c, parameters *p) {
     if (p->grads) return SHERF_OK;
     p->grads = block_take(c, p->memory, (size_t)p->trained_floats, sizeof(float));

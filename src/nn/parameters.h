@@ -5,12 +5,21 @@
 
 #include "tensor/tensor.h"
 
+/* What a parameter begins with: one number everywhere, or, where deviation is not 0, normal numbers of mean
+ * 0. */
+typedef struct {
+    float constant;
+    double deviation;
+} first_values;
+
 typedef struct {
     char *name;   /* as in the authors' checkpoints */
     tensor value; /* F32; data in the block; value.grad when gradients were made */
     tensor grad;
     bool buffer;    /* running statistics: kept, averaged, never trained */
     int64_t offset; /* floats into the block */
+    first_values first;
+    bool channels_last; /* [H, W, C] here and [C, H, W] in files */
 } parameter;
 
 typedef struct {
@@ -31,6 +40,9 @@ tensor *parameter_add(context *c, parameters *p, bool buffer, int rank, const in
                       const char *name_format, ...) PRINTF_LIKE(6, 7);
 /* Makes the block, zeroed. */
 sherf_status parameters_lay_out(context *c, parameters *p);
+/* The first values of all: the same ones of a seed and a name, whatever else there is. In the host's memory.
+ */
+void parameters_initialise(parameters *p, uint64_t seed);
 /* Makes the gradients' block (zeroed) and marks the trained tensors needs_grad. */
 sherf_status parameters_make_grads(context *c, parameters *p);
 void parameters_zero_grads(parameters *p);

@@ -87,6 +87,18 @@ sherf_status points_prepare(context *c, const body_model *m, posed_body *target)
 /* Room for the three pictures of a frame, kept where it has that size. */
 sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
 
+/* A frame made whole on a GPU, from a pose. */
+typedef struct {
+    int samples;      /* depths a ray, */
+    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
+                         not */
+    float step_most_m;
+    bool mend; /* rays_mend */
+    float background[3];
+    bool early_stop;          /* rays that are opaque skip the rest of their points */
+    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
+} gpu_frame_options;
+
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
 sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible);

@@ -243,7 +243,7 @@ static sherf_status prepare_once(bench *b, void *arg) {
     j->sample.observation_geometry = NULL;
     j->sample.target_geometry = NULL;
     sherf_status status = observation_geometry_create(&one, &b->model->config, b->body, &o->image, &o->camera,
-                                                      &o->pose, true, NULL, &j->sample.observation_geometry);
+                                                      &o->pose, true, &j->sample.observation_geometry);
     if (status == SHERF_OK)
         status = target_geometry_create(&one, &b->model->config, b->body, &t->camera, &t->pose,
                                         j->sample.observation_geometry, false, &j->sample.target_geometry);

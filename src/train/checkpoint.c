@@ -96,7 +96,8 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     char text[STATE_KEYS][32];
     size_t n = 0;
     sherf_status status = SHERF_NO_MEMORY;
-    safetensor_metadata metadata[STATE_KEYS + 2] = {{"format", "sherf-checkpoint"}};
+    safetensor_metadata metadata[STATE_KEYS + 3] = {{"format", "sherf-checkpoint"},
+                                                    {"model", m->config.kind->name}};
     char *config = model_config_text(c, &m->config);
     char(*name)[288] = mem_alloc(c, most, sizeof *name);
     safetensor_item *item = mem_zero(c, most, sizeof *item);
@@ -104,9 +105,9 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     float *copies[GROUPS] = {NULL};
     if (!config || !name || !item) goto done;
     if ((status = blocks_read(c, m, average, a, block, copies)) != SHERF_OK) goto done;
-    metadata[1] = (safetensor_metadata){"config", config};
+    metadata[2] = (safetensor_metadata){"config", config};
     state_text(state, a->updates, text);
-    for (int i = 0; i < STATE_KEYS; i++) metadata[i + 2] = (safetensor_metadata){state_keys[i], text[i]};
+    for (int i = 0; i < STATE_KEYS; i++) metadata[i + 3] = (safetensor_metadata){state_keys[i], text[i]};
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
@@ -163,7 +164,7 @@ sherf_status checkpoint_read(context *c, const char *path, model **m, model **av
         status = failure(c, SHERF_BAD_FILE, "not a checkpoint of a training");
         goto done;
     }
-    if ((status = model_config_parse(c, text, &config)) != SHERF_OK) goto done;
+    if ((status = model_config_of_file(c, f, "config", false, &config)) != SHERF_OK) goto done;
     if ((status = state_parse(c, f, state, &updates)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, m)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, average)) != SHERF_OK) goto done;

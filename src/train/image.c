@@ -25,7 +25,7 @@ sherf_status image_gradients(tape *t, const model *m, const body_model *body, co
     model_bank bank;
     tensor *total = NULL;
     tape_reset(t);
-    sherf_status status = model_encode(t, m, body, s->observation_geometry, &bank, NULL);
+    sherf_status status = model_encode(t, m, body, s->observation_geometry, &bank);
     for (int k = 0; k <= s->drawn.further && status == SHERF_OK; k++) {
         const data_view *view = k ? s->more[k - 1].target : s->target;
         const target_geometry *geometry = k ? s->more[k - 1].geometry : s->target_geometry;

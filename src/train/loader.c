@@ -41,7 +41,7 @@ sherf_status sample_load(context *c, const sherf_dataset *d, const model_config 
         dataset_person_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
     if (status != SHERF_OK) goto fail;
     const data_view *o = out->observation;
-    status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true, NULL,
+    status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true,
                                          &out->observation_geometry);
     if (status == SHERF_OK)
         status = body_in_picture(c, body, out->observation_geometry->body, &o->camera, o->mask);

@@ -154,7 +154,7 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     wanted.px_per_m = has->px_per_m;
     char *a = model_config_text(c, &wanted), *b = model_config_text(c, has);
     status = a && b ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK && strcmp(a, b) != 0)
+    if (status == SHERF_OK && (wanted.kind != has->kind || strcmp(a, b) != 0))
         status =
             failure(c, SHERF_MISMATCH,
                     "%s: of preset %s, not %s: leave the preset out to go on, or train into another folder",

@@ -17,8 +17,8 @@ static cJSON *avatar_json(const sherf_viewer_avatar *a, int number) {
     cJSON *json = cJSON_CreateObject();
     snprintf(plain, sizeof plain, "avatar %d", number + 1);
     cJSON_AddStringToObject(json, "name", a->name ? a->name : plain);
-    cJSON_AddNumberToObject(json, "width", a->avatar->bank.image_width);
-    cJSON_AddNumberToObject(json, "height", a->avatar->bank.image_height);
+    cJSON_AddNumberToObject(json, "width", a->avatar->image_width);
+    cJSON_AddNumberToObject(json, "height", a->avatar->image_height);
     return json;
 }
 
@@ -280,7 +280,7 @@ sherf_status scene_posed(context *c, view_scene *s, const view_wish *w, const po
 }
 
 sherf_status scene_picture(context *c, const view_scene *s, int avatar, uint8_t **out, size_t *bytes) {
-    const point_bank *b = &s->avatars[avatar].avatar->bank;
+    const sherf_avatar *b = s->avatars[avatar].avatar;
     size_t n = (size_t)b->image_width * (size_t)b->image_height * 3;
     uint8_t *rgb = mem_alloc(c, n, 1);
     if (!rgb) return SHERF_NO_MEMORY;

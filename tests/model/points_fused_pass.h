@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "data/tubeman.h"
-#include "model/model.h"
+#include "model/sherf/sherf.h"
 #include "support.h"
 
 /* What both ways are given: a small model, the tube person in two poses, a bank of made-up numbers. */
@@ -40,7 +40,7 @@ static model *weights_in(context *c, const model_config *config, const tensor_me
     /* biases and norms away from 0 and 1, densities that both show and hide */
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
-        if (q->buffer || q->value.rank > 1 || !model_is_point_weight(q->name)) continue;
+        if (q->buffer || q->value.rank > 1 || !model_sherf_is_point_weight(q->name)) continue;
         int64_t n = tensor_count(&q->value);
         for (int64_t k = 0; k < n; k++)
             tensor_f32(&q->value)[k] += 0.2f * (float)random_normal(random_key(7, q->name, 0), (uint64_t)k);
@@ -65,8 +65,7 @@ static void scene_open(scene *s, const char *config_text) {
     look(s->body, 0.3f, &camera);
     s->image = (sherf_image){SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
     for (int i = 0; i < SIDE * SIDE * 3; i++) s->image.data[i] = (float)random_uniform(11, (uint64_t)i);
-    assert_ok(c,
-              observation_geometry_create(c, &config, s->body, &s->image, &camera, &seen, true, NULL, &s->g));
+    assert_ok(c, observation_geometry_create(c, &config, s->body, &s->image, &camera, &seen, true, &s->g));
     look(s->body, 1.1f, &camera);
     assert_ok(c, target_geometry_create(c, &config, s->body, &camera, &shown, s->g, false, &s->target));
 }
@@ -86,15 +85,18 @@ static int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *f
     context *c = s->c;
     tape *t = tape_create(c, (tape_options){with, true, true, bf16});
     assert_non_null(t);
-    const model_config *k = &m->config;
-    model_bank bank = {0};
+    const sherf_settings *k = model_sherf_settings(&m->config);
+    sherf_bank own = {0};
+    model_bank bank = {.count = BANK_TENSORS, .own = &own};
     int64_t R = k->plane_resolution, half = SIDE / 2, total = m->weights->trained_floats;
     tensor *leaf[BANK];
     for (int i = 0; i < BANK; i++) {
         int64_t dim[3] = {R, R, k->token_width};
         int rank = 3;
         if (i == 3) dim[0] = dim[1] = half, dim[2] = k->feature_width;
-        if (i > 3) rank = 2, dim[0] = s->g->level[i - 3].voxels, dim[1] = k->volume_channels[i - 4];
+        if (i > 3)
+            rank = 2, dim[0] = model_sherf_geometry(s->g)->level[i - 3].voxels,
+            dim[1] = k->volume_channels[i - 4];
         leaf[i] = tape_tensor(t, T_F32, rank, dim);
         assert_non_null(leaf[i]);
         leaf[i]->needs_grad = true;
@@ -106,11 +108,11 @@ static int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *f
         total += tensor_count(leaf[i]);
     }
     for (int i = 0; i < 3; i++) {
-        bank.plane[i] = leaf[i];
-        bank.level[i] = leaf[4 + i];
+        bank.tensor[BANK_PLANE + i] = leaf[i];
+        bank.tensor[BANK_LEVEL + i] = leaf[4 + i];
     }
-    bank.features = leaf[3];
-    bank.image = tape_input(t, s->image.data, 3, (int64_t[]){SIDE, SIDE, 3});
+    bank.tensor[BANK_FEATURES] = leaf[3];
+    bank.tensor[BANK_IMAGE] = tape_input(t, s->image.data, 3, (int64_t[]){SIDE, SIDE, 3});
     parameters_zero_grads(m->weights);
     tensor *frame = NULL;
     assert_ok(c, model_frame(t, m, s->body, s->g, &bank, s->target, 0, 5, &frame));
@@ -215,11 +217,11 @@ static void no_worse_all(const scene *s, const float *fused, const float *rounde
     int checked = 0;
     for (int i = 0; i < p->count; i++) {
         const parameter *q = p->item[i];
-        if (q->buffer || !model_is_point_weight(q->name)) continue;
+        if (q->buffer || !model_sherf_is_point_weight(q->name)) continue;
         no_worse(q->name, fused + q->offset, rounded + q->offset, exact + q->offset, tensor_count(&q->value));
         checked++;
     }
-    assert_int_equal(checked, 23 + 2 * s->m->config.decoder_depth);
+    assert_int_equal(checked, 23 + 2 * model_sherf_settings(&s->m->config)->decoder_depth);
     no_worse("bank", fused + p->trained_floats, rounded + p->trained_floats, exact + p->trained_floats,
              n - p->trained_floats);
 }

@@ -8,7 +8,8 @@
 
 #ifdef HAVE_CUDA_EMULATED
 #include "data/tubeman.h"
-#include "model/model.h"
+#include "model/field.h"
+#include "model/sherf/fused/gpu.h"
 
 extern const gpu_renderer gpu_renderer_emulated;
 
@@ -59,8 +60,7 @@ static void render(context *c, const body_model *body, const char *path, sherf_f
     pose.poses_rad[3 * 17 + 2] = 0.7f;
     sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 1.1f, 0, 0.8f, 28, 32, &camera);
     assert_ok(c, sherf_avatar_load(c, path, body, &a));
-    assert_int_equal(a->gpu != NULL, c->device == SHERF_DEVICE_CUDA);
-    assert_int_equal(a->network == NULL, c->device == SHERF_DEVICE_CUDA);
+    assert_int_equal(avatar_takes_joints(a), c->device == SHERF_DEVICE_CUDA);
     sherf_render_options sharp = o;
     sharp.detail = SHERF_DETAIL_ON;
     if (detailed) assert_ok(c, sherf_render(c, a, body, &pose, &camera, &sharp, detailed));
@@ -68,8 +68,8 @@ static void render(context *c, const body_model *body, const char *path, sherf_f
     /* and a question that is no frame */
     float at[3] = {0, 0.2f, 0.05f}, none[3] = {0, 0, 0}, px[2] = {20, 20}, rgb[3];
     const point_set one = {.count = 1, .canonical = at, .direction_canonical = none, .observed_px = px};
-    assert_ok(c, avatar_ask(c, a, &one, rgb, sigma));
-    *values = a->gpu ? a->renderer->bytes(a->gpu) : 0;
+    assert_ok(c, avatar_query(c, a, body, &one, rgb, sigma));
+    *values = a->field_kind->device_bytes(a->field);
     sherf_avatar_free(a);
 }
 

@@ -11,7 +11,7 @@
 #ifdef HAVE_CUDA_EMULATED
 #include "base/device.h"
 #include "data/tubeman.h"
-#include "model/model.h"
+#include "model/sherf/sherf.h"
 
 extern const backend backend_emulated;
 
@@ -44,8 +44,7 @@ static void scene_open(scene *s) {
     s->image = (sherf_image){SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
     for (int i = 0; i < SIDE * SIDE * 3; i++) s->image.data[i] = (float)random_uniform(11, (uint64_t)i);
     sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 0.3f, 0, 0.7f, SIDE, SIDE, &camera);
-    assert_ok(
-        c, observation_geometry_create(c, &s->config, s->body, &s->image, &camera, &seen, true, NULL, &s->g));
+    assert_ok(c, observation_geometry_create(c, &s->config, s->body, &s->image, &camera, &seen, true, &s->g));
     sherf_camera_orbit((float[]){0, 0.1f, 0}, 3, 1.1f, 0, 0.7f, SIDE, SIDE, &camera);
     assert_ok(c, target_geometry_create(c, &s->config, s->body, &camera, &shown, s->g, false, &s->target));
 }
@@ -93,7 +92,7 @@ static void step(scene *s, const backend *b, result *out) {
     for (int round = 0; round < 2; round++) { /* the second in memory that was used */
         tape_reset(t);
         parameters_zero_grads(p);
-        assert_ok(c, model_encode(t, out->m, s->body, s->g, &bank, NULL));
+        assert_ok(c, model_encode(t, out->m, s->body, s->g, &bank));
         assert_ok(c, model_frame(t, out->m, s->body, s->g, &bank, s->target, 0, 5, &frame));
         assert_ok(c, losses_of(t, NULL, frame, &truth, &total, &out->losses));
         assert_non_null(total);

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/model.h"
+#include "model/field.h"
 #include "support.h"
 
 static const char model_path[] = "../assets/models/people.safetensors",
@@ -67,7 +67,7 @@ static void what_is_left_out_has_no_density(void **state) {
     float *rgb = mem_alloc(s.c, (size_t)all->count, 3 * sizeof *rgb);
     float *sigma = mem_alloc(s.c, (size_t)all->count, sizeof *sigma);
     assert_true(rgb && sigma);
-    assert_ok(s.c, point_network_run(s.c, s.avatar->network, all, rgb, sigma));
+    assert_ok(s.c, avatar_query(s.c, s.avatar, s.body, all, rgb, sigma));
     int64_t at = 0;
     double lost = 0, whole = 0; /* alphas of a centimetre */
     for (int64_t i = 0; i < all->count; i++) {
@@ -130,12 +130,8 @@ static void a_full_body_has_no_cells(void **state) {
     open_scene(SHERF_PRECISION_FP32, &s);
     tensor *bias = &parameter_find(s.avatar->weights, "decoder.alpha_linear.bias")->value;
     tensor_f32(bias)[0] += 1e4f;
-    point_sizes sizes;
-    point_weights weights;
-    model_point_sizes(&s.avatar->config, &sizes);
-    model_point_weights(s.avatar->weights, &s.avatar->config, &weights);
-    point_network_free(s.avatar->network);
-    assert_ok(s.c, point_network_create(s.c, &sizes, &weights, &s.avatar->bank, false, &s.avatar->network));
+    s.avatar->field_kind->release(s.avatar->field);
+    assert_ok(s.c, s.avatar->field_kind->create(s.c, s.avatar, s.body, &s.avatar->field));
     assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
     assert_null(empty.bit);
     close_scene(&s);

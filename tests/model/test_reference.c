@@ -11,6 +11,7 @@
 
 #include "data/data.h"
 #include "data/tubeman.h"
+#include "model/sherf/sherf.h"
 
 /* float32 stages: at most 3e-4 of the stage's largest value, 2e-5 root mean square. */
 static const reference_bound stage = {3e-4, 2e-5};
@@ -42,7 +43,8 @@ static void reference_open(reference *r, const char *file, bool training) {
     reference_image(c, false, &r->image);
     const int32_t *voxels = safetensors_find(r->want, "volume.voxels")->data;
     assert_ok(c, observation_geometry_create(c, &r->m->config, r->body, &r->image, &r->camera[1], &r->pose[1],
-                                             training, voxels, &r->g));
+                                             training, &r->g));
+    assert_ok(c, model_sherf_observe_at(c, &r->m->config, r->body, training, voxels, r->g));
     assert_ok(c, target_geometry_create(c, &r->m->config, r->body, &r->camera[0], &r->pose[0], r->g, true,
                                         &r->target));
 }
@@ -76,9 +78,10 @@ static void compare_map(const reference *r, const char *name, const tensor *map,
 static void check_voxels(const reference *r) {
     static const int ties[] = {810, 815, 870, 875}; /* on a rounding tie of the grid */
     context *c = r->c;
-    observation_geometry *own = NULL;
+    observation_geometry *again = NULL;
     assert_ok(c, observation_geometry_create(c, &r->m->config, r->body, &r->image, &r->camera[1], &r->pose[1],
-                                             false, NULL, &own));
+                                             false, &again));
+    const sherf_geometry *own = model_sherf_geometry(again);
     const int32_t *want = safetensors_find(r->want, "volume.voxels")->data;
     for (int v = 0; v < r->body->vertices; v++) {
         bool tie = false;
@@ -90,14 +93,15 @@ static void check_voxels(const reference *r) {
     }
     assert_memory_equal(own->volume_size, safetensors_find(r->want, "volume.size")->data,
                         sizeof own->volume_size);
-    observation_geometry_free(own);
+    observation_geometry_free(again);
 }
 
 static void check_encoder(const reference *r, const model_bank *bank, const model_stages *stages) {
-    reference_compare("encoder.latent", reference_floats(r->want, "encoder.latent", 512), bank->latent->data,
+    const sherf_bank *own = bank->own;
+    reference_compare("encoder.latent", reference_floats(r->want, "encoder.latent", 512), own->latent->data,
                       512, stage);
-    compare_map(r, "encoder.features", bank->features, 1, 4);
-    reference_compare("generator.ws", reference_floats(r->want, "generator.ws", 512), bank->style->data, 512,
+    compare_map(r, "encoder.features", bank->tensor[BANK_FEATURES], 1, 4);
+    reference_compare("generator.ws", reference_floats(r->want, "generator.ws", 512), own->style->data, 512,
                       stage);
     for (int i = 0, res = 4; i < stages->blocks; i++, res *= 2) {
         char name[64];
@@ -145,7 +149,7 @@ static void check_points(const reference *r, tape *t, const model_bank *bank) {
     compare_rows(r, "deform.canonical", p->canonical, 3, n, row, metres);
     compare_rows(r, "deform.viewdir", p->direction_canonical, 3, n, row, metres);
     compare_rows(r, "project.points", p->observed_px, 2, n, row, stage);
-    assert_ok(r->c, model_points(t, r->m, r->body, r->g, bank, p, 0, p->count, &out));
+    assert_ok(r->c, model_sherf_points(t, r->m, r->body, r->g, bank, p, 0, p->count, &out));
     const float *planes = reference_floats(r->want, "triplane.features", 3 * n * 32);
     for (int k = 0; k < 3; k++)
         for (int64_t i = 0; i < n; i++)
@@ -185,7 +189,7 @@ static void stages_agree(void **state) {
     tape *t = tape_create(c, (tape_options){&backend_cpu, false, false, false});
     model_bank bank;
     model_stages stages = {.blocks = 0};
-    assert_ok(c, model_encode(t, r.m, r.body, r.g, &bank, &stages));
+    assert_ok(c, model_sherf_encode(t, r.m, r.body, r.g, &bank, &stages));
     check_encoder(&r, &bank, &stages);
     check_points(&r, t, &bank);
     tensor *frame;
@@ -344,7 +348,7 @@ static void training_agrees(void **state) {
     tape *t = tape_create(c, (tape_options){&backend_cpu, true, true, false});
     model_bank bank;
     tensor *frame, *total;
-    assert_ok(c, model_encode(t, r.m, r.body, r.g, &bank, NULL));
+    assert_ok(c, model_encode(t, r.m, r.body, r.g, &bank));
     assert_ok(c, model_frame(t, r.m, r.body, r.g, &bank, r.target, 0, 0, &frame));
     double db = picture_psnr(&r, frame->data, 5);
     if (!(db >= 60)) fail_msg("the picture agrees to %.1f dB only", db);

@@ -1,9 +1,10 @@
-/* What the body and the cameras decide, before any weight is touched. */
+/* What the body and the observation's camera decide for the point-level features: which vertices are seen,
+ * the sparse volume's voxels and the rules of its convolutions. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "model/model.h"
+#include "model/sherf/sherf.h"
 
 /* Rows [begin, end) of a stride-1 or stride-2 rule: out[o] = sum_k W[k] in[stride * o + k - 1]. */
 typedef struct {
@@ -41,7 +42,7 @@ static int compare_i64(const void *a, const void *b) {
 }
 
 /* Sorted, unique linear voxel numbers -> the level's grid and the voxels' z, y, x. */
-static sherf_status level_fill(context *c, observation_geometry *g, int l, int64_t *number, int64_t count,
+static sherf_status level_fill(context *c, sherf_geometry *g, int l, int64_t *number, int64_t count,
                                int32_t **zyx) {
     int *size = g->level[l].size;
     qsort(number, (size_t)count, sizeof *number, compare_i64);
@@ -84,7 +85,7 @@ static int64_t *reached(context *c, int64_t voxels, const int32_t *zyx, const in
     return number;
 }
 
-static sherf_status levels_create(context *c, observation_geometry *g, int vertices, bool down3) {
+static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, bool down3) {
     int32_t *zyx = NULL, *next_zyx = NULL;
     int64_t count = vertices, *number = mem_alloc(c, (size_t)vertices, sizeof *number);
     sherf_status status = number ? SHERF_OK : SHERF_NO_MEMORY;
@@ -121,11 +122,12 @@ static sherf_status levels_create(context *c, observation_geometry *g, int verti
     return status;
 }
 
-sherf_status volume_size_of(context *c, const model_config *config, const body_model *body, int size_zyx[3]) {
+sherf_status model_sherf_volume_size(context *c, const model_config *config, const body_model *body,
+                                     int size_zyx[3]) {
     float min[3], max[3];
     body_canonical_bounds(body, min, max);
     for (int a = 0; a < 3; a++) { /* a counts x y z */
-        float cells = ceilf((max[a] - min[a]) / config->voxel_size_m);
+        float cells = ceilf((max[a] - min[a]) / model_sherf_settings(config)->voxel_size_m);
         if (!(cells >= 1 && cells <= 2048))
             return failure(c, SHERF_BAD_ARGUMENT, "the canonical body is %g m wide: not a body in metres",
                            (double)(max[a] - min[a]));
@@ -137,11 +139,12 @@ sherf_status volume_size_of(context *c, const model_config *config, const body_m
 /* Voxel of each vertex, the volume's sizes, the active voxels and rules of every level (network.md 3). The
  * observation's vertices go to canonical space by the inverse LBS, which puts them on the canonical body. */
 static sherf_status volume_layout(context *c, const model_config *config, const body_model *body,
-                                  observation_geometry *g, bool down3, const int32_t *fixed_voxels) {
+                                  const posed_body *observed, sherf_geometry *g, bool down3,
+                                  const int32_t *fixed_voxels) {
     float max[3];
     body_canonical_bounds(body, g->volume_min, max);
-    g->voxel_size_m = config->voxel_size_m;
-    sherf_status status = volume_size_of(c, config, body, g->volume_size);
+    g->voxel_size_m = model_sherf_settings(config)->voxel_size_m;
+    sherf_status status = model_sherf_volume_size(c, config, body, g->volume_size);
     if (status != SHERF_OK) return status;
     for (int l = 0; l < POINT_LEVELS + 2; l++)
         for (int a = 0; a < 3; a++) g->level[l].size[a] = g->volume_size[a] >> l;
@@ -150,7 +153,7 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
     float *canonical = mem_alloc(c, (size_t)body->vertices * 3, sizeof(float));
     status = g->vertex_zyx && g->vertex_voxel && canonical ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
-        deform_to_canonical(body, g->body, body->vertices, g->body->vertices_smpl, NULL, NULL, canonical,
+        deform_to_canonical(body, observed, body->vertices, observed->vertices_smpl, NULL, NULL, canonical,
                             NULL);
         for (int64_t i = 0; i < (int64_t)body->vertices * 3; i++) {
             int a = (int)(i % 3);
@@ -171,59 +174,39 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
     return status;
 }
 
-sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
-                                         const sherf_image *image_rgb, const sherf_camera *camera,
-                                         const sherf_pose *pose, bool down3, const int32_t *fixed_voxels,
-                                         observation_geometry **out) {
-    *out = NULL;
-    float *world = NULL;
-    sherf_status status = camera_check(c, camera);
-    if (status != SHERF_OK) return status;
-    if (image_rgb->channels != 3 || image_rgb->width != camera->width_px ||
-        image_rgb->height != camera->height_px)
-        return failure(c, SHERF_MISMATCH, "the picture is %d x %d x %d, the camera's is %d x %d x 3",
-                       image_rgb->width, image_rgb->height, image_rgb->channels, camera->width_px,
-                       camera->height_px);
-    if (image_rgb->width < 32 || image_rgb->height < 32)
-        return failure(c, SHERF_BAD_ARGUMENT, "the picture is %d x %d: at least 32 x 32 are needed",
-                       image_rgb->width, image_rgb->height);
-    observation_geometry *g = mem_zero(c, 1, sizeof *g);
+sherf_geometry *model_sherf_geometry(const observation_geometry *g) {
+    return g->own;
+}
+
+sherf_status model_sherf_observe_at(context *c, const model_config *config, const body_model *body,
+                                    bool training, const int32_t *voxels, observation_geometry *observation) {
+    const size_t V = (size_t)body->vertices;
+    sherf_geometry *g = mem_zero(c, 1, sizeof *g);
+    model_sherf_geometry_free(observation->own);
+    observation->own = g;
     if (!g) return SHERF_NO_MEMORY;
-    g->width = image_rgb->width;
-    g->height = image_rgb->height;
-    g->camera = *camera;
-    g->vertices = body->vertices;
-    size_t V = (size_t)body->vertices, N = (size_t)g->width * (size_t)g->height * 3;
-    g->image = mem_alloc(c, N, sizeof(float));
     g->visible = mem_alloc(c, V, sizeof(int32_t));
     g->vertex_px = mem_alloc(c, V * 2, sizeof(float));
-    world = mem_alloc(c, V * 3, sizeof(float));
-    if (!g->image || !g->visible || !g->vertex_px || !world) {
-        status = SHERF_NO_MEMORY;
-        goto done;
+    float *world = mem_alloc(c, V * 3, sizeof(float));
+    sherf_status status = g->visible && g->vertex_px && world ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        body_vertices_world(body, observation->body, world);
+        camera_project(&observation->camera, (int64_t)V, world, g->vertex_px, NULL);
+        status = vertices_visible(c, body, world, &observation->camera, g->visible);
     }
-    memcpy(g->image, image_rgb->data, N * sizeof(float));
-    status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &g->body);
-    if (status != SHERF_OK) goto done;
-    g->body->blend_m = (float)config->skin_blend_mm / 1000;
-    body_vertices_world(body, g->body, world);
-    camera_project(camera, (int64_t)V, world, g->vertex_px, NULL);
-    status = vertices_visible(c, body, world, camera, g->visible);
-    if (status != SHERF_OK) goto done;
-    status = volume_layout(c, config, body, g, down3, fixed_voxels);
-done:
+    if (status == SHERF_OK) status = volume_layout(c, config, body, observation->body, g, training, voxels);
     mem_free(world);
-    if (status == SHERF_OK)
-        *out = g;
-    else
-        observation_geometry_free(g);
     return status;
 }
 
-void observation_geometry_free(observation_geometry *g) {
+sherf_status model_sherf_observe(context *c, const model_config *config, const body_model *body,
+                                 bool training, observation_geometry *g) {
+    return model_sherf_observe_at(c, config, body, training, NULL, g);
+}
+
+void model_sherf_geometry_free(void *geometry) {
+    sherf_geometry *g = geometry;
     if (!g) return;
-    mem_free(g->image);
-    posed_body_free(g->body);
     mem_free(g->visible);
     mem_free(g->vertex_px);
     mem_free(g->vertex_zyx);
@@ -233,46 +216,5 @@ void observation_geometry_free(observation_geometry *g) {
         mem_free(g->level[l].rule);
         mem_free(g->level[l].down_rule);
     }
-    mem_free(g);
-}
-
-sherf_status target_geometry_create(context *c, const model_config *config, const body_model *body,
-                                    const sherf_camera *camera, const sherf_pose *pose,
-                                    const observation_geometry *observation, bool keep_stages,
-                                    target_geometry **out) {
-    *out = NULL;
-    sherf_status status = camera_check(c, camera);
-    if (status != SHERF_OK) return status;
-    target_geometry *g = mem_zero(c, 1, sizeof *g);
-    if (!g) return SHERF_NO_MEMORY;
-    float min[3], max[3];
-    status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &g->body);
-    if (status != SHERF_OK) goto done;
-    g->body->blend_m = (float)config->skin_blend_mm / 1000;
-    body_world_box(body, g->body, min, max);
-    status = rays_create(c, camera, min, max, &g->rays);
-    if (status != SHERF_OK) goto done;
-    status = points_create(c, body, g->body, g->rays, config->samples, observation ? observation->body : NULL,
-                           observation ? &observation->camera : NULL, NULL, keep_stages, &g->points);
-    if (status != SHERF_OK) goto done;
-    g->depth_min = INFINITY;
-    g->depth_max = -INFINITY;
-    for (int64_t i = 0; i < g->points->rays; i++) {
-        g->depth_min = fminf(g->depth_min, g->rays->near[i]);
-        g->depth_max = fmaxf(g->depth_max, g->rays->far[i]);
-    }
-done:
-    if (status == SHERF_OK)
-        *out = g;
-    else
-        target_geometry_free(g);
-    return status;
-}
-
-void target_geometry_free(target_geometry *g) {
-    if (!g) return;
-    posed_body_free(g->body);
-    rays_free(g->rays);
-    points_free(g->points);
     mem_free(g);
 }

@@ -1,15 +1,24 @@
-/* Section 3: the observation's vertices carry pixel features into a sparse canonical volume. */
-#include <stdio.h>
-
+/* Hierarchical features, the point-level ones (section 3.3): the observation's vertices carry pixel-aligned
+ * features into a sparse canonical volume. */
 #include "model/sherf/sherf.h"
 
-static const float volume_eps = 1e-3f, volume_momentum = 0.01f;
-
-static tensor *sparse_layer(tape *t, const model *m, tensor *x, tensor *rule, const char *layer, int index) {
-    char name[96];
-    x = op_sparse_conv(t, x, model_tensor(m, "renderer.encoder_3d.%s.%d.weight", layer, index), rule);
-    snprintf(name, sizeof name, "renderer.encoder_3d.%s.%d", layer, index + 1);
-    return layer_batch_norm(t, m, x, name, volume_eps, volume_momentum, true);
+void point_declare(declaration *d, const sherf_settings *k, point_stage *s) {
+    static const char *const conv[] = {"renderer.encoder_3d.conv1", "renderer.encoder_3d.conv2",
+                                       "renderer.encoder_3d.conv3"};
+    static const char *const down[] = {"renderer.encoder_3d.down0", "renderer.encoder_3d.down1",
+                                       "renderer.encoder_3d.down2", "renderer.encoder_3d.down3"};
+    const int *v = k->volume_channels;
+    s->projection = linear_declare(d, "conv1d_projection", false, v[0], 3 * k->token_width);
+    for (int i = 0; i < 2; i++)
+        s->conv[0][i] = sparse_declare(d, "renderer.encoder_3d.conv0", 3 * i, true, v[0], v[0]);
+    for (int l = 1; l <= POINT_LEVELS; l++) {
+        s->down[l - 1] = sparse_declare(d, down[l - 1], 0, true, v[l - 1], v[l > 1 ? l - 2 : 0]);
+        for (int i = 0; i < (l == 1 ? 2 : POINT_CONVOLUTIONS); i++)
+            s->conv[l][i] = sparse_declare(d, conv[l - 1], 3 * i, true, v[l - 1], v[l - 1]);
+    }
+    /* runs in training only, for its statistics: never trained */
+    s->down[POINT_LEVELS] =
+        sparse_declare(d, down[POINT_LEVELS], 0, false, v[POINT_LEVELS - 1], v[POINT_LEVELS - 1]);
 }
 
 static tensor *rule_tensor(tape *t, const int32_t *rule, int64_t voxels) {
@@ -17,37 +26,38 @@ static tensor *rule_tensor(tape *t, const int32_t *rule, int64_t voxels) {
 }
 
 /* 96 sampled values of each vertex, projected; what the camera does not see becomes 0, bias included. */
-static tensor *vertex_features(tape *t, const model *m, const observation_geometry *g, const model_bank *bank,
+static tensor *vertex_features(tape *t, const point_stage *s, const sherf_geometry *g, const model_bank *bank,
                                int64_t V) {
-    tensor *x = layer_linear(t, m, pixel_sample(t, m, bank, g->vertex_px, V), "conv1d_projection");
+    tensor *x = linear_forward(t, &s->projection, pixel_sample(t, bank, g->vertex_px, V));
     return op_mask_rows(t, x, tape_input_i32(t, g->visible, 1, &V));
 }
 
-sherf_status volume_encode(tape *t, const model *m, const observation_geometry *g, model_bank *bank) {
-    static const char *const conv[] = {"conv0", "conv1", "conv2", "conv3"};
-    static const char *const down[] = {"down0", "down1", "down2", "down3"};
-    static const int layers[] = {2, 2, 3, 3};
-    int64_t V = g->vertices;
-    tensor *x = vertex_features(t, m, g, bank, V);
+sherf_status point_encode(tape *t, const point_stage *s, const observation_geometry *observation,
+                          model_bank *bank) {
+    const sherf_geometry *g = model_sherf_geometry(observation);
+    const int last = POINT_LEVELS;
+    int64_t V = observation->vertices;
+    tensor *x = vertex_features(t, s, g, bank, V);
     x = op_scatter_mean(t, x, tape_input_i32(t, g->vertex_voxel, 1, &V), g->level[0].voxels);
     for (int l = 0; l <= POINT_LEVELS; l++) {
         if (l)
-            x = sparse_layer(t, m, x, rule_tensor(t, g->level[l - 1].down_rule, g->level[l].voxels),
-                             down[l - 1], 0);
+            x = sparse_forward(t, &s->down[l - 1], x,
+                               rule_tensor(t, g->level[l - 1].down_rule, g->level[l].voxels));
         tensor *rule = rule_tensor(t, g->level[l].rule, g->level[l].voxels);
-        for (int i = 0; i < layers[l]; i++) x = sparse_layer(t, m, x, rule, conv[l], 3 * i);
-        if (l) bank->level[l - 1] = x;
+        for (int i = 0; i < POINT_CONVOLUTIONS && s->conv[l][i].w; i++)
+            x = sparse_forward(t, &s->conv[l][i], x, rule);
+        if (l) bank->tensor[BANK_LEVEL + l - 1] = x;
     }
     /* In training the layer after level 3 still runs: its statistics move, its output is unused. */
-    const int last = POINT_LEVELS;
     if (tape_settings(t).training && g->level[last].down_rule)
-        sparse_layer(t, m, x, rule_tensor(t, g->level[last].down_rule, g->level[last + 1].voxels), down[last],
-                     0);
+        sparse_forward(t, &s->down[last], x,
+                       rule_tensor(t, g->level[last].down_rule, g->level[last + 1].voxels));
     return tape_status(t);
 }
 
-tensor *volume_sample(tape *t, const observation_geometry *g, const model_bank *bank,
-                      const float *points_canonical, int64_t count) {
+tensor *point_sample(tape *t, const observation_geometry *observation, const model_bank *bank,
+                     const float *points_canonical, int64_t count) {
+    const sherf_geometry *g = model_sherf_geometry(observation);
     tensor *out[POINT_LEVELS];
     for (int l = 0; l < POINT_LEVELS; l++) {
         const int *size = g->level[l + 1].size;
@@ -62,7 +72,8 @@ tensor *volume_sample(tape *t, const observation_geometry *g, const model_bank *
         int64_t cells[3] = {size[0], size[1], size[2]};
         /* The grid is constant and large: a shell around the geometry's own memory, not a copy. */
         tensor *grid = tape_constant(t, T_I32, 3, cells, g->level[l + 1].grid);
-        out[l] = op_sample_trilinear(t, bank->level[l], grid, tape_input(t, p, 2, (int64_t[]){count, 3}));
+        out[l] = op_sample_trilinear(t, bank->tensor[BANK_LEVEL + l], grid,
+                                     tape_input(t, p, 2, (int64_t[]){count, 3}));
     }
     return op_concat(t, 3, out);
 }

@@ -31,9 +31,9 @@ static const gpu_point_training *gpu_of(tape *t) {
     return r && memory && r->memory == memory ? r->training : NULL;
 }
 
-bool points_fused_possible(tape *t, const model *m) {
+static bool possible(tape *t, const model *m) {
     point_sizes sizes;
-    model_point_sizes(&m->config, &sizes);
+    model_sherf_point_sizes(&m->config, &sizes);
     if (!tape_records(t) || !tape_settings(t).bf16) return false;
     const gpu_point_training *gpu = gpu_of(t);
     return gpu ? gpu->possible(&sizes) : tape_backend(t) == &backend_cpu && point_training_possible(&sizes);
@@ -52,36 +52,34 @@ static tensor *through(tape *t, tensor *x, tensor *w) {
     return tape_reshape(t, y, x->rank, x->dim);
 }
 
-static tensor *as_matrix(tape *t, const model *m, const char *name) {
-    tensor *w = model_tensor(m, "%s", name);
-    return w ? tape_reshape(t, w, 2, (int64_t[]){w->dim[0], tensor_count(w) / w->dim[0]}) : NULL;
-}
-
 static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused_bank *n) {
-    const int64_t D = m->config.token_width;
-    tensor *token = as_matrix(t, m, "renderer.conv1d_reprojection.weight"),
-           *volume = as_matrix(t, m, "renderer.conv1d_projection.weight");
+    const sherf_settings *k = model_sherf_settings(&m->config);
+    const fusion_stage *s = &model_sherf_network(m)->fusion;
+    const int64_t D = k->token_width;
+    tensor *token = s->token_projection.w, *volume = s->point_projection.w;
     tensor *part[3];
     for (int i = 0; i < 3; i++) part[i] = op_slice(t, token, i * D, D); /* of planes, pixel and volume */
-    for (int i = 0; i < 3; i++) n->plane[i] = through(t, bank->plane[i], part[0]);
-    n->map = through(t, bank->features, part[1]);
-    for (int l = 0, column = 0; l < POINT_LEVELS; column += m->config.volume_channels[l++]) {
-        tensor *w = op_slice(t, volume, column, m->config.volume_channels[l]);
-        n->level[l] = through(t, op_linear(t, bank->level[l], w, NULL, 1, 1), part[2]);
+    for (int i = 0; i < 3; i++) n->plane[i] = through(t, bank->tensor[BANK_PLANE + i], part[0]);
+    n->map = through(t, bank->tensor[BANK_FEATURES], part[1]);
+    for (int l = 0, column = 0; l < POINT_LEVELS; column += k->volume_channels[l++]) {
+        tensor *w = op_slice(t, volume, column, k->volume_channels[l]);
+        n->level[l] = through(t, op_linear(t, bank->tensor[BANK_LEVEL + l], w, NULL, 1, 1), part[2]);
     }
     return tape_status(t);
 }
 
-static void bank_of(const model *m, const body_model *body, const observation_geometry *g,
+static void bank_of(const model *m, const body_model *body, const observation_geometry *observation,
                     const fused_bank *n, point_merged *merged, point_bank *b) {
+    const sherf_settings *k = model_sherf_settings(&m->config);
+    const sherf_geometry *g = model_sherf_geometry(observation);
     *b = (point_bank){.merged = merged,
-                      .plane_size = m->config.plane_resolution,
+                      .plane_size = k->plane_resolution,
                       .feature_width = (int)n->map->dim[1],
                       .feature_height = (int)n->map->dim[0],
-                      .image_width = g->width,
-                      .image_height = g->height,
-                      .image = g->image,
-                      .voxel_size_m = m->config.voxel_size_m};
+                      .image_width = observation->width,
+                      .image_height = observation->height,
+                      .image = observation->image,
+                      .voxel_size_m = k->voxel_size_m};
     float max[3];
     body_canonical_bounds_z(body, b->plane_min, b->plane_max);
     body_canonical_bounds(body, b->volume_min, max);
@@ -100,7 +98,8 @@ static void bank_of(const model *m, const body_model *body, const observation_ge
 
 /* The bank's image and grids, which are the host's, in the GPU's memory. */
 static sherf_status place_bank(tape *t, const model_bank *bank, point_bank *b) {
-    b->image = bank->image ? tensor_f32(bank->image) : NULL;
+    const tensor *image = bank->tensor[BANK_IMAGE];
+    b->image = image ? tensor_f32(image) : NULL;
     for (int l = 0; l < POINT_LEVELS; l++) {
         const int64_t cells[3] = {b->level[l].size[0], b->level[l].size[1], b->level[l].size[2]};
         const tensor *grid = tape_constant(t, T_I32, 3, cells, b->level[l].grid);
@@ -163,8 +162,8 @@ static sherf_status fused_create(tape *t, const model *m, const body_model *body
     *f = (fused_bank){.m = m, .gpu = gpu_of(t)};
     sherf_status status = merge(t, m, bank, f);
     if (status != SHERF_OK) return status;
-    model_point_sizes(&m->config, &sizes);
-    model_point_weights(m->weights, &m->config, &f->weights);
+    model_sherf_point_sizes(&m->config, &sizes);
+    model_sherf_point_weights(m->weights, &m->config, &f->weights);
     bank_of(m, body, g, f, &merged, &b);
     *out = f;
     if (f->gpu) {
@@ -176,13 +175,14 @@ static sherf_status fused_create(tape *t, const model *m, const body_model *body
     return status;
 }
 
-sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
+static sherf_status run(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                        model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb) {
+    sherf_bank *own = bank->own;
     sherf_status status = SHERF_OK;
-    if (!bank->fused) status = fused_create(t, m, body, g, bank, &bank->fused);
+    if (!own->fused) status = fused_create(t, m, body, g, bank, &own->fused);
     fused_node *n = tape_alloc(t, 1, sizeof *n);
     if (status != SHERF_OK || !n) return status != SHERF_OK ? status : tape_status(t);
-    const fused_bank *f = bank->fused;
+    const fused_bank *f = own->fused;
     *n = (fused_node){.bank = f, .points = points, .sigma = sigma, .rgb = rgb};
     if (f->gpu) {
         status = place_points(t, points, &n->there);
@@ -194,3 +194,5 @@ sherf_status points_fused(tape *t, const model *m, const body_model *body, const
     if (status == SHERF_OK) tape_record(t, fused_backward, n);
     return status == SHERF_OK ? tape_status(t) : status;
 }
+
+const model_fused_training model_sherf_fused_training = {possible, run};

@@ -1,49 +1,174 @@
-/* Layers shared by the parts of the network, looked up by their checkpoint names. */
-#ifndef SHERF_LAYERS_H
-#define SHERF_LAYERS_H
+/* sherf: the paper's model (Hu, Hong et al., ICCV 2023), a stage a file. Hierarchical features (section 3.3):
+ * global (global.c), point-level (point.c), pixel-aligned (pixel.c); the feature fusion transformer
+ * (fusion.c) and the NeRF decoder (decoder.c) of section 3.4. */
+#ifndef SHERF_MODEL_SHERF_H
+#define SHERF_MODEL_SHERF_H
 
 #include "model/model.h"
+#include "model/sherf/fused/radiance_field.h"
+#include "nn/resnet18.h"
 
-/* y = x W^T + b of the layer `name` (its .weight may have trailing dimensions of 1). */
-tensor *layer_linear(tape *t, const model *m, tensor *x, const char *name);
-/* The same with run-time factors. */
-tensor *layer_linear_scaled(tape *t, const model *m, tensor *x, const char *name, float gain,
-                            float bias_gain);
-tensor *layer_batch_norm(tape *t, const model *m, tensor *x, const char *name, float eps, float momentum,
-                         bool relu);
+/* ---- config.c: settings; the paper's in brackets ---- */
+typedef struct {
+    int encoder_width;    /* first width of the global ResNet-18 [64]; its latent has 8 times this */
+    int feature_width;    /* channels of the feature map [64] */
+    int style_width;      /* width of the mapping and its style [512] */
+    int mapping_layers;   /* [2] */
+    int plane_resolution; /* [256] */
+    int channel_base;     /* generator channels: min(channel_max, channel_base / resolution) [32768] */
+    int channel_max;      /* [512] */
+    int volume_channels[POINT_LEVELS];                          /* [32 64 96] */
+    int token_width;                                            /* [32] */
+    int heads, head_width;                                      /* [3 16] */
+    int decoder_width, decoder_depth, decoder_skip, view_width; /* [128 8 4 64] */
+    float voxel_size_m;                                         /* [0.005] */
+} sherf_settings;
+const sherf_settings *model_sherf_settings(const model_config *config);
+extern const model_preset model_sherf_presets[];
+extern const model_setting model_sherf_setting_list[];
+void model_sherf_defaults(model_config *out);
+sherf_status model_sherf_check(context *c, const model_config *config);
+sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *out);
+void model_sherf_point_sizes(const model_config *config, point_sizes *out);
 
-/* encoder.c: section 1. */
-tensor *encoder_global(tape *t, const model *m, tensor *image);   /* [H, W, 3] -> [L] */
-tensor *encoder_features(tape *t, const model *m, tensor *image); /* [H, W, 3] -> [H/2, W/2, F] */
-/* 96 values of each position: feature map and colour encoding (the pixel-aligned feature). position_px [P,
- * 2]. */
-tensor *pixel_sample(tape *t, const model *m, const model_bank *bank, const float *position_px,
-                     int64_t count);
+/* ---- geometry.c: what the body and the camera decide for the point-level features ---- */
+typedef struct {
+    int32_t *visible; /* V */
+    float *vertex_px; /* V x 2 */
+    /* the sparse volume */
+    float volume_min[3]; /* canonical box without the extra z */
+    float voxel_size_m;
+    int volume_size[3];    /* z y x */
+    int32_t *vertex_zyx;   /* V x 3, voxel of each vertex */
+    int32_t *vertex_voxel; /* V: row of the active voxel list of level 0 */
+    struct {
+        int size[3]; /* z y x */
+        int64_t voxels;
+        int32_t *grid;         /* size z*y*x: row or -1 */
+        int32_t *rule;         /* [voxels, 27] submanifold */
+        int32_t *down_rule;    /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
+    } level[POINT_LEVELS + 2]; /* 0: full resolution, 1..3: read by points, 4: down3, only in training */
+} sherf_geometry;
+sherf_geometry *model_sherf_geometry(const observation_geometry *g);
+sherf_status model_sherf_observe(context *c, const model_config *config, const body_model *body,
+                                 bool training, observation_geometry *g);
+/* With the vertices' voxels given, V x 3, where that is not NULL: for tests. Replaces g->own. */
+sherf_status model_sherf_observe_at(context *c, const model_config *config, const body_model *body,
+                                    bool training, const int32_t *voxels, observation_geometry *g);
+void model_sherf_geometry_free(void *geometry);
+/* Full-resolution size of the sparse volume, z y x: ceil(extent / voxel) | 31, plus 1. */
+sherf_status model_sherf_volume_size(context *c, const model_config *config, const body_model *body,
+                                     int size_zyx[3]);
 
-/* triplane.c: section 2. */
-tensor *triplane_style(tape *t, const model *m, tensor *latent); /* [L] -> [style_width] */
-tensor *triplane_synthesis(tape *t, const model *m, tensor *style, model_stages *stages); /* [R, R, 3 D] */
+/* ---- the bank ---- */
+enum {
+    BANK_PLANE = 0,
+    BANK_FEATURES = 3,
+    BANK_LEVEL = 4,
+    BANK_IMAGE = BANK_LEVEL + POINT_LEVELS,
+    BANK_TENSORS
+};
+typedef struct {    /* model_bank.own; planes [R, R, D], features [H/2, W/2, F], levels [voxels, channels] */
+    tensor *latent; /* [L] the global feature's */
+    tensor *style;  /* [style_width] */
+    struct fused_bank *fused; /* points_fused.c; made at the first frame when NULL */
+} sherf_bank;
+
+/* ---- the stages: each declares its parameters and goes forwards ---- */
+/* global.c: the tri-plane features of a ResNet-18's latent. */
+enum { GLOBAL_LAYERS = 16, GLOBAL_BLOCKS = 9 };
+typedef struct {
+    linear_layer affine; /* of the style */
+    tensor *w, *b;
+} modulated_layer;
+typedef struct {
+    resnet18 encoder;
+    int mapping_layers, blocks;
+    float style_width;
+    linear_layer mapping[GLOBAL_LAYERS];
+    tensor *constant; /* [4, 4, C] */
+    struct {
+        modulated_layer conv0, conv1, planes; /* conv0: not in the first */
+    } block[GLOBAL_BLOCKS];                   /* 4 x 4, 8 x 8, ... */
+} global_stage;
+typedef struct { /* for the parity tests; NULL in normal use */
+    tensor *block_x[16], *block_image[16];
+    int blocks;
+} model_stages;
+void global_declare(declaration *d, const sherf_settings *k, global_stage *s);
+tensor *global_latent(tape *t, const global_stage *s, tensor *image); /* [H, W, 3] -> [L] */
+tensor *global_style(tape *t, const global_stage *s, tensor *latent); /* [L] -> [style_width] */
+tensor *global_planes(tape *t, const global_stage *s, tensor *style, model_stages *stages); /* [R, R, 3 D] */
 /* [P, D] of plane 0..2 at canonical points. */
-void triplane_sample(tape *t, const body_model *body, const model_bank *bank, const float *points_canonical,
-                     int64_t count, tensor *out[3]);
+void global_sample(tape *t, const body_model *body, const model_bank *bank, const float *points_canonical,
+                   int64_t count, tensor *out[3]);
 
-/* volume.c: section 3. */
-sherf_status volume_encode(tape *t, const model *m, const observation_geometry *g, model_bank *bank);
+/* pixel.c: the pixel-aligned features. */
+typedef struct {
+    resnet18 encoder;
+} pixel_stage;
+void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s);
+tensor *pixel_features(tape *t, const pixel_stage *s, tensor *image); /* [H, W, 3] -> [H/2, W/2, F] */
+/* 96 values of each position: feature map and colour encoding. position_px [P, 2]. */
+tensor *pixel_sample(tape *t, const model_bank *bank, const float *position_px, int64_t count);
+
+/* point.c: the point-level features. */
+enum { POINT_CONVOLUTIONS = 3 };
+typedef struct {
+    linear_layer projection;
+    sparse_layer conv[POINT_LEVELS + 1][POINT_CONVOLUTIONS], down[POINT_LEVELS + 1];
+} point_stage;
+void point_declare(declaration *d, const sherf_settings *k, point_stage *s);
+/* Into the bank's levels; features and image are there. */
+sherf_status point_encode(tape *t, const point_stage *s, const observation_geometry *g, model_bank *bank);
 /* [P, sum of channels] at canonical points. */
-tensor *volume_sample(tape *t, const observation_geometry *g, const model_bank *bank,
-                      const float *points_canonical, int64_t count);
+tensor *point_sample(tape *t, const observation_geometry *g, const model_bank *bank,
+                     const float *points_canonical, int64_t count);
 
-/* fusion.c: section 4. [P, 3 D]: the three tokens side by side. */
-tensor *fusion(tape *t, const model *m, tensor *const plane[3], tensor *pixel, tensor *volume);
+/* fusion.c: the feature fusion transformer. */
+typedef struct {
+    int token_width, heads, head_width;
+    linear_layer point_projection, token_projection, out, mlp[2];
+    layer_norm norm[2];
+    tensor *qkv;
+} fusion_stage;
+void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s);
+/* [P, 3 D]: the three tokens side by side. */
+tensor *fusion_forward(tape *t, const fusion_stage *s, tensor *const plane[3], tensor *pixel, tensor *volume);
 
-/* decoder.c: section 5. */
-void decoder(tape *t, const model *m, tensor *tokens, const float *points_canonical,
-             const float *directions_canonical, int64_t count, tensor **sigma, tensor **rgb);
+/* decoder.c: the NeRF decoder. */
+typedef struct {
+    int token_width, depth, skip;
+    linear_layer pts[POINT_DECODER_MAX], views, feature, alpha, rgb;
+} decoder_stage;
+void decoder_declare(declaration *d, const sherf_settings *k, decoder_stage *s);
+void decoder_forward(tape *t, const decoder_stage *s, tensor *tokens, const float *points_canonical,
+                     const float *directions_canonical, int64_t count, tensor **sigma, tensor **rgb);
 
-/* points_fused.c: all points at once through the fused network (model/sherf/fused/train.h), recorded; for
- * training in bf16. sigma [P, 1] and rgb [P, 3] are filled. */
-bool points_fused_possible(tape *t, const model *m);
-sherf_status points_fused(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                          model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
+/* ---- model.c: the stages together ---- */
+typedef struct {
+    global_stage global;
+    point_stage point;
+    pixel_stage pixel;
+    fusion_stage fusion;
+    decoder_stage decoder;
+} sherf_network;
+const sherf_network *model_sherf_network(const model *m);
+sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
+                                const observation_geometry *g, model_bank *bank, model_stages *stages);
+typedef struct {
+    tensor *plane[3], *volume, *fusion, *sigma, *rgb;
+} point_outputs;
+sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
+                                const observation_geometry *g, const model_bank *bank,
+                                const point_set *points, int64_t begin, int64_t end, point_outputs *out);
+/* The tensors of the point network alone (renderer.*, decoder.*), as an avatar keeps them. */
+bool model_sherf_is_point_weight(const char *name);
+void model_sherf_point_weights(const parameters *weights, const model_config *config, point_weights *out);
+
+/* points_fused.c: training in bf16 through the fused network (fused/train.h). */
+extern const model_fused_training model_sherf_fused_training;
+/* fused/field.c: frames through the fused network. */
+extern const struct field_kind model_sherf_field;
 
 #endif

@@ -13,17 +13,6 @@ extern "C" {
 
 typedef struct gpu_avatar gpu_avatar;
 
-typedef struct {
-    int samples;      /* depths a ray, */
-    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
-                         not */
-    float step_most_m;
-    bool mend; /* rays_mend */
-    float background[3];
-    bool early_stop;          /* rays that are opaque skip the rest of their points */
-    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
-} gpu_frame_options;
-
 /* Training in bf16: the fused point network, forwards and backwards, as train.h is on the processor.
  * All arrays lie in the device's memory: the bank's (which is merged, with images and grids), the weights'
  * and the gradients'; what is made lives until the tape is reset. Scratch is the tape's. */

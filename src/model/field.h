@@ -1,0 +1,28 @@
+/* field: what answers an avatar's points, for one context: packed for its processor, or in its GPU's memory.
+ */
+#ifndef SHERF_FIELD_H
+#define SHERF_FIELD_H
+
+#include "model/model.h"
+
+typedef struct field_kind {
+    /* From the avatar's kept bank, weights and observation. The avatar outlives it and is not changed. */
+    sherf_status (*create)(context *c, const sherf_avatar *a, const body_model *body, void **out);
+    void (*release)(void *field); /* NULL is fine */
+    /* On any thread, several at once: as avatar_query and avatar_composite. */
+    sherf_status (*run)(context *c, void *field, const body_model *body, const point_set *points, float *rgb,
+                        float *sigma);
+    sherf_status (*render)(context *c, void *field, const body_model *body, const ray_bundle *rays,
+                           const point_set *points, const float background[3], bool early_stop,
+                           sherf_frame *frame);
+    /* Frames made whole from a pose's joints, on a GPU; all NULL: never. */
+    bool (*takes_joints)(const void *field);
+    size_t (*device_bytes)(const void *field); /* of the GPU's memory, so far */
+    sherf_status (*render_joints)(context *c, void *field, const posed_body *posed,
+                                  const sherf_camera *camera, const gpu_frame_options *options,
+                                  sherf_frame *frame);
+} field_kind;
+
+extern const field_kind field_of_ops; /* any model's: its `query`, op by op (field.c) */
+
+#endif

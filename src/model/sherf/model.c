@@ -1,0 +1,200 @@
+/* SHERF as an entry of the table: its stages one after another. */
+#include <stdio.h>
+#include <string.h>
+
+#include "model/field.h"
+#include "model/sherf/sherf.h"
+
+const sherf_network *model_sherf_network(const model *m) {
+    return m->network;
+}
+
+static void network_declare(declaration *d, const model_config *config, void *network) {
+    sherf_network *n = network;
+    const sherf_settings *k = model_sherf_settings(config);
+    global_declare(d, k, &n->global);
+    point_declare(d, k, &n->point);
+    pixel_declare(d, k, &n->pixel);
+    fusion_declare(d, k, &n->fusion);
+    decoder_declare(d, k, &n->decoder);
+}
+
+bool model_sherf_is_point_weight(const char *name) {
+    if (!strncmp(name, "decoder.", 8)) return true;
+    return !strncmp(name, "renderer.", 9) && strncmp(name, "renderer.encoder_3d.", 20) != 0;
+}
+
+static const float *values_of(const parameters *p, const char *name, const char *suffix) {
+    char full[160];
+    snprintf(full, sizeof full, "%s%s", name, suffix);
+    parameter *q = parameter_find(p, full);
+    return q ? q->value.data : NULL;
+}
+
+void model_sherf_point_weights(const parameters *p, const model_config *config, point_weights *w) {
+    const char *layer0 = "renderer.transformer.layers.0.0.fn.",
+               *layer1 = "renderer.transformer.layers.0.1.fn.";
+    char name[128];
+    *w = (point_weights){0};
+    w->volume_projection_w = values_of(p, "renderer.conv1d_projection", ".weight");
+    w->volume_projection_b = values_of(p, "renderer.conv1d_projection", ".bias");
+    w->token_projection_w = values_of(p, "renderer.conv1d_reprojection", ".weight");
+    w->token_projection_b = values_of(p, "renderer.conv1d_reprojection", ".bias");
+    w->norm0_w = values_of(p, layer0, "norm.weight");
+    w->norm0_b = values_of(p, layer0, "norm.bias");
+    w->qkv_w = values_of(p, layer0, "fn.to_qkv.weight");
+    w->attention_out_w = values_of(p, layer0, "fn.to_out.0.weight");
+    w->attention_out_b = values_of(p, layer0, "fn.to_out.0.bias");
+    w->norm1_w = values_of(p, layer1, "norm.weight");
+    w->norm1_b = values_of(p, layer1, "norm.bias");
+    w->mlp0_w = values_of(p, layer1, "fn.net.0.weight");
+    w->mlp0_b = values_of(p, layer1, "fn.net.0.bias");
+    w->mlp1_w = values_of(p, layer1, "fn.net.3.weight");
+    w->mlp1_b = values_of(p, layer1, "fn.net.3.bias");
+    for (int i = 0; i < model_sherf_settings(config)->decoder_depth; i++) {
+        snprintf(name, sizeof name, "decoder.pts_linears.%d", i);
+        w->pts_w[i] = values_of(p, name, ".weight");
+        w->pts_b[i] = values_of(p, name, ".bias");
+    }
+    w->alpha_w = values_of(p, "decoder.alpha_linear", ".weight");
+    w->alpha_b = values_of(p, "decoder.alpha_linear", ".bias");
+    w->feature_w = values_of(p, "decoder.feature_linear", ".weight");
+    w->feature_b = values_of(p, "decoder.feature_linear", ".bias");
+    w->views_w = values_of(p, "decoder.views_linear", ".weight");
+    w->views_b = values_of(p, "decoder.views_linear", ".bias");
+    w->rgb_w = values_of(p, "decoder.rgb_linear", ".weight");
+    w->rgb_b = values_of(p, "decoder.rgb_linear", ".bias");
+}
+
+static sherf_status start_from_resnet(context *c, model *m, const safetensors *s) {
+    static const char *const encoder[] = {"encoder_2d.backbone.", "encoder_2d_feature.backbone."};
+    bool taken[2] = {0};
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < 2 && status == SHERF_OK; i++)
+        status = model_take_resnet(c, m, s, encoder[i], &taken[i]);
+    if (status == SHERF_OK && !taken[0] && !taken[1])
+        return failure(c, SHERF_MISMATCH, "no ResNet-18 of 64 channels, as the encoders of preset paper are");
+    if (status == SHERF_OK && !taken[0])
+        log_line(c, SHERF_LOG_INFO,
+                 "the ResNet-18 starts the feature encoder alone, the global one is %d wide, not 64",
+                 model_sherf_settings(&m->config)->encoder_width);
+    return status;
+}
+
+/* ---- forwards ---- */
+sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
+                                const observation_geometry *g, model_bank *bank, model_stages *stages) {
+    const sherf_network *n = model_sherf_network(m);
+    const int64_t D = model_sherf_settings(&m->config)->token_width;
+    sherf_bank *own = tape_alloc(t, 1, sizeof *own);
+    *bank = (model_bank){.count = BANK_TENSORS, .own = own};
+    if (!own) return tape_status(t);
+    *own = (sherf_bank){0};
+    tape *work = stages ? t : tape_for_parts(t);
+    if (!work) return tape_status(t);
+    tensor *image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
+    bank->tensor[BANK_IMAGE] = image;
+    bank->tensor[BANK_FEATURES] = tape_keep(t, work, pixel_features(work, &n->pixel, image));
+    own->latent = tape_keep(t, work, global_latent(work, &n->global, image));
+    own->style = global_style(t, &n->global, own->latent);
+    tensor *planes = tape_keep(t, work, global_planes(work, &n->global, own->style, stages));
+    for (int k = 0; k < 3; k++) bank->tensor[BANK_PLANE + k] = op_slice(t, planes, k * D, D);
+    return point_encode(t, &n->point, g, bank);
+}
+
+static sherf_status encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                           model_bank *bank) {
+    return model_sherf_encode(t, m, body, g, bank, NULL);
+}
+
+sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
+                                const observation_geometry *g, const model_bank *bank,
+                                const point_set *points, int64_t begin, int64_t end, point_outputs *out) {
+    const sherf_network *s = model_sherf_network(m);
+    const int64_t n = end - begin;
+    const float *canonical = points->canonical + 3 * begin;
+    tensor *plane[3];
+    *out = (point_outputs){0};
+    global_sample(t, body, bank, canonical, n, plane);
+    tensor *pixel = pixel_sample(t, bank, points->observed_px + 2 * begin, n);
+    out->volume = point_sample(t, g, bank, canonical, n);
+    out->fusion = fusion_forward(t, &s->fusion, plane, pixel, out->volume);
+    for (int k = 0; k < 3; k++) out->plane[k] = plane[k];
+    decoder_forward(t, &s->decoder, out->fusion, canonical, points->direction_canonical + 3 * begin, n,
+                    &out->sigma, &out->rgb);
+    return tape_status(t);
+}
+
+static sherf_status query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
+                          tensor **sigma, tensor **rgb) {
+    point_outputs out;
+    sherf_status status = model_sherf_points(t, m, body, g, bank, points, begin, end, &out);
+    *sigma = out.sigma;
+    *rgb = out.rgb;
+    return status;
+}
+
+/* ---- what avatars keep ---- */
+static void kept(const model_config *config, kept_bank *out) {
+    static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value"};
+    static const char *const voxel[] = {"volume.1.voxel", "volume.2.voxel", "volume.3.voxel"};
+    const sherf_settings *k = model_sherf_settings(config);
+    const int64_t R = k->plane_resolution;
+    *out = (kept_bank){0};
+    out->array[out->count++] = (kept_array){"features", T_F32, 3, {0, 0, k->feature_width}};
+    out->array[out->count++] = (kept_array){"planes", T_F32, 4, {3, R, R, k->token_width}};
+    for (int l = 0; l < POINT_LEVELS; l++) {
+        out->array[out->count++] = (kept_array){value[l], T_F32, 2, {0, k->volume_channels[l]}};
+        out->array[out->count++] = (kept_array){voxel[l], T_I32, 1, {0}};
+    }
+}
+
+/* Linear voxel numbers of a level's rows: the grid turned round. */
+static int32_t *voxel_numbers(context *c, const sherf_geometry *g, int l) {
+    int32_t *number = mem_zero(c, (size_t)g->level[l].voxels, sizeof *number);
+    const int64_t cells = (int64_t)g->level[l].size[0] * g->level[l].size[1] * g->level[l].size[2];
+    for (int64_t i = 0; number && i < cells; i++)
+        if (g->level[l].grid[i] >= 0) number[g->level[l].grid[i]] = (int32_t)i;
+    return number;
+}
+
+static sherf_status keep(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
+                         kept_bank *out) {
+    const sherf_geometry *own = model_sherf_geometry(g);
+    kept_array *features = &out->array[0], *planes = &out->array[1];
+    sherf_status status = kept_take(c, bank->tensor[BANK_FEATURES], features);
+    const size_t each = (size_t)(planes->dim[1] * planes->dim[2] * planes->dim[3]);
+    float *values = mem_alloc(c, 3 * each, sizeof *values);
+    planes->data = values;
+    if (!values) status = SHERF_NO_MEMORY;
+    for (int k = 0; k < 3 && status == SHERF_OK; k++)
+        status = tensor_download(c, bank->tensor[BANK_PLANE + k], values + (size_t)k * each);
+    for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++) {
+        kept_array *value = &out->array[2 + 2 * l], *voxel = value + 1;
+        status = kept_take(c, bank->tensor[BANK_LEVEL + l], value);
+        voxel->dim[0] = own->level[l + 1].voxels;
+        voxel->data = voxel_numbers(c, own, l + 1);
+        if (!voxel->data) status = SHERF_NO_MEMORY;
+    }
+    return status;
+}
+
+const model_kind model_sherf = {.name = "sherf",
+                                .presets = model_sherf_presets,
+                                .settings = model_sherf_setting_list,
+                                .defaults = model_sherf_defaults,
+                                .check = model_sherf_check,
+                                .infer = model_sherf_infer,
+                                .network_bytes = sizeof(sherf_network),
+                                .declare = network_declare,
+                                .queried = model_sherf_is_point_weight,
+                                .start_from_resnet = start_from_resnet,
+                                .observe = model_sherf_observe,
+                                .observed_free = model_sherf_geometry_free,
+                                .encode = encode,
+                                .query = query,
+                                .fused_training = &model_sherf_fused_training,
+                                .kept = kept,
+                                .keep = keep,
+                                .field = &model_sherf_field};

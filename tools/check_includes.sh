@@ -1,6 +1,6 @@
 #!/bin/sh
 # Includes go down the table of rooms only (docs/architecture.md): a room may include its own headers and
-# those of the rooms listed here, and sherf/sherf.h.
+# those of the rooms listed here, and sherf/sherf.h. A model's own folder, src/model/NAME, is for its files alone.
 set -eu
 cd "$(dirname "$0")/.."
 may_include() {
@@ -33,6 +33,13 @@ for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu'); do
     rooms=$(may_include "$room") || { complain "$file: the room '$room' is not in the table"; continue; }
     for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
         case $header in
+        model/*/*)
+            owner=${header#model/}
+            owner=${owner%%/*}
+            case $file in
+            src/model/"$owner"/*) ;;
+            *) complain "$file: includes \"$header\": the model's own; others know src/model/*.h" ;;
+            esac ;;
         sherf/sherf.h) ;;
         */*)
             case " $rooms " in

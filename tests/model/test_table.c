@@ -1,0 +1,237 @@
+/* The table of models: a second model, of which nothing but this file knows, is trained, saved, loaded and
+ * rendered by the same code as SHERF. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "data/data.h"
+#include "io/safetensors.h"
+#include "model/model.h"
+#include "support.h"
+
+/* ---- the model: one convolution of the picture, read where a point is seen, and one linear layer ---- */
+typedef struct {
+    int width;
+    float density; /* what the density begins with */
+} plain_settings;
+
+typedef struct {
+    tensor *conv;
+    linear_layer out;
+} plain_network;
+
+static const model_preset presets[] = {{"eight", ""}, {"twelve", "width=12"}, {0}};
+static const model_setting settings[] = {{"width", MODEL_SETTING_AT(plain_settings, width), 4, 64, 4},
+                                         {"density", MODEL_SETTING_AT(plain_settings, density), 0, 100, 0},
+                                         {0}};
+
+static const plain_settings *settings_of(const model_config *config) {
+    return (const plain_settings *)config->own.bytes;
+}
+
+static void defaults(model_config *out) {
+    const plain_settings own = {.width = 8, .density = 2.5f};
+    memcpy(out->own.bytes, &own, sizeof own);
+    out->samples = 16;
+}
+
+static void plain_declare(declaration *d, const model_config *config, void *network) {
+    plain_network *n = network;
+    const plain_settings *k = settings_of(config);
+    n->conv = declare_weights(d, true, DIMS(k->width, 3, 3, 3), "conv");
+    n->out.w = declare_weights(d, false, DIMS(4, k->width), "out");
+    n->out.b = declare(d, (first_values){.constant = k->density}, DIMS(4), "out.bias");
+}
+
+static sherf_status encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                           model_bank *bank) {
+    const plain_network *n = m->network;
+    tensor *image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
+    bank->tensor[bank->count++] = op_relu(t, op_conv2d(t, image, n->conv, 1, 1, 1));
+    return tape_status(t);
+}
+
+static sherf_status query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
+                          tensor **sigma, tensor **rgb) {
+    const plain_network *n = m->network;
+    tensor *at = tape_input(t, points->observed_px + 2 * begin, 2, (int64_t[]){end - begin, 2});
+    tensor *y = linear_forward(t, &n->out, op_sample_bilinear(t, bank->tensor[0], at));
+    *sigma = op_slice(t, y, 0, 1);
+    *rgb = op_sigmoid(t, op_slice(t, y, 1, 3), 1, 0);
+    return tape_status(t);
+}
+
+static bool queried(const char *name) {
+    return strncmp(name, "out", 3) == 0;
+}
+
+static void kept(const model_config *config, kept_bank *out) {
+    *out = (kept_bank){1, {{"map", T_F32, 3, {0, 0, settings_of(config)->width}}}};
+}
+
+static const model_kind plain = {.name = "plain",
+                                 .presets = presets,
+                                 .settings = settings,
+                                 .defaults = defaults,
+                                 .network_bytes = sizeof(plain_network),
+                                 .declare = plain_declare,
+                                 .queried = queried,
+                                 .encode = encode,
+                                 .query = query,
+                                 .kept = kept};
+
+/* ---- */
+static void assert_says(context *c, sherf_status status, sherf_status wanted, const char *text) {
+    if (status != wanted || !strstr(c->message, text))
+        fail_msg("status %d, expected %d and \"%s\": %s", (int)status, (int)wanted, text, c->message);
+}
+
+static char root[512];
+
+static const char *path_of(const char *name) {
+    static char path[8][1024];
+    static int next;
+    next = (next + 1) % 8;
+    snprintf(path[next], sizeof path[next], "%s/%s", root, name);
+    return path[next];
+}
+
+static int make_data(void **state) {
+    context *c = test_context();
+    const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 3, .size_px = 32, .seed = 5};
+    snprintf(root, sizeof root, "%s", test_path("people"));
+    sherf_status status = sherf_synth_tube(c, root, &synth);
+    sherf_context_free(c);
+    model_kind_add(&plain);
+    return status != SHERF_OK;
+}
+
+static void settings_are_the_models_own(void **state) {
+    context *c = test_context();
+    model_config k;
+    assert_ok(c, model_config_parse(c, "small,samples=20", &k));
+    assert_string_equal(k.kind->name, "sherf");
+    assert_ok(c, model_config_parse(c, "sherf:small", &k));
+    assert_ok(c, model_config_parse(c, "plain:twelve,samples=20,density=0.75", &k));
+    assert_ptr_equal(k.kind, &plain);
+    assert_int_equal(settings_of(&k)->width, 12);
+    char *text = model_config_text(c, &k);
+    assert_string_equal(text, "twelve,density=0.75,samples=20");
+    mem_free(text);
+    assert_says(c, model_config_parse(c, "plain:small", &k), SHERF_BAD_ARGUMENT,
+                "model preset 'small': should be eight or twelve");
+    assert_says(c, model_config_parse(c, "plain:eight,heads=2", &k), SHERF_BAD_ARGUMENT, "no such setting");
+    assert_says(c, model_config_parse(c, "plain:eight,width=5", &k), SHERF_BAD_ARGUMENT, "in steps of 4");
+    assert_says(c, model_config_parse(c, "plain:eight,density=101", &k), SHERF_BAD_ARGUMENT,
+                "must be 0 to 100");
+    assert_says(c, model_config_parse(c, "other:eight", &k), SHERF_UNSUPPORTED, "model 'other'");
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+static sherf_train_options training(int64_t steps, const char *preset) {
+    static char spec[600], body[600], output[600];
+    snprintf(spec, sizeof spec, "thuman:%s", root);
+    snprintf(body, sizeof body, "%s/tubeman.safetensors", root);
+    snprintf(output, sizeof output, "%s/run", root);
+    return (sherf_train_options){.data = spec,
+                                 .people = "0-0",
+                                 .body = body,
+                                 .output = output,
+                                 .preset = preset,
+                                 .steps = steps,
+                                 .images_per_step = 1,
+                                 .seed = 3,
+                                 .sample_every = 1000};
+}
+
+/* Rendered, and rendered again from its file. */
+static void check_avatar(context *c, const sherf_model *m, const sherf_body *body) {
+    char picture[600];
+    sherf_observation *o;
+    sherf_avatar *a;
+    sherf_frame frame[3] = {0};
+    const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF}, usual = {0};
+    snprintf(picture, sizeof picture, "thuman:%s#tube_000/0/0", root);
+    assert_ok(c, sherf_observation_load(c, picture, &o));
+    assert_ok(c, sherf_avatar_create(c, m, body, o, &a));
+    const sherf_pose *pose = sherf_observation_pose(o);
+    const sherf_camera *camera = sherf_observation_camera(o);
+    assert_ok(c, sherf_render(c, a, body, pose, camera, &exact, &frame[0]));
+    assert_ok(c, sherf_render(c, a, body, pose, camera, &usual, &frame[1])); /* empty space, detail, haze */
+    assert_ok(c, sherf_avatar_save(c, a, path_of("avatar.safetensors")));
+    sherf_avatar_free(a);
+    assert_ok(c, sherf_avatar_load(c, path_of("avatar.safetensors"), body, &a));
+    assert_ok(c, sherf_render(c, a, body, pose, camera, &exact, &frame[2]));
+    double sum = 0;
+    const size_t n = (size_t)camera->width_px * (size_t)camera->height_px;
+    for (size_t i = 0; i < n; i++) sum += (double)frame[0].opacity.data[i];
+    assert_true(frame[0].points > 100 && sum > (double)n / 50 && frame[1].points > 0);
+    assert_memory_equal(frame[0].color.data, frame[2].color.data, 3 * n * sizeof(float));
+    for (int i = 0; i < 3; i++) sherf_frame_free(&frame[i]);
+    sherf_avatar_free(a);
+    sherf_observation_free(o);
+}
+
+static void a_second_model_trains_and_renders(void **state) {
+    context *c = test_context();
+    sherf_model *m, *before;
+    sherf_body *body;
+    sherf_train_options o = training(4, "plain:eight");
+    assert_ok(c, sherf_train(c, &o));
+    o = training(8, "plain:eight"); /* goes on from its checkpoint */
+    assert_ok(c, sherf_train(c, &o));
+    o = training(9, "small");
+    assert_says(c, sherf_train(c, &o), SHERF_MISMATCH, "leave the preset out");
+    assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
+    assert_ok(c, sherf_model_load(c, path_of("run/model.safetensors"), &m));
+    assert_ptr_equal(m->config.kind, &plain);
+    assert_true(m->config.px_per_m > 0 && m->config.image_size == 32);
+    assert_ok(c, sherf_model_create(c, "plain:eight", 3, &before));
+    assert_true(memcmp(before->weights->values, m->weights->values,
+                       (size_t)m->weights->trained_floats * sizeof(float)) != 0);
+    check_avatar(c, m, body);
+    assert_says(c, model_load_resnet(c, m, "none"), SHERF_MISMATCH, "model plain has no ResNet-18");
+    sherf_model_free(before);
+    sherf_model_free(m);
+    sherf_body_free(body);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* Weights of a model that this version has not, and of none at all. */
+static void unknown_models_are_one_line(void **state) {
+    context *c = test_context();
+    const char *path = path_of("other.safetensors");
+    const float one = 1;
+    const safetensor_item item = {"w", T_F32, 1, {1}, &one};
+    sherf_model *m;
+    sherf_avatar *a;
+    sherf_body *body;
+    const safetensor_metadata other[] = {{"format", "sherf-model"}, {"model", "other"}};
+    assert_ok(c, safetensors_write(c, path, 1, &item, 2, other));
+    assert_says(c, sherf_model_load(c, path, &m), SHERF_UNSUPPORTED,
+                "model 'other': this version of sherf has no such model");
+    const safetensor_metadata without[] = {{"format", "sherf-model"}, {"model", "plain"}};
+    assert_ok(c, safetensors_write(c, path, 1, &item, 2, without));
+    assert_says(c, sherf_model_load(c, path, &m), SHERF_BAD_FILE, "without its settings (plain.config)");
+    /* an avatar of it */
+    assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
+    char fingerprint[32];
+    snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)body->fingerprint);
+    const safetensor_metadata avatar[] = {
+        {"format", "sherf-avatar"}, {"model", "other"}, {"body", fingerprint}};
+    assert_ok(c, safetensors_write(c, path, 1, &item, 3, avatar));
+    assert_says(c, sherf_avatar_load(c, path, body, &a), SHERF_UNSUPPORTED, "model 'other'");
+    sherf_body_free(body);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(settings_are_the_models_own),
+                                       cmocka_unit_test(a_second_model_trains_and_renders),
+                                       cmocka_unit_test(unknown_models_are_one_line)};
+    return cmocka_run_group_tests(tests, make_data, NULL);
+}

@@ -249,7 +249,8 @@ SHERF_API sherf_status sherf_estimate_clip(sherf_context *c, const char *network
 /* ---------------------------------------------------------------- model ------------------------------ */
 typedef struct sherf_model sherf_model;
 SHERF_API sherf_status sherf_model_load(sherf_context *c, const char *path, sherf_model **out);
-/* Random weights. preset: "paper", "base" or "small", with optional settings: "small,plane_resolution=64". */
+/* Random weights. preset: "paper", "base" or "small", with optional settings: "small,plane_resolution=64". A
+ * model other than SHERF is named in front of its own: "NAME:preset". */
 SHERF_API sherf_status sherf_model_create(sherf_context *c, const char *preset, uint64_t seed,
                                           sherf_model **out);
 SHERF_API sherf_status sherf_model_save(sherf_context *c, const sherf_model *model, const char *path);

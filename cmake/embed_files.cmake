@@ -1,4 +1,4 @@
-# cmake -D OUTPUT=FILE.c -D FOLDER=... -D FILES=a;b -P embed_files.cmake: view_files of src/view/view.h.
+# cmake -D OUTPUT=FILE.c -D FOLDER=... -D FILES=a;b -P embed_files.cmake: view_files of src/viewer/viewer.h.
 set(types_html "text/html; charset=utf-8")
 set(types_css "text/css; charset=utf-8")
 set(types_js "text/javascript; charset=utf-8")
@@ -16,7 +16,7 @@ foreach(file ${FILES})
   math(EXPR n "${n} + 1")
 endforeach()
 file(WRITE ${OUTPUT} "/* Made by cmake/embed_files.cmake. */
-#include \"view/view.h\"
+#include \"viewer/viewer.h\"
 
 ${arrays}
 const view_file view_files[] = {

@@ -13,7 +13,7 @@ may_include() {
     model) echo "base tensor io nn body render data model" ;;
     io) echo "base tensor io" ;;
     data) echo "base tensor io body render data" ;;
-    view) echo "base tensor nn body render model io view" ;;
+    viewer) echo "base tensor nn body render model io viewer" ;;
     motion) echo "base tensor io body render data motion" ;;
     estimate) echo "base tensor io nn body render data model motion estimate" ;;
     people) echo "base tensor io body render data people" ;;

@@ -1,7 +1,7 @@
 /* The public viewer. */
 #include <string.h>
 
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 sherf_status sherf_viewer_create(sherf_context *c, const sherf_viewer_options *options, sherf_viewer **out) {
     *out = NULL;

@@ -4,7 +4,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 static const double gone_s = 20; /* a client that was not seen for so long loses its seat to a new one */
 static const int film_every = 3; /* turns of those who wait for a picture before a film gets one */

@@ -1,4 +1,4 @@
-// The viewer in a real browser: node tests/view/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
+// The viewer in a real browser: node tests/viewer/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
 // Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or PLAYWRIGHT_CORE=its folder).
 // $RATES=only: how many pictures a second it shows, and nothing else (10 seconds).
 // Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed, 1 failed, 77 cannot be run.

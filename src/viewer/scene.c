@@ -7,7 +7,7 @@
 
 #include "io/image.h"
 #include "render/render.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 static const double fov_rad = 30 * M_PI / 180; /* vertical, at zoom 1 in a square picture */
 

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 /* ---- who may ask ---- */
 static void tokens(void **state) {

@@ -6,7 +6,7 @@
 
 #include "io/image.h"
 #include "render/render.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 static const double band_s = 0.06; /* wanted time of a band */
 enum { BAND_ROWS_MIN = 16, BAND_PIXELS_FIRST = 8192, SMALL_PIXELS = 160 * 1024 };

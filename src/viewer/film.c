@@ -10,7 +10,7 @@
 #include <unistd.h>
 
 #include "io/image.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 enum { FILMS_MOST = 4 };
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 void query_start(view_query *q) {
     *q = (view_query){

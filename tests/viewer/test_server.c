@@ -15,7 +15,7 @@
 
 #include "io/image.h"
 #include "render/render.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 enum { ANSWER_MOST = 4 << 20, POSES = 6 };
 

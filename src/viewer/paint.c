@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "io/image.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 /* Near 1, far 0.2. */
 static float depth_grey(const view_optics *o, float depth_m) {

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "fuzz.h"
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const char token[VIEW_TOKEN + 1] = "0123456789abcdef0123456789abcdef";

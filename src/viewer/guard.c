@@ -7,7 +7,7 @@
 #include <strings.h>
 #include <sys/random.h>
 
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 sherf_status token_make(context *c, char out[VIEW_TOKEN + 1]) {
     unsigned char bytes[VIEW_TOKEN / 2];

@@ -1,6 +1,6 @@
 /* HTTP by libmicrohttpd: its one thread calls everything in this file but server_open, server_tend and
  * server_close. A request for a picture is laid aside (suspended) until the picture is there. */
-#include "view/view.h"
+#include "viewer/viewer.h"
 
 _Atomic double server_patience = 1;
 

@@ -1,4 +1,4 @@
-# cmake -D OUTPUT=FILE.c -D FOLDER=... -D FILES=a;b -P embed_files.cmake: view_files of src/viewer/viewer.h.
+# cmake -D OUTPUT=FILE.c -D FOLDER=... -D FILES=a;b -P embed_files.cmake: viewer_files of src/viewer/viewer.h.
 set(types_html "text/html; charset=utf-8")
 set(types_css "text/css; charset=utf-8")
 set(types_js "text/javascript; charset=utf-8")
@@ -19,7 +19,7 @@ file(WRITE ${OUTPUT} "/* Made by cmake/embed_files.cmake. */
 #include \"viewer/viewer.h\"
 
 ${arrays}
-const view_file view_files[] = {
+const viewer_file viewer_files[] = {
 ${table}};
-const int view_file_count = ${n};
+const int viewer_file_count = ${n};
 ")

@@ -9,9 +9,9 @@
 static const double gone_s = 20; /* a client that was not seen for so long loses its seat to a new one */
 static const int film_every = 3; /* turns of those who wait for a picture before a film gets one */
 
-bool desk_open(view_desk *d) {
+bool desk_open(viewer_desk *d) {
     pthread_condattr_t monotonic;
-    *d = (view_desk){0};
+    *d = (viewer_desk){0};
     if (pthread_mutex_init(&d->lock, NULL)) return false;
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
@@ -21,13 +21,13 @@ bool desk_open(view_desk *d) {
     return good;
 }
 
-view_job *job_create(context *c, const view_wish *w) {
-    view_job *job = mem_zero(c, 1, sizeof *job);
-    if (job) job->wish = *w;
+viewer_job *job_create(context *c, const viewer_request *w) {
+    viewer_job *job = mem_zero(c, 1, sizeof *job);
+    if (job) job->request = *w;
     return job;
 }
 
-void job_free(view_job *job) {
+void job_free(viewer_job *job) {
     if (!job) return;
     mem_free(job->color);
     mem_free(job->data);
@@ -35,51 +35,51 @@ void job_free(view_job *job) {
 }
 
 /* True when that was the last reference: the caller frees it, not under the lock. */
-static bool let_go(view_desk *d, view_job *job) {
+static bool let_go(viewer_desk *d, viewer_job *job) {
     if (--job->references) return false;
     d->client[job->seat].jobs--;
     return true;
 }
 
 /* Takes the job off its client. */
-static void conclude(view_desk *d, view_job *job, job_state state) {
+static void conclude(viewer_desk *d, viewer_job *job, job_state state) {
     job->state = state;
     d->client[job->seat].job = NULL;
 }
 
-void desk_release(view_desk *d, view_job *job) {
+void desk_release(viewer_desk *d, viewer_job *job) {
     pthread_mutex_lock(&d->lock);
     bool last = let_go(d, job);
     pthread_mutex_unlock(&d->lock);
     if (last) job_free(job);
 }
 
-int desk_seat(view_desk *d, const char *name) {
+int desk_seat(viewer_desk *d, const char *name) {
     double now = time_seconds();
     int seat = -1;
-    for (int i = 0; i < VIEW_CLIENTS && seat < 0; i++)
+    for (int i = 0; i < VIEWER_CLIENTS && seat < 0; i++)
         if (strcmp(d->client[i].name, name) == 0) seat = i;
-    for (int i = 0; i < VIEW_CLIENTS && seat < 0; i++)
+    for (int i = 0; i < VIEWER_CLIENTS && seat < 0; i++)
         if (!d->client[i].name[0]) seat = i;
-    for (int i = 0; i < VIEW_CLIENTS && seat < 0; i++) {
-        const view_client *k = &d->client[i];
+    for (int i = 0; i < VIEWER_CLIENTS && seat < 0; i++) {
+        const viewer_client *k = &d->client[i];
         if (!k->jobs && k->film.state != FILM_RUNNING && now - k->seen_s > gone_s) seat = i;
     }
     if (seat < 0) return -1;
-    view_client *k = &d->client[seat];
+    viewer_client *k = &d->client[seat];
     if (strcmp(k->name, name) != 0) {
         if (k->film.state == FILM_DONE) close(k->film.fd);
-        *k = (view_client){0};
+        *k = (viewer_client){0};
         memcpy(k->name, name, strlen(name) + 1);
     }
     k->seen_s = now;
     return seat;
 }
 
-admission desk_admit(view_desk *d, const view_query *q, view_job **out) {
+admission desk_admit(viewer_desk *d, const viewer_query *q, viewer_job **out) {
     context quiet = {0};
     admission answer = ADMITTED;
-    view_job *job = job_create(&quiet, &q->wish);
+    viewer_job *job = job_create(&quiet, &q->request);
     *out = NULL;
     if (!job) return ADMITTED_NO_MEMORY;
     job->sequence = q->sequence;
@@ -87,7 +87,7 @@ admission desk_admit(view_desk *d, const view_query *q, view_job **out) {
     job->seat = desk_seat(d, q->client);
     if (job->seat < 0)
         answer = ADMITTED_NO_SEAT;
-    else if (d->client[job->seat].jobs >= VIEW_JOBS_EACH)
+    else if (d->client[job->seat].jobs >= VIEWER_JOBS_EACH)
         answer = ADMITTED_TOO_MANY;
     else {
         d->client[job->seat].jobs++;
@@ -101,11 +101,11 @@ admission desk_admit(view_desk *d, const view_query *q, view_job **out) {
     return answer;
 }
 
-void desk_submit(view_desk *d, view_job *job, void (*wake)(void *arg), void *arg) {
-    view_job *older = NULL;
+void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void *arg) {
+    viewer_job *older = NULL;
     bool last = false;
     pthread_mutex_lock(&d->lock);
-    view_client *k = &d->client[job->seat];
+    viewer_client *k = &d->client[job->seat];
     job->wake = wake;
     job->wake_arg = arg;
     job->asked_s = time_seconds();
@@ -131,28 +131,28 @@ void desk_submit(view_desk *d, view_job *job, void (*wake)(void *arg), void *arg
 }
 
 /* The client that waits for a picture and was served least lately; -1: none waits. */
-static int next_client(const view_desk *d) {
+static int next_client(const viewer_desk *d) {
     int best = -1;
-    for (int i = 0; i < VIEW_CLIENTS; i++)
+    for (int i = 0; i < VIEWER_CLIENTS; i++)
         if (d->client[i].job && (best < 0 || d->client[i].turn < d->client[best].turn)) best = i;
     return best;
 }
 
-static int next_film(const view_desk *d) {
+static int next_film(const viewer_desk *d) {
     int best = -1;
-    for (int i = 0; i < VIEW_CLIENTS; i++)
+    for (int i = 0; i < VIEWER_CLIENTS; i++)
         if (d->client[i].film.state == FILM_RUNNING && (best < 0 || d->client[i].turn < d->client[best].turn))
             best = i;
     return best;
 }
 
-view_turn desk_turn(view_desk *d, double wait_s, view_job **job, int *seat) {
+viewer_turn desk_turn(viewer_desk *d, double wait_s, viewer_job **job, int *seat) {
     struct timespec until;
     clock_gettime(CLOCK_MONOTONIC, &until);
     double end = (double)until.tv_sec + 1e-9 * (double)until.tv_nsec + wait_s;
     until.tv_sec = (time_t)end;
     until.tv_nsec = (long)(1e9 * (end - (double)until.tv_sec));
-    view_turn turn = TURN_NONE;
+    viewer_turn turn = TURN_NONE;
     *job = NULL;
     pthread_mutex_lock(&d->lock);
     for (;;) {
@@ -178,7 +178,7 @@ view_turn desk_turn(view_desk *d, double wait_s, view_job **job, int *seat) {
     return turn;
 }
 
-void desk_done(view_desk *d, view_job *job, job_state state) {
+void desk_done(viewer_desk *d, viewer_job *job, job_state state) {
     pthread_mutex_lock(&d->lock);
     bool ours = job->state == JOB_RUNNING;
     if (ours) conclude(d, job, state);
@@ -188,12 +188,12 @@ void desk_done(view_desk *d, view_job *job, job_state state) {
     desk_release(d, job);
 }
 
-void desk_close(view_desk *d) {
-    view_job *left[VIEW_CLIENTS];
+void desk_close(viewer_desk *d) {
+    viewer_job *left[VIEWER_CLIENTS];
     int count = 0;
     pthread_mutex_lock(&d->lock);
     d->closed = true;
-    for (int i = 0; i < VIEW_CLIENTS; i++)
+    for (int i = 0; i < VIEWER_CLIENTS; i++)
         if (d->client[i].job) {
             left[count] = d->client[i].job;
             conclude(d, left[count++], JOB_CLOSED);
@@ -206,7 +206,7 @@ void desk_close(view_desk *d) {
     }
 }
 
-void desk_finish(view_desk *d) {
+void desk_finish(viewer_desk *d) {
     pthread_cond_destroy(&d->news);
     pthread_mutex_destroy(&d->lock);
 }

@@ -12,61 +12,61 @@
 #include "io/image.h"
 #include "viewer/viewer.h"
 
-enum { FILMS_MOST = 4 };
+enum { FILMS_MAX = 4 };
 
-const char *film_start(view *v, int seat, const view_query *q) {
-    view_film *f = &v->desk.client[seat].film;
-    const view_motion *m = &v->scene.motions[q->wish.motion];
+const char *film_start(viewer *v, int seat, const viewer_query *q) {
+    viewer_film *f = &v->desk.client[seat].film;
+    const viewer_motion *m = &v->scene.motions[q->request.motion];
     int films = 0, frames = q->film_frames;
-    for (int i = 0; i < VIEW_CLIENTS; i++) films += i != seat && v->desk.client[i].film.state != FILM_NONE;
-    if (films >= FILMS_MOST) return "too many films at once: try again later";
+    for (int i = 0; i < VIEWER_CLIENTS; i++) films += i != seat && v->desk.client[i].film.state != FILM_NONE;
+    if (films >= FILMS_MAX) return "too many films at once: try again later";
     if (f->state == FILM_RUNNING) return "a film is being made already";
-    const int w = q->wish.width, h = q->wish.height;
-    if ((w < h ? w : h) > VIEW_FILM_SIDE || w > VIEW_FILM_LONG || h > VIEW_FILM_LONG)
+    const int w = q->request.width, h = q->request.height;
+    if ((w < h ? w : h) > VIEWER_FILM_SIDE || w > VIEWER_FILM_LONG || h > VIEWER_FILM_LONG)
         return "the film is too large";
     if (!frames) {
         if (m->count < 2) return "this is a pose, not a motion: make a turntable";
         double fps = m->fps > 0 ? m->fps : 1;
         double wanted = ceil((double)m->count / fps / q->film_speed * q->film_fps);
-        if (wanted > VIEW_FILM_FRAMES) return "the film would be too long: raise the speed";
+        if (wanted > VIEWER_FILM_FRAMES) return "the film would be too long: raise the speed";
         frames = wanted < 1 ? 1 : (int)wanted;
     }
     film_drop(v, seat);
-    *f = (view_film){.state = FILM_RUNNING,
-                     .wish = q->wish,
-                     .turns = q->film_frames > 0,
-                     .frames = frames,
-                     .fps = q->film_fps,
-                     .speed = q->film_speed,
-                     .fd = -1};
-    f->wish.transparent = false;
+    *f = (viewer_film){.state = FILM_RUNNING,
+                       .request = q->request,
+                       .turns = q->film_frames > 0,
+                       .frames = frames,
+                       .fps = q->film_fps,
+                       .speed = q->film_speed,
+                       .fd = -1};
+    f->request.transparent = false;
     pthread_cond_signal(&v->desk.news);
     return NULL;
 }
 
-void film_drop(view *v, int seat) {
-    view_film *f = &v->desk.client[seat].film;
+void film_drop(viewer *v, int seat) {
+    viewer_film *f = &v->desk.client[seat].film;
     if (f->state == FILM_RUNNING) {
         f->stop = true;
         return;
     }
     if (f->state == FILM_DONE) close(f->fd);
-    *f = (view_film){0};
+    *f = (viewer_film){0};
 }
 
-static view_wish frame_wish(const view *v, const view_film *f) {
-    view_wish w = f->wish;
-    const view_motion *m = &v->scene.motions[w.motion];
+static viewer_request frame_request(const viewer *v, const viewer_film *f) {
+    viewer_request r = f->request;
+    const viewer_motion *m = &v->scene.motions[r.motion];
     if (f->turns) {
-        w.azimuth_rad += (float)(2 * M_PI * f->done / f->frames);
+        r.azimuth_rad += (float)(2 * M_PI * f->done / f->frames);
     } else {
         double fps = m->fps > 0 ? m->fps : 1, at = floor(f->done / (double)f->fps * f->speed * fps + 1e-6);
-        w.frame = at < m->count ? (int)at : m->count - 1;
+        r.frame = at < m->count ? (int)at : m->count - 1;
     }
-    return w;
+    return r;
 }
 
-static sherf_status video_start(context *c, view *v, view_film *f) {
+static sherf_status video_start(context *c, viewer *v, viewer_film *f) {
     static atomic_int number;
     if (!v->folder[0]) {
         const char *base = getenv("TMPDIR");
@@ -79,23 +79,23 @@ static sherf_status video_start(context *c, view *v, view_film *f) {
         }
     }
     snprintf(f->path, sizeof f->path, "%.48s/%d.mp4", v->folder, atomic_fetch_add(&number, 1) % 1000000);
-    return sherf_video_open(c, f->path, f->wish.width, f->wish.height, f->fps, &f->video);
+    return sherf_video_open(c, f->path, f->request.width, f->request.height, f->fps, &f->video);
 }
 
-static sherf_status frame_add(context *c, view_film *f) {
-    const view_job *job = f->job;
-    size_t n = 3 * (size_t)job->wish.width * (size_t)job->wish.height;
+static sherf_status frame_add(context *c, viewer_film *f) {
+    const viewer_job *job = f->job;
+    size_t n = 3 * (size_t)job->request.width * (size_t)job->request.height;
     uint8_t *rgb;
     sherf_status status = job_paint(c, job, 3, &rgb);
     if (status != SHERF_OK) return status;
-    sherf_image picture = {job->wish.width, job->wish.height, 3, job->color}; /* its memory again */
+    sherf_image picture = {job->request.width, job->request.height, 3, job->color}; /* its memory again */
     for (size_t i = 0; i < n; i++) picture.data[i] = (float)rgb[i] / 255;
     mem_free(rgb);
     return sherf_video_add(c, f->video, &picture);
 }
 
 /* Closes the video and keeps the open file only. */
-static sherf_status video_end(context *c, view_film *f, int *fd, int64_t *bytes) {
+static sherf_status video_end(context *c, viewer_film *f, int *fd, int64_t *bytes) {
     sherf_status status = sherf_video_close(c, f->video);
     struct stat st;
     f->video = NULL;
@@ -110,7 +110,7 @@ static sherf_status video_end(context *c, view_film *f, int *fd, int64_t *bytes)
     return SHERF_OK;
 }
 
-static void let_go(view_film *f) {
+static void let_go(viewer_film *f) {
     sherf_video_abort(f->video);
     job_free(f->job);
     f->video = NULL;
@@ -118,8 +118,8 @@ static void let_go(view_film *f) {
 }
 
 /* The fields up to `done` change under the lock, the others are this thread's while the film is running. */
-void film_render(context *c, view *v, int seat) {
-    view_film *f = &v->desk.client[seat].film;
+void film_render(context *c, viewer *v, int seat) {
+    viewer_film *f = &v->desk.client[seat].film;
     bool complete = false;
     int fd = -1;
     int64_t bytes = 0;
@@ -129,7 +129,7 @@ void film_render(context *c, view *v, int seat) {
     pthread_mutex_unlock(&v->desk.lock);
     if (!stop && !f->video) status = video_start(c, v, f);
     if (!stop && status == SHERF_OK && !f->job) {
-        view_wish w = frame_wish(v, f);
+        viewer_request w = frame_request(v, f);
         f->job = job_create(c, &w);
         if (!f->job) status = SHERF_NO_MEMORY;
     }
@@ -152,20 +152,20 @@ void film_render(context *c, view *v, int seat) {
         f->bytes = bytes;
         f->state = FILM_DONE;
     }
-    if (stop) *f = (view_film){0};
+    if (stop) *f = (viewer_film){0};
     if (f->stop && f->state != FILM_RUNNING) { /* asked for while it was ending */
         if (f->state == FILM_DONE) close(f->fd);
-        *f = (view_film){0};
+        *f = (viewer_film){0};
     }
     pthread_mutex_unlock(&v->desk.lock);
 }
 
-void films_close(view *v) {
-    for (int i = 0; i < VIEW_CLIENTS; i++) {
-        view_film *f = &v->desk.client[i].film;
+void films_close(viewer *v) {
+    for (int i = 0; i < VIEWER_CLIENTS; i++) {
+        viewer_film *f = &v->desk.client[i].film;
         let_go(f);
         if (f->state == FILM_DONE) close(f->fd);
-        *f = (view_film){0};
+        *f = (viewer_film){0};
     }
     if (v->folder[0]) rmdir(v->folder);
 }

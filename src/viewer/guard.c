@@ -9,8 +9,8 @@
 
 #include "viewer/viewer.h"
 
-sherf_status token_make(context *c, char out[VIEW_TOKEN + 1]) {
-    unsigned char bytes[VIEW_TOKEN / 2];
+sherf_status token_make(context *c, char out[VIEWER_TOKEN + 1]) {
+    unsigned char bytes[VIEWER_TOKEN / 2];
     ssize_t n;
     do n = getrandom(bytes, sizeof bytes, 0);
     while (n < 0 && errno == EINTR);
@@ -20,15 +20,15 @@ sherf_status token_make(context *c, char out[VIEW_TOKEN + 1]) {
     return SHERF_OK;
 }
 
-bool token_matches(const char token[VIEW_TOKEN + 1], const char *path, const char **rest) {
-    char given[VIEW_TOKEN + 1] = {0};
+bool token_matches(const char token[VIEWER_TOKEN + 1], const char *path, const char **rest) {
+    char given[VIEWER_TOKEN + 1] = {0};
     size_t length = strlen(path);
     *rest = NULL;
-    if (path[0] == '/') memcpy(given, path + 1, length - 1 < VIEW_TOKEN ? length - 1 : VIEW_TOKEN);
+    if (path[0] == '/') memcpy(given, path + 1, length - 1 < VIEWER_TOKEN ? length - 1 : VIEWER_TOKEN);
     unsigned difference = 0;
-    for (int i = 0; i < VIEW_TOKEN; i++) difference |= (unsigned char)(given[i] ^ token[i]);
-    if (difference || length < 1 + VIEW_TOKEN) return false;
-    *rest = path + 1 + VIEW_TOKEN;
+    for (int i = 0; i < VIEWER_TOKEN; i++) difference |= (unsigned char)(given[i] ^ token[i]);
+    if (difference || length < 1 + VIEWER_TOKEN) return false;
+    *rest = path + 1 + VIEWER_TOKEN;
     return **rest == 0 || **rest == '/';
 }
 

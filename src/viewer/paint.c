@@ -6,7 +6,7 @@
 #include "viewer/viewer.h"
 
 /* Near 1, far 0.2. */
-static float depth_grey(const view_optics *o, float depth_m) {
+static float depth_grey(const viewer_optics *o, float depth_m) {
     float range = o->far_m - o->near_m, v = range > 0 ? 1 - 0.8f * (depth_m - o->near_m) / range : 1;
     return v < 0.2f ? 0.2f : v > 1 ? 1 : v;
 }
@@ -37,10 +37,10 @@ static void smooth_line(const float *depth, const float *weight, int count, size
 }
 
 /* Twice along rows and twice along columns; the result is in scratch. */
-static void smooth(const view_wish *w, const float *depth, const float *opacity, float *scratch) {
-    int width = w->width, height = w->height;
+static void smooth(const viewer_request *r, const float *depth, const float *opacity, float *scratch) {
+    int width = r->width, height = r->height;
     size_t pixels = (size_t)width * (size_t)height;
-    int radius = (int)((float)height / 220 * (w->zoom > 1 ? sqrtf(w->zoom) : 1)) + 1;
+    int radius = (int)((float)height / 220 * (r->zoom > 1 ? sqrtf(r->zoom) : 1)) + 1;
     if (radius > 8) radius = 8;
     float *a = scratch, *b = scratch + pixels;
     const float *from = depth;
@@ -55,15 +55,15 @@ static void smooth(const view_wish *w, const float *depth, const float *opacity,
 }
 
 /* Difference of the points of two neighbours along an axis, of which one may be missing. */
-static bool slope(const view_wish *w, const view_optics *o, const float *depth, const float *opacity, int x,
-                  int y, int dx, int dy, float out[3]) {
+static bool slope(const viewer_request *r, const viewer_optics *o, const float *depth, const float *opacity,
+                  int x, int y, int dx, int dy, float out[3]) {
     float p[2][3];
     int steps = 0;
     for (int side = 0; side < 2; side++) {
         int s = side ? 1 : -1, u = x + s * dx, v = y + s * dy;
-        size_t here = (size_t)y * (size_t)w->width + (size_t)x;
-        bool in = u >= 0 && u < w->width && v >= 0 && v < w->height;
-        size_t at = in ? (size_t)v * (size_t)w->width + (size_t)u : here;
+        size_t here = (size_t)y * (size_t)r->width + (size_t)x;
+        bool in = u >= 0 && u < r->width && v >= 0 && v < r->height;
+        size_t at = in ? (size_t)v * (size_t)r->width + (size_t)u : here;
         if (!in || opacity[at] < 0.3f || fabsf(depth[at] - depth[here]) > edge_m) at = here, u = x, v = y;
         steps += at != here;
         p[side][0] = ((float)u - o->centre_px[0]) / o->focal_px * depth[at];
@@ -75,10 +75,10 @@ static bool slope(const view_wish *w, const view_optics *o, const float *depth, 
 }
 
 /* As tangent-space pictures are drawn: x right, y up, z towards the camera, each from [-1, 1] to [0, 1]. */
-static void normal_color(const view_wish *w, const view_optics *o, const float *depth, const float *opacity,
-                         int x, int y, float rgb[3]) {
+static void normal_color(const viewer_request *r, const viewer_optics *o, const float *depth,
+                         const float *opacity, int x, int y, float rgb[3]) {
     float a[3], b[3], n[3] = {0, 0, -1};
-    if (slope(w, o, depth, opacity, x, y, 1, 0, a) && slope(w, o, depth, opacity, x, y, 0, 1, b)) {
+    if (slope(r, o, depth, opacity, x, y, 1, 0, a) && slope(r, o, depth, opacity, x, y, 0, 1, b)) {
         for (int k = 0; k < 3; k++) {
             int i = (k + 1) % 3, j = (k + 2) % 3;
             n[k] = a[j] * b[i] - a[i] * b[j]; /* towards the camera: -z */
@@ -91,34 +91,34 @@ static void normal_color(const view_wish *w, const view_optics *o, const float *
     rgb[2] = 0.5f - 0.5f * n[2];
 }
 
-void paint(const view_wish *w, const view_optics *o, const float *color, const float *opacity,
+void paint(const viewer_request *r, const viewer_optics *o, const float *color, const float *opacity,
            const float *depth, int channels, float *scratch, uint8_t *out) {
-    if (w->mode == VIEW_NORMAL) smooth(w, depth, opacity, scratch);
-    for (int y = 0; y < w->height; y++)
-        for (int x = 0; x < w->width; x++) {
-            size_t i = (size_t)y * (size_t)w->width + (size_t)x;
+    if (r->mode == VIEWER_NORMAL) smooth(r, depth, opacity, scratch);
+    for (int y = 0; y < r->height; y++)
+        for (int x = 0; x < r->width; x++) {
+            size_t i = (size_t)y * (size_t)r->width + (size_t)x;
             float a = opacity[i] < 0 ? 0 : opacity[i] > 1 ? 1 : opacity[i];
             float rgb[3] = {0, 0, 0}; /* times a, as color is */
-            switch (w->mode) {
-            case VIEW_COLOR:
+            switch (r->mode) {
+            case VIEWER_COLOR:
                 memcpy(rgb, color + 3 * i, sizeof rgb);
                 break;
-            case VIEW_OPACITY:
+            case VIEWER_OPACITY:
                 rgb[0] = rgb[1] = rgb[2] = a;
                 break;
-            case VIEW_DEPTH:
+            case VIEWER_DEPTH:
                 rgb[0] = rgb[1] = rgb[2] = a > 0 ? a * depth_grey(o, depth[i]) : 0;
                 break;
-            case VIEW_NORMAL:
-                if (a > 0) normal_color(w, o, scratch, opacity, x, y, rgb);
+            case VIEWER_NORMAL:
+                if (a > 0) normal_color(r, o, scratch, opacity, x, y, rgb);
                 for (int k = 0; k < 3; k++) rgb[k] *= a;
                 break;
             }
             uint8_t *to = out + i * (size_t)channels;
-            bool plain = w->mode == VIEW_OPACITY; /* grey on black, whatever the background */
+            bool plain = r->mode == VIEWER_OPACITY; /* grey on black, whatever the background */
             for (int k = 0; k < 3; k++) {
                 float v = channels == 4 ? (a > 1e-4f ? rgb[k] / a : 0)
-                                        : rgb[k] + (plain ? 0 : (1 - a) * w->background[k]);
+                                        : rgb[k] + (plain ? 0 : (1 - a) * r->background[k]);
                 to[k] = float_to_u8(v);
             }
             if (channels == 4) to[3] = float_to_u8(a);

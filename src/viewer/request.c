@@ -6,26 +6,26 @@
 
 #include "viewer/viewer.h"
 
-void query_start(view_query *q) {
-    *q = (view_query){
-        .wish = {.width = 128, .height = 128, .zoom = 1, .follow = true}, .film_fps = 25, .film_speed = 1};
+void query_start(viewer_query *q) {
+    *q = (viewer_query){
+        .request = {.width = 128, .height = 128, .zoom = 1, .follow = true}, .film_fps = 25, .film_speed = 1};
 }
 
-static bool whole(const char *text, long least, long most, int *out) {
+static bool whole(const char *text, long min, long max, int *out) {
     char *end;
     if ((*text < '0' || *text > '9') && *text != '-') return false;
     errno = 0;
     long v = strtol(text, &end, 10);
-    if (errno || *end || end == text || v < least || v > most) return false;
+    if (errno || *end || end == text || v < min || v > max) return false;
     *out = (int)v;
     return true;
 }
 
-static bool real(const char *text, float least, float most, float *out) {
+static bool real(const char *text, float min, float max, float *out) {
     char *end;
     if (strspn(text, "0123456789+-.e") != strlen(text)) return false; /* no hexadecimals, no names */
     float v = strtof(text, &end);
-    if (*end || end == text || !(v >= least && v <= most)) return false;
+    if (*end || end == text || !(v >= min && v <= max)) return false;
     *out = v;
     return true;
 }
@@ -36,29 +36,29 @@ static bool yes_or_no(const char *text, bool *out) {
     return true;
 }
 
-static bool mode(const char *text, view_mode *out) {
+static bool mode(const char *text, viewer_mode *out) {
     static const char *const names[] = {"color", "opacity", "depth", "normal"};
     for (size_t i = 0; i < COUNT_OF(names); i++)
         if (strcmp(text, names[i]) == 0) {
-            *out = (view_mode)i;
+            *out = (viewer_mode)i;
             return true;
         }
     return false;
 }
 
 /* "rrggbb" or "none". */
-static bool background(const char *text, view_wish *w) {
-    w->transparent = strcmp(text, "none") == 0;
-    if (w->transparent) return true;
+static bool background(const char *text, viewer_request *r) {
+    r->transparent = strcmp(text, "none") == 0;
+    if (r->transparent) return true;
     if (strlen(text) != 6 || strspn(text, "0123456789abcdef") != 6) return false;
     unsigned long v = strtoul(text, NULL, 16);
-    for (int k = 0; k < 3; k++) w->background[k] = (float)(v >> (16 - 8 * k) & 255) / 255;
+    for (int k = 0; k < 3; k++) r->background[k] = (float)(v >> (16 - 8 * k) & 255) / 255;
     return true;
 }
 
-static bool client_name(const char *text, char out[VIEW_NAME + 1]) {
+static bool client_name(const char *text, char out[VIEWER_NAME + 1]) {
     size_t n = strlen(text);
-    if (n < 4 || n > VIEW_NAME || strspn(text, "0123456789abcdefghijklmnopqrstuvwxyz") != n) return false;
+    if (n < 4 || n > VIEWER_NAME || strspn(text, "0123456789abcdefghijklmnopqrstuvwxyz") != n) return false;
     memcpy(out, text, n + 1);
     return true;
 }
@@ -70,11 +70,11 @@ static bool sequence(const char *text, uint64_t *out) {
     return true;
 }
 
-bool query_take(view_query *q, const char *name, const char *value) {
+bool query_take(viewer_query *q, const char *name, const char *value) {
     static const char *const names[] = {"client", "n",      "avatar", "motion", "frame", "w",   "h",
                                         "az",     "el",     "zoom",   "ox",     "oy",    "oz",  "mode",
                                         "bg",     "follow", "png",    "fine",   "turn",  "fps", "speed"};
-    view_wish *w = &q->wish;
+    viewer_request *r = &q->request;
     size_t i = 0;
     while (i < COUNT_OF(names) && strcmp(name, names[i]) != 0) i++;
     if (i == COUNT_OF(names) || !value || q->seen >> i & 1) return false;
@@ -85,37 +85,37 @@ bool query_take(view_query *q, const char *name, const char *value) {
     case 1:
         return sequence(value, &q->sequence);
     case 2:
-        return whole(value, 0, VIEW_AVATARS, &w->avatar);
+        return whole(value, 0, VIEWER_AVATARS, &r->avatar);
     case 3:
-        return whole(value, 0, VIEW_MOTIONS + VIEW_OWN_MOTIONS, &w->motion);
+        return whole(value, 0, VIEWER_MOTIONS + VIEWER_OWN_MOTIONS, &r->motion);
     case 4:
-        return whole(value, 0, 100000000, &w->frame);
+        return whole(value, 0, 100000000, &r->frame);
     case 5:
-        return whole(value, VIEW_SIDE_MIN, 2 * VIEW_SIDE_MAX, &w->width);
+        return whole(value, VIEWER_SIDE_MIN, 2 * VIEWER_SIDE_MAX, &r->width);
     case 6:
-        return whole(value, VIEW_SIDE_MIN, 2 * VIEW_SIDE_MAX, &w->height);
+        return whole(value, VIEWER_SIDE_MIN, 2 * VIEWER_SIDE_MAX, &r->height);
     case 7:
-        return real(value, -1000, 1000, &w->azimuth_rad);
+        return real(value, -1000, 1000, &r->azimuth_rad);
     case 8:
-        return real(value, -1.5708f, 1.5708f, &w->elevation_rad);
+        return real(value, -1.5708f, 1.5708f, &r->elevation_rad);
     case 9:
-        return real(value, 0.05f, 50, &w->zoom);
+        return real(value, 0.05f, 50, &r->zoom);
     case 10:
     case 11:
     case 12:
-        return real(value, -20, 20, &w->offset_m[i - 10]);
+        return real(value, -20, 20, &r->offset_m[i - 10]);
     case 13:
-        return mode(value, &w->mode);
+        return mode(value, &r->mode);
     case 14:
-        return background(value, w);
+        return background(value, r);
     case 15:
-        return yes_or_no(value, &w->follow);
+        return yes_or_no(value, &r->follow);
     case 16:
-        return yes_or_no(value, &w->lossless);
+        return yes_or_no(value, &r->lossless);
     case 17:
-        return yes_or_no(value, &w->fine);
+        return yes_or_no(value, &r->fine);
     case 18:
-        return whole(value, 0, VIEW_FILM_FRAMES, &q->film_frames);
+        return whole(value, 0, VIEWER_FILM_FRAMES, &q->film_frames);
     case 19:
         return real(value, 1, 120, &q->film_fps);
     default:

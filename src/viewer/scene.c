@@ -22,23 +22,24 @@ static cJSON *avatar_json(const sherf_viewer_avatar *a, int number) {
     return json;
 }
 
-static sherf_status about_make(context *c, view_scene *s, const sherf_viewer_options *o) {
-    static const char *const own[VIEW_OWN_MOTIONS] = {"picture's pose", "T-pose"};
+static sherf_status about_make(context *c, viewer_scene *s, const sherf_viewer_options *o) {
+    static const char *const own[VIEWER_OWN_MOTIONS] = {"picture's pose", "T-pose"};
     cJSON *json = cJSON_CreateObject(), *avatars = cJSON_AddArrayToObject(json, "avatars"),
           *motions = cJSON_AddArrayToObject(json, "motions");
     for (int i = 0; i < s->avatar_count; i++) cJSON_AddItemToArray(avatars, avatar_json(&s->avatars[i], i));
     for (int i = 0; i < s->motion_count; i++) {
         cJSON *m = cJSON_CreateObject();
-        const char *name = i < VIEW_OWN_MOTIONS ? own[i] : o->motions[i - VIEW_OWN_MOTIONS].name;
+        const char *name = i < VIEWER_OWN_MOTIONS ? own[i] : o->motions[i - VIEWER_OWN_MOTIONS].name;
         cJSON_AddStringToObject(m, "name", name ? name : "motion");
         cJSON_AddNumberToObject(m, "frames", s->motions[i].count);
         cJSON_AddNumberToObject(m, "fps", s->motions[i].fps);
         cJSON_AddItemToArray(motions, m);
     }
     cJSON_AddNumberToObject(json, "side", s->side_max);
-    cJSON_AddNumberToObject(json, "film_side", s->side_max < VIEW_FILM_SIDE ? s->side_max : VIEW_FILM_SIDE);
-    cJSON_AddNumberToObject(json, "film_long", VIEW_FILM_LONG);
-    cJSON_AddNumberToObject(json, "film_frames", VIEW_FILM_FRAMES);
+    cJSON_AddNumberToObject(json, "film_side",
+                            s->side_max < VIEWER_FILM_SIDE ? s->side_max : VIEWER_FILM_SIDE);
+    cJSON_AddNumberToObject(json, "film_long", VIEWER_FILM_LONG);
+    cJSON_AddNumberToObject(json, "film_frames", VIEWER_FILM_FRAMES);
     cJSON_AddStringToObject(json, "version", SHERF_VERSION);
     char *text = avatars && motions ? cJSON_PrintUnformatted(json) : NULL;
     if (text) s->about = mem_string(c, text);
@@ -48,31 +49,31 @@ static sherf_status about_make(context *c, view_scene *s, const sherf_viewer_opt
 }
 
 static sherf_status options_check(context *c, const sherf_viewer_options *o) {
-    if (o->avatar_count < 1 || o->avatar_count > VIEW_AVATARS)
+    if (o->avatar_count < 1 || o->avatar_count > VIEWER_AVATARS)
         return failure(c, SHERF_BAD_ARGUMENT, "viewer: %d avatars, must be 1 to %d", o->avatar_count,
-                       VIEW_AVATARS);
-    if (o->motion_count < 0 || o->motion_count > VIEW_MOTIONS)
+                       VIEWER_AVATARS);
+    if (o->motion_count < 0 || o->motion_count > VIEWER_MOTIONS)
         return failure(c, SHERF_BAD_ARGUMENT, "viewer: %d motions, must be at most %d", o->motion_count,
-                       VIEW_MOTIONS);
+                       VIEWER_MOTIONS);
     for (int i = 0; i < o->motion_count; i++)
         if (o->motions[i].count < 1 || !(o->motions[i].fps >= 0 && o->motions[i].fps <= 1000))
             return failure(c, SHERF_BAD_ARGUMENT, "viewer: motion %d has %d poses, %g a second", i,
                            o->motions[i].count, o->motions[i].fps);
-    if (o->size_px && (o->size_px < 64 || o->size_px > VIEW_SIDE_MAX))
+    if (o->size_px && (o->size_px < 64 || o->size_px > VIEWER_SIDE_MAX))
         return failure(c, SHERF_BAD_ARGUMENT, "viewer: pictures of %d pixels, must be 64 to %d", o->size_px,
-                       VIEW_SIDE_MAX);
+                       VIEWER_SIDE_MAX);
     for (int i = 0; i < o->avatar_count; i++)
         if (o->avatars[i].body->fingerprint != o->avatars[i].avatar->body_fingerprint)
             return failure(c, SHERF_MISMATCH, "viewer: avatar %d was made with another body", i);
     return SHERF_OK;
 }
 
-sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene *s) {
-    *s = (view_scene){0};
+sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scene *s) {
+    *s = (viewer_scene){0};
     sherf_status status = options_check(c, o);
     if (status != SHERF_OK) return status;
     s->avatar_count = o->avatar_count;
-    s->motion_count = VIEW_OWN_MOTIONS + o->motion_count;
+    s->motion_count = VIEWER_OWN_MOTIONS + o->motion_count;
     s->side_max = o->size_px ? o->size_px : 1024;
     s->detail = o->detail != SHERF_DETAIL_OFF;
     s->avatars = mem_alloc(c, (size_t)s->avatar_count, sizeof *s->avatars);
@@ -81,33 +82,33 @@ sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene 
     if (!s->avatars || !s->motions || !s->framings) return SHERF_NO_MEMORY;
     memcpy(s->avatars, o->avatars, (size_t)s->avatar_count * sizeof *s->avatars);
     sherf_pose_identity(&s->rest);
-    s->motions[0] = (view_motion){.count = 1}; /* each avatar's own pose */
-    s->motions[1] = (view_motion){.poses = &s->rest, .count = 1};
+    s->motions[0] = (viewer_motion){.count = 1}; /* each avatar's own pose */
+    s->motions[1] = (viewer_motion){.poses = &s->rest, .count = 1};
     for (int i = 0; i < o->motion_count; i++) {
         const sherf_viewer_motion *m = &o->motions[i];
-        s->motions[VIEW_OWN_MOTIONS + i] = (view_motion){m->name, m->poses, m->count, m->fps};
+        s->motions[VIEWER_OWN_MOTIONS + i] = (viewer_motion){m->name, m->poses, m->count, m->fps};
     }
     return about_make(c, s, o);
 }
 
-void scene_free(view_scene *s) {
-    for (int i = 0; i < VIEW_POSED; i++) posed_body_free(s->posed[i].body);
+void scene_free(viewer_scene *s) {
+    for (int i = 0; i < VIEWER_POSED; i++) posed_body_free(s->posed[i].body);
     mem_free(s->avatars);
     mem_free(s->motions);
     mem_free(s->framings);
     mem_free(s->about);
-    *s = (view_scene){0};
+    *s = (viewer_scene){0};
 }
 
-bool wish_fits(const view_scene *s, const view_wish *w) {
-    return w->avatar < s->avatar_count && w->motion < s->motion_count &&
-           w->frame < s->motions[w->motion].count &&
-           (w->width < w->height ? w->width : w->height) <= s->side_max && w->width <= 2 * s->side_max &&
-           w->height <= 2 * s->side_max;
+bool request_fits(const viewer_scene *s, const viewer_request *r) {
+    return r->avatar < s->avatar_count && r->motion < s->motion_count &&
+           r->frame < s->motions[r->motion].count &&
+           (r->width < r->height ? r->width : r->height) <= s->side_max && r->width <= 2 * s->side_max &&
+           r->height <= 2 * s->side_max;
 }
 
 /* The pose of a motion's frame, with the avatar's own shape. */
-static sherf_pose pose_of(const view_scene *s, int avatar, int motion, int frame) {
+static sherf_pose pose_of(const viewer_scene *s, int avatar, int motion, int frame) {
     const sherf_pose *own = &s->avatars[avatar].avatar->pose;
     sherf_pose pose = motion == 0 ? *own : s->motions[motion].poses[frame];
     memcpy(pose.shapes, own->shapes, sizeof pose.shapes);
@@ -157,15 +158,15 @@ static void root_world(const posed_body *p, float out[3]) {
 }
 
 /* The way of the root since the first frame, along the ground; as it is in the world. */
-static void root_way(const view_framing *f, const float root_m[3], float way[3]) {
+static void root_way(const viewer_framing *f, const float root_m[3], float way[3]) {
     double up = 0;
     for (int i = 0; i < 3; i++) up += ((double)root_m[i] - f->root_m[i]) * f->axes[3 * i + 1];
     for (int i = 0; i < 3; i++) way[i] = (float)((double)root_m[i] - f->root_m[i] - up * f->axes[3 * i + 1]);
 }
 
 /* Widens [low, high], along the axes and moving with the root, by the posed body. */
-static void extent_add(const view_framing *f, const body_model *m, const posed_body *p, float *vertices_world,
-                       double low[3], double high[3]) {
+static void extent_add(const viewer_framing *f, const body_model *m, const posed_body *p,
+                       float *vertices_world, double low[3], double high[3]) {
     float root[3], way[3];
     root_world(p, root);
     root_way(f, root, way);
@@ -180,9 +181,9 @@ static void extent_add(const view_framing *f, const body_model *m, const posed_b
         }
 }
 
-sherf_status scene_framing(context *c, view_scene *s, int avatar, int motion, const view_framing **out) {
+sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out) {
     enum { LOOKED_AT = 12 };
-    view_framing *f = &s->framings[avatar * s->motion_count + motion];
+    viewer_framing *f = &s->framings[avatar * s->motion_count + motion];
     *out = f;
     if (f->known) return SHERF_OK;
     const body_model *m = s->avatars[avatar].body;
@@ -213,24 +214,24 @@ sherf_status scene_framing(context *c, view_scene *s, int avatar, int motion, co
     return SHERF_OK;
 }
 
-void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w, sherf_camera *camera,
-                  float *scale_m) {
+void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
+                  sherf_camera *camera, float *scale_m) {
     const float origin[3] = {0, 0, 0};
     sherf_camera upright;
-    sherf_camera_orbit(origin, (float)f->distance_m, w->azimuth_rad, w->elevation_rad, (float)fov_rad,
-                       w->width, w->height, &upright);
+    sherf_camera_orbit(origin, (float)f->distance_m, r->azimuth_rad, r->elevation_rad, (float)fov_rad,
+                       r->width, r->height, &upright);
     /* At zoom 1 the nearest part of the body fits in height and width. */
     double across = hypot(f->half_m[0], f->half_m[2]), nearest = f->distance_m - across;
     double wide = fmax(f->half_m[0], f->half_m[2]), tall = fmax(f->half_m[1], across * 0.5);
-    double focal = fmin(0.5 * w->height / (1.08 * tall), 0.5 * w->width / (1.08 * wide)) * nearest * w->zoom;
+    double focal = fmin(0.5 * r->height / (1.08 * tall), 0.5 * r->width / (1.08 * wide)) * nearest * r->zoom;
     upright.K[0] = upright.K[4] = (float)focal;
-    *scale_m = (float)(f->distance_m * w->height / focal);
+    *scale_m = (float)(f->distance_m * r->height / focal);
     /* x_camera = R B^T (x - centre - B offset - way) + T, with R and T in the body's axes. */
     float target[3], way[3] = {0, 0, 0};
-    if (w->follow) {
-        const sherf_pose pose = pose_of(s, w->avatar, w->motion, w->frame);
+    if (r->follow) {
+        const sherf_pose pose = pose_of(s, r->avatar, r->motion, r->frame);
         /* the root joint of this frame: R J0 + Th, and J0 is that of the first */
-        const sherf_pose first = pose_of(s, w->avatar, w->motion, 0);
+        const sherf_pose first = pose_of(s, r->avatar, r->motion, 0);
         float root[3], joint[3] = {0, 0, 0};
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++) joint[i] += first.R[3 * k + i] * (f->root_m[k] - first.Th_m[k]);
@@ -242,7 +243,7 @@ void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w
     }
     for (int i = 0; i < 3; i++) {
         double x = (double)f->centre_m[i] + way[i];
-        for (int a = 0; a < 3; a++) x += f->axes[3 * i + a] * w->offset_m[a];
+        for (int a = 0; a < 3; a++) x += f->axes[3 * i + a] * r->offset_m[a];
         target[i] = (float)x;
     }
     *camera = upright;
@@ -256,30 +257,30 @@ void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w
 }
 
 /* ---- bodies posed lately ---- */
-sherf_status scene_posed(context *c, view_scene *s, const view_wish *w, const posed_body **out) {
-    view_posed *oldest = &s->posed[0];
+sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, const posed_body **out) {
+    viewer_posed *oldest = &s->posed[0];
     *out = NULL;
-    for (int i = 0; i < VIEW_POSED; i++) {
-        view_posed *p = &s->posed[i];
-        if (p->used && p->avatar == w->avatar && p->motion == w->motion && p->frame == w->frame) {
+    for (int i = 0; i < VIEWER_POSED; i++) {
+        viewer_posed *p = &s->posed[i];
+        if (p->used && p->avatar == r->avatar && p->motion == r->motion && p->frame == r->frame) {
             p->used = ++s->clock;
             *out = p->body;
             return SHERF_OK;
         }
         if (p->used < oldest->used) oldest = p;
     }
-    const sherf_viewer_avatar *a = &s->avatars[w->avatar];
-    sherf_pose pose = pose_of(s, w->avatar, w->motion, w->frame);
+    const sherf_viewer_avatar *a = &s->avatars[r->avatar];
+    sherf_pose pose = pose_of(s, r->avatar, r->motion, r->frame);
     posed_body *body = NULL;
     sherf_status status = avatar_pose(c, a->avatar, a->body, &pose, &body);
     if (status != SHERF_OK) return status;
     posed_body_free(oldest->body);
-    *oldest = (view_posed){++s->clock, w->avatar, w->motion, w->frame, body};
+    *oldest = (viewer_posed){++s->clock, r->avatar, r->motion, r->frame, body};
     *out = body;
     return SHERF_OK;
 }
 
-sherf_status scene_picture(context *c, const view_scene *s, int avatar, uint8_t **out, size_t *bytes) {
+sherf_status scene_picture(context *c, const viewer_scene *s, int avatar, uint8_t **out, size_t *bytes) {
     const sherf_avatar *b = s->avatars[avatar].avatar;
     size_t n = (size_t)b->image_width * (size_t)b->image_height * 3;
     uint8_t *rgb = mem_alloc(c, n, 1);

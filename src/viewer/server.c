@@ -31,8 +31,8 @@ typedef struct {
     double deadline_s; /* 0: none, while a picture is being made */
 } slot;
 
-struct view_server {
-    view *v;
+struct viewer_server {
+    viewer *v;
     struct MHD_Daemon *daemon;
     pthread_mutex_t lock; /* of the slots */
     slot slots[CONNECTIONS];
@@ -40,9 +40,9 @@ struct view_server {
 
 /* What belongs to a request from its first line to its end. */
 typedef struct {
-    struct view_server *server;
-    view_job *job;
-} request;
+    struct viewer_server *server;
+    viewer_job *job;
+} http_request;
 
 /* ---- connections that take too long ---- */
 static slot *slot_of(struct MHD_Connection *connection) {
@@ -51,7 +51,7 @@ static slot *slot_of(struct MHD_Connection *connection) {
     return info ? info->socket_context : NULL;
 }
 
-static void deadline_set(struct view_server *s, struct MHD_Connection *connection, double seconds) {
+static void deadline_set(struct viewer_server *s, struct MHD_Connection *connection, double seconds) {
     slot *at = slot_of(connection);
     if (!at) return;
     pthread_mutex_lock(&s->lock);
@@ -61,7 +61,7 @@ static void deadline_set(struct view_server *s, struct MHD_Connection *connectio
 
 static void on_connection(void *cls, struct MHD_Connection *connection, void **own,
                           enum MHD_ConnectionNotificationCode code) {
-    struct view_server *s = cls;
+    struct viewer_server *s = cls;
     pthread_mutex_lock(&s->lock);
     if (code == MHD_CONNECTION_NOTIFY_STARTED) {
         const union MHD_ConnectionInfo *info =
@@ -79,7 +79,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **o
     pthread_mutex_unlock(&s->lock);
 }
 
-void server_tend(struct view_server *s) {
+void server_tend(struct viewer_server *s) {
     double now = time_seconds();
     pthread_mutex_lock(&s->lock);
     for (int i = 0; i < CONNECTIONS; i++) {
@@ -156,25 +156,25 @@ static void header_number(struct MHD_Response *r, const char *name, double value
 
 /* ---- what is asked for ---- */
 static enum MHD_Result take_field(void *cls, enum MHD_ValueKind kind, const char *name, const char *value) {
-    view_query *q = cls;
+    viewer_query *q = cls;
     if (query_take(q, name, value)) return MHD_YES;
     q->seen = ~0u;
     return MHD_NO;
 }
 
 /* False: not a query that makes sense. */
-static bool query_read(struct MHD_Connection *connection, const view *v, view_query *q) {
+static bool query_read(struct MHD_Connection *connection, const viewer *v, viewer_query *q) {
     query_start(q);
     MHD_get_connection_values(connection, MHD_GET_ARGUMENT_KIND, take_field, q);
-    return q->seen != ~0u && wish_fits(&v->scene, &q->wish);
+    return q->seen != ~0u && request_fits(&v->scene, &q->request);
 }
 
 static void wake(void *connection) {
     MHD_resume_connection(connection);
 }
 
-static enum MHD_Result frame_send(request *r, struct MHD_Connection *connection) {
-    view_job *job = r->job; /* done: nobody else changes it */
+static enum MHD_Result frame_send(http_request *r, struct MHD_Connection *connection) {
+    viewer_job *job = r->job; /* done: nobody else changes it */
     struct MHD_Response *response;
     switch (job->state) {
     case JOB_DONE:
@@ -194,9 +194,9 @@ static enum MHD_Result frame_send(request *r, struct MHD_Connection *connection)
     }
 }
 
-static enum MHD_Result frame_ask(request *r, struct MHD_Connection *connection) {
-    view *v = r->server->v;
-    view_query q;
+static enum MHD_Result frame_handle(http_request *r, struct MHD_Connection *connection) {
+    viewer *v = r->server->v;
+    viewer_query q;
     if (!query_read(connection, v, &q) || !q.client[0])
         return say(connection, MHD_HTTP_BAD_REQUEST, "these are not the fields of a picture");
     switch (desk_admit(&v->desk, &q, &r->job)) {
@@ -215,27 +215,28 @@ static enum MHD_Result frame_ask(request *r, struct MHD_Connection *connection) 
     return MHD_YES;
 }
 
-static enum MHD_Result picture_send(request *r, struct MHD_Connection *connection) {
+static enum MHD_Result picture_send(http_request *r, struct MHD_Connection *connection) {
     context quiet = {0};
-    view_query q;
+    viewer_query q;
     uint8_t *data;
     size_t bytes;
     if (!query_read(connection, r->server->v, &q))
         return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such avatar");
-    if (scene_picture(&quiet, &r->server->v->scene, q.wish.avatar, &data, &bytes) != SHERF_OK)
+    if (scene_picture(&quiet, &r->server->v->scene, q.request.avatar, &data, &bytes) != SHERF_OK)
         return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, "out of memory");
     return send_off(connection, MHD_HTTP_OK, of_memory(data, bytes, "image/png"));
 }
 
 /* ---- films ---- */
-static enum MHD_Result film_state_send(request *r, struct MHD_Connection *connection, const view_query *q) {
+static enum MHD_Result film_state_send(http_request *r, struct MHD_Connection *connection,
+                                       const viewer_query *q) {
     static const char *const names[] = {"none", "running", "done", "failed"};
-    view_desk *d = &r->server->v->desk;
+    viewer_desk *d = &r->server->v->desk;
     pthread_mutex_lock(&d->lock);
     int seat = desk_seat(d, q->client);
     cJSON *json = cJSON_CreateObject();
     if (seat >= 0) {
-        const view_film *f = &d->client[seat].film;
+        const viewer_film *f = &d->client[seat].film;
         cJSON_AddStringToObject(json, "state", names[f->state]);
         cJSON_AddNumberToObject(json, "done", f->done);
         cJSON_AddNumberToObject(json, "frames", f->frames);
@@ -250,9 +251,9 @@ static enum MHD_Result film_state_send(request *r, struct MHD_Connection *connec
     return send_json(connection, json);
 }
 
-static enum MHD_Result film_change(request *r, struct MHD_Connection *connection, const view_query *q,
+static enum MHD_Result film_change(http_request *r, struct MHD_Connection *connection, const viewer_query *q,
                                    bool start) {
-    view *v = r->server->v;
+    viewer *v = r->server->v;
     pthread_mutex_lock(&v->desk.lock);
     int seat = desk_seat(&v->desk, q->client);
     const char *wrong = seat < 0 ? "too many viewers at once" : NULL;
@@ -264,8 +265,8 @@ static enum MHD_Result film_change(request *r, struct MHD_Connection *connection
     return wrong ? say(connection, MHD_HTTP_CONFLICT, wrong) : say(connection, MHD_HTTP_OK, "well");
 }
 
-static enum MHD_Result film_ask(request *r, struct MHD_Connection *connection, const char *method) {
-    view_query q;
+static enum MHD_Result film_handle(http_request *r, struct MHD_Connection *connection, const char *method) {
+    viewer_query q;
     if (!query_read(connection, r->server->v, &q) || !q.client[0])
         return say(connection, MHD_HTTP_BAD_REQUEST, "these are not the fields of a film");
     if (strcmp(method, MHD_HTTP_METHOD_POST) == 0) return film_change(r, connection, &q, true);
@@ -273,9 +274,9 @@ static enum MHD_Result film_ask(request *r, struct MHD_Connection *connection, c
     return film_state_send(r, connection, &q);
 }
 
-static enum MHD_Result film_file_send(request *r, struct MHD_Connection *connection) {
-    view_desk *d = &r->server->v->desk;
-    view_query q;
+static enum MHD_Result film_file_send(http_request *r, struct MHD_Connection *connection) {
+    viewer_desk *d = &r->server->v->desk;
+    viewer_query q;
     int fd = -1;
     int64_t bytes = 0;
     if (!query_read(connection, r->server->v, &q) || !q.client[0])
@@ -303,7 +304,7 @@ static const char *header(struct MHD_Connection *connection, const char *name) {
 }
 
 /* NULL, or why the request is not answered. *rest: of the path, behind the token. */
-static const char *guard(struct view_server *s, struct MHD_Connection *connection, const char *path,
+static const char *guard(struct viewer_server *s, struct MHD_Connection *connection, const char *path,
                          const char **rest, unsigned *status) {
     const char *host = header(connection, "Host"), *site = header(connection, "Sec-Fetch-Site"),
                *length = header(connection, "Content-Length");
@@ -321,16 +322,16 @@ static const char *guard(struct view_server *s, struct MHD_Connection *connectio
     return NULL;
 }
 
-static enum MHD_Result route(request *r, struct MHD_Connection *connection, const char *rest,
+static enum MHD_Result route(http_request *r, struct MHD_Connection *connection, const char *rest,
                              const char *method) {
-    view *v = r->server->v;
+    viewer *v = r->server->v;
     bool get = strcmp(method, MHD_HTTP_METHOD_GET) == 0 || strcmp(method, MHD_HTTP_METHOD_HEAD) == 0;
     deadline_set(r->server, connection, ANSWER_S);
     if (strcmp(rest, "/film") == 0 &&
         (get || strcmp(method, MHD_HTTP_METHOD_POST) == 0 || strcmp(method, MHD_HTTP_METHOD_DELETE) == 0))
-        return film_ask(r, connection, method);
+        return film_handle(r, connection, method);
     if (!get) return refuse(connection, MHD_HTTP_METHOD_NOT_ALLOWED, "not with this method");
-    if (strcmp(rest, "/frame") == 0) return frame_ask(r, connection);
+    if (strcmp(rest, "/frame") == 0) return frame_handle(r, connection);
     if (strcmp(rest, "/picture") == 0) return picture_send(r, connection);
     if (strcmp(rest, "/film.mp4") == 0) return film_file_send(r, connection);
     if (strcmp(rest, "/about") == 0) {
@@ -339,14 +340,14 @@ static enum MHD_Result route(request *r, struct MHD_Connection *connection, cons
         return send_off(connection, MHD_HTTP_OK, with_headers(about, "application/json"));
     }
     if (!*rest) { /* the page's own addresses are relative */
-        char to[VIEW_TOKEN + 3];
+        char to[VIEWER_TOKEN + 3];
         snprintf(to, sizeof to, "/%s/", v->token);
         struct MHD_Response *moved = MHD_create_response_from_buffer(0, "", MHD_RESPMEM_PERSISTENT);
         if (moved) MHD_add_response_header(moved, "Location", to);
         return send_off(connection, MHD_HTTP_FOUND, with_headers(moved, "text/plain"));
     }
-    for (int i = 0; i < view_file_count; i++) {
-        const view_file *f = &view_files[i];
+    for (int i = 0; i < viewer_file_count; i++) {
+        const viewer_file *f = &viewer_files[i];
         if (strcmp(rest + 1, i == 0 ? "" : f->name) != 0) continue;
         struct MHD_Response *file =
             MHD_create_response_from_buffer(f->bytes, (void *)(uintptr_t)f->data, MHD_RESPMEM_PERSISTENT);
@@ -359,9 +360,9 @@ static enum MHD_Result route(request *r, struct MHD_Connection *connection, cons
 static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *path,
                                   const char *method, const char *version, const char *upload, size_t *bytes,
                                   void **own) {
-    struct view_server *s = cls;
+    struct viewer_server *s = cls;
     const char *rest;
-    request *r = *own;
+    http_request *r = *own;
     if (!r) {
         unsigned status;
         const char *wrong = guard(s, connection, path, &rest, &status);
@@ -383,8 +384,8 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
 
 static void on_end(void *cls, struct MHD_Connection *connection, void **own,
                    enum MHD_RequestTerminationCode code) {
-    struct view_server *s = cls;
-    request *r = *own;
+    struct viewer_server *s = cls;
+    http_request *r = *own;
     deadline_set(s, connection, REQUEST_S);
     if (r && r->job) desk_release(&s->v->desk, r->job);
     mem_free(r);
@@ -432,7 +433,7 @@ static void own_address(char *out, size_t size) {
     freeifaddrs(list);
 }
 
-static void address_print(view *v, const char *listen, int port) {
+static void address_print(viewer *v, const char *listen, int port) {
     char any[64];
     bool all = strcmp(listen, "0.0.0.0") == 0 || strcmp(listen, "::") == 0;
     if (all) own_address(any, sizeof any);
@@ -441,13 +442,13 @@ static void address_print(view *v, const char *listen, int port) {
              strchr(host, ':') ? "http://[%.64s]:%d/%s/" : "http://%.64s:%d/%s/", host, port, v->token);
 }
 
-sherf_status server_open(context *c, view *v, const char *listen, int port) {
+sherf_status server_open(context *c, viewer *v, const char *listen, int port) {
     socket_address address;
     if (!listen) listen = "127.0.0.1";
     if (port < 0 || port > 65535 || !address_parse(listen, port, &address))
         return failure(c, SHERF_BAD_ARGUMENT,
                        "viewer: cannot listen at %.64s, port %d: not an address in figures", listen, port);
-    struct view_server *s = v->server = mem_zero(c, 1, sizeof *s);
+    struct viewer_server *s = v->server = mem_zero(c, 1, sizeof *s);
     if (!s) return SHERF_NO_MEMORY;
     s->v = v;
     for (int i = 0; i < CONNECTIONS; i++) s->slots[i].fd = -1;
@@ -469,7 +470,7 @@ sherf_status server_open(context *c, view *v, const char *listen, int port) {
     return SHERF_OK;
 }
 
-void server_close(struct view_server *s) {
+void server_close(struct viewer_server *s) {
     if (!s) return;
     if (s->daemon) MHD_stop_daemon(s->daemon);
     pthread_mutex_destroy(&s->lock);
@@ -477,18 +478,18 @@ void server_close(struct view_server *s) {
 }
 
 #else
-struct view_server {
+struct viewer_server {
     int none;
 };
 
-sherf_status server_open(context *c, view *v, const char *listen, int port) {
+sherf_status server_open(context *c, viewer *v, const char *listen, int port) {
     return failure(c, SHERF_UNSUPPORTED,
                    "this build has no viewer: libmicrohttpd-dev was missing when it was configured");
 }
-void server_tend(struct view_server *s) {
+void server_tend(struct viewer_server *s) {
     (void)s;
 }
-void server_close(struct view_server *s) {
+void server_close(struct viewer_server *s) {
     (void)s;
 }
 #endif

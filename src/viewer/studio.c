@@ -1,4 +1,4 @@
-/* Where pictures are made: bands of some tens of milliseconds each, so that clients take turns and a wish
+/* Where pictures are made: bands of some tens of milliseconds each, so that clients take turns and a request
  * that was replaced is left soon. */
 #include <math.h>
 #include <stdio.h>
@@ -11,12 +11,12 @@
 static const double band_s = 0.06; /* wanted time of a band */
 enum { BAND_ROWS_MIN = 16, BAND_PIXELS_FIRST = 8192, SMALL_PIXELS = 160 * 1024 };
 
-static sherf_status job_begin(context *c, view *v, view_job *job) {
-    const view_wish *w = &job->wish;
-    size_t pixels = (size_t)w->width * (size_t)w->height;
-    sherf_status status = scene_framing(c, &v->scene, w->avatar, w->motion, &job->framing);
+static sherf_status job_begin(context *c, viewer *v, viewer_job *job) {
+    const viewer_request *r = &job->request;
+    size_t pixels = (size_t)r->width * (size_t)r->height;
+    sherf_status status = scene_framing(c, &v->scene, r->avatar, r->motion, &job->framing);
     if (status == SHERF_OK) {
-        scene_camera(&v->scene, job->framing, w, &job->camera, &job->scale_m);
+        scene_camera(&v->scene, job->framing, r, &job->camera, &job->scale_m);
         job->color = mem_alloc(c, pixels, 5 * sizeof(float));
         if (job->color) {
             job->opacity = job->color + 3 * pixels;
@@ -29,74 +29,74 @@ static sherf_status job_begin(context *c, view *v, view_job *job) {
     return status;
 }
 
-static int band_rows(const view *v, const view_job *job) {
-    double pixel_s = v->pixel_s[job->wish.avatar];
+static int band_rows(const viewer *v, const viewer_job *job) {
+    double pixel_s = v->pixel_s[job->request.avatar];
     double pixels = pixel_s > 0 ? band_s / pixel_s : BAND_PIXELS_FIRST;
-    int left = job->wish.height - job->rows_done;
-    int rows = (int)fmin(pixels / job->wish.width, 4096) / BAND_ROWS_MIN * BAND_ROWS_MIN;
+    int left = job->request.height - job->rows_done;
+    int rows = (int)fmin(pixels / job->request.width, 4096) / BAND_ROWS_MIN * BAND_ROWS_MIN;
     if (rows < BAND_ROWS_MIN) rows = BAND_ROWS_MIN;
     return rows * 4 > left * 3 ? left : rows; /* no small rest */
 }
 
 /* The detail, whose depths are smoothed over neighbours, waits for the whole picture, which is over black
  * until it is painted. */
-static sherf_status job_detail(context *c, view *v, view_job *job, const posed_body *posed) {
+static sherf_status job_detail(context *c, viewer *v, viewer_job *job, const posed_body *posed) {
     static const float black[3] = {0, 0, 0};
-    const view_wish *w = &job->wish;
-    const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
-    sherf_frame f = {.color = {w->width, w->height, 3, job->color},
-                     .opacity = {w->width, w->height, 1, job->opacity},
-                     .depth = {w->width, w->height, 1, job->depth}};
+    const viewer_request *r = &job->request;
+    const sherf_viewer_avatar *a = &v->scene.avatars[r->avatar];
+    sherf_frame f = {.color = {r->width, r->height, 3, job->color},
+                     .opacity = {r->width, r->height, 1, job->opacity},
+                     .depth = {r->width, r->height, 1, job->depth}};
     if (!v->scene.detail) return SHERF_OK;
     return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, black, &f);
 }
 
-sherf_status job_render(context *c, view *v, view_job *job, bool *complete) {
-    const view_wish *w = &job->wish;
+sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete) {
+    const viewer_request *r = &job->request;
     const posed_body *posed;
     double begun = time_seconds();
     *complete = false;
     sherf_status status = job->framing ? SHERF_OK : job_begin(c, v, job);
-    if (status == SHERF_OK) status = scene_posed(c, &v->scene, w, &posed);
+    if (status == SHERF_OK) status = scene_posed(c, &v->scene, r, &posed);
     if (status != SHERF_OK) return status;
     double posed_s = time_seconds();
     int rows = band_rows(v, job);
     sherf_camera camera = job->camera;
     camera.height_px = rows;
     camera.K[5] -= (float)job->rows_done;
-    const sherf_viewer_avatar *a = &v->scene.avatars[w->avatar];
+    const sherf_viewer_avatar *a = &v->scene.avatars[r->avatar];
     const sherf_render_options plain = {.detail = SHERF_DETAIL_OFF};
     status = avatar_render(c, a->avatar, a->body, posed, &camera, &plain, &v->band);
     if (status != SHERF_OK) return status;
-    size_t first = (size_t)job->rows_done * (size_t)w->width, count = (size_t)rows * (size_t)w->width;
+    size_t first = (size_t)job->rows_done * (size_t)r->width, count = (size_t)rows * (size_t)r->width;
     memcpy(job->color + 3 * first, v->band.color.data, 3 * count * sizeof(float));
     memcpy(job->opacity + first, v->band.opacity.data, count * sizeof(float));
     memcpy(job->depth + first, v->band.depth.data, count * sizeof(float));
     job->rows_done += rows;
     job->points += v->band.points;
-    double now = time_seconds(), *pixel_s = &v->pixel_s[w->avatar];
+    double now = time_seconds(), *pixel_s = &v->pixel_s[r->avatar];
     double latest = (now - posed_s) / (double)count;
     *pixel_s = *pixel_s > 0 ? 0.7 * *pixel_s + 0.3 * latest : latest;
-    *complete = job->rows_done == w->height;
+    *complete = job->rows_done == r->height;
     if (*complete) status = job_detail(c, v, job, posed);
     job->render_s += time_seconds() - begun;
     return status;
 }
 
-sherf_status job_paint(context *c, const view_job *job, int channels, uint8_t **out) {
-    const view_wish *w = &job->wish;
-    const view_framing *f = job->framing;
-    size_t pixels = (size_t)w->width * (size_t)w->height;
-    float slope = sinf(w->elevation_rad), radius = (float)hypot(f->half_m[0], f->half_m[2]); /* in depth */
+sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t **out) {
+    const viewer_request *r = &job->request;
+    const viewer_framing *f = job->framing;
+    size_t pixels = (size_t)r->width * (size_t)r->height;
+    float slope = sinf(r->elevation_rad), radius = (float)hypot(f->half_m[0], f->half_m[2]); /* in depth */
     radius = radius * sqrtf(1 - slope * slope) + (float)f->half_m[1] * fabsf(slope);
-    view_optics o = {.focal_px = job->camera.K[0],
-                     .centre_px = {job->camera.K[2], job->camera.K[5]},
-                     .near_m = (float)f->distance_m - radius,
-                     .far_m = (float)f->distance_m + radius};
+    viewer_optics o = {.focal_px = job->camera.K[0],
+                       .centre_px = {job->camera.K[2], job->camera.K[5]},
+                       .near_m = (float)f->distance_m - radius,
+                       .far_m = (float)f->distance_m + radius};
     *out = mem_alloc(c, pixels, (size_t)channels);
-    float *scratch = w->mode == VIEW_NORMAL ? mem_alloc(c, pixels, 2 * sizeof *scratch) : NULL;
-    bool good = *out && (scratch || w->mode != VIEW_NORMAL);
-    if (good) paint(w, &o, job->color, job->opacity, job->depth, channels, scratch, *out);
+    float *scratch = r->mode == VIEWER_NORMAL ? mem_alloc(c, pixels, 2 * sizeof *scratch) : NULL;
+    bool good = *out && (scratch || r->mode != VIEWER_NORMAL);
+    if (good) paint(r, &o, job->color, job->opacity, job->depth, channels, scratch, *out);
     mem_free(scratch);
     if (good) return SHERF_OK;
     mem_free(*out);
@@ -104,25 +104,25 @@ sherf_status job_paint(context *c, const view_job *job, int channels, uint8_t **
     return SHERF_NO_MEMORY;
 }
 
-static sherf_status job_encode(context *c, view_job *job) {
-    const view_wish *w = &job->wish;
-    int channels = w->transparent ? 4 : 3, pixels = w->width * w->height;
+static sherf_status job_encode(context *c, viewer_job *job) {
+    const viewer_request *r = &job->request;
+    int channels = r->transparent ? 4 : 3, pixels = r->width * r->height;
     uint8_t *picture;
     sherf_status status = job_paint(c, job, channels, &picture);
     if (status != SHERF_OK) return status;
-    job->png = w->transparent || w->lossless;
+    job->png = r->transparent || r->lossless;
     if (job->png)
-        status = png_to_memory(c, w->width, w->height, channels, picture, w->lossless ? 6 : 1, &job->data,
+        status = png_to_memory(c, r->width, r->height, channels, picture, r->lossless ? 6 : 1, &job->data,
                                &job->bytes);
     else
-        status = jpeg_to_memory(c, w->width, w->height, picture, w->fine || pixels < SMALL_PIXELS ? 92 : 85,
+        status = jpeg_to_memory(c, r->width, r->height, picture, r->fine || pixels < SMALL_PIXELS ? 92 : 85,
                                 &job->data, &job->bytes);
     mem_free(picture);
     return status;
 }
 
 /* One turn of a job. */
-static void serve(context *c, view *v, view_job *job) {
+static void serve(context *c, viewer *v, viewer_job *job) {
     bool complete;
     sherf_status status = job_render(c, v, job, &complete);
     if (status == SHERF_OK && complete) {
@@ -141,9 +141,9 @@ static void serve(context *c, view *v, view_job *job) {
 sherf_status sherf_viewer_run(sherf_context *c, sherf_viewer *v) {
     double tended = 0;
     while (!cancelled(c)) {
-        view_job *job;
+        viewer_job *job;
         int seat;
-        view_turn turn = desk_turn(&v->desk, 0.1, &job, &seat);
+        viewer_turn turn = desk_turn(&v->desk, 0.1, &job, &seat);
         if (turn == TURN_CLOSED) break;
         if (turn == TURN_FILM) film_render(c, v, seat);
         if (turn == TURN_JOB) {

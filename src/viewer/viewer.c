@@ -5,7 +5,7 @@
 
 sherf_status sherf_viewer_create(sherf_context *c, const sherf_viewer_options *options, sherf_viewer **out) {
     *out = NULL;
-    view *v = mem_zero(c, 1, sizeof *v);
+    viewer *v = mem_zero(c, 1, sizeof *v);
     if (!v) return SHERF_NO_MEMORY;
     if (!desk_open(&v->desk)) {
         mem_free(v);

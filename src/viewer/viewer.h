@@ -1,65 +1,65 @@
-/* view: the viewer that `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands
+/* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands
  * out answers (server.c), and the one in sherf_viewer_run, which renders (studio.c). Between them stands the
- * desk (desk.c): at most one picture a client is asked for, a newer wish takes the place of an older one, and
- * clients take turns, a band of a picture each. */
-#ifndef SHERF_VIEW_H
-#define SHERF_VIEW_H
+ * desk (desk.c): at most one picture a client is asked for, a newer request takes the place of an older one,
+ * and clients take turns, a band of a picture each. */
+#ifndef SHERF_VIEWER_H
+#define SHERF_VIEWER_H
 
 #include <pthread.h>
 
 #include "model/model.h"
 
 enum {
-    VIEW_TOKEN = 32,      /* letters of the token, 128 bits */
-    VIEW_CLIENTS = 10,    /* at the desk at a time */
-    VIEW_NAME = 16,       /* letters of a client's name */
-    VIEW_JOBS_EACH = 4,   /* answers a client may have under way, read or not */
-    VIEW_SIDE_MIN = 16,   /* of a picture */
-    VIEW_SIDE_MAX = 2048, /* the shorter one; the longer one up to twice */
-    VIEW_FILM_FRAMES = 3000,
-    VIEW_FILM_SIDE = 1024,
-    VIEW_FILM_LONG = 1920,
-    VIEW_AVATARS = 64,
-    VIEW_MOTIONS = 256,
-    VIEW_OWN_MOTIONS = 2, /* the picture's pose and the T-pose, before those of the options */
-    VIEW_POSED = 6        /* posed bodies kept, some 7 MB each */
+    VIEWER_TOKEN = 32,      /* letters of the token, 128 bits */
+    VIEWER_CLIENTS = 10,    /* at the desk at a time */
+    VIEWER_NAME = 16,       /* letters of a client's name */
+    VIEWER_JOBS_EACH = 4,   /* answers a client may have under way, read or not */
+    VIEWER_SIDE_MIN = 16,   /* of a picture */
+    VIEWER_SIDE_MAX = 2048, /* the shorter one; the longer one up to twice */
+    VIEWER_FILM_FRAMES = 3000,
+    VIEWER_FILM_SIDE = 1024,
+    VIEWER_FILM_LONG = 1920,
+    VIEWER_AVATARS = 64,
+    VIEWER_MOTIONS = 256,
+    VIEWER_OWN_MOTIONS = 2, /* the picture's pose and the T-pose, before those of the options */
+    VIEWER_POSED = 6        /* posed bodies kept, some 7 MB each */
 };
 
-/* ---- what a client asks for (wish.c) ---- */
-typedef enum { VIEW_COLOR, VIEW_OPACITY, VIEW_DEPTH, VIEW_NORMAL } view_mode;
+/* ---- what a client asks for (request.c) ---- */
+typedef enum { VIEWER_COLOR, VIEWER_OPACITY, VIEWER_DEPTH, VIEWER_NORMAL } viewer_mode;
 
 typedef struct {
     int avatar, motion, frame;
     int width, height;
     float azimuth_rad, elevation_rad, zoom;
     float offset_m[3]; /* of the point looked at: right, up and front of the body */
-    view_mode mode;
+    viewer_mode mode;
     bool transparent, follow;
     bool lossless; /* PNG; otherwise JPEG where nothing is transparent */
     bool fine;     /* a picture to stay: encoded better */
     float background[3];
-} view_wish;
+} viewer_request;
 
-/* A query's fields, taken one by one; what they may be is checked here, and what there is by wish_fits. */
+/* A query's fields, taken one by one; what they may be is checked here, and what there is by request_fits. */
 typedef struct {
-    view_wish wish;
-    char client[VIEW_NAME + 1];
+    viewer_request request;
+    char client[VIEWER_NAME + 1];
     uint64_t sequence;
     unsigned seen; /* a bit a field: none comes twice */
     /* of films */
     int film_frames; /* of a turntable; 0: the motion */
     float film_fps;
     float film_speed;
-} view_query;
-void query_start(view_query *q);
+} viewer_query;
+void query_start(viewer_query *q);
 /* False: an unknown field, one that came before, or a value that is not one. */
-bool query_take(view_query *q, const char *name, const char *value);
+bool query_take(viewer_query *q, const char *name, const char *value);
 
 /* ---- who may ask (guard.c) ---- */
-sherf_status token_make(context *c, char out[VIEW_TOKEN + 1]);
+sherf_status token_make(context *c, char out[VIEWER_TOKEN + 1]);
 /* Whether `path` begins with "/token"; the time taken does not depend on how much of it is right. *rest: what
  * follows. */
-bool token_matches(const char token[VIEW_TOKEN + 1], const char *path, const char **rest);
+bool token_matches(const char token[VIEWER_TOKEN + 1], const char *path, const char **rest);
 /* A Host line that a page of another site cannot bring about by pointing its own name here: an address in
  * figures, or localhost; any port, as a tunnel may change it. */
 bool host_is_allowed(const char *host);
@@ -73,52 +73,52 @@ typedef struct {
     float centre_m[3];
     double half_m[3], distance_m;
     float root_m[3]; /* where the root joint is in the first frame */
-} view_framing;
+} viewer_framing;
 
 typedef struct {
     const char *name;
     const sherf_pose *poses;
     int count;
     double fps;
-} view_motion;
+} viewer_motion;
 
 typedef struct {
     uint64_t used; /* 0: free */
     int avatar, motion, frame;
     posed_body *body;
-} view_posed;
+} viewer_posed;
 
 typedef struct {
     int avatar_count, motion_count;
     sherf_viewer_avatar *avatars; /* names are the scene's own */
-    view_motion *motions;         /* the first VIEW_OWN_MOTIONS are made here */
-    view_framing *framings;       /* avatar_count x motion_count */
+    viewer_motion *motions;       /* the first VIEWER_OWN_MOTIONS are made here */
+    viewer_framing *framings;     /* avatar_count x motion_count */
     sherf_pose rest;
-    view_posed posed[VIEW_POSED];
+    viewer_posed posed[VIEWER_POSED];
     uint64_t clock;
     int side_max;
     bool detail;
     char *about; /* JSON */
-} view_scene;
-sherf_status scene_create(context *c, const sherf_viewer_options *o, view_scene *out);
-void scene_free(view_scene *s);
-bool wish_fits(const view_scene *s, const view_wish *w);
+} viewer_scene;
+sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scene *out);
+void scene_free(viewer_scene *s);
+bool request_fits(const viewer_scene *s, const viewer_request *r);
 /* The rest is for the thread that renders. */
-sherf_status scene_framing(context *c, view_scene *s, int avatar, int motion, const view_framing **out);
-sherf_status scene_posed(context *c, view_scene *s, const view_wish *w, const posed_body **out);
-/* camera of w; *scale_m: metres a picture's height spans at the point looked at. */
-void scene_camera(const view_scene *s, const view_framing *f, const view_wish *w, sherf_camera *camera,
-                  float *scale_m);
+sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out);
+sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, const posed_body **out);
+/* camera of r; *scale_m: metres a picture's height spans at the point looked at. */
+void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
+                  sherf_camera *camera, float *scale_m);
 /* The observation's picture as PNG. */
-sherf_status scene_picture(context *c, const view_scene *s, int avatar, uint8_t **out, size_t *bytes);
+sherf_status scene_picture(context *c, const viewer_scene *s, int avatar, uint8_t **out, size_t *bytes);
 
 /* ---- from a frame to a picture (paint.c) ---- */
 typedef struct {
     float focal_px, centre_px[2];
     float near_m, far_m; /* of the depth picture */
-} view_optics;
+} viewer_optics;
 /* color: over black. out: width x height x channels, 3 or 4. scratch: 2 floats a pixel, for normals. */
-void paint(const view_wish *w, const view_optics *o, const float *color, const float *opacity,
+void paint(const viewer_request *r, const viewer_optics *o, const float *color, const float *opacity,
            const float *depth, int channels, float *scratch, uint8_t *out);
 
 /* ---- the desk (desk.c) ---- */
@@ -126,7 +126,7 @@ typedef enum { JOB_WAITING, JOB_RUNNING, JOB_DONE, JOB_REPLACED, JOB_FAILED, JOB
 
 /* A picture that a client waits for. */
 typedef struct {
-    view_wish wish;
+    viewer_request request;
     uint64_t sequence;
     int seat;
     int references; /* these two under the desk's lock */
@@ -135,7 +135,7 @@ typedef struct {
     void *wake_arg;
     double asked_s;
     /* of the thread that renders */
-    const view_framing *framing; /* NULL: not begun */
+    const viewer_framing *framing; /* NULL: not begun */
     sherf_camera camera;
     float scale_m;
     float *color, *opacity, *depth; /* in one piece, which begins at color */
@@ -147,14 +147,14 @@ typedef struct {
     size_t bytes;
     bool png;
     char message[160];
-} view_job;
+} viewer_job;
 
 typedef enum { FILM_NONE, FILM_RUNNING, FILM_DONE, FILM_FAILED } film_state;
 typedef struct {
     film_state state;
-    bool stop;      /* nobody wants it any more */
-    view_wish wish; /* of frame 0 */
-    bool turns;     /* round the body; otherwise through the motion */
+    bool stop;              /* nobody wants it any more */
+    viewer_request request; /* of frame 0 */
+    bool turns;             /* round the body; otherwise through the motion */
     int frames, done;
     float fps, speed;
     int fd; /* of the finished file, which has no name any more */
@@ -162,80 +162,80 @@ typedef struct {
     char message[160];
     /* of the thread that renders */
     sherf_video *video;
-    view_job *job; /* the frame under way */
+    viewer_job *job; /* the frame under way */
     char path[64];
-} view_film;
+} viewer_film;
 
 typedef struct {
-    char name[VIEW_NAME + 1]; /* empty: a free seat */
+    char name[VIEWER_NAME + 1]; /* empty: a free seat */
     double seen_s;
     uint64_t newest; /* sequence */
-    view_job *job;   /* waiting or running */
+    viewer_job *job; /* waiting or running */
     int jobs;        /* alive, with those whose answer is being sent */
     uint64_t turn;   /* when it was served last */
-    view_film film;
-} view_client;
+    viewer_film film;
+} viewer_client;
 
 typedef struct {
     pthread_mutex_t lock;
     pthread_cond_t news; /* for the thread that renders; monotonic clock */
-    view_client client[VIEW_CLIENTS];
+    viewer_client client[VIEWER_CLIENTS];
     uint64_t turns;
     int turns_since_film;
     bool closed;
-} view_desk;
+} viewer_desk;
 
-bool desk_open(view_desk *d);
-void desk_close(view_desk *d);  /* no more jobs: those that wait are closed and woken */
-void desk_finish(view_desk *d); /* after desk_close, when no job is left */
+bool desk_open(viewer_desk *d);
+void desk_close(viewer_desk *d);  /* no more jobs: those that wait are closed and woken */
+void desk_finish(viewer_desk *d); /* after desk_close, when no job is left */
 /* The seat of a client, a new one where it has none: one that is free, or whose client was not seen for a
  * while. -1: all are taken. Under the lock. */
-int desk_seat(view_desk *d, const char *name);
+int desk_seat(viewer_desk *d, const char *name);
 typedef enum { ADMITTED, ADMITTED_NO_SEAT, ADMITTED_TOO_MANY, ADMITTED_NO_MEMORY } admission;
 /* A job, which is the caller's until desk_release; it is put up with desk_submit. */
-admission desk_admit(view_desk *d, const view_query *q, view_job **out);
-void desk_submit(view_desk *d, view_job *job, void (*wake)(void *arg), void *arg);
-void desk_release(view_desk *d, view_job *job);
-typedef enum { TURN_NONE, TURN_JOB, TURN_FILM, TURN_CLOSED } view_turn;
+admission desk_admit(viewer_desk *d, const viewer_query *q, viewer_job **out);
+void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void *arg);
+void desk_release(viewer_desk *d, viewer_job *job);
+typedef enum { TURN_NONE, TURN_JOB, TURN_FILM, TURN_CLOSED } viewer_turn;
 /* Whose turn it is; waits for `wait_s` at most. A job is the caller's until desk_release. */
-view_turn desk_turn(view_desk *d, double wait_s, view_job **job, int *seat);
+viewer_turn desk_turn(viewer_desk *d, double wait_s, viewer_job **job, int *seat);
 /* The end of a job that has not been replaced meanwhile. */
-void desk_done(view_desk *d, view_job *job, job_state state);
-view_job *job_create(context *c, const view_wish *w);
-void job_free(view_job *job);
+void desk_done(viewer_desk *d, viewer_job *job, job_state state);
+viewer_job *job_create(context *c, const viewer_request *r);
+void job_free(viewer_job *job);
 
 /* ---- the viewer ---- */
 struct sherf_viewer {
-    view_scene scene;
-    view_desk desk;
-    char token[VIEW_TOKEN + 1];
+    viewer_scene scene;
+    viewer_desk desk;
+    char token[VIEWER_TOKEN + 1];
     char address[160];
     char folder[64]; /* of films being written; empty: not made yet */
-    struct view_server *server;
+    struct viewer_server *server;
     /* of the thread that renders */
     sherf_frame band;
-    double pixel_s[VIEW_AVATARS]; /* seconds a pixel, lately; 0: not known */
+    double pixel_s[VIEWER_AVATARS]; /* seconds a pixel, lately; 0: not known */
 };
-typedef struct sherf_viewer view;
+typedef struct sherf_viewer viewer;
 
 /* ---- rendering (studio.c) ---- */
 /* A band of the job's picture; *complete when that was the last. */
-sherf_status job_render(context *c, view *v, view_job *job, bool *complete);
-/* To 8 bit, by the wish's mode. Freed with mem_free. */
-sherf_status job_paint(context *c, const view_job *job, int channels, uint8_t **out);
+sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete);
+/* To 8 bit, by the request's mode. Freed with mem_free. */
+sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t **out);
 
 /* ---- films (film.c) ---- */
 /* Under the desk's lock. NULL, or what is wrong. */
-const char *film_start(view *v, int seat, const view_query *q);
-void film_drop(view *v, int seat);
+const char *film_start(viewer *v, int seat, const viewer_query *q);
+void film_drop(viewer *v, int seat);
 /* The thread that renders: one band of a film. */
-void film_render(context *c, view *v, int seat);
-void films_close(view *v);
+void film_render(context *c, viewer *v, int seat);
+void films_close(viewer *v);
 
 /* ---- HTTP (server.c) ---- */
-sherf_status server_open(context *c, view *v, const char *listen, int port);
-void server_tend(struct view_server *s); /* ends connections that take too long; now and then */
-void server_close(struct view_server *s);
+sherf_status server_open(context *c, viewer *v, const char *listen, int port);
+void server_tend(struct viewer_server *s); /* ends connections that take too long; now and then */
+void server_close(struct viewer_server *s);
 extern _Atomic double server_patience; /* factor of all time limits but that of silence; tests lower it */
 
 /* ---- the page (made by the build of web/) ---- */
@@ -243,8 +243,8 @@ typedef struct {
     const char *name, *type;
     const unsigned char *data;
     size_t bytes;
-} view_file;
-extern const view_file view_files[];
-extern const int view_file_count;
+} viewer_file;
+extern const viewer_file viewer_files[];
+extern const int viewer_file_count;
 
 #endif

@@ -6,10 +6,10 @@
 #include "viewer/viewer.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const char token[VIEW_TOKEN + 1] = "0123456789abcdef0123456789abcdef";
+    static const char token[VIEWER_TOKEN + 1] = "0123456789abcdef0123456789abcdef";
     char *text = malloc(size + 1), *rest = text;
     const char *behind, *line[3];
-    view_query q;
+    viewer_query q;
     memcpy(text, data, size);
     text[size] = 0;
     for (int i = 0; i < 3; i++) {
@@ -19,15 +19,15 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     bool host = host_is_allowed(line[0]);
     if (host && strlen(line[0]) > 64) abort();
     origin_is_allowed(line[1], line[0]);
-    if (token_matches(token, line[2], &behind) && (strncmp(line[2] + 1, token, VIEW_TOKEN) || !behind))
+    if (token_matches(token, line[2], &behind) && (strncmp(line[2] + 1, token, VIEWER_TOKEN) || !behind))
         abort();
     query_start(&q);
     for (char *field; (field = strsep(&rest, "\n"));) {
         char *name = strsep(&field, "=");
         if (!query_take(&q, name, field)) break;
     }
-    if (q.wish.width < VIEW_SIDE_MIN || q.wish.width > 2 * VIEW_SIDE_MAX || !(q.wish.zoom > 0) ||
-        !(q.wish.azimuth_rad > -1e4f && q.wish.azimuth_rad < 1e4f) || strlen(q.client) > VIEW_NAME)
+    if (q.request.width < VIEWER_SIDE_MIN || q.request.width > 2 * VIEWER_SIDE_MAX || !(q.request.zoom > 0) ||
+        !(q.request.azimuth_rad > -1e4f && q.request.azimuth_rad < 1e4f) || strlen(q.client) > VIEWER_NAME)
         abort();
     free(text);
     return 0;

@@ -10,27 +10,27 @@
 /* ---- who may ask ---- */
 static void tokens(void **state) {
     context *c = *state;
-    char token[VIEW_TOKEN + 1], other[VIEW_TOKEN + 1], path[2 * VIEW_TOKEN];
+    char token[VIEWER_TOKEN + 1], other[VIEWER_TOKEN + 1], path[2 * VIEWER_TOKEN];
     const char *rest;
     assert_ok(c, token_make(c, token));
     assert_ok(c, token_make(c, other));
-    assert_int_equal(strlen(token), VIEW_TOKEN);
+    assert_int_equal(strlen(token), VIEWER_TOKEN);
     assert_string_not_equal(token, other);
     snprintf(path, sizeof path, "/%s/frame", token);
     assert_true(token_matches(token, path, &rest));
     assert_string_equal(rest, "/frame");
     assert_false(token_matches(other, path, &rest));
-    for (int i = 1; i <= VIEW_TOKEN; i++) { /* one letter wrong, or cut off */
+    for (int i = 1; i <= VIEWER_TOKEN; i++) { /* one letter wrong, or cut off */
         path[i] ^= 1;
         assert_false(token_matches(token, path, &rest));
         path[i] ^= 1;
-        char cut[2 * VIEW_TOKEN];
+        char cut[2 * VIEWER_TOKEN];
         snprintf(cut, sizeof cut, "%.*s", i, path);
         assert_false(token_matches(token, cut, &rest));
     }
-    path[VIEW_TOKEN + 1] = 'x'; /* longer */
+    path[VIEWER_TOKEN + 1] = 'x'; /* longer */
     assert_false(token_matches(token, path, &rest));
-    path[VIEW_TOKEN + 1] = 0;
+    path[VIEWER_TOKEN + 1] = 0;
     assert_true(token_matches(token, path, &rest));
     assert_string_equal(rest, "");
     assert_false(token_matches(token, "", &rest));
@@ -120,16 +120,17 @@ static void fields(void **state) {
                                          {"frame", "1e3"},
                                          {"unknown", "1"},
                                          {"", "1"}};
-    view_query q;
+    viewer_query q;
     query_start(&q);
     for (size_t i = 0; i < COUNT_OF(good); i++)
         if (!query_take(&q, good[i][0], good[i][1])) fail_msg("%s=%s", good[i][0], good[i][1]);
-    assert_int_equal(q.wish.width, 128);
-    assert_int_equal(q.wish.height, 96);
-    assert_int_equal(q.wish.mode, VIEW_DEPTH);
-    assert_true(q.wish.azimuth_rad == -1.5f && q.wish.offset_m[1] == -0.2f && q.wish.zoom == 2);
-    assert_true(fabsf(q.wish.background[2] - 1) < 1e-6f && fabsf(q.wish.background[1] - 128 / 255.f) < 1e-6f);
-    assert_false(q.wish.follow);
+    assert_int_equal(q.request.width, 128);
+    assert_int_equal(q.request.height, 96);
+    assert_int_equal(q.request.mode, VIEWER_DEPTH);
+    assert_true(q.request.azimuth_rad == -1.5f && q.request.offset_m[1] == -0.2f && q.request.zoom == 2);
+    assert_true(fabsf(q.request.background[2] - 1) < 1e-6f &&
+                fabsf(q.request.background[1] - 128 / 255.f) < 1e-6f);
+    assert_false(q.request.follow);
     for (size_t i = 0; i < COUNT_OF(good); i++) /* none twice */
         if (query_take(&q, good[i][0], good[i][1])) fail_msg("%s twice", good[i][0]);
     for (size_t i = 0; i < COUNT_OF(bad); i++) {
@@ -139,7 +140,7 @@ static void fields(void **state) {
     query_start(&q);
     assert_false(query_take(&q, "w", NULL));
     assert_true(query_take(&q, "bg", "none"));
-    assert_true(q.wish.transparent);
+    assert_true(q.request.transparent);
 }
 
 /* ---- whose turn it is ---- */
@@ -147,49 +148,49 @@ static void count_wake(void *arg) {
     ++*(int *)arg;
 }
 
-static view_query from(const char *client, uint64_t sequence) {
-    view_query q;
+static viewer_query from(const char *client, uint64_t sequence) {
+    viewer_query q;
     query_start(&q);
     snprintf(q.client, sizeof q.client, "%s", client);
     q.sequence = sequence;
     return q;
 }
 
-static view_job *ask(view_desk *d, const char *client, uint64_t sequence, int *wakes) {
-    view_query q = from(client, sequence);
-    view_job *job;
+static viewer_job *ask(viewer_desk *d, const char *client, uint64_t sequence, int *wakes) {
+    viewer_query q = from(client, sequence);
+    viewer_job *job;
     assert_int_equal(desk_admit(d, &q, &job), ADMITTED);
     desk_submit(d, job, count_wake, wakes);
     return job;
 }
 
 static void newest_wins(void **state) {
-    view_desk d;
-    view_job *turn;
+    viewer_desk d;
+    viewer_job *turn;
     int wakes[5] = {0}, seat;
     assert_true(desk_open(&d));
-    view_job *a = ask(&d, "anna", 1, &wakes[0]), *b = ask(&d, "anna", 2, &wakes[1]);
+    viewer_job *a = ask(&d, "anna", 1, &wakes[0]), *b = ask(&d, "anna", 2, &wakes[1]);
     assert_int_equal(a->state, JOB_REPLACED); /* while it was waiting */
     assert_int_equal(wakes[0], 1);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_JOB);
     assert_ptr_equal(turn, b);
-    view_job *c = ask(&d, "anna", 3, &wakes[2]); /* while it was being made */
+    viewer_job *c = ask(&d, "anna", 3, &wakes[2]); /* while it was being made */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_done(&d, turn, JOB_DONE); /* too late: nobody is woken again */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_release(&d, turn);
-    view_job *late = ask(&d, "anna", 2, &wakes[3]); /* was overtaken on its way */
+    viewer_job *late = ask(&d, "anna", 2, &wakes[3]); /* was overtaken on its way */
     assert_int_equal(late->state, JOB_REPLACED);
     assert_int_equal(wakes[3], 1);
     assert_int_equal(c->state, JOB_WAITING);
     /* four answers are under way: that is enough for one client */
-    view_query q = from("anna", 9);
-    view_job *none;
+    viewer_query q = from("anna", 9);
+    viewer_job *none;
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_TOO_MANY);
     desk_release(&d, a);
-    view_job *last = ask(&d, "anna", 9, &wakes[4]);
+    viewer_job *last = ask(&d, "anna", 9, &wakes[4]);
     assert_int_equal(c->state, JOB_REPLACED);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_JOB);
     assert_ptr_equal(turn, last);
@@ -198,16 +199,16 @@ static void newest_wins(void **state) {
     assert_int_equal(last->state, JOB_DONE);
     assert_int_equal(wakes[4], 1);
     assert_int_equal(desk_turn(&d, 0.01, &turn, &seat), TURN_NONE);
-    view_job *jobs[] = {b, c, late, last};
+    viewer_job *jobs[] = {b, c, late, last};
     for (size_t i = 0; i < COUNT_OF(jobs); i++) desk_release(&d, jobs[i]);
     desk_close(&d);
     desk_finish(&d);
 }
 
 static void turns_are_taken(void **state) {
-    view_desk d;
-    view_job *turn, *own[3];
-    int wakes = 0, seat, served[VIEW_CLIENTS] = {0}, films = 0;
+    viewer_desk d;
+    viewer_job *turn, *own[3];
+    int wakes = 0, seat, served[VIEWER_CLIENTS] = {0}, films = 0;
     static const char *const names[] = {"anna", "bert", "carl"};
     assert_true(desk_open(&d));
     for (int i = 0; i < 3; i++) own[i] = ask(&d, names[i], 1, &wakes);
@@ -216,7 +217,7 @@ static void turns_are_taken(void **state) {
     d.client[film].film.state = FILM_RUNNING;
     pthread_mutex_unlock(&d.lock);
     for (int i = 0; i < 40; i++) { /* large pictures: none is complete */
-        view_turn t = desk_turn(&d, 0, &turn, &seat);
+        viewer_turn t = desk_turn(&d, 0, &turn, &seat);
         if (t == TURN_FILM)
             films++;
         else {
@@ -235,7 +236,7 @@ static void turns_are_taken(void **state) {
         assert_int_equal(own[i]->state, JOB_CLOSED);
         desk_release(&d, own[i]);
     }
-    view_job *late = ask(&d, "anna", 7, &wakes); /* after the end */
+    viewer_job *late = ask(&d, "anna", 7, &wakes); /* after the end */
     assert_int_equal(late->state, JOB_CLOSED);
     assert_int_equal(wakes, 4);
     desk_release(&d, late);
@@ -243,22 +244,22 @@ static void turns_are_taken(void **state) {
 }
 
 static void seats_are_few(void **state) {
-    view_desk d;
-    view_job *job[VIEW_CLIENTS], *none;
+    viewer_desk d;
+    viewer_job *job[VIEWER_CLIENTS], *none;
     int wakes = 0;
     char name[16];
     assert_true(desk_open(&d));
-    for (int i = 0; i < VIEW_CLIENTS; i++) {
+    for (int i = 0; i < VIEWER_CLIENTS; i++) {
         snprintf(name, sizeof name, "client%d", i);
         job[i] = ask(&d, name, 1, &wakes);
     }
-    view_query q = from("onemore", 1);
+    viewer_query q = from("onemore", 1);
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_NO_SEAT);
     d.client[job[3]->seat].seen_s -= 3600; /* still waits for its picture */
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_NO_SEAT);
     desk_close(&d);
     int seat = job[3]->seat;
-    for (int i = 0; i < VIEW_CLIENTS; i++) desk_release(&d, job[i]);
+    for (int i = 0; i < VIEWER_CLIENTS; i++) desk_release(&d, job[i]);
     d.closed = false;
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED); /* gone long ago, and nothing under way */
     assert_int_equal(none->seat, seat);
@@ -273,8 +274,8 @@ enum { SIDE = 64 };
 static void painted(void **state) {
     static float color[SIDE * SIDE * 3], opacity[SIDE * SIDE], depth[SIDE * SIDE], scratch[SIDE * SIDE * 2];
     static uint8_t out[SIDE * SIDE * 4];
-    view_wish w = {.width = SIDE, .height = SIDE, .zoom = 1, .background = {1, 0, 0}};
-    view_optics o = {.focal_px = 100, .centre_px = {SIDE / 2, SIDE / 2}, .near_m = 2, .far_m = 4};
+    viewer_request w = {.width = SIDE, .height = SIDE, .zoom = 1, .background = {1, 0, 0}};
+    viewer_optics o = {.focal_px = 100, .centre_px = {SIDE / 2, SIDE / 2}, .near_m = 2, .far_m = 4};
     /* a plane that leans back: z = 3 - y, so its normal is (0, -1, -1) / sqrt 2 with y down */
     for (int y = 0; y < SIDE; y++)
         for (int x = 0; x < SIDE; x++) {
@@ -293,15 +294,15 @@ static void painted(void **state) {
     paint(&w, &o, color, opacity, depth, 4, scratch, out); /* the colour itself, and how much of it */
     assert_memory_equal(out + 4 * corner, ((uint8_t[]){0, 0, 0, 0}), 4);
     assert_memory_equal(out + 4 * half, ((uint8_t[]){153, 153, 153, 128}), 4);
-    w.mode = VIEW_OPACITY;
+    w.mode = VIEWER_OPACITY;
     paint(&w, &o, color, opacity, depth, 3, scratch, out);
     assert_memory_equal(out + 3 * corner, ((uint8_t[]){0, 0, 0}), 3);
     assert_memory_equal(out + 3 * half, ((uint8_t[]){128, 128, 128}), 3);
-    w.mode = VIEW_DEPTH;
+    w.mode = VIEWER_DEPTH;
     paint(&w, &o, color, opacity, depth, 3, scratch, out);
     assert_int_equal(out[3 * solid], 153); /* in the middle: 1 - 0.8 / 2 */
     assert_true(out[3 * (50 * SIDE + 20)] > out[3 * (12 * SIDE + 20)]);
-    w.mode = VIEW_NORMAL;
+    w.mode = VIEWER_NORMAL;
     paint(&w, &o, color, opacity, depth, 3, scratch, out);
     assert_memory_equal(out + 3 * corner, ((uint8_t[]){255, 0, 0}), 3);
     const float expected[3] = {0.5f, 0.5f + 0.5f * (float)M_SQRT1_2, 0.5f + 0.5f * (float)M_SQRT1_2};

@@ -26,7 +26,7 @@ static struct {
     sherf_pose poses[POSES];
     sherf_viewer *viewer;
     pthread_t thread;
-    char token[VIEW_TOKEN + 1];
+    char token[VIEWER_TOKEN + 1];
     int port;
 } all;
 
@@ -149,7 +149,7 @@ static void about(void **state) {
     const cJSON *avatar = cJSON_GetArrayItem(cJSON_GetObjectItem(json, "avatars"), 0),
                 *motions = cJSON_GetObjectItem(json, "motions");
     assert_string_equal(cJSON_GetObjectItem(avatar, "name")->valuestring, "tube \"<b>\" man");
-    assert_int_equal(cJSON_GetArraySize(motions), VIEW_OWN_MOTIONS + 1);
+    assert_int_equal(cJSON_GetArraySize(motions), VIEWER_OWN_MOTIONS + 1);
     assert_int_equal(cJSON_GetObjectItem(cJSON_GetArrayItem(motions, 2), "frames")->valueint, POSES);
     cJSON_Delete(json);
 }
@@ -192,23 +192,23 @@ static void pictures(void **state) {
 
 /* A picture made in bands is the one made at once; following the body keeps it in the middle. */
 static void bands_and_following(void **state) {
-    view *v = all.viewer;
-    view_query q;
+    viewer *v = all.viewer;
+    viewer_query q;
     context *c = all.c;
     query_start(&q);
-    q.wish.width = q.wish.height = 96;
-    q.wish.azimuth_rad = 0.4f;
-    q.wish.motion = 2;
-    q.wish.frame = 3;
-    view_scene scene; /* of our own: the other one is the rendering thread's */
+    q.request.width = q.request.height = 96;
+    q.request.azimuth_rad = 0.4f;
+    q.request.motion = 2;
+    q.request.frame = 3;
+    viewer_scene scene; /* of our own: the other one is the rendering thread's */
     sherf_viewer_avatar avatar = {"a", all.avatar, all.body};
     sherf_viewer_motion motion = {"m", all.poses, POSES, 10};
     sherf_viewer_options o = {.avatars = &avatar, .avatar_count = 1, .motions = &motion, .motion_count = 1};
     assert_ok(c, scene_create(c, &o, &scene));
-    view own = {.scene = scene};
+    viewer own = {.scene = scene};
     sherf_image picture[2];
     for (int bands = 0; bands < 2; bands++) {
-        view_job *job = job_create(c, &q.wish);
+        viewer_job *job = job_create(c, &q.request);
         bool complete = false;
         int turns = 0;
         for (; !complete; turns++) {
@@ -526,7 +526,7 @@ static int setup(void **state) {
     assert_ok(c, status);
     assert_int_equal(
         sscanf(sherf_viewer_address(all.viewer), "http://127.0.0.1:%d/%32s", &all.port, all.token), 2);
-    assert_int_equal(strlen(all.token), VIEW_TOKEN);
+    assert_int_equal(strlen(all.token), VIEWER_TOKEN);
     return pthread_create(&all.thread, NULL, run, &all);
 }
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "render/render.h"
 
 enum { REPEATS = 15 };

@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "io/image.h"
-#include "people/trace.h"
+#include "synth/trace/trace.h"
 
 enum { VIEWS = 24, POSES = 2, CARDS = 300 };
 

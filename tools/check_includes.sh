@@ -16,10 +16,20 @@ may_include() {
     viewer) echo "base tensor nn body render model io viewer" ;;
     motion) echo "base tensor io body render data motion" ;;
     estimate) echo "base tensor io nn body render data model motion estimate" ;;
-    people) echo "base tensor io body render data people" ;;
-    train | eval) echo "base tensor nn body render model io data motion people estimate train eval" ;;
+    synth/trace) echo "base tensor io body render synth/trace" ;;
+    synth/body) echo "base tensor io body render data synth/body" ;;
+    synth/people) echo "base tensor io body render data synth/body synth/trace synth/people" ;;
+    synth/tube) echo "base tensor io body render data synth/tube" ;;
+    train | eval) echo "base tensor nn body render model io data motion synth/people synth/tube estimate train eval" ;;
     export) echo "base tensor io nn body render model data motion export" ;;
     *) return 1 ;;
+    esac
+}
+# The room of a path below src/: its first folder, and of synth the second one too.
+room_of() {
+    case $1 in
+    synth/*/*) room=${1#synth/}; echo "synth/${room%%/*}" ;;
+    *) echo "${1%%/*}" ;;
     esac
 }
 wrong=0
@@ -28,8 +38,7 @@ complain() {
     wrong=1
 }
 for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu'); do
-    room=${file#src/}
-    room=${room%%/*}
+    room=$(room_of "${file#src/}")
     rooms=$(may_include "$room") || { complain "$file: the room '$room' is not in the table"; continue; }
     for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
         case $header in
@@ -43,7 +52,7 @@ for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu'); do
         sherf/sherf.h) ;;
         */*)
             case " $rooms " in
-            *" ${header%%/*} "*) ;;
+            *" $(room_of "$header") "*) ;;
             *) # a path inside the room, as "ops/x.h" from src/tensor
                 [ -f "$(dirname "$file")/$header" ] && case $header in ../*) false ;; esac ||
                     complain "$file: includes \"$header\", which is not below $room" ;;

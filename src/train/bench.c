@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "tensor/block.h"
 #include "train/trainer.h"
 

@@ -1,5 +1,5 @@
 /* Observations from memory, JSON, folders and data sets; files of poses and cameras; what is refused. */
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "make_files.h"
 
 #define CAMERA "{\"K\": [[50, 0, 20], [0, 55, 15], [0, 0, 1]], \"T\": [0, 0.2, 3]}"

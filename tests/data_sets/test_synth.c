@@ -3,7 +3,7 @@
 #include <sys/stat.h>
 
 #include "data/silhouette.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "make_files.h"
 
 static char people[PATH_LENGTH];

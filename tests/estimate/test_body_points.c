@@ -5,7 +5,7 @@
 
 #include "support.h"
 #include "data/data.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "estimate/body_points.h"
 
 enum { BODIES = 2, POINTS = 60 };

@@ -7,7 +7,7 @@
 
 #include "../support/makehuman_small.h"
 #include "base/path.h"
-#include "people/makehuman.h"
+#include "synth/body/makehuman.h"
 
 static char folder[64] = "/tmp/fuzz_makehuman_XXXXXX";
 

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "model/sherf/sherf.h"
 #include "support.h"
 

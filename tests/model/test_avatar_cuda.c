@@ -7,7 +7,7 @@
 #include <string.h>
 
 #ifdef HAVE_CUDA_EMULATED
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "model/field.h"
 #include "model/sherf/fused/gpu.h"
 

@@ -10,7 +10,7 @@
 
 #ifdef HAVE_CUDA_EMULATED
 #include "base/device.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "model/sherf/sherf.h"
 
 extern const backend backend_emulated;

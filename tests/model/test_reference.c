@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "data/data.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "model/sherf/sherf.h"
 
 /* float32 stages: at most 3e-4 of the stage's largest value, 2e-5 root mean square. */

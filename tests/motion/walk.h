@@ -8,7 +8,7 @@
 
 #include "data/data.h"
 #include "motion/source.h"
-#include "people/person_pose.h"
+#include "synth/people/person_pose.h"
 #include "support.h"
 
 enum { WALK_FRAMES = 12 };

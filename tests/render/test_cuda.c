@@ -11,7 +11,7 @@
 
 #if defined(HAVE_CUDA_EMULATED)
 #include "base/device.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "model/sherf/fused/gpu.h"
 
 extern const gpu_renderer gpu_renderer_emulated;

@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "support.h"
-#include "data/tubeman.h"
+#include "synth/tube/tubeman.h"
 #include "io/safetensors.h"
 #include "render/render.h"
 

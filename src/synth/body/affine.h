@@ -1,0 +1,56 @@
+/* Rotations (3 x 3) and affine maps (3 x 4), row-major doubles, for the rig. */
+#ifndef SHERF_AFFINE_H
+#define SHERF_AFFINE_H
+
+#include <math.h>
+#include <string.h>
+
+static inline double dot3(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline void cross3(const double a[3], const double b[3], double out[3]) {
+    double x[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    memcpy(out, x, sizeof x);
+}
+
+/* A vector without length stays as it is. */
+static inline void unit3(double a[3]) {
+    double length = sqrt(dot3(a, a));
+    for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;
+}
+
+static inline void rotate3(const double R[9], const double x[3], double out[3]) {
+    double y[3] = {dot3(R, x), dot3(R + 3, x), dot3(R + 6, x)};
+    memcpy(out, y, sizeof y);
+}
+
+static inline void multiply3(const double a[9], const double b[9], double out[9]) {
+    double y[9];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            y[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+    memcpy(out, y, sizeof y);
+}
+
+static inline void turn3(const double axis[3], double angle_rad, double R[9]) {
+    double s = sin(angle_rad), t = 1 - cos(angle_rad), a[3] = {axis[0], axis[1], axis[2]};
+    unit3(a);
+    double K[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0}, K2[9];
+    multiply3(K, K, K2);
+    for (int i = 0; i < 9; i++) R[i] = (i % 4 == 0) + s * K[i] + t * K2[i];
+}
+
+/* The least turn that brings `from` to `to` (any lengths; opposite ones turn about some axis). */
+static inline void turn_to3(const double from[3], const double to[3], double R[9]) {
+    double axis[3], some[3] = {0, 0, 1};
+    cross3(from, to, axis);
+    double sine = sqrt(dot3(axis, axis)), cosine = dot3(from, to);
+    if (!(sine > 0)) {
+        if (fabs(from[2]) > fabs(from[0]) + fabs(from[1])) some[0] = 1, some[2] = 0;
+        cross3(from, some, axis);
+    }
+    turn3(axis, atan2(sine, cosine), R);
+}
+
+#endif

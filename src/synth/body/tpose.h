@@ -1,0 +1,36 @@
+/* tpose: a shaped MakeHuman mesh (A-pose) in SMPL's rest pose, with SMPL's 24 joints.
+ *
+ * Arms lie along +x and -x, palms down, thumbs forward; legs as SMPL's (thighs 5 degrees out, shins 2 in and
+ * 6 back), soles flat; trunk and head as they are. The mesh is moved by its own rig and four weights, helpers
+ * (what clothes, hair and eyes are bound to) with the body. The pelvis comes to tpose_pelvis_m, where SMPL's
+ * is, so SMPL poses with their translations drive it unchanged. */
+#ifndef SHERF_TPOSE_H
+#define SHERF_TPOSE_H
+
+#include "body/body.h"
+#include "synth/body/makehuman.h"
+
+extern const double tpose_pelvis_m[3];
+extern const int tpose_parent[BODY_JOINTS]; /* SMPL's tree */
+extern const char *const tpose_joint_names[BODY_JOINTS];
+
+/* What depends on the rig alone. Read-only after creation; may be shared by threads. */
+typedef struct tpose_rig tpose_rig;
+sherf_status tpose_rig_create(context *c, const makehuman *m, tpose_rig **out);
+void tpose_rig_free(tpose_rig *rig);
+/* The joint of SMPL that a bone of MakeHuman's moves with: one per bone of m. */
+const int *tpose_bone_joint(const tpose_rig *rig);
+
+/* vertices: V x 3 as makehuman_shape gives them. out: V x 3, may be the same array. joints: where the rig has
+ * SMPL's joints in that mesh (a body file regresses them from its vertices: within a few mm). bone (may be
+ * NULL): bones x 12, row-major 3 x 4, A-pose to T-pose of each bone: a pose of MakeHuman's rig (global
+ * rotation G of a bone) is SMPL's global rotation G * transpose(bone's rotation). */
+sherf_status tpose_apply(context *c, const makehuman *m, const tpose_rig *rig, const float *vertices,
+                         float *out, double joints[BODY_JOINTS][3], double *bone);
+
+/* Blend weights of SMPL's joints for all V vertices, V x 24: the rig's, merged, and smoothed along the mesh
+ * `rounds` times (0: not; the open body's: TPOSE_SMOOTHING). Each sums to 1; at most 8 are not 0. */
+enum { TPOSE_SMOOTHING = 4 };
+sherf_status tpose_weights(context *c, const makehuman *m, const tpose_rig *rig, int rounds, float *weights);
+
+#endif

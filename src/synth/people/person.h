@@ -1,0 +1,33 @@
+/* person: who somebody is: shape, skin, hair, clothes and colours, all drawn from one number. */
+#ifndef SHERF_PERSON_H
+#define SHERF_PERSON_H
+
+#include "synth/body/makehuman.h"
+#include "synth/people/wardrobe.h"
+
+/* People of these numbers are for tests: they wear outfits and combinations that nobody below does. */
+static const uint64_t person_test_first = 900000;
+
+enum { PERSON_DETAILS = 24 };
+
+typedef struct {
+    uint64_t seed, key;
+    makehuman_macro macro;
+    int outfit, skin;              /* indices into the tables */
+    int hair, brows, lashes, eyes; /* items; hair -1: bald */
+    int shoes, hat, glasses;       /* items; hat, glasses -1: none */
+    int eye_texture;
+    float skin_tint[3];                 /* linear factors */
+    float hair_color[3], brow_color[3]; /* sRGB */
+    int details;                        /* of the face: targets and how much of each */
+    makehuman_detail detail[PERSON_DETAILS];
+} person;
+
+/* m (may be NULL: no details of the face) names the targets. */
+void person_draw(const makehuman *m, uint64_t seed, person *out);
+/* Colours and pattern for part `part` of garment number `layer`; whatever is kept of the original is kept
+ * from prints. */
+void person_recipe(const person *p, int layer, wear_kind kind, const dye_part *part, int part_index,
+                   dye_recipe *out);
+
+#endif

@@ -21,7 +21,8 @@ may_include() {
     synth/people) echo "base tensor io body render data synth/body synth/trace synth/people" ;;
     synth/tube) echo "base tensor io body render data synth/tube" ;;
     train | eval) echo "base tensor nn body render model io data motion synth/people synth/tube estimate train eval" ;;
-    export) echo "base tensor io nn body render model data motion export" ;;
+    baked) echo "base tensor io nn body render model data baked" ;;
+    export) echo "base tensor io nn body render model data motion baked export" ;;
     *) return 1 ;;
     esac
 }

@@ -3,12 +3,12 @@
 #include <string.h>
 
 #include "base/path.h"
-#include "export/atlas.h"
-#include "export/export.h"
+#include "baked/atlas.h"
+#include "baked/baked.h"
 #include "export/gltf.h"
 #include "export/mesh_file.h"
-#include "export/skin.h"
-#include "export/splats.h"
+#include "baked/skin.h"
+#include "baked/splats.h"
 #include "io/image.h"
 
 typedef struct {

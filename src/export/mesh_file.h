@@ -2,9 +2,9 @@
 #ifndef SHERF_EXPORT_MESH_FILE_H
 #define SHERF_EXPORT_MESH_FILE_H
 
-#include "export/atlas.h"
-#include "export/export.h"
-#include "export/splats.h"
+#include "baked/atlas.h"
+#include "baked/baked.h"
+#include "baked/splats.h"
 
 /* Binary, with normals and colours (V x 3) of the vertices. */
 sherf_status ply_mesh_write(context *c, const char *path, const char *axes, const surface *s,

@@ -8,7 +8,7 @@
 #include "base/path.h"
 #include "closed.h"
 #include "data/data.h"
-#include "export/skin.h"
+#include "baked/skin.h"
 #include "io/image.h"
 
 enum { SIDE = 64 };

@@ -7,7 +7,7 @@
 
 #include "support.h"
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 static int compare_u64(const void *a, const void *b) {
     uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;

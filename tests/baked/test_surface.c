@@ -3,8 +3,8 @@
 #include <string.h>
 
 #include "closed.h"
-#include "export/atlas.h"
-#include "export/splats.h"
+#include "baked/atlas.h"
+#include "baked/splats.h"
 
 static double ball(const float p[3], void *user) {
     return 10 - 10 * sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)p[2] * p[2]) / 0.7 + 10;

@@ -1,10 +1,10 @@
-/* export: an avatar as a surface with colours and skin, in files that other programs open.
+/* baked: an avatar as a surface or as splats, with colours and a skin; export/ writes them to files.
  * The way of the data: density on a canonical grid (field.c), its level (level.c, solid.c) -> closed surface
- * (cubes.c, mesh.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c),
- * coloured by short rays along the normals (bake.c) -> files (gltf.c, mesh_file.c). Spaces as in body/body.h:
- * positions are _canonical until skin_bind takes them to the person's rest pose. */
-#ifndef SHERF_EXPORT_H
-#define SHERF_EXPORT_H
+ * (cubes.c, surface.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c),
+ * coloured by short rays along the normals (bake.c). Spaces as in body/body.h: positions are _canonical until
+ * skin_pose takes them to a posed body's world. */
+#ifndef SHERF_BAKED_H
+#define SHERF_BAKED_H
 
 #include <math.h>
 
@@ -72,7 +72,7 @@ void surface_free(surface *s);
  * vertex one fan), oriented, as long as the grid's outermost points are below the level. */
 sherf_status cubes_surface(context *c, const field_grid *g, float level, surface *out);
 
-/* ---- mesh.c ---- */
+/* ---- surface.c ---- */
 /* Twice the triangle's area times its normal. */
 void surface_cross(const surface *s, int64_t t, double out[3]);
 /* Keeps the connected components whose area is at least `share` of the largest one's and that are not

@@ -1,8 +1,8 @@
 /* atlas: the surface cut into charts, laid flat in one square picture. */
-#ifndef SHERF_EXPORT_ATLAS_H
-#define SHERF_EXPORT_ATLAS_H
+#ifndef SHERF_ATLAS_H
+#define SHERF_ATLAS_H
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 enum { ATLAS_SIDE_MIN = 64, ATLAS_SIDE_MAX = 4096 };
 

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 static size_t grid_count(const field_grid *g) {
     return (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];

@@ -1,6 +1,6 @@
 /* skin: weights of the surface's vertices, and the surface in other poses. */
-#ifndef SHERF_EXPORT_SKIN_H
-#define SHERF_EXPORT_SKIN_H
+#ifndef SHERF_SKIN_H
+#define SHERF_SKIN_H
 
 #include "body/body.h"
 

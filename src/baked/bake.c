@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 #include "model/canonical.h"
 #include "model/detail.h"
 

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 void surface_free(surface *s) {
     mem_free(s->position);

@@ -1,8 +1,8 @@
 /* splats: a surface as flat Gaussians lying on it. */
-#ifndef SHERF_EXPORT_SPLATS_H
-#define SHERF_EXPORT_SPLATS_H
+#ifndef SHERF_SPLATS_H
+#define SHERF_SPLATS_H
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 typedef struct {
     int64_t count;

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 static const double half_opaque = 0.6931471805599453; /* optical depth ln 2 */
 

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 enum { CASES = 256, LOOP_MAX = 12, CASE_TRIANGLES_MAX = 10 };
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "export/skin.h"
+#include "baked/skin.h"
 
 /* ---- the nearest few vertices ---- */
 typedef struct {

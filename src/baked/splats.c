@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/splats.h"
+#include "baked/splats.h"
 
 /* ---- places that are taken, in a hash of cells ---- */
 typedef struct {

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 
 enum { END = -1 };
 

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "export/atlas.h"
+#include "baked/atlas.h"
 
 enum { NOBODY = -1, GUTTER_PX = 3, TURNS = 12 };
 static const double grow_cosine = 0.6, flat_cosine = 0.25;

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "export/export.h"
+#include "baked/baked.h"
 #include "model/canonical.h"
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has

@@ -111,10 +111,11 @@ static int report(session *s, const sherf_exported *e, double seconds) {
 
 static int export_avatar(session *s, const sherf_avatar *avatar, const sherf_body *body) {
     static const sherf_up ups[] = {SHERF_UP_AUTO, SHERF_UP_Z, SHERF_UP_MINUS_Y};
+    static const char *const formats[] = {NULL, "glb", "obj", "ply", "splats"};
     sherf_pose pose;
     sherf_motion *motion = NULL;
     sherf_exported exported;
-    sherf_export_options o = {.format = (sherf_export_format)set.format,
+    sherf_export_options o = {.format = formats[set.format],
                               .resolution = (int)set.resolution,
                               .level = set.level,
                               .islands = set.islands,

@@ -396,16 +396,11 @@ SHERF_API const char *sherf_motion_description(const sherf_motion *motion);
 SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path);
 
 /* ---------------------------------------------------------------- export ----------------------------- */
-typedef enum {
-    SHERF_EXPORT_AUTO,  /* by the name's end: .glb, .obj, .ply (a mesh) */
-    SHERF_EXPORT_GLB,   /* binary glTF 2.0: mesh, skin of 24 joints, texture, animation */
-    SHERF_EXPORT_OBJ,   /* with NAME.mtl and NAME.png beside it */
-    SHERF_EXPORT_PLY,   /* binary mesh with normals and vertex colours */
-    SHERF_EXPORT_SPLATS /* binary PLY of 3D Gaussians, as splat viewers read it */
-} sherf_export_format;
-
 typedef struct {
-    sherf_export_format format;
+    /* "glb" (binary glTF 2.0: mesh, skin of 24 joints, texture, animation), "obj" (with NAME.mtl and NAME.png
+     * beside it), "ply" (binary mesh with normals and vertex colours) or "splats" (binary PLY of 3D
+     * Gaussians, as splat viewers read it); NULL: by the end of the file's name, a .ply is a mesh */
+    const char *format;
     int resolution; /* cells along the longest side of the canonical body, 16 to 768; 0: 256 */
     double level;   /* density of the surface, per metre; 0: where its silhouettes are the frames' */
     double islands; /* components smaller than this share of the largest one's area go; 0: 0.02 */

@@ -65,6 +65,17 @@ sherf_status output_write(context *c, output_file *out, const void *data, size_t
     return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", out->final, strerror(errno));
 }
 
+sherf_status output_print(context *c, output_file *out, const char *format, ...) {
+    char text[4096];
+    va_list args;
+    va_start(args, format);
+    int n = vsnprintf(text, sizeof text, format, args);
+    va_end(args);
+    if (n < 0 || (size_t)n >= sizeof text)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: a line is too long", out->final);
+    return output_write(c, out, text, (size_t)n);
+}
+
 sherf_status output_commit(context *c, output_file *out) {
     if (!out->file) return SHERF_OK;
     bool ok = fflush(out->file) == 0 && fsync(fileno(out->file)) == 0;

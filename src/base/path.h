@@ -17,6 +17,8 @@ typedef struct {
 } output_file;
 sherf_status output_open(context *c, const char *path, output_file *out);
 sherf_status output_write(context *c, output_file *out, const void *data, size_t bytes);
+/* At most 4095 bytes at a time. */
+sherf_status output_print(context *c, output_file *out, const char *format, ...) PRINTF_LIKE(3, 4);
 sherf_status output_commit(context *c,
                            output_file *out); /* flush, close, rename; on failure nothing is left */
 void output_abort(output_file *out);          /* close and remove; fine after a commit or on zeroes */

@@ -441,7 +441,7 @@ static void splats_are_read_back(void **state) {
     sherf_export_options o = quick;
     sherf_exported e;
     size_t bytes;
-    o.format = SHERF_EXPORT_SPLATS;
+    o.format = "splats";
     o.pose = sherf_avatar_pose(avatar);
     assert_ok(c, sherf_export(c, avatar, body, &o, path, &e));
     assert_int_equal(e.splats, 700);
@@ -481,16 +481,17 @@ static void assert_refused(context *c, const sherf_export_options *o, const char
     assert_int_not_equal(access(path, F_OK), 0);
 }
 
-static void wrong_wishes_are_refused(void **state) {
+static void wrong_options_are_refused(void **state) {
     context *c = *state;
     const char *ply = test_path("wrong.ply"), *glb_path = test_path("wrong.glb");
     sherf_motion *motion = walk(c);
     assert_refused(c, NULL, test_path("wrong.stl"), ".glb, .obj or .ply");
     const sherf_export_options bad[] = {
         {.resolution = 8}, {.resolution = 100000}, {.level = -1},  {.level = NAN},         {.islands = 2},
-        {.triangles = 3},  {.texture_px = 100000}, {.splats = -5}, {.splats = 2000000000}, {.format = 77},
+        {.triangles = 3},  {.texture_px = 100000}, {.splats = -5}, {.splats = 2000000000}, {.format = "stl"},
         {.up = 77}};
     for (size_t i = 0; i < COUNT_OF(bad); i++) assert_refused(c, &bad[i], ply, "");
+    assert_refused(c, &(sherf_export_options){.format = "stl"}, ply, "glb, obj, ply or splats");
     sherf_export_options o = quick;
     o.motion = motion;
     assert_refused(c, &o, ply, "motion");
@@ -521,7 +522,7 @@ static void any_allocation_may_fail(void **state) {
     const char *glb_path = test_path("memory.glb"), *splat_path = test_path("memory.ply");
     for (int kind = 0; kind < 2; kind++) {
         sherf_export_options o = {.resolution = 24, .triangles = 300, .texture_px = 256, .splats = 50};
-        if (kind) o.format = SHERF_EXPORT_SPLATS;
+        if (kind) o.format = "splats";
         const char *path = kind ? splat_path : glb_path;
         const size_t live = mem_live();
         for (long n = 0;; n += 1 + n / 8) {
@@ -541,7 +542,7 @@ int main(void) {
         cmocka_unit_test(field_is_empty_outside), cmocka_unit_test(skin_follows_the_body),
         cmocka_unit_test(glb_is_a_rigged_person), cmocka_unit_test(glb_with_vertex_colors),
         cmocka_unit_test(ply_is_a_closed_mesh),   cmocka_unit_test(obj_brings_its_picture),
-        cmocka_unit_test(splats_are_read_back),   cmocka_unit_test(wrong_wishes_are_refused),
+        cmocka_unit_test(splats_are_read_back),   cmocka_unit_test(wrong_options_are_refused),
         cmocka_unit_test(any_allocation_may_fail)};
     return cmocka_run_group_tests(tests, make_avatar, free_avatar);
 }

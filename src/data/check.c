@@ -330,7 +330,7 @@ static sherf_status check_person(checker *k, const sherf_dataset *d, int person,
     sherf_pose pose;
     data_view *view = NULL;
     char what[1200];
-    const data_protocol *protocol = data_protocol_of(d->kind);
+    const data_protocol *protocol = dataset_protocol(d);
     sherf_status status = dataset_record(k->c, d, person, &r);
     if (status) return finding_of(k, status);
     int first = 0, errors = k->out->errors,
@@ -357,7 +357,7 @@ static sherf_status check_dataset(checker *k, const char *spec) {
     dataset_count n = {0};
     sherf_status status = sherf_dataset_open(k->c, spec, &d);
     if (status) return finding_of(k, status);
-    finding(k, NOTE, "%s: %s, %d %s", d->root, data_protocol_of(d->kind)->name, d->people,
+    finding(k, NOTE, "%s: %s, %d %s", d->root, dataset_protocol(d)->name, d->people,
             d->people == 1 ? "person" : "people");
     for (int i = 0; i < d->people && !status; i++) {
         status = check_person(k, d, i, &n);
@@ -381,20 +381,12 @@ static bool is_dataset(const char *path) {
     return is;
 }
 
-static bool has_dataset_kind(const char *path) {
-    for (int i = 0; i < DATA_KINDS; i++) {
-        const char *name = data_protocol_of((data_kind)i)->name;
-        size_t n = strlen(name);
-        if (!strncmp(path, name, n) && path[n] == ':') return true;
-    }
-    return false;
-}
-
 static sherf_status check_any(checker *k, const char *path) {
     bool file = path_is_file(path), folder = path_is_folder(path);
+    const char *root;
     if (file && !path_ends(path, ".json")) return check_body_file(k, path);
     if (!file && !folder && strchr(path, '#')) return check_observation(k, path);
-    if (!file && has_dataset_kind(path)) return check_dataset(k, path);
+    if (!file && dataset_reader_named(path, &root)) return check_dataset(k, path);
     if (folder && is_dataset(path)) return check_dataset(k, path);
     return check_observation(k, path);
 }

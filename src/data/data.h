@@ -1,4 +1,4 @@
-/* data: body files, observations, the four data sets, images as the protocol wants them. */
+/* data: body files, observations, data sets, images as the protocol wants them. */
 #ifndef SHERF_DATA_H
 #define SHERF_DATA_H
 
@@ -49,9 +49,8 @@ sherf_status observation_resize(context *c, sherf_observation *o, int width, int
 sherf_status observation_check_body(context *c, const sherf_observation *o, const body_model *body);
 
 /* ---- data sets ---- */
-typedef enum { DATA_THUMAN, DATA_RENDERPEOPLE, DATA_ZJU, DATA_HUMMAN, DATA_KINDS } data_kind;
 typedef struct {
-    const char *name;
+    const char *name;                                     /* of the data set, as in thuman:PATH */
     int train_first, train_count, test_first, test_count; /* lines of human_list.txt; -1: named lists */
     int train_poses, train_pose_step, views;
     int view_step; /* targets in tests: every second view, HuMMan every view */
@@ -61,8 +60,7 @@ typedef struct {
     int front_view;
     double image_scale;
 } data_protocol;
-const data_protocol *data_protocol_of(data_kind kind);
-data_kind dataset_kind(const sherf_dataset *d);
+const data_protocol *dataset_protocol(const sherf_dataset *d);
 /* All of these may be called from several contexts at once on one data set. HuMMan's poses are the numbers in
  * its files' names, so a pose below sherf_dataset_pose_count may be missing. */
 /* Views of one person at the protocol's scale; width 0: the protocol's size, otherwise scaled (K too) to this

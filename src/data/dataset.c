@@ -1,84 +1,28 @@
-/* The four data sets behind one door: people, views, poses. Everything is read when it is asked for; the
+/* Data sets behind one door: people, views, poses. Everything is read when it is asked for; the
  * records of people are kept behind a lock, so that several contexts can share one data set. */
 #include <stdio.h>
 #include <string.h>
 
 #include "data/dataset.h"
 
-/* design: the paper's splits and protocol. Lines count from 0 here. */
-static const data_protocol protocols[DATA_KINDS] = {
-    [DATA_THUMAN] = {.name = "thuman",
-                     .train_first = 0,
-                     .train_count = 90,
-                     .test_first = 90,
-                     .test_count = 10,
-                     .train_poses = 20,
-                     .train_pose_step = 1,
-                     .views = 24,
-                     .view_step = 2,
-                     .observation_views = {4, 12, 20},
-                     .pose_first = 0,
-                     .pose_step = 2,
-                     .pose_count = 5,
-                     .observation_pose = 0,
-                     .front_view = 12,
-                     .image_scale = 1},
-    [DATA_RENDERPEOPLE] = {.name = "renderpeople",
-                           .train_first = 0,
-                           .train_count = 450,
-                           .test_first = 450,
-                           .test_count = 30,
-                           .train_poses = 10,
-                           .train_pose_step = 2,
-                           .views = 36,
-                           .view_step = 2,
-                           .observation_views = {0, 16, 31},
-                           .pose_first = 0,
-                           .pose_step = 2,
-                           .pose_count = 5,
-                           .observation_pose = 2,
-                           .front_view = 0,
-                           .image_scale = 1},
-    [DATA_ZJU] = {.name = "zju",
-                  .train_first = -1,
-                  .train_count = -1,
-                  .test_first = -1,
-                  .test_count = -1,
-                  .train_poses = 100,
-                  .train_pose_step = 5,
-                  .views = 20,
-                  .view_step = 2,
-                  .observation_views = {4, 10, 16},
-                  .pose_first = 0,
-                  .pose_step = 20,
-                  .pose_count = 25,
-                  .observation_pose = 0,
-                  .front_view = 10,
-                  .image_scale = 0.5},
-    [DATA_HUMMAN] = {.name = "humman",
-                     .train_first = -1,
-                     .train_count = -1,
-                     .test_first = -1,
-                     .test_count = -1,
-                     .train_poses = 17,
-                     .train_pose_step = 6,
-                     .views = 10,
-                     .view_step = 1,
-                     .observation_views = {0, 4, 8},
-                     .pose_first = 0,
-                     .pose_step = 6,
-                     .pose_count = 17,
-                     .observation_pose = 0,
-                     .front_view = 0,
-                     .image_scale = 1. / 3},
-};
-
-const data_protocol *data_protocol_of(data_kind kind) {
-    return &protocols[kind];
+const data_protocol *dataset_protocol(const sherf_dataset *d) {
+    return &d->reader->protocol;
 }
 
-data_kind dataset_kind(const sherf_dataset *d) {
-    return d->kind;
+void record_free(person_record *r) {
+    if (!r) return;
+    for (int64_t i = 0; r->image && i < (int64_t)r->poses * r->views; i++) mem_free(r->image[i]);
+    mem_free(r->image);
+    mem_free(r->camera);
+    mem_free(r->number);
+    mem_free(r->pose);
+    mem_free(r->present);
+    mem_free(r);
+}
+
+const value *value_unwrapped(const value *v) {
+    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
+    return v;
 }
 
 int sherf_dataset_person_count(const sherf_dataset *d) {
@@ -109,10 +53,7 @@ sherf_status dataset_record(context *c, const sherf_dataset *d, int person, cons
         if (!status && !path_is_folder(folder))
             status = failure(c, SHERF_NO_FILE, "%s: no such folder", folder);
         if (!status && !(r = mem_zero(c, 1, sizeof *r))) status = SHERF_NO_MEMORY;
-        if (!status)
-            status = d->kind == DATA_THUMAN || d->kind == DATA_ZJU
-                         ? record_read_annots(c, d->kind, folder, r)
-                         : record_read_cameras_json(c, d->kind, folder, r);
+        if (!status) status = d->reader->record(c, folder, r);
         if (status) {
             record_free(r);
             r = NULL;
@@ -150,83 +91,34 @@ static sherf_status record_at(context *c, const sherf_dataset *d, int person, in
         return failure(c, SHERF_BAD_ARGUMENT, "%s: no pose %d (it has %d)", d->name[person], pose, r->poses);
     if (view < 0 || view >= r->views)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: no view %d (it has %d)", d->name[person], view, r->views);
-    if (r->present && !r->present[pose])
-        return failure(c, SHERF_NO_FILE, "%s: no smpl_params/%06d.npz", d->name[person], pose);
-    return SHERF_OK;
-}
-
-/* The mask that belongs to a picture of annots.npy: mask_cihp/<path>.png, or mask/<path>.png. */
-static sherf_status annots_mask(context *c, const sherf_dataset *d, int person, const char *image,
-                                char out[PATH_LENGTH]) {
-    char other[PATH_LENGTH];
-    const char *name = strrchr(image, '/'), *dot = strrchr(image, '.');
-    int stem = dot && (!name || dot > name) ? (int)(dot - image) : (int)strlen(image);
-    int n = snprintf(out, PATH_LENGTH, "%s/%s/mask_cihp/%.*s.png", d->root, d->name[person], stem, image);
-    int m = snprintf(other, PATH_LENGTH, "%s/%s/mask/%.*s.png", d->root, d->name[person], stem, image);
-    if (n < 0 || n >= PATH_LENGTH || m < 0 || m >= PATH_LENGTH)
-        return failure(c, SHERF_BAD_FILE, "%.200s/%.200s: path too long", d->root, image);
-    if (!path_is_file(out) && path_is_file(other)) memcpy(out, other, sizeof other);
     return SHERF_OK;
 }
 
 sherf_status dataset_picture_paths(context *c, const sherf_dataset *d, int person, int pose, int view,
                                    char image[PATH_LENGTH], char mask[PATH_LENGTH]) {
     const person_record *r;
-    char name[64];
+    char folder[PATH_LENGTH];
     sherf_status status = record_at(c, d, person, pose, view, &r);
-    if (status) return status;
-    if (r->image) {
-        const char *relative = r->image[(int64_t)pose * r->views + view];
-        if (!relative)
-            return failure(c, SHERF_BAD_FILE, "%s: annots.npy lists no view %d of pose %d", d->name[person],
-                           view, pose);
-        status = dataset_path(c, d, person, relative, image);
-        return status ? status : annots_mask(c, d, person, relative, mask);
-    }
-    bool humman = d->kind == DATA_HUMMAN;
-    snprintf(name, sizeof name, humman ? "kinect_color/kinect_%03d/%06d.png" : "img/camera%04d/%04d.jpg",
-             view, pose);
-    if ((status = dataset_path(c, d, person, name, image))) return status;
-    snprintf(name, sizeof name, humman ? "kinect_mask/kinect_%03d/%06d.png" : "mask/camera%04d/%04d.png",
-             view, pose);
-    return dataset_path(c, d, person, name, mask);
+    if (!status) status = dataset_path(c, d, person, "", folder);
+    return status ? status : d->reader->picture(c, r, folder, pose, view, image, mask);
 }
 
 sherf_status dataset_pose_paths(context *c, const sherf_dataset *d, int person, int pose,
                                 char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]) {
     const person_record *r;
-    char name[64];
-    vertices[0] = 0;
+    char folder[PATH_LENGTH];
     sherf_status status = record_at(c, d, person, pose, 0, &r);
-    if (status) return status;
-    if (d->kind == DATA_RENDERPEOPLE)
-        return dataset_path(c, d, person, "outputs_re_fitting/refit_smpl_2nd.npz", parameters);
-    if (d->kind == DATA_HUMMAN) {
-        snprintf(name, sizeof name, "smpl_params/%06d.npz", pose);
-        return dataset_path(c, d, person, name, parameters);
-    }
-    snprintf(name, sizeof name, "new_vertices/%d.npy", r->number[pose]);
-    if ((status = dataset_path(c, d, person, name, vertices))) return status;
-    snprintf(name, sizeof name, d->kind == DATA_ZJU ? "new_params/%d.npy" : "new_params_neutral/%d.npy",
-             r->number[pose]);
-    return dataset_path(c, d, person, name, parameters);
+    if (!status) status = dataset_path(c, d, person, "", folder);
+    return status ? status : d->reader->pose_files(c, r, folder, pose, parameters, vertices);
 }
 
-/* A layout's pose files hold all of these: what is missing would be taken for zero and the person posed
- * wrongly. */
-static sherf_status pose_file_whole(context *c, data_kind kind, const value *v) {
-    static const char *const annots[][2] = {
-        {"poses", "pose"}, {"shapes", "betas"}, {"R", "Rh"}, {"Th", "Th"}};
-    static const char *const humman[][2] = {{"body_pose", "body_pose"},
-                                            {"betas", "betas"},
-                                            {"global_orient", "global_orient"},
-                                            {"transl", "transl"}};
-    const char *const(*key)[2] = kind == DATA_HUMMAN ? humman : annots;
-    for (int i = 0; i < 4; i++)
-        if (!value_get(v, key[i][0]) && !value_get(v, key[i][1]))
-            return failure(c, SHERF_BAD_FILE, "no %s: a pose has %s", key[i][kind == DATA_ZJU && i == 2],
-                           kind == DATA_HUMMAN ? "betas, global_orient, body_pose and transl"
-                                               : "poses, shapes, R (or Rh) and Th");
+/* What is missing of a pose would be taken for zero, and the person posed wrongly. */
+static sherf_status pose_file_whole(context *c, const dataset_reader *reader, const value *v) {
+    for (int i = 0; i < DATASET_POSE_KEYS; i++) {
+        const char *const *key = reader->pose_keys[i];
+        if (!value_get(v, key[0]) && !value_get(v, key[1]))
+            return failure(c, SHERF_BAD_FILE, "no %s: a pose has %s", key[0], reader->pose_needs);
+    }
     return SHERF_OK;
 }
 
@@ -243,7 +135,7 @@ sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int po
     if ((status = dataset_pose_paths(c, d, person, pose, parameters, vertices)) ||
         (status = parse_file(c, parameters, &doc, NULL)))
         return status;
-    status = pose_file_whole(c, d->kind, doc->root);
+    status = pose_file_whole(c, d->reader, doc->root);
     if (!status) status = parse_pose(c, doc->root, out);
     if (status) failure_prefix(c, status, "%s", parameters);
     document_free(doc);
@@ -260,7 +152,7 @@ sherf_status dataset_camera(context *c, const sherf_dataset *d, int person, int 
     if ((status = dataset_picture_paths(c, d, person, pose, view, image, mask)) ||
         (status = image_size(c, image, &width, &height, &channels)))
         return status;
-    double scale = protocols[d->kind].image_scale;
+    double scale = d->reader->protocol.image_scale;
     parsed_camera_to(&r->camera[view], width, height, (int)(width * scale + 1e-6),
                      (int)(height * scale + 1e-6), out);
     return SHERF_OK;
@@ -277,10 +169,10 @@ static sherf_status read_view(context *c, const sherf_dataset *d, int person, in
     view_source source = {.image = image,
                           .mask = mask,
                           .camera = r->camera[view],
-                          .scale = protocols[d->kind].image_scale,
+                          .scale = d->reader->protocol.image_scale,
                           .width = width,
                           .whole = whole,
-                          .edge_band = d->kind == DATA_ZJU};
+                          .edge_band = d->reader->edge_band};
     status = dataset_pose(c, d, person, pose, &source.pose);
     return status ? status : view_assemble(c, &source, out);
 }

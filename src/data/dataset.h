@@ -1,4 +1,5 @@
-/* The inside of a data set, shared by its two kinds of readers. */
+/* The inside of a data set, and what a reader of a layout is. A data set is one file that defines a
+ * dataset_reader, and its name in DATA_SETS. */
 #ifndef SHERF_DATA_DATASET_H
 #define SHERF_DATA_DATASET_H
 
@@ -24,8 +25,35 @@ typedef struct {
     person_record **record; /* by person; NULL: not read yet */
 } record_cache;
 
+enum { DATASET_POSE_KEYS = 4 };
+
+/* How the folders of a data set's people are laid out. `folder` is one person's, `r` his record; poses and
+ * views lie inside the record. */
+typedef struct {
+    data_protocol protocol;
+    /* The folder is laid out this way. Where several say so, the first of DATA_SETS has it. */
+    bool (*recognise)(const char *folder);
+    sherf_status (*record)(context *c, const char *folder, person_record *r); /* fills *r, which is zeroed */
+    sherf_status (*picture)(context *c, const person_record *r, const char *folder, int pose, int view,
+                            char image[PATH_LENGTH], char mask[PATH_LENGTH]);
+    /* The file that holds the pose, and (may not exist) that of its vertices in the world; "": none. */
+    sherf_status (*pose_files)(context *c, const person_record *r, const char *folder, int pose,
+                               char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]);
+    /* What a pose's file must have, by either name, and this in words. Not used where records hold the poses.
+     */
+    const char *pose_keys[DATASET_POSE_KEYS][2];
+    const char *pose_needs;
+    bool edge_band; /* a band along the mask's edge is uncertain (view_source) */
+    /* The paper's people, as indices; NULL: lines of human_list.txt, by the protocol. */
+    void (*split)(context *c, const sherf_dataset *d, bool training, int *index, int *count);
+} dataset_reader;
+
+#define DATA_SETS(X) X(thuman) X(zju_mocap) X(humman) X(renderpeople)
+#define DATASET_DECLARE(name) extern const dataset_reader dataset_##name;
+DATA_SETS(DATASET_DECLARE)
+
 struct sherf_dataset {
-    data_kind kind;
+    const dataset_reader *reader;
     char *root;
     int people;
     char **name;
@@ -35,9 +63,18 @@ struct sherf_dataset {
     record_cache *cache;
 };
 
-/* The reader of a layout: fills *r (zeroed) for the person in `folder`. */
-sherf_status record_read_annots(context *c, data_kind kind, const char *folder, person_record *r);
-sherf_status record_read_cameras_json(context *c, data_kind kind, const char *folder, person_record *r);
+/* ---- for readers ---- */
+bool dataset_has(const char *folder, const char *file); /* a file or a folder */
+/* A one-element list or 0-d object array stands for its element. */
+const value *value_unwrapped(const value *v);
+/* Cameras of cameras.json: NAME and the view's number in so many digits, up to the first gap. */
+sherf_status cameras_json_read(context *c, const char *folder, const char *name, int digits,
+                               person_record *r);
+int dataset_find(const sherf_dataset *d, const char *name, size_t length); /* -1: not there */
+
+/* ---- for the rest ---- */
+/* The reader named in front of the path in "thuman:PATH", and the path; NULL: none is named. */
+const dataset_reader *dataset_reader_named(const char *spec, const char **path);
 void record_free(person_record *r);
 
 sherf_status dataset_record(context *c, const sherf_dataset *d, int person, const person_record **out);

@@ -6,9 +6,8 @@
 
 #include "data/dataset.h"
 
-static const char *const zju_train[] = {"CoreView_386", "CoreView_387", "CoreView_390",
-                                        "CoreView_392", "CoreView_393", "CoreView_394"};
-static const char *const zju_test[] = {"CoreView_377", "CoreView_313", "CoreView_315"};
+#define DATASET_ENTRY(name) &dataset_##name,
+static const dataset_reader *const readers[] = {DATA_SETS(DATASET_ENTRY)};
 
 void sherf_dataset_free(sherf_dataset *d) {
     if (!d) return;
@@ -81,18 +80,17 @@ static sherf_status read_list(context *c, sherf_dataset *d, const char *file, bo
     return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
 }
 
-static bool has(const char *folder, const char *file) {
+bool dataset_has(const char *folder, const char *file) {
     char path[PATH_LENGTH];
     int n = snprintf(path, sizeof path, "%s/%s", folder, file);
     return n > 0 && n < (int)sizeof path && (path_is_file(path) || path_is_folder(path));
 }
 
-/* The layout of one person's folder; DATA_KINDS: none. */
-static data_kind person_layout(const char *folder) {
-    if (has(folder, "annots.npy")) return has(folder, "new_params_neutral") ? DATA_THUMAN : DATA_ZJU;
-    if (!has(folder, "cameras.json")) return DATA_KINDS;
-    if (has(folder, "kinect_color")) return DATA_HUMMAN;
-    return has(folder, "outputs_re_fitting") ? DATA_RENDERPEOPLE : DATA_KINDS;
+/* The layout of one person's folder; NULL: none. */
+static const dataset_reader *person_layout(const char *folder) {
+    for (size_t i = 0; i < COUNT_OF(readers); i++)
+        if (readers[i]->recognise(folder)) return readers[i];
+    return NULL;
 }
 
 static int by_name(const void *a, const void *b) {
@@ -108,8 +106,7 @@ static sherf_status list_folders(context *c, sherf_dataset *d) {
     for (struct dirent *e; !status && (e = readdir(dir));) {
         if (e->d_name[0] == '.') continue;
         status = path_join(c, path, sizeof path, d->root, e->d_name);
-        if (!status && person_layout(path) != DATA_KINDS)
-            status = add_person(c, d, e->d_name, strlen(e->d_name));
+        if (!status && person_layout(path)) status = add_person(c, d, e->d_name, strlen(e->d_name));
     }
     closedir(dir);
     if (!status && d->people) qsort(d->name, (size_t)d->people, sizeof *d->name, by_name);
@@ -129,43 +126,42 @@ static sherf_status find_people(context *c, sherf_dataset *d) {
     return d->people ? SHERF_OK : list_folders(c, d);
 }
 
-/* The kind in front of the path, when it is one. */
-static const char *split_spec(const char *spec, data_kind *kind) {
-    *kind = DATA_KINDS;
-    const char *colon = strchr(spec, ':');
-    for (int k = 0; colon && k < DATA_KINDS; k++) {
-        const char *name = data_protocol_of((data_kind)k)->name;
-        if (strlen(name) == (size_t)(colon - spec) && !strncmp(spec, name, (size_t)(colon - spec))) {
-            *kind = (data_kind)k;
-            return colon + 1;
-        }
+const dataset_reader *dataset_reader_named(const char *spec, const char **path) {
+    for (size_t i = 0; i < COUNT_OF(readers); i++) {
+        const char *name = readers[i]->protocol.name;
+        size_t n = strlen(name);
+        *path = spec + n + 1;
+        if (!strncmp(spec, name, n) && spec[n] == ':') return readers[i];
     }
-    return spec;
+    *path = spec;
+    return NULL;
 }
 
 static sherf_status recognise(context *c, sherf_dataset *d) {
-    char folder[PATH_LENGTH];
+    char folder[PATH_LENGTH], known[200];
     for (int i = 0; i < d->people && i < 16; i++) {
         sherf_status status = dataset_path(c, d, i, "", folder);
         if (status) return status;
-        d->kind = person_layout(folder);
-        if (d->kind != DATA_KINDS) return SHERF_OK;
+        d->reader = person_layout(folder);
+        if (d->reader) return SHERF_OK;
     }
-    return failure(c, SHERF_BAD_FILE,
-                   "%s: the layout is none of thuman, renderpeople, zju, humman; name it as in thuman:PATH",
-                   d->root);
+    size_t n = 0;
+    for (size_t i = 0; i < COUNT_OF(readers) && n < sizeof known; i++)
+        n += (size_t)snprintf(known + n, sizeof known - n, "%s%s", i ? ", " : "", readers[i]->protocol.name);
+    return failure(c, SHERF_BAD_FILE, "%s: the layout is none of %s; name it as in thuman:PATH", d->root,
+                   known);
 }
 
 sherf_status sherf_dataset_open(sherf_context *c, const char *spec, sherf_dataset **out) {
     *out = NULL;
-    data_kind kind;
-    const char *path = split_spec(spec, &kind);
+    const char *path;
+    const dataset_reader *reader = dataset_reader_named(spec, &path);
     size_t length = strlen(path);
     while (length > 1 && path[length - 1] == '/') length--;
     sherf_status status = SHERF_NO_MEMORY;
     sherf_dataset *d = mem_zero(c, 1, sizeof *d);
     if (!d) return status;
-    d->kind = kind;
+    d->reader = reader;
     d->root = mem_format(c, "%.*s", (int)length, path);
     if (!d->root) goto fail;
     if (!path_is_folder(d->root)) {
@@ -175,13 +171,13 @@ sherf_status sherf_dataset_open(sherf_context *c, const char *spec, sherf_datase
     if ((status = find_people(c, d))) goto fail;
     if (!d->people) {
         status = failure(c, SHERF_BAD_FILE,
-                         person_layout(d->root) != DATA_KINDS
+                         person_layout(d->root)
                              ? "%s: one person's folder; give the folder that holds the people"
                              : "%s: no people in it (neither human_list.txt nor folders of a known layout)",
                          d->root);
         goto fail;
     }
-    if (d->kind == DATA_KINDS && (status = recognise(c, d))) goto fail;
+    if (!d->reader && (status = recognise(c, d))) goto fail;
     status = SHERF_NO_MEMORY;
     d->cache = mem_zero(c, 1, sizeof *d->cache);
     if (!d->cache) goto fail;
@@ -197,24 +193,10 @@ fail:
 
 /* ---- choosing people ---- */
 
-static int find_person(const sherf_dataset *d, const char *name, size_t length) {
+int dataset_find(const sherf_dataset *d, const char *name, size_t length) {
     for (int i = 0; i < d->people; i++)
         if (strlen(d->name[i]) == length && !strncmp(d->name[i], name, length)) return i;
     return -1;
-}
-
-static sherf_status split_by_names(context *c, const sherf_dataset *d, bool training, int *index,
-                                   int *count) {
-    const char *const *names = training ? zju_train : zju_test;
-    size_t n = training ? COUNT_OF(zju_train) : COUNT_OF(zju_test);
-    for (size_t i = 0; i < n; i++) {
-        int person = find_person(d, names[i], strlen(names[i]));
-        if (person >= 0)
-            index[(*count)++] = person;
-        else
-            log_line(c, SHERF_LOG_WARNING, "%s: %s of the paper's split is not there", d->root, names[i]);
-    }
-    return SHERF_OK;
 }
 
 static void take_range(const sherf_dataset *d, int first, int n, int *index, int *count) {
@@ -222,19 +204,14 @@ static void take_range(const sherf_dataset *d, int first, int n, int *index, int
 }
 
 static sherf_status paper_split(context *c, const sherf_dataset *d, bool training, int *index, int *count) {
-    const data_protocol *p = data_protocol_of(d->kind);
+    const data_protocol *p = dataset_protocol(d);
     int wanted = training ? p->train_count : p->test_count, first = training ? p->train_first : p->test_first;
     if (d->train_listed + d->test_listed) {
         take_range(d, training ? 0 : d->train_listed, training ? d->train_listed : d->test_listed, index,
                    count);
         wanted = *count;
-    } else if (d->kind == DATA_ZJU) {
-        split_by_names(c, d, training, index, count);
-        wanted = *count;
-    } else if (d->kind == DATA_HUMMAN) {
-        log_line(c, SHERF_LOG_WARNING,
-                 "%s: no train.txt and test.txt (HuMMan's official lists), so everybody is taken", d->root);
-        take_range(d, 0, d->people, index, count);
+    } else if (d->reader->split) {
+        d->reader->split(c, d, training, index, count);
         wanted = *count;
     } else {
         take_range(d, first, wanted, index, count);
@@ -253,7 +230,7 @@ static sherf_status paper_split(context *c, const sherf_dataset *d, bool trainin
 /* "name", "3" or "90-99" (lines from 0). */
 static sherf_status take_item(context *c, const sherf_dataset *d, const char *item, size_t length, int *index,
                               int *count, int room) {
-    int person = find_person(d, item, length), first = 0, last = 0, end = 0;
+    int person = dataset_find(d, item, length), first = 0, last = 0, end = 0;
     if (person < 0) {
         char text[64] = "";
         if (length < sizeof text) memcpy(text, item, length);

@@ -270,7 +270,7 @@ static sherf_status info_dataset(teller *t, const char *spec) {
     const person_record *r;
     sherf_status status = sherf_dataset_open(t->c, spec, &d);
     if (status) return status;
-    const data_protocol *p = data_protocol_of(d->kind);
+    const data_protocol *p = dataset_protocol(d);
     tell(t, "kind", "%s", p->name);
     tell(t, "what", "a multi-view data set");
     tell_number(t, "people", d->people);

@@ -202,7 +202,7 @@ static sherf_status named_observations(context *c, const sherf_dataset *d, const
 
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
                               const char *poses, const char *views, uint64_t seed, selection *out) {
-    const data_protocol *p = data_protocol_of(dataset_kind(d));
+    const data_protocol *p = dataset_protocol(d);
     int has_poses = sherf_dataset_pose_count(d, person), has_views = sherf_dataset_view_count(d, person);
     int missing = 0;
     const person_record *record;

@@ -18,7 +18,7 @@ static int clipped(int limit, int n) {
 
 sherf_status sampling_create(context *c, const sherf_dataset *d, const char *people, bool front_view,
                              int targets, uint64_t seed, sampling *out) {
-    const data_protocol *p = data_protocol_of(dataset_kind(d));
+    const data_protocol *p = dataset_protocol(d);
     *out = (sampling){.seed = seed, .front_view = -1, .targets = targets};
     sherf_status status = dataset_people(c, d, people, true, &out->person, &out->people);
     if (status != SHERF_OK) goto fail;

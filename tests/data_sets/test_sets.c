@@ -2,6 +2,7 @@
 #include <pthread.h>
 #include <sys/stat.h>
 
+#include "data/dataset.h"
 #include "make_files.h"
 
 static char root_[PATH_LENGTH];
@@ -82,7 +83,7 @@ static void thuman_is_read(void **state) {
     make_thuman_person(c, join(root, "a_person"), &a);
     make_text(c, join(root, "human_list.txt"), "b_person\r\n\n../elsewhere/a_person\n");
     sherf_dataset *d = opened(c, root);
-    assert_int_equal(dataset_kind(d), DATA_THUMAN);
+    assert_string_equal(dataset_protocol(d)->name, "thuman");
     assert_int_equal(sherf_dataset_person_count(d), 2);
     assert_string_equal(sherf_dataset_person(d, 0), "b_person");
     assert_string_equal(sherf_dataset_person(d, 1), "a_person");
@@ -261,7 +262,7 @@ static void renderpeople_is_read(void **state) {
     make_text(c, join(root, "rp_one/cameras.json"), json);
     make_smpl_npz(c, join(root, "rp_one/outputs_re_fitting/refit_smpl_2nd.npz"), 2);
     sherf_dataset *d = opened(c, root);
-    assert_int_equal(dataset_kind(d), DATA_RENDERPEOPLE);
+    assert_string_equal(dataset_protocol(d)->name, "renderpeople");
     assert_int_equal(sherf_dataset_view_count(d, 0), 3);
     assert_int_equal(sherf_dataset_pose_count(d, 0), 2);
     data_view *v = NULL;
@@ -322,7 +323,7 @@ static void humman_is_read(void **state) {
         }
     }
     sherf_dataset *d = opened(c, root);
-    assert_int_equal(dataset_kind(d), DATA_HUMMAN);
+    assert_string_equal(dataset_protocol(d)->name, "humman");
     assert_string_equal(sherf_dataset_person(d, 0), "p0_a0"); /* no list: sorted */
     assert_int_equal(sherf_dataset_pose_count(d, 0), 7);
     assert_int_equal(sherf_dataset_view_count(d, 0), 2);
@@ -401,15 +402,15 @@ static void the_papers_splits(void **state) {
     assert_fails(c, dataset_people(c, d, "", false, &index, &count), SHERF_BAD_ARGUMENT, "no people");
     assert_null(index);
     sherf_dataset_free(d);
-    const data_protocol *p = data_protocol_of(DATA_RENDERPEOPLE);
+    const data_protocol *p = &dataset_renderpeople.protocol;
     assert_int_equal(p->observation_views[2], 31);
     assert_int_equal(p->observation_pose, 2);
     assert_int_equal(p->train_pose_step, 2);
-    p = data_protocol_of(DATA_ZJU);
+    p = &dataset_zju_mocap.protocol;
     assert_int_equal(p->pose_count, 25);
     assert_int_equal(p->views, 20);
-    assert_int_equal(data_protocol_of(DATA_HUMMAN)->view_step, 1);
-    assert_float_equal(data_protocol_of(DATA_HUMMAN)->image_scale, 1. / 3, 1e-12);
+    assert_int_equal(dataset_humman.protocol.view_step, 1);
+    assert_float_equal(dataset_humman.protocol.image_scale, 1. / 3, 1e-12);
     sherf_context_free(c);
 }
 

@@ -80,7 +80,7 @@ static void people_fit_their_pictures(void **state) {
     body_model *body = NULL;
     assert_ok(c, body_load(c, join(people, "tubeman.safetensors"), &body));
     assert_ok(c, sherf_dataset_open(c, people, &d));
-    assert_int_equal(dataset_kind(d), DATA_THUMAN);
+    assert_string_equal(dataset_protocol(d)->name, "thuman");
     assert_string_equal(sherf_dataset_person(d, 1), "tube_001");
     for (int i = 0; i < 16; i++) {
         data_view *v = NULL;

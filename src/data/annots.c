@@ -1,0 +1,127 @@
+/* annots.npy (THuman, ZJU-MoCap): a person's cameras, and the names of the pictures by pose and view. */
+#include "data/annots.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static sherf_status annots_cameras(context *c, double unit_m, const value *cams, person_record *r) {
+    const value *K = value_get(cams, "K"), *D = value_get(cams, "D"), *R = value_get(cams, "R"),
+                *T = value_get(cams, "T");
+    int64_t views = parse_rows(K);
+    if (!K || !R || !T || views < 1 || views > DATASET_VIEWS_MAX || parse_rows(R) != views ||
+        parse_rows(T) != views || (D && parse_rows(D) != views))
+        return failure(c, SHERF_BAD_FILE, "cams: K, R, T (and D) should have one entry a view");
+    r->camera = mem_zero(c, (size_t)views, sizeof *r->camera);
+    if (!r->camera) return SHERF_NO_MEMORY;
+    r->views = (int)views;
+    for (int v = 0; v < r->views; v++) {
+        parsed_camera *camera = &r->camera[v];
+        sherf_status status = parse_row(c, K, (size_t)v, "K", 9, camera->K);
+        if (!status) status = parse_row(c, R, (size_t)v, "R", 9, camera->R);
+        if (!status) status = parse_row(c, T, (size_t)v, "T", 3, camera->T);
+        if (!status && D) status = parse_row(c, D, (size_t)v, "D", 5, camera->D);
+        for (int i = 0; i < 3; i++) camera->T[i] *= unit_m;
+        if (!status) status = parsed_camera_check(c, camera);
+        if (status) return failure_prefix(c, status, "view %d", v);
+    }
+    return SHERF_OK;
+}
+
+/* The pose's number: of 000012.jpg 12; of names by camera (CoreView_313, 315) the fifth "_" field. */
+static sherf_status file_number(context *c, const char *path, int *out) {
+    const char *name = strrchr(path, '/');
+    name = name ? name + 1 : path;
+    const char *field = name;
+    size_t digits = strspn(field, "0123456789");
+    if (!digits || (field[digits] != '.' && field[digits])) {
+        for (int i = 0; i < 4 && field; i++) {
+            field = strchr(field, '_');
+            if (field) field++;
+        }
+        digits = field ? strspn(field, "0123456789") : 0;
+    }
+    if (!digits || digits > 9) return failure(c, SHERF_BAD_FILE, "%s: no frame number in the name", path);
+    *out = (int)strtol(field, NULL, 10);
+    return SHERF_OK;
+}
+
+static sherf_status annots_pose(context *c, const value *ims, int pose, person_record *r) {
+    sherf_status status;
+    const value *views = value_get(ims, "ims");
+    bool numbered = false;
+    for (int v = 0; v < r->views && (size_t)v < value_count(views); v++) {
+        const value *name = value_at(views, (size_t)v);
+        if (!name || name->kind != VALUE_STRING)
+            return failure(c, SHERF_BAD_FILE, "ims[%d]: view %d is no file name", pose, v);
+        char *path = mem_string(c, name->string.text);
+        if (!path) return SHERF_NO_MEMORY;
+        r->image[(int64_t)pose * r->views + v] = path;
+        for (char *p = path; *p; p++)
+            if (*p == '\\') *p = '/';
+        if ((status = path_inside(c, path))) return status;
+        if (!numbered && (status = file_number(c, path, &r->number[pose]))) return status;
+        numbered = true;
+    }
+    if (!numbered) return failure(c, SHERF_BAD_FILE, "ims[%d]: no pictures", pose);
+    return SHERF_OK;
+}
+
+sherf_status annots_read(context *c, const char *folder, double unit_m, person_record *r) {
+    char path[PATH_LENGTH];
+    document *d = NULL;
+    sherf_status status = path_join(c, path, sizeof path, folder, "annots.npy");
+    if (status || (status = parse_file(c, path, &d, NULL))) return status;
+    const value *root = value_unwrapped(d->root), *ims = value_get(root, "ims");
+    size_t poses = value_count(ims);
+    if (!value_get(root, "cams") || !poses || poses > DATASET_POSES_MAX)
+        status = failure(c, SHERF_BAD_FILE, "expected a dict of cams and ims");
+    else
+        status = annots_cameras(c, unit_m, value_get(root, "cams"), r);
+    if (!status) {
+        r->number = mem_zero(c, poses, sizeof *r->number);
+        r->image = mem_zero(c, poses * (size_t)r->views, sizeof *r->image);
+        if (!r->number || !r->image) {
+            status = SHERF_NO_MEMORY;
+            goto done;
+        }
+        r->poses = (int)poses;
+        for (int p = 0; p < r->poses && !status; p++) status = annots_pose(c, value_at(ims, (size_t)p), p, r);
+    }
+done:
+    if (status) failure_prefix(c, status, "%s", path);
+    document_free(d);
+    return status;
+}
+
+/* The mask that belongs to a picture of annots.npy: mask_cihp/<path>.png, or mask/<path>.png. */
+static sherf_status annots_mask(context *c, const char *folder, const char *image, char out[PATH_LENGTH]) {
+    char other[PATH_LENGTH];
+    const char *name = strrchr(image, '/'), *dot = strrchr(image, '.');
+    int stem = dot && (!name || dot > name) ? (int)(dot - image) : (int)strlen(image);
+    int n = snprintf(out, PATH_LENGTH, "%s/mask_cihp/%.*s.png", folder, stem, image);
+    int m = snprintf(other, PATH_LENGTH, "%s/mask/%.*s.png", folder, stem, image);
+    if (n < 0 || n >= PATH_LENGTH || m < 0 || m >= PATH_LENGTH)
+        return failure(c, SHERF_BAD_FILE, "%.200s/%.200s: path too long", folder, image);
+    if (!path_is_file(out) && path_is_file(other)) memcpy(out, other, sizeof other);
+    return SHERF_OK;
+}
+
+sherf_status annots_picture(context *c, const person_record *r, const char *folder, int pose, int view,
+                            char image[PATH_LENGTH], char mask[PATH_LENGTH]) {
+    const char *relative = r->image[(int64_t)pose * r->views + view];
+    if (!relative)
+        return failure(c, SHERF_BAD_FILE, "%s: annots.npy lists no view %d of pose %d", folder, view, pose);
+    sherf_status status = path_join(c, image, PATH_LENGTH, folder, relative);
+    return status ? status : annots_mask(c, folder, relative, mask);
+}
+
+sherf_status annots_pose_files(context *c, const person_record *r, const char *folder, const char *kind,
+                               int pose, char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]) {
+    char name[64];
+    snprintf(name, sizeof name, "new_vertices/%d.npy", r->number[pose]);
+    sherf_status status = path_join(c, vertices, PATH_LENGTH, folder, name);
+    if (status) return status;
+    snprintf(name, sizeof name, "%.32s/%d.npy", kind, r->number[pose]);
+    return path_join(c, parameters, PATH_LENGTH, folder, name);
+}

@@ -72,7 +72,7 @@ sherf_status annots_read(context *c, const char *folder, double unit_m, person_r
     document *d = NULL;
     sherf_status status = path_join(c, path, sizeof path, folder, "annots.npy");
     if (status || (status = parse_file(c, path, &d, NULL))) return status;
-    const value *root = value_unwrapped(d->root), *ims = value_get(root, "ims");
+    const value *root = parse_unwrapped(d->root), *ims = value_get(root, "ims");
     size_t poses = value_count(ims);
     if (!value_get(root, "cams") || !poses || poses > DATASET_POSES_MAX)
         status = failure(c, SHERF_BAD_FILE, "expected a dict of cams and ims");

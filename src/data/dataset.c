@@ -20,11 +20,6 @@ void record_free(person_record *r) {
     mem_free(r);
 }
 
-const value *value_unwrapped(const value *v) {
-    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
-    return v;
-}
-
 int sherf_dataset_person_count(const sherf_dataset *d) {
     return d->people;
 }

@@ -12,6 +12,11 @@ int64_t parse_rows(const value *v) {
     return -1;
 }
 
+const value *parse_unwrapped(const value *v) {
+    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
+    return v;
+}
+
 sherf_status parse_row(context *c, const value *v, size_t i, const char *what, size_t count, double *out) {
     int64_t rows = parse_rows(v);
     if (rows < 0 || i >= (uint64_t)rows)

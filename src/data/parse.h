@@ -5,6 +5,8 @@
 
 #include "data/data.h"
 
+/* A one-element list (a 0-d or 1-long object array) stands for its element. */
+const value *parse_unwrapped(const value *v);
 /* Element i of a list, or of an array along its first axis, as exactly `count` numbers. */
 sherf_status parse_row(context *c, const value *v, size_t i, const char *what, size_t count, double *out);
 /* Elements along the first axis of a list or array; -1 when it is neither. */

@@ -5,12 +5,6 @@
 
 enum { POSES_MOST = 1 << 20 };
 
-/* A one-element list (a 0-d or 1-long object array) stands for its element. */
-static const value *unwrapped(const value *v) {
-    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
-    return v;
-}
-
 static int64_t frames_of(const value *v, const int *unit, size_t units) {
     int64_t numbers = value_numbers(v), rows = parse_rows(v);
     for (size_t i = 0; i < units; i++)
@@ -28,8 +22,8 @@ static int64_t frame_count(const value *v) {
 
 /* Frame f of a dict whose entries have one row a frame, or one value for all. Rows are looked at in place. */
 static sherf_status pose_frame(context *c, const value *v, int64_t frames, int64_t f, sherf_pose *out) {
-    static const char *const keys[] = {"poses",         "pose", "shapes", "betas", "R",        "Rh",
-                                       "global_orient", "Th",   "transl", "trans", "body_pose"};
+    static char keys[][16] = {"poses",         "pose", "shapes", "betas", "R",        "Rh",
+                              "global_orient", "Th",   "transl", "trans", "body_pose"};
     value name[COUNT_OF(keys)], row[COUNT_OF(keys)];
     value_pair pair[COUNT_OF(keys)];
     size_t n = 0;
@@ -52,7 +46,7 @@ static sherf_status pose_frame(context *c, const value *v, int64_t frames, int64
             }
         }
         name[n] = (value){.kind = VALUE_STRING};
-        name[n].string.text = (char *)(uintptr_t)keys[k];
+        name[n].string.text = keys[k];
         name[n].string.length = strlen(keys[k]);
         pair[n] = (value_pair){&name[n], &row[n]};
         n++;
@@ -68,7 +62,7 @@ static sherf_status poses_from(context *c, const value *v, sherf_pose **out, int
     const value *inner = value_get(v, "body");
     if (!inner) inner = value_get(v, "smpl");
     if (!inner) inner = value_get(v, "frames");
-    v = unwrapped(inner ? inner : v);
+    v = parse_unwrapped(inner ? inner : v);
     bool list = v && v->kind == VALUE_LIST;
     int64_t frames = list ? (int64_t)v->list.count : v ? frame_count(v) : 0;
     if (frames < 1 || frames > POSES_MOST)
@@ -76,7 +70,7 @@ static sherf_status poses_from(context *c, const value *v, sherf_pose **out, int
     sherf_pose *pose = mem_alloc(c, (size_t)frames, sizeof *pose);
     if (!pose) return SHERF_NO_MEMORY;
     for (int64_t f = 0; f < frames && !status; f++) {
-        status = list ? parse_pose(c, unwrapped(v->list.item[f]), &pose[f])
+        status = list ? parse_pose(c, parse_unwrapped(v->list.item[f]), &pose[f])
                       : pose_frame(c, v, frames, f, &pose[f]);
         if (status && frames > 1) failure_prefix(c, status, "pose %lld", (long long)f);
     }
@@ -95,7 +89,7 @@ sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **o
     document *d = NULL;
     sherf_status status = parse_file(c, path, &d, NULL);
     if (status) return status;
-    status = poses_from(c, unwrapped(d->root), out, count);
+    status = poses_from(c, parse_unwrapped(d->root), out, count);
     if (status) failure_prefix(c, status, "%s", path);
     document_free(d);
     return status;

@@ -72,9 +72,9 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
 enum { GROUPS = 3 };
 static const char *const group_names[GROUPS] = {"model", "average", "second"};
 
-/* Of a parameter, in its group's block; NULL: that group does not have it. */
-static const float *group_values(int group, const parameter *q, const float *const block[GROUPS]) {
-    return group == 2 && q->buffer ? NULL : block[group] + q->offset;
+/* Buffers have no second moment. */
+static bool group_has(int group, const parameter *q) {
+    return group != 2 || !q->buffer;
 }
 
 /* The groups' blocks for the host to read; `copies` are mem_free'd, whatever the answer. */
@@ -111,8 +111,8 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            const float *values = group_values(group, q, block);
-            if (!values) continue;
+            if (!group_has(group, q)) continue;
+            const float *values = block[group] + q->offset;
             snprintf(name[n], sizeof name[n], "%s.%s", group_names[group], q->name);
             item[n] =
                 (safetensor_item){.name = name[n], .type = T_F32, .rank = q->value.rank, .data = values};
@@ -132,13 +132,13 @@ done:
 static sherf_status tensors_read(context *c, const safetensors *f, const model *m, const model *average,
                                  const adam *a) {
     const parameters *p = m->weights;
-    const float *const block[GROUPS] = {p->values, average->weights->values, a->second};
+    float *const block[GROUPS] = {p->values, average->weights->values, a->second};
     char name[288];
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            float *values = (float *)group_values(group, q, block);
-            if (!values) continue;
+            if (!group_has(group, q)) continue;
+            float *values = block[group] + q->offset;
             snprintf(name, sizeof name, "%s.%s", group_names[group], q->name);
             sherf_status status = safetensors_floats(c, f, name, q->value.rank, q->value.dim, values);
             for (int64_t k = 0; k < tensor_count(&q->value) && status == SHERF_OK; k++)

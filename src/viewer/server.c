@@ -349,8 +349,8 @@ static enum MHD_Result route(http_request *r, struct MHD_Connection *connection,
     for (int i = 0; i < viewer_file_count; i++) {
         const viewer_file *f = &viewer_files[i];
         if (strcmp(rest + 1, i == 0 ? "" : f->name) != 0) continue;
-        struct MHD_Response *file =
-            MHD_create_response_from_buffer(f->bytes, (void *)(uintptr_t)f->data, MHD_RESPMEM_PERSISTENT);
+        const struct MHD_IoVec whole = {f->data, f->bytes};
+        struct MHD_Response *file = MHD_create_response_from_iovec(&whole, 1, NULL, NULL);
         return send_off(connection, MHD_HTTP_OK, with_headers(file, f->type));
     }
     return say(connection, MHD_HTTP_NOT_FOUND, "there is nothing here");

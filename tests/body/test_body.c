@@ -255,11 +255,12 @@ static void normals_point_out(void **state) {
 static void bad_bodies_are_refused(void **state) {
     body_reference *r = *state;
     context *c = r->c;
-    body_arrays a;
+    tubeman_arrays own;
     body_model *m;
-    assert_ok(c, tubeman_arrays_create(c, &a));
-    double *w = (double *)a.weights, *v = (double *)a.v_template;
-    int64_t *f = (int64_t *)a.face;
+    assert_ok(c, tubeman_arrays_create(c, &own));
+    body_arrays a = own.arrays;
+    double *w = own.weights, *v = own.v_template;
+    int64_t *f = own.face;
     const double w0 = w[0], v0 = v[5];
     w[0] += 0.1;
     assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
@@ -284,17 +285,18 @@ static void bad_bodies_are_refused(void **state) {
     assert_ok(c, body_create(c, &a, &m));
     assert_true(m->fingerprint != r->m->fingerprint); /* face 2 was changed */
     sherf_body_free(m);
-    tubeman_arrays_free(&a);
+    tubeman_arrays_free(&own);
 }
 
 static void allocations_may_fail(void **state) {
     body_reference *r = *state;
     context *c = r->c;
-    body_arrays a;
-    assert_ok(c, tubeman_arrays_create(c, &a));
+    tubeman_arrays own;
+    assert_ok(c, tubeman_arrays_create(c, &own));
+    body_arrays a = own.arrays;
     a.vertices = 40, a.faces = 20; /* the first 40 vertices: quick */
     for (int j = 0; j < BODY_JOINTS; j++)
-        memmove((double *)a.regressor + 40 * j, a.regressor + (size_t)6890 * (size_t)j, 40 * sizeof(double));
+        memmove(own.regressor + 40 * j, a.regressor + (size_t)6890 * (size_t)j, 40 * sizeof(double));
     size_t live = mem_live();
     for (long n = 0;; n++) {
         body_model *m;
@@ -311,7 +313,7 @@ static void allocations_may_fail(void **state) {
         assert_int_equal(mem_live(), live);
     }
     assert_int_equal(mem_live(), live);
-    tubeman_arrays_free(&a);
+    tubeman_arrays_free(&own);
 }
 
 int main(void) {

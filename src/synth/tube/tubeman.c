@@ -217,44 +217,50 @@ static void make_pose_shapes(const double *v, double *posedirs) {
         }
 }
 
-sherf_status tubeman_arrays_create(context *c, body_arrays *out) {
-    *out = (body_arrays){.vertices = V, .shape_count = BODY_SHAPES, .parent = parents};
-    double *v = mem_zero(c, V, 3 * sizeof *v);
-    double *shapedirs = mem_zero(c, V, 3 * BODY_SHAPES * sizeof *shapedirs);
-    double *posedirs = mem_zero(c, V, 3 * BODY_POSE_FEATURES * sizeof *posedirs);
-    double *weights = mem_zero(c, V, JOINTS * sizeof *weights);
-    double *regressor = mem_zero(c, V, JOINTS * sizeof *regressor);
-    int64_t *face = mem_zero(c, FACES_MAX, 3 * sizeof *face);
-    out->v_template = v, out->shapedirs = shapedirs, out->posedirs = posedirs;
-    out->weights = weights, out->regressor = regressor, out->face = face;
-    if (!v || !shapedirs || !posedirs || !weights || !regressor || !face) {
-        tubeman_arrays_free(out);
+sherf_status tubeman_arrays_create(context *c, tubeman_arrays *t) {
+    *t = (tubeman_arrays){.v_template = mem_zero(c, V, 3 * sizeof(double)),
+                          .shapedirs = mem_zero(c, V, 3 * BODY_SHAPES * sizeof(double)),
+                          .posedirs = mem_zero(c, V, 3 * BODY_POSE_FEATURES * sizeof(double)),
+                          .weights = mem_zero(c, V, JOINTS * sizeof(double)),
+                          .regressor = mem_zero(c, V, JOINTS * sizeof(double)),
+                          .face = mem_zero(c, FACES_MAX, 3 * sizeof(int64_t))};
+    if (!t->v_template || !t->shapedirs || !t->posedirs || !t->weights || !t->regressor || !t->face) {
+        tubeman_arrays_free(t);
         return SHERF_NO_MEMORY;
     }
-    make_vertices(v, face, &out->faces);
-    make_weights(v, weights);
-    make_regressor(v, regressor);
-    make_shapes(v, shapedirs);
-    make_pose_shapes(v, posedirs);
+    t->arrays = (body_arrays){.vertices = V,
+                              .shape_count = BODY_SHAPES,
+                              .v_template = t->v_template,
+                              .shapedirs = t->shapedirs,
+                              .posedirs = t->posedirs,
+                              .weights = t->weights,
+                              .regressor = t->regressor,
+                              .face = t->face,
+                              .parent = parents};
+    make_vertices(t->v_template, t->face, &t->arrays.faces);
+    make_weights(t->v_template, t->weights);
+    make_regressor(t->v_template, t->regressor);
+    make_shapes(t->v_template, t->shapedirs);
+    make_pose_shapes(t->v_template, t->posedirs);
     return SHERF_OK;
 }
 
-void tubeman_arrays_free(body_arrays *arrays) {
-    mem_free((double *)arrays->v_template);
-    mem_free((double *)arrays->shapedirs);
-    mem_free((double *)arrays->posedirs);
-    mem_free((double *)arrays->weights);
-    mem_free((double *)arrays->regressor);
-    mem_free((int64_t *)arrays->face);
-    *arrays = (body_arrays){0};
+void tubeman_arrays_free(tubeman_arrays *t) {
+    mem_free(t->v_template);
+    mem_free(t->shapedirs);
+    mem_free(t->posedirs);
+    mem_free(t->weights);
+    mem_free(t->regressor);
+    mem_free(t->face);
+    *t = (tubeman_arrays){0};
 }
 
 sherf_status tubeman_create(context *c, body_model **out) {
     *out = NULL;
-    body_arrays arrays;
-    sherf_status status = tubeman_arrays_create(c, &arrays);
-    if (status == SHERF_OK) status = body_create(c, &arrays, out);
-    tubeman_arrays_free(&arrays);
+    tubeman_arrays t;
+    sherf_status status = tubeman_arrays_create(c, &t);
+    if (status == SHERF_OK) status = body_create(c, &t.arrays, out);
+    tubeman_arrays_free(&t);
     return status;
 }
 

@@ -6,8 +6,13 @@
 #include "body/body.h"
 sherf_status tubeman_create(context *c, body_model **out);
 /* The same in double, as the generator's file holds it: for writing files in SMPL's formats. */
-sherf_status tubeman_arrays_create(context *c, body_arrays *out);
-void tubeman_arrays_free(body_arrays *arrays);
+typedef struct {
+    double *v_template, *shapedirs, *posedirs, *weights, *regressor;
+    int64_t *face;
+    body_arrays arrays; /* the same, as body_create takes them */
+} tubeman_arrays;
+sherf_status tubeman_arrays_create(context *c, tubeman_arrays *out);
+void tubeman_arrays_free(tubeman_arrays *t);
 /* Colour of a surface point of the striped tube person number `person`: limb colours and stripes. */
 void tubeman_color(uint64_t person_key, int vertex, float rgb[3]);
 #endif

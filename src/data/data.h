@@ -30,8 +30,8 @@ sherf_status image_resize_nearest(context *c, image_u8 *image, int width, int he
 struct sherf_observation {
     sherf_image image; /* RGB, black outside the mask */
     uint8_t *mask;     /* H x W: 0 or 1 */
-    /* H x W: 1 where the mask's edge is unsure (ZJU-MoCap: left out of losses; the picture is kept there, and
-     * mask is 0); NULL: none */
+    /* H x W: 1 where the mask's edge is uncertain (ZJU-MoCap: left out of losses; the picture is kept there,
+     * and mask is 0); NULL: none */
     uint8_t *unknown;
     sherf_camera camera;
     sherf_pose pose;
@@ -39,6 +39,10 @@ struct sherf_observation {
 };
 /* The view of a target to be compared with: the same struct. */
 typedef struct sherf_observation data_view;
+/* Scales a size down to VIEW_OBSERVED_SIDE_MAX, and logs it. */
+void observation_limit_size(context *c, const char *what, int *width, int *height);
+/* Of a mask's `total` pixels: some are the person's, and not all of them (`uncertain` ones may be). */
+sherf_status observation_check_shares(context *c, size_t person, size_t uncertain, size_t total);
 sherf_status observation_check_mask(context *c, const sherf_observation *o); /* neither empty nor full */
 sherf_status observation_check(context *c,
                                const sherf_observation *o); /* finite, sizes, mask not empty or full */

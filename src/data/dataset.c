@@ -208,7 +208,7 @@ sherf_status dataset_mask_check(context *c, const sherf_dataset *d, int person, 
     n = (size_t)mask.width * mask.height;
     for (size_t i = 0; i < n; i++) inside += mask.data[i] != 0;
     mem_free(mask.data);
-    if (!(status = mask_shares_check(c, inside, 0, n))) return SHERF_OK;
+    if (!(status = observation_check_shares(c, inside, 0, n))) return SHERF_OK;
     return failure_prefix(c, status, "%s", path);
 }
 

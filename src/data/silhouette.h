@@ -4,7 +4,7 @@
 
 #include "data/data.h"
 
-/* Intersection over union of the body's silhouette and the observation's mask, unsure pixels left out; the
+/* Intersection over union of the body's silhouette and the observation's mask, uncertain pixels left out; the
  * camera and pose may differ from the observation's own (same size). mirror: against the mask seen in a
  * mirror. */
 sherf_status silhouette_overlap(context *c, const sherf_observation *o, const body_model *body,

@@ -1,20 +1,10 @@
+/* A picture with its mask, camera and pose out of files: read, undistorted, scaled, cut out. */
 #include <math.h>
 #include <string.h>
 
 #include "data/view.h"
 
 enum { MASK_OUT = 0, MASK_PERSON = 1, MASK_EDGE = 100, EDGE_REACH = 2 };
-
-void view_observed_size(context *c, const char *what, int *width, int *height) {
-    const int longest = *width > *height ? *width : *height, had_width = *width, had_height = *height;
-    if (longest <= VIEW_OBSERVED_SIDE_MAX) return;
-    *width = (int)((int64_t)*width * VIEW_OBSERVED_SIDE_MAX / longest);
-    *height = (int)((int64_t)*height * VIEW_OBSERVED_SIDE_MAX / longest);
-    if (*width < 1) *width = 1;
-    if (*height < 1) *height = 1;
-    log_line(c, SHERF_LOG_INFO, "%s: %d x %d pixels, scaled to %d x %d", what, had_width, had_height, *width,
-             *height);
-}
 
 /* Size and limits before anything is decoded. */
 static sherf_status size_check(context *c, const char *path, int *width, int *height) {
@@ -26,13 +16,6 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
                        "%s: %d x %d pixels, at most %d on a side: scale the picture (and K) down", path,
                        *width, *height, VIEW_READ_SIDE_MAX);
     return SHERF_OK;
-}
-
-sherf_status mask_shares_check(context *c, size_t person, size_t unsure, size_t total) {
-    if (!person) return failure(c, SHERF_BAD_ARGUMENT, "the mask is empty: no pixel is the person's");
-    if (person + unsure < total) return SHERF_OK;
-    return failure(c, SHERF_BAD_ARGUMENT,
-                   "the mask covers the whole picture: it should be 0 outside the person");
 }
 
 /* Most of what is not black in a soft mask is white; labels of the body's parts are something else. Of a soft
@@ -93,7 +76,7 @@ static void reach_along(const uint8_t *in, uint8_t *out, int n, size_t stride) {
     }
 }
 
-/* Where the 5 x 5 dilated and eroded masks differ, the pixel is unsure. */
+/* Where the 5 x 5 dilated and eroded masks differ, the pixel is uncertain. */
 static sherf_status mark_edge(context *c, image_u8 *mask) {
     size_t n = (size_t)mask->width * mask->height;
     uint8_t *a = mem_alloc(c, n, 1), *b = mem_alloc(c, n, 1);
@@ -123,7 +106,8 @@ static sherf_status picture_read(context *c, const char *path, sherf_image *out)
     return out->data ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-/* mask: MASK_* and, after undistortion, blends of them: whatever lies between person and edge is unsure. */
+/* mask: MASK_* and, after undistortion, blends of them: whatever lies between person and edge is uncertain.
+ */
 static sherf_status masks_split(context *c, data_view *v, const image_u8 *mask, bool edge_band) {
     size_t n = (size_t)mask->width * mask->height;
     v->mask = mem_alloc(c, n, 1);
@@ -142,7 +126,7 @@ static sherf_status target_size(context *c, const view_source *s, int width, int
     *to_width = s->width ? s->width : (int)(width * scale + 1e-6);
     *to_height = (int)(height * scale + 1e-6);
     if (s->observed && *to_width >= 1 && *to_height >= 1)
-        view_observed_size(c, s->image, to_width, to_height);
+        observation_limit_size(c, s->image, to_width, to_height);
     if (*to_width >= 1 && *to_height >= 1 && *to_width <= VIEW_SIDE_MAX && *to_height <= VIEW_SIDE_MAX)
         return SHERF_OK;
     return failure(c, SHERF_BAD_ARGUMENT, "%s: %d x %d pixels cannot become %d x %d", s->image, width, height,

@@ -8,8 +8,6 @@
  * since the encoders take gigabytes (4 GB, and an avatar of 0.3 GB, at 2048 x 2048) for what networks have
  * not seen in training. */
 enum { VIEW_READ_SIDE_MAX = IMAGE_SIDE_MAX, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
-/* An observation's size: of the same shape, and told when it is another. */
-void view_observed_size(context *c, const char *what, int *width, int *height);
 
 typedef struct {
     const char *image, *mask; /* paths; mask NULL: the picture's alpha channel */
@@ -19,9 +17,7 @@ typedef struct {
     int width;     /* 0: by scale */
     bool observed; /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0; the mask may be soft */
     bool whole;    /* the background stays in the picture */
-    bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is unsure */
+    bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is uncertain */
 } view_source;
-/* Of a mask's `total` pixels: some are the person's, and not all of them (`unsure` ones may be). */
-sherf_status mask_shares_check(context *c, size_t person, size_t unsure, size_t total);
 sherf_status view_assemble(context *c, const view_source *source, data_view **out);
 #endif

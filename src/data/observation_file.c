@@ -1,0 +1,252 @@
+/* An observation from a folder or a JSON file (docs/observation.md), or from a data set. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "data/view.h"
+
+/* `name` as it stands when absolute, otherwise beside the file that names it. */
+static sherf_status beside(context *c, const char *folder, const char *name, char out[PATH_LENGTH]) {
+    return path_join(c, out, PATH_LENGTH, name[0] == '/' ? "" : folder, name);
+}
+
+static sherf_status named_file(context *c, const value *root, const char *key, const char *folder,
+                               char out[PATH_LENGTH]) {
+    const value *v = value_get(root, key);
+    if (!v || v->kind != VALUE_STRING || !v->string.length)
+        return failure(c, SHERF_BAD_FILE, "\"%s\" should name a file", key);
+    return beside(c, folder, v->string.text, out);
+}
+
+static sherf_status optional_index(context *c, const value *root, const char *key, int count, int *out) {
+    int64_t i = 0;
+    const value *v = value_get(root, key);
+    sherf_status status = v ? value_integer(c, v, key, &i) : SHERF_OK;
+    if (status) return status;
+    if (i < 0 || i >= count)
+        return failure(c, SHERF_BAD_FILE, "\"%s\": %lld, there are %d", key, (long long)i, count);
+    *out = (int)i;
+    return SHERF_OK;
+}
+
+/* The camera's size, where it is given, must be the picture's. */
+static sherf_status camera_size_check(context *c, int64_t width, int64_t height, const int size[2]) {
+    if ((!width || width == size[0]) && (!height || height == size[1])) return SHERF_OK;
+    return failure(c, SHERF_MISMATCH, "camera: for %lld x %lld pixels, the picture has %d x %d",
+                   (long long)width, (long long)height, size[0], size[1]);
+}
+
+/* {K, R, T} or a vertical field of view or focal length with the centre in the middle. R and T may be left
+ * out: the body is then given in the camera's own frame. */
+static sherf_status camera_object(context *c, const value *v, const int size[2], parsed_camera *out) {
+    double number;
+    sherf_status status = SHERF_OK;
+    int64_t width = 0, height = 0;
+    *out = (parsed_camera){.K = {0, 0, size[0] / 2., 0, 0, size[1] / 2., 0, 0, 1},
+                           .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    if (value_get(v, "K")) {
+        status = value_doubles(c, value_get(v, "K"), "camera: K", 9, out->K);
+    } else if (value_get(v, "fov_deg")) {
+        status = value_doubles(c, value_get(v, "fov_deg"), "camera: fov_deg", 1, &number);
+        if (!status && !(number > 0.1 && number < 179))
+            status = failure(c, SHERF_BAD_FILE, "camera: fov_deg should lie between 0.1 and 179");
+        if (!status) out->K[0] = out->K[4] = size[1] / 2. / tan(number * 3.14159265358979323846 / 360);
+    } else if (value_get(v, "focal_px")) {
+        status = value_doubles(c, value_get(v, "focal_px"), "camera: focal_px", 1, &number);
+        if (!status) out->K[0] = out->K[4] = number;
+    } else {
+        status = failure(c, SHERF_BAD_FILE, "camera: needs K, fov_deg or focal_px");
+    }
+    if (!status && value_get(v, "R")) {
+        float R[9];
+        status = parse_rotation(c, value_get(v, "R"), "camera: R", R);
+        for (int i = 0; i < 9 && !status; i++) out->R[i] = R[i];
+    }
+    if (!status && value_get(v, "T")) status = value_doubles(c, value_get(v, "T"), "camera: T", 3, out->T);
+    if (!status && value_get(v, "D")) status = value_doubles(c, value_get(v, "D"), "camera: D", 5, out->D);
+    if (!status && value_get(v, "width"))
+        status = value_integer(c, value_get(v, "width"), "camera: width", &width);
+    if (!status && value_get(v, "height"))
+        status = value_integer(c, value_get(v, "height"), "camera: height", &height);
+    if (!status) status = camera_size_check(c, width, height, size);
+    return status ? status : parsed_camera_check(c, out);
+}
+
+static sherf_status camera_from_file(context *c, const char *path, const value *root, const int size[2],
+                                     parsed_camera *out) {
+    sherf_camera *camera = NULL;
+    int count, i = 0;
+    sherf_status status = sherf_cameras_load(c, path, &camera, &count);
+    if (!status) status = optional_index(c, root, "camera_index", count, &i);
+    if (!status) status = camera_size_check(c, camera[i].width_px, camera[i].height_px, size);
+    if (!status) {
+        *out = (parsed_camera){{0}, {0}, {0}, {0}};
+        for (int k = 0; k < 9; k++) out->K[k] = camera[i].K[k], out->R[k] = camera[i].R[k];
+        for (int k = 0; k < 3; k++) out->T[k] = camera[i].T_m[k];
+    }
+    mem_free(camera);
+    return status;
+}
+
+static sherf_status pose_from_file(context *c, const char *path, const value *root, sherf_pose *out) {
+    sherf_pose *pose = NULL;
+    int count, i = 0;
+    sherf_status status = sherf_poses_load(c, path, &pose, &count);
+    if (!status) status = optional_index(c, root, "body_index", count, &i);
+    if (!status) *out = pose[i];
+    mem_free(pose);
+    return status;
+}
+
+typedef struct {
+    char image[PATH_LENGTH], mask[PATH_LENGTH], other[PATH_LENGTH];
+} file_names;
+
+static sherf_status observation_from_json(context *c, const value *root, const char *folder,
+                                          file_names *names, view_source *source) {
+    sherf_status status;
+    int size[2], channels;
+    const value *camera = value_get(root, "camera"), *body = value_get(root, "body");
+    if ((status = named_file(c, root, "image", folder, names->image)) ||
+        (value_get(root, "mask") && (status = named_file(c, root, "mask", folder, names->mask))) ||
+        (status = image_size(c, names->image, &size[0], &size[1], &channels)))
+        return status;
+    if (camera && camera->kind == VALUE_STRING) {
+        if ((status = named_file(c, root, "camera", folder, names->other)) ||
+            (status = camera_from_file(c, names->other, root, size, &source->camera)))
+            return status;
+    } else if (!camera) {
+        return failure(c, SHERF_BAD_FILE, "\"camera\" is missing");
+    } else if ((status = camera_object(c, camera, size, &source->camera))) {
+        return status;
+    }
+    if (body && body->kind == VALUE_STRING) {
+        if ((status = named_file(c, root, "body", folder, names->other))) return status;
+        return pose_from_file(c, names->other, root, &source->pose);
+    }
+    if (!body) return failure(c, SHERF_BAD_FILE, "\"body\" is missing");
+    status = parse_pose(c, body, &source->pose);
+    return status ? failure_prefix(c, status, "body") : SHERF_OK;
+}
+
+/* The first of these names that is a file in the folder. */
+static sherf_status first_file(context *c, const char *folder, const char *const *name,
+                               char out[PATH_LENGTH]) {
+    for (size_t i = 0; name[i]; i++) {
+        sherf_status status = path_join(c, out, PATH_LENGTH, folder, name[i]);
+        if (status) return status;
+        if (path_is_file(out)) return SHERF_OK;
+    }
+    return failure(c, SHERF_NO_FILE, "%s: neither observation.json nor %s in it", folder, name[0]);
+}
+
+/* A folder without observation.json: files with fixed names. */
+static sherf_status observation_from_folder(context *c, const char *folder, file_names *names,
+                                            view_source *source) {
+    static const char *const images[] = {"image.png",  "image.jpg",  "image.jpeg", "image.webp",
+                                         "image.heic", "image.heif", "image.avif", NULL};
+    static const char *const cameras[] = {"camera.json", NULL};
+    static const char *const bodies[] = {"body.json", "body.npz", "body.npy", NULL};
+    int size[2], channels;
+    document *d = NULL;
+    sherf_status status;
+    if ((status = first_file(c, folder, images, names->image)) ||
+        (status = path_join(c, names->mask, sizeof names->mask, folder, "mask.png")) ||
+        (status = image_size(c, names->image, &size[0], &size[1], &channels)) ||
+        (status = first_file(c, folder, cameras, names->other)) || (status = json_read(c, names->other, &d)))
+        return status;
+    if (!path_is_file(names->mask)) names->mask[0] = 0; /* the picture's alpha then */
+    const value *camera = value_get(d->root, "camera");
+    status = camera_object(c, camera ? camera : d->root, size, &source->camera);
+    if (status) failure_prefix(c, status, "%s", names->other);
+    document_free(d);
+    if (status || (status = first_file(c, folder, bodies, names->other))) return status;
+    value none = {.kind = VALUE_NONE};
+    return pose_from_file(c, names->other, &none, &source->pose);
+}
+
+static sherf_status observation_from_files(context *c, const char *path, sherf_observation **out) {
+    sherf_status status;
+    document *d = NULL;
+    bool folder = path_is_folder(path);
+    char json[PATH_LENGTH], base[PATH_LENGTH];
+    view_source source = {.scale = 1, .observed = true};
+    file_names *names = mem_zero(c, 1, sizeof *names);
+    if (!names) return SHERF_NO_MEMORY;
+    if ((status = path_join(c, base, sizeof base, "", path))) goto done;
+    if (folder) {
+        if ((status = path_join(c, json, sizeof json, path, "observation.json"))) goto done;
+    } else {
+        memcpy(json, base, sizeof json);
+        char *slash = strrchr(base, '/');
+        if (!slash)
+            strcpy(base, ".");
+        else if (slash == base)
+            base[1] = 0;
+        else
+            *slash = 0;
+    }
+    if (folder && !path_is_file(json)) {
+        status = observation_from_folder(c, path, names, &source);
+    } else {
+        if ((status = json_read(c, json, &d))) goto done;
+        status = observation_from_json(c, d->root, base, names, &source);
+        if (status) failure_prefix(c, status, "%s", json);
+    }
+    source.image = names->image;
+    source.mask = names->mask[0] ? names->mask : NULL;
+    if (status || (status = view_assemble(c, &source, out))) goto done;
+    status = observation_check(c, *out);
+    if (status) failure_prefix(c, status, "%s", path);
+done:
+    mem_free(names);
+    document_free(d);
+    if (status) {
+        sherf_observation_free(*out);
+        *out = NULL;
+    }
+    return status;
+}
+
+/* DATA#PERSON/POSE/VIEW: the person by name or list line. */
+static sherf_status observation_from_dataset(context *c, const char *path, const char *hash,
+                                             sherf_observation **out) {
+    char spec[PATH_LENGTH], person[PATH_LENGTH];
+    sherf_dataset *d = NULL;
+    int *index = NULL, count = 0, pose, view, end = 0;
+    size_t n = (size_t)(hash - path);
+    if (n >= sizeof spec || strlen(hash) >= sizeof person)
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
+    memcpy(spec, path, n);
+    spec[n] = 0;
+    strcpy(person, hash + 1);
+    char *slash = strrchr(person, '/');
+    if (slash) *slash = 0;
+    char *first = slash ? strrchr(person, '/') : NULL;
+    if (first) *first = 0;
+    if (!first || !person[0] || sscanf(hash + 1 + (first - person), "/%d/%d%n", &pose, &view, &end) != 2 ||
+        hash[1 + (first - person) + end])
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: expected DATA#PERSON/POSE/VIEW", path);
+    sherf_status status = sherf_dataset_open(c, spec, &d);
+    if (!status) status = dataset_people(c, d, person, false, &index, &count);
+    if (!status && count != 1)
+        status = failure(c, SHERF_BAD_ARGUMENT, "%s: names %d people, expected one", path, count);
+    if (!status) status = sherf_dataset_observation(c, d, index[0], pose, view, out);
+    mem_free(index);
+    sherf_dataset_free(d);
+    return status;
+}
+
+sherf_status sherf_observation_load(sherf_context *c, const char *path, sherf_observation **out) {
+    *out = NULL;
+    if (path_is_file(path) && image_file_kind(path))
+        return failure(c, SHERF_BAD_FILE,
+                       "%s: a picture alone is no observation: camera, body pose and mask belong to it, "
+                       "named in an observation.json (docs/observation.md)",
+                       path);
+    if (path_is_folder(path) || path_is_file(path)) return observation_from_files(c, path, out);
+    const char *hash = strrchr(path, '#');
+    if (hash) return observation_from_dataset(c, path, hash, out);
+    return failure(c, SHERF_NO_FILE, "%s: no such file or folder", path);
+}

@@ -1,73 +1,86 @@
 #!/bin/sh
-# Includes go down the table of rooms only (docs/architecture.md): a room may include its own headers and
-# those of the rooms listed here, and sherf/sherf.h. A model's own folder, src/model/NAME, is for its files alone.
+# The table of rooms in docs/architecture.md is the rule: a room's sources may include its own headers and those of the rooms in
+# the table's last column, all of which stand above it, and call only such public functions (sherf/sherf.h) as are defined there.
+# The program and the documents' examples see sherf/sherf.h alone.
 set -eu
 cd "$(dirname "$0")/.."
-may_include() {
-    case $1 in
-    base) echo "base" ;;
-    tensor) echo "base tensor" ;;
-    nn) echo "base tensor nn" ;;
-    body) echo "base tensor body" ;;
-    render) echo "base tensor nn body render" ;;
-    model) echo "base tensor io nn body render data model" ;;
-    io) echo "base tensor io" ;;
-    data) echo "base tensor io body render data" ;;
-    viewer) echo "base tensor nn body render model io viewer" ;;
-    motion) echo "base tensor io body render data motion" ;;
-    estimate) echo "base tensor io nn body render data model motion estimate" ;;
-    synth/trace) echo "base tensor io body render synth/trace" ;;
-    synth/body) echo "base tensor io body render data synth/body" ;;
-    synth/people) echo "base tensor io body render data synth/body synth/trace synth/people" ;;
-    synth/tube) echo "base tensor io body render data synth/tube" ;;
-    train | eval) echo "base tensor nn body render model io data motion synth/people synth/tube estimate train eval" ;;
-    baked) echo "base tensor io nn body render model data baked" ;;
-    export) echo "base tensor io nn body render model data motion baked export" ;;
-    *) return 1 ;;
-    esac
+files=$(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu' 'cli/*.c' 'cli/*.h' 'docs/*.c')
+# shellcheck disable=SC2086
+awk '
+function complain(text) { print text > "/dev/stderr"; wrong = 1 }
+function folder(path) { return match(path, /.*\//) ? substr(path, 1, RLENGTH - 1) : "." }
+# The longest room that the path below src/ lies in.
+function room_of(path) {
+    while (sub(/\/[^\/]*$/, "", path)) if (path in rank) return path
+    return ""
 }
-# The room of a path below src/: its first folder, and of synth the second one too.
-room_of() {
-    case $1 in
-    synth/*/*) room=${1#synth/}; echo "synth/${room%%/*}" ;;
-    *) echo "${1%%/*}" ;;
-    esac
+function may(from, to) { return from == to || index(below[from], " " to " ") > 0 }
+function include(file, header,    where) {
+    where = folder(file)
+    if (header == "sherf/sherf.h") return
+    if (file !~ /^src\//) {
+        if (!((where "/" header) in exists)) complain(file ": includes \"" header "\": only sherf/sherf.h is public")
+    } else if (("src/" header) in exists) {
+        if (!may(room, room_of(header))) complain(file ": includes \"" header "\", which is not below " room)
+    } else if (header ~ /^\.\.\// || !((where "/" header) in exists))
+        complain(file ": includes \"" header "\", which is neither below " room " nor in its folder")
 }
-wrong=0
-complain() {
-    echo "$1" >&2
-    wrong=1
+# A definition begins a line; any other mention is a use.
+function names(file, line,    name, defines) {
+    gsub(/\/\*[^*]*\*\//, "", line)
+    if (line ~ /^ *(\/\*|\*)/) return
+    defines = file ~ /\.c$/ && line ~ /^[a-z].*\(/ && line !~ /;$/
+    while (match(line, /sherf_[a-z0-9_]+/)) {
+        name = substr(line, RSTART, RLENGTH)
+        line = substr(line, RSTART + RLENGTH)
+        if (!(name in public)) continue
+        if (defines && line ~ /^\(/) home[name] = file
+        else if (!((file, name) in seen)) { seen[file, name] = 1; use[++uses] = file " " name }
+        defines = 0
+    }
 }
-for file in $(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu'); do
-    room=$(room_of "${file#src/}")
-    rooms=$(may_include "$room") || { complain "$file: the room '$room' is not in the table"; continue; }
-    for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
-        case $header in
-        model/*/*)
-            owner=${header#model/}
-            owner=${owner%%/*}
-            case $file in
-            src/model/"$owner"/*) ;;
-            *) complain "$file: includes \"$header\": the model's own; others know src/model/*.h" ;;
-            esac ;;
-        sherf/sherf.h) ;;
-        */*)
-            case " $rooms " in
-            *" $(room_of "$header") "*) ;;
-            *) # a path inside the room, as "ops/x.h" from src/tensor
-                [ -f "$(dirname "$file")/$header" ] && case $header in ../*) false ;; esac ||
-                    complain "$file: includes \"$header\", which is not below $room" ;;
-            esac ;;
-        *) [ -f "$(dirname "$file")/$header" ] || complain "$file: includes \"$header\", which is not in its folder" ;;
-        esac
-    done
-done
-# The program is made of the public API alone.
-for file in $(git ls-files 'cli/*.c' 'cli/*.h' 'docs/*.c'); do
-    for header in $(sed -n 's/^[[:space:]]*#[[:space:]]*include[[:space:]]*"\([^"]*\)".*/\1/p' "$file"); do
-        [ "$header" = sherf/sherf.h ] || [ -f "$(dirname "$file")/$header" ] ||
-            complain "$file: includes \"$header\": only sherf/sherf.h is public"
-    done
-done
-[ $wrong = 0 ] && echo "includes: go down only"
-exit $wrong
+BEGIN {
+    while ((getline line < "docs/architecture.md") > 0) {
+        if (line !~ /^\| `src\//) continue
+        split(line, cell, "|")
+        room = cell[2]
+        gsub(/[` ]|src\/|\/`/, "", room)
+        sub(/\/$/, "", room)
+        gsub(/[ ]/, "", cell[4])
+        rooms = cell[4] == "-" ? 0 : split(cell[4], list, ",")
+        below[room] = " "
+        for (i = 1; i <= rooms; i++) {
+            if (!(list[i] in rank)) complain("docs/architecture.md: " list[i] ", below " room ", does not stand above it")
+            below[room] = below[room] list[i] " "
+        }
+        rank[room] = 1
+    }
+    while ((getline line < "include/sherf/sherf.h") > 0) {
+        api = api || line ~ /SHERF_API/
+        if (api && match(line, /sherf_[a-z0-9_]+\(/)) { public[substr(line, RSTART, RLENGTH - 1)] = 1; api = 0 }
+    }
+    for (i = 1; i < ARGC; i++) exists[ARGV[i]] = 1
+    for (i = 1; i < ARGC; i++) {
+        file = ARGV[i]
+        room = file ~ /^src\// ? room_of(substr(file, 5)) : ""
+        if (file ~ /^src\// && room == "") complain(file ": its room is not in the table of docs/architecture.md")
+        while ((getline line < file) > 0) {
+            if (match(line, /^[ \t]*#[ \t]*include[ \t]*"[^"]*"/)) {
+                split(line, part, "\"")
+                include(file, part[2])
+            } else if (room != "")
+                names(file, line)
+        }
+        close(file)
+    }
+    for (i = 1; i <= uses; i++) {
+        split(use[i], part, " ")
+        file = part[1]; name = part[2]
+        if (!(name in home)) { complain(file ": uses " name ", which nobody defines"); continue }
+        room = room_of(substr(file, 5))
+        to = room_of(substr(home[name], 5))
+        if (!may(room, to)) complain(file ": calls " name " (" home[name] "), which is not below " room)
+    }
+    if (!wrong) print "includes and calls: within the table of rooms"
+    exit wrong
+}' $files

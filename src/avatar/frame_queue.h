@@ -1,6 +1,6 @@
 /* frame_queue: pictures made on one thread and written on another, a few of them waiting in between. */
-#ifndef SHERF_MOTION_FRAME_QUEUE_H
-#define SHERF_MOTION_FRAME_QUEUE_H
+#ifndef SHERF_FRAME_QUEUE_H
+#define SHERF_FRAME_QUEUE_H
 
 #include "base/base.h"
 

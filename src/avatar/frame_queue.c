@@ -1,6 +1,7 @@
+/* A ring of pictures under a lock: one thread fills slots, the other takes them. */
 #include <pthread.h>
 
-#include "motion/frame_queue.h"
+#include "avatar/frame_queue.h"
 
 enum { SLOTS = 4 };
 

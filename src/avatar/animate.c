@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "base/path.h"
-#include "motion/frame_queue.h"
+#include "avatar/frame_queue.h"
 #include "motion/motion.h"
 
 /* ---- where frames go ---- */

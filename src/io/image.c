@@ -158,6 +158,14 @@ static void png_exif(decoder *d) {
     }
 }
 
+static void png_profile(decoder *d, png_structp png, png_infop info) {
+    png_charp name;
+    png_bytep profile;
+    png_uint_32 bytes;
+    int method;
+    if (png_get_iCCP(png, info, &name, &method, &profile, &bytes)) image_profile_take(d, profile, bytes);
+}
+
 static void png_decode(decoder *d) {
     png_infop volatile info = NULL;
     png_structp volatile png = png_create_read_struct_2(PNG_LIBPNG_VER_STRING, d, png_failed, png_warned, d,
@@ -186,6 +194,7 @@ static void png_decode(decoder *d) {
     if (png_get_valid(png, info, PNG_INFO_tRNS)) d->own_channels++;
     d->alpha = d->own_channels == 2 || d->own_channels == 4;
     png_exif(d);
+    png_profile(d, png, info);
     if (d->status == SHERF_OK && d->channels) {
         png_transforms(d, png, info);
         png_rows(d, png, info);
@@ -249,6 +258,13 @@ static void jpeg_exif(decoder *d, const struct jpeg_decompress_struct *j) {
         }
 }
 
+static void jpeg_profile(decoder *d, struct jpeg_decompress_struct *j) {
+    JOCTET *profile = NULL;
+    unsigned bytes = 0;
+    if (d->photo && jpeg_read_icc_profile(j, &profile, &bytes)) image_profile_take(d, profile, bytes);
+    free(profile);
+}
+
 static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
     bool cmyk = j->jpeg_color_space == JCS_CMYK || j->jpeg_color_space == JCS_YCCK;
     bool adobe = j->saw_Adobe_marker;
@@ -292,11 +308,13 @@ static void jpeg_decode(decoder *d) {
     struct jpeg_progress_mgr progress_manager = {.progress_monitor = jpeg_progressed};
     j.progress = &progress_manager;
     jpeg_save_markers(&j, JPEG_APP0 + 1, 0xffff);
+    if (d->photo) jpeg_save_markers(&j, JPEG_APP0 + 2, 0xffff);
     jpeg_mem_src(&j, d->data, d->bytes);
     jpeg_read_header(&j, TRUE);
     d->status = image_check_size(d, j.image_width, j.image_height);
     d->own_channels = j.num_components;
     jpeg_exif(d, &j);
+    if (d->status == SHERF_OK) jpeg_profile(d, &j);
     if (d->status == SHERF_OK && d->channels) jpeg_rows(d, &j);
     jpeg_destroy_decompress(&j);
 }
@@ -370,7 +388,9 @@ sherf_status image_broken(decoder *d, const char *kind, const char *why) {
 
 static sherf_status decode(decoder *d) {
     decode_any(d);
+    if (d->status == SHERF_OK && d->photo && d->channels) image_profile_apply(d);
     if (d->status == SHERF_OK && d->exif.orientation > 1) turn(d);
+    mem_free(d->profile);
     mem_free(d->row);
     mem_free(d->rows);
     if (d->status != SHERF_OK) {
@@ -381,8 +401,8 @@ static sherf_status decode(decoder *d) {
 }
 
 /* info may be NULL. */
-static sherf_status parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out,
-                          photo_info *info) {
+static sherf_status parse(context *c, const unsigned char *data, size_t bytes, int channels, bool photo,
+                          image_u8 *out, photo_info *info) {
     decoder *d = mem_zero(c, 1, sizeof *d);
     *out = (image_u8){0};
     if (!d) return SHERF_NO_MEMORY;
@@ -391,6 +411,7 @@ static sherf_status parse(context *c, const unsigned char *data, size_t bytes, i
     d->bytes = bytes;
     d->mask = channels == IMAGE_MASK;
     d->channels = d->mask ? 1 : channels;
+    d->photo = photo;
     d->exif.orientation = 1;
     sherf_status status = decode(d);
     *out = d->out;
@@ -402,13 +423,14 @@ static sherf_status parse(context *c, const unsigned char *data, size_t bytes, i
                              .channels = d->own_channels,
                              .alpha = d->alpha,
                              .orientation = d->exif.orientation,
+                             .profile = d->profile_fate,
                              .focal_px = (float)exif_focal_px(&d->exif, d->out.width, d->out.height)};
     mem_free(d);
     return status;
 }
 
 sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, int channels, image_u8 *out) {
-    return parse(c, data, bytes, channels, out, NULL);
+    return parse(c, data, bytes, channels, false, out, NULL);
 }
 
 static sherf_status read_file(context *c, const char *path, int channels, image_u8 *out) {
@@ -425,8 +447,8 @@ static sherf_status read_file(context *c, const char *path, int channels, image_
 sherf_status image_photo_parse(context *c, const unsigned char *data, size_t bytes, image_u8 *out,
                                photo_info *info) {
     *info = (photo_info){0};
-    sherf_status status = parse(c, data, bytes, 0, out, info);
-    if (status == SHERF_OK) status = parse(c, data, bytes, info->alpha ? 4 : 3, out, NULL);
+    sherf_status status = parse(c, data, bytes, 0, true, out, info);
+    if (status == SHERF_OK) status = parse(c, data, bytes, info->alpha ? 4 : 3, true, out, info);
     return status;
 }
 
@@ -437,8 +459,12 @@ static sherf_status photo_file(context *c, const char *path, bool pixels, image_
     *info = (photo_info){0};
     sherf_status status = file_read(c, path, image_bytes_max, &data, &bytes);
     if (status != SHERF_OK) return status;
-    status = pixels ? image_photo_parse(c, data, bytes, out, info) : parse(c, data, bytes, 0, out, info);
+    status =
+        pixels ? image_photo_parse(c, data, bytes, out, info) : parse(c, data, bytes, 0, true, out, info);
     mem_free(data);
+    if (status == SHERF_OK && info->profile == PROFILE_BROKEN)
+        log_line(c, SHERF_LOG_WARNING, "%s: its colour profile cannot be read, its colours are taken as sRGB",
+                 path);
     return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
 }
 

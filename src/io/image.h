@@ -1,7 +1,7 @@
 /* Pictures. PNG (1-16 bit, grey, palette, alpha), JPEG (grey, YCbCr, CMYK), WebP, HEIC and AVIF come in as
  * 8-bit RGB or grey, upright as EXIF, PNG's eXIf or the container says; which of them a file is, its first
- * bytes tell, not its name. At most 32768 pixels on a side and 128 * 2^20 in all. Colour profiles are not
- * looked at. */
+ * bytes tell, not its name. At most 32768 pixels on a side and 128 * 2^20 in all. Colour profiles are looked
+ * at in photos alone: what is scored is read as OpenCV reads it. */
 #ifndef SHERF_IMAGE_H
 #define SHERF_IMAGE_H
 
@@ -24,15 +24,21 @@ sherf_status image_parse(context *c, const unsigned char *data, size_t bytes, in
 /* channels: as in the file (a palette counts as colour). */
 sherf_status image_size(context *c, const char *path, int *width, int *height, int *channels);
 
+/* sRGB or none; another one, the colours are sRGB's now; one that cannot be read, the colours are as in the
+ * file.
+ */
+typedef enum { PROFILE_NONE, PROFILE_TAKEN, PROFILE_BROKEN } profile_fate;
+
 typedef struct {
     const char *kind;  /* "PNG", "JPEG", "WebP", "HEIC", "AVIF" */
     int width, height; /* upright */
     int channels;      /* as in the file (a palette counts as colour) */
     bool alpha;        /* the file has it: the picture has 4 channels, else 3 */
     int orientation;   /* EXIF's of the file: 1 upright; else it has been turned (HEIC and AVIF: always 1) */
-    float focal_px;    /* of the upright picture, by EXIF; 0 where it does not say (io/exif.h) */
+    profile_fate profile; /* known once the pixels have been read */
+    float focal_px;       /* of the upright picture, by EXIF; 0 where it does not say (io/exif.h) */
 } photo_info;
-/* A photo as a camera or phone wrote it. Reading 40 megapixels takes at most
+/* A photo as a camera or phone wrote it, in sRGB. Reading 40 megapixels takes at most
  * 0.3 GB and, of a HEIC, 3.3 s (JPEG 0.8) on two cores. */
 sherf_status image_photo_read(context *c, const char *path, image_u8 *out, photo_info *info);
 sherf_status image_photo_info(context *c, const char *path,

@@ -8,7 +8,7 @@
 
 /* libheif takes the side of a square of pixels. */
 enum { HEIF_SIDE_MAX = 11585 };
-static const size_t exif_bytes_max = (size_t)1 << 20;
+static const size_t exif_bytes_max = (size_t)1 << 20, profile_bytes_max = (size_t)4 << 20;
 
 typedef struct {
     struct heif_context *file;
@@ -47,6 +47,25 @@ static void exif_from(image_decoder *d, const struct heif_image_handle *handle) 
     }
     d->exif.orientation = 1;
     mem_free(data);
+}
+
+/* An ICC profile, or else the code of the primaries. Curves for bright screens (PQ, HLG) are not undone. */
+static void profile_from(image_decoder *d, const struct heif_image_handle *handle) {
+    struct heif_color_profile_nclx *nclx = NULL;
+    const size_t bytes = heif_image_handle_get_raw_color_profile_size(handle);
+    if (bytes && bytes <= profile_bytes_max) {
+        uint8_t *data = mem_alloc(d->c, bytes, 1);
+        if (!data)
+            d->status = SHERF_NO_MEMORY;
+        else if (heif_image_handle_get_raw_color_profile(handle, data).code == heif_error_Ok)
+            image_profile_take(d, data, bytes);
+        mem_free(data);
+    } else if (bytes) {
+        d->profile_fate = PROFILE_BROKEN;
+    } else if (heif_image_handle_get_nclx_color_profile(handle, &nclx).code == heif_error_Ok && nclx) {
+        d->primaries = (int)nclx->color_primaries;
+    }
+    heif_nclx_color_profile_free(nclx);
 }
 
 /* Colours that were multiplied by alpha are divided by it. */
@@ -123,6 +142,7 @@ void image_heif_decode(image_decoder *d, const char *kind) {
     d->alpha = heif_image_handle_has_alpha_channel(p.handle);
     d->own_channels = d->alpha ? 4 : 3;
     exif_from(d, p.handle);
+    if (!d->status && d->photo) profile_from(d, p.handle);
     if (!d->status && d->channels) check_streams(d, kind);
     if (!d->status && d->channels) decode_picture(d, kind, &p);
 done:

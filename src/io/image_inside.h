@@ -20,7 +20,12 @@ typedef struct {
     int channels;         /* wanted; 0: only the size is asked for */
     bool mask;            /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
     int own_channels;
-    bool alpha;      /* the file has it */
+    bool alpha;             /* the file has it */
+    bool photo;             /* colours by the profile */
+    unsigned char *profile; /* ICC's, mem_free */
+    size_t profile_bytes;
+    int primaries; /* of HEIC and AVIF without one: H.273's code, 0 for none */
+    profile_fate profile_fate;
     exif_facts exif; /* its orientation: how the decoded picture still is to be turned */
 } image_decoder;
 
@@ -34,6 +39,12 @@ sherf_status image_broken(image_decoder *d, const char *kind, const char *why);
 sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height);
 /* Takes d->out.data, and d->row of row_bytes (0: none). */
 bool image_make_room(image_decoder *d, size_t row_bytes);
+/* ---- image_profile.c ---- */
+/* Copies an ICC profile to d->profile where it is wanted; false, with d->status, without memory. */
+bool image_profile_take(image_decoder *d, const void *data, size_t bytes);
+/* Turns the colours of d->out to sRGB; a profile that cannot be read is left out. */
+void image_profile_apply(image_decoder *d);
+
 /* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
 void image_put_row(image_decoder *d, const uint8_t *row, int y, int from);
 #endif

@@ -17,12 +17,16 @@ static const char *reason(VP8StatusCode code) {
     }
 }
 
-static void exif_from(image_decoder *d) {
+static void facts_from(image_decoder *d) {
     const WebPData all = {d->data, d->bytes};
     WebPChunkIterator chunk;
     WebPDemuxer *demuxer = WebPDemux(&all);
     if (demuxer && WebPDemuxGetChunk(demuxer, "EXIF", 1, &chunk)) {
         exif_read(chunk.chunk.bytes, chunk.chunk.size, &d->exif);
+        WebPDemuxReleaseChunkIterator(&chunk);
+    }
+    if (demuxer && WebPDemuxGetChunk(demuxer, "ICCP", 1, &chunk)) {
+        image_profile_take(d, chunk.chunk.bytes, chunk.chunk.size);
         WebPDemuxReleaseChunkIterator(&chunk);
     }
     WebPDemuxDelete(demuxer);
@@ -64,7 +68,7 @@ void image_webp_decode(image_decoder *d) {
     if (d->status) return;
     d->alpha = config.input.has_alpha;
     d->own_channels = d->alpha ? 4 : 3;
-    exif_from(d);
-    if (d->channels) decode_rows(d, &config);
+    facts_from(d);
+    if (!d->status && d->channels) decode_rows(d, &config);
     WebPFreeDecBuffer(&config.output);
 }

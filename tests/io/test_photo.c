@@ -1,5 +1,6 @@
 /* Photos as people have them: every turn in every kind, alpha, focal lengths, and names for what is no
  * picture. The picture is always the same: 24 x 16 pixels, a colour a quarter. */
+#include <lcms2.h>
 #include <math.h>
 #include <zlib.h>
 
@@ -396,6 +397,149 @@ static void test_without_memory(void **state) {
         }
 }
 
+/* ---- colour profiles ---- */
+
+/* Display P3 to sRGB by the published matrix, both with sRGB's curve. */
+static int from_p3(const uint8_t *p, int k) {
+    static const double m[3][3] = {{1.2249, -0.2247, 0}, {-0.0420, 1.0419, 0}, {-0.0197, -0.0786, 1.0979}};
+    double sum = 0;
+    for (int i = 0; i < 3; i++) {
+        const double v = p[i] / 255.;
+        sum += m[k][i] * (v > 0.04045 ? pow((v + 0.055) / 1.055, 2.4) : v / 12.92);
+    }
+    sum = sum < 0 ? 0 : sum > 1 ? 1 : sum;
+    return (int)lrint(255 * (sum > 0.0031308 ? 1.055 * pow(sum, 1 / 2.4) - 0.055 : 12.92 * sum));
+}
+
+/* An ICC profile of sRGB's curve with red and green as given. */
+static void make_profile(bytes *b, const double red[2], const double green[2]) {
+    const cmsCIExyY white = {0.3127, 0.3290, 1};
+    const cmsCIExyYTRIPLE primaries = {{red[0], red[1], 1}, {green[0], green[1], 1}, {0.15, 0.06, 1}};
+    const double srgb[] = {2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045};
+    cmsToneCurve *curve = cmsBuildParametricToneCurve(NULL, 4, srgb), *curves[] = {curve, curve, curve};
+    cmsHPROFILE profile = cmsCreateRGBProfile(&white, &primaries, curves);
+    cmsUInt32Number n = 0;
+    assert_true(cmsSaveProfileToMem(profile, NULL, &n) && n <= sizeof b->data);
+    assert_true(cmsSaveProfileToMem(profile, b->data, &n));
+    b->n = n;
+    cmsCloseProfile(profile);
+    cmsFreeToneCurve(curve);
+}
+
+static void jpeg_with(context *c, bytes *b, const bytes *profile) {
+    uint8_t rgb[W * H * 3], *data;
+    int width, height;
+    size_t length;
+    stored(1, 3, &width, &height, rgb);
+    assert_ok(c, jpeg_to_memory(c, W, H, rgb, 98, &data, &length));
+    put(b, "\xff\xd8\xff\xe2", 4);
+    put_number(b, (uint32_t)profile->n + 16, 2, true);
+    put(b, "ICC_PROFILE\0\1\1", 14);
+    put(b, profile->data, profile->n);
+    put(b, data + 2, length - 2);
+    mem_free(data);
+}
+
+static void png_with(context *c, bytes *b, const bytes *profile) {
+    uint8_t rgba[W * H * 4], *data;
+    int width, height;
+    size_t length;
+    uLongf packed = 3000;
+    bytes chunk = {0};
+    put(&chunk, "iCCPx\0", 7);
+    assert_int_equal(compress(chunk.data + chunk.n, &packed, profile->data, profile->n), Z_OK);
+    chunk.n += packed;
+    stored(1, 4, &width, &height, rgba);
+    assert_ok(c, png_to_memory(c, W, H, 4, rgba, 6, &data, &length));
+    put(b, data, 8 + 25);
+    put_number(b, (uint32_t)chunk.n - 4, 4, true);
+    put(b, chunk.data, chunk.n);
+    put_number(b, (uint32_t)crc32(0, chunk.data, (uInt)chunk.n), 4, true);
+    put(b, data + 8 + 25, length - 8 - 25);
+    mem_free(data);
+}
+
+static void webp_with(context *c, bytes *b, const bytes *profile) {
+    bytes plain = {0};
+    put_file(c, &plain, "quad.webp");
+    const uint32_t padded = (uint32_t)(profile->n + profile->n % 2);
+    put(b, "RIFF", 4);
+    put_number(b, (uint32_t)(4 + 18 + 8 + padded + plain.n - 12), 4, false);
+    put(b, "WEBPVP8X", 8);
+    put_number(b, 10, 4, false);
+    put_number(b, 32, 4, false);
+    put_number(b, W - 1, 3, false);
+    put_number(b, H - 1, 3, false);
+    put(b, "ICCP", 4);
+    put_number(b, (uint32_t)profile->n, 4, false);
+    put(b, profile->data, profile->n);
+    if (profile->n % 2) put(b, "", 1);
+    put(b, plain.data + 12, plain.n - 12);
+}
+
+/* turn1.avif with another code for its primaries. */
+static void avif_with(context *c, bytes *b, int primaries) {
+    put_file(c, b, "turn1.avif");
+    for (size_t i = 0; i + 6 < b->n; i++)
+        if (!memcmp(b->data + i, "nclx", 4)) {
+            b->data[i + 4] = 0, b->data[i + 5] = (uint8_t)primaries;
+            return;
+        }
+    fail_msg("no nclx");
+}
+
+static void assert_colours(context *c, const bytes *b, profile_fate fate, int tolerance) {
+    image_u8 p, other, plain;
+    photo_info info;
+    c->threads = 1;
+    assert_ok(c, image_photo_parse(c, b->data, b->n, &p, &info));
+    c->threads = 2;
+    assert_ok(c, image_photo_parse(c, b->data, b->n, &other, &info));
+    assert_ok(c, image_parse(c, b->data, b->n, p.channels, &plain)); /* no photo: as in the file */
+    assert_memory_equal(p.data, other.data, (size_t)(W * H * p.channels));
+    assert_int_equal(info.profile, fate);
+    for (int y = 2; y < H; y += 11)
+        for (int x = 2; x < W; x += 19)
+            for (int k = 0; k < p.channels; k++) {
+                const size_t at = (size_t)((y * W + x) * p.channels + k);
+                const uint8_t *own = plain.data + at - k;
+                const int want = k < 3 && fate == PROFILE_TAKEN ? from_p3(own, k) : own[k];
+                if (abs(p.data[at] - want) > tolerance)
+                    fail_msg("%s, channel %d: %d, not %d", info.kind, k, p.data[at], want);
+            }
+    assert_int_equal(abs(p.data[0] - plain.data[0]) > 10, fate == PROFILE_TAKEN);
+    mem_free(p.data);
+    mem_free(other.data);
+    mem_free(plain.data);
+}
+
+static void test_profiles(void **state) {
+    static void (*const make[])(context *, bytes *, const bytes *) = {jpeg_with, png_with, webp_with};
+    static const double p3[2][2] = {{0.680, 0.320}, {0.265, 0.690}}, srgb[2][2] = {{0.64, 0.33}, {0.3, 0.6}};
+    context *c = *state;
+    for (size_t i = 0; i < COUNT_OF(make); i++) {
+        bytes wide = {0}, usual = {0}, broken, file = {0};
+        make_profile(&wide, p3[0], p3[1]);
+        make[i](c, &file, &wide);
+        assert_colours(c, &file, PROFILE_TAKEN, 2);
+        make_profile(&usual, srgb[0], srgb[1]);
+        file.n = 0;
+        make[i](c, &file, &usual);
+        assert_colours(c, &file, PROFILE_NONE, 0);
+        if (make[i] == png_with) continue; /* libpng leaves a broken one out by itself */
+        broken = wide;
+        memset(broken.data + 128, 255, 200); /* how many tags, and where they are */
+        file.n = 0;
+        make[i](c, &file, &broken);
+        assert_colours(c, &file, PROFILE_BROKEN, 0);
+    }
+    for (int primaries = 1; primaries <= 12; primaries += 11) {
+        bytes file = {0};
+        avif_with(c, &file, primaries);
+        assert_colours(c, &file, primaries == 12 ? PROFILE_TAKEN : PROFILE_NONE, primaries == 12 ? 2 : 0);
+    }
+}
+
 static int setup(void **state) {
     *state = test_context();
     return 0;
@@ -407,10 +551,10 @@ static int teardown(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_turns),         cmocka_unit_test(test_webp_turns),
-        cmocka_unit_test(test_files),         cmocka_unit_test(test_alpha),
-        cmocka_unit_test(test_focal_length),  cmocka_unit_test(test_broken_exif),
-        cmocka_unit_test(test_names),         cmocka_unit_test(test_cut_off),
-        cmocka_unit_test(test_without_memory)};
+        cmocka_unit_test(test_turns),          cmocka_unit_test(test_webp_turns),
+        cmocka_unit_test(test_files),          cmocka_unit_test(test_alpha),
+        cmocka_unit_test(test_focal_length),   cmocka_unit_test(test_broken_exif),
+        cmocka_unit_test(test_names),          cmocka_unit_test(test_cut_off),
+        cmocka_unit_test(test_without_memory), cmocka_unit_test(test_profiles)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -320,7 +320,8 @@ static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equati
         if (cost < least) least = cost, *best = s;
     }
     if (!(least < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
-    p->weight_mask = 60;
+    p->weight_mask = 200;
+    if (!begun) p->weight_3d = 0.35; /* their depths have served to tell which way the limbs go */
     for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {
         p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
         ray_of(p, exp(best->log_focal));
@@ -481,8 +482,9 @@ sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in,
     p.focal_guess_px = in->known          ? (double)in->known->camera.K[0]
                        : in->focal_px > 0 ? in->focal_px
                                           : focal_usual * longer;
-    p.focal_spread = in->known ? 0.001 : in->focal_px > 0 ? 0.01 : 0.2;
+    p.focal_spread = in->known ? 0.001 : in->focal_px > 0 ? 0.01 : 0.3;
     weigh_landmarks(&p);
+    fit_depths(in->person, p.depth_m);
     p.stands = standing_of(in);
     p.upright = upright_of(in) * (0.25 + 0.75 * p.stands);
     for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;

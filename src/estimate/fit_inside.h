@@ -19,24 +19,52 @@ typedef struct {
     double pitch, roll, log_focal, log_scale;
 } fit_state;
 
-/* ---- landmarks on the body, and the networks' faults (fit_tables.c) ---- */
+/* ---- landmarks on the body (fit_tables.c) ---- */
 typedef struct {
     int joint; /* -1: not used */
     double offset_m[3];
-    double spread_m; /* of its place in 2D, across the ray */
-    /* In 3D the networks see depth x + (a, b): along the ray depth_slope z + depth_shift_m, and what lies in
-     * the body's axes, body_shift_m. */
-    double depth_slope, depth_shift_m, body_shift_m[3], across_m, along_m;
+    double spread_m;          /* of its place in 2D, across the ray */
+    double across_m, along_m; /* of its place in 3D, across the ray and along it, its depth being mended */
 } fit_landmark;
 extern const fit_landmark fit_landmarks[LANDMARKS];
 
-/* A prior of one joint: the usual bend, how far it spreads, and how far the joint goes. */
+/* ---- the networks' depths mended (fit_depths.c) ---- */
+/* What is looked at: of each landmark that is used its place in 3D, how far the picture's place is from that
+ * one's, and whether it is seen; and 1. Lengths are the networks' metres, axes those of the region. */
+enum { FIT_DEPTHS = 27, FIT_DEPTH_NUMBERS = 6 * FIT_DEPTHS + 1 };
+#define FIT_DEPTH_UNIT (1. / 8192)
+extern const int16_t fit_depth_weights[FIT_DEPTHS][FIT_DEPTH_NUMBERS];
+/* numbers: what is looked at. *px_per_m: of the networks' metres. false: the landmarks lie in one place. */
+bool fit_depth_numbers(const photo_person *p, double number[FIT_DEPTH_NUMBERS], double *px_per_m);
+/* Depths as they most likely are behind the middle of the hips, in the networks' metres; 0 for landmarks that
+ * are not used. */
+void fit_depths(const photo_person *p, double depth_m[LANDMARKS]);
+
+/* One joint: the usual bend, where a fit starts, and how far it goes. */
 typedef struct {
-    double usual[3], spread[3], lowest[3], highest[3];
+    double usual[3], lowest[3], highest[3];
 } fit_joint;
 extern const fit_joint fit_joints[BODY_JOINTS];
 /* Shares of the body's mass by joint; sums to 1. */
 extern const double fit_mass[BODY_JOINTS];
+
+/* ---- poses that people are photographed in (fit_poses.c) ---- */
+/* The numbers that are looked at: the bends of fit_pose_joint's joints, and the vertical's parts along the
+ * pelvis' x and z (a tilted root). A mixture of Gaussians: each kind of pose has a mean and the upper
+ * triangle, row by row, of a matrix that whitens what is off it, in units of FIT_POSE_..._UNIT. */
+enum { FIT_POSE_JOINTS = 19, FIT_POSE_NUMBERS = 3 * FIT_POSE_JOINTS + 2, FIT_POSE_KINDS = 6 };
+#define FIT_POSE_MEAN_UNIT 1e-4
+#define FIT_POSE_WHITEN_UNIT (1. / 1024)
+typedef struct {
+    double cost; /* -2 log of the density at its mean, less that of the first */
+    int16_t mean[FIT_POSE_NUMBERS], whiten[FIT_POSE_NUMBERS * (FIT_POSE_NUMBERS + 1) / 2];
+} fit_pose_kind;
+extern const int fit_pose_joint[FIT_POSE_JOINTS];
+extern const fit_pose_kind fit_pose_kinds[FIT_POSE_KINDS];
+/* The kind that costs least at x, and its whitened residuals. *cost: -2 log of the density, less the first
+ * kind's peak. */
+const fit_pose_kind *fit_pose_nearest(const double x[FIT_POSE_NUMBERS], double r[FIT_POSE_NUMBERS],
+                                      double *cost);
 
 /* ---- the mask as a fit uses it (fit_mask.c) ---- */
 enum { FIT_MASK_SIDE = 256, FIT_OUTLINE_MOST = 320 };
@@ -65,11 +93,11 @@ typedef struct {
     double centre_px[2], focal_guess_px, focal_spread;
     double seen[LANDMARKS]; /* 0 to 1: how much a landmark counts */
     double seen_3d[LANDMARKS];
-    double place_m[LANDMARKS][3]; /* in 3D, about the hips, turned from the ray's to the camera's frame */
-    double ray[9];                /* the rotation that does so */
-    double px_per_m;              /* at the body, of the state at hand; fixed during a stage */
-    double upright;               /* how much a trunk that leans costs */
-    double stands;                /* 0 to 1: how sure it is that the feet carry the body */
+    double depth_m[LANDMARKS]; /* mended */
+    double ray[9];             /* the rotation that does so */
+    double px_per_m;           /* at the body, of the state at hand; fixed during a stage */
+    double upright;            /* how much a trunk that leans costs */
+    double stands;             /* 0 to 1: how sure it is that the feet carry the body */
     /* which terms count */
     double weight_2d, weight_3d, weight_mask;
     /* scratch */

@@ -6,6 +6,10 @@
 
 #include "estimate/fit_inside.h"
 
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
 /* ---- rows ---- */
 
 typedef struct {
@@ -88,29 +92,22 @@ static void landmark_in_3d(terms *t, int l) {
     const fit_problem *p = t->p;
     const fit_landmark *f = &fit_landmarks[l];
     const double *x = mark(t, l), *a = mark(t, LANDMARK_LEFT_HIP), *b = mark(t, LANDMARK_RIGHT_HIP);
-    const double *root = t->s->body.root, scale = exp(t->s->log_scale);
-    double fault[3], r[3];
+    const float *at = p->in->person->landmark[l].place_m;
+    const double scale = exp(t->s->log_scale), place[3] = {(double)at[0], (double)at[1], p->depth_m[l]};
+    double r[3];
     row slope[3] = {{0}};
-    for (int k = 0; k < 3; k++)
-        fault[k] = root[3 * k] * f->body_shift_m[0] + root[3 * k + 1] * f->body_shift_m[1] +
-                   root[3 * k + 2] * f->body_shift_m[2];
     for (int i = 0; i < 3; i++) {
-        double spread = i == 2 ? f->along_m : f->across_m, stretch = i == 2 ? f->depth_slope : 1;
-        double seen = scale * (double)p->in->person->landmark[l].place_m[i], sum = -seen;
-        if (i == 2) sum += f->depth_shift_m;
+        const double spread = i == 2 ? f->along_m : f->across_m;
+        double sum = -scale * place[i];
+        slope[i][FIT_SCALE] = sum / spread;
         for (int k = 0; k < 3; k++) {
-            double turned = p->ray[3 * k + i]; /* the ray's axis i in the camera's frame */
-            sum += turned * (stretch * (x[k] - 0.5 * (a[k] + b[k])) + fault[k]);
-            if (!t->e) continue;
-            mark_slope(t, l, k, turned * stretch / spread, slope[i]);
-            mark_slope(t, LANDMARK_LEFT_HIP, k, -0.5 * turned * stretch / spread, slope[i]);
-            mark_slope(t, LANDMARK_RIGHT_HIP, k, -0.5 * turned * stretch / spread, slope[i]);
-            int m = (k + 1) % 3, n = (k + 2) % 3; /* d fault = turn x fault */
-            slope[i][BODY_TURN + m] += turned * fault[n] / spread;
-            slope[i][BODY_TURN + n] -= turned * fault[m] / spread;
+            const double turned = p->ray[3 * k + i]; /* the ray's axis i in the camera's frame */
+            sum += turned * (x[k] - 0.5 * (a[k] + b[k]));
+            mark_slope(t, l, k, turned / spread, slope[i]);
+            mark_slope(t, LANDMARK_LEFT_HIP, k, -0.5 * turned / spread, slope[i]);
+            mark_slope(t, LANDMARK_RIGHT_HIP, k, -0.5 * turned / spread, slope[i]);
         }
         r[i] = sum / spread;
-        slope[i][FIT_SCALE] = -seen / spread;
     }
     add(t, 3, r, (const row *)slope, p->weight_3d * p->seen_3d[l], 2.5);
 }
@@ -124,14 +121,52 @@ static void one(terms *t, int unknown, double value, double spread, double weigh
     add(t, 1, &r, (const row *)&slope, weight, tail);
 }
 
+/* Like one of the poses that people are photographed in. What is like none costs less and less: tail. */
+static void usual_pose(terms *t, double weight, double tail) {
+    enum { N = FIT_POSE_NUMBERS, TILT = N - 2 };
+    const double *root = t->s->body.root;
+    double x[N], r[N], cost, axis[2][3], squared = 0;
+    for (int i = 0; i < TILT; i++) x[i] = t->s->body.bend[fit_pose_joint[i / 3]][i % 3];
+    for (int i = 0; i < 2; i++) {
+        for (int k = 0; k < 3; k++) axis[i][k] = root[3 * k + 2 * i];
+        x[TILT + i] = dot(axis[i], t->up);
+    }
+    const fit_pose_kind *kind = fit_pose_nearest(x, r, &cost);
+    for (int i = 0; i < N; i++) squared += r[i] * r[i];
+    t->cost += weight * (kind->cost + tail * tail * log1p(squared / (tail * tail)));
+    if (!t->e) return;
+    const double keep = weight / (1 + squared / (tail * tail)), before = t->cost;
+    const int16_t *whiten = kind->whiten;
+    for (int i = 0; i < N; i++) {
+        row slope = {0};
+        for (int j = i; j < N; j++) {
+            double w = FIT_POSE_WHITEN_UNIT * *whiten++;
+            if (j < TILT) {
+                slope[BODY_BEND + 3 * (fit_pose_joint[j / 3] - 1) + j % 3] = w;
+                continue;
+            }
+            const double *a = axis[j - TILT];
+            for (int k = 0; k < 3; k++) /* d (axis . up) = turn . (axis x up) */
+                slope[BODY_TURN + k] +=
+                    w * (a[(k + 1) % 3] * t->up[(k + 2) % 3] - a[(k + 2) % 3] * t->up[(k + 1) % 3]);
+            slope[FIT_PITCH] += w * dot(a, t->up_pitch);
+            slope[FIT_ROLL] += w * dot(a, t->up_roll);
+        }
+        add(t, 1, &r[i], (const row *)&slope, keep, 0);
+    }
+    t->cost = before; /* counted already */
+}
+
 static void priors(terms *t) {
     const fit_problem *p = t->p;
+    usual_pose(t, 0.4, 15);
     for (int j = 1; j < BODY_JOINTS; j++)
         for (int k = 0; k < 3; k++) {
             const fit_joint *f = &fit_joints[j];
             double x = t->s->body.bend[j][k];
             int u = BODY_BEND + 3 * (j - 1) + k;
-            one(t, u, x - f->usual[k], f->spread[k], 1, 2);
+            if (j == 10 || j == 11) one(t, u, x, k ? 0.02 : 0.05, 1, 2); /* toes */
+            if (j >= 22) one(t, u, x, 0.01, 1, 2);                       /* hands */
             if (x < f->lowest[k]) one(t, u, x - f->lowest[k], 0.05, 1, 0);
             if (x > f->highest[k]) one(t, u, x - f->highest[k], 0.05, 1, 0);
         }
@@ -146,7 +181,7 @@ static void priors(terms *t) {
     one(t, FIT_PITCH, t->s->pitch - (known ? known->pitch_rad : 0.12), known ? sure : 0.15, 1, 0);
     one(t, FIT_ROLL, t->s->roll - (known ? known->roll_rad : 0), known ? sure : 0.06, 1, 0);
     one(t, FIT_FOCAL, t->s->log_focal - log(p->focal_guess_px), p->focal_spread, 1, 0);
-    one(t, FIT_SCALE, t->s->log_scale, 0.08, 1, 0);
+    one(t, FIT_SCALE, t->s->log_scale, 0.05, 1, 0);
 }
 
 /* ---- standing ---- */
@@ -155,10 +190,6 @@ void fit_up(const fit_state *s, double up[3]) {
     up[0] = sin(s->roll) * cos(s->pitch);
     up[1] = -cos(s->roll) * cos(s->pitch);
     up[2] = -sin(s->pitch);
-}
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* A vector made of marks: v = sum_i share_i mark_i. */
@@ -254,7 +285,7 @@ static void standing(terms *t) {
 
 /* From the pelvis to the neck a trunk that is upright leans 3 degrees forward. */
 static void trunk_upright(terms *t) {
-    const double *root = t->s->body.root, weight = t->p->upright, spread = 0.05;
+    const double *root = t->s->body.root, weight = 0.6 * t->p->upright, spread = 0.05;
     double ahead[3] = {root[2], root[5], root[8]}, aside[3], v[3];
     blend trunk = {0};
     if (!(weight > 0)) return;

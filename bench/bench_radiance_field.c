@@ -1,4 +1,4 @@
-/* The point network at the paper's sizes on a 512 x 512 picture: seconds per frame for every instruction set
+/* The radiance field at the paper's sizes on a 512 x 512 picture: seconds per frame for every instruction set
  * and precision, in one process, as medians of interleaved runs, beside the machine's measured peaks.
  * bench_radiance_field [threads [rounds [picture]]] */
 #include <math.h>
@@ -83,7 +83,7 @@ typedef struct {
     bool bf16, early_stop;
     isa_level needs;
     int every; /* runs in every n-th round: slow ways need fewer */
-    point_network *n;
+    radiance_field *n;
     double seconds[ROUNDS_MAX], wall[ROUNDS_MAX]; /* processor time over threads; wall clock */
     int count;
 } way;
@@ -131,11 +131,11 @@ int main(int argc, char **argv) {
             if (!w->n) {
                 setenv("SHERF_ISA", w->isa, 1);
                 double t = time_seconds();
-                if (point_network_create(c, &m.s, &m.w, &m.bank, w->bf16, &w->n)) return 1;
+                if (radiance_field_create(c, &m.s, &m.w, &m.bank, w->bf16, &w->n)) return 1;
                 printf("%-20s made in %.3f s\n", w->name, time_seconds() - t);
             }
             double t = busy_seconds(threads), wall = time_seconds();
-            if (point_network_render(c, w->n, &m.rays, &m.points, black, w->early_stop, &frame)) return 1;
+            if (radiance_field_render(c, w->n, &m.rays, &m.points, black, w->early_stop, &frame)) return 1;
             if (r < 0) continue;
             w->wall[w->count] = time_seconds() - wall;
             w->seconds[w->count++] = busy_seconds(threads) - t;
@@ -155,7 +155,7 @@ int main(int argc, char **argv) {
                median / (double)m.points.count * 1e9, first / median, rate * 1e-9);
         if (top > 0) printf(", %.0f %% of peak", 100 * rate / top);
         printf("\n");
-        point_network_free(w->n);
+        radiance_field_free(w->n);
     }
     made_free(&m);
     mem_free(frame.color.data);

@@ -1,4 +1,4 @@
-/* What the tests of the fused point network in training are given: a small model, a bank of made-up numbers,
+/* What the tests of the fused radiance field in training are given: a small model, a bank of made-up numbers,
  * one pass forwards and back, and how far its gradients are from another's. SIDE: of the pictures; WITHOUT:
  * of every three pixels, how many have no gradient. */
 #ifndef POINTS_FUSED_PASS_H
@@ -40,7 +40,7 @@ static model *weights_in(context *c, const model_config *config, const tensor_me
     /* biases and norms away from 0 and 1, densities that both show and hide */
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
-        if (q->buffer || q->value.rank > 1 || !model_sherf_is_point_weight(q->name)) continue;
+        if (q->buffer || q->value.rank > 1 || !model_sherf_is_queried(q->name)) continue;
         int64_t n = tensor_count(&q->value);
         for (int64_t k = 0; k < n; k++)
             tensor_f32(&q->value)[k] += 0.2f * (float)random_normal(random_key(7, q->name, 0), (uint64_t)k);
@@ -217,7 +217,7 @@ static void no_worse_all(const scene *s, const float *fused, const float *rounde
     int checked = 0;
     for (int i = 0; i < p->count; i++) {
         const parameter *q = p->item[i];
-        if (q->buffer || !model_sherf_is_point_weight(q->name)) continue;
+        if (q->buffer || !model_sherf_is_queried(q->name)) continue;
         no_worse(q->name, fused + q->offset, rounded + q->offset, exact + q->offset, tensor_count(&q->value));
         checked++;
     }

@@ -1,7 +1,7 @@
-/* A made-up point network (hash weights of the reference's scale rules, a made-up bank and points) for the
+/* A made-up radiance field (hash weights of the reference's scale rules, a made-up bank and points) for the
  * test and the benchmark of the radiance field. */
-#ifndef POINTNET_MADE_H
-#define POINTNET_MADE_H
+#ifndef RADIANCE_FIELD_MADE_H
+#define RADIANCE_FIELD_MADE_H
 
 #include <math.h>
 #include <stdio.h>
@@ -10,14 +10,14 @@
 
 #include "model/sherf/fused/radiance_field.h"
 
-static const point_sizes made_paper = {32, 64, {32, 64, 96}, 3, 16, 128, 8, 4, 64, 6, 4, 5};
-static const point_sizes made_narrow = {32, 68, {8, 20, 28}, 2, 8, 40, 3, 0, 24, 4, 3, 5};
-static const point_sizes made_odd = {24, 40, {8, 20, 28}, 2, 12, 48, 5, 2, 24, 4, 3, 5};
+static const radiance_sizes made_paper = {32, 64, {32, 64, 96}, 3, 16, 128, 8, 4, 64, 6, 4, 5};
+static const radiance_sizes made_narrow = {32, 68, {8, 20, 28}, 2, 8, 40, 3, 0, 24, 4, 3, 5};
+static const radiance_sizes made_odd = {24, 40, {8, 20, 28}, 2, 12, 48, 5, 2, 24, 4, 3, 5};
 
 typedef struct {
-    point_sizes s;
-    point_weights w;
-    point_bank bank;
+    radiance_sizes s;
+    radiance_weights w;
+    radiance_bank bank;
     ray_bundle rays;
     point_set points;
     void *owned[128];
@@ -47,11 +47,11 @@ static float *made_weight(made *m, const char *name, int out, int in, double gai
 }
 
 static void made_weights(made *m) {
-    const point_sizes *s = &m->s;
+    const radiance_sizes *s = &m->s;
     int d = s->token_width, all = s->heads * s->head_width, h = s->decoder_width;
     int volume = s->volume_channels[0] + s->volume_channels[1] + s->volume_channels[2];
     int x = 3 * (1 + 2 * s->position_frequencies) + d;
-    point_weights *w = &m->w;
+    radiance_weights *w = &m->w;
     w->volume_projection_w = made_weight(m, "vp.w", 3 * d, volume, 1);
     w->volume_projection_b = made_values(m, "vp.b", (size_t)(3 * d), 0, 0.05);
     w->token_projection_w = made_weight(m, "tp.w", d, 3 * d, 1);
@@ -93,7 +93,7 @@ static double made_distance(double x, double y, double z) {
 
 /* Voxels of a level: those within a voxel of the capsule's skin. */
 static void made_level(made *m, int level, int shrink) {
-    point_bank *b = &m->bank;
+    radiance_bank *b = &m->bank;
     double voxel = (double)b->voxel_size_m * shrink;
     size_t cells = 1;
     for (int i = 0; i < 3; i++) cells *= (size_t)(b->level[level].size[i] = b->volume_size[i] / shrink);
@@ -118,7 +118,7 @@ static void made_level(made *m, int level, int shrink) {
 }
 
 static void made_bank(made *m, int plane_size, int image, float voxel_m) {
-    point_bank *b = &m->bank;
+    radiance_bank *b = &m->bank;
     static const float min[3] = {-0.32f, -0.93f, -0.31f}, max[3] = {0.31f, 0.92f, 0.32f};
     b->plane_size = plane_size;
     b->planes = made_values(m, "planes",
@@ -197,7 +197,7 @@ static void made_points(made *m, int width, int height, int samples) {
     }
 }
 
-static void made_create(made *m, const point_sizes *s, int plane_size, int image, float voxel_m, int width,
+static void made_create(made *m, const radiance_sizes *s, int plane_size, int image, float voxel_m, int width,
                         int height, int samples) {
     memset(m, 0, sizeof *m);
     m->s = *s;

@@ -1,4 +1,4 @@
-/* The point network's fused way through training (bf16) against the ops in float32: densities, colours and
+/* The radiance field's fused way through training (bf16) against the ops in float32: densities, colours and
  * the gradients of all that goes in. */
 enum { SIDE = 96, WITHOUT = 0 };
 #include "points_fused_pass.h"

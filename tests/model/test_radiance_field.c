@@ -1,4 +1,4 @@
-/* The fused point network against the network written out step by step in double, at every instruction set
+/* The fused radiance field against the network written out step by step in double, at every instruction set
  * that the machine has. */
 #include "support.h"
 
@@ -36,7 +36,7 @@ static void bilinear(const float *map, int width, int height, int channels, doub
     }
 }
 
-static void trilinear(const point_bank *b, int level, const float p[3], int channels, double *out) {
+static void trilinear(const radiance_bank *b, int level, const float p[3], int channels, double *out) {
     for (int c = 0; c < channels; c++) out[c] = 0;
     const int *size = b->level[level].size;
     double at[3];
@@ -67,7 +67,7 @@ static void norm(const double *x, int n, const float *w, const float *b, double 
 
 static void reference_tokens(const made *m, int64_t p, double token[3][WIDE]) {
     static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
-    const point_bank *b = &m->bank;
+    const radiance_bank *b = &m->bank;
     int d = m->s.token_width, f = m->s.feature_channels;
     const float *x = m->points.canonical + 3 * p, *uv = m->points.observed_px + 2 * p;
     double plane[3][WIDE], pixel[WIDE], volume[WIDE], point[WIDE], rgb[3], n[3];
@@ -131,7 +131,7 @@ static void reference_transformer(const made *m, double token[3][WIDE]) {
 }
 
 static void reference_point(const made *m, int64_t p, double out[4]) {
-    const point_sizes *s = &m->s;
+    const radiance_sizes *s = &m->s;
     int d = s->token_width, h = s->decoder_width;
     double token[3][WIDE], x[WIDE], a[WIDE], y[WIDE], at[3], direction[3];
     reference_tokens(m, p, token);
@@ -196,7 +196,7 @@ typedef struct {
 } example;
 static example paper, narrow, odd;
 
-static void example_create(example *e, const point_sizes *s) {
+static void example_create(example *e, const radiance_sizes *s) {
     made_create(&e->m, s, 40, 64, 0.02f, 56, 60, 24);
     /* hostile places: far away, exactly on borders, not a number */
     float *x = e->m.points.canonical, *uv = e->m.points.observed_px;
@@ -230,9 +230,9 @@ static int destroy(void **state) {
     return 0;
 }
 
-static point_network *network(context *c, const example *e, bool bf16) {
-    point_network *n = NULL;
-    assert_ok(c, point_network_create(c, &e->m.s, &e->m.w, &e->m.bank, bf16, &n));
+static radiance_field *network(context *c, const example *e, bool bf16) {
+    radiance_field *n = NULL;
+    assert_ok(c, radiance_field_create(c, &e->m.s, &e->m.w, &e->m.bank, bf16, &n));
     return n;
 }
 
@@ -259,10 +259,10 @@ static void check_run(const example *e, isa_level level, bool bf16, double worst
                       double rms_allowed) {
     if (!test_isa(level)) return;
     context *c = test_context();
-    point_network *n = network(c, e, bf16);
+    radiance_field *n = network(c, e, bf16);
     size_t count = (size_t)e->m.points.count;
     float *rgb = malloc(count * 3 * sizeof *rgb), *sigma = malloc(count * sizeof *sigma);
-    assert_ok(c, point_network_run(c, n, &e->m.points, rgb, sigma));
+    assert_ok(c, radiance_field_run(c, n, &e->m.points, rgb, sigma));
     double worst[2], rms[2];
     compare_points(e, rgb, sigma, worst, rms);
     print_message("%s%s D %d: colour %.1e (rms %.1e), density %.1e (rms %.1e)\n", isa_name(level),
@@ -274,14 +274,14 @@ static void check_run(const example *e, isa_level level, bool bf16, double worst
     /* the same again, and with one thread: bit for bit */
     float *again = malloc(count * 3 * sizeof *rgb), *sigma_again = malloc(count * sizeof *sigma);
     c->threads = 1;
-    assert_ok(c, point_network_run(c, n, &e->m.points, again, sigma_again));
+    assert_ok(c, radiance_field_run(c, n, &e->m.points, again, sigma_again));
     assert_memory_equal(rgb, again, count * 3 * sizeof *rgb);
     assert_memory_equal(sigma, sigma_again, count * sizeof *sigma);
     free(rgb);
     free(sigma);
     free(again);
     free(sigma_again);
-    point_network_free(n);
+    radiance_field_free(n);
     sherf_context_free(c);
     test_isa_restore();
 }
@@ -308,10 +308,10 @@ static void bf16_in_vain(void **state) {
         if (!test_isa((isa_level)level)) continue;
         context *c = test_context();
         for (int bf16 = 0; bf16 < 2; bf16++) {
-            point_network *n = network(c, &narrow, bf16);
-            assert_false(point_network_in_bf16(n));
-            assert_ok(c, point_network_run(c, n, &narrow.m.points, y[bf16], y[bf16] + 3 * count));
-            point_network_free(n);
+            radiance_field *n = network(c, &narrow, bf16);
+            assert_false(radiance_field_in_bf16(n));
+            assert_ok(c, radiance_field_run(c, n, &narrow.m.points, y[bf16], y[bf16] + 3 * count));
+            radiance_field_free(n);
         }
         assert_memory_equal(y[0], y[1], count * 4 * sizeof(float));
         sherf_context_free(c);
@@ -327,12 +327,12 @@ static void check_frame(const example *e, isa_level level, bool bf16, bool early
     static const float background[3] = {0.25f, 0.5f, 1};
     if (!test_isa(level)) return;
     context *c = test_context();
-    point_network *n = network(c, e, bf16);
+    radiance_field *n = network(c, e, bf16);
     sherf_frame frame = {0};
-    assert_ok(c, point_network_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
+    assert_ok(c, radiance_field_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
     long before = mem_count();
     float *data = frame.color.data;
-    assert_ok(c, point_network_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
+    assert_ok(c, radiance_field_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
     assert_ptr_equal(data, frame.color.data);
     assert_true(mem_count() - before <= 1); /* scratch */
     double worst = 0, sum = 0, depth_error = 0;
@@ -359,7 +359,7 @@ static void check_frame(const example *e, isa_level level, bool bf16, bool early
     mem_free(frame.color.data);
     mem_free(frame.opacity.data);
     mem_free(frame.depth.data);
-    point_network_free(n);
+    radiance_field_free(n);
     sherf_context_free(c);
     test_isa_restore();
 }
@@ -381,32 +381,32 @@ static void bf16_frames(void **state) {
 
 static void nothing_to_do(void **state) {
     context *c = test_context();
-    point_network *n = network(c, &odd, true);
+    radiance_field *n = network(c, &odd, true);
     point_set none = {.samples = 24};
-    assert_ok(c, point_network_run(c, n, &none, NULL, NULL));
+    assert_ok(c, radiance_field_run(c, n, &none, NULL, NULL));
     point_set lacking = odd.m.points;
     lacking.observed_px = NULL;
     float sigma[1], rgb[3];
-    assert_int_equal(point_network_run(c, n, &lacking, rgb, sigma), SHERF_BAD_ARGUMENT);
+    assert_int_equal(radiance_field_run(c, n, &lacking, rgb, sigma), SHERF_BAD_ARGUMENT);
     sherf_frame frame = {0};
     static const float black[3];
-    assert_int_equal(point_network_render(c, n, &odd.m.rays, &none, black, false, &frame),
+    assert_int_equal(radiance_field_render(c, n, &odd.m.rays, &none, black, false, &frame),
                      SHERF_BAD_ARGUMENT);
     sherf_cancel(c);
     float *all = malloc((size_t)odd.m.points.count * 4 * sizeof(float));
-    assert_int_equal(point_network_run(c, n, &odd.m.points, all, all + odd.m.points.count * 3),
+    assert_int_equal(radiance_field_run(c, n, &odd.m.points, all, all + odd.m.points.count * 3),
                      SHERF_CANCELLED);
     free(all);
-    point_network_free(n);
+    radiance_field_free(n);
     sherf_context_free(c);
 }
 
 static void bad_sizes(void **state) {
     context *c = test_context();
-    point_network *n = NULL;
+    radiance_field *n = NULL;
     for (int i = 0; i < 6; i++) {
-        point_sizes s = made_odd;
-        point_bank b = odd.m.bank;
+        radiance_sizes s = made_odd;
+        radiance_bank b = odd.m.bank;
         int32_t row = (int32_t)b.level[1].voxels;
         if (i == 0) s.token_width = 0;
         if (i == 1) s.decoder_depth = POINT_DECODER_MAX + 1;
@@ -417,7 +417,7 @@ static void bad_sizes(void **state) {
             b.level[1].size[0] = b.level[1].size[1] = b.level[1].size[2] = 1;
             b.level[1].grid = &row;
         }
-        assert_int_equal(point_network_create(c, &s, &odd.m.w, &b, false, &n), SHERF_BAD_ARGUMENT);
+        assert_int_equal(radiance_field_create(c, &s, &odd.m.w, &b, false, &n), SHERF_BAD_ARGUMENT);
         assert_null(n);
         assert_true(c->message[0]);
     }
@@ -430,20 +430,21 @@ static void every_allocation_fails(void **state) {
         bool done = false;
         for (long k = 0; !done; k++) {
             size_t live = mem_live();
-            point_network *n = NULL;
+            radiance_field *n = NULL;
             sherf_frame frame = {0};
             static const float black[3];
             mem_fail_after(k);
-            sherf_status status = point_network_create(c, &narrow.m.s, &narrow.m.w, &narrow.m.bank, bf16, &n);
+            sherf_status status =
+                radiance_field_create(c, &narrow.m.s, &narrow.m.w, &narrow.m.bank, bf16, &n);
             if (!status)
-                status = point_network_render(c, n, &narrow.m.rays, &narrow.m.points, black, false, &frame);
+                status = radiance_field_render(c, n, &narrow.m.rays, &narrow.m.points, black, false, &frame);
             mem_fail_after(-1);
             done = !status;
             assert_true(done || status == SHERF_NO_MEMORY);
             mem_free(frame.color.data);
             mem_free(frame.opacity.data);
             mem_free(frame.depth.data);
-            point_network_free(n);
+            radiance_field_free(n);
             assert_int_equal(mem_live(), live);
             if (k > 1000) fail();
         }

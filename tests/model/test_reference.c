@@ -209,7 +209,7 @@ static void stages_agree(void **state) {
     reference_close(&r);
 }
 
-/* The program's way: avatar and fused point network, float32 and, where there is any, bf16. */
+/* The program's way: avatar and fused radiance field, float32 and, where there is any, bf16. */
 static void avatars_agree(void **state) {
     reference r;
     reference_open(&r, "reference_eval.safetensors", false);

@@ -67,11 +67,11 @@ static void scene_close(scene *s) {
 }
 
 static gpu_avatar *avatar(scene *s, const made *m, bool bf16) {
-    point_parts parts;
+    radiance_parts parts;
     gpu_avatar *a;
-    assert_ok(s->c, point_parts_create(s->c, &m->s, &m->w, &m->bank, &parts));
+    assert_ok(s->c, radiance_parts_create(s->c, &m->s, &m->w, &m->bank, &parts));
     assert_ok(s->c, s->gpu->place(s->c, s->body, s->seen, &s->seen_by, &parts, bf16, &a));
-    point_parts_free(&parts);
+    radiance_parts_free(&parts);
     return a;
 }
 
@@ -169,12 +169,12 @@ static void points_agree(void **state) {
 
 /* The CPU's values of a made network's points. */
 static void host_values(context *c, const made *m, float **rgb, float **sigma) {
-    point_network *n;
+    radiance_field *n;
     *rgb = mem_alloc(c, (size_t)m->points.count, 3 * sizeof(float));
     *sigma = mem_alloc(c, (size_t)m->points.count, sizeof(float));
-    assert_ok(c, point_network_create(c, &m->s, &m->w, &m->bank, false, &n));
-    assert_ok(c, point_network_run(c, n, &m->points, *rgb, *sigma));
-    point_network_free(n);
+    assert_ok(c, radiance_field_create(c, &m->s, &m->w, &m->bank, false, &n));
+    assert_ok(c, radiance_field_run(c, n, &m->points, *rgb, *sigma));
+    radiance_field_free(n);
 }
 
 /* Largest and root mean square difference over the largest value. */
@@ -190,7 +190,7 @@ static void compare(const float *got, const float *want, int64_t n, double *wors
     *rms = sqrt(sum / (double)n) / top;
 }
 
-static void check_network(scene *s, const point_sizes *sizes, int side, bool bf16, bool fits,
+static void check_network(scene *s, const radiance_sizes *sizes, int side, bool bf16, bool fits,
                           double worst_allowed, double rms_allowed) {
     context *c = s->c;
     made m;
@@ -258,7 +258,7 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
     sherf_camera camera;
     ray_bundle *rays;
     point_set *points;
-    point_network *n;
+    radiance_field *n;
     sherf_frame want = {0}, got = {0}, again = {0};
     float min[3], max[3];
     gpu_frame_options o = {.samples = 24, .background = {0.2f, 0.4f, 1}, .early_stop = early_stop};
@@ -268,8 +268,8 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
     assert_ok(c, rays_create(c, &camera, min, max, &rays));
     assert_ok(c,
               points_create(c, s->body, whole, rays, o.samples, s->seen, &s->seen_by, NULL, false, &points));
-    assert_ok(c, point_network_create(c, &m->s, &m->w, &m->bank, false, &n));
-    assert_ok(c, point_network_render(c, n, rays, points, o.background, false, &want));
+    assert_ok(c, radiance_field_create(c, &m->s, &m->w, &m->bank, false, &n));
+    assert_ok(c, radiance_field_render(c, n, rays, points, o.background, false, &want));
     gpu_avatar *a = avatar(s, m, bf16);
     assert_ok(c, s->gpu->render(c, a, joints, &camera, &o, &got));
     assert_int_equal(got.points, points->count);
@@ -290,7 +290,7 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
     sherf_frame_free(&want);
     sherf_frame_free(&got);
     sherf_frame_free(&again);
-    point_network_free(n);
+    radiance_field_free(n);
     points_free(points);
     rays_free(rays);
     posed_body_free(whole);

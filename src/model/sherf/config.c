@@ -126,18 +126,18 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
     return model_config_check(c, out);
 }
 
-void model_sherf_point_sizes(const model_config *config, point_sizes *out) {
+void model_sherf_sizes(const model_config *config, radiance_sizes *out) {
     const sherf_settings *k = model_sherf_settings(config);
-    *out = (point_sizes){.token_width = k->token_width,
-                         .feature_channels = k->feature_width,
-                         .heads = k->heads,
-                         .head_width = k->head_width,
-                         .decoder_width = k->decoder_width,
-                         .decoder_depth = k->decoder_depth,
-                         .decoder_skip = k->decoder_skip,
-                         .view_width = k->view_width,
-                         .position_frequencies = 6,
-                         .direction_frequencies = 4,
-                         .color_frequencies = 5};
+    *out = (radiance_sizes){.token_width = k->token_width,
+                            .feature_channels = k->feature_width,
+                            .heads = k->heads,
+                            .head_width = k->head_width,
+                            .decoder_width = k->decoder_width,
+                            .decoder_depth = k->decoder_depth,
+                            .decoder_skip = k->decoder_skip,
+                            .view_width = k->view_width,
+                            .position_frequencies = 6,
+                            .direction_frequencies = 4,
+                            .color_frequencies = 5};
     memcpy(out->volume_channels, k->volume_channels, sizeof out->volume_channels);
 }

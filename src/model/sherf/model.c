@@ -19,7 +19,7 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     decoder_declare(d, k, &n->decoder);
 }
 
-bool model_sherf_is_point_weight(const char *name) {
+bool model_sherf_is_queried(const char *name) {
     if (!strncmp(name, "decoder.", 8)) return true;
     return !strncmp(name, "renderer.", 9) && strncmp(name, "renderer.encoder_3d.", 20) != 0;
 }
@@ -31,11 +31,11 @@ static const float *values_of(const parameters *p, const char *name, const char 
     return q ? q->value.data : NULL;
 }
 
-void model_sherf_point_weights(const parameters *p, const model_config *config, point_weights *w) {
+void model_sherf_weights(const parameters *p, const model_config *config, radiance_weights *w) {
     const char *layer0 = "renderer.transformer.layers.0.0.fn.",
                *layer1 = "renderer.transformer.layers.0.1.fn.";
     char name[128];
-    *w = (point_weights){0};
+    *w = (radiance_weights){0};
     w->volume_projection_w = values_of(p, "renderer.conv1d_projection", ".weight");
     w->volume_projection_b = values_of(p, "renderer.conv1d_projection", ".bias");
     w->token_projection_w = values_of(p, "renderer.conv1d_reprojection", ".weight");
@@ -188,7 +188,7 @@ const model_kind model_sherf = {.name = "sherf",
                                 .infer = model_sherf_infer,
                                 .network_bytes = sizeof(sherf_network),
                                 .declare = network_declare,
-                                .queried = model_sherf_is_point_weight,
+                                .queried = model_sherf_is_queried,
                                 .start_from_resnet = start_from_resnet,
                                 .observe = model_sherf_observe,
                                 .observed_free = model_sherf_geometry_free,

@@ -1,4 +1,4 @@
-/* Training in bf16: the point network as one step of the tape. The linear layers in front of the fusion are
+/* Training in bf16: the radiance field as one step of the tape. The linear layers in front of the fusion are
  * applied to planes, map and volume by ops, so that the tape takes their gradients; the rest runs in tiles,
  * forwards and backwards: on the processor (model/sherf/fused/train.h) or on a GPU (model/sherf/fused/gpu.h).
  */
@@ -7,10 +7,10 @@
 
 /* An encoded observation's, for all its frames. */
 struct fused_bank {
-    point_network *network; /* the processor's, */
+    radiance_field *network; /* the processor's, */
     const gpu_point_training *gpu;
     gpu_points *there; /* or a GPU's */
-    point_weights weights;
+    radiance_weights weights;
     const model *m;
     tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
 };
@@ -32,15 +32,16 @@ static const gpu_point_training *gpu_of(tape *t) {
 }
 
 static bool possible(tape *t, const model *m) {
-    point_sizes sizes;
-    model_sherf_point_sizes(&m->config, &sizes);
+    radiance_sizes sizes;
+    model_sherf_sizes(&m->config, &sizes);
     if (!tape_records(t) || !tape_settings(t).bf16) return false;
     const gpu_point_training *gpu = gpu_of(t);
-    return gpu ? gpu->possible(&sizes) : tape_backend(t) == &backend_cpu && point_training_possible(&sizes);
+    return gpu ? gpu->possible(&sizes)
+               : tape_backend(t) == &backend_cpu && radiance_training_possible(&sizes);
 }
 
 static void network_release(void *network) {
-    point_network_free(network);
+    radiance_field_free(network);
 }
 
 /* y [rows, width] = x [rows, width] w^T, x as rows of w's width whatever its shape. */
@@ -69,17 +70,17 @@ static sherf_status merge(tape *t, const model *m, const model_bank *bank, fused
 }
 
 static void bank_of(const model *m, const body_model *body, const observation_geometry *observation,
-                    const fused_bank *n, point_merged *merged, point_bank *b) {
+                    const fused_bank *n, radiance_merged *merged, radiance_bank *b) {
     const sherf_settings *k = model_sherf_settings(&m->config);
     const sherf_geometry *g = model_sherf_geometry(observation);
-    *b = (point_bank){.merged = merged,
-                      .plane_size = k->plane_resolution,
-                      .feature_width = (int)n->map->dim[1],
-                      .feature_height = (int)n->map->dim[0],
-                      .image_width = observation->width,
-                      .image_height = observation->height,
-                      .image = observation->image,
-                      .voxel_size_m = k->voxel_size_m};
+    *b = (radiance_bank){.merged = merged,
+                         .plane_size = k->plane_resolution,
+                         .feature_width = (int)n->map->dim[1],
+                         .feature_height = (int)n->map->dim[0],
+                         .image_width = observation->width,
+                         .image_height = observation->height,
+                         .image = observation->image,
+                         .voxel_size_m = k->voxel_size_m};
     float max[3];
     body_canonical_bounds_z(body, b->plane_min, b->plane_max);
     body_canonical_bounds(body, b->volume_min, max);
@@ -97,7 +98,7 @@ static void bank_of(const model *m, const body_model *body, const observation_ge
 }
 
 /* The bank's image and grids, which are the host's, in the GPU's memory. */
-static sherf_status place_bank(tape *t, const model_bank *bank, point_bank *b) {
+static sherf_status place_bank(tape *t, const model_bank *bank, radiance_bank *b) {
     const tensor *image = bank->tensor[BANK_IMAGE];
     b->image = image ? tensor_f32(image) : NULL;
     for (int l = 0; l < POINT_LEVELS; l++) {
@@ -120,13 +121,13 @@ static sherf_status place_points(tape *t, const point_set *p, gpu_point_set *out
 }
 
 static sherf_status processor_backward(tape *t, const fused_node *n, const tensor *drgb, const tensor *dsigma,
-                                       const point_gradients *out) {
+                                       const radiance_gradients *out) {
     tape *work = tape_nested(t, false);
     if (!work) return tape_status(t);
     tape_reset(work);
     sherf_status status =
-        point_network_backward(work, n->bank->network, &n->bank->weights, n->points, tensor_f32(n->rgb),
-                               tensor_f32(drgb), tensor_f32(dsigma), out);
+        radiance_field_backward(work, n->bank->network, &n->bank->weights, n->points, tensor_f32(n->rgb),
+                                tensor_f32(drgb), tensor_f32(dsigma), out);
     tape_reset(work);
     return status;
 }
@@ -136,7 +137,7 @@ static sherf_status fused_backward(tape *t, void *payload) {
     const fused_bank *f = n->bank;
     if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
     tensor *dsigma = tape_grad(t, n->sigma), *drgb = tape_grad(t, n->rgb), *map = tape_grad(t, f->map);
-    point_gradients out = {.values = f->m->weights->values, .grads = f->m->weights->grads};
+    radiance_gradients out = {.values = f->m->weights->values, .grads = f->m->weights->grads};
     bool good = dsigma && drgb && map && out.grads;
     for (int i = 0; i < 3 && good; i++) {
         tensor *plane = tape_grad(t, f->plane[i]), *level = tape_grad(t, f->level[i]);
@@ -154,23 +155,23 @@ static sherf_status fused_backward(tape *t, void *payload) {
 
 static sherf_status fused_create(tape *t, const model *m, const body_model *body,
                                  const observation_geometry *g, const model_bank *bank, fused_bank **out) {
-    point_sizes sizes;
-    point_merged merged;
-    point_bank b;
+    radiance_sizes sizes;
+    radiance_merged merged;
+    radiance_bank b;
     fused_bank *f = tape_alloc(t, 1, sizeof *f);
     if (!f) return tape_status(t);
     *f = (fused_bank){.m = m, .gpu = gpu_of(t)};
     sherf_status status = merge(t, m, bank, f);
     if (status != SHERF_OK) return status;
-    model_sherf_point_sizes(&m->config, &sizes);
-    model_sherf_point_weights(m->weights, &m->config, &f->weights);
+    model_sherf_sizes(&m->config, &sizes);
+    model_sherf_weights(m->weights, &m->config, &f->weights);
     bank_of(m, body, g, f, &merged, &b);
     *out = f;
     if (f->gpu) {
         status = place_bank(t, bank, &b);
         return status == SHERF_OK ? f->gpu->create(t, &sizes, &f->weights, &b, &f->there) : status;
     }
-    status = point_network_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
+    status = radiance_field_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
     if (status == SHERF_OK && !tape_own(t, f->network, network_release)) status = tape_status(t);
     return status;
 }
@@ -189,7 +190,7 @@ static sherf_status run(tape *t, const model *m, const body_model *body, const o
         if (status == SHERF_OK)
             status = f->gpu->run(t, f->there, &n->there, tensor_f32(rgb), tensor_f32(sigma));
     } else {
-        status = point_network_run(tape_context(t), f->network, points, tensor_f32(rgb), tensor_f32(sigma));
+        status = radiance_field_run(tape_context(t), f->network, points, tensor_f32(rgb), tensor_f32(sigma));
     }
     if (status == SHERF_OK) tape_record(t, fused_backward, n);
     return status == SHERF_OK ? tape_status(t) : status;

@@ -29,7 +29,7 @@ extern const model_setting model_sherf_setting_list[];
 void model_sherf_defaults(model_config *out);
 sherf_status model_sherf_check(context *c, const model_config *config);
 sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *out);
-void model_sherf_point_sizes(const model_config *config, point_sizes *out);
+void model_sherf_sizes(const model_config *config, radiance_sizes *out);
 
 /* ---- geometry.c: what the body and the camera decide for the point-level features ---- */
 typedef struct {
@@ -162,9 +162,9 @@ typedef struct {
 sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, const model_bank *bank,
                                 const point_set *points, int64_t begin, int64_t end, point_outputs *out);
-/* The tensors of the point network alone (renderer.*, decoder.*), as an avatar keeps them. */
-bool model_sherf_is_point_weight(const char *name);
-void model_sherf_point_weights(const parameters *weights, const model_config *config, point_weights *out);
+/* The tensors of the radiance field alone (renderer.*, decoder.*), as an avatar keeps them. */
+bool model_sherf_is_queried(const char *name);
+void model_sherf_weights(const parameters *weights, const model_config *config, radiance_weights *out);
 
 /* points_fused.c: training in bf16 through the fused network (fused/train.h). */
 extern const model_fused_training model_sherf_fused_training;

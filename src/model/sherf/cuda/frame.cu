@@ -177,8 +177,8 @@ static void avatar_release(gpu_avatar *a) {
 }
 
 static sherf_status avatar_place(context *c, const body_model *m, const posed_body *observed,
-                                 const sherf_camera *observed_camera, const point_parts *network, bool bf16,
-                                 gpu_avatar **out) {
+                                 const sherf_camera *observed_camera, const radiance_parts *network,
+                                 bool bf16, gpu_avatar **out) {
     *out = nullptr;
     sherf_status status = SHERF_NO_MEMORY;
     gpu_avatar *a = (gpu_avatar *)mem_zero(c, 1, sizeof *a);
@@ -382,7 +382,7 @@ static sherf_status avatar_points(context *c, gpu_avatar *a, const posed_body *p
 static sherf_status avatar_run(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma) {
     const int64_t n = points->count;
     if (n == 0) return SHERF_OK;
-    if (n > INT32_MAX / 4) return failure(c, SHERF_BAD_ARGUMENT, "point network: too many points at once");
+    if (n > INT32_MAX / 4) return failure(c, SHERF_BAD_ARGUMENT, "radiance field: too many points at once");
     arena_reset(a->frame);
     float *canonical = room<float>(c, a->frame, 3 * n), *direction = room<float>(c, a->frame, 3 * n);
     float *px = room<float>(c, a->frame, 2 * n);
@@ -404,7 +404,7 @@ static sherf_status avatar_run(context *c, gpu_avatar *a, const point_set *point
         });
         const network_points all = {canonical, direction, px, list, count, n, result};
         network_run(a->network, &all, &scratch);
-        status = finished_work(c, "the point network");
+        status = finished_work(c, "the radiance field");
     }
     if (!status) status = device_memory.download(c, four, result, 4 * floats);
     for (int64_t i = 0; i < n && !status; i++) {

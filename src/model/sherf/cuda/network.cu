@@ -1,7 +1,7 @@
-/* The point network's bank on the GPU and what points read from it. Sampling is a kernel of its own, in front
- * of the layers: it waits for memory, so it wants as many threads as there can be, and the layers want all
- * the registers. Between them 200 bytes a point go through the second cache, of 6 KB that are read from the
- * bank. */
+/* The radiance field's bank on the GPU and what points read from it. Sampling is a kernel of its own, in
+ * front of the layers: it waits for memory, so it wants as many threads as there can be, and the layers want
+ * all the registers. Between them 200 bytes a point go through the second cache, of 6 KB that are read from
+ * the bank. */
 #include "model/sherf/cuda/network.h"
 
 namespace cuda_backend {
@@ -32,8 +32,8 @@ static const void *place_values(context *c, arena *a, const tensor_memory *memor
     return part ? half : nullptr;
 }
 
-static sherf_status place_map(context *c, arena *a, const tensor_memory *memory, const point_part_map *from,
-                              float scale, placed_map *to) {
+static sherf_status place_map(context *c, arena *a, const tensor_memory *memory,
+                              const radiance_part_map *from, float scale, placed_map *to) {
     *to = {from->width, from->height, from->stride, nullptr};
     to->texel =
         place_values(c, a, memory, from->texel, (int64_t)from->width * from->height * from->stride, scale);
@@ -47,7 +47,7 @@ static const int32_t *place_integers(context *c, arena *a, const tensor_memory *
     return to;
 }
 
-static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
+static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                                bool half, placed_bank *b) {
     b->width = p->s.token_width;
     b->fused = p->fused;
@@ -63,7 +63,7 @@ static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory
     /* as the CPU's: a sum of all parts stays far from float16's 65504, small values far from 6e-8 */
     if (half) b->scale = exp2f(floorf(log2f(4096.0f / fmaxf(p->bank_top, 1e-20f))));
     if (!isfinite(b->scale) || b->scale <= 0)
-        return failure(c, SHERF_BAD_ARGUMENT, "point network: the avatar's features are not finite");
+        return failure(c, SHERF_BAD_ARGUMENT, "radiance field: the avatar's features are not finite");
     const float scale = half ? b->scale : 0;
     sherf_status status = SHERF_OK;
     for (int i = 0; i < 3 && !status; i++)
@@ -72,7 +72,7 @@ static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory
     b->image = (const float4 *)place_values(c, a, memory, p->image,
                                             4 * (int64_t)p->image_width * p->image_height, 0);
     for (int l = 0; l < POINT_LEVELS && !status; l++) {
-        const point_part_level *from = &p->level[l];
+        const radiance_part_level *from = &p->level[l];
         placed_level *to = &b->level[l];
         memcpy(to->size, from->size, sizeof to->size);
         memcpy(to->voxels_per_m, from->voxels_per_m, sizeof to->voxels_per_m);
@@ -86,7 +86,7 @@ static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory
     return status ? status : b->image ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static bool place_matrix(context *c, arena *a, const tensor_memory *memory, const point_part_matrix *from,
+static bool place_matrix(context *c, arena *a, const tensor_memory *memory, const radiance_part_matrix *from,
                          placed_matrix *to) {
     *to = {from->rows, from->columns, nullptr, nullptr};
     if (!from->w) return true;
@@ -95,17 +95,13 @@ static bool place_matrix(context *c, arena *a, const tensor_memory *memory, cons
     return to->w && to->b;
 }
 
-static sherf_status place_layers(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
+static sherf_status place_layers(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                                  float_layers *l) {
     const int D = p->s.token_width;
-    const struct {
-        const point_part_matrix *from;
-        placed_matrix *to;
-    } all[] = {{&p->color, &l->color}, {&p->qkv, &l->qkv},   {&p->attention_out, &l->attention_out},
-               {&p->mlp0, &l->mlp0},   {&p->mlp1, &l->mlp1}, {&p->alpha, &l->alpha},
-               {&p->views, &l->views}, {&p->rgb, &l->rgb}};
-    for (const auto &one : all)
-        if (!place_matrix(c, a, memory, one.from, one.to)) return SHERF_NO_MEMORY;
+#define PLACE(name)                                                                                          \
+    if (!place_matrix(c, a, memory, &p->name, &l->name)) return SHERF_NO_MEMORY;
+    RADIANCE_LAYERS(PLACE)
+#undef PLACE
     for (int i = 0; i < p->s.decoder_depth; i++)
         if (!place_matrix(c, a, memory, &p->pts[i], &l->pts[i])) return SHERF_NO_MEMORY;
     const struct {
@@ -122,8 +118,8 @@ static sherf_status place_layers(context *c, arena *a, const tensor_memory *memo
     return SHERF_OK;
 }
 
-network_sizes network_sizes_of(const point_parts *p) {
-    const point_sizes *s = &p->s;
+network_sizes network_sizes_of(const radiance_parts *p) {
+    const radiance_sizes *s = &p->s;
     return {s->token_width,     p->fused,
             s->heads,           s->head_width,
             p->attention_width, p->color_width,
@@ -134,8 +130,8 @@ network_sizes network_sizes_of(const point_parts *p) {
             s->decoder_skip,    s->view_width};
 }
 
-sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
-                           placed_network **out) {
+sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
+                           bool bf16, placed_network **out) {
     *out = nullptr;
     placed_network *n = (placed_network *)mem_zero(c, 1, sizeof *n);
     if (!n) return SHERF_NO_MEMORY;
@@ -144,7 +140,7 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
     sherf_status status = place_bank(c, a, memory, p, n->bf16, &n->bank);
     if (!status && n->bf16) status = bf16_place(c, a, memory, p, n->s, &n->fragments);
     if (!status && !n->bf16) status = place_layers(c, a, memory, p, &n->layers);
-    if (!status) status = finished_work(c, "placing a point network");
+    if (!status) status = finished_work(c, "placing a radiance field");
     if (status)
         mem_free(n);
     else

@@ -1,4 +1,4 @@
-/* A point network on the GPU: what its kernels share. */
+/* A radiance field on the GPU: what its kernels share. */
 #ifndef SHERF_CUDA_NETWORK_H
 #define SHERF_CUDA_NETWORK_H
 
@@ -12,8 +12,8 @@ extern const gpu_point_training points_training;
 
 /* ---- the network (network.cu, network_bf16.cu) ---- */
 struct placed_network;
-sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p, bool bf16,
-                           placed_network **out);
+sherf_status network_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
+                           bool bf16, placed_network **out);
 void network_free(placed_network *n);
 bool network_in_bf16(const placed_network *n);
 /* Points to take: list[i] for i < *count, of at most `most`. To result[point]: red, green, blue, raw density.
@@ -60,11 +60,14 @@ struct placed_matrix {
     const float *w, *b;
 };
 struct float_layers {
-    placed_matrix color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], alpha, views, rgb;
+#define MATRIX(name) placed_matrix name;
+    RADIANCE_LAYERS(MATRIX)
+#undef MATRIX
+    placed_matrix pts[POINT_DECODER_MAX];
     const float *norm0_w, *norm0_b, *norm1_w, *norm1_b, *token_b;
 };
 
-/* Sizes that kernels read, from point_parts. */
+/* Sizes that kernels read, from radiance_parts. */
 struct network_sizes {
     int width, fused, heads, head_width, all, color_width, color_token, color_frequencies;
     int position_width, position_frequencies, direction_width, direction_frequencies;
@@ -97,9 +100,9 @@ int float_blocks();
 void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
                const network_scratch *scratch);
 /* network_bf16.cu */
-network_sizes network_sizes_of(const point_parts *p);
+network_sizes network_sizes_of(const radiance_parts *p);
 bool bf16_fits(const network_sizes &s);
-sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
+sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                         const network_sizes &s, bf16_layers *out);
 void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
               const network_scratch *scratch);

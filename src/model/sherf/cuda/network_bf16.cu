@@ -1,4 +1,4 @@
-/* The point network in bf16 on tensor cores (mma.sync, 8.0 and newer; sums in float32). A warp takes 16
+/* The radiance field in bf16 on tensor cores (mma.sync, 8.0 and newer; sums in float32). A warp takes 16
  * points through the whole of fusion and decoder; activations never leave its registers, since two
  * neighbouring fragments of a product's result are one fragment of the next product's input (warp.h).
  *
@@ -57,13 +57,13 @@ static void pack_resident(uint32_t *fragments, int first, int k_tiles, int n_til
             pack_fragment(k, n, value, fragments + (first + k * n_tiles + n) * FRAGMENT, 2);
 }
 
-static float matrix_at(const point_part_matrix &m, int row, int column) {
+static float matrix_at(const radiance_part_matrix &m, int row, int column) {
     return row >= 0 && row < m.rows && column >= 0 && column < m.columns
                ? m.w[(size_t)row * m.columns + column]
                : 0;
 }
 
-static void pack_heads(const point_parts *p, const resident_places &at, uint32_t *fragments) {
+static void pack_heads(const radiance_parts *p, const resident_places &at, uint32_t *fragments) {
     const int all = p->attention_width, width = p->s.head_width;
     const float scale = 1.44269504f / sqrtf((float)width); /* attention's, and log2 e for exp2 */
     for (int h = 0; h < p->s.heads; h++) {
@@ -81,12 +81,12 @@ static void pack_heads(const point_parts *p, const resident_places &at, uint32_t
 }
 
 /* What bf16 keeps of a weight in the even columns, what it drops in the odd ones. */
-static float split(const point_part_matrix &m, int output, int input) {
+static float split(const radiance_part_matrix &m, int output, int input) {
     const float w = matrix_at(m, output / 2, input), high = host_rounded(w);
     return output % 2 ? w - high : high;
 }
 
-static void pack_floats(const point_parts *p, const resident_places &at, int h_tiles, float *to) {
+static void pack_floats(const radiance_parts *p, const resident_places &at, int h_tiles, float *to) {
     const struct {
         int at;
         const float *from;
@@ -124,7 +124,7 @@ static uint32_t *pack_stages(uint32_t *to, int each_words, int k_tiles, int n_ti
     return to + tiles_stages(k_tiles) * each_words;
 }
 
-sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const point_parts *p,
+sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                         const network_sizes &s, bf16_layers *out) {
     const int h_tiles = h_tiles_of(p->s.decoder_width), each_words = stage_words(h_tiles);
     const int views_tiles = h_tiles + DIRECTION_TILES + TOKEN_TILES, depth = p->s.decoder_depth;

@@ -1,4 +1,4 @@
-/* The point network in bf16 on tensor cores: what its kernels for frames (network_bf16.cu) and for training
+/* The radiance field in bf16 on tensor cores: what its kernels for frames (network_bf16.cu) and for training
  * (train_*.cu) share: where weights are, how they come, and how a warp takes 16 points through a layer. */
 #ifndef SHERF_CUDA_NETWORK_BF16_H
 #define SHERF_CUDA_NETWORK_BF16_H

@@ -1,4 +1,4 @@
-/* The point network in float32: what the bf16 kernel is compared with, and for sizes that do not fit it. A
+/* The radiance field in float32: what the bf16 kernel is compared with, and for sizes that do not fit it. A
  * block takes 32 points at a time, lane by point; its eight warps share the rows of a layer. Activations are
  * [channel][32 points] in memory of the block's own, which its first cache holds. */
 #include "model/sherf/cuda/network.h"

@@ -1,4 +1,4 @@
-/* The fused point network in training: what is made for an observation, and a frame's way forwards and back.
+/* The fused radiance field in training: what is made for an observation, and a frame's way forwards and back.
  */
 #include "model/sherf/cuda/train.h"
 
@@ -8,7 +8,7 @@ struct gpu_points {
 
 namespace cuda_backend {
 
-static network_sizes sizes_of(const point_sizes *s) {
+static network_sizes sizes_of(const radiance_sizes *s) {
     const int D = s->token_width, fused = 3 * D, color = fused - s->feature_channels;
     return {D,
             fused,
@@ -28,17 +28,17 @@ static network_sizes sizes_of(const point_sizes *s) {
             s->view_width};
 }
 
-static bool possible(const point_sizes *s) {
+static bool possible(const radiance_sizes *s) {
     return bf16_fits(sizes_of(s)) && s->feature_channels % TOKEN == 0 && s->feature_channels <= TOKENS &&
            s->decoder_depth >= 2 && s->decoder_depth <= POINT_DECODER_MAX;
 }
 
-static sherf_status create(tape *t, const point_sizes *sizes, const point_weights *weights,
-                           const point_bank *bank, gpu_points **out) {
+static sherf_status create(tape *t, const radiance_sizes *sizes, const radiance_weights *weights,
+                           const radiance_bank *bank, gpu_points **out) {
     context *c = tape_context(t);
     *out = nullptr;
     if (!possible(sizes))
-        return failure(c, SHERF_UNSUPPORTED, "point network: no fused training for these sizes on a GPU");
+        return failure(c, SHERF_UNSUPPORTED, "radiance field: no fused training for these sizes on a GPU");
     gpu_points *p = (gpu_points *)tape_alloc(t, 1, sizeof *p);
     if (!p) return tape_status(t);
     train_network *n = &p->n;
@@ -114,7 +114,7 @@ static sherf_status run_in(context *c, arena *a, const train_network *n, const g
         train_sample(n, r);
         train_decode(n, r, false);
     }
-    return finished_work(c, "the point network");
+    return finished_work(c, "the radiance field");
 }
 
 /* The points that have a gradient: list, and how many in first[P]. */
@@ -135,7 +135,7 @@ static sherf_status list_points(context *c, arena *a, int64_t P, const float *dr
 
 static sherf_status backward_in(context *c, arena *a, const train_network *n, const gpu_point_set *points,
                                 const float *rgb, const float *drgb, const float *dsigma,
-                                const point_gradients *out) {
+                                const radiance_gradients *out) {
     train_run r;
     const int64_t P = points->count, floats = n->sums.floats;
     int32_t *list = room<int32_t>(c, a, P), *first = room<int32_t>(c, a, P + 1);
@@ -162,14 +162,14 @@ static sherf_status backward_in(context *c, arena *a, const train_network *n, co
     }
     train_unpack(n, partial, r.vectors, total, vector, out);
     status = train_scatter(c, a, n, r, P, out);
-    return status ? status : finished_work(c, "the point network's gradients");
+    return status ? status : finished_work(c, "the radiance field's gradients");
 }
 
 static sherf_status too_many(context *c, const train_network *n, int64_t count) {
     bool rows = false;
     for (const train_part &p : n->bank.part) rows = rows || p.rows >= INT32_MAX;
     if (count <= INT32_MAX / 8 && !rows) return SHERF_OK;
-    return failure(c, SHERF_BAD_ARGUMENT, "point network: %lld points are too many", (long long)count);
+    return failure(c, SHERF_BAD_ARGUMENT, "radiance field: %lld points are too many", (long long)count);
 }
 
 static sherf_status run(tape *t, const gpu_points *p, const gpu_point_set *points, float *rgb, float *sigma) {
@@ -182,7 +182,7 @@ static sherf_status run(tape *t, const gpu_points *p, const gpu_point_set *point
 }
 
 static sherf_status backward(tape *t, const gpu_points *p, const gpu_point_set *points, const float *rgb,
-                             const float *drgb, const float *dsigma, const point_gradients *out) {
+                             const float *drgb, const float *dsigma, const radiance_gradients *out) {
     arena *a = tape_scratch(t);
     const arena_mark mark = arena_position(a);
     sherf_status status = too_many(tape_context(t), &p->n, points->count);

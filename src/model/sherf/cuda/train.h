@@ -1,4 +1,4 @@
-/* The fused point network in training (bf16): what its kernels share. Forwards every tile of 128 points goes
+/* The fused radiance field in training (bf16): what its kernels share. Forwards every tile of 128 points goes
  * through train_decoder.cu as a frame's does. Backwards, for a chunk of points at a time: the decoder again
  * and back (train_decoder.cu), fusion again and back (train_fusion.cu), both of which keep what goes into
  * each layer and the gradient of what comes out as fragments in a record of each group of 16 points; then
@@ -138,7 +138,7 @@ struct train_network {
     network_sizes s;
     int h_tiles, feature_channels;
     train_bank bank;
-    point_weights w;     /* the device's */
+    radiance_weights w;  /* the device's */
     const float *merged; /* the view layer's with the feature layer in it: [view_width][decoder_width] */
     bf16_layers layers;
     int back_stages;
@@ -152,10 +152,10 @@ struct train_network {
 /* train_pack.cu */
 sherf_status train_pack(tape *t, train_network *n);
 /* train_bank.cu */
-void train_bank_of(const point_sizes *s, const point_bank *b, train_bank *out);
+void train_bank_of(const radiance_sizes *s, const radiance_bank *b, train_bank *out);
 void train_sample(const train_network *n, const train_run &r);
 sherf_status train_scatter(context *c, arena *scratch, const train_network *n, const train_run &all,
-                           int64_t points, const point_gradients *out);
+                           int64_t points, const radiance_gradients *out);
 /* train_decoder.cu */
 void train_decode(const train_network *n, const train_run &r, bool back);
 /* train_fusion.cu */
@@ -168,7 +168,7 @@ int train_units(const network_sizes &s, int h_tiles, const record_places &at, co
 void train_weights(const train_network *n, const train_run &r, float *partial);
 /* Adds the sums to the gradients of the weights. total: n->sums.floats; vector: VECTORS x TOKEN. */
 void train_unpack(const train_network *n, const float *partial, const float *vectors, float *total,
-                  float *vector, const point_gradients *out);
+                  float *vector, const radiance_gradients *out);
 
 } // namespace cuda_backend
 #endif

@@ -16,7 +16,7 @@ static train_part part_of(int axes, bool pixel, const int axis[3], const int siz
     return p;
 }
 
-void train_bank_of(const point_sizes *s, const point_bank *b, train_bank *out) {
+void train_bank_of(const radiance_sizes *s, const radiance_bank *b, train_bank *out) {
     static const int axis[3][3] = {{0, 1, 0}, {0, 2, 0}, {2, 1, 0}}, straight[3] = {0, 1, 2};
     *out = {};
     for (int k = 0; k < 3; k++) {
@@ -155,7 +155,7 @@ static sherf_status scatter_part(op_call *call, const train_part &part, const tr
 }
 
 sherf_status train_scatter(context *c, arena *space, const train_network *n, const train_run &all,
-                           int64_t points, const point_gradients *out) {
+                           int64_t points, const radiance_gradients *out) {
     float *grad[TRAIN_PARTS] = {out->plane[0], out->plane[1], out->plane[2], out->map,
                                 out->level[0], out->level[1], out->level[2]};
     op_call call = {};

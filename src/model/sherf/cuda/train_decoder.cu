@@ -1,4 +1,4 @@
-/* The point network in training: forwards for its result, or forwards and through the decoder back. As in
+/* The radiance field in training: forwards for its result, or forwards and through the decoder back. As in
  * network_bf16.cu a warp takes 16 points through all layers in its registers, and the stages of the weights
  * come round; those of the way back, transposed, follow the forward ones. What the way back needs of the
  * forward one are the signs of each layer's sums, 2 words a lane and layer, in shared memory; what the

@@ -111,7 +111,7 @@ static void pack_resident(const train_network *n, const resident_places &at, uin
 }
 
 static void pack_floats(const train_network *n, const resident_places &at, const float *views_b, float *to) {
-    const point_weights &w = n->w;
+    const radiance_weights &w = n->w;
     const float *tw = w.token_projection_w, *tb = w.token_projection_b, *vb = w.volume_projection_b;
     each(TOKENS, [=] __device__(int64_t i) { /* and what the volume projection's bias becomes in it */
                                              float sum = tb[i % TOKEN];
@@ -216,7 +216,7 @@ sherf_status train_pack(tape *t, train_network *n) {
     pack_back(n, there);
     n->layers = {(const uint4 *)words, (const uint4 *)resident, stages, (int)(kept * 4)};
     n->back = (const uint4 *)there;
-    return finished_work(tape_context(t), "packing a point network");
+    return finished_work(tape_context(t), "packing a radiance field");
 }
 
 } // namespace cuda_backend

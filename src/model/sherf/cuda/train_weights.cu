@@ -1,4 +1,4 @@
-/* Gradients of the point network's weights from the groups' records: dW = dY^T X over points. A warp has up
+/* Gradients of the radiance field's weights from the groups' records: dW = dY^T X over points. A warp has up
  * to 2 x 4 tiles of a matrix and a slab of the chunk's groups; fragments come from the records as the tensor
  * cores want them, so nothing passes through shared memory. Rows' sums, for biases, are products with ones.
  * Each slab's sums stay apart until all chunks are done, and are added in their order. */
@@ -171,8 +171,8 @@ static void add_vector(float *to, const float *from, int count) {
 
 static void unpack_fusion(const train_network *n, const summed &qkv, const summed &attention,
                           const summed &mlp0, const summed &mlp1, const float *vector,
-                          const point_gradients *out) {
-    const point_weights &w = n->w;
+                          const radiance_gradients *out) {
+    const radiance_weights &w = n->w;
     const int width = n->s.head_width, all = n->s.all, heads = n->s.heads;
     const float scale = 1.44269504f / sqrtf((float)width);
     add_matrix(GRAD(w.qkv_w), 3 * all, TOKEN, [=] __device__(int row, int k) {
@@ -195,7 +195,7 @@ static void unpack_fusion(const train_network *n, const summed &qkv, const summe
 /* Colour's columns of the token projection, and the biases: token i has b + W_v b_volume[i]. d: of the
  * tokens' biases, [3][TOKEN]. */
 static void unpack_tokens(const train_network *n, const summed &color, const float *d,
-                          const point_gradients *out) {
+                          const radiance_gradients *out) {
     const float *tw = n->w.token_projection_w, *vb = n->w.volume_projection_b;
     float *dw = GRAD(tw), *db = GRAD(n->w.token_projection_b), *dv = GRAD(vb);
     const int color_width = n->s.color_width, first = TOKEN + n->feature_channels % TOKEN;
@@ -220,7 +220,7 @@ static void unpack_tokens(const train_network *n, const summed &color, const flo
 }
 
 /* The merged layer M = V F, bias V b_F + b_V; and V's other columns. */
-static void unpack_views(const train_network *n, const summed &views, const point_gradients *out) {
+static void unpack_views(const train_network *n, const summed &views, const radiance_gradients *out) {
     const network_sizes s = n->s;
     const int h = s.decoder_width, columns = h + s.direction_width + TOKEN, rows = s.view_width,
               H = 16 * n->h_tiles;
@@ -246,7 +246,7 @@ static void unpack_views(const train_network *n, const summed &views, const poin
     add_vector(GRAD(n->w.views_b), views.b, rows);
 }
 
-static void unpack_layer(const train_network *n, int layer, const summed &m, const point_gradients *out) {
+static void unpack_layer(const train_network *n, int layer, const summed &m, const radiance_gradients *out) {
     const network_sizes s = n->s;
     const bool first = layer == 0, wide = !first && layer == s.decoder_skip + 1;
     const int h = s.decoder_width, x = s.position_width + TOKEN;
@@ -278,7 +278,7 @@ static void sum_vectors(const float *lanes, float *vector) {
 }
 
 void train_unpack(const train_network *n, const float *partial, const float *vectors, float *total,
-                  float *vector, const point_gradients *out) {
+                  float *vector, const radiance_gradients *out) {
     const int64_t floats = n->sums.floats;
     each(floats, [=] __device__(int64_t i) {
         float sum = 0;

@@ -1,4 +1,4 @@
-/* The weights of the point network as AMX tiles of bf16. */
+/* The weights of the radiance field as AMX tiles of bf16. */
 #if defined(__x86_64__)
 #include <math.h>
 #include <string.h>
@@ -18,7 +18,7 @@ static float from_bf16(uint16_t x) {
     return y;
 }
 /* slot[i]: the column of m that input i of the packed layer has, -1: none. */
-sherf_status tiles_pack(context *c, const point_matrix *m, int row_tiles, int blocks, const int *slot,
+sherf_status tiles_pack(context *c, const radiance_matrix *m, int row_tiles, int blocks, const int *slot,
                         tiles *out) {
     *out = (tiles){.row_tiles = row_tiles, .blocks = blocks};
     out->w = mem_zero(c, (size_t)row_tiles * (size_t)blocks, TILE);
@@ -55,8 +55,9 @@ void slots_add_encoded(int *slot, int at, int column, int width) {
 }
 
 /* Twice the rows: what bf16 keeps of the weights, then what it drops. */
-static sherf_status pack_precise(context *c, const point_matrix *m, int blocks, const int *slot, tiles *out) {
-    point_matrix two = {.rows = 2 * m->rows, .columns = m->columns};
+static sherf_status pack_precise(context *c, const radiance_matrix *m, int blocks, const int *slot,
+                                 tiles *out) {
+    radiance_matrix two = {.rows = 2 * m->rows, .columns = m->columns};
     size_t count = (size_t)m->rows * (size_t)m->columns;
     two.w = mem_alloc(c, 2 * count, sizeof(float));
     two.b = mem_zero(c, (size_t)two.rows, sizeof(float));
@@ -75,8 +76,9 @@ static sherf_status pack_precise(context *c, const point_matrix *m, int blocks, 
 }
 
 /* attention_out with its bias as two more columns (its high and low part), which meet ones. */
-static sherf_status pack_attention_out(context *c, const point_matrix *m, int blocks, int *slot, tiles *out) {
-    point_matrix wide = {.rows = m->rows, .columns = m->columns + 2};
+static sherf_status pack_attention_out(context *c, const radiance_matrix *m, int blocks, int *slot,
+                                       tiles *out) {
+    radiance_matrix wide = {.rows = m->rows, .columns = m->columns + 2};
     wide.w = mem_alloc(c, (size_t)wide.rows * (size_t)wide.columns, sizeof(float));
     wide.b = mem_zero(c, (size_t)wide.rows, sizeof(float));
     sherf_status status = wide.w && wide.b ? SHERF_OK : SHERF_NO_MEMORY;
@@ -96,19 +98,19 @@ static sherf_status pack_attention_out(context *c, const point_matrix *m, int bl
     return status;
 }
 
-float point_q_scale(const point_network *n) {
+float radiance_q_scale(const radiance_field *n) {
     return 1.44269504f / sqrtf((float)n->s.head_width);
 }
 
-static sherf_status pack_fusion(context *c, const point_network *n, point_matrices *m, int *slot,
-                                point_amx *a) {
+static sherf_status pack_fusion(context *c, const radiance_field *n, radiance_matrices *m, int *slot,
+                                radiance_amx *a) {
     sherf_status status = SHERF_OK;
     slots_none(slot);
     slots_add(slot, 0, 0, n->color_width);
     if (n->color_width)
         status = tiles_pack(c, &m->color, m->color.rows / 16, (n->color_width + 31) / 32, slot, &a->color);
     /* attention's scale and log2 e go into q */
-    for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= point_q_scale(n);
+    for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= radiance_q_scale(n);
     slots_none(slot);
     slots_add(slot, 0, 0, WIDTH);
     if (!status) status = tiles_pack(c, &m->qkv, (3 * n->attention_width + 15) / 16, 1, slot, &a->qkv);
@@ -120,8 +122,8 @@ static sherf_status pack_fusion(context *c, const point_network *n, point_matric
     return status ? status : a->mlp1_b ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static sherf_status pack_decoder(context *c, const point_network *n, const point_matrices *m, int *slot,
-                                 point_amx *a) {
+static sherf_status pack_decoder(context *c, const radiance_field *n, const radiance_matrices *m, int *slot,
+                                 radiance_amx *a) {
     int h = n->s.decoder_width, x = n->position_width + WIDTH, h_tiles = 2 * a->h_blocks;
     sherf_status status = SHERF_OK;
     for (int i = 0; i < n->s.decoder_depth && !status; i++) {
@@ -144,7 +146,7 @@ static sherf_status pack_decoder(context *c, const point_network *n, const point
     return status;
 }
 
-static void lay_out(point_network *n, point_amx *a) {
+static void lay_out(radiance_field *n, radiance_amx *a) {
     size_t at = 0,
            wide = (size_t)(a->h_blocks > a->views.row_tiles / 2 ? a->h_blocks : a->views.row_tiles / 2);
     /* a line more, so that groups do not fall on the same sets of the cache */
@@ -176,13 +178,13 @@ static void lay_out(point_network *n, point_amx *a) {
     n->scratch_bytes = at;
 }
 
-bool point_amx_fits(const point_sizes *s) {
+bool radiance_amx_fits(const radiance_sizes *s) {
     return s->token_width == WIDTH && s->head_width % 2 == 0 && s->heads * s->head_width % 16 == 0 &&
            s->heads * s->head_width <= 512 && s->decoder_width <= 1024;
 }
 
-sherf_status point_amx_create(context *c, point_network *n, point_matrices *m) {
-    point_amx *a = n->amx = mem_zero(c, 1, sizeof *a);
+sherf_status radiance_amx_create(context *c, radiance_field *n, radiance_matrices *m) {
+    radiance_amx *a = n->amx = mem_zero(c, 1, sizeof *a);
     int *slot = a ? mem_alloc(c, SLOTS, sizeof *slot) : NULL;
     if (!slot) return SHERF_NO_MEMORY;
     a->h_blocks = (n->s.decoder_width + 31) / 32;
@@ -193,7 +195,7 @@ sherf_status point_amx_create(context *c, point_network *n, point_matrices *m) {
     if (!status) status = pack_decoder(c, n, m, slot, a);
     mem_free(slot);
     lay_out(n, a);
-    n->tile = point_tile_amx;
+    n->tile = radiance_tile_amx;
     return status;
 }
 
@@ -202,7 +204,7 @@ void tiles_free(tiles *l) {
     mem_free(l->bias);
 }
 
-void point_amx_free(point_amx *a) {
+void radiance_amx_free(radiance_amx *a) {
     if (!a) return;
     tiles *all[] = {&a->color, &a->qkv, &a->attention_out, &a->mlp0, &a->mlp1, &a->views, &a->alpha, &a->rgb};
     for (size_t i = 0; i < COUNT_OF(all); i++) tiles_free(all[i]);

@@ -1,6 +1,6 @@
 /* Weights packed as tiles for AMX: what amx_pack.c makes and the bf16 kernels read. */
-#ifndef SHERF_POINTNET_AMX_PACK_H
-#define SHERF_POINTNET_AMX_PACK_H
+#ifndef SHERF_RADIANCE_AMX_PACK_H
+#define SHERF_RADIANCE_AMX_PACK_H
 
 #include "model/sherf/fused/inside.h"
 
@@ -18,7 +18,7 @@ typedef struct {
     float *bias;
 } tiles;
 
-struct point_amx {
+struct radiance_amx {
     tiles color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views, alpha, rgb;
     int x_blocks, h_blocks,
         v_blocks;     /* of 32 channels: [PE(position), token 0], h, [PE(direction), token 1] */
@@ -48,14 +48,14 @@ void slots_add(int *slot, int at, int column, int count);
  * parts. */
 void slots_add_encoded(int *slot, int at, int column, int width);
 
-sherf_status tiles_pack(context *c, const point_matrix *m, int row_tiles, int blocks, const int *slot,
+sherf_status tiles_pack(context *c, const radiance_matrix *m, int row_tiles, int blocks, const int *slot,
                         tiles *out);
 void tiles_free(tiles *l);
 
 /* q's weights are packed times this: attention's scale and log2 e. */
-float point_q_scale(const point_network *n);
+float radiance_q_scale(const radiance_field *n);
 
 /* tile_amx.c: runs one tile. */
-void point_tile_amx(const point_network *n, point_tile *t, void *scratch);
+void radiance_tile_amx(const radiance_field *n, point_tile *t, void *scratch);
 
 #endif

@@ -9,9 +9,9 @@
 
 typedef struct {
     const sherf_avatar *a;
-    point_bank canonical;   /* of the bank what the canonical body decides */
-    point_network *network; /* NULL on a GPU, unless the processor was asked too */
-    gpu_avatar *gpu;        /* or NULL */
+    radiance_bank canonical; /* of the bank what the canonical body decides */
+    radiance_field *network; /* NULL on a GPU, unless the processor was asked too */
+    gpu_avatar *gpu;         /* or NULL */
     const gpu_renderer *renderer;
     pthread_mutex_t lock; /* of `network` being made, and of the GPU's room for frames */
 } fused_field;
@@ -20,14 +20,14 @@ static void release(void *field) {
     fused_field *f = field;
     if (!f) return;
     if (f->gpu) f->renderer->release(f->gpu);
-    point_network_free(f->network);
+    radiance_field_free(f->network);
     pthread_mutex_destroy(&f->lock);
     mem_free(f);
 }
 
 /* ---- the bank, from what the avatar keeps ---- */
 static sherf_status level_of(context *c, const kept_array *value, const kept_array *voxel, int l,
-                             point_bank *b) {
+                             radiance_bank *b) {
     int64_t cells = 1;
     for (int i = 0; i < 3; i++) cells *= b->level[l].size[i] = b->volume_size[i] >> (l + 1);
     if (voxel->dim[0] != value->dim[0])
@@ -49,12 +49,12 @@ static sherf_status level_of(context *c, const kept_array *value, const kept_arr
     return SHERF_OK;
 }
 
-static void bank_free(point_bank *b) {
+static void bank_free(radiance_bank *b) {
     for (int l = 0; l < POINT_LEVELS; l++) mem_free((void *)b->level[l].grid);
 }
 
 /* Free with bank_free, whatever the answer. The arrays stay the avatar's. */
-static sherf_status bank_of(context *c, const fused_field *f, point_bank *b) {
+static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b) {
     const sherf_avatar *a = f->a;
     const kept_array *k = a->kept.array; /* features, planes, then values and voxels by level */
     *b = f->canonical;
@@ -72,34 +72,34 @@ static sherf_status bank_of(context *c, const fused_field *f, point_bank *b) {
     return status;
 }
 
-static sherf_status network_make(context *c, const fused_field *f, point_network **out) {
-    point_sizes sizes;
-    point_weights weights;
-    point_bank bank;
-    model_sherf_point_sizes(&f->a->config, &sizes);
-    model_sherf_point_weights(f->a->weights, &f->a->config, &weights);
+static sherf_status network_make(context *c, const fused_field *f, radiance_field **out) {
+    radiance_sizes sizes;
+    radiance_weights weights;
+    radiance_bank bank;
+    model_sherf_sizes(&f->a->config, &sizes);
+    model_sherf_weights(f->a->weights, &f->a->config, &weights);
     sherf_status status = bank_of(c, f, &bank);
     if (status == SHERF_OK)
-        status = point_network_create(c, &sizes, &weights, &bank, c->precision == SHERF_PRECISION_BF16, out);
+        status = radiance_field_create(c, &sizes, &weights, &bank, c->precision == SHERF_PRECISION_BF16, out);
     bank_free(&bank);
     return status;
 }
 
 static sherf_status network_place(context *c, fused_field *f, const body_model *body) {
     const sherf_avatar *a = f->a;
-    point_sizes sizes;
-    point_weights weights;
-    point_bank bank;
-    point_parts parts;
-    model_sherf_point_sizes(&a->config, &sizes);
-    model_sherf_point_weights(a->weights, &a->config, &weights);
+    radiance_sizes sizes;
+    radiance_weights weights;
+    radiance_bank bank;
+    radiance_parts parts;
+    model_sherf_sizes(&a->config, &sizes);
+    model_sherf_weights(a->weights, &a->config, &weights);
     sherf_status status = bank_of(c, f, &bank);
-    if (status == SHERF_OK) status = point_parts_create(c, &sizes, &weights, &bank, &parts);
+    if (status == SHERF_OK) status = radiance_parts_create(c, &sizes, &weights, &bank, &parts);
     bank_free(&bank);
     if (status != SHERF_OK) return status;
     status = f->renderer->place(c, body, a->observed, &a->camera, &parts,
                                 c->precision == SHERF_PRECISION_BF16, &f->gpu);
-    point_parts_free(&parts);
+    radiance_parts_free(&parts);
     return status;
 }
 
@@ -128,7 +128,7 @@ static sherf_status create(context *c, const sherf_avatar *a, const body_model *
 static sherf_status run(context *c, void *field, const body_model *body, const point_set *points, float *rgb,
                         float *sigma) {
     fused_field *f = field;
-    if (!f->gpu) return point_network_run(c, f->network, points, rgb, sigma);
+    if (!f->gpu) return radiance_field_run(c, f->network, points, rgb, sigma);
     pthread_mutex_lock(&f->lock);
     sherf_status status = f->renderer->run(c, f->gpu, points, rgb, sigma);
     pthread_mutex_unlock(&f->lock);
@@ -145,7 +145,7 @@ static sherf_status render(context *c, void *field, const body_model *body, cons
     if (!f->network) status = network_make(c, f, &f->network);
     pthread_mutex_unlock(&f->lock);
     if (status != SHERF_OK) return status;
-    return point_network_render(c, f->network, rays, points, background, early_stop, frame);
+    return radiance_field_render(c, f->network, rays, points, background, early_stop, frame);
 }
 
 static bool takes_joints(const void *field) {

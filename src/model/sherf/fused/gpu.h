@@ -1,8 +1,8 @@
 /* Frames on a GPU: what host code asks of src/render/cuda. An avatar's body, observation, bank and weights
  * are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for the
  * host between. */
-#ifndef SHERF_RENDER_GPU_H
-#define SHERF_RENDER_GPU_H
+#ifndef SHERF_RADIANCE_GPU_H
+#define SHERF_RADIANCE_GPU_H
 
 #include "model/sherf/fused/parts.h"
 #include "model/sherf/fused/train.h"
@@ -13,7 +13,7 @@ extern "C" {
 
 typedef struct gpu_avatar gpu_avatar;
 
-/* Training in bf16: the fused point network, forwards and backwards, as train.h is on the processor.
+/* Training in bf16: the fused radiance field, forwards and backwards, as train.h is on the processor.
  * All arrays lie in the device's memory: the bank's (which is merged, with images and grids), the weights'
  * and the gradients'; what is made lives until the tape is reset. Scratch is the tape's. */
 typedef struct gpu_points gpu_points;
@@ -22,13 +22,13 @@ typedef struct {
     const float *canonical, *direction_canonical, *observed_px; /* as in point_set */
 } gpu_point_set;
 typedef struct {
-    bool (*possible)(const point_sizes *s);
-    sherf_status (*create)(tape *t, const point_sizes *sizes, const point_weights *weights,
-                           const point_bank *bank, gpu_points **out);
+    bool (*possible)(const radiance_sizes *s);
+    sherf_status (*create)(tape *t, const radiance_sizes *sizes, const radiance_weights *weights,
+                           const radiance_bank *bank, gpu_points **out);
     sherf_status (*run)(tape *t, const gpu_points *n, const gpu_point_set *points, float *rgb, float *sigma);
-    /* As point_network_backward; the same bits every time. */
+    /* As radiance_field_backward; the same bits every time. */
     sherf_status (*backward)(tape *t, const gpu_points *n, const gpu_point_set *points, const float *rgb,
-                             const float *drgb, const float *dsigma, const point_gradients *out);
+                             const float *drgb, const float *dsigma, const radiance_gradients *out);
 } gpu_point_training;
 
 /* The functions of one device. Not for two threads at once with one avatar. */
@@ -36,18 +36,18 @@ typedef struct {
     const tensor_memory *memory;
     /* The result keeps nothing of what it is given but `m`'s sizes. */
     sherf_status (*place)(context *c, const body_model *m, const posed_body *observed,
-                          const sherf_camera *observed_camera, const point_parts *network, bool bf16,
+                          const sherf_camera *observed_camera, const radiance_parts *network, bool bf16,
                           gpu_avatar **out);
     void (*release)(gpu_avatar *a);       /* NULL is fine */
     bool (*in_bf16)(const gpu_avatar *a); /* what it was placed with, where the kernel can */
     size_t (*bytes)(const gpu_avatar *a); /* of the device's memory, so far */
-    /* `posed` has joints (posed_joints_create). As points_create and point_network_render together. */
+    /* `posed` has joints (posed_joints_create). As points_create and radiance_field_render together. */
     sherf_status (*render)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
                            const gpu_frame_options *options, sherf_frame *frame);
     /* The points that a frame is made of, for tests; free with points_free. */
     sherf_status (*points)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
                            const gpu_frame_options *options, point_set **out);
-    /* As point_network_run: points, rgb and sigma are the host's. */
+    /* As radiance_field_run: points, rgb and sigma are the host's. */
     sherf_status (*run)(context *c, gpu_avatar *a, const point_set *points, float *rgb, float *sigma);
     const gpu_point_training *training;
 } gpu_renderer;

@@ -9,7 +9,7 @@ enum { PARTS = 64 };
 
 /* y[rows][stride] = x[rows][columns] m^T; m as the kernel wants it. */
 typedef struct {
-    point_project *kernel;
+    radiance_project *kernel;
     const float *x, *m;
     float *y;
     int columns, stride;
@@ -20,13 +20,13 @@ static void project_rows(void *arg, int64_t begin, int64_t end, int thread) {
     j->kernel(j->x + begin * j->columns, end - begin, j->columns, j->m, j->stride, j->y + begin * j->stride);
 }
 
-static point_project *best_project(void) {
+static radiance_project *best_project(void) {
 #if defined(__x86_64__)
     const isa_level level = isa_best();
-    if (level >= ISA_AVX512) return point_project_avx512;
-    if (level >= ISA_AVX2) return point_project_avx2;
+    if (level >= ISA_AVX512) return radiance_project_avx512;
+    if (level >= ISA_AVX2) return radiance_project_avx2;
 #endif
-    return point_project_plain;
+    return radiance_project_plain;
 }
 
 typedef struct {
@@ -38,7 +38,7 @@ typedef struct {
 static void to_half(void *arg, int64_t begin, int64_t end, int thread) {
     const half_job *j = arg;
 #if defined(__x86_64__)
-    point_halve_amx(j->from + begin, j->scale, j->to + begin, end - begin); /* bf16 runs on AMX only */
+    radiance_halve_amx(j->from + begin, j->scale, j->to + begin, end - begin); /* bf16 runs on AMX only */
 #endif
 }
 
@@ -59,8 +59,8 @@ static sherf_status project(context *c, const float *x, int64_t rows, int column
     return *y ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static sherf_status prepare_planes(context *c, point_network *n, const point_weights *w,
-                                   const point_bank *bank) {
+static sherf_status prepare_planes(context *c, radiance_field *n, const radiance_weights *w,
+                                   const radiance_bank *bank) {
     int d = n->s.token_width, size = bank->plane_size;
     double *m = mem_alloc(c, (size_t)d * (size_t)d, sizeof *m);
     if (!m) return SHERF_NO_MEMORY;
@@ -68,8 +68,8 @@ static sherf_status prepare_planes(context *c, point_network *n, const point_wei
         for (int k = 0; k < d; k++) m[o * d + k] = w->token_projection_w[(size_t)o * n->fused + k];
     sherf_status status = SHERF_OK;
     for (int i = 0; i < 3 && !status; i++) {
-        point_map *p = &n->plane[i];
-        *p = (point_map){.width = size, .height = size, .stride = round_up(d, POINT_PAD)};
+        radiance_map *p = &n->plane[i];
+        *p = (radiance_map){.width = size, .height = size, .stride = round_up(d, POINT_PAD)};
         int64_t rows = (int64_t)size * size;
         if (bank->merged) continue;
         status = project(c, bank->planes + (size_t)i * (size_t)rows * (size_t)d, rows, d, m, d, p->stride,
@@ -84,16 +84,16 @@ static sherf_status prepare_planes(context *c, point_network *n, const point_wei
 }
 
 /* The pixel-aligned values are [features, PE(color)], cut into three runs of D; token i gets run i. */
-static sherf_status prepare_map(context *c, point_network *n, const point_weights *w,
-                                const point_bank *bank) {
+static sherf_status prepare_map(context *c, radiance_field *n, const radiance_weights *w,
+                                const radiance_bank *bank) {
     int d = n->s.token_width, f = n->s.feature_channels, out = n->map_tokens * d;
     double *m = mem_zero(c, (size_t)out * (size_t)f, sizeof *m);
     if (!m) return SHERF_NO_MEMORY;
     for (int k = 0; k < f; k++)
         for (int o = 0; o < d; o++)
             m[(size_t)(k / d * d + o) * f + k] = w->token_projection_w[(size_t)o * n->fused + d + k % d];
-    point_map *p = &n->map;
-    *p = (point_map){
+    radiance_map *p = &n->map;
+    *p = (radiance_map){
         .width = bank->feature_width, .height = bank->feature_height, .stride = round_up(out, POINT_PAD)};
     sherf_status status = bank->merged ? SHERF_OK
                                        : project(c, bank->features, (int64_t)p->width * p->height, f, m, out,
@@ -118,7 +118,7 @@ static sherf_status prepare_map(context *c, point_network *n, const point_weight
 }
 
 /* Numbers the cells that touch a voxel and notes the 8 rows at their corners. */
-static sherf_status make_cells(context *c, point_level *l, const int32_t *grid) {
+static sherf_status make_cells(context *c, radiance_level *l, const int32_t *grid) {
     int64_t sx = l->size[2], sy = l->size[1], sz = l->size[0];
     size_t cells = (size_t)(sx + 1) * (size_t)(sy + 1) * (size_t)(sz + 1);
     l->cell = mem_alloc(c, cells, sizeof *l->cell);
@@ -145,8 +145,8 @@ static sherf_status make_cells(context *c, point_level *l, const int32_t *grid) 
     return SHERF_OK;
 }
 
-static sherf_status project_level(context *c, point_network *n, const point_weights *w,
-                                  const point_bank *bank, int level, int first_column) {
+static sherf_status project_level(context *c, radiance_field *n, const radiance_weights *w,
+                                  const radiance_bank *bank, int level, int first_column) {
     int d = n->s.token_width, channels = n->s.volume_channels[level], columns = 0;
     for (int i = 0; i < POINT_LEVELS; i++) columns += n->s.volume_channels[i];
     double *m = mem_zero(c, (size_t)n->fused * (size_t)channels, sizeof *m);
@@ -158,7 +158,7 @@ static sherf_status project_level(context *c, point_network *n, const point_weig
                     (double)w->token_projection_w[(size_t)(row % d) * n->fused + 2 * d + j] *
                     w->volume_projection_w[(size_t)(row / d * d + j) * columns + first_column + k];
     /* row 0 is for corners without a voxel */
-    point_level *l = &n->level[level];
+    radiance_level *l = &n->level[level];
     int64_t voxels = bank->level[level].voxels;
     float *value = NULL;
     sherf_status status =
@@ -172,8 +172,8 @@ static sherf_status project_level(context *c, point_network *n, const point_weig
     return l->value ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static void shape_level(point_network *n, const point_bank *bank, int level) {
-    point_level *l = &n->level[level];
+static void shape_level(radiance_field *n, const radiance_bank *bank, int level) {
+    radiance_level *l = &n->level[level];
     l->stride = round_up(n->fused, POINT_PAD);
     l->rows = bank->level[level].voxels + 1;
     memcpy(l->size, bank->level[level].size, sizeof l->size);
@@ -184,8 +184,8 @@ static void shape_level(point_network *n, const point_bank *bank, int level) {
 
 typedef struct {
     const context *c;
-    point_network *n;
-    const point_bank *bank;
+    radiance_field *n;
+    const radiance_bank *bank;
     sherf_status status[POINT_LEVELS];
 } cells_job;
 
@@ -219,7 +219,7 @@ static void top_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-uint32_t point_largest(const context *c, const float *x, int64_t count, uint32_t so_far) {
+uint32_t radiance_largest(const context *c, const float *x, int64_t count, uint32_t so_far) {
     top_job j = {.x = x, .each = (count + PARTS - 1) / PARTS, .count = count};
     parallel_for(c, PARTS, 1, top_range, &j);
     for (int i = 0; i < PARTS; i++) so_far = j.top[i] > so_far ? j.top[i] : so_far;
@@ -245,11 +245,11 @@ static sherf_status halve(context *c, const half_part *p, float scale) {
 
 /* The bank in float16, scaled so that a sum of all its parts stays far from the type's 65504 and its small
  * values far from 6e-8. */
-static sherf_status prepare_half(context *c, point_network *n, const point_bank *bank) {
-    const point_merged *m = bank->merged;
+static sherf_status prepare_half(context *c, radiance_field *n, const radiance_bank *bank) {
+    const radiance_merged *m = bank->merged;
     half_part part[4 + POINT_LEVELS];
     for (int i = 0; i < 3; i++) {
-        point_map *p = &n->plane[i];
+        radiance_map *p = &n->plane[i];
         part[i] = (half_part){p->texel, m ? m->plane[i] : p->texel, &p->half,
                               (int64_t)p->width * p->height * p->stride, 0};
         p->texel = NULL;
@@ -258,33 +258,33 @@ static sherf_status prepare_half(context *c, point_network *n, const point_bank 
                           (int64_t)n->map.width * n->map.height * n->map.stride, 0};
     n->map.texel = NULL;
     for (int i = 0; i < POINT_LEVELS; i++) {
-        point_level *l = &n->level[i];
+        radiance_level *l = &n->level[i];
         part[4 + i] = (half_part){l->value, m ? m->level[i] : l->value + l->stride, &l->half,
                                   (l->rows - 1) * l->stride, l->stride};
         l->value = NULL;
     }
     uint32_t bits = 0;
-    for (size_t i = 0; i < COUNT_OF(part); i++) bits = point_largest(c, part[i].from, part[i].count, bits);
+    for (size_t i = 0; i < COUNT_OF(part); i++) bits = radiance_largest(c, part[i].from, part[i].count, bits);
     float top;
     memcpy(&top, &bits, 4);
     if (top < 1e-20f) top = 1e-20f;
     n->bank_scale = exp2f(floorf(log2f(4096.0f / top)));
     sherf_status status = SHERF_OK;
     if (!isfinite(n->bank_scale) || n->bank_scale <= 0)
-        status = failure(c, SHERF_BAD_ARGUMENT, "point network: the avatar's features are not finite");
+        status = failure(c, SHERF_BAD_ARGUMENT, "radiance field: the avatar's features are not finite");
     for (size_t i = 0; i < COUNT_OF(part) && !status; i++) status = halve(c, &part[i], n->bank_scale);
     for (size_t i = 0; i < COUNT_OF(part); i++) mem_free(part[i].own);
     return status;
 }
 
-static sherf_status check_bank(context *c, const point_network *n, const point_bank *b) {
+static sherf_status check_bank(context *c, const radiance_field *n, const radiance_bank *b) {
     if (b->plane_size < 1 || b->plane_size > 4096 || b->feature_width < 1 || b->feature_width > 16384 ||
         b->feature_height < 1 || b->feature_height > 16384 || b->image_width < 1 || b->image_width > 32768 ||
         b->image_height < 1 || b->image_height > 32768)
-        return failure(c, SHERF_BAD_ARGUMENT, "point network: planes, map or picture have an odd size");
+        return failure(c, SHERF_BAD_ARGUMENT, "radiance field: planes, map or picture have an odd size");
     for (int i = 0; i < 3; i++)
         if (!(b->plane_max[i] > b->plane_min[i]) || b->volume_size[i] < 1 || !(b->voxel_size_m > 0))
-            return failure(c, SHERF_BAD_ARGUMENT, "point network: the canonical box is empty");
+            return failure(c, SHERF_BAD_ARGUMENT, "radiance field: the canonical box is empty");
     for (int l = 0; l < POINT_LEVELS; l++) {
         int64_t count = 1;
         for (int i = 0; i < 3; i++) {
@@ -295,17 +295,17 @@ static sherf_status check_bank(context *c, const point_network *n, const point_b
                 count *= size;
         }
         if (count > (int64_t)1 << 30 || b->level[l].voxels < 0 || b->level[l].voxels >= INT32_MAX)
-            return failure(c, SHERF_BAD_ARGUMENT, "point network: volume level %d has an odd size", l);
+            return failure(c, SHERF_BAD_ARGUMENT, "radiance field: volume level %d has an odd size", l);
         for (int64_t i = 0; i < count; i++)
             if (b->level[l].grid[i] < -1 || b->level[l].grid[i] >= b->level[l].voxels)
-                return failure(c, SHERF_BAD_ARGUMENT, "point network: volume level %d: row %d of %lld", l,
+                return failure(c, SHERF_BAD_ARGUMENT, "radiance field: volume level %d: row %d of %lld", l,
                                (int)b->level[l].grid[i], (long long)b->level[l].voxels);
     }
     return SHERF_OK;
 }
 
-sherf_status point_bank_prepare(context *c, point_network *n, const point_weights *w,
-                                const point_bank *bank) {
+sherf_status radiance_bank_prepare(context *c, radiance_field *n, const radiance_weights *w,
+                                   const radiance_bank *bank) {
     sherf_status status = check_bank(c, n, bank);
     if (!status) status = prepare_planes(c, n, w, bank);
     if (!status) status = prepare_map(c, n, w, bank);
@@ -324,7 +324,7 @@ sherf_status point_bank_prepare(context *c, point_network *n, const point_weight
 }
 
 /* ---- the layers ---- */
-static bool matrix(context *c, point_matrix *m, int rows, int columns, const float *w, const float *b) {
+static bool matrix(context *c, radiance_matrix *m, int rows, int columns, const float *w, const float *b) {
     m->rows = rows;
     m->columns = columns;
     m->w = mem_zero(c, (size_t)rows * (size_t)(columns ? columns : 1), sizeof(float));
@@ -336,7 +336,7 @@ static bool matrix(context *c, point_matrix *m, int rows, int columns, const flo
 }
 
 /* feature_linear has no activation, so views(feature(h)) is one layer: W_v W_f h + (W_v b_f + b_v). */
-static bool merge_views(context *c, const point_network *n, const point_weights *w, point_matrix *m) {
+static bool merge_views(context *c, const radiance_field *n, const radiance_weights *w, radiance_matrix *m) {
     int h = n->s.decoder_width, rest = n->direction_width + n->s.token_width;
     if (!matrix(c, m, n->s.view_width, h + rest, NULL, w->views_b)) return false;
     for (int o = 0; o < m->rows; o++) {
@@ -356,7 +356,7 @@ static bool merge_views(context *c, const point_network *n, const point_weights 
     return true;
 }
 
-static bool color_matrix(context *c, const point_network *n, const point_weights *w, point_matrix *m) {
+static bool color_matrix(context *c, const radiance_field *n, const radiance_weights *w, radiance_matrix *m) {
     int d = n->s.token_width, f = n->s.feature_channels;
     if (!matrix(c, m, (3 - n->color_token) * d, n->color_width, NULL, NULL)) return false;
     for (int q = 0; q < n->color_width; q++)
@@ -368,9 +368,9 @@ static bool color_matrix(context *c, const point_network *n, const point_weights
     return true;
 }
 
-sherf_status point_matrices_make(context *c, const point_network *n, const point_weights *w,
-                                 point_matrices *out) {
-    const point_sizes *s = &n->s;
+sherf_status radiance_matrices_make(context *c, const radiance_field *n, const radiance_weights *w,
+                                    radiance_matrices *out) {
+    const radiance_sizes *s = &n->s;
     int d = s->token_width, all = n->attention_width, x = n->position_width + d, h = s->decoder_width;
     memset(out, 0, sizeof *out);
     bool good = (!n->color_width || color_matrix(c, n, w, &out->color)) &&
@@ -390,19 +390,14 @@ sherf_status point_matrices_make(context *c, const point_network *n, const point
     return good ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static void matrix_free(point_matrix *m) {
+static void matrix_free(radiance_matrix *m) {
     mem_free(m->w);
     mem_free(m->b);
 }
 
-void point_matrices_free(point_matrices *m) {
-    matrix_free(&m->color);
-    matrix_free(&m->qkv);
-    matrix_free(&m->attention_out);
-    matrix_free(&m->mlp0);
-    matrix_free(&m->mlp1);
-    matrix_free(&m->alpha);
-    matrix_free(&m->rgb);
-    matrix_free(&m->views);
+void radiance_matrices_free(radiance_matrices *m) {
+#define FREE(name) matrix_free(&m->name);
+    RADIANCE_LAYERS(FREE)
+#undef FREE
     for (int i = 0; i < POINT_DECODER_MAX; i++) matrix_free(&m->pts[i]);
 }

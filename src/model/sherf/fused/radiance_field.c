@@ -6,7 +6,7 @@
 #include "model/sherf/fused/inside.h"
 
 /* ---- creation ---- */
-static sherf_status check_sizes(context *c, const point_sizes *s) {
+static sherf_status check_sizes(context *c, const radiance_sizes *s) {
     bool good = s->token_width >= 1 && s->token_width <= 256 && s->feature_channels >= 1 &&
                 s->feature_channels <= 3 * s->token_width && s->heads >= 1 && s->heads <= 64 &&
                 s->head_width >= 1 && s->head_width <= 256 && s->decoder_width >= 1 &&
@@ -17,17 +17,17 @@ static sherf_status check_sizes(context *c, const point_sizes *s) {
     good = good && s->position_frequencies >= 0 && s->position_frequencies <= 16 &&
            s->direction_frequencies >= 0 && s->direction_frequencies <= 16 && s->color_frequencies >= 0 &&
            s->color_frequencies <= 16;
-    if (!good) return failure(c, SHERF_BAD_ARGUMENT, "point network: sizes out of range");
+    if (!good) return failure(c, SHERF_BAD_ARGUMENT, "radiance field: sizes out of range");
     if (3 * s->token_width - s->feature_channels > 3 * (1 + 2 * s->color_frequencies))
         return failure(c, SHERF_BAD_ARGUMENT,
-                       "point network: %d feature channels and the encoded color do not fill 3 tokens of %d",
+                       "radiance field: %d feature channels and the encoded color do not fill 3 tokens of %d",
                        s->feature_channels, s->token_width);
     return SHERF_OK;
 }
 
-static sherf_status pack(context *c, const point_matrix *m, int block, point_layer *out) {
+static sherf_status pack(context *c, const radiance_matrix *m, int block, radiance_layer *out) {
     int rows = round_up(m->rows, block);
-    *out = (point_layer){.rows = m->rows, .columns = m->columns, .block = block};
+    *out = (radiance_layer){.rows = m->rows, .columns = m->columns, .block = block};
     out->w = mem_zero(c, (size_t)rows * (size_t)m->columns, sizeof(float));
     out->b = mem_zero(c, (size_t)rows, sizeof(float));
     if (!out->w || !out->b) return SHERF_NO_MEMORY;
@@ -39,27 +39,23 @@ static sherf_status pack(context *c, const point_matrix *m, int block, point_lay
     return SHERF_OK;
 }
 
-static sherf_status pack_float(context *c, point_network *n, const point_matrices *m) {
+static sherf_status pack_float(context *c, radiance_field *n, const radiance_matrices *m) {
     int block = n->isa >= ISA_AVX512 ? POINT_ROWS_AVX512
                 : n->isa == ISA_AVX2 ? POINT_ROWS_AVX2
                                      : POINT_ROWS_PLAIN;
     sherf_status status = SHERF_OK;
-    if (n->color_width) status = pack(c, &m->color, block, &n->color);
-    if (!status) status = pack(c, &m->qkv, block, &n->qkv);
-    if (!status) status = pack(c, &m->attention_out, block, &n->attention_out);
-    if (!status) status = pack(c, &m->mlp0, block, &n->mlp0);
-    if (!status) status = pack(c, &m->mlp1, block, &n->mlp1);
-    if (!status) status = pack(c, &m->alpha, block, &n->alpha);
-    if (!status) status = pack(c, &m->views, block, &n->views);
-    if (!status) status = pack(c, &m->rgb, block, &n->rgb);
+#define PACK(name)                                                                                           \
+    if (!status && m->name.w) status = pack(c, &m->name, block, &n->name);
+    RADIANCE_LAYERS(PACK) /* there is no `color` where its width is 0 */
+#undef PACK
     for (int i = 0; i < n->s.decoder_depth && !status; i++) status = pack(c, &m->pts[i], block, &n->pts[i]);
     if (status) return status;
-    n->tile = point_tile_plain;
+    n->tile = radiance_tile_plain;
 #if defined(__x86_64__)
-    if (n->isa == ISA_AVX2) n->tile = point_tile_avx2;
-    if (n->isa >= ISA_AVX512) n->tile = point_tile_avx512;
+    if (n->isa == ISA_AVX2) n->tile = radiance_tile_avx2;
+    if (n->isa >= ISA_AVX512) n->tile = radiance_tile_avx512;
 #endif
-    n->scratch_bytes = point_tile_float_bytes(n);
+    n->scratch_bytes = radiance_tile_float_bytes(n);
     return SHERF_OK;
 }
 
@@ -70,7 +66,7 @@ static float *copy(context *c, const float *from, int count) {
 }
 
 /* token_b: the projection's bias, and what the volume projection's bias becomes in it. */
-static sherf_status copy_vectors(context *c, point_network *n, const point_weights *w) {
+static sherf_status copy_vectors(context *c, radiance_field *n, const radiance_weights *w) {
     int d = n->s.token_width;
     n->norm0_w = copy(c, w->norm0_w, d);
     n->norm0_b = copy(c, w->norm0_b, d);
@@ -89,21 +85,22 @@ static sherf_status copy_vectors(context *c, point_network *n, const point_weigh
 }
 
 /* Its offsets are 32 bits. */
-static bool amx_possible(const point_sizes *s, const point_bank *b) {
+static bool amx_possible(const radiance_sizes *s, const radiance_bank *b) {
 #if defined(__x86_64__)
     return isa_has_bf16() && (int64_t)b->feature_width * b->feature_height <= 10000000 &&
-           (int64_t)b->image_width * b->image_height <= 100000000 && point_amx_fits(s);
+           (int64_t)b->image_width * b->image_height <= 100000000 && radiance_amx_fits(s);
 #else
     return false;
 #endif
 }
 
-sherf_status point_network_start(context *c, const point_sizes *sizes, const point_weights *weights,
-                                 const point_bank *bank, bool bf16, point_matrices *m, point_network **out) {
+sherf_status radiance_field_start(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
+                                  const radiance_bank *bank, bool bf16, radiance_matrices *m,
+                                  radiance_field **out) {
     *out = NULL;
     sherf_status status = check_sizes(c, sizes);
     if (status) return status;
-    point_network *n = mem_zero(c, 1, sizeof *n);
+    radiance_field *n = mem_zero(c, 1, sizeof *n);
     if (!n) return SHERF_NO_MEMORY;
     n->s = *sizes;
     n->isa = isa_best();
@@ -115,47 +112,47 @@ sherf_status point_network_start(context *c, const point_sizes *sizes, const poi
     n->color_token = sizes->feature_channels / sizes->token_width;
     n->map_tokens = (sizes->feature_channels + sizes->token_width - 1) / sizes->token_width;
     n->attention_width = sizes->heads * sizes->head_width;
-    status = point_bank_prepare(c, n, weights, bank);
+    status = radiance_bank_prepare(c, n, weights, bank);
     if (!status) status = copy_vectors(c, n, weights);
-    if (!status) status = point_matrices_make(c, n, weights, m);
+    if (!status) status = radiance_matrices_make(c, n, weights, m);
     if (status)
-        point_network_free(n);
+        radiance_field_free(n);
     else
         *out = n;
     return status;
 }
 
-sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
-                                  const point_bank *bank, bool bf16, point_network **out) {
-    point_matrices m = {0};
-    point_network *n = NULL;
+sherf_status radiance_field_create(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
+                                   const radiance_bank *bank, bool bf16, radiance_field **out) {
+    radiance_matrices m = {0};
+    radiance_field *n = NULL;
     *out = NULL;
     bf16 = bf16 && amx_possible(sizes, bank);
     if (bank->merged && !bf16)
-        return failure(c, SHERF_UNSUPPORTED, "point network: a merged bank is for bf16 only");
-    sherf_status status = point_network_start(c, sizes, weights, bank, bf16, &m, &n);
+        return failure(c, SHERF_UNSUPPORTED, "radiance field: a merged bank is for bf16 only");
+    sherf_status status = radiance_field_start(c, sizes, weights, bank, bf16, &m, &n);
 #if defined(__x86_64__)
-    if (!status && n->bf16) status = point_amx_create(c, n, &m);
+    if (!status && n->bf16) status = radiance_amx_create(c, n, &m);
 #endif
     if (!status && !n->bf16) status = pack_float(c, n, &m);
-    point_matrices_free(&m);
+    radiance_matrices_free(&m);
     if (status)
-        point_network_free(n);
+        radiance_field_free(n);
     else
         *out = n;
     return status;
 }
 
-static void layer_free(point_layer *l) {
+static void layer_free(radiance_layer *l) {
     mem_free(l->w);
     mem_free(l->b);
 }
 
-void point_network_free(point_network *n) {
+void radiance_field_free(radiance_field *n) {
     if (!n) return;
-    point_layer *layers[] = {&n->color, &n->qkv,   &n->attention_out, &n->mlp0,
-                             &n->mlp1,  &n->alpha, &n->views,         &n->rgb};
-    for (size_t i = 0; i < COUNT_OF(layers); i++) layer_free(layers[i]);
+#define FREE(name) layer_free(&n->name);
+    RADIANCE_LAYERS(FREE)
+#undef FREE
     for (int i = 0; i < POINT_DECODER_MAX; i++) layer_free(&n->pts[i]);
     for (int i = 0; i < 3; i++) {
         mem_free(n->plane[i].texel);
@@ -171,7 +168,7 @@ void point_network_free(point_network *n) {
         mem_free(n->level[i].half);
     }
 #if defined(__x86_64__)
-    point_amx_free(n->amx);
+    radiance_amx_free(n->amx);
 #endif
     mem_free(n->norm0_w);
     mem_free(n->norm0_b);
@@ -182,28 +179,28 @@ void point_network_free(point_network *n) {
 }
 
 /* ---- points through the network ---- */
-bool point_network_in_bf16(const point_network *n) {
+bool radiance_field_in_bf16(const radiance_field *n) {
     return n->bf16;
 }
 
 static void answer(const void *self, point_tile *t, void *scratch) {
-    const point_network *n = self;
+    const radiance_field *n = self;
     n->tile(n, t, scratch);
 }
 
-static tile_source source_of(const point_network *n) {
+static tile_source source_of(const radiance_field *n) {
     return (tile_source){n, answer, n->scratch_bytes, n->bf16};
 }
 
-sherf_status point_network_run(context *c, const point_network *n, const point_set *points, float *rgb,
-                               float *sigma) {
+sherf_status radiance_field_run(context *c, const radiance_field *n, const point_set *points, float *rgb,
+                                float *sigma) {
     const tile_source source = source_of(n);
     return tiles_run(c, &source, points, rgb, sigma);
 }
 
-sherf_status point_network_render(context *c, const point_network *n, const ray_bundle *rays,
-                                  const point_set *points, const float background[3], bool early_stop,
-                                  sherf_frame *frame) {
+sherf_status radiance_field_render(context *c, const radiance_field *n, const ray_bundle *rays,
+                                   const point_set *points, const float background[3], bool early_stop,
+                                   sherf_frame *frame) {
     const tile_source source = source_of(n);
     return tiles_render(c, &source, rays, points, background, early_stop, frame);
 }

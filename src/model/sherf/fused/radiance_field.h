@@ -1,9 +1,9 @@
-/* radiance_field: the per-point network at render time (network.md 2 to 6), fused: points in tiles that stay
+/* radiance_field: what every point goes through (network.md 2 to 6), fused: points in tiles that stay
  * in cache from sampling through fusion and decoder. It equals the op-by-op path (model/) within: float32
  * 3e-4 of each stage's largest value, bf16 45 dB of the picture. Linear layers before fusion are applied once
  * per avatar to planes, volumes and map instead of per point. */
-#ifndef SHERF_POINTNET_H
-#define SHERF_POINTNET_H
+#ifndef SHERF_RADIANCE_FIELD_H
+#define SHERF_RADIANCE_FIELD_H
 
 #include "render/render.h"
 #include "tensor/tensor.h"
@@ -13,6 +13,11 @@ extern "C" {
 #endif
 
 enum { POINT_LEVELS = 3, POINT_TOKENS = 3, POINT_DECODER_MAX = 16 };
+
+/* The layers behind sampling, but for the decoder's first ones, which are an array `pts`: LAYER(name). color:
+ * the token projection of encoded colours; views: with the feature layer in it. */
+#define RADIANCE_LAYERS(LAYER)                                                                               \
+    LAYER(color) LAYER(qkv) LAYER(attention_out) LAYER(mlp0) LAYER(mlp1) LAYER(alpha) LAYER(views) LAYER(rgb)
 
 /* Sizes; the paper's in brackets. All but the token width may differ in other presets. */
 typedef struct {
@@ -25,7 +30,7 @@ typedef struct {
     int decoder_skip;                  /* x is concatenated after this layer, counted from 0 [4] */
     int view_width;                    /* [64] */
     int position_frequencies, direction_frequencies, color_frequencies; /* [6 4 5] */
-} point_sizes;
+} radiance_sizes;
 
 /* float32 weights [out, in] and biases, named as in the checkpoints; owned by somebody else. */
 typedef struct {
@@ -44,7 +49,7 @@ typedef struct {
     const float *feature_w, *feature_b; /* decoder.feature_linear [width, width] */
     const float *views_w, *views_b;     /* decoder.views_linear [view_width, width + 27 + D] */
     const float *rgb_w, *rgb_b;         /* decoder.rgb_linear [3, view_width] */
-} point_weights;
+} radiance_weights;
 
 /* What sampling reads after the linear layers before fusion have been applied, without their biases: planes
  * and map through the token projection's columns for them, levels through volume and token projection.
@@ -53,11 +58,12 @@ typedef struct {
     const float *plane[3];            /* [plane_size, plane_size, D] */
     const float *map;                 /* [feature_height, feature_width, feature_channels], a multiple of D */
     const float *level[POINT_LEVELS]; /* [voxels, 3 D] */
-} point_merged;
+} radiance_merged;
 
 /* The feature bank of one avatar, float32, channels last; owned by somebody else. */
 typedef struct {
-    const point_merged *merged; /* instead of planes, features and level[].value; or NULL. Only for bf16. */
+    const radiance_merged
+        *merged; /* instead of planes, features and level[].value; or NULL. Only for bf16. */
     int plane_size;
     const float *planes;              /* [3, plane_size, plane_size, D] */
     float plane_min[3], plane_max[3]; /* canonical box with the extra z: to [-1, 1] */
@@ -74,26 +80,26 @@ typedef struct {
         const int32_t *grid; /* [size z, y, x]: row of value, or -1 */
         int size[3];         /* of this level, z y x */
     } level[POINT_LEVELS];
-} point_bank;
+} radiance_bank;
 
-typedef struct point_network point_network;
+typedef struct radiance_field radiance_field;
 /* Packs the weights and applies the linear layers before fusion to the bank. bf16: products in bf16 (AMX,
  * AVX512-BF16), sums in float32; otherwise float32 throughout (AVX-512, AVX2 or plain C, by isa_best()). The
  * result owns all it needs. */
-sherf_status point_network_create(context *c, const point_sizes *sizes, const point_weights *weights,
-                                  const point_bank *bank, bool bf16, point_network **out);
-void point_network_free(point_network *n);
-bool point_network_in_bf16(const point_network *n); /* what it was made with, where the machine can */
+sherf_status radiance_field_create(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
+                                   const radiance_bank *bank, bool bf16, radiance_field **out);
+void radiance_field_free(radiance_field *n);
+bool radiance_field_in_bf16(const radiance_field *n); /* what it was made with, where the machine can */
 
 /* rgb [P, 3] and raw density [P] of every point of the set. */
-sherf_status point_network_run(context *c, const point_network *n, const point_set *points, float *rgb,
-                               float *sigma);
+sherf_status radiance_field_run(context *c, const radiance_field *n, const point_set *points, float *rgb,
+                                float *sigma);
 
 /* Colour, opacity, depth pictures of one frame from rays and points (compositing as network.md 6); out as in
  * sherf_frame, background RGB; early_stop: rays that are opaque skip the rest of their points. */
-sherf_status point_network_render(context *c, const point_network *n, const ray_bundle *rays,
-                                  const point_set *points, const float background[3], bool early_stop,
-                                  sherf_frame *frame);
+sherf_status radiance_field_render(context *c, const radiance_field *n, const ray_bundle *rays,
+                                   const point_set *points, const float background[3], bool early_stop,
+                                   sherf_frame *frame);
 
 #ifdef __cplusplus
 }

@@ -88,8 +88,8 @@ static void mlp_tokens(const tiles *l, char *normed, float *sums) {
 
 /* token [group][3 x 32][16]: tokens 0 and 1 in place (token 2 serves as key and value only, since the decoder
  * never reads its result); the last bias, mlp1's, is left to the reader. */
-static void transformer(const point_network *n, float *token, fusion_space f) {
-    const point_amx *a = n->amx;
+static void transformer(const radiance_field *n, float *token, fusion_space f) {
+    const radiance_amx *a = n->amx;
     size_t mixed = (size_t)a->mixed_blocks * TILE;
     for (int k = 0; k < 3 * AMX_GROUPS; k++)
         norm_tile(token + k * ONE, n->norm0_w, n->norm0_b, f.normed + k * TILE);
@@ -114,9 +114,9 @@ static void transformer(const point_network *n, float *token, fusion_space f) {
 
 /* ---- the tile ---- */
 /* x: [PE(position), token 0], h; v: h, [PE(direction), token 1] */
-static void decoder(const point_network *n, channels x, channels v, channels a, channels b, float *c,
+static void decoder(const radiance_field *n, channels x, channels v, channels a, channels b, float *c,
                     point_tile *t) {
-    const point_amx *p = n->amx;
+    const radiance_amx *p = n->amx;
     channels in = x;
     waiting w = {0};
     for (int i = 0; i < n->s.decoder_depth; i++) {
@@ -143,8 +143,8 @@ static void decoder(const point_network *n, channels x, channels v, channels a, 
     }
 }
 
-void point_tile_amx(const point_network *n, point_tile *t, void *scratch) {
-    const point_amx *p = n->amx;
+void radiance_tile_amx(const radiance_field *n, point_tile *t, void *scratch) {
+    const radiance_amx *p = n->amx;
     char *base = scratch;
     channels x = {base + p->x, p->x_pitch}, v = {base + p->v, p->v_pitch}, a = {base + p->a, p->h_pitch},
              b = {base + p->b, p->h_pitch};
@@ -174,7 +174,7 @@ void point_tile_amx(const point_network *n, point_tile *t, void *scratch) {
     decoder(n, x, v, a, b, (float *)(base + p->c), t);
     _tile_release();
 }
-void point_halve_amx(const float *from, float scale, uint16_t *to, int64_t count) {
+void radiance_halve_amx(const float *from, float scale, uint16_t *to, int64_t count) {
     const __m512 s = _mm512_set1_ps(scale);
     for (int64_t i = 0; i < count; i += 16) {
         const __mmask16 mask = count - i < 16 ? (__mmask16)((1u << (count - i)) - 1) : (__mmask16)0xffff;

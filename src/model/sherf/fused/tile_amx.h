@@ -7,8 +7,8 @@
  * An activation buffer is [group of points][pair of channels][16 points][2] bf16: 16 pairs are a B tile of
  * contiguous memory. Sums are [group][channel][16 points].
  * The bank is float16: 32 channels a vector, one FMA for every texel or voxel row of 32. */
-#ifndef SHERF_POINTNET_AMX_H
-#define SHERF_POINTNET_AMX_H
+#ifndef SHERF_RADIANCE_AMX_H
+#define SHERF_RADIANCE_AMX_H
 
 #include "base/amx.h"
 #include <math.h>
@@ -362,7 +362,7 @@ static inline void map_taps(samples *s, int first, int width, int height, int te
     }
 }
 
-static inline void level_taps(const point_level *l, samples *s, int level, const __m512 p[3], bool half) {
+static inline void level_taps(const radiance_level *l, samples *s, int level, const __m512 p[3], bool half) {
     __m512 w[3][2];
     __m512i index[3];
     __mmask16 inside = 0xffff;
@@ -392,7 +392,7 @@ static inline void level_taps(const point_level *l, samples *s, int level, const
 /* Plane 0 is read at (x, y), plane 1 at (x, z), plane 2 at (z, y). */
 static const int plane_axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
 
-static inline void find_taps(const point_network *n, const point_tile *t, int first, samples *s) {
+static inline void find_taps(const radiance_field *n, const point_tile *t, int first, samples *s) {
     __m512 texel[3], at[3];
     for (int i = 0; i < 3; i++) {
         __m512 x = _mm512_load_ps(t->position[i] + first);
@@ -420,7 +420,7 @@ static inline __m512h row_of(const char *p) {
 }
 
 /* Point p of the group: the bank's sum of each token into s->value, its colour into s->color. */
-static inline void read_point(const point_network *n, samples *s, int p) {
+static inline void read_point(const radiance_field *n, samples *s, int p) {
     __m512h sum[3], volume[3];
     for (int i = 0; i < 3; i++) {
         const char *base = (const char *)n->plane[i].half;
@@ -545,7 +545,7 @@ static inline void norm_tile(const float *x, const float *weight, const float *b
     }
 }
 /* q, k, v of one group: sums [token][row][16]; q of token 2 is not needed. */
-static inline void qkv_product(const point_network *n, const char *normed, float *sums) {
+static inline void qkv_product(const radiance_field *n, const char *normed, float *sums) {
     const tiles *l = &n->amx->qkv;
     int q_tiles = n->attention_width / 16; /* row tiles with nothing but q */
     size_t token = (size_t)l->row_tiles * 256;
@@ -573,7 +573,7 @@ static inline void qkv_product(const point_network *n, const char *normed, float
 
 /* Attention of tokens 0 and 1 to all three, one group; mixed: B tiles of each token. The scale and log2 e
  * are in q's weights. chance: [head][2 tokens][3][16], what each token takes of each, or NULL. */
-static inline void attention(const point_network *n, const float *sums, char *mixed, float *chance) {
+static inline void attention(const radiance_field *n, const float *sums, char *mixed, float *chance) {
     int head = n->s.head_width, all = n->attention_width;
     size_t token = (size_t)n->amx->qkv.row_tiles * 256;
     for (int h = 0; h < n->s.heads; h++) {
@@ -652,7 +652,7 @@ static inline void load_config(void) {
 }
 
 /* Everything read at the points of one group, as tokens [3 x 32][16] before the transformer. */
-static inline void sample_group(const point_network *n, const point_tile *t, int first, samples *s,
+static inline void sample_group(const radiance_field *n, const point_tile *t, int first, samples *s,
                                 float *row, char *color, float *token) {
     find_taps(n, t, first, s);
     for (int p = 0; p < GROUP; p++) read_point(n, s, p);

@@ -3,8 +3,8 @@
 #define LANES 8
 #define ROWS POINT_ROWS_AVX2
 #define VECTORS 2
-#define TILE_FUNCTION point_tile_avx2
-#define PROJECT_FUNCTION point_project_avx2
+#define TILE_FUNCTION radiance_tile_avx2
+#define PROJECT_FUNCTION radiance_project_avx2
 #include "model/sherf/fused/tile_float.h"
 #else
 typedef int nothing_here;

@@ -3,8 +3,8 @@
 #define LANES 16
 #define ROWS POINT_ROWS_AVX512
 #define VECTORS 4
-#define TILE_FUNCTION point_tile_avx512
-#define PROJECT_FUNCTION point_project_avx512
+#define TILE_FUNCTION radiance_tile_avx512
+#define PROJECT_FUNCTION radiance_project_avx512
 #include "model/sherf/fused/tile_float.h"
 #else
 typedef int nothing_here;

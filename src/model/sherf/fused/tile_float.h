@@ -102,14 +102,14 @@ static void block_product(const float *w, const float *b, const float *x, int co
 }
 
 /* Rows from `from` (a multiple of ROWS) on; y is that of row 0. */
-static void product_from(const point_layer *l, int from, const float *x, float *y, bool relu) {
+static void product_from(const radiance_layer *l, int from, const float *x, float *y, bool relu) {
     for (int p = 0; p < POINT_TILE; p += VECTORS * LANES)
         for (int r = from; r < l->rows; r += ROWS)
             block_product(l->w + (size_t)r * l->columns, l->b + r, x + p, l->columns,
                           y + (size_t)r * POINT_TILE + p, l->rows - r, relu);
 }
 
-static void product(const point_layer *l, const float *x, float *y, bool relu) {
+static void product(const radiance_layer *l, const float *x, float *y, bool relu) {
     product_from(l, 0, x, y, relu);
 }
 
@@ -142,7 +142,7 @@ static int bilinear_taps(const float *texel, int width, int height, int stride, 
     return n;
 }
 
-static int trilinear_taps(const point_level *l, const float p[3], tap taps[8]) {
+static int trilinear_taps(const radiance_level *l, const float p[3], tap taps[8]) {
     float fx, fy, fz;
     int x = low_corner(p[0] * l->voxels_per_m[0], l->size[2], &fx),
         y = low_corner(p[1] * l->voxels_per_m[1], l->size[1], &fy),
@@ -171,7 +171,7 @@ static void add_taps(const tap *taps, int n, int width, float *out) {
 }
 
 /* Everything read from the bank for point p: tokens [3 D] before the colour, and the colour. */
-static void sample_point(const point_network *n, const point_tile *t, int p, float *token, float color[4]) {
+static void sample_point(const radiance_field *n, const point_tile *t, int p, float *token, float color[4]) {
     static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
     tap taps[8 * POINT_LEVELS];
     int width = n->s.token_width;
@@ -182,13 +182,13 @@ static void sample_point(const point_network *n, const point_tile *t, int p, flo
         texel[i] = (t->position[i][p] - n->plane_min[i]) * n->plane_scale[i] - 0.5f;
     }
     for (int i = 0; i < 3; i++) {
-        const point_map *m = &n->plane[i];
+        const radiance_map *m = &n->plane[i];
         int k = bilinear_taps(m->texel, m->width, m->height, m->stride, texel[axis[i][0]], texel[axis[i][1]],
                               taps);
         add_taps(taps, k, width, token + i * width);
     }
     float u = t->pixel[0][p], v = t->pixel[1][p];
-    const point_map *m = &n->map;
+    const radiance_map *m = &n->map;
     int k = bilinear_taps(m->texel, m->width, m->height, m->stride, u * n->map_scale[0], v * n->map_scale[1],
                           taps);
     add_taps(taps, k, n->map_tokens * width, token);
@@ -234,7 +234,7 @@ static void layer_norm(const float *x, int width, const float *weight, const flo
 
 /* qkv[3 tokens][q k v][heads][head_width] to out[2 tokens][heads][head_width]: the decoder reads tokens 0 and
  * 1 only, so that token 2 is key and value. */
-static void attention(const point_network *n, const float *qkv, float *out) {
+static void attention(const radiance_field *n, const float *qkv, float *out) {
     int head = n->s.head_width, all = n->attention_width;
     float scale = 1.0f / sqrtf((float)head);
     for (int h = 0; h < n->s.heads; h++)
@@ -265,7 +265,7 @@ static void add_rows(float *x, const float *y, int rows) {
 
 /* token[3 D][tile], tokens 0 and 1 in place; a and b are scratch of 3 x 3 attention_width and 3
  * attention_width rows (or 3 D where that is more). */
-static void transformer(const point_network *n, float *token, float *a, float *b) {
+static void transformer(const radiance_field *n, float *token, float *a, float *b) {
     int width = n->s.token_width, all = n->attention_width;
     for (int i = 0; i < 3; i++) {
         layer_norm(token + i * width * POINT_TILE, width, n->norm0_w, n->norm0_b, b);
@@ -288,8 +288,8 @@ static void transformer(const point_network *n, float *token, float *a, float *b
 
 /* ---- the decoder ---- */
 /* x holds PE(position), token 0 and behind them room for h; v: room for h, then PE(direction), token 1 */
-static void decoder(const point_network *n, float *x, float *v, float *a, float *b, point_tile *t) {
-    const point_sizes *s = &n->s;
+static void decoder(const radiance_field *n, float *x, float *v, float *a, float *b, point_tile *t) {
+    const radiance_sizes *s = &n->s;
     float *behind = x + (size_t)(n->position_width + s->token_width) * POINT_TILE;
     const float *in = x;
     for (int i = 0; i < s->decoder_depth; i++) {
@@ -312,8 +312,8 @@ static inline int more(int a, int b) {
 }
 
 #ifdef TILE_BYTES_FUNCTION
-size_t TILE_BYTES_FUNCTION(const point_network *n) {
-    const point_sizes *s = &n->s;
+size_t TILE_BYTES_FUNCTION(const radiance_field *n) {
+    const radiance_sizes *s = &n->s;
     int a = more(9 * n->attention_width, more(s->view_width, s->decoder_width));
     a = more(a, more(n->fused, 8)); /* four points' tokens with a margin each */
     int b = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
@@ -324,8 +324,8 @@ size_t TILE_BYTES_FUNCTION(const point_network *n) {
 }
 #endif
 
-void TILE_FUNCTION(const point_network *n, point_tile *t, void *scratch) {
-    const point_sizes *s = &n->s;
+void TILE_FUNCTION(const radiance_field *n, point_tile *t, void *scratch) {
+    const radiance_sizes *s = &n->s;
     int width = s->token_width;
     float *token = scratch;
     float *x = token + (size_t)n->fused * POINT_TILE;

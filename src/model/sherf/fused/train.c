@@ -12,16 +12,16 @@
  * results do not depend on it. */
 enum { LANES = 16 };
 
-bool point_training_possible(const point_sizes *s) {
-    return isa_has_bf16() && point_amx_fits(s) && s->feature_channels % s->token_width == 0 &&
+bool radiance_training_possible(const radiance_sizes *s) {
+    return isa_has_bf16() && radiance_amx_fits(s) && s->feature_channels % s->token_width == 0 &&
            s->decoder_depth >= 2;
 }
 
 /* ---- transposed weights ---- */
 /* Rows [0, count) of the result are columns `first`... of m; its column k is row k of m. */
-static sherf_status pack_back(context *c, const point_matrix *m, int first, int count, int row_tiles,
+static sherf_status pack_back(context *c, const radiance_matrix *m, int first, int count, int row_tiles,
                               int blocks, tiles *out) {
-    point_matrix back = {.rows = count, .columns = m->rows};
+    radiance_matrix back = {.rows = count, .columns = m->rows};
     int *slot = mem_alloc(c, SLOTS, sizeof *slot);
     back.w = mem_alloc(c, (size_t)count * (size_t)m->rows, sizeof(float));
     back.b = mem_zero(c, (size_t)count, sizeof(float));
@@ -42,10 +42,10 @@ static sherf_status pack_back(context *c, const point_matrix *m, int first, int 
 }
 
 /* views' first h columns and, `blocks_before` blocks of outputs further on, alpha's. */
-static sherf_status pack_back_views(context *c, const point_matrices *m, int h, int view_blocks, int h_tiles,
-                                    tiles *out) {
+static sherf_status pack_back_views(context *c, const radiance_matrices *m, int h, int view_blocks,
+                                    int h_tiles, tiles *out) {
     const int before = view_blocks * 32;
-    point_matrix both = {.rows = before + 1, .columns = h};
+    radiance_matrix both = {.rows = before + 1, .columns = h};
     both.w = mem_zero(c, (size_t)both.rows * (size_t)h, sizeof(float));
     if (!both.w) return SHERF_NO_MEMORY;
     for (int r = 0; r < m->views.rows; r++)
@@ -57,9 +57,9 @@ static sherf_status pack_back_views(context *c, const point_matrices *m, int h, 
     return status;
 }
 
-static sherf_status pack_all_back(context *c, point_matrices *m, point_trainer *t) {
-    const point_network *n = t->n;
-    const point_amx *a = n->amx;
+static sherf_status pack_all_back(context *c, radiance_matrices *m, radiance_trainer *t) {
+    const radiance_field *n = t->n;
+    const radiance_amx *a = n->amx;
     const int h = n->s.decoder_width, x = n->position_width, skip = n->s.decoder_skip,
               h_tiles = 2 * a->h_blocks, all = n->attention_width;
     sherf_status s = pack_back(c, &m->rgb, 0, n->s.view_width, 2 * t->view_blocks, 1, &t->back_rgb);
@@ -72,19 +72,20 @@ static sherf_status pack_all_back(context *c, point_matrices *m, point_trainer *
     if (!s) s = pack_back(c, &m->mlp1, 0, WIDTH, 2, 1, &t->back_mlp1);
     if (!s) s = pack_back(c, &m->mlp0, 0, WIDTH, 2, 1, &t->back_mlp0);
     if (!s) s = pack_back(c, &m->attention_out, 0, all, all / 16, 1, &t->back_out);
-    for (int i = 0; i < all * WIDTH; i++) m->qkv.w[i] *= point_q_scale(n); /* as the forward pass has them */
+    for (int i = 0; i < all * WIDTH; i++)
+        m->qkv.w[i] *= radiance_q_scale(n); /* as the forward pass has them */
     if (!s) s = pack_back(c, &m->qkv, 0, WIDTH, 2, t->qkv_blocks, &t->back_qkv);
     return s;
 }
 
 /* ---- where sums go ---- */
-static size_t place_rows(point_trainer *t, int rows) {
+static size_t place_rows(radiance_trainer *t, int rows) {
     size_t at = t->lane_floats;
     t->lane_floats += (size_t)rows * 16;
     return at;
 }
 
-static matrix_place place(point_trainer *t, int row_blocks, int column_blocks) {
+static matrix_place place(radiance_trainer *t, int row_blocks, int column_blocks) {
     matrix_place p = {.row_tiles = 2 * row_blocks, .column_tiles = 2 * column_blocks};
     p.w = t->lane_floats;
     t->lane_floats += (size_t)p.row_tiles * (size_t)p.column_tiles * 256;
@@ -92,9 +93,9 @@ static matrix_place place(point_trainer *t, int row_blocks, int column_blocks) {
     return p;
 }
 
-static void place_all(point_trainer *t) {
-    const point_network *n = t->n;
-    const point_amx *a = n->amx;
+static void place_all(radiance_trainer *t) {
+    const radiance_field *n = t->n;
+    const radiance_amx *a = n->amx;
     t->color = place(t, t->color_tokens, a->color.blocks);
     t->qkv = place(t, t->qkv_blocks, 1);
     t->attention_out = place(t, 1, a->mixed_blocks);
@@ -114,28 +115,29 @@ static void place_all(point_trainer *t) {
     t->token_b = place_rows(t, 3 * WIDTH);
 }
 
-static void trainer_free(point_trainer *t) {
+static void trainer_free(radiance_trainer *t) {
     tiles *all[] = {&t->back_rgb,  &t->back_views, &t->back_token1, &t->back_skip_token0, &t->back_token0,
                     &t->back_mlp1, &t->back_mlp0,  &t->back_out,    &t->back_qkv};
     for (size_t i = 0; i < COUNT_OF(all); i++) tiles_free(all[i]);
     for (int i = 0; i < POINT_DECODER_MAX; i++) tiles_free(&t->back_pts[i]);
 }
 
-static sherf_status trainer_make(context *c, const point_network *n, point_matrices *m, point_trainer *t) {
-    *t = (point_trainer){.n = n,
-                         .view_blocks = (n->s.view_width + 31) / 32,
-                         .qkv_blocks = (3 * n->attention_width + 31) / 32,
-                         .color_tokens = n->color_width ? 3 - n->color_token : 0};
+static sherf_status trainer_make(context *c, const radiance_field *n, radiance_matrices *m,
+                                 radiance_trainer *t) {
+    *t = (radiance_trainer){.n = n,
+                            .view_blocks = (n->s.view_width + 31) / 32,
+                            .qkv_blocks = (3 * n->attention_width + 31) / 32,
+                            .color_tokens = n->color_width ? 3 - n->color_token : 0};
     place_all(t);
     sherf_status status = pack_all_back(c, m, t);
-    t->scratch_bytes = (point_train_scratch_bytes(t) + 4095) / 4096 * 4096;
+    t->scratch_bytes = (radiance_train_scratch_bytes(t) + 4095) / 4096 * 4096;
     return status;
 }
 
 /* ---- the points with a gradient ---- */
 typedef struct {
     context *c;
-    const point_trainer *t;
+    const radiance_trainer *t;
     const point_set *points;
     const float *rgb, *drgb, *dsigma;
     const int32_t *index; /* of the points with a gradient */
@@ -143,7 +145,7 @@ typedef struct {
     float *lane;   /* LANES x lane_floats */
     float *dtoken; /* [count][3 D] */
     char *scratch; /* one part a thread */
-    const point_gradients *out;
+    const radiance_gradients *out;
 } back_work;
 
 /* The tile's points from the first on, and their gradients; colour's through its sigmoid (y = 1.002 s -
@@ -171,7 +173,7 @@ static void fill(const back_work *w, int64_t first, train_tile *t) {
 
 static void lanes_range(void *arg, int64_t begin, int64_t end, int thread) {
     const back_work *w = arg;
-    const point_trainer *t = w->t;
+    const radiance_trainer *t = w->t;
     char *scratch = w->scratch + (size_t)thread * t->scratch_bytes;
     train_tile tile;
     for (int64_t lane = begin; lane < end; lane++) {
@@ -180,7 +182,7 @@ static void lanes_range(void *arg, int64_t begin, int64_t end, int thread) {
         for (int64_t i = w->tiles * lane / LANES; i < w->tiles * (lane + 1) / LANES; i++) {
             if (cancelled(w->c)) return;
             fill(w, i * TRAIN_POINTS, &tile);
-            point_train_tile_amx(t, &tile, sums, scratch);
+            radiance_train_tile_amx(t, &tile, sums, scratch);
         }
     }
 }
@@ -188,7 +190,7 @@ static void lanes_range(void *arg, int64_t begin, int64_t end, int thread) {
 static void scatter_range(void *arg, int64_t begin, int64_t end, int thread) {
     const back_work *w = arg;
     for (int64_t job = begin; job < end; job++)
-        point_scatter_amx(w->t->n, (int)job, w->points, w->index, w->count, w->dtoken, w->out);
+        radiance_scatter_amx(w->t->n, (int)job, w->points, w->index, w->count, w->dtoken, w->out);
 }
 
 static void sum_range(void *arg, int64_t begin, int64_t end, int thread) {
@@ -232,14 +234,14 @@ static void add_rows(const float *lane, size_t at, int rows, float *out) {
     for (int r = 0; r < rows; r++) out[r] += row_sum(lane, at + (size_t)r * 16);
 }
 
-static void unpack_fusion(const point_trainer *t, const float *lane, const point_weights *w,
-                          const point_gradients *g, int *slot) {
-    const point_network *n = t->n;
+static void unpack_fusion(const radiance_trainer *t, const float *lane, const radiance_weights *w,
+                          const radiance_gradients *g, int *slot) {
+    const radiance_field *n = t->n;
     const int all = n->attention_width;
 #define GRAD(p) (g->grads + ((p)-g->values))
     slots_none(slot);
     slots_add(slot, 0, 0, WIDTH);
-    unpack(lane, &t->qkv, 0, all, WIDTH, slot, point_q_scale(n), GRAD(w->qkv_w));
+    unpack(lane, &t->qkv, 0, all, WIDTH, slot, radiance_q_scale(n), GRAD(w->qkv_w));
     unpack(lane, &t->qkv, all, 2 * all, WIDTH, slot, 1, GRAD(w->qkv_w) + (size_t)all * WIDTH);
     unpack(lane, &t->mlp0, 0, WIDTH, WIDTH, slot, 1, GRAD(w->mlp0_w));
     unpack(lane, &t->mlp1, 0, WIDTH, WIDTH, slot, 1, GRAD(w->mlp1_w));
@@ -255,9 +257,9 @@ static void unpack_fusion(const point_trainer *t, const float *lane, const point
 }
 
 /* Colour's columns of the token projection, and the biases: token i has b + W_v b_volume[i]. */
-static void unpack_tokens(const point_trainer *t, const float *lane, const point_weights *w,
-                          const point_gradients *g, int *slot) {
-    const point_network *n = t->n;
+static void unpack_tokens(const radiance_trainer *t, const float *lane, const radiance_weights *w,
+                          const radiance_gradients *g, int *slot) {
+    const radiance_field *n = t->n;
     const int f = n->s.feature_channels;
     float *dw = GRAD(w->token_projection_w), *db = GRAD(w->token_projection_b),
           *dv = GRAD(w->volume_projection_b);
@@ -280,8 +282,8 @@ static void unpack_tokens(const point_trainer *t, const float *lane, const point
 
 /* The merged layer M = V F (views' first h columns times feature), bias V b_F + b_V. dm [view_width][h], db.
  */
-static void unmerge(const point_network *n, const point_weights *w, const point_gradients *g, const float *dm,
-                    const float *db) {
+static void unmerge(const radiance_field *n, const radiance_weights *w, const radiance_gradients *g,
+                    const float *dm, const float *db) {
     const int h = n->s.decoder_width, columns = h + n->direction_width + n->s.token_width;
     float *dv = GRAD(w->views_w), *df = GRAD(w->feature_w), *dbf = GRAD(w->feature_b);
     for (int o = 0; o < n->s.view_width; o++)
@@ -296,10 +298,10 @@ static void unmerge(const point_network *n, const point_weights *w, const point_
         }
 }
 
-static sherf_status unpack_decoder(context *c, const point_trainer *t, const float *lane,
-                                   const point_weights *w, const point_gradients *g, int *slot) {
-    const point_network *n = t->n;
-    const point_amx *a = n->amx;
+static sherf_status unpack_decoder(context *c, const radiance_trainer *t, const float *lane,
+                                   const radiance_weights *w, const radiance_gradients *g, int *slot) {
+    const radiance_field *n = t->n;
+    const radiance_amx *a = n->amx;
     const int h = n->s.decoder_width, x = n->position_width + WIDTH, view = n->s.view_width;
     for (int i = 0; i < n->s.decoder_depth; i++) {
         const bool first = i == 0, wide = !first && i == n->s.decoder_skip + 1;
@@ -332,21 +334,21 @@ static sherf_status unpack_decoder(context *c, const point_trainer *t, const flo
 #undef GRAD
 }
 
-sherf_status point_network_backward(tape *work, const point_network *n, const point_weights *weights,
-                                    const point_set *points, const float *rgb, const float *drgb,
-                                    const float *dsigma, const point_gradients *out) {
+sherf_status radiance_field_backward(tape *work, const radiance_field *n, const radiance_weights *weights,
+                                     const point_set *points, const float *rgb, const float *drgb,
+                                     const float *dsigma, const radiance_gradients *out) {
     context *c = tape_context(work);
-    if (!n->bf16 || !point_training_possible(&n->s))
+    if (!n->bf16 || !radiance_training_possible(&n->s))
         return failure(c, SHERF_UNSUPPORTED,
-                       "point network: no fused gradient for these sizes or this processor");
+                       "radiance field: no fused gradient for these sizes or this processor");
     if (points->count > INT32_MAX / 4)
-        return failure(c, SHERF_BAD_ARGUMENT, "point network: %lld points are too many",
+        return failure(c, SHERF_BAD_ARGUMENT, "radiance field: %lld points are too many",
                        (long long)points->count);
-    point_matrices m = {0};
-    point_trainer t = {0};
+    radiance_matrices m = {0};
+    radiance_trainer t = {0};
     int *slot = tape_alloc(work, SLOTS, sizeof *slot);
     int32_t *index = tape_alloc(work, (size_t)points->count + 1, sizeof *index);
-    sherf_status status = index ? point_matrices_make(c, n, weights, &m) : SHERF_NO_MEMORY;
+    sherf_status status = index ? radiance_matrices_make(c, n, weights, &m) : SHERF_NO_MEMORY;
     if (!status) status = trainer_make(c, n, &m, &t);
     if (status) goto done;
     back_work w = {c, &t, points, rgb, drgb, dsigma, .index = index, .out = out};
@@ -369,18 +371,18 @@ sherf_status point_network_backward(tape *work, const point_network *n, const po
     status = unpack_decoder(c, &t, w.lane, weights, out, slot);
 done:
     trainer_free(&t);
-    point_matrices_free(&m);
+    radiance_matrices_free(&m);
     return status;
 }
 #else
-bool point_training_possible(const point_sizes *s) {
+bool radiance_training_possible(const radiance_sizes *s) {
     return false;
 }
 
-sherf_status point_network_backward(tape *work, const point_network *n, const point_weights *weights,
-                                    const point_set *points, const float *rgb, const float *drgb,
-                                    const float *dsigma, const point_gradients *out) {
+sherf_status radiance_field_backward(tape *work, const radiance_field *n, const radiance_weights *weights,
+                                     const point_set *points, const float *rgb, const float *drgb,
+                                     const float *dsigma, const radiance_gradients *out) {
     return failure(tape_context(work), SHERF_UNSUPPORTED,
-                   "point network: no fused gradient for this processor");
+                   "radiance field: no fused gradient for this processor");
 }
 #endif

@@ -1,6 +1,6 @@
 /* The inside of training: what the preparation and the AMX tile share. */
-#ifndef SHERF_POINTNET_TRAIN_INSIDE_H
-#define SHERF_POINTNET_TRAIN_INSIDE_H
+#ifndef SHERF_RADIANCE_TRAIN_INSIDE_H
+#define SHERF_RADIANCE_TRAIN_INSIDE_H
 
 #include "model/sherf/fused/amx_pack.h"
 #include "model/sherf/fused/train.h"
@@ -19,14 +19,14 @@ typedef struct {
 
 /* One backward pass. "Back" tiles are transposed weights. */
 typedef struct {
-    const point_network *n;
+    const radiance_field *n;
     tiles back_rgb, back_views, back_token1, back_pts[POINT_DECODER_MAX], back_skip_token0, back_token0,
         back_mlp1, back_mlp0, back_out, back_qkv;
     int view_blocks, qkv_blocks, color_tokens;
     matrix_place color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views /* and alpha */, rgb;
     size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
     size_t lane_floats, scratch_bytes;
-} point_trainer;
+} radiance_trainer;
 
 typedef struct {
     point_tile part[TRAIN_PARTS];
@@ -37,12 +37,12 @@ typedef struct {
 } train_tile;
 
 /* train_tile_amx.c */
-size_t point_train_scratch_bytes(const point_trainer *r);
-void point_train_tile_amx(const point_trainer *r, train_tile *t, float *lane, void *scratch);
+size_t radiance_train_scratch_bytes(const radiance_trainer *r);
+void radiance_train_tile_amx(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
 /* One part of the bank: job < POINT_SCATTER_JOBS; adds dtoken [count][3 D] of the points index[] to its
  * gradient. */
 enum { POINT_SCATTER_JOBS = 3 * POINT_LEVELS + 3 + 3 };
-void point_scatter_amx(const point_network *n, int job, const point_set *points, const int32_t *index,
-                       int64_t count, const float *dtoken, const point_gradients *out);
+void radiance_scatter_amx(const radiance_field *n, int job, const point_set *points, const int32_t *index,
+                          int64_t count, const float *dtoken, const radiance_gradients *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* The backward tile of the point network for AMX with AVX512-FP16 (the build compiles this file for them).
+/* The backward tile of the radiance field for AMX with AVX512-FP16 (the build compiles this file for them).
  *
  * Gradients of activations go through the same products as the activations, with transposed weights.
  * Gradients of weights sum over points, dW = dY X^T: an A tile is 16 outputs x 32 points, a B tile 16 pairs
@@ -198,9 +198,9 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
 }
 
 /* ---- forwards, keeping what the way back needs ---- */
-static void forward(const point_trainer *r, const train_tile *t, space *s) {
-    const point_network *n = r->n;
-    const point_amx *a = n->amx;
+static void forward(const radiance_trainer *r, const train_tile *t, space *s) {
+    const radiance_field *n = r->n;
+    const radiance_amx *a = n->amx;
     const size_t colors = (size_t)a->color.blocks * TILE, mixed = (size_t)a->mixed_blocks * TILE,
                  qkv = (size_t)a->qkv.row_tiles * 256;
     for (int g = 0; g < AMX_GROUPS; g++)
@@ -280,8 +280,8 @@ static channels back(const tiles *l, channels dy, channels x, channels out, floa
     return out;
 }
 
-static void decoder_back(const point_trainer *r, const train_tile *t, space *s, float *lane) {
-    const point_network *n = r->n;
+static void decoder_back(const radiance_trainer *r, const train_tile *t, space *s, float *lane) {
+    const radiance_field *n = r->n;
     const int last = n->s.decoder_depth - 1, skip = n->s.decoder_skip;
     const channels drgb = {s->drgb, TILE};
     groups dy = groups_of(drgb), x = groups_of(s->views);
@@ -360,7 +360,7 @@ static inline void norm_back(const float *x, const float *dy, const float *weigh
 
 /* Backwards through the attention of one group: d [2 tokens][attention width][16] -> dqkv, bf16 [token]. The
  * scores are in powers of 2 (q's weights hold log2 e), hence ln 2. */
-static inline void attention_back(const point_network *n, const float *sums, const float *chance,
+static inline void attention_back(const radiance_field *n, const float *sums, const float *chance,
                                   const float *d, size_t d_token, char *dqkv, size_t dqkv_token) {
     const int head = n->s.head_width, all = n->attention_width;
     const size_t token = (size_t)n->amx->qkv.row_tiles * 256;
@@ -429,8 +429,8 @@ static inline void pack_sums(const float *x, int rows, char *out) {
 }
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
-static void transformer_back(const point_trainer *r, space *s, float *lane) {
-    const point_network *n = r->n;
+static void transformer_back(const radiance_trainer *r, space *s, float *lane) {
+    const radiance_field *n = r->n;
     const size_t one = AMX_GROUPS * TILE, wide = (size_t)r->qkv_blocks * TILE,
                  qkv = (size_t)n->amx->qkv.row_tiles * 256;
     float *sums = s->sums;
@@ -479,8 +479,8 @@ static void transformer_back(const point_trainer *r, space *s, float *lane) {
 }
 
 /* The sampled tokens' gradients: biases, the colour's layer, and as rows of points. */
-static void sampled_back(const point_trainer *r, train_tile *t, space *s, float *lane) {
-    const point_network *n = r->n;
+static void sampled_back(const radiance_trainer *r, train_tile *t, space *s, float *lane) {
+    const radiance_field *n = r->n;
     for (int c = 0; c < 3 * WIDTH; c++) {
         float *b = lane + r->token_b + c * 16;
         __m512 sum = _mm512_load_ps(b);
@@ -529,9 +529,9 @@ static int larger(int a, int b) {
     return a > b ? a : b;
 }
 
-static void lay_out(const point_trainer *t, room *r, space *s) {
-    const point_network *n = t->n;
-    const point_amx *a = n->amx;
+static void lay_out(const radiance_trainer *t, room *r, space *s) {
+    const radiance_field *n = t->n;
+    const radiance_amx *a = n->amx;
     const size_t G = AMX_GROUPS, tokens = G * ALL * sizeof(float);
     const int last = n->s.decoder_depth - 1, h = a->h_blocks;
     s->samples = take(r, sizeof(samples));
@@ -577,7 +577,7 @@ static void lay_out(const point_trainer *t, room *r, space *s) {
     s->columns = take(r, (size_t)columns * (G / 2) * TILE);
 }
 
-size_t point_train_scratch_bytes(const point_trainer *t) {
+size_t radiance_train_scratch_bytes(const radiance_trainer *t) {
     space s;
     room r = {0};
     lay_out(t, &r, &s);
@@ -585,7 +585,7 @@ size_t point_train_scratch_bytes(const point_trainer *t) {
 }
 
 /* The scratch starts as zeros: what no pass writes (padding) stays 0. */
-void point_train_tile_amx(const point_trainer *r, train_tile *t, float *lane, void *scratch) {
+void radiance_train_tile_amx(const radiance_trainer *r, train_tile *t, float *lane, void *scratch) {
     space s;
     lay_out(r, &(room){.base = scratch}, &s);
     load_config();
@@ -623,8 +623,9 @@ static inline sixteen points_at(const point_set *points, const int32_t *index, i
     return s;
 }
 
-static void scatter_level(const point_level *l, const float *volume_min, int token, const point_set *points,
-                          const int32_t *index, int64_t count, const float *dtoken, float *out) {
+static void scatter_level(const radiance_level *l, const float *volume_min, int token,
+                          const point_set *points, const int32_t *index, int64_t count, const float *dtoken,
+                          float *out) {
     samples s;
     for (int64_t first = 0; first < count; first += GROUP) {
         sixteen at = points_at(points, index + first, count - first);
@@ -670,8 +671,8 @@ static void scatter_map(const texels *m, const int axis[2], bool pixel, int toke
     }
 }
 
-void point_scatter_amx(const point_network *n, int job, const point_set *points, const int32_t *index,
-                       int64_t count, const float *dtoken, const point_gradients *out) {
+void radiance_scatter_amx(const radiance_field *n, int job, const point_set *points, const int32_t *index,
+                          int64_t count, const float *dtoken, const radiance_gradients *out) {
     const int which = job / 3, token = job % 3;
     if (which < POINT_LEVELS) {
         scatter_level(&n->level[which], n->volume_min, token, points, index, count, dtoken,

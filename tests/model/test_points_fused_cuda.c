@@ -1,6 +1,6 @@
-/* The radiance field's fused way through training by the kernels of src/render/cuda, on a GPU or on the host
- * (tests/support/cuda), against the processor's ops in float32: densities, colours and the gradients of all
- * that goes in; and with threads and blocks in the opposite order the same bits. */
+/* The radiance field's fused way through training by the kernels of src/model/sherf/cuda, on a GPU or on the
+ * host (tests/support/cuda), against the processor's ops in float32: densities, colours and the gradients of
+ * all that goes in; and with threads and blocks in the opposite order the same bits. */
 enum { SIDE = 40, WITHOUT = 1 };
 #include "points_fused_pass.h"
 

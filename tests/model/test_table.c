@@ -200,6 +200,42 @@ static void a_second_model_trains_and_renders(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* From settings to a frame, with memory running out at each allocation in turn. */
+static void every_allocation_fails(void **state) {
+    context *c = test_context();
+    char picture[600];
+    sherf_body *body;
+    sherf_observation *o;
+    snprintf(picture, sizeof picture, "thuman:%s#tube_000/0/0", root);
+    assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
+    assert_ok(c, sherf_observation_load(c, picture, &o));
+    const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF, .samples = 4};
+    const size_t live = mem_live();
+    bool done = false;
+    for (long k = 0; !done; k++) {
+        sherf_model *m = NULL;
+        sherf_avatar *a = NULL;
+        sherf_frame frame = {0};
+        mem_fail_after(k);
+        sherf_status status = sherf_model_create(c, "plain:eight", 3, &m);
+        if (!status) status = sherf_avatar_create(c, m, body, o, &a);
+        if (!status)
+            status = sherf_render(c, a, body, sherf_observation_pose(o), sherf_observation_camera(o), &exact,
+                                  &frame);
+        mem_fail_after(-1);
+        done = !status;
+        assert_true(done || status == SHERF_NO_MEMORY);
+        sherf_frame_free(&frame);
+        sherf_avatar_free(a);
+        sherf_model_free(m);
+        assert_int_equal(mem_live(), live);
+        if (k > 3000) fail();
+    }
+    sherf_observation_free(o);
+    sherf_body_free(body);
+    sherf_context_free(c);
+}
+
 /* Weights of a model that this version has not, and of none at all. */
 static void unknown_models_are_one_line(void **state) {
     context *c = test_context();
@@ -230,8 +266,8 @@ static void unknown_models_are_one_line(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(settings_are_the_models_own),
-                                       cmocka_unit_test(a_second_model_trains_and_renders),
-                                       cmocka_unit_test(unknown_models_are_one_line)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(settings_are_the_models_own), cmocka_unit_test(a_second_model_trains_and_renders),
+        cmocka_unit_test(every_allocation_fails), cmocka_unit_test(unknown_models_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

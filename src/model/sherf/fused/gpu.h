@@ -1,6 +1,6 @@
-/* Frames on a GPU: what host code asks of src/render/cuda. An avatar's body, observation, bank and weights
- * are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for the
- * host between. */
+/* Frames on a GPU: what host code asks of src/model/sherf/cuda. An avatar's body, observation, bank and
+ * weights are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for
+ * the host between. */
 #ifndef SHERF_RADIANCE_GPU_H
 #define SHERF_RADIANCE_GPU_H
 

@@ -4,7 +4,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool npy, no_png, yardsticks, detail, estimated, own_pose;
+    bool npy, no_png, baselines, detail, estimated, own_pose;
     int64_t size, samples;
 } set = {.samples = SHERF_SAMPLES_MODEL};
 
@@ -25,7 +25,7 @@ static const option options[] = {
     {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
      "converted ResNet-50, for the resnet50 distance; 'none' for none (assets/resnet50.safetensors, if it is "
      "there)"},
-    {0, "yardsticks", OPTION_FLAG, &set.yardsticks, NULL,
+    {0, "baselines", OPTION_FLAG, &set.baselines, NULL,
      "scores also of the mean colour in the true mask and of the body painted with the picture"},
     {0, "estimated", OPTION_FLAG, &set.estimated, NULL,
      "cameras, bodies and masks of the observations are estimated from their pictures alone; what they are "
@@ -56,7 +56,7 @@ static void score_add(cJSON *json, const char *name, const sherf_score *score) {
     cJSON_AddNumberToObject(o, "count", score->count);
 }
 
-static void yardstick_add(cJSON *json, const char *name, const sherf_score score[2]) {
+static void baseline_add(cJSON *json, const char *name, const sherf_score score[2]) {
     if (!score[0].count && !score[1].count) return;
     cJSON *o = cJSON_AddObjectToObject(json, name);
     score_add(o, "novel_view", &score[0]);
@@ -92,7 +92,7 @@ static int run(session *s, int count, char **argument) {
                             .model = model,
                             .lpips = set.lpips,
                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
-                            .yardsticks = set.yardsticks,
+                            .baselines = set.baselines,
                             .estimated = networks,
                             .own_pose = set.own_pose,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
@@ -113,8 +113,8 @@ static int run(session *s, int count, char **argument) {
         cJSON *json = cJSON_CreateObject();
         score_add(json, "novel_view", &scores.novel_view);
         score_add(json, "novel_pose", &scores.novel_pose);
-        yardstick_add(json, "mean_color", scores.mean_color);
-        yardstick_add(json, "painted_body", scores.painted_body);
+        baseline_add(json, "mean_color", scores.mean_color);
+        baseline_add(json, "painted_body", scores.painted_body);
         estimates_add(json, &scores.estimates);
         session_json(json);
     } else if (!status && scores.table) {
@@ -138,7 +138,7 @@ const verb verb_eval = {
         "out\n"
         "sherf eval --data thuman:people --people tube_003 --observation 0:4 --poses 0,2 --views 0:2:12 "
         "-m model.safetensors -b people/tubeman.safetensors\n"
-        "sherf eval --data thuman:people --people 0-9 --observation random --seed 1 --size 256 --yardsticks "
+        "sherf eval --data thuman:people --people 0-9 --observation random --seed 1 --size 256 --baselines "
         "-m "
         "model.safetensors -b body.safetensors -o out",
     .options = options,

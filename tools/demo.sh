@@ -28,6 +28,6 @@ step "4. poses" "arms up, akimbo, sitting, a lunge: from two sides"
 run render "$out/avatar.safetensors" --poses assets/demo/poses.json --every --orbit 2 --azimuth 25 --elevation 8 --size 320 --background 0.93,0.93,0.93 \
     -o "$out/poses" --strip "$out/poses.png"
 step "5. scores" "another person from one picture, against true pictures from other sides, beside what no network would get"
-run eval --data thuman:assets/demo --people person_900006 --observation 0:2 --poses 0,1 --views 0,1,3 --size 256 --yardsticks \
+run eval --data thuman:assets/demo --people person_900006 --observation 0:2 --poses 0,1 --views 0,1,3 --size 256 --baselines \
     -o "$out/eval"
 printf '\nmade: %s\n' "$out/overlay.png $out/turntable.mp4 $out/turntable.png $out/walk.mp4 $out/walk.png $out/poses.png $out/poses/ $out/eval/"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # tools/train_people.sh SHERF FOLDER: how the model that ships is made from nothing but the fetched assets (`make assets`
-# first). Makes the people, trains on them and scores the model on people it never saw, beside two yardsticks. Goes on
+# first). Makes the people, trains on them and scores the model on people it never saw, beside two baselines. Goes on
 # where it was stopped. PEOPLE, POSES, VIEWS, PRESET and TRAIN (further options) say what; STAGES, as
 # STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the resnet50 distance), how long.
 set -eu
@@ -34,4 +34,4 @@ END
         -o "$out/run" ${TRAIN:-}
 done
 run eval --data "thuman:$out/test" --people 0-19 --observation random --seed 1 --poses 0:1:4 --views 0:2:6 --size 256 \
-    --yardsticks --sheet "$out/eval.png" --model "$out/run/model.safetensors" -o "$out/eval"
+    --baselines --sheet "$out/eval.png" --model "$out/run/model.safetensors" -o "$out/eval"

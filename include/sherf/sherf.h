@@ -607,7 +607,7 @@ typedef struct {
     int write_png, write_npy;
     sherf_precision precision; /* AUTO: float32, whatever the context's; bf16 moves PSNR by some 0.02 dB */
     const char *perceptual;    /* converted ResNet-50 of the resnet50 distance, or NULL */
-    int yardsticks;            /* non-zero: what pictures without a network would score as well */
+    int baselines;             /* non-zero: what pictures without a network would score as well */
     int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
     uint64_t seed;             /* of random observations */
     int samples;               /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
@@ -637,7 +637,7 @@ typedef struct {
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
-    /* Yardsticks, by novel view and novel pose; counts are 0 when they were not asked for. Mean colour: that
+    /* Baselines, by novel view and novel pose; counts are 0 when they were not asked for. Mean colour: that
      * of the observed person, inside the true mask. Painted body: the body mesh, its vertices in the observed
      * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
     sherf_score mean_color[2], painted_body[2];

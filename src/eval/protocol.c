@@ -11,7 +11,7 @@
 #include "eval/report.h"
 #include "eval/resnet50_file.h"
 #include "eval/sheet.h"
-#include "eval/yardstick.h"
+#include "eval/baseline.h"
 
 /* Everything an evaluation holds. */
 typedef struct {
@@ -23,8 +23,8 @@ typedef struct {
     lpips_network *lpips;       /* NULL: not computed */
     resnet50_network *resnet50; /* NULL: not computed */
     tape *tape;                 /* of these two */
-    int32_t *mirror;            /* of the body; NULL: no yardsticks */
-    yardsticks yardsticks;      /* of the observation */
+    int32_t *mirror;            /* of the body; NULL: no baselines */
+    baselines baselines;        /* of the observation */
     sherf_image painted;        /* the painted body's picture */
     int *people, people_count;
     selection *selection; /* one a person */
@@ -49,7 +49,7 @@ static void evaluation_free(evaluation *e) {
     lpips_free(e->lpips);
     resnet50_free(e->resnet50);
     mem_free(e->mirror);
-    yardsticks_free(&e->yardsticks);
+    baselines_free(&e->baselines);
     sherf_image_free(&e->painted);
     sherf_model_free(e->model);
     sherf_body_free(e->body);
@@ -73,8 +73,8 @@ static sherf_status evaluation_open(evaluation *e) {
     status = lpips_place(c, e->lpips, tape_backend(e->tape)->memory);
     if (status == SHERF_OK) status = resnet50_place(c, e->resnet50, tape_backend(e->tape)->memory);
     if (status != SHERF_OK) return status;
-    if (o->yardsticks && (status = yardstick_mirror(c, e->body, &e->mirror)) != SHERF_OK) return status;
-    e->report.yardsticks = o->yardsticks != 0;
+    if (o->baselines && (status = baseline_mirror(c, e->body, &e->mirror)) != SHERF_OK) return status;
+    e->report.baselines = o->baselines != 0;
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
@@ -184,10 +184,9 @@ static sherf_status score(evaluation *e, comparison *k, const float *prediction,
     return status;
 }
 
-/* The two yardsticks; the painted body stays in e->painted. */
-static sherf_status score_yardsticks(evaluation *e, comparison *k, const data_view *truth,
-                                     const sherf_camera *camera, const sherf_pose *pose,
-                                     report_entry *entry) {
+/* The two baselines; the painted body stays in e->painted. */
+static sherf_status score_baselines(evaluation *e, comparison *k, const data_view *truth,
+                                    const sherf_camera *camera, const sherf_pose *pose, report_entry *entry) {
     context *c = e->c;
     const int width = truth->image.width, height = truth->image.height;
     if (e->painted.width != width || e->painted.height != height) {
@@ -196,10 +195,10 @@ static sherf_status score_yardsticks(evaluation *e, comparison *k, const data_vi
             (sherf_image){width, height, 3, mem_alloc(c, (size_t)width * (size_t)height, 3 * sizeof(float))};
         if (!e->painted.data) return SHERF_NO_MEMORY;
     }
-    yardstick_mean_color(&e->yardsticks, truth, e->painted.data);
+    baseline_mean_color(&e->baselines, truth, e->painted.data);
     sherf_status status = score(e, k, e->painted.data, truth, &entry->score[SCORE_MEAN_COLOR]);
     if (status == SHERF_OK)
-        status = yardstick_painted_body(c, &e->yardsticks, e->body, camera, pose, e->painted.data);
+        status = baseline_painted_body(c, &e->baselines, e->body, camera, pose, e->painted.data);
     if (status == SHERF_OK) status = score(e, k, e->painted.data, truth, &entry->score[SCORE_PAINTED_BODY]);
     return status;
 }
@@ -216,7 +215,7 @@ static char *file_name(evaluation *e, const report_entry *r, const char *suffix)
 /* Prediction on the left, ground truth beside it, then the painted body if there is one. */
 static sherf_status write_pictures(evaluation *e, const char *path, const data_view *truth) {
     const float *const part[] = {e->frame.color.data, truth->image.data, e->painted.data};
-    const size_t parts = e->options->yardsticks ? 3 : 2;
+    const size_t parts = e->options->baselines ? 3 : 2;
     const size_t row = 3 * (size_t)truth->image.width, height = (size_t)truth->image.height;
     uint8_t *all = mem_alloc(e->c, row * height, parts);
     if (!all) return SHERF_NO_MEMORY;
@@ -305,7 +304,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, entry.person, entry.target, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
-    if (e->mirror && (status = score_yardsticks(e, &k, truth, &camera, &pose, &entry)) != SHERF_OK) goto done;
+    if (e->mirror && (status = score_baselines(e, &k, truth, &camera, &pose, &entry)) != SHERF_OK) goto done;
     if (isnan(entry.score[SCORE_MODEL].psnr)) {
         log_line(c, SHERF_LOG_WARNING, "%s: the person of pose %d is outside view %d, which is left out",
                  sherf_dataset_person(e->data, entry.person), entry.target.pose, entry.target.view);
@@ -380,8 +379,8 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
         e->sheet_row++;
         goto done;
     }
-    yardsticks_free(&e->yardsticks);
-    if (e->mirror) status = yardsticks_create(c, e->body, e->mirror, observation, &e->yardsticks);
+    baselines_free(&e->baselines);
+    if (e->mirror) status = baselines_create(c, e->body, e->mirror, observation, &e->baselines);
     if (status == SHERF_OK) status = sherf_avatar_create(c, e->model, e->body, observation, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation)) != SHERF_OK) goto done;
@@ -496,7 +495,7 @@ sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_
     const report *r = &e.report;
     *out =
         (sherf_scores){report_mean(r, SCORE_MODEL, -1, false), report_mean(r, SCORE_MODEL, -1, true), table};
-    for (int pose = 0; pose < 2 && r->yardsticks; pose++) {
+    for (int pose = 0; pose < 2 && r->baselines; pose++) {
         out->mean_color[pose] = report_mean(r, SCORE_MEAN_COLOR, -1, pose);
         out->painted_body[pose] = report_mean(r, SCORE_PAINTED_BODY, -1, pose);
     }

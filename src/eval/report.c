@@ -115,15 +115,15 @@ static size_t line(char *to, size_t room, int name_width, const char *name, bool
     return (size_t)snprintf(to, room, "%-*.*s  %s    %s\n", name_width, name_width, name, view, pose);
 }
 
-/* The model, and the yardsticks below it. */
+/* The model, and the baselines below it. */
 static size_t block(char *to, size_t room, int name_width, const char *name, const report *r, int person) {
-    static const char *const yardstick[SCORE_KINDS] = {"", "  mean colour", "  painted body"};
+    static const char *const baseline[SCORE_KINDS] = {"", "  mean colour", "  painted body"};
     size_t used = 0;
-    for (int kind = 0; kind < (r->yardsticks ? SCORE_KINDS : 1); kind++)
+    for (int kind = 0; kind < (r->baselines ? SCORE_KINDS : 1); kind++)
         used +=
-            line(to + used, room - used, name_width, kind ? yardstick[kind] : name, false,
+            line(to + used, room - used, name_width, kind ? baseline[kind] : name, false,
                  (sherf_score[]){report_mean(r, kind, person, false), report_mean(r, kind, person, true)});
-    if (r->yardsticks)
+    if (r->baselines)
         used += line(to + used, room - used, name_width, "  model's gain", true,
                      (sherf_score[]){report_gain(r, person, false), report_gain(r, person, true)});
     return used;
@@ -132,7 +132,7 @@ static size_t block(char *to, size_t room, int name_width, const char *name, con
 char *report_table(context *c, const report *r, const sherf_dataset *d) {
     enum { NAME_MAX_WIDTH = 40, LINE = 192, BLOCK = SCORE_KINDS + 1 };
     size_t lines = 2 + BLOCK;
-    int width = r->yardsticks ? 14 : 6;
+    int width = r->baselines ? 14 : 6;
     int64_t at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p)) {
         int n = (int)strnlen(sherf_dataset_person(d, p), NAME_MAX_WIDTH);
@@ -175,11 +175,11 @@ static bool add_both(cJSON *to, const report *r, int kind, int person) {
 /* Of one person, or of all. */
 static bool add_means(cJSON *to, const report *r, int person) {
     bool ok = add_both(to, r, SCORE_MODEL, person);
-    for (int kind = 1; kind < SCORE_KINDS && r->yardsticks && ok; kind++) {
+    for (int kind = 1; kind < SCORE_KINDS && r->baselines && ok; kind++) {
         cJSON *o = cJSON_AddObjectToObject(to, kind_key[kind]);
         ok = o && add_both(o, r, kind, person);
     }
-    if (!r->yardsticks || !ok) return ok;
+    if (!r->baselines || !ok) return ok;
     cJSON *o = cJSON_AddObjectToObject(to, "gain");
     return o && add_score(o, "novel_view", report_gain(r, person, false)) &&
            add_score(o, "novel_pose", report_gain(r, person, true));
@@ -211,9 +211,9 @@ static bool add_image(cJSON *images, const sherf_dataset *d, const report *r, co
     if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, e->person)) ||
         !add_pair(o, "observation", e->observation))
         return false;
-    for (int kind = 1; kind < SCORE_KINDS && r->yardsticks; kind++) {
-        cJSON *yardstick = cJSON_AddObjectToObject(o, kind_key[kind]);
-        if (!yardstick || !add_picture_score(yardstick, &e->score[kind])) return false;
+    for (int kind = 1; kind < SCORE_KINDS && r->baselines; kind++) {
+        cJSON *baseline = cJSON_AddObjectToObject(o, kind_key[kind]);
+        if (!baseline || !add_picture_score(baseline, &e->score[kind])) return false;
     }
     return add_number(o, "pose", e->target.pose) && add_number(o, "view", e->target.view) &&
            cJSON_AddStringToObject(o, "kind", e->novel_pose ? "novel_pose" : "novel_view") &&

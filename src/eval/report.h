@@ -1,4 +1,4 @@
-/* report: scores of pictures and their means, as a table and as JSON; of the model and perhaps of yardsticks.
+/* report: scores of pictures and their means, as a table and as JSON; of the model and perhaps of baselines.
  */
 #ifndef SHERF_REPORT_H
 #define SHERF_REPORT_H
@@ -22,7 +22,7 @@ typedef struct {
 typedef struct {
     int64_t count, capacity;
     report_entry *entry;
-    bool yardsticks;         /* false: only SCORE_MODEL is filled in */
+    bool baselines;          /* false: only SCORE_MODEL is filled in */
     estimate_list estimates; /* empty: bodies and cameras are the data set's */
     bool plain_mean;         /* over all pictures alike: observations drawn by chance */
 } report;
@@ -32,7 +32,7 @@ void report_free(report *r);
 /* Means of one kind over one person (-1: everyone) of novel view or novel pose. Observations from different
  * views are averaged on their own first, then the means, as in the paper, unless it is a plain mean. */
 sherf_score report_mean(const report *r, int kind, int person, bool novel_pose);
-/* By how much the model is better than the better yardstick in each number (which need not be the same one):
+/* By how much the model is better than the better baseline in each number (which need not be the same one):
  * positive is better also where small numbers are good. */
 sherf_score report_gain(const report *r, int person, bool novel_pose);
 /* Text to print; mem_free it. NULL when memory lacks. */

@@ -343,7 +343,7 @@ static sherf_status step(trainer *t, loss_values *mean, bool *skipped) {
                  s->step);
         if (++t->skips_in_a_row < SKIPS_IN_A_ROW) return SHERF_OK;
         return failure(c, SHERF_BAD_ARGUMENT,
-                       "the training has come apart: %d steps in a row gave gradients that are not finite; a "
+                       "the loss diverged: %d steps in a row gave gradients that are not finite; a "
                        "lower learning rate may help",
                        SKIPS_IN_A_ROW);
     }
@@ -377,8 +377,8 @@ static sherf_status lost_check(trainer *t) {
     }
     if (finite) return SHERF_OK;
     return failure(t->c, SHERF_BAD_ARGUMENT,
-                   "the training has come apart: after step %" PRId64
-                   " its weights are not finite; a lower learning rate may help",
+                   "the loss diverged: after step %" PRId64
+                   " the weights are not finite; a lower learning rate may help",
                    t->state.step);
 }
 

@@ -200,7 +200,7 @@ static sherf_eval_options options_of(void) {
                                 .observations = "0:4",
                                 .poses = "0,2",
                                 .views = "0:2:3",
-                                .yardsticks = 1};
+                                .baselines = 1};
 }
 
 static void run(context *c, bend *b, sherf_scores *out) {

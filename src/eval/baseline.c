@@ -1,9 +1,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "eval/yardstick.h"
+#include "eval/baseline.h"
 
-sherf_status yardstick_mirror(context *c, const body_model *body, int32_t **out) {
+sherf_status baseline_mirror(context *c, const body_model *body, int32_t **out) {
     /* joints with a left and a right side, of which the mirror's plane is the middle */
     static const int pairs[][2] = {{1, 2},   {4, 5},   {7, 8},   {10, 11}, {13, 14},
                                    {16, 17}, {18, 19}, {20, 21}, {22, 23}};
@@ -52,7 +52,7 @@ static bool sample_inside(const sherf_observation *o, float u, float v, float co
 
 /* Fills seen and, where it is 1, color. Hidden is what lies more than 2 cm behind the body's surface at the
  * nearest pixel: vertices next to a silhouette share their pixel with what is in front of them. */
-static sherf_status look(context *c, const body_model *body, const sherf_observation *o, yardsticks *y) {
+static sherf_status look(context *c, const body_model *body, const sherf_observation *o, baselines *y) {
     const float slack_m = 0.02f;
     const size_t V = (size_t)body->vertices;
     raster *r = NULL;
@@ -80,7 +80,7 @@ static sherf_status look(context *c, const body_model *body, const sherf_observa
 }
 
 /* Colours of the vertices that were not seen; without any that was, the mean colour. */
-static sherf_status guess(context *c, const body_model *body, const int32_t *mirror, yardsticks *y) {
+static sherf_status guess(context *c, const body_model *body, const int32_t *mirror, baselines *y) {
     const int V = body->vertices;
     int seen = 0;
     vertex_grid *grid = NULL;
@@ -109,11 +109,11 @@ done:
     return status;
 }
 
-sherf_status yardsticks_create(context *c, const body_model *body, const int32_t *mirror,
-                               const sherf_observation *o, yardsticks *out) {
+sherf_status baselines_create(context *c, const body_model *body, const int32_t *mirror,
+                              const sherf_observation *o, baselines *out) {
     double sum[3] = {0}, count = 0;
-    *out = (yardsticks){.color = mem_zero(c, (size_t)body->vertices, 3 * sizeof *out->color),
-                        .seen = mem_zero(c, (size_t)body->vertices, sizeof *out->seen)};
+    *out = (baselines){.color = mem_zero(c, (size_t)body->vertices, 3 * sizeof *out->color),
+                       .seen = mem_zero(c, (size_t)body->vertices, sizeof *out->seen)};
     for (size_t i = 0; i < (size_t)o->image.width * (size_t)o->image.height; i++) {
         if (!o->mask[i]) continue;
         for (size_t k = 0; k < 3; k++) sum[k] += o->image.data[3 * i + k];
@@ -123,17 +123,17 @@ sherf_status yardsticks_create(context *c, const body_model *body, const int32_t
     sherf_status status = out->color && out->seen ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = look(c, body, o, out);
     if (status == SHERF_OK) status = guess(c, body, mirror, out);
-    if (status != SHERF_OK) yardsticks_free(out);
+    if (status != SHERF_OK) baselines_free(out);
     return status;
 }
 
-void yardsticks_free(yardsticks *y) {
+void baselines_free(baselines *y) {
     mem_free(y->color);
     mem_free(y->seen);
-    *y = (yardsticks){0};
+    *y = (baselines){0};
 }
 
-void yardstick_mean_color(const yardsticks *y, const data_view *target, float *out) {
+void baseline_mean_color(const baselines *y, const data_view *target, float *out) {
     for (size_t i = 0; i < (size_t)target->image.width * (size_t)target->image.height; i++)
         for (size_t k = 0; k < 3; k++) out[3 * i + k] = target->mask[i] ? y->mean_color[k] : 0;
 }
@@ -156,8 +156,8 @@ static void draw(const raster *r, int fine, const body_model *body, const float 
         }
 }
 
-sherf_status yardstick_painted_body(context *c, const yardsticks *y, const body_model *body,
-                                    const sherf_camera *camera, const sherf_pose *pose, float *out) {
+sherf_status baseline_painted_body(context *c, const baselines *y, const body_model *body,
+                                   const sherf_camera *camera, const sherf_pose *pose, float *out) {
     const int fine = camera->width_px > 1024 || camera->height_px > 1024 ? 2 : 4;
     raster *r = NULL;
     float *world = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *world);

@@ -1,4 +1,4 @@
-/* The yardsticks on a tube person: what they paint, and that sherf_eval scores just that. */
+/* The baselines on a tube person: what they paint, and that sherf_eval scores just that. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 #include "eval/metrics.h"
 #include "eval/resnet50_file.h"
 #include "eval/selection.h"
-#include "eval/yardstick.h"
+#include "eval/baseline.h"
 #include "tube_people.h"
 
 enum { SIDE = 96, PIXELS = SIDE * SIDE };
@@ -26,7 +26,7 @@ static int make_data(void **state) {
     sherf_status status = tube_people_make(c, root, &synth, &people);
     if (!status) status = sherf_dataset_open(c, people.spec, &data);
     if (!status) status = body_load(c, people.body, &body);
-    if (!status) status = yardstick_mirror(c, body, &mirror);
+    if (!status) status = baseline_mirror(c, body, &mirror);
     if (status) fprintf(stderr, "%s\n", c->message);
     return status != SHERF_OK;
 }
@@ -55,20 +55,20 @@ static void left_is_right(void **state) {
 static void painted_body_is_close_to_what_it_saw(void **state) {
     context *c = *state;
     data_view *seen, *behind;
-    yardsticks y;
+    baselines y;
     static float rgb[3 * PIXELS];
     static uint8_t all[PIXELS];
     memset(all, 1, sizeof all);
     assert_ok(c, dataset_view(c, data, 0, 0, 1, 0, &seen));
     assert_ok(c, dataset_view(c, data, 0, 0, 4, 0, &behind));
-    assert_ok(c, yardsticks_create(c, body, mirror, seen, &y));
-    assert_ok(c, yardstick_painted_body(c, &y, body, &seen->camera, &seen->pose, rgb));
+    assert_ok(c, baselines_create(c, body, mirror, seen, &y));
+    assert_ok(c, baseline_painted_body(c, &y, body, &seen->camera, &seen->pose, rgb));
     double again = metric_psnr(PIXELS, rgb, seen->image.data, all);
-    assert_ok(c, yardstick_painted_body(c, &y, body, &behind->camera, &behind->pose, rgb));
+    assert_ok(c, baseline_painted_body(c, &y, body, &behind->camera, &behind->pose, rgb));
     double unseen = metric_psnr(PIXELS, rgb, behind->image.data, all);
     int outside = 0;
     for (int i = 0; i < PIXELS; i++) outside += !behind->mask[i] && rgb[3 * i + 1] > 0.5f;
-    yardstick_mean_color(&y, seen, rgb);
+    baseline_mean_color(&y, seen, rgb);
     double flat = metric_psnr(PIXELS, rgb, seen->image.data, all);
     printf("painted body: %.2f dB of the observed view, %.2f dB from behind; mean colour %.2f dB\n", again,
            unseen, flat);
@@ -82,7 +82,7 @@ static void painted_body_is_close_to_what_it_saw(void **state) {
         guessed++;
     }
     assert_true(count > body->vertices / 5 && count < body->vertices * 3 / 5 && guessed > 0);
-    yardsticks_free(&y);
+    baselines_free(&y);
     sherf_observation_free(seen);
     sherf_observation_free(behind);
 }
@@ -90,21 +90,21 @@ static void painted_body_is_close_to_what_it_saw(void **state) {
 static void mean_color_is_the_mean(void **state) {
     context *c = *state;
     data_view *seen, *target;
-    yardsticks y;
+    baselines y;
     static float rgb[3 * PIXELS];
     double sum[3] = {0};
     int n = 0;
     assert_ok(c, dataset_view(c, data, 1, 1, 2, 0, &seen));
     assert_ok(c, dataset_view(c, data, 1, 0, 5, 0, &target));
-    assert_ok(c, yardsticks_create(c, body, mirror, seen, &y));
+    assert_ok(c, baselines_create(c, body, mirror, seen, &y));
     for (int i = 0; i < PIXELS; i++) {
         for (int k = 0; k < 3 && seen->mask[i]; k++) sum[k] += seen->image.data[3 * i + k];
         n += seen->mask[i];
     }
-    yardstick_mean_color(&y, target, rgb);
+    baseline_mean_color(&y, target, rgb);
     for (int i = 0; i < 3 * PIXELS; i++)
         assert_true(fabs(rgb[i] - (target->mask[i / 3] ? sum[i % 3] / n : 0)) < 1e-6);
-    yardsticks_free(&y);
+    baselines_free(&y);
     sherf_observation_free(seen);
     sherf_observation_free(target);
 }
@@ -117,7 +117,7 @@ static resnet50_network *made_up_resnet50(context *c, const char *path) {
     assert_ok(c, resnet50_create(c, &n));
     for (int i = 0; i < 2 * RESNET50_CONVOLUTIONS; i++) {
         const tensor *t = i % 2 ? n->bias[i / 2] : n->weight[i / 2];
-        test_centred("yardstick.resnet50", tensor_count(t), 2 / sqrt((double)(tensor_count(t) / t->dim[0])),
+        test_centred("baseline.resnet50", tensor_count(t), 2 / sqrt((double)(tensor_count(t) / t->dim[0])),
                      t->data);
         snprintf(name[i], sizeof name[i], "%s.%s", resnet50_layers[i / 2].name, i % 2 ? "bias" : "weight");
         item[i] = (safetensor_item){.name = name[i], .type = T_F32, .rank = t->rank, .data = t->data};
@@ -149,8 +149,8 @@ static double distance_of(context *c, const resnet50_network *n, const uint8_t *
     return distance;
 }
 
-/* PSNR of a yardstick, anew, and its distance. */
-static double psnr_of(context *c, const yardsticks *y, int person, int pose, int view, bool painted,
+/* PSNR of a baseline, anew, and its distance. */
+static double psnr_of(context *c, const baselines *y, int person, int pose, int view, bool painted,
                       const resnet50_network *n, double *distance) {
     data_view *truth;
     posed_body *p;
@@ -159,9 +159,9 @@ static double psnr_of(context *c, const yardsticks *y, int person, int pose, int
     float low[3], high[3];
     assert_ok(c, dataset_view(c, data, person, pose, view, 0, &truth));
     if (painted)
-        assert_ok(c, yardstick_painted_body(c, y, body, &truth->camera, &truth->pose, rgb));
+        assert_ok(c, baseline_painted_body(c, y, body, &truth->camera, &truth->pose, rgb));
     else
-        yardstick_mean_color(y, truth, rgb);
+        baseline_mean_color(y, truth, rgb);
     assert_ok(c, posed_body_create(c, body, truth->pose.poses_rad, truth->pose.shapes, truth->pose.R,
                                    truth->pose.Th_m, &p));
     body_world_box(body, p, low, high);
@@ -184,11 +184,11 @@ static void scores_are_those_of_the_pictures(void **state) {
                             .views = "0,5",
                             .output = out,
                             .write_png = 1,
-                            .yardsticks = 1};
+                            .baselines = 1};
     sherf_scores s;
     document *d;
     data_view *seen;
-    yardsticks y;
+    baselines y;
     char path[700], file[512];
     snprintf(file, sizeof file, "%s", test_path("resnet50.safetensors"));
     resnet50_network *network = made_up_resnet50(c, file);
@@ -200,7 +200,7 @@ static void scores_are_those_of_the_pictures(void **state) {
     assert_int_equal(s.mean_color[0].count, 2);
     assert_int_equal(s.painted_body[1].count, 2);
     assert_ok(c, dataset_view(c, data, 1, 1, 2, 0, &seen));
-    assert_ok(c, yardsticks_create(c, body, mirror, seen, &y));
+    assert_ok(c, baselines_create(c, body, mirror, seen, &y));
     snprintf(path, sizeof path, "%s/scores.json", out);
     assert_ok(c, json_read(c, path, &d));
     const value *images = value_get(d->root, "images");
@@ -228,7 +228,7 @@ static void scores_are_those_of_the_pictures(void **state) {
         assert_true(fabs(gain - (model->psnr - fmax(sum[0][pose], sum[1][pose]))) < 1e-6);
     }
     document_free(d);
-    yardsticks_free(&y);
+    baselines_free(&y);
     resnet50_free(network);
     sherf_observation_free(seen);
     sherf_free(s.table);

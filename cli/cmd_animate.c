@@ -78,7 +78,7 @@ static const option options[] = {
     {0},
 };
 
-static int wishes_check(const char *input, sherf_animate_options *o) {
+static int options_check(const char *input, sherf_animate_options *o) {
     const char *verb_name = "animate";
     background ground;
     if (!set.output && !set.npz) return usage_error(verb_name, "--output OUT is missing (or --npz FILE)");
@@ -115,7 +115,7 @@ static int motion_get(session *s, const sherf_body *body, const sherf_avatar *av
                               .scale = set.unit_m,
                               .source_fps = set.source_fps,
                               .fps = set.fps,
-                              .fps_most = 60,
+                              .fps_max = 60,
                               .track = set.track,
                               .first = (int)set.first,
                               .last = (int)set.last,
@@ -166,7 +166,7 @@ static int run(session *s, int count, char **argument) {
     sherf_motion *motion = NULL;
     if (count && set.avatar) return usage_error(s->verb_name, "INPUT is given twice, once by --avatar");
     const char *input = count ? argument[0] : set.avatar;
-    int status = wishes_check(input, &o);
+    int status = options_check(input, &o);
     if (!status) status = session_person(s, input, set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = motion_get(s, body, avatar, &motion);
     if (!status && set.npz) status = session_status(s, sherf_motion_save(s->context, motion, set.npz));
@@ -197,8 +197,8 @@ const verb verb_animate = {
                "transparent -o dance.webm\n"
                "sherf animate -m wham_output.pkl --track 2 --root grounded --smooth 0.05 --npz blender.npz",
     .options = options,
-    .arguments_least = 0,
-    .arguments_most = 1,
+    .arguments_min = 0,
+    .arguments_max = 1,
     .computes = true,
     .run = run,
 };

@@ -77,8 +77,8 @@ const verb verb_avatar = {
         "sherf avatar ann/ --model model.safetensors --body body.safetensors -o ann.safetensors\n"
         "sherf avatar thuman:people#0007/0/4 -m model.safetensors -b body.safetensors -o 7.safetensors",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .computes = true,
     .run = run,
 };

@@ -58,7 +58,7 @@ const verb verb_check = {
     .example = "sherf check ann/ --body body.safetensors --overlay ann-body.png\n"
                "sherf check zju:CoreView --body body.safetensors",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .run = run,
 };

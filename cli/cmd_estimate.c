@@ -231,8 +231,8 @@ const verb verb_estimate = {
                "sherf estimate holiday/ -o people/ --json\n"
                "sherf estimate dance.mp4 -o dance.npz",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1000,
+    .arguments_min = 1,
+    .arguments_max = 1000,
     .computes = true,
     .run = run,
 };

@@ -72,7 +72,7 @@ static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {
     cJSON_AddNumberToObject(o, "forward_deg", e->forward_deg);
     cJSON_AddNumberToObject(o, "turn_deg", e->turn_deg);
     cJSON_AddNumberToObject(o, "overlap", e->overlap);
-    cJSON_AddNumberToObject(o, "overlap_least", e->overlap_least);
+    cJSON_AddNumberToObject(o, "overlap_min", e->overlap_min);
     cJSON_AddNumberToObject(o, "wrong_way", e->wrong_way);
     cJSON_AddNumberToObject(o, "count", e->count);
     cJSON_AddNumberToObject(o, "missed", e->missed);
@@ -142,8 +142,8 @@ const verb verb_eval = {
         "-m "
         "model.safetensors -b body.safetensors -o out",
     .options = options,
-    .arguments_least = 0,
-    .arguments_most = 0,
+    .arguments_min = 0,
+    .arguments_max = 0,
     .computes = true,
     .run = run,
 };

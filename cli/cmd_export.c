@@ -161,8 +161,8 @@ const verb verb_export = {
                "sherf export ann.safetensors --motion walk.npz -o ann.glb\n"
                "sherf export ann/ --pose observation --format splats -o ann.ply",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .computes = true,
     .run = run,
 };

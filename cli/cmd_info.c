@@ -26,7 +26,7 @@ const verb verb_info = {
         "pictures, npy and npz arrays, checkpoints.",
     .example = "sherf info model.safetensors\nsherf info thuman:THuman/nerf_data_ --json",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1000,
+    .arguments_min = 1,
+    .arguments_max = 1000,
     .run = run,
 };

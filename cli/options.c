@@ -55,7 +55,7 @@ static int number_take(const char **text) {
 }
 
 int *list_parse(const char *text, int *count) {
-    enum { MOST = 100000 };
+    enum { LIST_MAX = 100000 };
     const char *p = text;
     int first = number_take(&p);
     if (first < 0) return NULL;
@@ -64,16 +64,16 @@ int *list_parse(const char *text, int *count) {
         int step = number_take(&p);
         if (step < 0 || *p++ != ':') return NULL;
         int n = number_take(&p);
-        if (n < 1 || n > MOST || *p || (int64_t)first + (int64_t)step * n > 100000000) return NULL;
+        if (n < 1 || n > LIST_MAX || *p || (int64_t)first + (int64_t)step * n > 100000000) return NULL;
         int *list = malloc((size_t)n * sizeof *list);
         for (int i = 0; list && i < n; i++) list[i] = first + i * step;
         *count = n;
         return list;
     }
-    size_t most = 1;
-    for (const char *q = text; *q; q++) most += *q == ',';
-    if (most > MOST) return NULL;
-    int *list = malloc(most * sizeof *list);
+    size_t max = 1;
+    for (const char *q = text; *q; q++) max += *q == ',';
+    if (max > LIST_MAX) return NULL;
+    int *list = malloc(max * sizeof *list);
     if (!list) return NULL;
     for (p = text, *count = 0;; p++) {
         int v = number_take(&p);
@@ -102,7 +102,7 @@ static bool pairs_valid(const char *text) {
 }
 
 bool size_parse(const char *text, int *width, int *height) {
-    enum { SIDE_MOST = 32768 };
+    enum { SIDE_MAX = 32768 };
     *width = number_take(&text);
     *height = 0;
     if (*text == 'x') {
@@ -110,7 +110,7 @@ bool size_parse(const char *text, int *width, int *height) {
         *height = number_take(&text);
         if (*height == 0) return false;
     }
-    return !*text && *width > 0 && *width <= SIDE_MOST && *height >= 0 && *height <= SIDE_MOST;
+    return !*text && *width > 0 && *width <= SIDE_MAX && *height >= 0 && *height <= SIDE_MAX;
 }
 
 /* Stores `text` as the value of o; the return is what is wrong with it, NULL when nothing is. */
@@ -129,7 +129,7 @@ static const char *value_store(const option *o, const char *text) {
     case OPTION_FILES: {
         option_files *files = o->value;
         if (!*text) return "is empty";
-        if (files->count == OPTION_FILES_MOST) return "is one too many";
+        if (files->count == OPTION_FILES_MAX) return "is one too many";
         files->file[files->count++] = text;
         return NULL;
     }
@@ -220,9 +220,9 @@ static bool given(const option *o) {
 }
 
 static int arguments_check(const verb *v, int count, char **argument) {
-    if (count < v->arguments_least) return usage_error(v->name, "%s is missing", v->arguments);
-    if (count > v->arguments_most)
-        return usage_error(v->name, "'%s' is one argument too many", argument[v->arguments_most]);
+    if (count < v->arguments_min) return usage_error(v->name, "%s is missing", v->arguments);
+    if (count > v->arguments_max)
+        return usage_error(v->name, "'%s' is one argument too many", argument[v->arguments_max]);
     if (v->words && word_index(v->words, argument[0]) < 0)
         return usage_error(v->name, "'%s' is none of %s", argument[0], v->words);
     for (const option *o = v->options; o && o->name; o++)

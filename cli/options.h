@@ -19,9 +19,9 @@ typedef enum {
     OPTION_PAIRS    /* const char *: "POSE:VIEW,..." or "random" */
 } option_kind;
 
-enum { OPTION_FILES_MOST = 256 };
+enum { OPTION_FILES_MAX = 256 };
 typedef struct {
-    const char *file[OPTION_FILES_MOST];
+    const char *file[OPTION_FILES_MAX];
     int count;
 } option_files;
 
@@ -44,7 +44,7 @@ typedef struct {
     const char *description;
     const char *example; /* whole command lines, one each line */
     const option *options;
-    int arguments_least, arguments_most;
+    int arguments_min, arguments_max;
     const char *words; /* what the first argument may be, "render|train"; NULL: anything */
     bool computes;     /* networks, on the device */
     int (*run)(session *s, int count, char **argument); /* the exit status */

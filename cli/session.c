@@ -205,10 +205,10 @@ void session_json(cJSON *json) {
 }
 
 const char *session_asset(const char *given, const char *name) {
-    enum { ASKED_MOST = 4 }; /* answers that stay, of one run of a verb */
-    static char paths[ASKED_MOST][4096];
+    enum { ASKED_MAX = 4 }; /* answers that stay, of one run of a verb */
+    static char paths[ASKED_MAX][4096];
     static int asked;
-    char *path = paths[asked++ % ASKED_MOST];
+    char *path = paths[asked++ % ASKED_MAX];
     const char *folder[] = {getenv("SHERF_ASSETS"), "assets", SHERF_ASSETS_FOLDER};
     if (given) return strcmp(given, "none") ? given : NULL;
     for (size_t i = 0; i < sizeof folder / sizeof *folder; i++) {

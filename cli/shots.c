@@ -62,28 +62,30 @@ static int data_cameras(session *s, const sherf_dataset *d, int person, const ch
     return status;
 }
 
-static int from_data(session *s, const shots_wish *wish, shots *out) {
+static int from_data(session *s, const shots_request *request, shots *out) {
     sherf_dataset *d = NULL;
-    int status = session_status(s, sherf_dataset_open(s->context, wish->data, &d));
-    int person = status ? -1 : person_find(d, wish->people);
-    if (!status && person < 0) status = session_failure("%s: has no person '%s'", wish->data, wish->people);
-    if (!status && wish->poses && list_valid(wish->poses))
-        status = data_poses(s, d, person, wish->poses, out);
-    if (!status && !wish->orbit && !wish->cameras) status = data_cameras(s, d, person, wish->views, out);
+    int status = session_status(s, sherf_dataset_open(s->context, request->data, &d));
+    int person = status ? -1 : person_find(d, request->people);
+    if (!status && person < 0)
+        status = session_failure("%s: has no person '%s'", request->data, request->people);
+    if (!status && request->poses && list_valid(request->poses))
+        status = data_poses(s, d, person, request->poses, out);
+    if (!status && !request->orbit && !request->cameras)
+        status = data_cameras(s, d, person, request->views, out);
     sherf_dataset_free(d);
     return status;
 }
 
-static int orbit(session *s, const shots_wish *wish, const sherf_body *body, int width, int height,
+static int orbit(session *s, const shots_request *request, const sherf_body *body, int width, int height,
                  shots *t) {
     const double degree = M_PI / 180;
-    const sherf_orbit_options o = {.azimuth_rad = wish->azimuth_deg * degree,
-                                   .elevation_rad = wish->elevation_deg * degree,
-                                   .distance_m = wish->distance_m,
-                                   .fov_rad = wish->fov_deg * degree,
+    const sherf_orbit_options o = {.azimuth_rad = request->azimuth_deg * degree,
+                                   .elevation_rad = request->elevation_deg * degree,
+                                   .distance_m = request->distance_m,
+                                   .fov_rad = request->fov_deg * degree,
                                    .width_px = width,
                                    .height_px = height};
-    t->camera_count = (int)wish->orbit;
+    t->camera_count = (int)request->orbit;
     t->camera = array((size_t)t->camera_count, sizeof *t->camera);
     if (!t->camera) return EXIT_FAILED;
     return session_status(
@@ -102,37 +104,37 @@ static void camera_scale(sherf_camera *k, int width, int height) {
     k->height_px = height;
 }
 
-static int poses_find(session *s, const shots_wish *wish, const sherf_avatar *avatar, shots *t) {
+static int poses_find(session *s, const shots_request *request, const sherf_avatar *avatar, shots *t) {
     if (t->pose) return EXIT_DONE;
     sherf_pose *loaded = NULL;
     t->pose_count = 1;
-    if (wish->poses) {
-        int status = session_status(s, sherf_poses_load(s->context, wish->poses, &loaded, &t->pose_count));
+    if (request->poses) {
+        int status = session_status(s, sherf_poses_load(s->context, request->poses, &loaded, &t->pose_count));
         if (status) return status;
     }
     t->pose = array((size_t)t->pose_count, sizeof *t->pose);
     if (t->pose)
         memcpy(t->pose, loaded ? loaded : sherf_avatar_pose(avatar), (size_t)t->pose_count * sizeof *t->pose);
     sherf_free(loaded);
-    for (int p = 0; p < t->pose_count && t->pose && !wish->their_shape; p++)
+    for (int p = 0; p < t->pose_count && t->pose && !request->their_shape; p++)
         memcpy(t->pose[p].shapes, sherf_avatar_pose(avatar)->shapes, sizeof t->pose[p].shapes);
     return t->pose ? EXIT_DONE : EXIT_FAILED;
 }
 
-static int cameras_find(session *s, const shots_wish *wish, const sherf_body *body,
+static int cameras_find(session *s, const shots_request *request, const sherf_body *body,
                         const sherf_avatar *avatar, shots *t) {
     int width = 0, height = 0;
-    if (wish->size) size_parse(wish->size, &width, &height);
-    if (wish->orbit) {
+    if (request->size) size_parse(request->size, &width, &height);
+    if (request->orbit) {
         if (!width) width = SIZE_DEFAULT;
-        return orbit(s, wish, body, width, height ? height : width, t);
+        return orbit(s, request, body, width, height ? height : width, t);
     }
     if (!t->camera) {
         sherf_camera *loaded = NULL;
         t->camera_count = 1;
-        if (wish->cameras) {
-            int status =
-                session_status(s, sherf_cameras_load(s->context, wish->cameras, &loaded, &t->camera_count));
+        if (request->cameras) {
+            int status = session_status(
+                s, sherf_cameras_load(s->context, request->cameras, &loaded, &t->camera_count));
             if (status) return status;
         }
         t->camera = array((size_t)t->camera_count, sizeof *t->camera);
@@ -146,7 +148,7 @@ static int cameras_find(session *s, const shots_wish *wish, const sherf_body *bo
         sherf_camera *k = &t->camera[i];
         if (k->width_px < 1 || k->height_px < 1) { /* a file may leave that out */
             if (!height)
-                return session_failure("%s: no width and height in it; give --size WxH", wish->cameras);
+                return session_failure("%s: no width and height in it; give --size WxH", request->cameras);
             k->width_px = width;
             k->height_px = height;
         }
@@ -155,20 +157,20 @@ static int cameras_find(session *s, const shots_wish *wish, const sherf_body *bo
     return EXIT_DONE;
 }
 
-int shots_create(session *s, const shots_wish *wish, const sherf_body *body, const sherf_avatar *avatar,
+int shots_create(session *s, const shots_request *request, const sherf_body *body, const sherf_avatar *avatar,
                  shots *out) {
-    enum { SHOTS_MOST = 1000000 };
-    *out = (shots){.every = wish->every};
+    enum { SHOTS_MAX = 1000000 };
+    *out = (shots){.every = request->every};
     out->vertices_m = array((size_t)sherf_body_vertex_count(body), 3 * sizeof *out->vertices_m);
     if (!out->vertices_m) return EXIT_FAILED;
-    int status = wish->data ? from_data(s, wish, out) : EXIT_DONE;
-    if (!status) status = poses_find(s, wish, avatar, out);
-    if (!status) status = cameras_find(s, wish, body, avatar, out);
+    int status = request->data ? from_data(s, request, out) : EXIT_DONE;
+    if (!status) status = poses_find(s, request, avatar, out);
+    if (!status) status = cameras_find(s, request, body, avatar, out);
     if (status) return status;
-    int64_t most = out->pose_count > out->camera_count ? out->pose_count : out->camera_count;
-    if (wish->every) most = (int64_t)out->pose_count * out->camera_count;
-    if (most > SHOTS_MOST) return session_failure("%lld frames: that is too many", (long long)most);
-    out->count = (int)most;
+    int64_t max = out->pose_count > out->camera_count ? out->pose_count : out->camera_count;
+    if (request->every) max = (int64_t)out->pose_count * out->camera_count;
+    if (max > SHOTS_MAX) return session_failure("%lld frames: that is too many", (long long)max);
+    out->count = (int)max;
     return EXIT_DONE;
 }
 

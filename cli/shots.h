@@ -13,7 +13,7 @@ typedef struct {
     const char *size;
     bool their_shape; /* take the body shape from a file of poses too */
     bool every;       /* every camera for every pose */
-} shots_wish;
+} shots_request;
 
 typedef struct {
     sherf_pose *pose;
@@ -26,7 +26,7 @@ typedef struct {
 } shots;
 
 /* An exit status; `out` is to be freed in any case. */
-int shots_create(session *s, const shots_wish *wish, const sherf_body *body, const sherf_avatar *avatar,
+int shots_create(session *s, const shots_request *request, const sherf_body *body, const sherf_avatar *avatar,
                  shots *out);
 void shots_free(shots *t);
 const sherf_pose *shots_pose(const shots *t, int n);

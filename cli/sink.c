@@ -4,7 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
-enum { PATH_MOST = 4096 };
+enum { PATH_BYTES = 4096 };
 
 static bool ends(const char *text, const char *with) {
     size_t n = strlen(text), m = strlen(with);
@@ -31,18 +31,18 @@ bool sink_is_picture(const char *output) {
 }
 
 /* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. */
-static int name(const sink *k, int n, const char *extension, char path[PATH_MOST]) {
+static int name(const sink *k, int n, const char *extension, char path[PATH_BYTES]) {
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {
         bool main = strcmp(k->kind, "frame") == 0;
         const char *end = video_ending(k->output);
         int base = (int)(strlen(k->output) - strlen(end ? end : ".png"));
-        length = snprintf(path, PATH_MOST, "%.*s%s%s%s", base, k->output, main ? "" : "_",
+        length = snprintf(path, PATH_BYTES, "%.*s%s%s%s", base, k->output, main ? "" : "_",
                           main ? "" : k->kind, extension);
     } else {
-        length = snprintf(path, PATH_MOST, "%s/%s_%04d%s", k->output, k->kind, n, extension);
+        length = snprintf(path, PATH_BYTES, "%s/%s_%04d%s", k->output, k->kind, n, extension);
     }
-    if (length >= PATH_MOST) return session_failure("%.60s...: path too long", k->output);
+    if (length >= PATH_BYTES) return session_failure("%.60s...: path too long", k->output);
     return EXIT_DONE;
 }
 
@@ -59,13 +59,13 @@ static int video_add(session *s, sink *k, const sherf_image *picture) {
 }
 
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact) {
-    char path[PATH_MOST];
+    char path[PATH_BYTES];
     bool video = sink_is_video(k->output);
     int status = name(k, n, video ? video_ending(k->output) : ".png", path);
     if (status) return status;
-    const sherf_video_options wish = {picture->width, picture->height, k->fps, picture->channels == 4};
+    const sherf_video_options options = {picture->width, picture->height, k->fps, picture->channels == 4};
     if (video && !k->video)
-        status = session_status(s, sherf_video_create(s->context, path, &wish, &k->video));
+        status = session_status(s, sherf_video_create(s->context, path, &options, &k->video));
     if (!status && video) status = video_add(s, k, picture);
     if (!status && !video) status = session_status(s, sherf_image_write(s->context, path, picture));
     if (!status && k->npy) {
@@ -108,7 +108,7 @@ bool background_parse(const char *verb_name, const char *text, background *out) 
 /* ---- strip ---- */
 int strip_add(strip *t, int n, const sherf_image *picture) {
     if (!t->path) return EXIT_DONE;
-    int kept = t->frames < t->most ? t->frames : t->most;
+    int kept = t->frames < t->max ? t->frames : t->max;
     /* Place p shows frame p * frames / kept. */
     int place = (int)(((int64_t)n * kept + t->frames - 1) / t->frames);
     if (place >= kept || (int)((int64_t)place * t->frames / kept) != n) return EXIT_DONE;

@@ -32,7 +32,7 @@ bool background_parse(const char *verb_name, const char *text, background *out);
 /* Frames side by side. */
 typedef struct {
     const char *path; /* NULL: no strip */
-    int most, frames; /* at most `most` of the `frames`, evenly spread */
+    int max, frames;  /* at most `max` of the `frames`, evenly spread */
     sherf_image image;
 } strip;
 int strip_add(strip *t, int n, const sherf_image *picture);

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Every C and CUDA file must be as clang-format 14 lays it out (make format mends).
+# Every C and CUDA file must be as clang-format 14 lays it out (make format repairs).
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files '*.c' '*.h' '*.cu' '*.cpp')

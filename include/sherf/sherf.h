@@ -355,7 +355,7 @@ typedef struct {
     double scale;              /* metres in the file's unit of length; 0: found */
     double source_fps;         /* of the file; 0: what it says, or else its format's usual */
     double fps;                /* wanted; 0: the source's. Rotations by slerp, places linearly */
-    double fps_most;   /* with fps 0: the largest whole part of the source's up to this; 0: no limit */
+    double fps_max;    /* with fps 0: the largest whole part of the source's up to this; 0: no limit */
     const char *track; /* track or person of a file of several; NULL: who is there longest */
     int first, last;   /* frames of the file, from 0, both included; last 0: to the end */
     sherf_root root;
@@ -627,12 +627,12 @@ typedef struct {
 } sherf_score;       /* lpips and resnet50 are NaN when not computed */
 /* What estimated bodies are off by, in the observed camera's frame; count 0: none were estimated. */
 typedef struct {
-    int count, missed;             /* pictures; those in which nobody was found */
-    int wrong_way;                 /* front taken for back */
-    double joints_mm, aligned_mm;  /* means: pelvises brought together; after the similarity that fits best */
-    double lean_deg, forward_deg;  /* of the trunk; the second with its sign, forward */
-    double turn_deg;               /* of where hips and shoulders face */
-    double overlap, overlap_least; /* of the masks, intersection over union */
+    int count, missed;            /* pictures; those in which nobody was found */
+    int wrong_way;                /* front taken for back */
+    double joints_mm, aligned_mm; /* means: pelvises brought together; after the similarity that fits best */
+    double lean_deg, forward_deg; /* of the trunk; the second with its sign, forward */
+    double turn_deg;              /* of where hips and shoulders face */
+    double overlap, overlap_min;  /* of the masks, intersection over union */
 } sherf_estimate_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;

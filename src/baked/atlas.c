@@ -86,11 +86,11 @@ static void find_normals(const surface *s, float *facing, float *flat) {
 /* ---- growing ---- */
 static void set_axis(chart *k, const double axis[3]) {
     double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
-    int least = 0;
+    int min = 0;
     for (int i = 0; i < 3; i++) k->axis[i] = length > 0 ? axis[i] / length : i == 1;
     for (int i = 1; i < 3; i++)
-        if (fabs(k->axis[i]) < fabs(k->axis[least])) least = i;
-    double along[3] = {least == 0, least == 1, least == 2};
+        if (fabs(k->axis[i]) < fabs(k->axis[min])) min = i;
+    double along[3] = {min == 0, min == 1, min == 2};
     const double *a = k->axis;
     double u[3] = {along[1] * a[2] - along[2] * a[1], along[2] * a[0] - along[0] * a[2],
                    along[0] * a[1] - along[1] * a[0]};
@@ -239,7 +239,7 @@ static void measure(const cutter *w, chart *k, const int32_t *triangle) {
 /* Turns the chart in its plane to where its box is smallest, longer side across. */
 static void turn_chart(const cutter *w, chart *k, const int32_t *triangle) {
     chart best = *k, tried = *k;
-    double least = INFINITY;
+    double min = INFINITY;
     for (int i = 0; i < 2 * TURNS; i++) {
         double angle = M_PI / 2 * i / TURNS, co = cos(angle), si = sin(angle);
         for (int d = 0; d < 3; d++) {
@@ -248,7 +248,7 @@ static void turn_chart(const cutter *w, chart *k, const int32_t *triangle) {
         }
         measure(w, &tried, triangle);
         double x = tried.max[0] - tried.min[0], y = tried.max[1] - tried.min[1];
-        if (x >= y && x * y < least) least = x * y, best = tried;
+        if (x >= y && x * y < min) min = x * y, best = tried;
     }
     *k = best;
     measure(w, k, triangle);

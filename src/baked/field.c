@@ -7,7 +7,7 @@
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has
  * holes. */
-static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f, sigma_most = 1e6f;
+static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f, sigma_max = 1e6f;
 
 /* ---- any points ---- */
 typedef struct {
@@ -189,7 +189,7 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
         if (b.set.count < CANONICAL_BATCH && i + 1 < count) continue;
         if (b.set.count) status = canonical_batch_run(c, a, m, &b);
         if (status == SHERF_OK) status = progress(c, "density", (double)(i + 1), (double)count);
-        for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fminf(fmaxf(b.sigma[k], 0), sigma_most);
+        for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fminf(fmaxf(b.sigma[k], 0), sigma_max);
         b.set.count = 0;
     }
 done:

@@ -32,16 +32,16 @@ sherf_status field_level(context *c, const field_grid *g, float *level) {
         for (int j = 0; j < g->size[v]; j++)
             for (int i = 0; i < g->size[u]; i++) {
                 const float *at = g->value + (size_t)i * stride[u] + (size_t)j * stride[v];
-                double depth = 0, most = 0;
+                double depth = 0, max = 0;
                 for (int k = 0; k < g->size[a]; k++) {
                     double density = at[(size_t)k * stride[a]];
                     depth += density < 0 ? half_opaque : density * g->step_m; /* the core is opaque */
-                    most = fmax(most, density);
+                    max = fmax(max, density);
                 }
                 if (depth >= half_opaque)
-                    opaque[bin_of(most)]++, opaque_total++;
+                    opaque[bin_of(max)]++, opaque_total++;
                 else
-                    clear[bin_of(most)]++;
+                    clear[bin_of(max)]++;
             }
     }
     if (!opaque_total)
@@ -133,10 +133,10 @@ static bool tangents_of(const field_grid *g, const float p[3], float n[3], float
     if (!(length > 0)) return false;
     length = sqrtf(length);
     for (int k = 0; k < 3; k++) n[k] /= length;
-    int least = fabsf(n[0]) < fabsf(n[1]) ? 0 : 1;
-    if (fabsf(n[2]) < fabsf(n[least])) least = 2;
-    float across = sqrtf(1 - n[least] * n[least]);
-    for (int k = 0; k < 3; k++) u[k] = ((float)(k == least) - n[least] * n[k]) / across;
+    int min = fabsf(n[0]) < fabsf(n[1]) ? 0 : 1;
+    if (fabsf(n[2]) < fabsf(n[min])) min = 2;
+    float across = sqrtf(1 - n[min] * n[min]);
+    for (int k = 0; k < 3; k++) u[k] = ((float)(k == min) - n[min] * n[k]) / across;
     for (int k = 0; k < 3; k++) v[k] = n[(k + 1) % 3] * u[(k + 2) % 3] - n[(k + 2) % 3] * u[(k + 1) % 3];
     return true;
 }
@@ -147,7 +147,7 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
     const site_job *job = arg;
     for (int64_t i = begin; i < end; i++) {
         level_site *s = &job->site[i];
-        float n[3], u[3], v[3], before = 0, density_before = 0, most = 0;
+        float n[3], u[3], v[3], before = 0, density_before = 0, max = 0;
         s->level = 0;
         if (!tangents_of(job->smooth, s->place, n, u, v)) continue;
         int o = 0;
@@ -157,7 +157,7 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
                 p[k] = s->place[k] + (offset_first_m - offset_step_m * (float)o) * n[k];
             float opacity = outline_opacity(job->g, p, u, v),
                   density = field_desaturate(density_at(job->smooth, p), job->level);
-            most = fmaxf(most, density);
+            max = fmaxf(max, density);
             if (opacity >= 0.5f) {
                 if (!o) break;
                 float part = (0.5f - before) / (opacity - before);
@@ -167,7 +167,7 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
             before = opacity;
             density_before = density;
         }
-        if (o == OFFSETS) s->level = 1.2f * most;
+        if (o == OFFSETS) s->level = 1.2f * max;
         if (s->level > 0)
             s->level = fminf(fmaxf(s->level, level_lowest * job->level), level_highest * job->level);
     }

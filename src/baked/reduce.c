@@ -85,7 +85,7 @@ static double quadric_at(const quadric *q, const double x[3]) {
 }
 
 /* Where the quadric is least; false: it is flat in some direction. */
-static bool quadric_least(const quadric *q, double x[3]) {
+static bool quadric_minimum(const quadric *q, double x[3]) {
     const double *A = q->A, *b = q->b;
     double c0 = A[3] * A[5] - A[4] * A[4], c1 = A[2] * A[4] - A[1] * A[5], c2 = A[1] * A[4] - A[2] * A[3];
     double det = A[0] * c0 + A[1] * c1 + A[2] * c2, size = A[0] + A[3] + A[5];
@@ -119,7 +119,7 @@ static sherf_status add_edge(context *c, reducer *r, uint32_t a, uint32_t b) {
         middle[k] = ((double)pa[k] + pb[k]) / 2;
         length2 += ((double)pa[k] - pb[k]) * ((double)pa[k] - pb[k]);
     }
-    bool found = quadric_least(&q, x);
+    bool found = quadric_minimum(&q, x);
     for (int k = 0; k < 3 && found; k++) away2 += (x[k] - middle[k]) * (x[k] - middle[k]);
     if (!found || !(away2 < length2)) memcpy(x, middle, sizeof x);
     best = quadric_at(&q, x);

@@ -85,16 +85,16 @@ static void near_scan(const bins *b, const float p[3], int x, int y, int z, near
 /* The SKIN_NEAR + 1 nearest vertices: cells in growing cubes about the point's own until none can be nearer.
  */
 static void near_find(const bins *b, const float p[3], near_list *l) {
-    int at[3], most = 0;
+    int at[3], max = 0;
     float margin = INFINITY; /* from the point to the nearest side of its cell, negative outside the box */
     for (int k = 0; k < 3; k++) {
         at[k] = bin_along(b, k, p[k]);
-        most = b->cells[k] > most ? b->cells[k] : most;
+        max = b->cells[k] > max ? b->cells[k] : max;
         float low = p[k] - (b->min[k] + b->cell_m * (float)at[k]);
         margin = fminf(margin, fminf(low, b->cell_m - low));
     }
     l->count = 0;
-    for (int r = 0; r <= most; r++) {
+    for (int r = 0; r <= max; r++) {
         float reach = margin + b->cell_m * (float)(r - 1);
         if (l->count == SKIN_NEAR + 1 && reach > 0 && l->d2[SKIN_NEAR] <= reach * reach) return;
         for (int z = at[2] - r; z <= at[2] + r; z++)

@@ -70,14 +70,14 @@ sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outsid
 
 sherf_status field_solidify(context *c, field_grid *g, float level) {
     const size_t count = grid_count(g);
-    float most = 0;
+    float max = 0;
     for (size_t i = 0; i < count; i++) {
-        most = fmaxf(most, g->value[i]);
+        max = fmaxf(max, g->value[i]);
         g->value[i] = g->value[i] < 0 ? 2 * level : field_saturate(g->value[i], level);
     }
-    if (most < level)
+    if (max < level)
         return failure(c, SHERF_BAD_ARGUMENT, "level %g: the avatar is nowhere that dense, but %g at most",
-                       (double)level, (double)most);
+                       (double)level, (double)max);
     uint8_t *outside = mem_zero(c, count, 1);
     if (!outside) return SHERF_NO_MEMORY;
     field_smooth(c, g);

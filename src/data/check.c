@@ -7,7 +7,7 @@
 #include "data/silhouette.h"
 #include "data/text.h"
 
-enum { SAME_KIND_MOST = 20 }; /* findings of one kind that are written out */
+enum { SAME_KIND_MAX = 20 }; /* findings of one kind that are written out */
 
 typedef enum { NOTE, WARNING, FINDING_ERROR } severity;
 typedef struct {
@@ -229,7 +229,7 @@ typedef struct {
 } dataset_count;
 
 static void missing(checker *k, int *count, const char *what, const char *path) {
-    if ((*count)++ < SAME_KIND_MOST)
+    if ((*count)++ < SAME_KIND_MAX)
         finding(k, FINDING_ERROR, "%s: %s is missing", path, what);
     else
         k->out->errors++;
@@ -312,7 +312,7 @@ static sherf_status check_vertices(checker *k, const sherf_dataset *d, int perso
     body_vertices_world(k->body, posed, ours);
     double worst = 0;
     for (size_t i = 0; i < count; i++) worst = fmax(worst, fabs((double)ours[i] - theirs[i]));
-    if (worst > 5e-3 && n->bad_vertices++ < SAME_KIND_MOST)
+    if (worst > 5e-3 && n->bad_vertices++ < SAME_KIND_MAX)
         finding(k, WARNING,
                 "%s: up to %.3g m away from the body in the stored pose: another body model (gender, "
                 "version), or other conventions",
@@ -365,7 +365,7 @@ static sherf_status check_dataset(checker *k, const char *spec) {
     }
     int more = 0, *counts[] = {&n.missing_pictures, &n.missing_masks, &n.missing_poses};
     for (size_t i = 0; i < COUNT_OF(counts); i++)
-        if (*counts[i] > SAME_KIND_MOST) more += *counts[i] - SAME_KIND_MOST;
+        if (*counts[i] > SAME_KIND_MAX) more += *counts[i] - SAME_KIND_MAX;
     if (more) finding(k, NOTE, "%s: %d more files are missing", d->root, more);
     sherf_dataset_free(d);
     return status;

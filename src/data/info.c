@@ -7,7 +7,7 @@
 #include "data/dataset.h"
 #include "data/text.h"
 
-enum { LISTED_MOST = 40, DEPTH_MOST = 3 }; /* of the lines form */
+enum { LISTED_MAX = 40, DEPTH_MAX = 3 }; /* of the lines form */
 
 typedef struct {
     context *c;
@@ -85,7 +85,7 @@ static void tell_tensors(teller *t, const safetensors *s) {
         const safetensor *x = &s->tensor[i];
         char shape[256];
         shape_text(x->rank, x->dim, shape);
-        if (!t->json && i == LISTED_MOST && s->count > LISTED_MOST + 1) {
+        if (!t->json && i == LISTED_MAX && s->count > LISTED_MAX + 1) {
             text_add(&t->text, "  ... and %zu more (all with --json)\n", s->count - i);
             break;
         }
@@ -188,7 +188,7 @@ static void tell_tree(teller *t, const value *v, const char *name, int depth, in
     } else {
         text_add(&t->text, "%*s%s %s\n", 2 + 2 * depth, "", name, line);
     }
-    if (depth == DEPTH_MOST || t->json) return;
+    if (depth == DEPTH_MAX || t->json) return;
     if (v->kind == VALUE_RECORD && v->record.state) tell_tree(t, v->record.state, "state", depth + 1, left);
     if (v->kind == VALUE_LIST && v->list.count) tell_tree(t, v->list.item[0], "[0]", depth + 1, left);
     for (size_t i = 0; v->kind == VALUE_DICT && i < v->dict.count; i++) {
@@ -227,7 +227,7 @@ static sherf_status info_tree(teller *t, const char *path) {
         tell_number(t, "vertices", (double)parse_rows(v));
         tell_number(t, "faces", (double)parse_rows(value_get(d->root, "f")));
     }
-    int left = t->json ? 10000 : LISTED_MOST;
+    int left = t->json ? 10000 : LISTED_MAX;
     const value *root = d->root;
     if (t->json) {
         key(t, "content");

@@ -34,7 +34,7 @@ sherf_status parse_row(context *c, const value *v, size_t i, const char *what, s
     return value_doubles(c, &row, what, count, out);
 }
 
-sherf_status parse_prefix(context *c, const value *v, const char *what, int most, float *out) {
+sherf_status parse_prefix(context *c, const value *v, const char *what, int max, float *out) {
     enum { LONGEST = 4096 };
     int64_t n = value_numbers(v);
     if (n < 0 && v && (v->kind == VALUE_REAL || v->kind == VALUE_INTEGER)) n = 1;
@@ -44,7 +44,7 @@ sherf_status parse_prefix(context *c, const value *v, const char *what, int most
     float all[LONGEST];
     sherf_status status = value_floats(c, v, what, (size_t)n, all);
     if (status) return status;
-    for (int i = 0; i < most; i++) out[i] = i < n ? all[i] : 0;
+    for (int i = 0; i < max; i++) out[i] = i < n ? all[i] : 0;
     return SHERF_OK;
 }
 

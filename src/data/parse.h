@@ -11,8 +11,8 @@ const value *parse_unwrapped(const value *v);
 sherf_status parse_row(context *c, const value *v, size_t i, const char *what, size_t count, double *out);
 /* Elements along the first axis of a list or array; -1 when it is neither. */
 int64_t parse_rows(const value *v);
-/* 1 to any number of values, of which the first `most` are kept; the others are 0. */
-sherf_status parse_prefix(context *c, const value *v, const char *what, int most, float *out);
+/* 1 to any number of values, of which the first `max` are kept; the others are 0. */
+sherf_status parse_prefix(context *c, const value *v, const char *what, int max, float *out);
 /* 3 (axis-angle) or 9 (matrix) numbers to a checked rotation matrix. */
 sherf_status parse_rotation(context *c, const value *v, const char *what, float R[9]);
 sherf_status rotation_check(context *c, const float R[9], const char *what);

@@ -3,12 +3,12 @@
 
 #include "data/parse.h"
 
-enum { POSES_MOST = 1 << 20 };
+enum { POSES_MAX = 1 << 20 };
 
 static int64_t frames_of(const value *v, const int *unit, size_t units) {
     int64_t numbers = value_numbers(v), rows = parse_rows(v);
     for (size_t i = 0; i < units; i++)
-        if (rows >= 1 && rows <= POSES_MOST && numbers == rows * unit[i]) return rows;
+        if (rows >= 1 && rows <= POSES_MAX && numbers == rows * unit[i]) return rows;
     return 1;
 }
 
@@ -65,7 +65,7 @@ static sherf_status poses_from(context *c, const value *v, sherf_pose **out, int
     v = parse_unwrapped(inner ? inner : v);
     bool list = v && v->kind == VALUE_LIST;
     int64_t frames = list ? (int64_t)v->list.count : v ? frame_count(v) : 0;
-    if (frames < 1 || frames > POSES_MOST)
+    if (frames < 1 || frames > POSES_MAX)
         return failure(c, SHERF_BAD_FILE, "%s poses", frames < 1 ? "no" : "too many");
     sherf_pose *pose = mem_alloc(c, (size_t)frames, sizeof *pose);
     if (!pose) return SHERF_NO_MEMORY;
@@ -144,7 +144,7 @@ static size_t camera_values(const value *root, const value **out) {
 }
 
 sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera **out, int *count) {
-    enum { CAMERAS_MOST = 1 << 20 };
+    enum { CAMERAS_MAX = 1 << 20 };
     *out = NULL;
     *count = 0;
     document *d = NULL;
@@ -153,7 +153,7 @@ sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera
     sherf_status status = parse_file(c, path, &d, NULL);
     if (status) return status;
     size_t n = camera_values(d->root, NULL);
-    if (n < 1 || n > CAMERAS_MOST) {
+    if (n < 1 || n > CAMERAS_MAX) {
         status = failure(c, SHERF_BAD_FILE, "%s: %s cameras", path, n ? "too many" : "no");
         goto done;
     }

@@ -90,7 +90,7 @@ static sherf_status evaluation_open(evaluation *e) {
     }
     if (!e->total) return failure(c, SHERF_BAD_ARGUMENT, "%s: no picture is left to compare with", o->data);
     if (o->sheet) {
-        const int rows = observations < SHEET_ROWS_MOST ? (int)observations : SHEET_ROWS_MOST;
+        const int rows = observations < SHEET_ROWS_MAX ? (int)observations : SHEET_ROWS_MAX;
         if ((status = sheet_create(c, rows, &e->sheet)) != SHERF_OK) return status;
     }
     if (!o->output) return SHERF_OK;
@@ -155,9 +155,9 @@ static sherf_status compare_with(evaluation *e, const data_view *truth, int pers
 /* One of the two distances; NaN where its network is not there or the rectangle too small for it. */
 static sherf_status distance(evaluation *e, const comparison *k, bool lpips, double *out) {
     const int64_t shape[3] = {k->r.height, k->r.width, 3};
-    const int least = lpips ? LPIPS_SIDE_MIN : RESNET50_SIDE_MIN;
+    const int min = lpips ? LPIPS_SIDE_MIN : RESNET50_SIDE_MIN;
     *out = NAN;
-    if (!(lpips ? (void *)e->lpips : (void *)e->resnet50) || k->r.width < least || k->r.height < least)
+    if (!(lpips ? (void *)e->lpips : (void *)e->resnet50) || k->r.width < min || k->r.height < min)
         return SHERF_OK;
     tensor *a = tape_input(e->tape, k->prediction, 3, shape), *b = tape_input(e->tape, k->truth, 3, shape);
     tensor *d =
@@ -443,7 +443,7 @@ static sherf_estimate_scores estimate_scores(const estimate_list *l) {
                                    .forward_deg = s.mean.forward_deg,
                                    .turn_deg = s.mean.turn_deg,
                                    .overlap = s.mean.overlap,
-                                   .overlap_least = s.worst.overlap};
+                                   .overlap_min = s.worst.overlap};
 }
 
 /* The two tables, one below the other. */

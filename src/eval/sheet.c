@@ -7,7 +7,7 @@
 enum { WIDTH = SHEET_COLUMNS * SHEET_CELL_PX };
 
 sherf_status sheet_create(context *c, int rows, sheet *out) {
-    out->rows = rows < SHEET_ROWS_MOST ? rows : SHEET_ROWS_MOST;
+    out->rows = rows < SHEET_ROWS_MAX ? rows : SHEET_ROWS_MAX;
     const size_t bytes = (size_t)out->rows * SHEET_CELL_PX * WIDTH * 3;
     out->rgb = mem_alloc(c, bytes, 1);
     if (!out->rgb) return SHERF_NO_MEMORY;

@@ -4,7 +4,7 @@
 
 #include "eval/metrics.h"
 
-enum { SHEET_PAIRS = 4, SHEET_COLUMNS = 1 + 2 * SHEET_PAIRS, SHEET_CELL_PX = 128, SHEET_ROWS_MOST = 64 };
+enum { SHEET_PAIRS = 4, SHEET_COLUMNS = 1 + 2 * SHEET_PAIRS, SHEET_CELL_PX = 128, SHEET_ROWS_MAX = 64 };
 
 typedef struct {
     int rows;

@@ -113,7 +113,7 @@ typedef struct {
     const sherf_motion_options *o;
     source *s;
     char name[64]; /* the person's; "" until the first was met */
-    int64_t most;  /* frames that there can be */
+    int64_t max;   /* frames that there can be */
     int count;
 } taker;
 
@@ -128,7 +128,7 @@ static sherf_status take_first(context *c, taker *t, const value *person) {
     s->is_pelvis = true;
     const value *shapes = value_get(person, "shapes");
     sherf_status status = source_shapes(c, s, shapes ? shapes : value_get(person, "betas"));
-    if (!status) status = source_frames(c, s, t->o, t->most, 30);
+    if (!status) status = source_frames(c, s, t->o, t->max, 30);
     return status ? status : source_numbers(c, s);
 }
 
@@ -154,8 +154,8 @@ static sherf_status take_end(context *c, taker *t) {
     return SHERF_OK;
 }
 
-static taker taker_of(const sherf_motion_options *o, source *s, int64_t most) {
-    taker t = {.o = o, .s = s, .most = most};
+static taker taker_of(const sherf_motion_options *o, source *s, int64_t max) {
+    taker t = {.o = o, .s = s, .max = max};
     if (o->track) snprintf(t.name, sizeof t.name, "%.60s", o->track);
     return t;
 }

@@ -5,7 +5,7 @@
 
 #include "motion/source.h"
 
-enum { TRACKS_MOST = 256, PEOPLE_MOST = 1 << 23 }; /* in all frames together */
+enum { TRACKS_MAX = 256, PEOPLE_MAX = 1 << 23 }; /* in all frames together */
 static const int whole_joints[] = {24, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
 
 /* ---- WHAM: {track: {pose, trans, pose_world, trans_world, betas, frame_ids}}, axis-angle; its first version
@@ -152,7 +152,7 @@ static void phalp_track(const value *frame, size_t i, char out[64]) {
 static int phalp_person(const value *frame, const char *track) {
     const value *people = value_get(frame, "smpl");
     size_t n = phalp_frame_is(frame) ? people->list.count : 0;
-    for (size_t i = 0; i < n && i < TRACKS_MOST; i++) {
+    for (size_t i = 0; i < n && i < TRACKS_MAX; i++) {
         char name[64];
         phalp_track(frame, i, name);
         if (!strcmp(name, track)) return (int)i;
@@ -167,21 +167,21 @@ typedef struct {
 
 /* The track that is in the most frames, and how many tracks there are. */
 static sherf_status phalp_longest(context *c, const value *root, tally *best, int *count) {
-    tally *all = mem_zero(c, TRACKS_MOST, sizeof *all);
+    tally *all = mem_zero(c, TRACKS_MAX, sizeof *all);
     int64_t people_met = 0;
     *count = 0;
     *best = (tally){{0}, 0};
     if (!all) return SHERF_NO_MEMORY;
     for (size_t f = 0; f < root->dict.count; f++) {
         const value *frame = root->dict.pair[f].item, *people = value_get(frame, "smpl");
-        for (size_t i = 0; phalp_frame_is(frame) && i < people->list.count && i < TRACKS_MOST; i++) {
+        for (size_t i = 0; phalp_frame_is(frame) && i < people->list.count && i < TRACKS_MAX; i++) {
             char name[64];
             int t = 0;
             phalp_track(frame, i, name);
             while (t < *count && strcmp(all[t].name, name)) t++;
-            if (++people_met > PEOPLE_MOST || t == TRACKS_MOST) {
+            if (++people_met > PEOPLE_MAX || t == TRACKS_MAX) {
                 mem_free(all);
-                return failure(c, SHERF_BAD_FILE, "more than %d tracks, or people in all", TRACKS_MOST);
+                return failure(c, SHERF_BAD_FILE, "more than %d tracks, or people in all", TRACKS_MAX);
             }
             if (t == *count) memcpy(all[(*count)++].name, name, sizeof name);
             if (++all[t].frames > best->frames) *best = all[t];

@@ -1,4 +1,4 @@
-/* From a file to a motion: what it is, and what the caller wishes of it. */
+/* From a file to a motion: what it is, and the options applied to it. */
 #include <ctype.h>
 #include <math.h>
 #include <stdio.h>
@@ -59,7 +59,7 @@ static sherf_status place_pelvis(context *c, source *s, const sherf_motion_optio
     return status;
 }
 
-/* ---- the wishes ---- */
+/* ---- options ---- */
 
 static bool in_range(double x, double low, double high) {
     return x >= low && x <= high;
@@ -73,7 +73,7 @@ sherf_status motion_options_check(context *c, const sherf_motion_options *o) {
     if (o->scale != 0 && !in_range(o->scale, 1e-6, 1e6)) wrong = "scale";
     if (o->source_fps != 0 && !in_range(o->source_fps, 0.01, 10000)) wrong = "source_fps";
     if (o->fps != 0 && !in_range(o->fps, 0.01, 10000)) wrong = "fps";
-    if (o->fps_most != 0 && !in_range(o->fps_most, 0.01, 10000)) wrong = "fps_most";
+    if (o->fps_max != 0 && !in_range(o->fps_max, 0.01, 10000)) wrong = "fps_max";
     if (!in_range(o->smooth_s, 0, 60)) wrong = "smooth_s";
     if (!in_range(o->blend_s, 0, 600)) wrong = "blend_s";
     if (o->first < 0 || o->last < 0 || (o->last && o->last < o->first)) wrong = "first and last";
@@ -97,7 +97,7 @@ static sherf_status apply_time(context *c, clip *k, const sherf_motion_options *
     sherf_status status = clip_crop(c, k, o->first, last - o->first + 1);
     if (!status) status = clip_smooth(c, k, o->smooth_s);
     double fps = o->fps > 0 ? o->fps : k->fps;
-    if (!(o->fps > 0) && o->fps_most > 0) fps /= ceil(k->fps / o->fps_most - 1e-6);
+    if (!(o->fps > 0) && o->fps_max > 0) fps /= ceil(k->fps / o->fps_max - 1e-6);
     if (!status) status = clip_resample(c, k, fps);
     if (!status && o->loop && k->frames < 3)
         status = failure(c, SHERF_BAD_ARGUMENT, "%d frames make no loop", k->frames);

@@ -17,12 +17,12 @@ static int numbers_of(sherf_rotations form) {
 }
 
 sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
-                                sherf_rotations wish, rotation_form *out) {
+                                sherf_rotations given, rotation_form *out) {
     static const sherf_rotations forms[] = {SHERF_ROTATIONS_AXIS_ANGLE, SHERF_ROTATIONS_WXYZ,
                                             SHERF_ROTATIONS_MATRIX};
     for (size_t f = 0; f < COUNT_OF(forms); f++)
         for (const int *j = joints; *j; j++) {
-            sherf_rotations form = wish == SHERF_ROTATIONS_AUTO ? forms[f] : wish;
+            sherf_rotations form = given == SHERF_ROTATIONS_AUTO ? forms[f] : given;
             int per = numbers_of(form);
             if (numbers != (int64_t)*j * per) continue;
             *out = (rotation_form){*j, per, form};
@@ -30,11 +30,11 @@ sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, c
         }
     return failure(c, SHERF_BAD_FILE, "%s: %lld numbers a frame, which is no number of joints%s", what,
                    (long long)numbers,
-                   wish == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations asked for");
+                   given == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations asked for");
 }
 
-void rotation_form_guess(rotation_form *f, sherf_rotations wish, const double *numbers) {
-    if (wish != SHERF_ROTATIONS_AUTO || f->per != 4) return;
+void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers) {
+    if (given != SHERF_ROTATIONS_AUTO || f->per != 4) return;
     double first = 0, last = 0; /* most joints turn by less than a right angle */
     for (int j = 0; j < f->joints; j++) first += fabs(numbers[4 * j]), last += fabs(numbers[4 * j + 3]);
     f->form = last > first ? SHERF_ROTATIONS_XYZW : SHERF_ROTATIONS_WXYZ;
@@ -44,10 +44,10 @@ sherf_status rotation_read(context *c, const char *what, const rotation_form *f,
                            float q[4]) {
     const double *v = numbers + f->per * i;
     if (f->per == 3) {
-        enum { TURNS_MOST = 16 };
-        double most = fmax(fabs(v[0]), fmax(fabs(v[1]), fabs(v[2])));
-        if (most > TURNS_MOST * 2 * M_PI)
-            return failure(c, SHERF_BAD_FILE, "%s: a rotation of %g radians; are these degrees?", what, most);
+        enum { TURNS_MAX = 16 };
+        double max = fmax(fabs(v[0]), fmax(fabs(v[1]), fabs(v[2])));
+        if (max > TURNS_MAX * 2 * M_PI)
+            return failure(c, SHERF_BAD_FILE, "%s: a rotation of %g radians; are these degrees?", what, max);
         quaternion_from_axis_angle(v, q);
     } else if (f->per == 4) {
         double length = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3];
@@ -64,22 +64,22 @@ sherf_status rotation_read(context *c, const char *what, const rotation_form *f,
     return SHERF_OK;
 }
 
-sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations wish,
-                            const int *joints, int first, int most, float (*turn)[4]) {
+sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations given,
+                            const int *joints, int first, int max, float (*turn)[4]) {
     double numbers[ROTATION_JOINTS_MAX * 9];
     rotation_form f = {0};
     int64_t n = value_numbers(v);
-    sherf_status status = rotation_form_find(c, what, n, joints, wish, &f);
+    sherf_status status = rotation_form_find(c, what, n, joints, given, &f);
     if (!status) status = value_doubles(c, v, what, (size_t)n, numbers);
     if (status) return status;
-    rotation_form_guess(&f, wish, numbers);
-    for (int j = 0; j < f.joints && j < most && !status; j++)
+    rotation_form_guess(&f, given, numbers);
+    for (int j = 0; j < f.joints && j < max && !status; j++)
         status = rotation_read(c, what, &f, numbers, j, turn[first + j]);
     return status;
 }
 
-sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations wish,
-                           const int *joints, int first, int most, clip *k) {
+sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
+                           const int *joints, int first, int max, clip *k) {
     double numbers[ROTATION_JOINTS_MAX * 9];
     rotation_form f = {0};
     int64_t n = value_numbers(v);
@@ -87,12 +87,12 @@ sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_r
     if (n < 0 || n % k->frames || (!one && parse_rows(v) != k->frames))
         return failure(c, SHERF_BAD_FILE, "%s: %lld numbers are not one row for each of %d frames", what,
                        (long long)n, k->frames);
-    sherf_status status = rotation_form_find(c, what, n / k->frames, joints, wish, &f);
+    sherf_status status = rotation_form_find(c, what, n / k->frames, joints, given, &f);
     for (int i = 0; i < k->frames && !status; i++) {
         status = one ? value_doubles(c, v, what, (size_t)n, numbers)
                      : parse_row(c, v, (size_t)i, what, (size_t)(f.joints * f.per), numbers);
-        if (!i && !status) rotation_form_guess(&f, wish, numbers);
-        for (int j = 0; j < f.joints && j < most && !status; j++)
+        if (!i && !status) rotation_form_guess(&f, given, numbers);
+        for (int j = 0; j < f.joints && j < max && !status; j++)
             status = rotation_read(c, what, &f, numbers, j, k->turn[i][first + j]);
     }
     return status;

@@ -40,18 +40,18 @@ typedef struct {
 } rotation_form;
 /* From the number of numbers in a frame; `first` are joints that there may be: a list that ends with 0. */
 sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
-                                sherf_rotations wish, rotation_form *out);
+                                sherf_rotations given, rotation_form *out);
 /* The first frame tells whether the real part comes first (AUTO and 4 numbers). */
-void rotation_form_guess(rotation_form *f, sherf_rotations wish, const double *numbers);
+void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers);
 /* Joint i of the numbers to a quaternion. */
 sherf_status rotation_read(context *c, const char *what, const rotation_form *f, const double *numbers, int i,
                            float q[4]);
-/* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `most`. */
-sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations wish,
-                           const int *joints, int first, int most, clip *k);
+/* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `max`. */
+sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
+                           const int *joints, int first, int max, clip *k);
 /* One frame's: as rotation_rows on a clip of one frame. */
-sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations wish,
-                            const int *joints, int first, int most, float (*turn)[4]);
+sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations given,
+                            const int *joints, int first, int max, float (*turn)[4]);
 
 /* ---- families ---- */
 /* Dicts of arrays with a row a frame: AMASS in both forms, AIST++, GVHMR, plain poses. */
@@ -66,7 +66,7 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
 sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *out);
 
-/* What the options wish of a source, done to it: the motion. Frees nothing of the source. */
+/* A source with the options applied to it: the motion. Frees nothing of the source. */
 sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out);
 /* A file's content; for tests and fuzzing. */
 sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,

@@ -9,7 +9,7 @@
 #include "tensor/block.h"
 #include "train/trainer.h"
 
-enum { REPEATS_MOST = 1000, SIDE_MOST = 8192 };
+enum { REPEATS_MAX = 1000, SIDE_MAX = 8192 };
 
 /* ---- the tube person, photographed ---- */
 
@@ -125,15 +125,15 @@ static int compare(const void *a, const void *b) {
 /* The median milliseconds of `once`: one run to warm up, then `repeats`, or what fits in some seconds. */
 static sherf_status timed(bench *b, sherf_status (*once)(bench *b, void *arg), void *arg, double *ms) {
     const double budget_s = 5;
-    static const int least = 5, most = 200;
-    double *took = mem_alloc(b->c, REPEATS_MOST, sizeof *took);
+    static const int min = 5, max = 200;
+    double *took = mem_alloc(b->c, REPEATS_MAX, sizeof *took);
     if (!took) return SHERF_NO_MEMORY;
     int n = 0;
     sherf_status status = once(b, arg);
     const double start = time_seconds();
     while (status == SHERF_OK) {
         double from = time_seconds();
-        if (b->repeats ? n >= b->repeats : n >= most || (n >= least && from - start > budget_s)) break;
+        if (b->repeats ? n >= b->repeats : n >= max || (n >= min && from - start > budget_s)) break;
         if (cancelled(b->c)) {
             status = failure(b->c, SHERF_CANCELLED, "cancelled");
             break;
@@ -371,9 +371,9 @@ sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_o
     bool render = what && !strcmp(what, "render");
     if (!render && (!what || strcmp(what, "train")))
         return failure(c, SHERF_BAD_ARGUMENT, "bench: \"render\" or \"train\" is expected");
-    if (b.size < 16 || b.size > SIDE_MOST || b.repeats < 0 || b.repeats > REPEATS_MOST)
+    if (b.size < 16 || b.size > SIDE_MAX || b.repeats < 0 || b.repeats > REPEATS_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "bench: sizes are 16 to %d pixels, repeats at most %d",
-                       SIDE_MOST, REPEATS_MOST);
+                       SIDE_MAX, REPEATS_MAX);
     sherf_status status = bench_open(&b);
     if (status == SHERF_OK)
         status = render ? bench_render(&b, options->json, text) : bench_train(&b, options->json, text);

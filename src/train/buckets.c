@@ -51,10 +51,10 @@ sherf_status buckets_create(context *c, const parameters *weights, const ranks *
     buckets *b = mem_zero(c, 1, sizeof *b);
     if (!b) return SHERF_NO_MEMORY;
     *b = (buckets){.c = c, .weights = weights, .ranks = r, .ready = ready, .user = user};
-    const size_t most = (size_t)weights->count;
-    b->bucket = mem_zero(c, most, sizeof *b->bucket);
-    b->item = mem_zero(c, most, sizeof *b->item);
-    b->final = mem_zero(c, most, sizeof *b->final);
+    const size_t max = (size_t)weights->count;
+    b->bucket = mem_zero(c, max, sizeof *b->bucket);
+    b->item = mem_zero(c, max, sizeof *b->item);
+    b->final = mem_zero(c, max, sizeof *b->final);
     if (!b->bucket || !b->item || !b->final) {
         buckets_free(b);
         return SHERF_NO_MEMORY;

@@ -29,7 +29,7 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[10], 32, "%d", s->random_background);
 }
 
-enum { SIZE_MOST = 4096 }; /* as data sets' pictures are read */
+enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
 
 static bool integer(const safetensors *f, const char *key, int64_t low, int64_t high, int64_t *out) {
     const char *text = safetensors_metadata(f, key);
@@ -44,12 +44,12 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     int64_t images, size, front, targets = 1, background = 0;
     const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
     char *end;
-    const int64_t most = (int64_t)1 << 50;
-    if (!integer(f, "step", 0, most, &s->step) || !integer(f, "skipped", 0, s->step, &s->skipped) ||
+    const int64_t max = (int64_t)1 << 50;
+    if (!integer(f, "step", 0, max, &s->step) || !integer(f, "skipped", 0, s->step, &s->skipped) ||
         !integer(f, "updates", 0, s->step, updates) || !integer(f, "images_per_step", 1, 65536, &images) ||
-        !integer(f, "size_px", 0, SIZE_MOST, &size) || !integer(f, "front_view", 0, 1, &front) ||
-        !integer(f, "halve_every", 1, most, &s->halve_every) ||
-        (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MOST, &targets)) ||
+        !integer(f, "size_px", 0, SIDE_MAX, &size) || !integer(f, "front_view", 0, 1, &front) ||
+        !integer(f, "halve_every", 1, max, &s->halve_every) ||
+        (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MAX, &targets)) ||
         (safetensors_metadata(f, "random_background") &&
          !integer(f, "random_background", 0, 1, &background)) ||
         !seed || !*seed || !rate || !*rate)
@@ -92,15 +92,15 @@ static sherf_status blocks_read(context *c, const model *m, const model *average
 sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
                               const adam *a, const train_state *state) {
     const parameters *p = m->weights;
-    const size_t most = (size_t)p->count * GROUPS;
+    const size_t max = (size_t)p->count * GROUPS;
     char text[STATE_KEYS][32];
     size_t n = 0;
     sherf_status status = SHERF_NO_MEMORY;
     safetensor_metadata metadata[STATE_KEYS + 3] = {{"format", "sherf-checkpoint"},
                                                     {"model", m->config.kind->name}};
     char *config = model_config_text(c, &m->config);
-    char(*name)[288] = mem_alloc(c, most, sizeof *name);
-    safetensor_item *item = mem_zero(c, most, sizeof *item);
+    char(*name)[288] = mem_alloc(c, max, sizeof *name);
+    safetensor_item *item = mem_zero(c, max, sizeof *item);
     const float *block[GROUPS] = {NULL};
     float *copies[GROUPS] = {NULL};
     if (!config || !name || !item) goto done;

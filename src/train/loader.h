@@ -14,7 +14,7 @@ typedef struct {
     struct {
         data_view *target;
         target_geometry *geometry;
-    } more[TARGETS_MOST - 1]; /* drawn.further of them */
+    } more[TARGETS_MAX - 1]; /* drawn.further of them */
 } sample;
 /* One image, here and now; sizes as in sherf_train_options. */
 sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,

@@ -5,7 +5,7 @@
 
 #include "data/data.h"
 
-enum { TARGETS_MOST = 8 };
+enum { TARGETS_MAX = 8 };
 
 typedef struct {
     uint64_t seed;
@@ -16,7 +16,7 @@ typedef struct {
     int64_t *before; /* people + 1: pictures of all people before this one; owned */
     int pose_step;
     int front_view;         /* -1: any view observes */
-    int targets;            /* of an image, 1 to TARGETS_MOST */
+    int targets;            /* of an image, 1 to TARGETS_MAX */
     bool random_background; /* false: always black, the paper's */
 } sampling;
 
@@ -33,9 +33,9 @@ typedef struct {
     int further;            /* targets beside the first: any pose and view of the person */
     struct {
         int pose, view;
-    } more[TARGETS_MOST - 1];
-    uint64_t noise_key;             /* never 0 */
-    float background[TARGETS_MOST]; /* grey in [0, 1] behind the target and each further one */
+    } more[TARGETS_MAX - 1];
+    uint64_t noise_key;            /* never 0 */
+    float background[TARGETS_MAX]; /* grey in [0, 1] behind the target and each further one */
 } draw;
 draw sampling_draw(const sampling *s, int64_t image);
 

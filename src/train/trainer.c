@@ -10,9 +10,9 @@
 #include "train/picture.h"
 #include "train/trainer.h"
 
-enum { SKIPS_IN_A_ROW = 20, IMAGES_MOST = 65536 };
+enum { SKIPS_IN_A_ROW = 20, IMAGES_MAX = 65536 };
 /* Smaller people cannot be learned from: something is wrong with their cameras. */
-static const double px_per_m_least = 2;
+static const double px_per_m_min = 2;
 
 typedef struct {
     context *c;
@@ -63,7 +63,7 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     if (!o->data || !o->body || !o->output)
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and an output folder are needed");
     if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
-        o->images_per_step > IMAGES_MOST || o->targets < 0 || o->targets > TARGETS_MOST ||
+        o->images_per_step > IMAGES_MAX || o->targets < 0 || o->targets > TARGETS_MAX ||
         o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
         o->workers < 0 || o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
         !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
@@ -77,8 +77,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
 /* What weights tell those who use them on pictures of another size: the width of these, and how large people
  * are in them (the mean over the first pictures of the first people). */
 static sherf_status pictures_measure(trainer *t, model_config *config) {
-    enum { PEOPLE_MOST = 16 };
-    const int people = t->sampling.people < PEOPLE_MOST ? t->sampling.people : PEOPLE_MOST;
+    enum { PEOPLE_MAX = 16 };
+    const int people = t->sampling.people < PEOPLE_MAX ? t->sampling.people : PEOPLE_MAX;
     sherf_camera camera;
     sherf_pose pose;
     double sum = 0;
@@ -92,7 +92,7 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
         if (!i) config->image_size = t->state.size_px ? t->state.size_px : camera.width_px;
         sum += one * config->image_size / camera.width_px;
     }
-    if (!(sum / people >= px_per_m_least))
+    if (!(sum / people >= px_per_m_min))
         return failure(
             t->c, SHERF_MISMATCH,
             "%s: people would be %.2g pixels tall: cameras and bodies do not belong together (metres? "
@@ -105,9 +105,9 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
 /* A data set may have too many masks to look at each before the first step: one of each of these people, so
  * that masks which are wrong as a whole are not found hours later. */
 static sherf_status masks_look_over(trainer *t) {
-    enum { PEOPLE_MOST = 64 };
+    enum { PEOPLE_MAX = 64 };
     const sampling *s = &t->sampling;
-    const int people = s->people < PEOPLE_MOST ? s->people : PEOPLE_MOST;
+    const int people = s->people < PEOPLE_MAX ? s->people : PEOPLE_MAX;
     for (int i = 0; i < people; i++) {
         const int k = (int)((int64_t)i * s->people / people);
         if (!s->views[k] || !s->poses[k]) continue;

@@ -14,27 +14,27 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-enum { WORDS_MOST = 40, TEXT_MOST = 1 << 16 };
+enum { WORDS_MAX = 40, TEXT_MAX = 1 << 16 };
 
 typedef struct {
     int status; /* exit status; -1: ended by a signal */
-    char out[TEXT_MOST], err[TEXT_MOST];
+    char out[TEXT_MAX], err[TEXT_MAX];
 } outcome;
 
 static inline void text_read(const char *path, char *text) {
     FILE *f = fopen(path, "rb");
-    size_t n = f ? fread(text, 1, TEXT_MOST - 1, f) : 0;
+    size_t n = f ? fread(text, 1, TEXT_MAX - 1, f) : 0;
     text[n] = 0;
     if (f) fclose(f);
 }
 
 static inline pid_t start(const char *words, const char *out, const char *err) {
     static char line[8192];
-    char *argument[WORDS_MOST + 2], *rest = line;
+    char *argument[WORDS_MAX + 2], *rest = line;
     int count = 0;
     snprintf(line, sizeof line, "%s", words);
     argument[count++] = getenv("SHERF_PROGRAM");
-    for (char *w; (w = strsep(&rest, " ")) && count < WORDS_MOST;)
+    for (char *w; (w = strsep(&rest, " ")) && count < WORDS_MAX;)
         if (*w) argument[count++] = w;
     argument[count] = NULL;
     fflush(NULL);

@@ -29,7 +29,7 @@ static void version_and_help(void **state) {
 
 /* Every long option of the help stands in the manual page and in both completions. */
 static void texts_agree(void **state) {
-    static char bash[TEXT_MOST], zsh[TEXT_MOST], help[TEXT_MOST];
+    static char bash[TEXT_MAX], zsh[TEXT_MAX], help[TEXT_MAX];
     strcpy(bash, run("--describe bash")->out);
     strcpy(zsh, run("--describe zsh")->out);
     int options = 0;
@@ -166,7 +166,7 @@ static void assert_png(const char *path, unsigned width, unsigned height) {
 /* Says its address, takes motions and poses, and ends with 0 when it is interrupted. */
 static void viewer_by_itself(const char *folder, const char *avatar) {
     char words[7000], out[512], err[512];
-    static char text[TEXT_MOST], said[TEXT_MOST];
+    static char text[TEXT_MAX], said[TEXT_MAX];
     snprintf(out, sizeof out, "%s", test_path("view.out"));
     snprintf(err, sizeof err, "%s", test_path("view.err"));
     snprintf(words, sizeof words, "view %s %s -b %s/tubeman.safetensors", avatar, avatar, folder);
@@ -331,7 +331,7 @@ static void animations(void **state) {
     kill(child, SIGINT);
     int status;
     assert_int_equal(waitpid(child, &status, 0), child);
-    static char text[TEXT_MOST];
+    static char text[TEXT_MAX];
     text_read(log, text);
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 1) fail_msg("status %x: %s", (unsigned)status, text);
     assert_contains(text, "stopped after");
@@ -366,7 +366,7 @@ static void interrupt_saves(void **state) {
         ended = waitpid(child, &status, WNOHANG);
     }
     if (!ended) kill(child, SIGKILL);
-    static char text[TEXT_MOST];
+    static char text[TEXT_MAX];
     text_read(log, text);
     if (ended != child || !WIFEXITED(status)) fail_msg("did not end by itself: %s", text);
     if (file_size(checkpoint) <= 0) fail_msg("no checkpoint, status %d: %s", WEXITSTATUS(status), text);

@@ -216,12 +216,12 @@ static double apart(const sherf_score *a, const sherf_score *b) {
 }
 
 static double all_apart(const sherf_scores *a, const sherf_scores *b) {
-    double most = fmax(apart(&a->novel_view, &b->novel_view), apart(&a->novel_pose, &b->novel_pose));
+    double max = fmax(apart(&a->novel_view, &b->novel_view), apart(&a->novel_pose, &b->novel_pose));
     for (int i = 0; i < 2; i++) {
-        most = fmax(most, apart(&a->mean_color[i], &b->mean_color[i]));
-        most = fmax(most, apart(&a->painted_body[i], &b->painted_body[i]));
+        max = fmax(max, apart(&a->mean_color[i], &b->mean_color[i]));
+        max = fmax(max, apart(&a->painted_body[i], &b->painted_body[i]));
     }
-    return most;
+    return max;
 }
 
 static void the_truth_in_another_world_scores_as_the_truth(void **state) {

@@ -1,5 +1,5 @@
 /* Motion files of all families: whatever is handed out can be played to its end. The first byte chooses what
- * is wished of it. */
+ * the options ask for. */
 #include <math.h>
 
 #include "fuzz.h"
@@ -8,18 +8,18 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     context *c = fuzz_context();
     size_t live = mem_live();
-    uint8_t wish = size ? data[0] : 0;
+    uint8_t bits = size ? data[0] : 0;
     sherf_pose pose;
     sherf_pose_identity(&pose);
-    const sherf_motion_options o = {.loop = wish & 1,
-                                    .fps = wish & 2 ? 7 : 0,
-                                    .start = wish & 4 ? &pose : NULL,
+    const sherf_motion_options o = {.loop = bits & 1,
+                                    .fps = bits & 2 ? 7 : 0,
+                                    .start = bits & 4 ? &pose : NULL,
                                     .blend_s = 0.3,
                                     .root =
-                                        (sherf_root)(wish >> 3 & 1 ? SHERF_ROOT_GROUNDED : SHERF_ROOT_KEPT),
-                                    .smooth_s = wish & 16 ? 0.01 : 0,
-                                    .their_shape = wish & 32,
-                                    .rotations = (sherf_rotations)(wish >> 6)};
+                                        (sherf_root)(bits >> 3 & 1 ? SHERF_ROOT_GROUNDED : SHERF_ROOT_KEPT),
+                                    .smooth_s = bits & 16 ? 0.01 : 0,
+                                    .their_shape = bits & 32,
+                                    .rotations = (sherf_rotations)(bits >> 6)};
     sherf_motion *m;
     if (!size) return 0;
     sherf_status status = motion_parse(c, data + 1, size - 1, &o, &m);

@@ -59,14 +59,13 @@ static void steady(context *c, int frames, double fps, clip *k) {
 }
 
 static double difference(const clip *a, const clip *b) {
-    double most = 0;
+    double max = 0;
     assert_int_equal(a->frames, b->frames);
     for (int i = 0; i < a->frames; i++) {
-        for (int j = 0; j < BODY_JOINTS; j++)
-            most = fmax(most, quaternion_angle(a->turn[i][j], b->turn[i][j]));
-        for (int k = 0; k < 3; k++) most = fmax(most, fabs((double)a->pelvis_m[i][k] - b->pelvis_m[i][k]));
+        for (int j = 0; j < BODY_JOINTS; j++) max = fmax(max, quaternion_angle(a->turn[i][j], b->turn[i][j]));
+        for (int k = 0; k < 3; k++) max = fmax(max, fabs((double)a->pelvis_m[i][k] - b->pelvis_m[i][k]));
     }
-    return most;
+    return max;
 }
 
 static void resampling(void **state) {

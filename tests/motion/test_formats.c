@@ -7,9 +7,9 @@
 
 /* The file is the walk, to a millimetre at every vertex, and says so. `number`: the walk's frame that each of
  * the motion's frames shows; NULL: all. */
-static void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *wish, double fps,
-                        const char *part, const char *other) {
-    sherf_motion_options o = wish ? *wish : (sherf_motion_options){0};
+static void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *options,
+                        double fps, const char *part, const char *other) {
+    sherf_motion_options o = options ? *options : (sherf_motion_options){0};
     sherf_motion *m;
     o.body = f->body;
     assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
@@ -178,7 +178,7 @@ static void aist(void **state) {
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps = 25}, &m));
     assert_int_equal(sherf_motion_frame_count(m), 5); /* 11 / 60 s */
     sherf_motion_free(m);
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps_most = 40}, &m));
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps_max = 40}, &m));
     assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
     sherf_motion_free(m);
 }
@@ -506,7 +506,7 @@ static void captured_clips(void **state) {
         sherf_motion *m;
         if (!path_is_file(clip_of[n])) skip();
         assert_ok(f->c, sherf_motion_load(f->c, clip_of[n],
-                                          &(sherf_motion_options){.body = f->body, .fps_most = 30}, &m));
+                                          &(sherf_motion_options){.body = f->body, .fps_max = 30}, &m));
         assert_non_null(strstr(sherf_motion_description(m), "names of CMU"));
         assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
         double lowest = INFINITY;
@@ -537,11 +537,11 @@ static void saved(void **state) {
     document_free(d);
 }
 
-/* ---- the wishes together ---- */
+/* ---- the options together ---- */
 
-static void wishes(void **state) {
+static void options_together(void **state) {
     const walk_fixture *f = *state;
-    const char *path = test_path("wishes.bvh");
+    const char *path = test_path("options.bvh");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
     sherf_motion *m;
     sherf_pose p, start = f->walk.pose[2];
@@ -701,7 +701,7 @@ int main(void) {
                                        cmocka_unit_test(bvh_files),
                                        cmocka_unit_test(captured_clips),
                                        cmocka_unit_test(saved),
-                                       cmocka_unit_test(wishes),
+                                       cmocka_unit_test(options_together),
                                        cmocka_unit_test(wrong_numbers),
                                        cmocka_unit_test(damaged),
                                        cmocka_unit_test(without_memory)};

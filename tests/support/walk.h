@@ -87,15 +87,15 @@ static inline double walk_distance(context *c, const body_model *body, const she
                                    const sherf_pose *b) {
     size_t n = (size_t)body->vertices * 3;
     float *x = malloc(n * sizeof *x), *y = malloc(n * sizeof *y);
-    double most = 0;
+    double max = 0;
     assert_ok(c, sherf_body_pose(c, body, a, x, NULL));
     assert_ok(c, sherf_body_pose(c, body, b, y, NULL));
     for (size_t i = 0; i < n; i += 3)
-        most = fmax(most, sqrt(pow((double)x[i] - y[i], 2) + pow((double)x[i + 1] - y[i + 1], 2) +
-                               pow((double)x[i + 2] - y[i + 2], 2)));
+        max = fmax(max, sqrt(pow((double)x[i] - y[i], 2) + pow((double)x[i + 1] - y[i + 1], 2) +
+                             pow((double)x[i + 2] - y[i + 2], 2)));
     free(x);
     free(y);
-    return most;
+    return max;
 }
 
 /* ---- BVH of the body's own skeleton ---- */

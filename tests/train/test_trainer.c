@@ -76,13 +76,13 @@ static double difference(context *c, const char *a, const char *b) {
         assert_non_null(q);
         int64_t n = 1;
         for (int k = 0; k < p->rank; k++) n *= p->dim[k];
-        double most = 0, off = 0;
+        double max = 0, off = 0;
         for (int64_t k = 0; k < n; k++) {
             double u = ((const float *)p->data)[k], v = ((const float *)q->data)[k];
-            most = fmax(most, fabs(u));
+            max = fmax(max, fabs(u));
             off = fmax(off, fabs(u - v));
         }
-        if (most > 0) worst = fmax(worst, off / most);
+        if (max > 0) worst = fmax(worst, off / max);
     }
     safetensors_free(x);
     safetensors_free(y);

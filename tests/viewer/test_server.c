@@ -17,7 +17,7 @@
 #include "render/render.h"
 #include "viewer/viewer.h"
 
-enum { ANSWER_MOST = 4 << 20, POSES = 6 };
+enum { ANSWER_MAX = 4 << 20, POSES = 6 };
 
 static struct {
     context *c, *runs; /* the second one renders */
@@ -61,7 +61,7 @@ static void send_text(int fd, const char *text, size_t bytes) {
 
 /* Reads to the end of the connection; the answer is valid until the next call. */
 static const answer *receive(int fd) {
-    static uint8_t text[ANSWER_MOST];
+    static uint8_t text[ANSWER_MAX];
     static answer a;
     size_t n = 0;
     for (ssize_t got; n < sizeof text - 1 && (got = recv(fd, text + n, sizeof text - 1 - n, 0)) > 0;)

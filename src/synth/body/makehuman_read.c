@@ -10,11 +10,11 @@
 #include "synth/body/makehuman_levels.h"
 
 enum {
-    VERTICES_MOST = 1 << 18,
-    BONES_MOST = 4096,
-    TARGETS_MOST = 1 << 14,
-    NAME_MOST = 200,
-    POINT_VERTICES_MOST = 1 << 18
+    VERTICES_MAX = 1 << 18,
+    BONES_MAX = 4096,
+    TARGETS_MAX = 1 << 14,
+    NAME_LENGTH_MAX = 200,
+    POINT_VERTICES_MAX = 1 << 18
 };
 static const size_t targets_bytes_max = (size_t)1 << 30;
 static const char target_before[] = "data/targets/", target_after[] = ".target";
@@ -101,9 +101,9 @@ static sherf_status read_numbers(reading *r, const value *v, const char *what, s
 }
 
 static sherf_status read_name(reading *r, const value *v, const char *what, char **out) {
-    if (!v || v->kind != VALUE_STRING || !v->string.length || v->string.length > NAME_MOST ||
+    if (!v || v->kind != VALUE_STRING || !v->string.length || v->string.length > NAME_LENGTH_MAX ||
         strlen(v->string.text) != v->string.length)
-        return bad(r, "%s: no name of 1 to %d characters", what, NAME_MOST);
+        return bad(r, "%s: no name of 1 to %d characters", what, NAME_LENGTH_MAX);
     *out = mem_string(r->c, v->string.text);
     return *out ? SHERF_OK : SHERF_NO_MEMORY;
 }
@@ -235,13 +235,13 @@ static sherf_status read_faces(reading *r, const value *root) {
 static sherf_status read_mesh(reading *r, const value *root) {
     makehuman *m = r->m;
     int64_t numbers = value_numbers(value_get(root, "vertices"));
-    if (numbers < 12 || numbers % 3 || numbers / 3 > VERTICES_MOST)
-        return bad(r, "vertices: not a list of 4 to %d triples", VERTICES_MOST);
+    if (numbers < 12 || numbers % 3 || numbers / 3 > VERTICES_MAX)
+        return bad(r, "vertices: not a list of 4 to %d triples", VERTICES_MAX);
     m->vertices = (int)(numbers / 3);
     const value *uv = value_at(value_get(root, "uvs"), 0);
     numbers = value_numbers(uv);
-    if (numbers < 2 || numbers % 2 || numbers / 2 > 4 * VERTICES_MOST)
-        return bad(r, "uvs: the first is not a list of 1 to %d pairs", 4 * VERTICES_MOST);
+    if (numbers < 2 || numbers % 2 || numbers / 2 > 4 * VERTICES_MAX)
+        return bad(r, "uvs: the first is not a list of 1 to %d pairs", 4 * VERTICES_MAX);
     m->uvs = (int)(numbers / 2);
     sherf_status status =
         read_numbers(r, value_get(root, "vertices"), "vertices", (size_t)m->vertices * 3, 0.1, &m->vertex);
@@ -271,16 +271,16 @@ static int lookup(const entry *list, int count, const char *name) {
 }
 
 /* The dict's keys, sorted; index: place in the dict. */
-static sherf_status sorted_keys(reading *r, const value *dict, const char *what, size_t most, entry **out) {
+static sherf_status sorted_keys(reading *r, const value *dict, const char *what, size_t max, entry **out) {
     *out = NULL;
     size_t count = value_count(dict);
-    if (!dict || dict->kind != VALUE_DICT || !count || count > most)
-        return bad(r, "%s: not a table of 1 to %zu entries", what, most);
+    if (!dict || dict->kind != VALUE_DICT || !count || count > max)
+        return bad(r, "%s: not a table of 1 to %zu entries", what, max);
     entry *list = mem_alloc(r->c, count, sizeof *list);
     if (!list) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < count; i++) {
         const value *key = dict->dict.pair[i].key;
-        if (key->kind != VALUE_STRING || !key->string.length || key->string.length > NAME_MOST) {
+        if (key->kind != VALUE_STRING || !key->string.length || key->string.length > NAME_LENGTH_MAX) {
             mem_free(list);
             return bad(r, "%s: a key that is no name", what);
         }
@@ -307,7 +307,7 @@ static sherf_status read_points(reading *r, const value *dict, const entry *key)
     for (int p = 0; p < m->points; p++) {
         const value *list = dict->dict.pair[key[p].index].item;
         size_t count = value_count(list);
-        if (!list || list->kind != VALUE_LIST || !count || count > POINT_VERTICES_MOST - total)
+        if (!list || list->kind != VALUE_LIST || !count || count > POINT_VERTICES_MAX - total)
             return bad(r, "joints: %.60s: no list of vertices", key[p].name);
         m->point[p] = (makehuman_point){(int)total, (int)count};
         total += count;
@@ -318,7 +318,7 @@ static sherf_status read_points(reading *r, const value *dict, const entry *key)
     for (int p = 0; p < m->points; p++)
         for (int i = 0; i < m->point[p].count; i++) {
             const value *x = value_at(dict->dict.pair[key[p].index].item, (size_t)i);
-            if (x->kind != VALUE_INTEGER || x->integer < 0 || x->integer >= VERTICES_MOST)
+            if (x->kind != VALUE_INTEGER || x->integer < 0 || x->integer >= VERTICES_MAX)
                 return bad(r, "joints: %.60s: a vertex that is not there", key[p].name);
             m->point_vertex[m->point[p].first + i] = (int32_t)x->integer;
         }
@@ -382,8 +382,8 @@ static sherf_status read_rig(reading *r) {
     sherf_status status = read_json(r, "src/json/rigs/default.json", &d);
     if (status) return status;
     const value *points = value_get(d->root, "joints"), *bones = value_get(d->root, "bones");
-    if (!(status = sorted_keys(r, points, "joints", 2 * BONES_MOST, &point)) &&
-        !(status = sorted_keys(r, bones, "bones", BONES_MOST, &bone)) &&
+    if (!(status = sorted_keys(r, points, "joints", 2 * BONES_MAX, &point)) &&
+        !(status = sorted_keys(r, bones, "bones", BONES_MAX, &bone)) &&
         !(status = read_points(r, points, point)))
         status = read_bones(r, bones, bone, point);
     mem_free(point);
@@ -395,9 +395,9 @@ static sherf_status read_rig(reading *r) {
 /* The mesh's weights name their bones by the mesh file's own list, where each has a node for either end. */
 static sherf_status read_bone_map(reading *r, const value *list, int32_t *map) {
     for (size_t i = 0; i < value_count(list); i++) {
-        char name[NAME_MOST + 1];
+        char name[NAME_LENGTH_MAX + 1];
         const value *v = value_get(value_at(list, i), "name");
-        if (!v || v->kind != VALUE_STRING || v->string.length > NAME_MOST)
+        if (!v || v->kind != VALUE_STRING || v->string.length > NAME_LENGTH_MAX)
             return bad(r, "bones: entry %zu has no name", i);
         snprintf(name, sizeof name, "%s", v->string.text);
         size_t length = strlen(name), suffix = sizeof head_suffix - 1;
@@ -416,7 +416,7 @@ static sherf_status read_skin(reading *r, const value *root) {
     if (value_integer(r->c, value_get(root, "influencesPerVertex"), "influencesPerVertex", &influences) ||
         influences != MAKEHUMAN_SKIN)
         return bad(r, "influencesPerVertex: not %d", MAKEHUMAN_SKIN);
-    if (!bones || bones->kind != VALUE_LIST || !count || count > 2 * BONES_MOST) return bad(r, "bones: none");
+    if (!bones || bones->kind != VALUE_LIST || !count || count > 2 * BONES_MAX) return bad(r, "bones: none");
     int32_t *index = mem_alloc(r->c, n, sizeof *index), *map = mem_alloc(r->c, count, sizeof *map);
     m->skin_bone = mem_alloc(r->c, n, sizeof *m->skin_bone);
     sherf_status status = index && map && m->skin_bone ? SHERF_OK : SHERF_NO_MEMORY;
@@ -468,7 +468,7 @@ static sherf_status read_target_names(reading *r) {
     sherf_status status = read_json(r, "src/json/targets/target-list.json", &d);
     if (status) return status;
     const value *dict = value_get(d->root, "targets");
-    if ((status = sorted_keys(r, dict, "targets", TARGETS_MOST, &key))) goto done;
+    if ((status = sorted_keys(r, dict, "targets", TARGETS_MAX, &key))) goto done;
     int count = (int)value_count(dict);
     m->target = mem_zero(r->c, (size_t)count, sizeof *m->target);
     if (!m->target) {

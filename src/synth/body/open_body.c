@@ -9,7 +9,7 @@
 #include "synth/body/affine.h"
 #include "synth/body/components.h"
 
-enum { SAMPLES_LEAST = 64, SAMPLES_MOST = 4096, BATCH = 64, RING = 32 };
+enum { SAMPLES_MIN = 64, SAMPLES_MAX = 4096, BATCH = 64, RING = 32 };
 
 typedef struct {
     context *c;
@@ -223,7 +223,7 @@ static sherf_status fit_joint(building *b, int j, const int ring[RING], double *
 }
 
 static sherf_status fit_joints(building *b, open_body_report *report) {
-    double most = 0, mean = 0;
+    double max = 0, mean = 0;
     for (int j = 0; j < BODY_JOINTS; j++) {
         double at[3] = {0};
         int ring[RING];
@@ -245,10 +245,10 @@ static sherf_status fit_joints(building *b, open_body_report *report) {
             }
             double error = 1000 * sqrt(dot3(d, d));
             mean += error / (b->n * BODY_JOINTS);
-            if (error > most) most = error;
+            if (error > max) max = error;
         }
     }
-    report->joint_error_mm = most;
+    report->joint_error_mm = max;
     report->joint_error_mean_mm = mean;
     return SHERF_OK;
 }
@@ -296,11 +296,11 @@ sherf_status open_body_create(context *c, const body_source *source, int samples
                               open_body_report *report) {
     *out = NULL;
     *report = (open_body_report){.samples = samples};
-    if (samples < SAMPLES_LEAST || samples > SAMPLES_MOST || source->vertices < 4 * RING ||
+    if (samples < SAMPLES_MIN || samples > SAMPLES_MAX || source->vertices < 4 * RING ||
         source->parameters > SOURCE_PARAMETERS_MAX)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "%d people of %d vertices: %d to %d people, %d vertices at least", samples,
-                       source->vertices, SAMPLES_LEAST, SAMPLES_MOST, 4 * RING);
+                       source->vertices, SAMPLES_MIN, SAMPLES_MAX, 4 * RING);
     building b = {.c = c, .source = source, .n = samples, .width = 3 * (size_t)source->vertices};
     size_t n = (size_t)samples, V = (size_t)source->vertices;
     sherf_status status = SHERF_NO_MEMORY;

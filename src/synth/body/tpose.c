@@ -311,15 +311,15 @@ static void smooth(const makehuman *m, const int *neighbours, const float *in, f
         }
 }
 
-/* Keeps the largest `most`, which then sum to 1. */
-static void tidy(float *w, int most) {
-    for (int cut = 0; cut < BODY_JOINTS - most; cut++) {
-        int least = -1;
+/* Keeps the largest `max`, which then sum to 1. */
+static void tidy(float *w, int max) {
+    for (int cut = 0; cut < BODY_JOINTS - max; cut++) {
+        int min = -1;
         for (int j = 0; j < BODY_JOINTS; j++)
-            if (w[j] > 0 && (least < 0 || w[j] < w[least])) least = j;
+            if (w[j] > 0 && (min < 0 || w[j] < w[min])) min = j;
         int count = 0;
         for (int j = 0; j < BODY_JOINTS; j++) count += w[j] > 0;
-        if (count > most) w[least] = 0;
+        if (count > max) w[min] = 0;
     }
     double sum = 0;
     for (int j = 0; j < BODY_JOINTS; j++) {

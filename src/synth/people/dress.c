@@ -178,8 +178,8 @@ static sherf_status to_rest(fitting *f) {
 
 static dressed_mesh *add_mesh(fitting *f, wear_kind kind, int vertices, int triangles) {
     dressed *d = f->d;
-    if (d->meshes == DRESSED_MOST) {
-        failure(f->c, SHERF_UNSUPPORTED, "more than %d things on one person", DRESSED_MOST);
+    if (d->meshes == DRESSED_MAX) {
+        failure(f->c, SHERF_UNSUPPORTED, "more than %d things on one person", DRESSED_MAX);
         return NULL;
     }
     dressed_mesh *mesh = &d->mesh[d->meshes++];

@@ -21,7 +21,7 @@ typedef struct {
 sherf_status studio_open(context *c, const char *source, const char *body_path, studio **out);
 void studio_close(studio *s);
 
-enum { DRESSED_MOST = 16 };
+enum { DRESSED_MAX = 16 };
 typedef struct {
     int vertices, triangles, uvs;
     float *rest;                      /* V x 3, T-pose, metres */
@@ -34,8 +34,8 @@ typedef struct {
 } dressed_mesh;
 typedef struct {
     int meshes;
-    dressed_mesh mesh[DRESSED_MOST]; /* the body first */
-    float shape[BODY_SHAPES];        /* the open body's that is nearest */
+    dressed_mesh mesh[DRESSED_MAX]; /* the body first */
+    float shape[BODY_SHAPES];       /* the open body's that is nearest */
 } dressed;
 sherf_status dressed_create(context *c, studio *s, const person *p, dressed **out);
 void dressed_free(dressed *d);

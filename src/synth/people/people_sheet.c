@@ -5,7 +5,7 @@
 #include "data/thuman_write.h"
 #include "synth/people/people.h"
 
-enum { COLUMNS = 10, ROWS_MOST = 64, CELL = 160 };
+enum { COLUMNS = 10, ROWS_MAX = 64, CELL = 160 };
 
 /* Shrinks by averaging squares of pixels; grows by repeating. */
 static void put_cell(const image_u8 *in, uint8_t *sheet, int width, int x0, int y0) {
@@ -26,7 +26,7 @@ static void put_cell(const image_u8 *in, uint8_t *sheet, int width, int x0, int 
 
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png) {
-    int rows = people < ROWS_MOST ? people : ROWS_MOST;
+    int rows = people < ROWS_MAX ? people : ROWS_MAX;
     int columns = poses == 1 && views < COLUMNS ? views : COLUMNS; /* none twice */
     int width = columns * CELL;
     if (!rows) return failure(c, SHERF_NO_FILE, "%s: nobody to show", folder);

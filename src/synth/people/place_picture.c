@@ -72,7 +72,7 @@ static sherf_status trace_place(context *c, const place *p, const trace_light *l
                                 const place_people *people, const sherf_camera *camera, trace_picture *out) {
     shapes s;
     trace_scene *scene = NULL;
-    const float *position[SHAPES_MOST + 64];
+    const float *position[SHAPES_MAX + 64];
     int count = 0;
     const stand at = find_stand(camera);
     if (people->meshes > 64) return failure(c, SHERF_BAD_ARGUMENT, "place: too many meshes");
@@ -166,8 +166,8 @@ static sherf_status defocus(context *c, const place *p, const sherf_camera *came
     if (unit < 1) unit = 1;
     float focus_m = camera->T_m[2], lens = (float)random_uniform(key, 0);
     /* the radius at infinity: a third of the pictures sharp, up to 2.5 % of the height */
-    float most = fmaxf(0, lens - 0.33f) / 0.67f * 0.025f * (float)out->height;
-    if (most < 0.7f) return SHERF_OK;
+    float max = fmaxf(0, lens - 0.33f) / 0.67f * 0.025f * (float)out->height;
+    if (max < 0.7f) return SHERF_OK;
     float *level = mem_alloc(c, n, LEVELS * sizeof *level), *scratch = mem_alloc(c, n, sizeof *scratch);
     sherf_status status = level && scratch ? SHERF_OK : SHERF_NO_MEMORY;
     for (int i = 0; i < LEVELS && !status; i++) { /* radii 0, 1, 2, 4, 8, and twice that by two boxes */
@@ -176,7 +176,7 @@ static sherf_status defocus(context *c, const place *p, const sherf_camera *came
     }
     for (size_t i = 0; i < n && !status; i++) {
         float z = out->depth_m[i / 3];
-        float radius = most * (isfinite(z) ? fabsf(1 - focus_m / fmaxf(z, 0.2f)) : 1);
+        float radius = max * (isfinite(z) ? fabsf(1 - focus_m / fmaxf(z, 0.2f)) : 1);
         float at = radius / (float)unit;
         at = at < 1 ? at : 1 + log2f(at);
         at = fminf(at, LEVELS - 1.001f);

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { ROUND = 20, RINGS = 10, PARTS_MOST = 128 };
+enum { ROUND = 20, RINGS = 10, PARTS_MAX = 128 };
 
 void shapes_free(shapes *s) {
     for (int i = 0; i <= s->meshes; i++) {
@@ -19,7 +19,7 @@ void shapes_free(shapes *s) {
 
 shape_mesh *shapes_mesh(shapes *s, place_pattern pattern, const float color[PATTERN_COLORS][3], uint64_t key,
                         float repeat_m) {
-    if (s->status || s->meshes == SHAPES_MOST) return &s->spare;
+    if (s->status || s->meshes == SHAPES_MAX) return &s->spare;
     shape_mesh *m = &s->mesh[s->meshes++];
     *m = (shape_mesh){.material = trace_material_plain(), .repeat_m = repeat_m};
     s->status = place_pattern_create(s->c, pattern, color, key, SHAPES_TEXTURE_SIDE, &m->texture);
@@ -76,7 +76,7 @@ static float length3(const float a[3]) {
 
 static int parts(float length, float cell_m) {
     int n = (int)ceilf(length / cell_m);
-    return n < 1 ? 1 : n < PARTS_MOST ? n : PARTS_MOST;
+    return n < 1 ? 1 : n < PARTS_MAX ? n : PARTS_MAX;
 }
 
 /* ---- bodies ---- */

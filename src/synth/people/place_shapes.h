@@ -4,7 +4,7 @@
 
 #include "synth/people/place_pattern.h"
 
-enum { SHAPES_MOST = 64, SHAPES_TEXTURE_SIDE = 256 };
+enum { SHAPES_MAX = 64, SHAPES_TEXTURE_SIDE = 256 };
 
 /* One material's mesh. Metres; x right, y up, z away from the camera, the person stands at 0. */
 typedef struct {
@@ -21,7 +21,7 @@ typedef struct {
     context *c;
     sherf_status status;
     int meshes;
-    shape_mesh mesh[SHAPES_MOST];
+    shape_mesh mesh[SHAPES_MAX];
     shape_mesh spare; /* what is drawn into when there are too many */
     float turn_rad;   /* about the vertical through (0, 0, 0), of all that is added */
 } shapes;

@@ -7,7 +7,7 @@
 #include "synth/people/proxy.h"
 
 static const float spacing_m = 0.007f;
-enum { POINTS_MOST = 1 << 21, STEPS_MOST = 48 };
+enum { POINTS_MAX = 1 << 21, STEPS_MAX = 48 };
 
 typedef struct {
     int64_t points;
@@ -58,7 +58,7 @@ static int triangle_steps(const proxy_surface *s, int t) {
         longest = fmaxf(longest, normalise(d));
     }
     float steps = ceilf(longest / spacing_m);
-    return steps < 1 || !isfinite(steps) ? 1 : steps > STEPS_MOST ? STEPS_MOST : (int)steps;
+    return steps < 1 || !isfinite(steps) ? 1 : steps > STEPS_MAX ? STEPS_MAX : (int)steps;
 }
 
 static sherf_status cloud_create(context *c, const proxy_surface *s, float radius_m, cloud *out) {
@@ -68,7 +68,7 @@ static sherf_status cloud_create(context *c, const proxy_surface *s, float radiu
         int64_t n = triangle_steps(s, t);
         points += (n + 1) * (n + 2) / 2;
     }
-    if (points > POINTS_MOST)
+    if (points > POINTS_MAX)
         return failure(c, SHERF_UNSUPPORTED, "a surface of %d triangles is too large", s->triangles);
     float *normal = mem_alloc(c, (size_t)s->vertices, 3 * sizeof *normal);
     out->point = mem_alloc(c, (size_t)points, 3 * sizeof *out->point);

@@ -110,20 +110,20 @@ float texture_opacity(const trace_texture *t, const float uv[2]) {
     return (float)t->level[n].texel[4 * ((size_t)y * (size_t)w + (size_t)x) + 3] * (1 / 255.0f);
 }
 
-float texture_least_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]) {
-    enum { TEXELS_MOST = 96 }; /* along a side */
-    int least = 255, w = t->level[0].width, h = t->level[0].height;
+float texture_min_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]) {
+    enum { TEXELS_MAX = 96 }; /* along a side */
+    int min = 255, w = t->level[0].width, h = t->level[0].height;
     float x0 = floorf(low_uv[0] * (float)w) - 1, x1 = floorf(high_uv[0] * (float)w) + 1;
     float y0 = floorf((1 - high_uv[1]) * (float)h) - 1, y1 = floorf((1 - low_uv[1]) * (float)h) + 1;
     if (!t->has_alpha) return 1;
-    if (!(x1 - x0 < TEXELS_MOST && y1 - y0 < TEXELS_MOST && fabsf(x0) < 1e6f && fabsf(y0) < 1e6f)) return 0;
-    for (int y = (int)y0; y <= (int)y1 && least; y++)
+    if (!(x1 - x0 < TEXELS_MAX && y1 - y0 < TEXELS_MAX && fabsf(x0) < 1e6f && fabsf(y0) < 1e6f)) return 0;
+    for (int y = (int)y0; y <= (int)y1 && min; y++)
         for (int x = (int)x0; x <= (int)x1; x++) {
             size_t column = (size_t)((x % w + w) % w), row = (size_t)((y % h + h) % h);
             int opacity = t->level[0].texel[4 * (row * (size_t)w + column) + 3];
-            least = opacity < least ? opacity : least;
+            min = opacity < min ? opacity : min;
         }
-    return (float)least / 255;
+    return (float)min / 255;
 }
 
 /* The two neighbours of a place between texel centres, and the second's weight. */

@@ -70,12 +70,12 @@ static sherf_status find_blocks(context *c, render_job *job) {
     const trace_scene *s = job->s;
     job->blocks_x = (job->out->width + BLOCK - 1) / BLOCK;
     job->blocks_y = (job->out->height + BLOCK - 1) / BLOCK;
-    size_t blocks = (size_t)job->blocks_x * (size_t)job->blocks_y, most = 1;
+    size_t blocks = (size_t)job->blocks_x * (size_t)job->blocks_y, max = 1;
     for (int i = 0; i < s->meshes; i++)
-        if ((size_t)s->mesh[i].vertices > most) most = (size_t)s->mesh[i].vertices;
+        if ((size_t)s->mesh[i].vertices > max) max = (size_t)s->mesh[i].vertices;
     job->touched = mem_zero(c, blocks, 1);
     job->block = mem_alloc(c, blocks, sizeof *job->block);
-    float *uv = mem_alloc(c, most, 2 * sizeof *uv), *depth = mem_alloc(c, most, sizeof *depth);
+    float *uv = mem_alloc(c, max, 2 * sizeof *uv), *depth = mem_alloc(c, max, sizeof *depth);
     bool made = job->touched && job->block && uv && depth;
     for (int i = 0; i < s->meshes && made; i++) {
         camera_project(job->camera, s->mesh[i].vertices, s->mesh[i].vertex, uv, depth);

@@ -47,7 +47,7 @@ struct trace_texture {
  */
 void texture_sample(const trace_texture *t, const float uv[2], float width_uv, float rgba[4]);
 /* The least opacity of the texels that matter to places in a box; 0 where it is too large to look. */
-float texture_least_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]);
+float texture_min_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]);
 /* The nearest texel's opacity. */
 float texture_opacity(const trace_texture *t, const float uv[2]);
 float srgb_of_linear(float x);

@@ -64,8 +64,8 @@ static float turned(float x, float by) {
 
 /* ---- preparation ---- */
 
-static bool in_range(int n, int most) {
-    return n >= PACKET && n <= most && n % PACKET == 0;
+static bool in_range(int n, int max) {
+    return n >= PACKET && n <= max && n % PACKET == 0;
 }
 
 static bool colors_valid(const float rgb[3]) {
@@ -340,12 +340,12 @@ static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArgume
     const float *hit = (const float *)args->hit, *corner = m->corner_uv + 6 * (size_t)face;
     float u = hit[HIT_U * N + i], v = hit[HIT_V * N + i], uv[2];
     for (int k = 0; k < 2; k++) uv[k] = (1 - u - v) * corner[k] + u * corner[2 + k] + v * corner[4 + k];
-    float opacity = texture_opacity(m->material.color, uv), least = m->material.cutoff;
+    float opacity = texture_opacity(m->material.color, uv), min = m->material.cutoff;
     if (m->material.alpha == TRACE_BLENDED) {
         uint64_t id = ((const unsigned *)args->ray)[RAY_ID * N + i], dice = splitmix64(id << 32 | face);
-        least = (float)(dice >> 40) * 0x1p-24f + 0x1p-25f;
+        min = (float)(dice >> 40) * 0x1p-24f + 0x1p-25f;
     }
-    return opacity < least;
+    return opacity < min;
 }
 
 void light_filter(const struct RTCFilterFunctionNArguments *args) {

@@ -132,7 +132,7 @@ static void set_uv(scene_mesh *m, const trace_mesh *from) {
  */
 static void find_solid(scene_mesh *m) {
     const trace_material *material = &m->material;
-    float least = material->alpha == TRACE_CUTOUT ? material->cutoff : 0.99f;
+    float min = material->alpha == TRACE_CUTOUT ? material->cutoff : 0.99f;
     bool opaque = material->alpha == TRACE_OPAQUE || !material->color || !m->corner_uv;
     for (int64_t f = 0; f < m->faces; f++) {
         float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
@@ -141,7 +141,7 @@ static void find_solid(scene_mesh *m) {
             low[k % 2] = x < low[k % 2] ? x : low[k % 2];
             high[k % 2] = x > high[k % 2] ? x : high[k % 2];
         }
-        m->solid[f] = opaque || texture_least_opacity(material->color, low, high) >= least;
+        m->solid[f] = opaque || texture_min_opacity(material->color, low, high) >= min;
     }
 }
 

@@ -9,14 +9,7 @@
 #include "data/thuman_write.h"
 #include "synth/tube/tubeman.h"
 
-enum {
-    PEOPLE_MOST = 10000,
-    POSES_MOST = 10000,
-    VIEWS_MOST = 100,
-    SIZE_LEAST = 16,
-    SIZE_MOST = 2048,
-    SAMPLES = 2
-};
+enum { PEOPLE_MAX = 10000, POSES_MAX = 10000, VIEWS_MAX = 100, SIDE_MIN = 16, SIDE_MAX = 2048, SAMPLES = 2 };
 
 typedef struct {
     sherf_synth_options o;
@@ -264,11 +257,11 @@ static sherf_status options_check(context *c, sherf_synth_options *o) {
     if (!o->poses) o->poses = 6;
     if (!o->views) o->views = 24;
     if (!o->size_px) o->size_px = 256;
-    if (o->people < 1 || o->people > PEOPLE_MOST || o->poses < 1 || o->poses > POSES_MOST || o->views < 1 ||
-        o->views > VIEWS_MOST || o->size_px < SIZE_LEAST || o->size_px > SIZE_MOST)
+    if (o->people < 1 || o->people > PEOPLE_MAX || o->poses < 1 || o->poses > POSES_MAX || o->views < 1 ||
+        o->views > VIEWS_MAX || o->size_px < SIDE_MIN || o->size_px > SIDE_MAX)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "1 to %d people, 1 to %d poses, 1 to %d views and %d to %d pixels can be made",
-                       PEOPLE_MOST, POSES_MOST, VIEWS_MOST, SIZE_LEAST, SIZE_MOST);
+                       PEOPLE_MAX, POSES_MAX, VIEWS_MAX, SIDE_MIN, SIDE_MAX);
     return SHERF_OK;
 }
 

@@ -130,7 +130,7 @@ static void make_vertices(double *v, int64_t *face, int *faces) {
 /* Soft distance to each joint's own tubes. */
 static void make_weights(const double *v, double *weights) {
     for (int i = 0; i < V; i++) {
-        double distance[JOINTS], least = 1e3, sum = 0;
+        double distance[JOINTS], min = 1e3, sum = 0;
         for (int j = 0; j < JOINTS; j++) distance[j] = 1e3;
         for (int t = 0; t < TUBES; t++) {
             const double *p = joint[tube[t].a], *end = tube_end(t);
@@ -141,11 +141,11 @@ static void make_weights(const double *v, double *weights) {
             for (int k = 0; k < 3; k++) to[k] = v[3 * i + k] - (p[k] + s * along[k]);
             double d = sqrt(dot(to, to));
             if (d < distance[tube[t].a]) distance[tube[t].a] = d;
-            if (d < least) least = d;
+            if (d < min) min = d;
         }
         double *w = weights + (size_t)i * JOINTS;
         for (int j = 0; j < JOINTS; j++) {
-            w[j] = exp(-(distance[j] - least) / 0.02);
+            w[j] = exp(-(distance[j] - min) / 0.02);
             if (w[j] < 0.02) w[j] = 0;
             sum += w[j];
         }
@@ -161,12 +161,12 @@ static void make_regressor(const double *v, double *regressor) {
             if (tied[t].joint == j) known = tied[t].vertex;
         for (int n = 0; n < NEAREST; n++) {
             int best = -1;
-            double least = 1e30;
+            double min = 1e30;
             for (int i = 0; i < V && !known; i++) {
                 double to[3] = {v[3 * i] - joint[j][0], v[3 * i + 1] - joint[j][1],
                                 v[3 * i + 2] - joint[j][2]};
                 double d = dot(to, to);
-                if (d < least && row[i] == 0) least = d, best = i;
+                if (d < min && row[i] == 0) min = d, best = i;
             }
             row[known ? known[n] : best] = 1.0 / NEAREST;
         }

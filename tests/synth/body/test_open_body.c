@@ -224,7 +224,7 @@ static void volume(void **state) {
     static const struct {
         const char *what;
         int joint, axis;
-        double angle_rad, reach, least, most;
+        double angle_rad, reach, min, max;
     } bends[] = {
         {"left elbow", 18, 1, -M_PI / 2, 0.09, 0.85, 1.1},
         {"right elbow", 19, 1, M_PI / 2, 0.09, 0.85, 1.1},
@@ -238,7 +238,7 @@ static void volume(void **state) {
     for (size_t i = 0; i < COUNT_OF(bends); i++) {
         double k = kept(s, bends[i].joint, bends[i].axis, bends[i].angle_rad, bends[i].reach);
         print_message("%s: %.3f of its volume\n", bends[i].what, k);
-        if (!(k >= bends[i].least && k <= bends[i].most)) fail_msg("%s keeps %.3f", bends[i].what, k);
+        if (!(k >= bends[i].min && k <= bends[i].max)) fail_msg("%s keeps %.3f", bends[i].what, k);
     }
 }
 

@@ -221,15 +221,15 @@ static void test_patterns(void **state) {
     dye_part part = {.low = {-1, -1, -1}, .high = {1, 1, 1}};
     for (int pattern = DYE_PLAIN; pattern < DYE_PATTERNS; pattern++) {
         dye_recipe r = {.pattern = (dye_pattern)pattern, .scale_m = 0.05f, .ratio = 0.5f, .key = 11};
-        float most = 0;
+        float max = 0;
         for (int i = 0; i < 4000; i++) {
             float place[3], second, third;
             for (int k = 0; k < 3; k++) place[k] = (float)random_uniform(5, (uint64_t)(3 * i + k)) * 2 - 1;
             dye_shares(&r, &part, place, &second, &third);
             assert_true(second >= 0 && third >= 0 && second + third <= 1 + 1e-6f);
-            if (second + third > most) most = second + third;
+            if (second + third > max) max = second + third;
         }
-        assert_true(pattern == DYE_PLAIN ? most == 0 : most > 0.4f);
+        assert_true(pattern == DYE_PLAIN ? max == 0 : max > 0.4f);
     }
 }
 

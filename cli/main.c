@@ -6,9 +6,8 @@
 #include "session.h"
 #include "verbs.h"
 
-static const verb *const verbs[] = {&verb_avatar, &verb_estimate, &verb_render, &verb_animate, &verb_view,
-                                    &verb_export, &verb_train,    &verb_eval,   &verb_synth,   &verb_convert,
-                                    &verb_check,  &verb_info,     &verb_bench,  NULL};
+#define VERB_ENTRY(name) &verb_##name,
+static const verb *const verbs[] = {VERBS(VERB_ENTRY) NULL};
 
 static const verb *verb_find(const char *name) {
     for (const verb *const *v = verbs; *v; v++)

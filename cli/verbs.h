@@ -4,7 +4,12 @@
 
 #include "options.h"
 
-extern const verb verb_avatar, verb_estimate, verb_render, verb_animate, verb_view, verb_export, verb_train,
-    verb_eval, verb_synth, verb_convert, verb_check, verb_info, verb_bench;
+/* In the order of `sherf --help`; verb_NAME is in cmd_NAME.c. */
+#define VERBS(X)                                                                                             \
+    X(avatar)                                                                                                \
+    X(estimate)                                                                                              \
+    X(render) X(animate) X(view) X(export) X(train) X(eval) X(synth) X(convert) X(check) X(info) X(bench)
+#define VERB_DECLARE(name) extern const verb verb_##name;
+VERBS(VERB_DECLARE)
 
 #endif

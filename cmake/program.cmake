@@ -39,7 +39,8 @@ target_link_libraries(sherf PRIVATE ${SHERF_ARCHIVE} sherf_needs)
 set_property(TARGET sherf PROPERTY LINK_DEPENDS ${SHERF_ARCHIVE})
 
 # Man pages and completion come from the program's own option tables.
-set(verbs avatar estimate render animate view export train eval synth convert check info bench)
+file(GLOB verbs RELATIVE ${CMAKE_SOURCE_DIR}/cli CONFIGURE_DEPENDS cli/cmd_*.c)
+list(TRANSFORM verbs REPLACE "^cmd_(.*)\\.c$" "\\1")
 set(texts ${CMAKE_BINARY_DIR}/texts)
 set(pages ${texts}/sherf.1)
 set(commands COMMAND $<TARGET_FILE:sherf> --describe man > sherf.1)

@@ -1,3 +1,4 @@
+/* Cameras, poses and rows of numbers out of values. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

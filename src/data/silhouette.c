@@ -1,3 +1,4 @@
+/* The posed body as a camera sees it, against a mask and over a picture. */
 #include "data/silhouette.h"
 
 #include <math.h>

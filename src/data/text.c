@@ -1,3 +1,4 @@
+/* Text that grows. */
 #include "data/text.h"
 
 #include <stdio.h>

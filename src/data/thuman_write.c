@@ -1,3 +1,4 @@
+/* A person written in the layout of THuman. */
 #include "data/thuman_write.h"
 
 #include <ftw.h>

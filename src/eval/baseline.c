@@ -1,3 +1,4 @@
+/* Pictures that need no network: the mean colour, and the body painted with the observed picture. */
 #include <math.h>
 #include <string.h>
 

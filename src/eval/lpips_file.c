@@ -1,3 +1,4 @@
+/* The weights of LPIPS from converted files. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

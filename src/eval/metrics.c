@@ -1,3 +1,4 @@
+/* PSNR and SSIM, and the rectangle they are taken on. */
 #include <math.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* sherf_eval: observations and targets, rendered and scored. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,3 +1,4 @@
+/* Scores of pictures to means, a table and JSON. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* The weights of ResNet-50 from a converted file. */
 #include <math.h>
 #include <stdio.h>
 

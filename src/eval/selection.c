@@ -1,3 +1,4 @@
+/* Which pictures an evaluation compares: by lists, at random, or by the protocol. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* An evaluation as one picture, a row an observation. */
 #include "eval/sheet.h"
 
 #include <string.h>

@@ -1,3 +1,4 @@
+/* Adam, its schedule and the moving average, over whole blocks. */
 #include <math.h>
 
 #include "tensor/cpu/variants.h"

@@ -1,3 +1,4 @@
+/* Sums of gradients over processes, a stretch of the block at a time. */
 #include "train/buckets.h"
 
 /* A sum should be long enough that starting it costs little, and short enough that the last one does not keep

@@ -1,3 +1,4 @@
+/* A training's state, written and read as one safetensors file. */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>

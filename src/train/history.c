@@ -1,3 +1,4 @@
+/* What every step gave, in log.jsonl. */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>

@@ -1,3 +1,4 @@
+/* One sample: its targets' frames and their losses. */
 #include "tensor/block.h"
 #include "train/trainer.h"
 

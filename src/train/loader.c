@@ -1,3 +1,4 @@
+/* Threads that read the samples of coming steps. */
 #include <pthread.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* The terms of the loss, on the tape. */
 #include <math.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* One draw as a picture: observation, target, prediction. */
 #include <string.h>
 
 #include "train/picture.h"

@@ -1,3 +1,4 @@
+/* The processes of one training, over MPI. */
 #include <stdlib.h>
 
 #include "train/ranks.h"

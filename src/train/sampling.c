@@ -1,3 +1,4 @@
+/* Which person, pose and views a sample is of. */
 #include "data/dataset.h"
 #include "train/sampling.h"
 

@@ -1,3 +1,4 @@
+/* Gradients of a step: the sum over its samples, in a fixed order. */
 #include <math.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* sherf_train: steps, checkpoints, and when to stop. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>

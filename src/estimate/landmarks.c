@@ -222,8 +222,14 @@ sherf_status people_find(context *c, const pose_networks *n, const sherf_image *
         return status;
     }
     qsort(people, (size_t)found, sizeof *people, by_size);
+    if (found > most) found = most;
+    for (int i = 0; i < found && status == SHERF_OK; i++) status = look_without_head(c, n, photo, &people[i]);
+    if (status != SHERF_OK) {
+        mem_free(people);
+        return status;
+    }
     *out = people;
-    *count = found < most ? found : most;
+    *count = found;
     return SHERF_OK;
 }
 

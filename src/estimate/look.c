@@ -79,8 +79,32 @@ static void mirror_rows(float *picture, int side) {
             }
 }
 
-sherf_status look_once(context *c, const pose_networks *n, const sherf_image *photo,
-                       const photo_region *region, bool mirrored, photo_person *out) {
+/* A disc of the network's input under the mean colour of what is above and beside it. */
+typedef struct {
+    float u, v, radius; /* pixels of the input */
+} disc;
+
+static void hide(const disc *d, int side, float *input) {
+    float mean[3] = {0};
+    int beside = 0;
+    for (int pass = 0; pass < 2; pass++) {
+        for (int y = 0; y < side; y++)
+            for (int x = 0; x < side; x++) {
+                float *at = input + 3 * ((size_t)y * (size_t)side + (size_t)x);
+                const float far = hypotf((float)x - d->u, (float)y - d->v);
+                if (pass && far < d->radius) memcpy(at, mean, sizeof mean);
+                if (pass || far < d->radius || far > 1.5f * d->radius || (float)y > d->v) continue;
+                beside++;
+                for (int k = 0; k < 3; k++) mean[k] += at[k];
+            }
+        for (int k = 0; k < 3 && !pass; k++) mean[k] = beside ? mean[k] / (float)beside : .5f;
+    }
+}
+
+/* hidden may be NULL. */
+static sherf_status look_past(context *c, const pose_networks *n, const sherf_image *photo,
+                              const photo_region *region, const disc *hidden, bool mirrored,
+                              photo_person *out) {
     const photo_region looked_at = *region; /* may be one of out's */
     const float *output[LANDMARKS_OUTPUTS];
     sherf_status status = SHERF_NO_MEMORY;
@@ -90,6 +114,7 @@ sherf_status look_once(context *c, const pose_networks *n, const sherf_image *ph
     if (!input) goto done;
     status = region_sample(c, photo, &looked_at, LANDMARKS_SIDE, false, 1, 0, input);
     if (status != SHERF_OK) goto done;
+    if (hidden) hide(hidden, LANDMARKS_SIDE, input);
     if (mirrored) mirror_rows(input, LANDMARKS_SIDE);
     status = graph_run(c, n->landmarks, input, memory, output);
     if (status != SHERF_OK) goto done;
@@ -105,6 +130,11 @@ sherf_status look_once(context *c, const pose_networks *n, const sherf_image *ph
 done:
     if (memory) arena_free(memory);
     return status;
+}
+
+sherf_status look_once(context *c, const pose_networks *n, const sherf_image *photo,
+                       const photo_region *region, bool mirrored, photo_person *out) {
+    return look_past(c, n, photo, region, NULL, mirrored, out);
 }
 
 bool look_is_sound(const sherf_image *photo, const photo_region *r) {
@@ -254,5 +284,53 @@ sherf_status look_mirrored(context *c, const pose_networks *n, const sherf_image
     }
     if (status == SHERF_OK) join(vote, count, chosen, p);
     mem_free(vote);
+    return status;
+}
+
+/* Where the head is in what the network sees of p's region. */
+static disc head_of(const photo_person *p) {
+    static const int head[] = {LANDMARK_NOSE, LANDMARK_LEFT_EYE, LANDMARK_RIGHT_EYE, LANDMARK_LEFT_EAR,
+                               LANDMARK_RIGHT_EAR};
+    const landmark *l = p->landmark;
+    float middle[2] = {0}, uv[2], up[2];
+    for (int k = 0; k < 2; k++) {
+        for (size_t i = 0; i < COUNT_OF(head); i++)
+            middle[k] += l[head[i]].place_px[k] / (float)COUNT_OF(head);
+        up[k] = middle[k] -
+                .5f * (l[LANDMARK_LEFT_SHOULDER].place_px[k] + l[LANDMARK_RIGHT_SHOULDER].place_px[k]);
+    }
+    region_find(&p->region, middle, uv);
+    return (disc){LANDMARKS_SIDE * uv[0] - .5f, LANDMARKS_SIDE * uv[1] - .5f,
+                  LANDMARKS_SIDE * .75f * hypotf(up[0], up[1]) / p->region.side_px};
+}
+
+/* The region about shoulders and arms. */
+static photo_region upper_half(const photo_person *p) {
+    photo_region r = p->region;
+    r.side_px *= .5f;
+    for (int k = 0; k < 2; k++)
+        r.centre_px[k] = .5f * (p->landmark[LANDMARK_LEFT_SHOULDER].place_px[k] +
+                                p->landmark[LANDMARK_RIGHT_SHOULDER].place_px[k]);
+    return r;
+}
+
+sherf_status look_without_head(context *c, const pose_networks *n, const sherf_image *photo,
+                               photo_person *p) {
+    enum { LOOKS = 4 }; /* straight and mirrored: without the head, and at the upper half */
+    photo_person *look = mem_alloc(c, LOOKS, sizeof *look);
+    sherf_status status = look ? SHERF_OK : SHERF_NO_MEMORY;
+    const disc head = head_of(p);
+    const photo_region upper = upper_half(p);
+    bool turned = look_is_sound(photo, &upper);
+    for (int i = 0; i < LOOKS && turned && status == SHERF_OK; i++) {
+        status = look_past(c, n, photo, i < 2 ? &p->region : &upper, i < 2 ? &head : NULL, i % 2, &look[i]);
+        turned = status == SHERF_OK && look[i].score >= score_least && agreement(p, &look[i]) < -same_turn &&
+                 agreement(&look[0], &look[i]) >= same_turn;
+    }
+    for (int i = 0; i < LANDMARKS && turned; i++) {
+        memset(&p->landmark[i], 0, sizeof p->landmark[i]);
+        for (int k = 0; k < 2; k++) add_landmark(&p->landmark[i], &look[k].landmark[i], .5f);
+    }
+    mem_free(look);
     return status;
 }

@@ -19,6 +19,10 @@ sherf_status look_until_settled(context *c, const pose_networks *n, const sherf_
  * 0.014, for what is nobody or a piece of somebody 0.02 to 1. */
 sherf_status look_mirrored(context *c, const pose_networks *n, const sherf_image *photo, photo_person *p,
                            float *doubt);
+/* Hair over the face, or a hat from behind, make the network take front for back. So it looks once more with
+ * the head hidden; where it then sees the person the other way round, mirrored too, and so do both looks at
+ * the upper half, p's landmarks become those without the head. Mostly one look. */
+sherf_status look_without_head(context *c, const pose_networks *n, const sherf_image *photo, photo_person *p);
 /* Whether a look can be had: not a point, and not beside the photo. */
 bool look_is_sound(const sherf_image *photo, const photo_region *r);
 #endif

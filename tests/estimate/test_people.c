@@ -3,6 +3,7 @@
 #include "scene.h"
 
 #include "estimate/landmarks.h"
+#include "estimate/look.h"
 
 /* The shoulders, elbows, wrists, hips, knees and ankles: landmark and joint. */
 static const int pair[][2] = {
@@ -107,6 +108,22 @@ static void mirrored(void **state) {
     if (apart_px > 3 || apart_m > .03) fail_msg("%.2f pixels and %.4f m between the two", apart_px, apart_m);
     mem_free(people);
     free(p.data);
+}
+
+/* Whoever was taken for turned round is turned back, and nobody else is touched. */
+static void turned_back_without_the_head(void **state) {
+    context *c = *state;
+    for (int i = 0; i < SIDES; i++) {
+        photo_person p = *seen[i];
+        assert_ok(c, look_without_head(c, networks, &seen_photo[i], &p));
+        assert_memory_equal(&p, seen[i], sizeof p);
+        for (int l = LANDMARK_LEFT_EAR; l < LANDMARKS; l++)
+            p.landmark[l] = seen[i]->landmark[l % 2 ? l + 1 : l - 1];
+        assert_ok(c, look_without_head(c, networks, &seen_photo[i], &p));
+        const double error = error_of(&p, seen_joint_px[i]);
+        if (error > .05) fail_msg("side %d: landmarks are %.3f of the height off", i, error);
+        assert_memory_equal(p.inside, seen[i]->inside, sizeof p.inside);
+    }
 }
 
 /* 3D landmarks lie under the 2D ones: no turn is forgotten. The person lies on the side. */
@@ -267,9 +284,11 @@ static int end(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(front_and_back), cmocka_unit_test(mirrored),  cmocka_unit_test(turned_people),
-        cmocka_unit_test(small_ones),     cmocka_unit_test(several),   cmocka_unit_test(nobody),
-        cmocka_unit_test(tracked),        cmocka_unit_test(no_memory),
+        cmocka_unit_test(front_and_back), cmocka_unit_test(turned_back_without_the_head),
+        cmocka_unit_test(mirrored),       cmocka_unit_test(turned_people),
+        cmocka_unit_test(small_ones),     cmocka_unit_test(several),
+        cmocka_unit_test(nobody),         cmocka_unit_test(tracked),
+        cmocka_unit_test(no_memory),
     };
     return cmocka_run_group_tests(tests, begin, end);
 }

@@ -1,6 +1,6 @@
 /* Makes src/estimate/fit_depths_table.c from people whose bodies are known, and prints how good it is.
  *
- *     fit_depths DATA-SET BODY NETWORKS CACHE >src/estimate/fit_depths_table.c
+ *     fit_depths thuman:FOLDER BODY NETWORKS CACHE >src/estimate/fit_depths_table.c
  *
  * The set is `sherf synth people --background scenes --cameras photo`; every view of every pose is looked at
  * once, and what was seen is kept in CACHE, which later runs read instead. */
@@ -282,7 +282,7 @@ int main(int arguments, char **argument) {
     sherf_options options = {0};
     sample *s;
     static double weight[N][D];
-    need(arguments == 5, "usage: fit_depths DATA-SET BODY NETWORKS CACHE");
+    need(arguments == 5, "usage: fit_depths thuman:FOLDER BODY NETWORKS CACHE");
     if (sherf_context_create(&options, &c) != SHERF_OK) return 1;
     FILE *there = fopen(argument[4], "rb");
     if (there)
@@ -290,7 +290,7 @@ int main(int arguments, char **argument) {
     else
         look_at_all(c, argument);
     const int count = read_samples(argument[4], &s);
-    need(count > 0, "nobody was seen");
+    need(count > 0 && s[count - 1].person >= FOLDS, "too few people were seen: more than 8 are needed");
     fprintf(stderr, "%d looks, left and right mirrored\n", count);
     judge(s, count);
     regress(s, count, -1, weight);

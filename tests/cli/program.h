@@ -14,6 +14,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+/* Every kind of layer, and a tenth of the time of "small". */
+#define TINY "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16"
+
 enum { WORDS_MAX = 40, TEXT_MAX = 1 << 16 };
 
 typedef struct {

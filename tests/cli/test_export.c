@@ -19,8 +19,7 @@ static int make_avatar(void **state) {
     snprintf(weights, sizeof weights, "%s", test_path("model.safetensors"));
     snprintf(out, sizeof out, "%s", test_path("out"));
     assert_int_equal(mkdir(out, 0777), 0);
-    assert_ok(c, sherf_model_create(
-                     c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m));
+    assert_ok(c, sherf_model_create(c, TINY, 3, &m));
     tensor *w = model_tensor(m, "decoder.alpha_linear.weight"),
            *b = model_tensor(m, "decoder.alpha_linear.bias");
     memset(w->data, 0, (size_t)tensor_count(w) * sizeof(float));

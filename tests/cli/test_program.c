@@ -129,14 +129,14 @@ static void what_is_missing_or_broken(void **state) {
 }
 
 static void bench_answers(void **state) {
-    cJSON *json = json_of(run("bench render --preset small --size 64 --repeats 1 --json"));
+    cJSON *json = json_of(run("bench render --preset " TINY " --size 48 --repeats 1 --json"));
     assert_true(number(json, "frame_ms") > 0);
     assert_true(number(json, "avatar_ms") > 0);
     assert_true(number(json, "points") > 0);
     assert_true(number(json, "peak_rss_mb") > 0);
     assert_true(cJSON_IsString(cJSON_GetObjectItem(json, "precision")));
     cJSON_Delete(json);
-    json = json_of(run("bench train --preset small --size 64 --repeats 1 --json"));
+    json = json_of(run("bench train --preset " TINY " --size 64 --repeats 1 --json"));
     assert_true(number(json, "step_ms") > 0);
     cJSON_Delete(json);
 }
@@ -145,7 +145,7 @@ static void bench_answers(void **state) {
 static void make_model(const char *path) {
     context *c = test_context();
     sherf_model *model;
-    assert_ok(c, sherf_model_create(c, "small", 1, &model));
+    assert_ok(c, sherf_model_create(c, TINY, 1, &model));
     assert_ok(c, sherf_model_save(c, model, path));
     sherf_model_free(model);
     sherf_context_free(c);
@@ -346,11 +346,11 @@ static void interrupt_saves(void **state) {
     snprintf(out, sizeof out, "%s", test_path("run"));
     snprintf(log, sizeof log, "%s", test_path("log"));
     snprintf(checkpoint, sizeof checkpoint, "%s/checkpoint.safetensors", out);
-    snprintf(
-        words, sizeof words,
-        "train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset small --size 64 --steps 100000 "
-        "--images 1 -o %s",
-        folder, folder, out);
+    snprintf(words, sizeof words,
+             "train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset " TINY
+             " --size 64 --steps 100000 "
+             "--images 1 -o %s",
+             folder, folder, out);
     char steps[2100];
     snprintf(steps, sizeof steps, "%s/log.jsonl", out);
     pid_t child = start(words, log, log);

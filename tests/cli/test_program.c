@@ -407,6 +407,9 @@ static void photos(void **state) {
     assert_error(run("avatar %s -o x --person 3 -q", photo), 1, "person 3", "1 was found");
     assert_error(run("avatar %s -o x --person 9", photo), 2, "--person", "sherf avatar --help");
     assert_error(run("estimate /no/such/photo.jpg -o x -q"), 1, "sherf: ", "/no/such/photo.jpg");
+    assert_error(run("avatar /dev/null -o x -q"), 1, "/dev/null", "neither a file nor a folder");
+    assert_error(run("estimate %s -o x.npz", photo), 2, "is a photo", "-o FOLDER");
+    assert_error(run("estimate %s -o x.npz -q", test_path(".")), 1, "sherf: ", "a folder, not a video");
     unsetenv("SHERF_ASSETS");
 }
 

@@ -1,3 +1,5 @@
+/* sherf animate: an avatar, or the person of an observation, moved by a motion file into a video or pictures;
+ * --npz writes the motion itself. */
 #include <math.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* sherf avatar: one picture of a person to the file that frames are rendered from. */
 #include <sys/stat.h>
 
 #include "photo.h"

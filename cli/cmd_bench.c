@@ -1,3 +1,4 @@
+/* sherf bench: times rendering or training and prints what the library reports. */
 #include <string.h>
 
 #include "session.h"

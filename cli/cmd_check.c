@@ -1,3 +1,5 @@
+/* sherf check: the library's findings about a body, an observation or a data set. Any error makes
+ * the exit status 1. */
 #include <string.h>
 
 #include "session.h"

@@ -1,3 +1,4 @@
+/* sherf convert: other people's weights and body files to safetensors. */
 #include "session.h"
 #include "verbs.h"
 

@@ -1,3 +1,4 @@
+/* sherf export: an avatar as a rigged .glb, a textured .obj, a .ply mesh or .ply splats. */
 #include <stdlib.h>
 #include <string.h>
 

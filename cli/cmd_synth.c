@@ -1,3 +1,4 @@
+/* sherf synth: data sets of made people, tubes or clothed, and the open body. */
 #include <string.h>
 
 #include "session.h"

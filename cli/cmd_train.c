@@ -1,3 +1,4 @@
+/* sherf train: hands its options to the library's training; with --json it names the model's file. */
 #include "session.h"
 #include "verbs.h"
 

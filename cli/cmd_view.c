@@ -1,3 +1,4 @@
+/* sherf view: loads avatars and motions, starts the viewer's server and prints its address. */
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>

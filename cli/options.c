@@ -1,3 +1,5 @@
+/* The command line: long and short options, checked against the verb's table and stored; lists,
+ * pairs and sizes. */
 #include "options.h"
 
 #include <errno.h>

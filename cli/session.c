@@ -1,3 +1,5 @@
+/* What verbs share: progress and errors on stderr, Ctrl-C, results as JSON, and where a body, weights or an
+ * avatar come from. */
 #include "photo.h"
 
 #include <errno.h>

@@ -1,3 +1,4 @@
+/* Poses and cameras of frames: from files, from a data set's person, on an orbit, or the avatar's own. */
 #include "shots.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* Frames to PNG, npy or a video: each file's name, the background's colour, the strip. */
 #include "sink.h"
 
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* Contexts: device and precision are resolved when one is made; cancelling, and small public calls. */
 #include <stdlib.h>
 #include <string.h>
 

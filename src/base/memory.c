@@ -1,3 +1,5 @@
+/* The heap, which counts and fails where a test says so, and arenas on it or on another source. Large blocks
+ * ask for huge pages. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,3 +1,4 @@
+/* Files read at once, up to a limit; output that is called NAME.PID.part until it is committed; folders. */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

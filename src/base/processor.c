@@ -1,3 +1,5 @@
+/* The processor's level, by CPUID and the kernel's leave to use AMX; the clock and the peak of this
+ * process's memory. */
 #include <cpuid.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,3 +1,4 @@
+/* Messages, each kept to one line; the log, progress and cancelling. */
 #include <stdio.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* parallel_for on OpenMP. Inside a parallel region it stays on the calling thread. */
 #include <omp.h>
 
 #include "base/base.h"

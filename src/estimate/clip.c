@@ -1,3 +1,5 @@
+/* Video to motion, the steps in their order: medians over some frames' own fits give the shape and the
+ * camera, then every frame is fitted with these. */
 #include "estimate/clip.h"
 
 #include <math.h>

@@ -1,3 +1,5 @@
+/* BlazePose's detector on a photo and on ever smaller squares of it: its anchors are decoded, and of boxes
+ * that overlap the best one stays. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

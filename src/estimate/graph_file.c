@@ -1,3 +1,4 @@
+/* Nodes of a graph from JSON and tensors: every field is checked, and a key that is not known is an error. */
 #include <stdio.h>
 #include <string.h>
 

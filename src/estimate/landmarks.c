@@ -1,3 +1,5 @@
+/* The people of a photo: detections are looked at, twins and pieces go, and where a mirrored look disagrees
+ * other regions are tried. Also one person from frame to frame. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

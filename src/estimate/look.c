@@ -1,3 +1,5 @@
+/* Looks with BlazePose's landmark network: a region is followed until it settles, straight and mirrored looks
+ * vote on which way the person is turned, and one is had with the head hidden. */
 #include <math.h>
 #include <string.h>
 

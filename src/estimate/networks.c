@@ -1,3 +1,5 @@
+/* BlazePose's two graphs out of one safetensors file, refused unless inputs and outputs have the sizes that
+ * are counted on. */
 #include <string.h>
 
 #include "estimate/graph_file.h"

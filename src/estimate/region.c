@@ -1,3 +1,5 @@
+/* Turned squares of a photo: their place in it, and their pixels as means over square cells with bilinear
+ * sampling between these. */
 #include <math.h>
 #include <string.h>
 

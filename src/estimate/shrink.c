@@ -1,3 +1,5 @@
+/* Means over areas: source rows are read one at a time, summed down by their share of the target's
+ * row, then across. */
 #include "estimate/shrink.h"
 
 #include <math.h>

@@ -1,3 +1,5 @@
+/* TensorFlow.js weights: a group's files, end to end, are cut into arrays, and quantised numbers become
+ * float32. The manifest's paths, shapes and sizes are checked before use. */
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>

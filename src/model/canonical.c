@@ -1,3 +1,5 @@
+/* Canonical points to the observed picture, through the observed pose and its camera, and queries of
+ * them in batches. */
 #include "model/canonical.h"
 
 void canonical_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,

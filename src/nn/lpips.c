@@ -1,3 +1,5 @@
+/* LPIPS on a tape: VGG16's thirteen convolutions on both pictures, and a distance at the end of each
+ * of five stages. */
 #include "nn/lpips.h"
 
 const lpips_layer lpips_layers[LPIPS_CONVOLUTIONS] = {

@@ -1,3 +1,5 @@
+/* Named tensors to one block, each padded to a cache line: their first values, their gradients, their move to
+ * another memory. */
 #include "nn/parameters.h"
 
 #include <stdio.h>

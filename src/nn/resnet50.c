@@ -1,3 +1,5 @@
+/* ResNet-50 as far as stage 3 on a tape: stem, bottleneck blocks, and the distance between two
+ * pictures' features. */
 #include "nn/resnet50.h"
 
 const resnet50_layer resnet50_layers[RESNET50_CONVOLUTIONS] = {

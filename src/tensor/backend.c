@@ -1,3 +1,4 @@
+/* Which table of kernels computes for a context. Tests can put another in the GPU's place. */
 #include "tensor/tensor.h"
 
 #ifdef SHERF_HAVE_CUDA

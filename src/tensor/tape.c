@@ -1,3 +1,6 @@
+/* The tape: calls kernels, records steps as a list from the newest on, and runs them backwards. Gradients
+ * are made when they are first added to; during the backward pass a listener is told which of the
+ * parameters' are final. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

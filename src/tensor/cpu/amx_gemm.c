@@ -1,3 +1,5 @@
+/* Matrix products on AMX: operands are rounded to bf16 and packed as tiles, 32 x 32 sums are kept at a time.
+ * One way packs B once for many rows, the other splits a long k into blocks. */
 #include "tensor/cpu/amx_gemm.h"
 
 #if defined(__x86_64__)

@@ -1,3 +1,5 @@
+/* The CPU backend's table: its own kernels, a few of the reference's, and which gradients are written
+ * rather than added to. */
 #include "tensor/cpu/cpu.h"
 #include "tensor/ref/ref.h"
 

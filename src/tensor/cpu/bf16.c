@@ -1,3 +1,4 @@
+/* float32 to bf16 by AVX512-BF16's conversion, 32 values at a time. */
 #include "tensor/cpu/bf16.h"
 
 #if defined(__x86_64__)

@@ -1,3 +1,5 @@
+/* max_pool: channels side by side in SIMD, each maximum's pixel kept for the gradient. average_pool: sums
+ * over rows in fixed blocks (rows.h). */
 #include <string.h>
 
 #include "tensor/cpu/rows.h"

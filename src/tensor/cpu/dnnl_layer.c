@@ -1,3 +1,5 @@
+/* Convolutions for inference on oneDNN: pictures stay channels-last, weights [k, k, in, out] are reordered
+ * once to the primitive's own form. */
 #include <string.h>
 
 #include "tensor/cpu/dnnl_layer.h"

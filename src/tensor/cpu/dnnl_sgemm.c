@@ -1,3 +1,4 @@
+/* oneDNN's sgemm held to one thread: linear's own threads share out the rows. */
 #include <dnnl.h>
 #include <omp.h>
 

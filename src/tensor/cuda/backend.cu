@@ -1,3 +1,4 @@
+/* The CUDA backend's table, made from kernel_list.h. */
 #include "tensor/cuda/cuda.h"
 
 static backend table() {

@@ -1,3 +1,4 @@
+/* batch_norm: one weight, bias and running statistic a channel of x, which keeps its shape. */
 #include "tensor/ops/shape.h"
 
 tensor *op_batch_norm(tape *t, tensor *x, tensor *weight, tensor *bias, tensor *running_mean,

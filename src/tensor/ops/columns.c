@@ -1,3 +1,4 @@
+/* concat, slice: columns put side by side, and a run of them taken out. */
 #include "tensor/ops/shape.h"
 
 tensor *op_concat(tape *t, int count, tensor *const *x) {

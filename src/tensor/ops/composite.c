@@ -1,3 +1,4 @@
+/* composite: the kept samples of N rays to [N, 5]: colour, opacity, depth. */
 #include "tensor/ops/shape.h"
 
 tensor *op_composite(tape *t, tensor *sigma, tensor *rgb, tensor *first, tensor *sample, tensor *near,

@@ -1,3 +1,4 @@
+/* conv2d, conv2d_transpose, fir_upsample: from map [H, W, C] to map; kernels are square. */
 #include "tensor/ops/shape.h"
 
 static bool is_map(tape *t, const tensor *x) {

@@ -1,3 +1,4 @@
+/* feature_distance: two feature maps of one shape to a scalar, weighted by channel where there is a head. */
 #include "tensor/ops/shape.h"
 
 tensor *op_feature_distance(tape *t, tensor *a, tensor *b, tensor *head) {

@@ -1,3 +1,4 @@
+/* gelu: the activation of the fusion transformer. Any shape. */
 #include "tensor/ops/shape.h"
 
 tensor *op_gelu(tape *t, tensor *x) {

@@ -1,3 +1,4 @@
+/* layer_norm: over the last dimension, with a weight and a bias a channel. */
 #include "tensor/ops/shape.h"
 
 tensor *op_layer_norm(tape *t, tensor *x, tensor *weight, tensor *bias) {

@@ -1,3 +1,4 @@
+/* linear: x's last dimension from I to O, the others kept; the bias is optional. */
 #include "tensor/ops/shape.h"
 
 tensor *op_linear(tape *t, tensor *x, tensor *w, tensor *b, float gain, float bias_gain) {

@@ -1,3 +1,4 @@
+/* mean_square: the loss of colour and mask, two tensors to a scalar, over all rows or those of a mask. */
 #include "tensor/ops/shape.h"
 
 tensor *op_mean_square(tape *t, tensor *x, tensor *y, tensor *mask) {

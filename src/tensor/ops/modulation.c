@@ -1,3 +1,4 @@
+/* demodulation, scale_channels, normalize_moment: what StyleGAN2 does with styles and its latent. */
 #include "tensor/ops/shape.h"
 
 tensor *op_demodulation(tape *t, tensor *w, tensor *s) {

@@ -1,3 +1,4 @@
+/* max_pool: square windows of a map. average_pool: all its pixels. */
 #include "tensor/ops/shape.h"
 
 tensor *op_max_pool(tape *t, tensor *x, int size, int stride, int pad) {

@@ -1,3 +1,4 @@
+/* positional_encode: x and its sines at doubling frequencies, cut to a width. */
 #include "tensor/ops/shape.h"
 
 tensor *op_positional_encode(tape *t, tensor *x, int frequencies, int64_t width) {

@@ -1,3 +1,4 @@
+/* sample_bilinear: a map [H, W, C] read at P places. */
 #include "tensor/ops/shape.h"
 
 tensor *op_sample_bilinear(tape *t, tensor *map, tensor *position) {

@@ -1,3 +1,4 @@
+/* sample_trilinear: sparse voxels read at P places, through a grid of row numbers. */
 #include "tensor/ops/shape.h"
 
 tensor *op_sample_trilinear(tape *t, tensor *x, tensor *grid, tensor *position) {

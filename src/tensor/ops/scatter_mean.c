@@ -1,3 +1,4 @@
+/* scatter_mean: rows to the means of their voxels, as vertices enter the sparse volume. */
 #include "tensor/ops/shape.h"
 
 tensor *op_scatter_mean(tape *t, tensor *x, tensor *index, int64_t voxels) {

@@ -1,3 +1,4 @@
+/* sigmoid: a gain and an offset come behind it, as the decoder's colour has them. Any shape. */
 #include "tensor/ops/shape.h"
 
 tensor *op_sigmoid(tape *t, tensor *x, float gain, float offset) {

@@ -1,3 +1,4 @@
+/* sparse_conv: kernels of 3 x 3 x 3 over active voxels; the rule [A, 27] says which row each tap reads. */
 #include "tensor/ops/shape.h"
 
 tensor *op_sparse_conv(tape *t, tensor *x, tensor *w, tensor *rule) {

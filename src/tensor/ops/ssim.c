@@ -1,3 +1,4 @@
+/* ssim: two pictures of one shape, at least as large as the window of 11 x 11, to a scalar. */
 #include "tensor/ops/shape.h"
 
 tensor *op_ssim(tape *t, tensor *x, tensor *y) {

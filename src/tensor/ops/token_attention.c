@@ -1,3 +1,4 @@
+/* token_attention: rows of queries, keys and values to rows of heads; every `tokens` rows are one point. */
 #include "tensor/ops/shape.h"
 
 tensor *op_token_attention(tape *t, tensor *qkv, int tokens, int heads, int width) {

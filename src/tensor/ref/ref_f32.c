@@ -1,3 +1,4 @@
+/* The reference backend in float32: the kernels of dense.inc and spatial.inc, and their table. */
 #include <math.h>
 #include <string.h>
 

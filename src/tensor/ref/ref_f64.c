@@ -1,3 +1,4 @@
+/* The reference backend in double, for checks of gradients against central differences. */
 #include <math.h>
 #include <string.h>
 

@@ -131,7 +131,6 @@ static int run_photos(session *s, int count, char **argument) {
     for (int i = 0; !status && i < l->count; i++) {
         const int result = one(s, n, body, l, i, json);
         if (result) failed++; /* it was said; the others go on */
-        if (l->count > 1) session_progress("photos", i + 1, l->count);
         if (session_interrupted()) break;
     }
     if (!status && failed) status = EXIT_FAILED;

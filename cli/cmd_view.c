@@ -79,7 +79,7 @@ static int motion_add(session *s, gallery *g, const char *path) {
     sherf_motion_options load = {.body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
     sherf_motion *motion = NULL;
     sherf_pose *poses = NULL;
-    int count = 0;
+    int count = 0, said = EXIT_DONE;
     double fps = 0;
     sherf_status status = sherf_motion_load(s->context, path, &load, &motion);
     if (status == SHERF_OK) {
@@ -96,11 +96,11 @@ static int motion_add(session *s, gallery *g, const char *path) {
             poses = malloc((size_t)count * sizeof *poses);
             if (poses) memcpy(poses, loaded, (size_t)count * sizeof *poses);
         } else {
-            count = session_failure("%s", why ? why : path);
+            said = session_failure("%s", why ? why : path);
         }
         sherf_free(loaded);
         free(why);
-        if (!poses && count == EXIT_FAILED) return EXIT_FAILED;
+        if (said) return said;
     }
     char *name = g->motion_name[g->motions] = plain_name(path);
     g->poses[g->motions] = poses;

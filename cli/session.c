@@ -93,6 +93,7 @@ void session_progress(const char *text, double done, double total) {
     bool ended = total > 0 && done >= total;
     double pause_s = on_terminal() ? 0.1 : 10;
     if (!ended && now - bar.shown_s < pause_s) return;
+    if (ended) bar.text[0] = 0; /* the next one begins anew, of whatever name */
     if (ended && !bar.bar_on_screen && now - bar.begun_s < 2) return; /* too short to be worth a line */
     bar.shown_s = now;
     char left[32] = "", figures[96];
@@ -104,7 +105,7 @@ void session_progress(const char *text, double done, double total) {
     else
         snprintf(figures, sizeof figures, "%.0f", done);
     if (!on_terminal()) {
-        fprintf(stderr, "%s: %s\n", bar.text, figures);
+        fprintf(stderr, "%s: %s\n", text, figures);
     } else if (ended) {
         bar_clear();
     } else {
@@ -161,7 +162,7 @@ int session_open(session *s, const verb *v) {
                        .log = on_log,
                        .progress = on_progress};
     if (sherf_context_create(&o, &s->context) != SHERF_OK)
-        return session_failure("cannot start: out of memory, or --precision is more than the processor has");
+        return session_failure("cannot start: out of memory");
 #ifdef SHERF_HAVE_CUDA /* there was something to choose from */
     if (v->computes && common.device == SHERF_DEVICE_AUTO) session_remark("device: %s", line);
 #endif

@@ -39,7 +39,8 @@ static int person_find(const sherf_dataset *d, const char *name) {
 }
 
 static int data_poses(session *s, const sherf_dataset *d, int person, const char *list, shots *out) {
-    int count, *pose = list_parse(list, &count);
+    int count = 0, *pose = list_parse(list, &count);
+    if (!pose) return session_failure("out of memory");
     out->pose = pose ? array((size_t)count, sizeof *out->pose) : NULL;
     int status = out->pose ? EXIT_DONE : EXIT_FAILED;
     for (int i = 0; i < count && !status; i++)

@@ -31,15 +31,18 @@ bool sink_is_picture(const char *output) {
     return ends(output, ".png");
 }
 
-/* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. */
+/* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. A film's
+ * arrays are a file a frame: OUT_depth_0007.npy. */
 static int name(const sink *k, int n, const char *extension, char path[PATH_BYTES]) {
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {
-        bool main = strcmp(k->kind, "frame") == 0;
+        const bool main = strcmp(k->kind, "frame") == 0;
         const char *end = video_ending(k->output);
-        int base = (int)(strlen(k->output) - strlen(end ? end : ".png"));
-        length = snprintf(path, PATH_BYTES, "%.*s%s%s%s", base, k->output, main ? "" : "_",
-                          main ? "" : k->kind, extension);
+        const int base = (int)(strlen(k->output) - strlen(end ? end : ".png"));
+        char number[16] = "";
+        if (end && strcmp(extension, end) != 0) snprintf(number, sizeof number, "_%04d", n);
+        length = snprintf(path, PATH_BYTES, "%.*s%s%s%s%s", base, k->output, main ? "" : "_",
+                          main ? "" : k->kind, number, extension);
     } else {
         length = snprintf(path, PATH_BYTES, "%s/%s_%04d%s", k->output, k->kind, n, extension);
     }

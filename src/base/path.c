@@ -104,6 +104,7 @@ void output_abort(output_file *out) {
 
 sherf_status folder_make(context *c, const char *path) {
     char part[PATH_LENGTH];
+    if (!*path) return failure(c, SHERF_BAD_ARGUMENT, "the folder's name is empty");
     if (snprintf(part, sizeof part, "%s", path) >= (int)sizeof part)
         return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
     for (char *p = part + 1;; p++) {

@@ -1,6 +1,5 @@
 /* The processor's level, by CPUID and the kernel's leave to use AMX; the clock and the peak of this
  * process's memory. */
-#include <cpuid.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -11,6 +10,8 @@
 #include "base/base.h"
 
 #if defined(__x86_64__)
+#include <cpuid.h>
+
 /* Linux hands out AMX tile state on request only: arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA). */
 static bool amx_permitted(void) {
     unsigned a, b, c, d;

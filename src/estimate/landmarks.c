@@ -73,7 +73,7 @@ static bool is_part(const photo_person *a, const photo_person *b) {
             all++;
             shared += inside_at(b, place_px) >= .5f;
         }
-    return (float)shared >= part_least * (float)all;
+    return all && (float)shared >= part_least * (float)all;
 }
 
 /* The detection lies so near a person who was found from another that a look would find that one again. */

@@ -218,7 +218,7 @@ static void add_landmark(landmark *to, const landmark *from, float part) {
     to->present += part * from->present;
 }
 
-static float same_region(const photo_person *a, const photo_person *b) {
+static bool same_region(const photo_person *a, const photo_person *b) {
     return !memcmp(&a->region, &b->region, sizeof a->region);
 }
 

@@ -73,6 +73,7 @@ static void outputs_are_files(void **state) {
         assert_non_null(strstr(c->message, bad[i]));
         output_abort(&out);
     }
+    assert_int_equal(folder_make(c, ""), SHERF_BAD_ARGUMENT);
     output_file out;
     const char *path = test_path("whole");
     for (int twice = 0; twice < 2; twice++) { /* an old file is replaced */

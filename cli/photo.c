@@ -6,7 +6,7 @@
 
 enum { PEOPLE_MOST = 8 }; /* more are not looked for */
 
-photo_wishes photo_wanted;
+photo_request photo_wanted;
 
 bool photo_is(const char *path) {
     static const char *const endings[] = {".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".avif",

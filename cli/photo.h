@@ -9,8 +9,8 @@ typedef struct {
     int64_t person;
     double focal_px;
     const char *mask, *overlay;
-} photo_wishes;
-extern photo_wishes photo_wanted;
+} photo_request;
+extern photo_request photo_wanted;
 
 /* The lines of a verb's table of options for them. */
 #define PHOTO_OPTIONS                                                                                        \

@@ -198,6 +198,7 @@ typedef struct {
     piece file, idat, iloc;
     bool av1[ITEMS_MOST], hevc[ITEMS_MOST]; /* by number of the item, from 0 */
     int length_bytes;                       /* before a NAL unit, by hvcC */
+    uint64_t left; /* steps: one an extent, one a byte of it; no honest file uses them up */
     av1_sequence sequence;
     heif_sizes *out;
     context *c;
@@ -283,11 +284,14 @@ static size_t item(walk *w, uint64_t id, int version, const int size[4], size_t 
     const bool wanted = id < ITEMS_MOST && (w->av1[id] || w->hevc[id]);
     uint8_t *whole = wanted && extents > 1 ? mem_alloc(w->c, from.bytes + 1, 1) : NULL;
     size_t done = 0;
-    for (uint64_t i = 0; i < extents && at < p.bytes; i++) {
+    for (uint64_t i = 0; i < extents && at < p.bytes && w->left; i++) {
         if (version > 0) at += (size_t)size[3];
         const uint64_t offset = base + number(p, &at, size[0]), length = number(p, &at, size[1]);
         const piece part =
             piece_of(from, offset < from.bytes ? (size_t)offset : from.bytes, length ? length : UINT64_MAX);
+        const uint64_t steps = 1 + (wanted ? part.bytes : 0);
+        w->out->odd |= steps >= w->left;
+        w->left = steps < w->left ? w->left - steps : 0;
         if (wanted && extents == 1) stream(w, id, part);
         if (!wanted || extents == 1) continue;
         if (!whole || part.bytes > from.bytes - done) {
@@ -311,7 +315,7 @@ static void items(walk *w) {
                          version ? (int)(sizes & 15) : 0}; /* offset, length, base, index */
     for (int k = 0; k < 4; k++)
         if (size[k] > 8) return;
-    for (uint64_t n = number(p, &at, version < 2 ? 2 : 4); n && at < p.bytes; n--) {
+    for (uint64_t n = number(p, &at, version < 2 ? 2 : 4); n && at < p.bytes && w->left; n--) {
         const uint64_t id = number(p, &at, version < 2 ? 2 : 4);
         at = item(w, id, version, size, at);
     }
@@ -324,6 +328,7 @@ sherf_status heif_stream_sizes(context *c, const uint8_t *data, size_t bytes, he
     w->file = (piece){data, bytes};
     w->idat = w->iloc = (piece){data, 0}; /* until their boxes come */
     w->length_bytes = 4;
+    w->left = 4 * (uint64_t)bytes + ITEMS_MOST;
     w->out = out;
     w->c = c;
     boxes(w, w->file, 0);

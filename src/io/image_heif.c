@@ -8,7 +8,7 @@
 
 /* libheif takes the side of a square of pixels. */
 enum { HEIF_SIDE_MAX = 11585 };
-static const size_t exif_bytes_max = (size_t)1 << 20, profile_bytes_max = (size_t)4 << 20;
+static const size_t exif_bytes_max = (size_t)1 << 20;
 
 typedef struct {
     struct heif_context *file;

@@ -40,6 +40,7 @@ sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height)
 /* Takes d->out.data, and d->row of row_bytes (0: none). */
 bool image_make_room(image_decoder *d, size_t row_bytes);
 /* ---- image_profile.c ---- */
+static const size_t profile_bytes_max = (size_t)4 << 20; /* longer ones are broken */
 /* Copies an ICC profile to d->profile where it is wanted; false, with d->status, without memory. */
 bool image_profile_take(image_decoder *d, const void *data, size_t bytes);
 /* Turns the colours of d->out to sRGB; a profile that cannot be read is left out. */

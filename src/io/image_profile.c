@@ -5,8 +5,6 @@
 
 #include "io/image_inside.h"
 
-static const size_t profile_bytes_max = (size_t)4 << 20;
-
 bool image_profile_take(image_decoder *d, const void *data, size_t bytes) {
     if (!d->photo || !bytes || d->profile) return true;
     if (bytes > profile_bytes_max) {

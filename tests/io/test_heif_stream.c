@@ -225,6 +225,26 @@ static void without_idat(void **state) {
     }
 }
 
+/* Items of endless pieces without length: looked through no longer than a file of this size deserves. */
+static void endless(void **state) {
+    context *c = *state;
+    heif_sizes sizes;
+    out meta = {0}, iloc = {0}, f = {0};
+    bits(&iloc, 0, 32);
+    bits(&iloc, 0, 16);
+    bits(&iloc, 100, 16);
+    for (int i = 0; i < 100; i++) {
+        bits(&iloc, 7, 16);
+        bits(&iloc, 0, 16);
+        bits(&iloc, 65535, 16);
+    }
+    bits(&meta, 0, 32);
+    box(&meta, "iloc", &iloc);
+    box(&f, "meta", &meta);
+    assert_ok(c, heif_stream_sizes(c, f.data, f.bits / 8, &sizes));
+    assert_true(sizes.odd);
+}
+
 /* Every cut, and every byte set to 255: nothing is read beyond the end (the sanitizers see it). */
 static void broken(void **state) {
     context *c = *state;
@@ -255,6 +275,7 @@ static int close_context(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(av1_streams), cmocka_unit_test(hevc_streams),
-                                       cmocka_unit_test(broken), cmocka_unit_test(without_idat)};
+                                       cmocka_unit_test(endless), cmocka_unit_test(broken),
+                                       cmocka_unit_test(without_idat)};
     return cmocka_run_group_tests(tests, open_context, close_context);
 }

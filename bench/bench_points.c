@@ -5,7 +5,7 @@
 #include <time.h>
 
 #include "synth/tube/tubeman.h"
-#include "render/render.h"
+#include "sampling/sampling.h"
 
 enum { REPEATS = 15 };
 

@@ -1,4 +1,4 @@
-# The CUDA backend: *.cu in src/tensor/cuda, src/render/cuda and src/model/sherf/cuda. The runtime is linked statically and cuBLAS is opened when it is first
+# The CUDA backend: *.cu in src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda. The runtime is linked statically and cuBLAS is opened when it is first
 # needed, so one build runs with and without a GPU, its driver and the toolkit.
 enable_language(CUDA)
 if(CMAKE_CUDA_COMPILER_VERSION VERSION_LESS 12)
@@ -6,7 +6,7 @@ if(CMAKE_CUDA_COMPILER_VERSION VERSION_LESS 12)
 endif()
 find_package(CUDAToolkit REQUIRED)
 set(SHERF_CUDA_ARCHITECTURES 80-real 90 CACHE STRING "compute capabilities of the CUDA backend")
-file(GLOB SHERF_CUDA_SOURCES CONFIGURE_DEPENDS src/tensor/cuda/*.cu src/render/cuda/*.cu
+file(GLOB SHERF_CUDA_SOURCES CONFIGURE_DEPENDS src/tensor/cuda/*.cu src/sampling/cuda/*.cu
      src/model/sherf/cuda/*.cu)
 add_library(sherf_cuda OBJECT ${SHERF_CUDA_SOURCES})
 set_target_properties(sherf_cuda PROPERTIES CUDA_STANDARD 17 CUDA_ARCHITECTURES "${SHERF_CUDA_ARCHITECTURES}"
@@ -17,7 +17,7 @@ if(SHERF_WERROR)
 endif()
 target_include_directories(sherf_cuda PRIVATE include src ${CUDAToolkit_INCLUDE_DIRS})
 # Geometry is the same to the last bit as on the CPU: no fused operations.
-set_source_files_properties(src/render/cuda/posing.cu src/render/cuda/points.cu PROPERTIES COMPILE_OPTIONS --fmad=false)
+set_source_files_properties(src/sampling/cuda/posing.cu src/sampling/cuda/points.cu PROPERTIES COMPILE_OPTIONS --fmad=false)
 set_source_files_properties(src/base/device.c src/tensor/backend.c src/model/sherf/fused/gpu.c PROPERTIES COMPILE_DEFINITIONS
                             SHERF_HAVE_CUDA)
 target_link_libraries(sherf_needs INTERFACE CUDA::cudart_static stdc++)

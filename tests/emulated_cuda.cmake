@@ -1,4 +1,4 @@
-# The kernels of src/tensor/cuda, src/render/cuda and src/model/sherf/cuda compiled as plain C++ and run on the host (support/cuda), where there is a C++
+# The kernels of src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda compiled as plain C++ and run on the host (support/cuda), where there is a C++
 # compiler: of the C compiler's family, since the sanitizers of two do not mix.
 if(NOT CMAKE_CXX_COMPILER AND CMAKE_C_COMPILER_ID MATCHES Clang)
   find_program(CLANGXX NAMES clang++)
@@ -14,7 +14,7 @@ if(NOT CMAKE_CXX_COMPILER)
 endif()
 enable_language(CXX)
 file(GLOB SHERF_CUDA_KERNELS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/src/tensor/cuda/*.cu
-     ${CMAKE_SOURCE_DIR}/src/render/cuda/*.cu ${CMAKE_SOURCE_DIR}/src/model/sherf/cuda/*.cu)
+     ${CMAKE_SOURCE_DIR}/src/sampling/cuda/*.cu ${CMAKE_SOURCE_DIR}/src/model/sherf/cuda/*.cu)
 # What talks to the CUDA runtime and libraries has a stand-in in support/cuda.
 list(FILTER SHERF_CUDA_KERNELS EXCLUDE REGEX "/(runtime|product|group|frame_runtime)\\.cu$")
 set_source_files_properties(${SHERF_CUDA_KERNELS} PROPERTIES LANGUAGE CXX COMPILE_OPTIONS "-xc++")

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "motion/motion.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 enum { POSES_FITTED = 64, SIZE_DEFAULT = 512 };
 static const double fov_default = 30 * M_PI / 180, spare = 1.08, turn_default_s = 8;

@@ -6,7 +6,7 @@
 #include "io/value.h"
 #include "io/safetensors.h"
 #include "io/image.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 /* ---- body files ---- */
 sherf_status body_load(context *c, const char *path, body_model **out); /* = sherf_body_load */

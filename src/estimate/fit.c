@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "estimate/fit_inside.h"
-#include "render/render.h"
+#include "sampling/sampling.h"
 
 enum { STAGE_3D = 12, STAGE_LANDMARKS = 15, STAGE_MASK = 12, ROUNDS_MASK = 3 };
 static const double focal_usual = 1.3, skin_spacing_m = 0.045;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "model/detail.h"
-#include "render/ray.h"
+#include "scene/ray.h"
 
 /* Neighbours further off in depth do not count. */
 static const float edge_m = 0.05f, faint = 0.3f;

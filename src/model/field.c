@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "render/tiles.h"
+#include "sampling/tiles.h"
 
 typedef struct {
     model *m;

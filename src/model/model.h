@@ -10,7 +10,7 @@
 #include "body/body.h"
 #include "io/safetensors.h"
 #include "nn/layers.h"
-#include "render/render.h"
+#include "sampling/sampling.h"
 #include "tensor/ops.h"
 
 typedef struct model_kind model_kind;

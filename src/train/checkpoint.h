@@ -4,7 +4,7 @@
 
 #include "model/model.h"
 #include "train/adam.h"
-#include "train/sampling.h"
+#include "train/draw.h"
 
 /* Steps made, and what has to be the same for the coming ones to be the same. */
 typedef struct {

@@ -4,7 +4,7 @@
 #define SHERF_LOADER_H
 
 #include "model/model.h"
-#include "train/sampling.h"
+#include "train/draw.h"
 
 typedef struct {
     draw drawn;

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "io/image.h"
-#include "render/render.h"
+#include "scene/scene.h"
 #include "viewer/viewer.h"
 
 static const double fov_rad = 30 * M_PI / 180; /* vertical, at zoom 1 in a square picture */

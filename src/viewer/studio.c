@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "io/image.h"
-#include "render/render.h"
+#include "scene/scene.h"
 #include "viewer/viewer.h"
 
 static const double band_s = 0.06; /* wanted time of a band */

@@ -2,7 +2,7 @@
 #include "walk.h"
 
 #include "base/path.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 typedef struct {
     context *c;

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "data/data.h"
-#include "render/render.h"
+#include "scene/scene.h"
 #include "support.h"
 
 static const char networks_path[] = "../assets/models/blazepose.safetensors";

@@ -7,7 +7,7 @@
 #include "support.h"
 #include "data/data.h"
 #include "estimate/fit_inside.h"
-#include "render/render.h"
+#include "sampling/sampling.h"
 
 enum { SIDE = 512 };
 static body_model *body;

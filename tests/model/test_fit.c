@@ -8,7 +8,7 @@
 
 #include "data/data.h"
 #include "model/model.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 enum { WIDTH = 900, HEIGHT = 700 };
 static sherf_body *body;

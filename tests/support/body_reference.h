@@ -12,7 +12,7 @@
 #include "support.h"
 #include "synth/tube/tubeman.h"
 #include "io/safetensors.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 typedef struct {
     context *c;
@@ -94,4 +94,13 @@ static inline void assert_rows(const float *ours, const float *stored, const int
                 fail_msg("%s, row %d, %d: %.9g, should be %.9g", what, row[i], k, a, b);
         }
 }
+/* The rays of a camera that looks at the target. */
+static inline ray_bundle *target_rays(body_reference *r, const sherf_camera *camera) {
+    float min[3], max[3];
+    ray_bundle *rays;
+    body_world_box(r->m, r->target, min, max);
+    assert_ok(r->c, rays_create(r->c, camera, min, max, &rays));
+    return rays;
+}
+
 #endif

@@ -4,7 +4,7 @@
 
 #include "support.h"
 #include "train/adam.h"
-#include "train/sampling.h"
+#include "train/draw.h"
 #include "train/trainer.h"
 
 static void adam_follows_its_equations(void **state) {

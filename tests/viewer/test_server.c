@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "io/image.h"
-#include "render/render.h"
+#include "scene/scene.h"
 #include "viewer/viewer.h"
 
 enum { ANSWER_MAX = 4 << 20, POSES = 6 };

@@ -5,7 +5,7 @@
 #include "io/image.h"
 #include "synth/body/affine.h"
 #include "synth/body/open_body.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 enum { TILE_W = 240, TILE_H = 320, COLUMNS = 10, SAMPLES = 3 };
 

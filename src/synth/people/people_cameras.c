@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 static float between(uint64_t key, uint64_t i, double low, double high) {
     return (float)(low + (high - low) * random_uniform(key, i));

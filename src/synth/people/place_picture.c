@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "synth/people/place.h"
-#include "render/render.h"
+#include "scene/scene.h"
 
 static const float light_spacing_m = 0.022f;
 enum { SAMPLES = 8, SKY_RAYS = 32, LAMP_RAYS = 32 };

@@ -8,7 +8,7 @@
 #ifndef SHERF_TRACE_H
 #define SHERF_TRACE_H
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 /* ---- textures ---- */
 typedef struct trace_texture trace_texture;

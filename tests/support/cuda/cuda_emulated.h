@@ -47,7 +47,7 @@ namespace cuda_backend {
 /* The sum over the 32 lanes of a warp, in the order of the shuffles on a GPU. All of them must call it. */
 float warp_sum(float v);
 
-/* What src/render/cuda/warp.h has for a GPU. */
+/* What src/sampling/cuda/warp.h has for a GPU. */
 float quad_sum(float v);
 int32_t warp_before(int32_t v);
 int bits_set(uint32_t bits);

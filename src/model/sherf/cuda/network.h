@@ -3,7 +3,7 @@
 #define SHERF_CUDA_NETWORK_H
 
 #include "model/sherf/fused/gpu.h"
-#include "render/cuda/frame.h"
+#include "sampling/cuda/frame.h"
 
 namespace cuda_backend {
 

@@ -4,7 +4,7 @@
 #define SHERF_RADIANCE_INSIDE_H
 
 #include "model/sherf/fused/radiance_field.h"
-#include "render/tiles.h"
+#include "sampling/tiles.h"
 
 /* Rows of the bank are padded with zeros to a multiple of this. */
 enum { POINT_PAD = 32 };

@@ -5,7 +5,7 @@
 #ifndef SHERF_RADIANCE_FIELD_H
 #define SHERF_RADIANCE_FIELD_H
 
-#include "render/render.h"
+#include "sampling/sampling.h"
 #include "tensor/tensor.h"
 
 #ifdef __cplusplus /* CUDA's sources */

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 typedef struct {
     int64_t x, y;

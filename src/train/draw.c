@@ -1,6 +1,6 @@
 /* Which person, pose and views a sample is of. */
 #include "data/dataset.h"
-#include "train/sampling.h"
+#include "train/draw.h"
 
 /* Black is what people are looked at before most of all, so random backgrounds are black this often. */
 enum { BLACK_ONE_IN = 4 };

@@ -1,5 +1,5 @@
 /* Sums of all values before each, in three passes: sums of blocks, their sums, and each block again. */
-#include "render/cuda/frame.h"
+#include "sampling/cuda/frame.h"
 
 namespace cuda_backend {
 

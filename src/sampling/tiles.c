@@ -1,5 +1,5 @@
 /* Points in tiles, and compositing: network.md 6. */
-#include "render/tiles.h"
+#include "sampling/tiles.h"
 
 #include <math.h>
 #include <stdatomic.h>

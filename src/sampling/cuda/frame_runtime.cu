@@ -1,5 +1,5 @@
 /* What frames ask of the CUDA runtime besides the tensors' memory. */
-#include "render/cuda/warp.h"
+#include "sampling/cuda/warp.h"
 
 namespace cuda_backend {
 

@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -81,17 +81,6 @@ HOST_AND_DEVICE static inline void ray_point_smpl(const float origin_world[3], c
     float x[3];
     for (int k = 0; k < 3; k++) x[k] = origin_world[k] + t * direction[k] - Th[k];
     for (int k = 0; k < 3; k++) out[k] = x[0] * R[k] + x[1] * R[3 + k] + x[2] * R[6 + k];
-}
-
-HOST_AND_DEVICE static inline bool cell_is_empty(const empty_cells *e, const float canonical[3]) {
-    int cell[3];
-    for (int k = 0; k < 3; k++) {
-        const float v = (canonical[k] - e->min[k]) * e->per_m;
-        if (!(v >= 0 && v < (float)e->cells[k])) return false;
-        cell[k] = (int)v;
-    }
-    const size_t row = (size_t)cell[2] * (size_t)e->cells[1] + (size_t)cell[1];
-    return e->bit[row * (size_t)e->words + (size_t)cell[0] / 32] >> (cell[0] % 32) & 1;
 }
 
 /* uv = K (R x + T) / (z + 1e-5); returns z. */

@@ -5,7 +5,7 @@
 #include <immintrin.h>
 #endif
 
-#include "render/ray.h"
+#include "scene/ray.h"
 
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]) {
     for (int k = 0; k < 3; k++) min_world[k] = INFINITY, max_world[k] = -INFINITY;

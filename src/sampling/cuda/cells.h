@@ -5,7 +5,7 @@
 #ifndef SHERF_CUDA_CELLS_H
 #define SHERF_CUDA_CELLS_H
 
-#include "render/cuda/frame.h"
+#include "sampling/cuda/frame.h"
 
 namespace cuda_backend {
 

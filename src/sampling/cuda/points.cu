@@ -3,7 +3,7 @@
  * its nearest vertex, the kept ones are summed up again, and one thread each maps them to canonical space and
  * to the observation's picture. Compiled without fused operations: the same points as on the CPU. */
 #include "body/deform_point.h"
-#include "render/cuda/cells.h"
+#include "sampling/cuda/cells.h"
 
 namespace cuda_backend {
 

@@ -1,7 +1,7 @@
 /* Camera and body that do not belong together are told before anything is computed from them. */
 #include <math.h>
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 /* Pixels; nothing is to be seen of who is smaller. */
 enum { SIDE_LEAST = 2 };

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/ray.h"
+#include "scene/ray.h"
 
 enum { CAMERA_SIZE_MAX = 1 << 15 };
 

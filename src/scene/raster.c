@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "render/render.h"
+#include "scene/scene.h"
 
 enum { BAND = 16 }; /* rows of one piece of work */
 static const double near_m = 1e-3;

@@ -1,7 +1,7 @@
 /* sampling: which pictures each image of a step is made of. Image number n (counted from the start of the
  * training, over all processes) is a pure function of the seed and n. */
-#ifndef SHERF_SAMPLING_H
-#define SHERF_SAMPLING_H
+#ifndef SHERF_DRAW_H
+#define SHERF_DRAW_H
 
 #include "data/data.h"
 

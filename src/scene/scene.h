@@ -1,6 +1,6 @@
-/* render: cameras, rays, the samples near the body, a rasteriser. */
-#ifndef SHERF_RENDER_H
-#define SHERF_RENDER_H
+/* scene: cameras, rays, the body's box, a rasteriser. */
+#ifndef SHERF_SCENE_H
+#define SHERF_SCENE_H
 
 #include "body/body.h"
 
@@ -51,53 +51,6 @@ void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]
  * moved. Where no ray is too long nothing changes. */
 int rays_even_steps(ray_bundle *r, int samples, int most, float step_m);
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
-
-/* ---- the samples the network meets (network.md: Rays and points 2, 3) ---- */
-typedef struct {
-    int64_t count, rays;
-    int samples;
-    int32_t *first;             /* rays + 1: the points of ray n are [first[n], first[n + 1]) */
-    int32_t *ray;               /* P, row-major pixel */
-    int32_t *sample;            /* P, 0 .. samples-1 */
-    float *canonical;           /* P x 3 */
-    float *direction_canonical; /* P x 3, not normalised */
-    float
-        *observed_px; /* P x 2: projection into the observation camera; NULL when no observation was given */
-    float *observation_world; /* P x 3 before that projection; only when asked for */
-    int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
-} point_set;
-/* Cells of canonical space in which there is known to be nothing: bit x % 32 of bit[(z * cells[1] + y) *
- * words + x / 32]. Without bits nothing is known. */
-typedef struct {
-    int cells[3], words;
-    float min[3], per_m;
-    uint32_t *bit;
-} empty_cells;
-/* observation and observation_camera may both be NULL. keep_stages: fill the stage arrays for tests. Exactly
- * the samples whose nearest target vertex is closer than 0.05 m, without those in cells of `empty` (or NULL);
- * in ray-major, then depth order; found without visiting the empty ones. */
-sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
-                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const empty_cells *empty, bool keep_stages, point_set **out);
-void points_free(point_set *p);
-/* Makes what points_create needs of a posed body, once, for those who take many pictures of one pose; without
- * it each call makes its own. */
-sherf_status points_prepare(context *c, const body_model *m, posed_body *target);
-
-/* Room for the three pictures of a frame, kept where it has that size. */
-sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
-
-/* A frame made whole on a GPU, from a pose. */
-typedef struct {
-    int samples;      /* depths a ray, */
-    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
-                         not */
-    float step_most_m;
-    bool mend; /* rays_mend */
-    float background[3];
-    bool early_stop;          /* rays that are opaque skip the rest of their points */
-    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
-} gpu_frame_options;
 
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
 sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,

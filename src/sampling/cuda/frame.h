@@ -5,9 +5,9 @@
 #define SHERF_CUDA_FRAME_H
 
 #include "body/pose_vertex.h"
-#include "render/cuda/warp.h"
-#include "render/ray.h"
-#include "render/render.h"
+#include "sampling/cuda/warp.h"
+#include "scene/ray.h"
+#include "sampling/sampling.h"
 
 namespace cuda_backend {
 

@@ -3,7 +3,7 @@
  */
 #include <float.h>
 
-#include "render/cuda/cells.h"
+#include "sampling/cuda/cells.h"
 
 namespace cuda_backend {
 

@@ -6,7 +6,8 @@
 #include <immintrin.h>
 #endif
 
-#include "render/ray.h"
+#include "sampling/sampling.h"
+#include "scene/ray.h"
 
 static const float keep_radius_m = 0.05f;
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to

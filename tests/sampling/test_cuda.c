@@ -1,6 +1,6 @@
-/* Frames by the kernels of src/render/cuda, on the host (tests/support/cuda) or on a GPU where there is one,
- * against the CPU's: the same points to the bit, the network and the pictures within their bounds; and with
- * threads and blocks in the opposite order the same bits. */
+/* Frames by the kernels of src/sampling/cuda, on the host (tests/support/cuda) or on a GPU where there is
+ * one, against the CPU's: the same points to the bit, the network and the pictures within their bounds; and
+ * with threads and blocks in the opposite order the same bits. */
 #include "support.h"
 
 #include <stdio.h>

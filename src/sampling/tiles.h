@@ -3,7 +3,7 @@
 #ifndef SHERF_TILES_H
 #define SHERF_TILES_H
 
-#include "render/render.h"
+#include "sampling/sampling.h"
 
 /* Points of a tile; every array over the points of a tile has this length, 64-byte aligned. */
 enum { POINT_TILE = 64 };

@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "baked/baked.h"
-#include "model/canonical.h"
-#include "model/detail.h"
+#include "avatar/canonical.h"
+#include "avatar/detail.h"
 
 /* Frames have a sample each 10 to 20 mm; these rays are finer and end where most of a surface's opacity is
  * behind them. What is missing to 1 is left out by division. */

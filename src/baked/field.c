@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "baked/baked.h"
-#include "model/canonical.h"
+#include "avatar/canonical.h"
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has
  * holes. */

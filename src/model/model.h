@@ -218,7 +218,7 @@ sherf_status model_load_resnet(context *c, model *m, const char *path);
 sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken);
 
 /* ---- avatar ---- */
-/* model/detail.h; a texel is a pixel of the observed picture. */
+/* avatar/detail.h; a texel is a pixel of the observed picture. */
 typedef struct {
     float difference[3]; /* observation minus the avatar's own picture of that view */
     float weight;        /* 0: not to be used; 1: seen well */

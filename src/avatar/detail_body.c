@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/detail.h"
+#include "avatar/detail.h"
 
 /* How far a vertex may lie behind the body: from the first number on it counts less, at the second not at
  * all. */

@@ -8,7 +8,7 @@
 
 #include "data/data.h"
 #include "io/safetensors.h"
-#include "model/detail.h"
+#include "avatar/detail.h"
 #include "model/field.h"
 
 static sherf_avatar *avatar_new(context *c) {

@@ -1,6 +1,6 @@
 /* Canonical points to the observed picture, through the observed pose and its camera, and queries of
  * them in batches. */
-#include "model/canonical.h"
+#include "avatar/canonical.h"
 
 void canonical_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
                        const int32_t *nearest, float *observed_px) {

@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/detail.h"
+#include "avatar/detail.h"
 
 /* How far a point may lie behind the observed view's surface, and before it: from the first number on it
  * counts less, at the second not at all. */

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "model/detail.h"
+#include "avatar/detail.h"
 #include "support.h"
 
 static const char model_path[] = "../assets/models/people.safetensors",

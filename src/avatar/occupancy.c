@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/canonical.h"
+#include "avatar/canonical.h"
 
 /* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
  * Cells below the skin are not asked for: they are full, or hidden. */

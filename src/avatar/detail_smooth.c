@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/detail.h"
+#include "avatar/detail.h"
 #include "scene/ray.h"
 
 /* Neighbours further off in depth do not count. */

@@ -101,7 +101,7 @@ int main(void) {
     time_nearest(c, "nearest canonical vertex, points of the frame", body_canonical_grid(m), count, points);
     for (int64_t n = 0; n < 3 * count; n++) points[n] = (float)(2 * random_uniform(3, (uint64_t)n) - 1);
     vertex_grid *near;
-    must(c, vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0.05f, &near));
+    must(c, vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, BODY_SHELL_M, &near));
     time_nearest(c, "nearest within 5 cm, random places", near, count, points);
     time_nearest(c, "nearest, random places", body_canonical_grid(m), count / 50, points);
     vertex_grid_free(near);

@@ -10,7 +10,7 @@
 /* Frames have a sample each 10 to 20 mm; these rays are finer and end where most of a surface's opacity is
  * behind them. What is missing to 1 is left out by division. */
 enum { RAY_SAMPLES = 10, RAYS_WIDE = 256, RAYS_HIGH = 64, RAYS = RAYS_WIDE * RAYS_HIGH };
-static const float ray_start_m = 0.01f, ray_step_m = 0.005f, shell_m = 0.05f;
+static const float ray_start_m = 0.01f, ray_step_m = 0.005f;
 
 typedef struct {
     const sherf_avatar *a;
@@ -33,7 +33,7 @@ static void find_samples(void *arg, int64_t begin, int64_t end, int thread) {
                 p[k] = j->position[3 * n + k] + (ray_start_m - ray_step_m * (float)i) * j->normal[3 * n + k];
             int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->m), p, guess, &d2);
             guess = found;
-            if (!(found >= 0 && d2 < shell_m * shell_m)) found = -1;
+            if (!(found >= 0 && d2 < BODY_SHELL_M * BODY_SHELL_M)) found = -1;
             j->nearest[n * RAY_SAMPLES + i] = found;
             count += found >= 0;
         }

@@ -13,9 +13,9 @@
 enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX = 200000000 };
 
 /* ---- field.c, level.c, solid.c: what the network says about canonical space ---- */
-/* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are 5
- * cm or more from every canonical vertex are empty: density -80, colour 0. Directions count with their
- * length, as in a frame, where it is about 1. */
+/* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are
+ * BODY_SHELL_M or more from every canonical vertex are empty: density SIGMA_EMPTY, colour 0. Directions count
+ * with their length, as in a frame, where it is about 1. */
 sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma);

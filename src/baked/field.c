@@ -7,7 +7,7 @@
 
 /* So far below the body's skin everything is solid: the network's density there is nobody's business and has
  * holes. */
-static const float shell_m = 0.05f, empty_sigma = -80.0f, core_m = 0.015f, sigma_max = 1e6f;
+static const float core_m = 0.015f, sigma_max = 1e6f;
 
 /* ---- any points ---- */
 typedef struct {
@@ -24,7 +24,7 @@ static void find_near(void *arg, int64_t begin, int64_t end, int thread) {
         float d2;
         int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->m), j->point + 3 * i, guess, &d2);
         if (found >= 0) guess = found;
-        j->nearest[i] = found >= 0 && d2 < shell_m * shell_m ? found : -1;
+        j->nearest[i] = found >= 0 && d2 < BODY_SHELL_M * BODY_SHELL_M ? found : -1;
     }
 }
 
@@ -44,7 +44,7 @@ sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m,
         parallel_for(c, count, 1024, find_near, &job);
         b.set.count = 0;
         for (int64_t i = 0; i < count; i++) {
-            sigma[at + i] = empty_sigma;
+            sigma[at + i] = SIGMA_EMPTY;
             memset(rgb + 3 * (at + i), 0, 3 * sizeof *rgb);
             if (nearest[i] < 0) continue;
             int64_t k = b.set.count++;
@@ -136,8 +136,8 @@ static sherf_status find_shell(context *c, const body_model *m, const float *nor
     uint8_t *outside = mem_zero(c, count, 1);
     sherf_status status = outside ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK)
-        status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, shell_m, &near);
-    if (status == SHERF_OK) status = vertex_grid_refine(c, near, shell_m, 0.02f);
+        status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, BODY_SHELL_M, &near);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, near, BODY_SHELL_M, 0.02f);
     if (status == SHERF_OK) {
         shell_job job = {near, g, nearest};
         parallel_for(c, (int64_t)g->size[1] * g->size[2], 16, shell_range, &job);

@@ -277,8 +277,8 @@ const vertex_grid *body_canonical_grid(const body_model *m) {
 
 void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]) {
     for (int k = 0; k < 3; k++) {
-        min_canonical[k] = m->canonical->min_smpl[k] - 0.05f;
-        max_canonical[k] = m->canonical->max_smpl[k] + 0.05f;
+        min_canonical[k] = m->canonical->min_smpl[k] - BODY_SHELL_M;
+        max_canonical[k] = m->canonical->max_smpl[k] + BODY_SHELL_M;
     }
 }
 

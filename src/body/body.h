@@ -64,6 +64,10 @@ typedef struct posed_body {
 
 extern const float body_big_pose[72];
 
+/* Nothing of a person is further from the body's nearest vertex, as in the paper's code: samples are kept
+ * within it, and every box round the body is so much larger. */
+#define BODY_SHELL_M 0.05f
+
 /* Takes ownership of nothing: copies the arrays, checks them (finite, weights sum to 1 within 1e-3, indices
  * in range, a tree), computes the canonical body and fingerprint. Arrays: v_template V x 3, shapedirs V x 3 x
  * shape_count (first 10 used, fewer are padded with zeros), posedirs V x 3 x 207 or NULL, weights V x 24,
@@ -90,8 +94,8 @@ void rodrigues(const float axis_angle_rad[3], float R[9]);
 void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]);
 bool rotation_is_valid(const float R[9]); /* finite, orthonormal within 1e-2, right-handed */
 
-/* Canonical box (network.md): min/max of the canonical vertices -/+ 0.05, without and with the further 0.1 in
- * z. */
+/* Canonical box (network.md): min/max of the canonical vertices -/+ BODY_SHELL_M, without and with the
+ * further 0.1 in z. */
 void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]);
 void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float max_canonical[3]);
 

@@ -9,7 +9,6 @@
 #include "sampling/sampling.h"
 #include "scene/ray.h"
 
-static const float keep_radius_m = 0.05f;
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to
  * make, which was half of the time of a picture of 128. */
 static const float voxel_m = 0.04f;
@@ -321,8 +320,8 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
 }
 
 static sherf_status grid_create(context *c, const body_model *m, const posed_body *p, vertex_grid **out) {
-    sherf_status status = vertex_grid_create(c, m->vertices, p->vertices_smpl, keep_radius_m, out);
-    if (status == SHERF_OK) status = vertex_grid_refine(c, *out, keep_radius_m, voxel_m);
+    sherf_status status = vertex_grid_create(c, m->vertices, p->vertices_smpl, BODY_SHELL_M, out);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, *out, BODY_SHELL_M, voxel_m);
     if (status == SHERF_OK) return SHERF_OK;
     vertex_grid_free(*out);
     *out = NULL;

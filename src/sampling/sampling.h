@@ -22,6 +22,8 @@ typedef struct {
     float *observation_world; /* P x 3 before that projection; only when asked for */
     int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
 } point_set;
+/* The raw density of the samples of a ray that are not kept; their colour is 0. */
+#define SIGMA_EMPTY -80.0f
 /* Cells of canonical space in which there is known to be nothing: bit x % 32 of bit[(z * cells[1] + y) *
  * words + x / 32]. Without bits nothing is known. */
 typedef struct {
@@ -41,8 +43,8 @@ HOST_AND_DEVICE static inline bool cell_is_empty(const empty_cells *e, const flo
 }
 
 /* observation and observation_camera may both be NULL. keep_stages: fill the stage arrays for tests. Exactly
- * the samples whose nearest target vertex is closer than 0.05 m, without those in cells of `empty` (or NULL);
- * in ray-major, then depth order; found without visiting the empty ones. */
+ * the samples whose nearest target vertex is closer than BODY_SHELL_M, without those in cells of `empty` (or
+ * NULL); in ray-major, then depth order; found without visiting the empty ones. */
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
                            const empty_cells *empty, bool keep_stages, point_set **out);

@@ -11,6 +11,8 @@
 extern "C" {
 #endif
 
+#define BOX_SPARE_M 0.01f /* rays_create's box is so much larger than the given one */
+
 /* What all rays of a picture share. */
 typedef struct {
     float K_inverse[9], R[9], T_m[3], origin[3]; /* origin: of the rays, in the world */

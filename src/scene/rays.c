@@ -17,10 +17,8 @@ void body_world_box(const body_model *m, const posed_body *p, float min_world[3]
             if (y > max_world[k]) max_world[k] = y;
         }
     }
-    for (int k = 0; k < 3; k++) min_world[k] -= 0.05f, max_world[k] += 0.05f;
+    for (int k = 0; k < 3; k++) min_world[k] -= BODY_SHELL_M, max_world[k] += BODY_SHELL_M;
 }
-
-static const float box_spare_m = 0.01f;
 
 typedef struct {
     ray_bundle *r;
@@ -51,7 +49,7 @@ static void ray_job_init(ray_job *job, const sherf_camera *camera, const float m
                          const float max_world[3]) {
     ray_optics_of(camera, &job->optics);
     for (int k = 0; k < 3; k++)
-        job->min[k] = min_world[k] - box_spare_m, job->max[k] = max_world[k] + box_spare_m;
+        job->min[k] = min_world[k] - BOX_SPARE_M, job->max[k] = max_world[k] + BOX_SPARE_M;
 }
 
 /* True when the ray has its two crossings. */
@@ -198,7 +196,7 @@ static float length3(const float v[3]) {
 
 void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]) {
     float min[3], max[3];
-    for (int k = 0; k < 3; k++) min[k] = min_world[k] - box_spare_m, max[k] = max_world[k] + box_spare_m;
+    for (int k = 0; k < 3; k++) min[k] = min_world[k] - BOX_SPARE_M, max[k] = max_world[k] + BOX_SPARE_M;
     for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++)
         if (cross_slabs(r->origin_world, r->direction + 3 * i, min, max, r->near + i, r->far + i))
             r->at_box[i] = 1;

@@ -38,8 +38,7 @@ HOST_AND_DEVICE static inline float ray_fraction(int i, int samples) {
     return i < samples / 2 ? step * (float)i : 1.0f - step * (float)(samples - 1 - i);
 }
 sherf_status rays_create(context *c, const sherf_camera *camera, const float min_world[3],
-                         const float max_world[3],
-                         ray_bundle **out); /* min/max: the target vertices' -/+ 0.05, see body_world_box */
+                         const float max_world[3], ray_bundle **out); /* min/max: see body_world_box */
 void rays_free(ray_bundle *r);
 /* The paper's way of rays_create takes a ray that crosses exactly two faces, and now and then rounding loses
  * one or counts one twice: a black pixel. These get their two depths here. For frames that people look at;
@@ -50,6 +49,7 @@ void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]
  * length with more of them; others get steps of step_m. Depths past the box, where nothing is, are why far is
  * moved. Where no ray is too long nothing changes. */
 int rays_even_steps(ray_bundle *r, int samples, int most, float step_m);
+/* min/max of the posed vertices -/+ BODY_SHELL_M. */
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
 
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
@@ -77,7 +77,7 @@ void box_ray_mask(const sherf_camera *camera, const float min_world[3], const fl
 
 /* ---- the projected box, as OpenCV's fillPoly on the 8 projected corners' 6
  * faces ---- */
-/* mask: H x W, 1 inside. Corners of the world box (min/max -/+ 0.05) are projected, rounded to nearest (half
+/* mask: H x W, 1 inside. Corners of the world box (body_world_box) are projected, rounded to nearest (half
  * to even) to integers, each of the box's 6 faces is filled as a polygon including its border. */
 void box_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3], uint8_t *mask);
 

@@ -67,7 +67,7 @@ static void points_are_exact(void **state) {
     camera_resize(&small, 20, 24);
     ray_bundle *rays = target_rays(r, &small);
     vertex_grid *g;
-    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, r->target->vertices_smpl, 0.05f, &g));
+    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, r->target->vertices_smpl, BODY_SHELL_M, &g));
     for (int run = 0; run < 6; run++) {
         if (!test_isa((isa_level)(run % 3))) continue;
         r->c->threads = run < 3 ? 1 : 3;

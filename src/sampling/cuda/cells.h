@@ -20,7 +20,7 @@ __device__ inline int64_t cell_number(const cells_head &h, int x, int y, int z) 
     return ((int64_t)z * h.cells[1] + y) * h.cells[0] + x;
 }
 
-/* Whether a vertex may be within near_m of p. */
+/* Whether a vertex may be within BODY_SHELL_M of p. */
 __device__ inline bool cell_is_near(const vertex_cells &g, const float p[3]) {
     const cells_head &h = *g.head;
     int cell[3];

@@ -53,7 +53,6 @@ struct vertex_cells {
     const float *vertex;
 };
 constexpr int64_t CELLS_MOST = 1 << 19;
-constexpr float near_m = 0.05f; /* points are kept that are closer to a vertex */
 
 struct placed_body {
     int vertices, neighbours;

@@ -222,7 +222,7 @@ static __device__ void to_canonical(const placed_body &b, const placed_pose &pos
 
 static void keep_near(const placed_body &b, const placed_pose &pose, const empty_cells &empty,
                       const placed_points &p) {
-    const float limit_d2 = nextafterf(near_m * near_m, 0); /* strictly closer */
+    const float limit_d2 = nextafterf(BODY_SHELL_M * BODY_SHELL_M, 0); /* strictly closer */
     each_counted(&p.head->candidates, p.most, [=] __device__(int64_t i) {
         float x[3];
         sample_place(p, pose, p.candidate_ray[i], p.candidate_sample[i], x);

@@ -44,10 +44,10 @@ static __device__ void bounds_join(body_bounds &a, const body_bounds &b) {
     a.finite &= b.finite;
 }
 
-/* Cells of about half of near_m, so that near_m reaches two cells; around the vertices three more, so that
- * all points within near_m lie in the grid. Larger ones where they would be too many. */
+/* Cells of about half of BODY_SHELL_M, so that BODY_SHELL_M reaches two cells; around the vertices three
+ * more, so that all points within BODY_SHELL_M lie in the grid. Larger ones where they would be too many. */
 static __device__ void shape_cells(const body_bounds &b, cells_head *h) {
-    float cell = near_m * 0.502f, scale = 0;
+    float cell = BODY_SHELL_M * 0.502f, scale = 0;
     int finite = b.finite;
     for (int k = 0; k < 3; k++) scale = fmaxf(scale, fmaxf(fabsf(b.min[k]), fabsf(b.max[k])));
     for (;; cell *= 1.1f) {
@@ -104,8 +104,8 @@ __global__ static void bounds_kernel(int vertices, const float *vertex, rigid to
     if (!frame) return;
     frame->finite = b.finite;
     for (int k = 0; k < 3; k++) { /* as body_world_box, and then rays_create */
-        frame->min[k] = b.min_world[k] - 0.05f - 0.01f;
-        frame->max[k] = b.max_world[k] + 0.05f + 0.01f;
+        frame->min[k] = b.min_world[k] - BODY_SHELL_M - BOX_SPARE_M;
+        frame->max[k] = b.max_world[k] + BODY_SHELL_M + BOX_SPARE_M;
     }
 }
 
@@ -150,7 +150,7 @@ void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_ce
             const float low = h.min[0] + (float)at * h.cell_m - h.slack_m;
             const float high = low + h.cell_m + 2 * h.slack_m;
             const float d = x[0] < low ? low - x[0] : x[0] > high ? x[0] - high : 0;
-            if (away2 + d * d <= near_m * near_m * 1.0001f) g.near[cell_number(h, at, y, z)] = 1;
+            if (away2 + d * d <= BODY_SHELL_M * BODY_SHELL_M * 1.0001f) g.near[cell_number(h, at, y, z)] = 1;
         }
     });
 }

@@ -3,7 +3,7 @@
 #ifndef SHERF_CANONICAL_H
 #define SHERF_CANONICAL_H
 
-#include "model/model.h"
+#include "avatar/avatar.h"
 
 /* Where the observed picture shows `n` canonical points, pixels [n, 2]; nearest: each one's nearest canonical
  * vertex. */

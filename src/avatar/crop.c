@@ -17,31 +17,6 @@ static const double margin_m = 0.15;
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
 static const double fine_least = 1.2;
 
-static sherf_status joints_camera(context *c, const body_model *body, const sherf_pose *pose,
-                                  const sherf_camera *camera, float out[BODY_JOINTS][3]) {
-    float world[BODY_JOINTS][3];
-    sherf_status status = sherf_body_pose(c, body, pose, NULL, world[0]);
-    if (status != SHERF_OK) return status;
-    for (int j = 0; j < BODY_JOINTS; j++)
-        for (int i = 0; i < 3; i++) {
-            const float *r = camera->R + 3 * i;
-            out[j][i] = r[0] * world[j][0] + r[1] * world[j][1] + r[2] * world[j][2] + camera->T_m[i];
-        }
-    return SHERF_OK;
-}
-
-sherf_status model_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
-                            const sherf_camera *camera, double *out) {
-    float joint[BODY_JOINTS][3];
-    double z = 0;
-    *out = 0;
-    sherf_status status = joints_camera(c, body, pose, camera, joint);
-    if (status != SHERF_OK) return status;
-    for (int j = 0; j < BODY_JOINTS; j++) z += (double)joint[j][2] / BODY_JOINTS;
-    if (z > 1e-3) *out = sqrt((double)camera->K[0] * (double)camera->K[4]) / z;
-    return SHERF_OK;
-}
-
 /* The square of the picture that holds the body, at least `least` wide, in whole pixels. False where a joint
  * lies behind the camera. */
 static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *camera, double margin_px,
@@ -161,8 +136,8 @@ sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *m, const
     if (!config->px_per_m || !config->image_size) return observation_copy(c, o, out);
     sherf_status status = observation_check_body(c, o, body); /* a cut round the body would hide it */
     if (status != SHERF_OK) return status;
-    status = model_px_per_m(c, body, &o->pose, &o->camera, &now);
-    if (status == SHERF_OK) status = joints_camera(c, body, &o->pose, &o->camera, joint);
+    status = body_px_per_m(c, body, &o->pose, &o->camera, &now);
+    if (status == SHERF_OK) status = body_joints_camera(c, body, &o->pose, &o->camera, joint);
     if (status != SHERF_OK) return status;
     double factor = now / config->px_per_m;
     const bool fits = factor > 1 / scale_tolerance && factor < scale_tolerance;

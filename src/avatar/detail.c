@@ -116,7 +116,7 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     }
     const size_t n = (size_t)out->width * (size_t)out->height;
     sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
-    if (status == SHERF_OK) status = avatar_render(c, a, body, posed, &out->camera, &plain, &own);
+    if (status == SHERF_OK) status = avatar_frame(c, a, body, posed, &out->camera, &plain, &own);
     if (status == SHERF_OK) status = detail_draw_body(c, body, a->observed, &out->camera, &drawn);
     if (status == SHERF_OK) detail_bound(drawn, own.depth.data);
     if (status == SHERF_OK) status = detail_see_body(c, a, body, drawn, out);
@@ -136,6 +136,30 @@ sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *
     posed_body_free(posed);
     sherf_frame_free(&own);
     if (status != SHERF_OK) detail_free(out);
+    return status;
+}
+
+lazy_detail *lazy_detail_create(context *c) {
+    lazy_detail *l = mem_zero(c, 1, sizeof *l);
+    if (l) pthread_mutex_init(&l->lock, NULL);
+    return l;
+}
+
+void lazy_detail_free(lazy_detail *l) {
+    if (!l) return;
+    pthread_mutex_destroy(&l->lock);
+    detail_free(&l->made);
+    mem_free(l);
+}
+
+sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
+                              const avatar_detail **out) {
+    lazy_detail *l = a->detail;
+    sherf_status status = SHERF_OK;
+    pthread_mutex_lock(&l->lock);
+    if (!l->made.texel) status = detail_create(c, a, body, &l->made);
+    pthread_mutex_unlock(&l->lock);
+    *out = &l->made;
     return status;
 }
 

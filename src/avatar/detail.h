@@ -2,11 +2,33 @@
 #ifndef SHERF_DETAIL_H
 #define SHERF_DETAIL_H
 
-#include "model/model.h"
+#include "avatar/avatar.h"
+
+/* A texel is a pixel of the observed picture. */
+typedef struct {
+    float difference[3]; /* observation minus the avatar's own picture of that view */
+    float weight;        /* 0: not to be used; 1: seen well */
+    float depth;         /* metres along the camera's axis, of the avatar's own picture, smoothed */
+} detail_texel;
+typedef struct {
+    int width, height;
+    sherf_camera camera;
+    detail_texel *texel; /* NULL: none */
+    float *seen;         /* V: how much the observation sees of what is near the vertex, 0 to 1 */
+} avatar_detail;
 
 /* The avatar's picture of the observed view rendered and compared. Free with detail_free. */
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out);
 void detail_free(avatar_detail *d);
+typedef struct lazy_detail {
+    pthread_mutex_t lock;
+    avatar_detail made;
+} lazy_detail;
+lazy_detail *lazy_detail_create(context *c);
+void lazy_detail_free(lazy_detail *l); /* NULL is fine */
+/* The avatar's, made now where there is none yet. */
+sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
+                              const avatar_detail **out);
 
 /* What the observation adds to the colour of `n` canonical points of the surface, [n, 3], as far as the
  * points' texels are to be trusted, and how much of each place it sees, [n], 0 to 1; nearest: each one's

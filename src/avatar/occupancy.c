@@ -142,3 +142,30 @@ sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_mode
     mem_free(job.state);
     return status;
 }
+
+lazy_occupancy *lazy_occupancy_create(context *c) {
+    lazy_occupancy *l = mem_zero(c, 1, sizeof *l);
+    if (l) pthread_mutex_init(&l->lock, NULL);
+    return l;
+}
+
+void lazy_occupancy_free(lazy_occupancy *l) {
+    if (!l) return;
+    pthread_mutex_destroy(&l->lock);
+    empty_cells_free(&l->cells);
+    mem_free(l);
+}
+
+sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
+                              const empty_cells **out) {
+    lazy_occupancy *l = a->occupancy;
+    sherf_status status = SHERF_OK;
+    pthread_mutex_lock(&l->lock);
+    if (!l->looked) {
+        status = empty_cells_find(c, a, body, &l->cells);
+        l->looked = status == SHERF_OK;
+    }
+    pthread_mutex_unlock(&l->lock);
+    *out = l->cells.bit ? &l->cells : NULL;
+    return status;
+}

@@ -8,7 +8,7 @@
 
 #include <math.h>
 
-#include "model/model.h"
+#include "avatar/avatar.h"
 
 enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX = 200000000 };
 

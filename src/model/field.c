@@ -9,7 +9,7 @@
 typedef struct {
     model *m;
     observation_geometry *g;
-    const kept_bank *kept; /* the avatar's */
+    const kept_bank *kept;
 } ops_field;
 
 static void release(void *field) {
@@ -20,25 +20,25 @@ static void release(void *field) {
     mem_free(f);
 }
 
-/* A whole model with the weights that the avatar has. */
-static sherf_status take_weights(context *c, const sherf_avatar *a, model **out) {
-    sherf_status status = model_create(c, &a->config, 0, out);
-    for (int i = 0; status == SHERF_OK && i < a->weights->count; i++) {
-        const parameter *from = a->weights->item[i], *to = parameter_find((*out)->weights, from->name);
-        memcpy(to->value.data, from->value.data, (size_t)tensor_count(&to->value) * sizeof(float));
+/* A whole model with the weights that were kept. */
+static sherf_status take_weights(context *c, const field_source *from, model **out) {
+    sherf_status status = model_create(c, from->config, 0, out);
+    for (int i = 0; status == SHERF_OK && i < from->weights->count; i++) {
+        const parameter *kept = from->weights->item[i], *to = parameter_find((*out)->weights, kept->name);
+        memcpy(to->value.data, kept->value.data, (size_t)tensor_count(&to->value) * sizeof(float));
     }
     return status == SHERF_OK ? model_place(c, *out) : status;
 }
 
-static sherf_status create(context *c, const sherf_avatar *a, const body_model *body, void **out) {
-    const sherf_image image = {a->image_width, a->image_height, 3, a->image};
+static sherf_status create(context *c, const field_source *from, const body_model *body, void **out) {
     ops_field *f = mem_zero(c, 1, sizeof *f);
     *out = NULL;
     if (!f) return SHERF_NO_MEMORY;
-    f->kept = &a->kept;
-    sherf_status status = take_weights(c, a, &f->m);
+    f->kept = from->kept;
+    sherf_status status = take_weights(c, from, &f->m);
     if (status == SHERF_OK)
-        status = observation_geometry_create(c, &a->config, body, &image, &a->camera, &a->pose, false, &f->g);
+        status = observation_geometry_create(c, from->config, body, &from->image, from->camera, from->pose,
+                                             false, &f->g);
     if (status == SHERF_OK)
         *out = f;
     else

@@ -1,15 +1,25 @@
-/* field: what answers an avatar's points, for one context: packed for its processor, or in its GPU's memory.
- */
+/* field: what answers points of an encoded observation, for one context: packed for its processor, or in its
+ * GPU's memory. */
 #ifndef SHERF_FIELD_H
 #define SHERF_FIELD_H
 
 #include "model/model.h"
 
+/* What a field is made of, an avatar's: all that is pointed to outlives it and is not changed. */
+typedef struct {
+    const model_config *config;
+    const parameters *weights; /* what queries read, in the host's memory */
+    const kept_bank *kept;
+    sherf_image image; /* the observation's, H x W x 3, black outside the mask */
+    const sherf_pose *pose;
+    const sherf_camera *camera;
+    const posed_body *observed;
+} field_source;
+
 typedef struct field_kind {
-    /* From the avatar's kept bank, weights and observation. The avatar outlives it and is not changed. */
-    sherf_status (*create)(context *c, const sherf_avatar *a, const body_model *body, void **out);
+    sherf_status (*create)(context *c, const field_source *from, const body_model *body, void **out);
     void (*release)(void *field); /* NULL is fine */
-    /* On any thread, several at once: as avatar_query and avatar_composite. */
+    /* On any thread, several at once: rgb [P, 3] and raw density [P], and a frame as tiles_render. */
     sherf_status (*run)(context *c, void *field, const body_model *body, const point_set *points, float *rgb,
                         float *sigma);
     sherf_status (*render)(context *c, void *field, const body_model *body, const ray_bundle *rays,

@@ -5,8 +5,6 @@
 #ifndef SHERF_MODEL_H
 #define SHERF_MODEL_H
 
-#include <pthread.h>
-
 #include "body/body.h"
 #include "io/safetensors.h"
 #include "nn/layers.h"
@@ -115,6 +113,11 @@ sherf_status kept_take(context *c, const tensor *x, kept_array *out);
 /* An array of a file, whose sizes must be those that out->dim gives. */
 sherf_status kept_array_read(context *c, const safetensors *s, kept_array *out);
 
+/* All of a model's bank, and from a file; free with kept_free, whatever the answer. */
+sherf_status kept_make(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
+                       kept_bank *out);
+sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
+
 /* ---- the table ---- */
 /* The same network as `query`, a tile of points at a time, for training in bf16. */
 typedef struct {
@@ -186,12 +189,6 @@ sherf_status model_encode(tape *t, const model *m, const body_model *body, const
 tape *tape_for_parts(tape *t);
 tensor *tape_keep(tape *t, tape *work, tensor *x);
 
-/* How large a person in this pose is in the picture, in pixels a metre at the joints' mean distance; 0 where
- * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_fit).
- */
-sherf_status model_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
-                            const sherf_camera *camera, double *out);
-
 /* Raw density and colour of all points, in chunks of which the tape keeps nothing: into sigma [P, 1] and rgb
  * [P, 3]. */
 sherf_status model_query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
@@ -216,82 +213,5 @@ sherf_status model_load_resnet(context *c, model *m, const char *path);
 /* For model_kind.start_from_resnet: the parameters named PREFIX... take the values, whole or not at all: not
  * where the network has another width (*taken stays false). */
 sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken);
-
-/* ---- avatar ---- */
-/* avatar/detail.h; a texel is a pixel of the observed picture. */
-typedef struct {
-    float difference[3]; /* observation minus the avatar's own picture of that view */
-    float weight;        /* 0: not to be used; 1: seen well */
-    float depth;         /* metres along the camera's axis, of the avatar's own picture, smoothed */
-} detail_texel;
-typedef struct {
-    int width, height;
-    sherf_camera camera;
-    detail_texel *texel; /* NULL: none */
-    float *seen;         /* V: how much the observation sees of what is near the vertex, 0 to 1 */
-} avatar_detail;
-struct sherf_avatar {
-    model_config config;
-    sherf_pose pose; /* the observation's */
-    sherf_camera camera;
-    uint64_t body_fingerprint;
-    parameters *weights;           /* what queries read, in the host's memory */
-    kept_bank kept;                /* of its bank */
-    int image_width, image_height; /* of the observation as it was encoded */
-    float *image;                  /* H x W x 3, black outside the mask */
-    uint8_t *picture;              /* the observation with more pixels than the image, RGB; NULL: none */
-    int picture_width, picture_height;
-    posed_body *observed; /* observation pose, for the pixel-aligned features */
-    const struct field_kind *field_kind;
-    void *field; /* answers its points, for the context that it was made or loaded in */
-    /* Found before the first frame that may leave something out. */
-    struct {
-        pthread_mutex_t lock;
-        bool looked;
-        empty_cells cells;
-    } empty;
-    /* Made before the first frame that wants it. */
-    struct {
-        pthread_mutex_t lock;
-        avatar_detail kept;
-    } detail;
-};
-
-/* kept.c: of a model's bank, and from a file; free with kept_free, whatever the answer. */
-sherf_status kept_make(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
-                       kept_bank *out);
-sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
-
-/* rgb [P, 3] and raw density [P] of points that the avatar's body has (points_create, canonical.h). */
-sherf_status avatar_query(context *c, const sherf_avatar *a, const body_model *body, const point_set *points,
-                          float *rgb, float *sigma);
-/* A frame of rays and points of the caller's, as tiles_render. */
-sherf_status avatar_composite(context *c, const sherf_avatar *a, const body_model *body,
-                              const ray_bundle *rays, const point_set *points, const float background[3],
-                              bool early_stop, sherf_frame *frame);
-/* Whether frames are made whole from a pose's joints, on a GPU (posed_joints_create). */
-bool avatar_takes_joints(const sherf_avatar *a);
-
-/* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
- * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
- * 6 cm of the body. Free with empty_cells_free. */
-sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out);
-void empty_cells_free(empty_cells *e);
-
-/* sherf_render in two steps, for many frames of one pose: the body posed and ready for points_create, or its
- * joints where the avatar is on a GPU (freed with posed_body_free), and a frame of it. */
-sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
-                         posed_body **out);
-sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
-                           const sherf_camera *camera, const sherf_render_options *options,
-                           sherf_frame *frame);
-/* What SHERF_DETAIL_ON does to a frame over `background` that was rendered without, for those who render in
- * parts. */
-sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
-                                const posed_body *posed, const sherf_camera *camera,
-                                const float background[3], sherf_frame *frame);
-/* The avatar's detail, made now where there is none yet. */
-sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
-                              const avatar_detail **out);
 
 #endif

@@ -1,4 +1,5 @@
-/* Camera and body that do not belong together are told before anything is computed from them. */
+/* A body before a camera: whether they belong together, which is told before anything is computed from them,
+ * and how large it is. */
 #include <math.h>
 
 #include "scene/scene.h"
@@ -45,4 +46,29 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
     mem_free(uv);
     mem_free(depth);
     return status;
+}
+
+sherf_status body_joints_camera(context *c, const body_model *body, const sherf_pose *pose,
+                                const sherf_camera *camera, float out[BODY_JOINTS][3]) {
+    float world[BODY_JOINTS][3];
+    sherf_status status = sherf_body_pose(c, body, pose, NULL, world[0]);
+    if (status != SHERF_OK) return status;
+    for (int j = 0; j < BODY_JOINTS; j++)
+        for (int i = 0; i < 3; i++) {
+            const float *r = camera->R + 3 * i;
+            out[j][i] = r[0] * world[j][0] + r[1] * world[j][1] + r[2] * world[j][2] + camera->T_m[i];
+        }
+    return SHERF_OK;
+}
+
+sherf_status body_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
+                           const sherf_camera *camera, double *out) {
+    float joint[BODY_JOINTS][3];
+    double z = 0;
+    *out = 0;
+    sherf_status status = body_joints_camera(c, body, pose, camera, joint);
+    if (status != SHERF_OK) return status;
+    for (int j = 0; j < BODY_JOINTS; j++) z += (double)joint[j][2] / BODY_JOINTS;
+    if (z > 1e-3) *out = sqrt((double)camera->K[0] * (double)camera->K[4]) / z;
+    return SHERF_OK;
 }

@@ -19,6 +19,14 @@ camera_check(context *c, const sherf_camera *camera); /* finite, K invertible, R
  * than two pixels, or, with a mask (1 byte a pixel), when no vertex falls where it is not 0. */
 sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
                              const uint8_t *mask);
+/* Joints before the camera, metres. */
+sherf_status body_joints_camera(context *c, const body_model *body, const sherf_pose *pose,
+                                const sherf_camera *camera, float out[BODY_JOINTS][3]);
+/* How large a person in this pose is in the picture, in pixels a metre at the joints' mean distance; 0 where
+ * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_fit).
+ */
+sherf_status body_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
+                           const sherf_camera *camera, double *out);
 /* Scales K with the picture. */
 void camera_resize(sherf_camera *camera, int width_px, int height_px);
 

@@ -88,7 +88,7 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
         double one;
         sherf_status status = dataset_camera(t->c, t->data, person, 0, &camera);
         if (status == SHERF_OK) status = dataset_pose(t->c, t->data, person, 0, &pose);
-        if (status == SHERF_OK) status = model_px_per_m(t->c, t->body, &pose, &camera, &one);
+        if (status == SHERF_OK) status = body_px_per_m(t->c, t->body, &pose, &camera, &one);
         if (status != SHERF_OK) return status;
         if (!i) config->image_size = t->state.size_px ? t->state.size_px : camera.width_px;
         sum += one * config->image_size / camera.width_px;

@@ -7,7 +7,7 @@
 
 #include <pthread.h>
 
-#include "model/model.h"
+#include "avatar/avatar.h"
 
 enum {
     VIEWER_TOKEN = 32,      /* letters of the token, 128 bits */

@@ -8,7 +8,7 @@
 
 #ifdef HAVE_CUDA_EMULATED
 #include "synth/tube/tubeman.h"
-#include "model/field.h"
+#include "avatar/avatar.h"
 #include "model/sherf/fused/gpu.h"
 
 extern const gpu_renderer gpu_renderer_emulated;

@@ -63,10 +63,10 @@ static void the_observed_view_is_the_observation(void **state) {
     sherf_frame before = {0}, off = {0}, on = {0};
     open_scene(&s);
     render(&s, &s.camera, SHERF_DETAIL_OFF, &before);
-    assert_null(s.avatar->detail.kept.texel); /* not made for those who do not want it */
-    render(&s, &s.camera, 0, &on);            /* the default */
+    assert_null(s.avatar->detail->made.texel); /* not made for those who do not want it */
+    render(&s, &s.camera, 0, &on);             /* the default */
     render(&s, &s.camera, SHERF_DETAIL_OFF, &off);
-    assert_non_null(s.avatar->detail.kept.texel);
+    assert_non_null(s.avatar->detail->made.texel);
     assert_memory_equal(off.color.data, before.color.data, 3 * SIDE * SIDE * sizeof(float));
     assert_memory_equal(on.depth.data, off.depth.data, SIDE * SIDE * sizeof(float));
     assert_int_equal(on.points, off.points);
@@ -111,11 +111,11 @@ static sherf_camera turned_camera(scene *s, double angle) {
 /* A frame with nothing to give back, so that its opacities alone are made firm. */
 static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *out) {
     const avatar_detail *d;
-    detail_free(&s->avatar->detail.kept);
+    detail_free(&s->avatar->detail->made);
     assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
     for (int i = 0; i < d->width * d->height; i++) d->texel[i].weight = 0;
     render(s, camera, SHERF_DETAIL_ON, out);
-    detail_free(&s->avatar->detail.kept);
+    detail_free(&s->avatar->detail->made);
 }
 
 /* How much the picture's detail makes frames from there differ. */

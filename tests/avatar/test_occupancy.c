@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/field.h"
+#include "avatar/avatar.h"
 #include "support.h"
 
 static const char model_path[] = "../assets/models/people.safetensors",
@@ -103,9 +103,9 @@ static void check_frames(sherf_precision precision) {
     const sherf_pose *pose = sherf_observation_pose(s.observation);
     const sherf_camera *camera = sherf_observation_camera(s.observation);
     assert_ok(s.c, sherf_render(s.c, s.avatar, s.body, pose, camera, &exact, &frame[0]));
-    assert_false(s.avatar->empty.looked);
+    assert_false(s.avatar->occupancy->looked);
     assert_ok(s.c, sherf_render(s.c, s.avatar, s.body, pose, camera, &plain, &frame[1]));
-    assert_true(s.avatar->empty.looked && frame[1].points < frame[0].points / 4 * 3);
+    assert_true(s.avatar->occupancy->looked && frame[1].points < frame[0].points / 4 * 3);
     double sum = 0;
     const int64_t n = (int64_t)camera->width_px * camera->height_px * 3;
     for (int64_t i = 0; i < n; i++) sum += pow(frame[0].color.data[i] - frame[1].color.data[i], 2);
@@ -131,7 +131,7 @@ static void a_full_body_has_no_cells(void **state) {
     tensor *bias = &parameter_find(s.avatar->weights, "decoder.alpha_linear.bias")->value;
     tensor_f32(bias)[0] += 1e4f;
     s.avatar->field_kind->release(s.avatar->field);
-    assert_ok(s.c, s.avatar->field_kind->create(s.c, s.avatar, s.body, &s.avatar->field));
+    assert_ok(s.c, avatar_place(s.c, s.body, s.avatar));
     assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
     assert_null(empty.bit);
     close_scene(&s);

@@ -2,13 +2,14 @@
  * context that the avatar was made or loaded in. */
 #include "model/field.h"
 
+#include <pthread.h>
 #include <string.h>
 
 #include "model/sherf/fused/gpu.h"
 #include "model/sherf/sherf.h"
 
 typedef struct {
-    const sherf_avatar *a;
+    field_source from;
     radiance_bank canonical; /* of the bank what the canonical body decides */
     radiance_field *network; /* NULL on a GPU, unless the processor was asked too */
     gpu_avatar *gpu;         /* or NULL */
@@ -53,19 +54,19 @@ static void bank_free(radiance_bank *b) {
     for (int l = 0; l < POINT_LEVELS; l++) mem_free((void *)b->level[l].grid);
 }
 
-/* Free with bank_free, whatever the answer. The arrays stay the avatar's. */
+/* Free with bank_free, whatever the answer. The arrays stay the source's. */
 static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b) {
-    const sherf_avatar *a = f->a;
-    const kept_array *k = a->kept.array; /* features, planes, then values and voxels by level */
+    const field_source *from = &f->from;
+    const kept_array *k = from->kept->array; /* features, planes, then values and voxels by level */
     *b = f->canonical;
     b->features = k[0].data;
     b->feature_height = (int)k[0].dim[0];
     b->feature_width = (int)k[0].dim[1];
     b->planes = k[1].data;
-    b->plane_size = model_sherf_settings(&a->config)->plane_resolution;
-    b->image = a->image;
-    b->image_width = a->image_width;
-    b->image_height = a->image_height;
+    b->plane_size = model_sherf_settings(from->config)->plane_resolution;
+    b->image = from->image.data;
+    b->image_width = from->image.width;
+    b->image_height = from->image.height;
     sherf_status status = SHERF_OK;
     for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++)
         status = level_of(c, &k[2 + 2 * l], &k[3 + 2 * l], l, b);
@@ -76,8 +77,8 @@ static sherf_status network_make(context *c, const fused_field *f, radiance_fiel
     radiance_sizes sizes;
     radiance_weights weights;
     radiance_bank bank;
-    model_sherf_sizes(&f->a->config, &sizes);
-    model_sherf_weights(f->a->weights, &f->a->config, &weights);
+    model_sherf_sizes(f->from.config, &sizes);
+    model_sherf_weights(f->from.weights, f->from.config, &weights);
     sherf_status status = bank_of(c, f, &bank);
     if (status == SHERF_OK)
         status = radiance_field_create(c, &sizes, &weights, &bank, c->precision == SHERF_PRECISION_BF16, out);
@@ -86,35 +87,35 @@ static sherf_status network_make(context *c, const fused_field *f, radiance_fiel
 }
 
 static sherf_status network_place(context *c, fused_field *f, const body_model *body) {
-    const sherf_avatar *a = f->a;
+    const field_source *from = &f->from;
     radiance_sizes sizes;
     radiance_weights weights;
     radiance_bank bank;
     radiance_parts parts;
-    model_sherf_sizes(&a->config, &sizes);
-    model_sherf_weights(a->weights, &a->config, &weights);
+    model_sherf_sizes(from->config, &sizes);
+    model_sherf_weights(from->weights, from->config, &weights);
     sherf_status status = bank_of(c, f, &bank);
     if (status == SHERF_OK) status = radiance_parts_create(c, &sizes, &weights, &bank, &parts);
     bank_free(&bank);
     if (status != SHERF_OK) return status;
-    status = f->renderer->place(c, body, a->observed, &a->camera, &parts,
+    status = f->renderer->place(c, body, from->observed, from->camera, &parts,
                                 c->precision == SHERF_PRECISION_BF16, &f->gpu);
     radiance_parts_free(&parts);
     return status;
 }
 
-static sherf_status create(context *c, const sherf_avatar *a, const body_model *body, void **out) {
+static sherf_status create(context *c, const field_source *from, const body_model *body, void **out) {
     float max[3];
     fused_field *f = mem_zero(c, 1, sizeof *f);
     *out = NULL;
     if (!f) return SHERF_NO_MEMORY;
     pthread_mutex_init(&f->lock, NULL);
-    f->a = a;
+    f->from = *from;
     f->renderer = gpu_renderer_of(c);
     body_canonical_bounds_z(body, f->canonical.plane_min, f->canonical.plane_max);
     body_canonical_bounds(body, f->canonical.volume_min, max);
-    f->canonical.voxel_size_m = model_sherf_settings(&a->config)->voxel_size_m;
-    sherf_status status = model_sherf_volume_size(c, &a->config, body, f->canonical.volume_size);
+    f->canonical.voxel_size_m = model_sherf_settings(from->config)->voxel_size_m;
+    sherf_status status = model_sherf_volume_size(c, from->config, body, f->canonical.volume_size);
     if (status == SHERF_OK)
         status = f->renderer ? network_place(c, f, body) : network_make(c, f, &f->network);
     if (status == SHERF_OK)

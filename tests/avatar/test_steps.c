@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/model.h"
+#include "avatar/avatar.h"
 #include "support.h"
 
 static const char model_path[] = "../assets/models/people.safetensors",

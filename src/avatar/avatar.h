@@ -1,0 +1,89 @@
+/* avatar: an observation encoded once, with the weights that queries read, and the frames made from it. A
+ * file calls only those that stand above it here. */
+#ifndef SHERF_AVATAR_H
+#define SHERF_AVATAR_H
+
+#include <pthread.h>
+
+#include "model/field.h"
+
+struct sherf_avatar {
+    model_config config;
+    sherf_pose pose; /* the observation's */
+    sherf_camera camera;
+    uint64_t body_fingerprint;
+    parameters *weights;           /* what queries read, in the host's memory */
+    kept_bank kept;                /* of its bank */
+    int image_width, image_height; /* of the observation as it was encoded */
+    float *image;                  /* H x W x 3, black outside the mask */
+    uint8_t *picture;              /* the observation with more pixels than the image, RGB; NULL: none */
+    int picture_width, picture_height;
+    posed_body *observed; /* observation pose, for the pixel-aligned features */
+    const field_kind *field_kind;
+    void *field; /* answers its points, for the context that it was made or loaded in */
+    /* Made when a frame first needs them, under locks of their own: an avatar is for any thread. */
+    struct lazy_occupancy *occupancy;
+    struct lazy_detail *detail;
+};
+
+/* ---- device.c: what answers its points, on the processor or on a GPU ---- */
+/* The field for this context, from all the rest. */
+sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a);
+/* rgb [P, 3] and raw density [P] of points that the avatar's body has (points_create, canonical.h). */
+sherf_status avatar_query(context *c, const sherf_avatar *a, const body_model *body, const point_set *points,
+                          float *rgb, float *sigma);
+/* A frame of rays and points of the caller's, as tiles_render. */
+sherf_status avatar_composite(context *c, const sherf_avatar *a, const body_model *body,
+                              const ray_bundle *rays, const point_set *points, const float background[3],
+                              bool early_stop, sherf_frame *frame);
+/* Whether frames are made whole from a pose's joints, on a GPU (posed_joints_create). */
+bool avatar_takes_joints(const sherf_avatar *a);
+/* The body posed and ready for points_create, or its joints where the avatar is on a GPU; freed with
+ * posed_body_free. */
+sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                         posed_body **out);
+
+/* ---- occupancy.c ---- */
+/* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
+ * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
+ * 6 cm of the body. Free with empty_cells_free. */
+sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out);
+void empty_cells_free(empty_cells *e);
+typedef struct lazy_occupancy {
+    pthread_mutex_t lock;
+    bool looked;
+    empty_cells cells;
+} lazy_occupancy;
+lazy_occupancy *lazy_occupancy_create(context *c);
+void lazy_occupancy_free(lazy_occupancy *l); /* NULL is fine */
+/* The avatar's, found now where nobody has looked yet. *out NULL: there is nothing to leave out. */
+sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
+                              const empty_cells **out);
+
+/* ---- frame.c ---- */
+/* A frame as the network has it, without detail. */
+sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
+                          const sherf_camera *camera, const sherf_render_options *options,
+                          sherf_frame *frame);
+
+/* ---- detail.c, see detail.h ---- */
+
+/* ---- avatar.c: made of an observation ---- */
+sherf_avatar *avatar_new(context *c); /* empty, NULL on lack; freed with sherf_avatar_free */
+/* The weights of a model that its queries read; parameters_free, whatever the answer. */
+sherf_status avatar_weights(context *c, const model *m, parameters **out);
+/* What follows from what a file or an observation says: the observed body, and avatar_place. */
+sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
+
+/* ---- avatar_file.c, render.c ---- */
+/* sherf_render of a body that avatar_pose posed, for many frames of one pose. */
+sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
+                           const sherf_camera *camera, const sherf_render_options *options,
+                           sherf_frame *frame);
+/* What SHERF_DETAIL_ON does to a frame over `background` that was rendered without, for those who render in
+ * parts. */
+sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
+                                const posed_body *posed, const sherf_camera *camera,
+                                const float background[3], sherf_frame *frame);
+
+#endif

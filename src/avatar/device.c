@@ -1,0 +1,42 @@
+/* What answers an avatar's points: its model's field, for the context that it was made or loaded in. */
+#include "avatar/avatar.h"
+
+sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a) {
+    const field_source source = {
+        &a->config, a->weights, &a->kept,   {a->image_width, a->image_height, 3, a->image},
+        &a->pose,   &a->camera, a->observed};
+    a->field_kind = a->config.kind->field ? a->config.kind->field : &field_of_ops;
+    return a->field_kind->create(c, &source, body, &a->field);
+}
+
+sherf_status avatar_query(context *c, const sherf_avatar *a, const body_model *body, const point_set *points,
+                          float *rgb, float *sigma) {
+    return a->field_kind->run(c, a->field, body, points, rgb, sigma);
+}
+
+sherf_status avatar_composite(context *c, const sherf_avatar *a, const body_model *body,
+                              const ray_bundle *rays, const point_set *points, const float background[3],
+                              bool early_stop, sherf_frame *frame) {
+    return a->field_kind->render(c, a->field, body, rays, points, background, early_stop, frame);
+}
+
+bool avatar_takes_joints(const sherf_avatar *a) {
+    return a->field_kind->takes_joints && a->field_kind->takes_joints(a->field);
+}
+
+sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                         posed_body **out) {
+    *out = NULL;
+    if (body->fingerprint != a->body_fingerprint)
+        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    const bool joints = avatar_takes_joints(a);
+    sherf_status status =
+        joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
+               : posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    if (status == SHERF_OK) (*out)->blend_m = (float)a->config.skin_blend_mm / 1000;
+    if (status == SHERF_OK && !joints) status = points_prepare(c, body, *out);
+    if (status == SHERF_OK) return SHERF_OK;
+    posed_body_free(*out);
+    *out = NULL;
+    return status;
+}

@@ -1,0 +1,77 @@
+/* A frame as the network has it: how many depths its rays have, and which points are left out. */
+#include <math.h>
+#include <string.h>
+
+#include "avatar/avatar.h"
+
+/* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
+ * does. The model learned with 8 to 15 mm a step where people stand upright. */
+enum { SAMPLES_MOST = 1024 };
+static const float step_most_m = 0.012f;
+
+static float depth_most(const ray_bundle *r) {
+    float most = -INFINITY;
+    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++) most = fmaxf(most, r->far[i]);
+    return most;
+}
+
+/* The rays of a frame and how many depths they have; *farthest: the last depth of all in the box. */
+static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_model *body,
+                               const posed_body *posed, const sherf_camera *camera, int asked,
+                               ray_bundle **rays, int *samples, float *farthest) {
+    float min[3], max[3];
+    body_world_box(body, posed, min, max);
+    sherf_status status = rays_create(c, camera, min, max, rays);
+    if (status != SHERF_OK) return status;
+    if (asked != SHERF_SAMPLES_MODEL) rays_mend(*rays, min, max);
+    *farthest = depth_most(*rays);
+    *samples = asked > 0 ? asked : a->config.samples;
+    if (!asked || asked == SHERF_SAMPLES_AUTO)
+        *samples = rays_even_steps(*rays, *samples, SAMPLES_MOST, step_most_m);
+    return SHERF_OK;
+}
+
+static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
+                              const sherf_camera *camera, const sherf_render_options *o,
+                              const empty_cells *empty, sherf_frame *frame) {
+    const bool even = !o->samples || o->samples == SHERF_SAMPLES_AUTO;
+    gpu_frame_options on_gpu = {.samples = o->samples > 0 ? o->samples : a->config.samples,
+                                .samples_most = even ? SAMPLES_MOST : 0,
+                                .step_most_m = step_most_m,
+                                .mend = o->samples != SHERF_SAMPLES_MODEL,
+                                .early_stop = !o->exact,
+                                .empty = empty};
+    memcpy(on_gpu.background, o->background, sizeof on_gpu.background);
+    if (!posed->joints)
+        return failure(c, SHERF_MISMATCH, "the avatar is on a GPU, and the pose was made for the processor");
+    return a->field_kind->render_joints(c, a->field, posed, camera, &on_gpu, frame);
+}
+
+sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
+                          const sherf_camera *camera, const sherf_render_options *o, sherf_frame *frame) {
+    const empty_cells *empty = NULL;
+    ray_bundle *rays = NULL;
+    point_set *points = NULL;
+    float farthest;
+    int samples;
+    if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MOST)
+        return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to %d, or 0 for automatic", o->samples,
+                       SAMPLES_MOST);
+    sherf_status status = camera_check(c, camera);
+    if (status == SHERF_OK && !o->exact) status = avatar_occupancy(c, a, body, &empty);
+    if (status == SHERF_OK && avatar_takes_joints(a)) return frame_gpu(c, a, posed, camera, o, empty, frame);
+    if (status == SHERF_OK)
+        status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
+    if (status != SHERF_OK) return status;
+    status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, empty, false, &points);
+    if (status == SHERF_OK)
+        status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
+    if (status == SHERF_OK) {
+        frame->points = points->count;
+        for (size_t i = 0; i < (size_t)rays->width * (size_t)rays->height; i++)
+            frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
+    }
+    rays_free(rays);
+    points_free(points);
+    return status;
+}

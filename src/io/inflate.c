@@ -1,4 +1,5 @@
 /* Files packed by zlib: what joblib.dump(..., compress=...) writes around a pickle. */
+#define ZLIB_CONST /* what is unpacked stays const */
 #include <zlib.h>
 
 #include "io/build.h"
@@ -17,7 +18,7 @@ sherf_status zlib_unpack(context *c, const unsigned char *data, size_t bytes, un
     *length = 0;
     if (bytes > UINT32_MAX) return failure(c, SHERF_BAD_FILE, "packed files of more than 4 GB are not read");
     if (inflateInit(&z) != Z_OK) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    z.next_in = (unsigned char *)(uintptr_t)data;
+    z.next_in = data;
     z.avail_in = (uInt)bytes;
     sherf_status status = SHERF_OK;
     while (!status && code == Z_OK) {

@@ -5,7 +5,9 @@ sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a) {
     const field_source source = {
         &a->config, a->weights, &a->kept,   {a->image_width, a->image_height, 3, a->image},
         &a->pose,   &a->camera, a->observed};
-    a->field_kind = a->config.kind->field ? a->config.kind->field : &field_of_ops;
+    const model_kind *kind = a->config.kind;
+    const field_kind *own = kind->field ? kind->field(&a->config) : NULL;
+    a->field_kind = own ? own : &field_of_ops;
     return a->field_kind->create(c, &source, body, &a->field);
 }
 

@@ -159,7 +159,8 @@ struct model_kind {
     void (*kept)(const model_config *config, kept_bank *out);
     sherf_status (*keep)(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                          kept_bank *out);
-    const struct field_kind *field; /* the same network as `query` for frames (field.h); or NULL */
+    /* The same network as `query` for frames (field.h); NULL, or it gives NULL: op by op. */
+    const struct field_kind *(*field)(const model_config *config);
 };
 
 /* name NULL: the table's first. */

@@ -87,7 +87,7 @@ static int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *f
     assert_non_null(t);
     const sherf_settings *k = model_sherf_settings(&m->config);
     sherf_bank own = {0};
-    model_bank bank = {.count = BANK_TENSORS, .own = &own};
+    model_bank bank = {.count = BANK_LEVEL + POINT_LEVELS, .own = &own};
     int64_t R = k->plane_resolution, half = SIDE / 2, total = m->weights->trained_floats;
     tensor *leaf[BANK];
     for (int i = 0; i < BANK; i++) {

@@ -6,7 +6,7 @@
 
 #include "data/data.h"
 #include "io/safetensors.h"
-#include "model/model.h"
+#include "avatar/avatar.h"
 #include "support.h"
 
 /* ---- the model: one convolution of the picture, read where a point is seen, and one linear layer ---- */
@@ -200,6 +200,82 @@ static void a_second_model_trains_and_renders(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* What a frame answers at its points is what the model's ops answer. */
+static void check_points(context *c, const sherf_model *m, const sherf_body *body) {
+    char picture[600];
+    sherf_observation *o;
+    sherf_avatar *a;
+    observation_geometry *g;
+    target_geometry *target;
+    model_bank bank;
+    snprintf(picture, sizeof picture, "thuman:%s#tube_000/0/0", root);
+    assert_ok(c, sherf_observation_load(c, picture, &o));
+    assert_ok(c, sherf_avatar_create(c, m, body, o, &a));
+    assert_ok(c,
+              observation_geometry_create(c, &m->config, body, &o->image, &o->camera, &o->pose, false, &g));
+    assert_ok(c, target_geometry_create(c, &m->config, body, &o->camera, &o->pose, g, false, &target));
+    const int64_t P = target->points->count;
+    float *rgb = mem_alloc(c, (size_t)P, 3 * sizeof *rgb), *sigma = mem_alloc(c, (size_t)P, sizeof *sigma);
+    assert_ok(c, avatar_query(c, a, body, target->points, rgb, sigma));
+    tape *t = tape_create(c, (tape_options){.backend = &backend_cpu});
+    tensor *density = tape_tensor(t, T_F32, 2, (int64_t[]){P, 1}),
+           *color = tape_tensor(t, T_F32, 2, (int64_t[]){P, 3});
+    assert_ok(c, model_encode(t, m, body, g, &bank));
+    assert_ok(c, model_query(t, m, body, g, &bank, target->points, density, color));
+    float largest = 0;
+    for (int64_t i = 0; i < P; i++) largest = fmaxf(largest, fabsf(tensor_f32(density)[i]));
+    assert_true(P > 100 && largest > 0);
+    for (int64_t i = 0; i < P; i++) assert_float_equal(tensor_f32(density)[i], sigma[i], 3e-4f * largest);
+    for (int64_t i = 0; i < 3 * P; i++) assert_float_equal(tensor_f32(color)[i], rgb[i], 3e-4f);
+    if (a->field_kind == &field_of_ops) { /* a file may say what it likes of its volume */
+        a->kept.array[a->kept.count - 1].dim[0]--;
+        assert_says(c, avatar_query(c, a, body, target->points, rgb, sigma), SHERF_MISMATCH,
+                    "of the volume has");
+    }
+    mem_free(rgb);
+    mem_free(sigma);
+    tape_free(t);
+    target_geometry_free(target);
+    observation_geometry_free(g);
+    sherf_avatar_free(a);
+    sherf_observation_free(o);
+}
+
+/* SHERF with fewer and more levels than its fused network has, and with other encodings. */
+static void sherfs_settings_reach_frames(void **state) {
+#define TINY                                                                                                 \
+    "small,plane_resolution=16,channel_max=16,encoder_width=8,style_width=16,voxel_size_m=0.02,"             \
+    "decoder_width=16,decoder_depth=2,decoder_skip=0,view_width=8,"
+    static const char *const variants[] = {
+        TINY "point_levels=1", TINY "point_levels=4,volume_channels3=24",
+        TINY "position_frequencies=4,direction_frequencies=2,color_frequencies=6"};
+    context *c = test_context();
+    sherf_body *body;
+    assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
+    for (size_t i = 0; i < COUNT_OF(variants); i++) {
+        char output[700];
+        sherf_model *m;
+        sherf_train_options o = training(2, variants[i]);
+        snprintf(output, sizeof output, "%s/tiny%zu", root, i);
+        o.output = output;
+        assert_ok(c, sherf_train(c, &o));
+        strcat(output, "/model.safetensors");
+        assert_ok(c, sherf_model_load(c, output, &m));
+        char *text = model_config_text(c, &m->config);
+        assert_non_null(strstr(text, strrchr(variants[i], ',') + 1));
+        mem_free(text);
+        check_points(c, m, body);
+        check_avatar(c, m, body);
+        sherf_model_free(m);
+    }
+    sherf_body_free(body);
+    model_config k;
+    assert_says(c, model_config_parse(c, "small,point_levels=5", &k), SHERF_BAD_ARGUMENT, "must be 1 to 4");
+    assert_says(c, model_config_parse(c, "small,color_frequencies=4", &k), SHERF_BAD_ARGUMENT, "too few");
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 /* From settings to a frame, with memory running out at each allocation in turn. */
 static void every_allocation_fails(void **state) {
     context *c = test_context();
@@ -268,6 +344,7 @@ static void unknown_models_are_one_line(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(settings_are_the_models_own), cmocka_unit_test(a_second_model_trains_and_renders),
-        cmocka_unit_test(every_allocation_fails), cmocka_unit_test(unknown_models_are_one_line)};
+        cmocka_unit_test(sherfs_settings_reach_frames), cmocka_unit_test(every_allocation_fails),
+        cmocka_unit_test(unknown_models_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

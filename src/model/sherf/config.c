@@ -11,7 +11,8 @@ static const sherf_settings paper = {.encoder_width = 64,
                                      .plane_resolution = 256,
                                      .channel_base = 32768,
                                      .channel_max = 512,
-                                     .volume_channels = {32, 64, 96},
+                                     .point_levels = 3,
+                                     .volume_channels = {32, 64, 96, 96},
                                      .token_width = 32,
                                      .heads = 3,
                                      .head_width = 16,
@@ -19,6 +20,9 @@ static const sherf_settings paper = {.encoder_width = 64,
                                      .decoder_depth = 8,
                                      .decoder_skip = 4,
                                      .view_width = 64,
+                                     .position_frequencies = 6,
+                                     .direction_frequencies = 4,
+                                     .color_frequencies = 5,
                                      .voxel_size_m = 0.005f};
 enum { PAPER_SAMPLES = 48, PAPER_IMAGE_SIZE = 512 };
 
@@ -39,9 +43,11 @@ const model_setting model_sherf_setting_list[] = {
     {"plane_resolution", AT(plane_resolution), 8, 4 << (GLOBAL_BLOCKS - 1), 8},
     {"channel_base", AT(channel_base), 256, 1 << 20, 1},
     {"channel_max", AT(channel_max), 8, 2048, 1},
+    {"point_levels", AT(point_levels), 1, POINT_LEVELS_MAX, 1},
     {"volume_channels0", AT(volume_channels[0]), 8, 256, 1},
     {"volume_channels1", AT(volume_channels[1]), 8, 256, 1},
     {"volume_channels2", AT(volume_channels[2]), 8, 256, 1},
+    {"volume_channels3", AT(volume_channels[3]), 8, 256, 1},
     {"token_width", AT(token_width), 32, 32, 32},
     {"heads", AT(heads), 1, 16, 1},
     {"head_width", AT(head_width), 1, 128, 1},
@@ -49,6 +55,9 @@ const model_setting model_sherf_setting_list[] = {
     {"decoder_depth", AT(decoder_depth), 2, POINT_DECODER_MAX, 1},
     {"decoder_skip", AT(decoder_skip), 0, POINT_DECODER_MAX - 2, 1},
     {"view_width", AT(view_width), 8, 1024, 8},
+    {"position_frequencies", AT(position_frequencies), 1, 16, 1},
+    {"direction_frequencies", AT(direction_frequencies), 1, 16, 1},
+    {"color_frequencies", AT(color_frequencies), 1, 16, 1},
     {"voxel_size_m", AT(voxel_size_m), 0.002, 0.1, 0},
     {0}};
 
@@ -76,6 +85,10 @@ sherf_status model_sherf_check(context *c, const model_config *config) {
     if (k->feature_width + 32 != 3 * k->token_width)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting feature_width=%d: must be 3 token widths less 32", k->feature_width);
+    if (3 + 6 * k->color_frequencies < 3 * k->token_width - k->feature_width)
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "model setting color_frequencies=%d: too few for %d values of a colour",
+                       k->color_frequencies, 3 * k->token_width - k->feature_width);
     if (k->decoder_skip > k->decoder_depth - 2)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting decoder_skip=%d: must be below decoder_depth - 1", k->decoder_skip);
@@ -109,9 +122,12 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
     const safetensor *last = tensor_of(s, "backbone.synthesis.b%d.conv1.weight", r);
     k->plane_resolution = r;
     k->channel_base = last && last->rank > 0 && last->dim[0] < 1 << 20 ? (int)last->dim[0] * r : 0;
-    k->volume_channels[0] = dimension(s, "renderer.encoder_3d.conv1.0.weight", 0);
-    k->volume_channels[1] = dimension(s, "renderer.encoder_3d.conv2.0.weight", 0);
-    k->volume_channels[2] = dimension(s, "renderer.encoder_3d.conv3.0.weight", 0);
+    for (int l = 0; l < POINT_LEVELS_MAX; l++) {
+        const safetensor *w = tensor_of(s, "renderer.encoder_3d.conv%d.0.weight", l + 1);
+        if (!w) break;
+        k->volume_channels[l] = w->rank > 0 && w->dim[0] < 1 << 20 ? (int)w->dim[0] : 0;
+        k->point_levels = l + 1;
+    }
     k->token_width = dimension(s, "renderer.conv1d_reprojection.weight", 0);
     k->head_width = dimension(s, "renderer.transformer.layers.0.0.fn.fn.to_qkv.weight", 0) / 3 / k->heads;
     k->decoder_width = dimension(s, "decoder.pts_linears.0.weight", 0);
@@ -126,6 +142,10 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
     return model_config_check(c, out);
 }
 
+bool model_sherf_is_fused(const model_config *config) {
+    return model_sherf_settings(config)->point_levels == POINT_LEVELS;
+}
+
 void model_sherf_sizes(const model_config *config, radiance_sizes *out) {
     const sherf_settings *k = model_sherf_settings(config);
     *out = (radiance_sizes){.token_width = k->token_width,
@@ -136,8 +156,8 @@ void model_sherf_sizes(const model_config *config, radiance_sizes *out) {
                             .decoder_depth = k->decoder_depth,
                             .decoder_skip = k->decoder_skip,
                             .view_width = k->view_width,
-                            .position_frequencies = 6,
-                            .direction_frequencies = 4,
-                            .color_frequencies = 5};
+                            .position_frequencies = k->position_frequencies,
+                            .direction_frequencies = k->direction_frequencies,
+                            .color_frequencies = k->color_frequencies};
     memcpy(out->volume_channels, k->volume_channels, sizeof out->volume_channels);
 }

@@ -4,7 +4,7 @@
 void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s) {
     const int64_t D = k->token_width, inner = (int64_t)k->heads * k->head_width;
     int64_t volume = 0;
-    for (int i = 0; i < POINT_LEVELS; i++) volume += k->volume_channels[i];
+    for (int i = 0; i < k->point_levels; i++) volume += k->volume_channels[i];
     s->token_width = k->token_width;
     s->heads = k->heads;
     s->head_width = k->head_width;

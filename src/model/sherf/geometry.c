@@ -85,7 +85,7 @@ static int64_t *reached(context *c, int64_t voxels, const int32_t *zyx, const in
     return number;
 }
 
-static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, bool down3) {
+static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, bool further) {
     int32_t *zyx = NULL, *next_zyx = NULL;
     int64_t count = vertices, *number = mem_alloc(c, (size_t)vertices, sizeof *number);
     sherf_status status = number ? SHERF_OK : SHERF_NO_MEMORY;
@@ -93,7 +93,7 @@ static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, b
     for (int v = 0; number && v < vertices; v++)
         number[v] = ((int64_t)g->vertex_zyx[3 * v] * size[1] + g->vertex_zyx[3 * v + 1]) * size[2] +
                     g->vertex_zyx[3 * v + 2];
-    int levels = down3 ? POINT_LEVELS + 2 : POINT_LEVELS + 1;
+    int levels = further ? g->levels + 2 : g->levels + 1;
     for (int l = 0; l < levels && status == SHERF_OK; l++) {
         status = level_fill(c, g, l, number, count, &next_zyx);
         mem_free(number);
@@ -107,7 +107,7 @@ static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, b
         mem_free(zyx);
         zyx = next_zyx;
         next_zyx = NULL;
-        if (l <= POINT_LEVELS && status == SHERF_OK) {
+        if (l <= g->levels && status == SHERF_OK) {
             g->level[l].rule = rule_create(c, g->level[l].voxels, zyx, g->level[l].grid, g->level[l].size, 1);
             if (!g->level[l].rule) status = SHERF_NO_MEMORY;
         }
@@ -139,14 +139,15 @@ sherf_status model_sherf_volume_size(context *c, const model_config *config, con
 /* Voxel of each vertex, the volume's sizes, the active voxels and rules of every level (network.md 3). The
  * observation's vertices go to canonical space by the inverse LBS, which puts them on the canonical body. */
 static sherf_status volume_layout(context *c, const model_config *config, const body_model *body,
-                                  const posed_body *observed, sherf_geometry *g, bool down3,
+                                  const posed_body *observed, sherf_geometry *g, bool further,
                                   const int32_t *fixed_voxels) {
     float max[3];
     body_canonical_bounds(body, g->volume_min, max);
     g->voxel_size_m = model_sherf_settings(config)->voxel_size_m;
     sherf_status status = model_sherf_volume_size(c, config, body, g->volume_size);
     if (status != SHERF_OK) return status;
-    for (int l = 0; l < POINT_LEVELS + 2; l++)
+    g->levels = model_sherf_settings(config)->point_levels;
+    for (int l = 0; l < g->levels + 2; l++)
         for (int a = 0; a < 3; a++) g->level[l].size[a] = g->volume_size[a] >> l;
     g->vertex_zyx = mem_alloc(c, (size_t)body->vertices * 3, sizeof(int32_t));
     g->vertex_voxel = mem_alloc(c, (size_t)body->vertices, sizeof(int32_t));
@@ -163,7 +164,7 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
             g->vertex_zyx[i - a + 2 - a] = at;
         }
         if (fixed_voxels) memcpy(g->vertex_zyx, fixed_voxels, (size_t)body->vertices * 3 * sizeof(int32_t));
-        status = levels_create(c, g, body->vertices, down3);
+        status = levels_create(c, g, body->vertices, further);
     }
     for (int v = 0; status == SHERF_OK && v < body->vertices; v++)
         g->vertex_voxel[v] =

@@ -87,7 +87,7 @@ sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
     const sherf_network *n = model_sherf_network(m);
     const int64_t D = model_sherf_settings(&m->config)->token_width;
     sherf_bank *own = tape_alloc(t, 1, sizeof *own);
-    *bank = (model_bank){.count = BANK_TENSORS, .own = own};
+    *bank = (model_bank){.count = BANK_LEVEL + n->point.levels, .own = own};
     if (!own) return tape_status(t);
     *own = (sherf_bank){0};
     tape *work = stages ? t : tape_for_parts(t);
@@ -99,7 +99,7 @@ sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
     own->style = global_style(t, &n->global, own->latent);
     tensor *planes = tape_keep(t, work, global_planes(work, &n->global, own->style, stages));
     for (int k = 0; k < 3; k++) bank->tensor[BANK_PLANE + k] = op_slice(t, planes, k * D, D);
-    return point_encode(t, &n->point, g, bank);
+    return point_encode(t, &n->point, &n->pixel, g, bank);
 }
 
 static sherf_status encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
@@ -116,7 +116,7 @@ sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
     tensor *plane[3];
     *out = (point_outputs){0};
     global_sample(t, body, bank, canonical, n, plane);
-    tensor *pixel = pixel_sample(t, bank, points->observed_px + 2 * begin, n);
+    tensor *pixel = pixel_sample(t, &s->pixel, bank, points->observed_px + 2 * begin, n);
     out->volume = point_sample(t, g, bank, canonical, n);
     out->fusion = fusion_forward(t, &s->fusion, plane, pixel, out->volume);
     for (int k = 0; k < 3; k++) out->plane[k] = plane[k];
@@ -136,11 +136,38 @@ static sherf_status query(tape *t, const model *m, const body_model *body, const
 }
 
 /* ---- what avatars keep ---- */
+/* Of the fused network planes in one piece, and voxels by number; otherwise the bank. */
+static void bank_kept(const model_config *config, kept_bank *out) {
+    static const char *const plane[] = {"planes.0", "planes.1", "planes.2"};
+    static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value",
+                                        "volume.4.value"};
+    const sherf_settings *k = model_sherf_settings(config);
+    const int64_t R = k->plane_resolution;
+    *out = (kept_bank){.count = BANK_LEVEL + k->point_levels};
+    for (int i = 0; i < 3; i++)
+        out->array[BANK_PLANE + i] = (kept_array){plane[i], T_F32, 3, {R, R, k->token_width}};
+    out->array[BANK_FEATURES] = (kept_array){"features", T_F32, 3, {0, 0, k->feature_width}};
+    out->array[BANK_IMAGE] = (kept_array){"bank.image", T_F32, 3, {0, 0, 3}};
+    for (int l = 0; l < k->point_levels; l++)
+        out->array[BANK_LEVEL + l] = (kept_array){value[l], T_F32, 2, {0, k->volume_channels[l]}};
+}
+
+static sherf_status bank_keep(context *c, const model_bank *bank, kept_bank *out) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < out->count && status == SHERF_OK; i++)
+        status = kept_take(c, bank->tensor[i], &out->array[i]);
+    return status;
+}
+
 static void kept(const model_config *config, kept_bank *out) {
     static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value"};
     static const char *const voxel[] = {"volume.1.voxel", "volume.2.voxel", "volume.3.voxel"};
     const sherf_settings *k = model_sherf_settings(config);
     const int64_t R = k->plane_resolution;
+    if (!model_sherf_is_fused(config)) {
+        bank_kept(config, out);
+        return;
+    }
     *out = (kept_bank){0};
     out->array[out->count++] = (kept_array){"features", T_F32, 3, {0, 0, k->feature_width}};
     out->array[out->count++] = (kept_array){"planes", T_F32, 4, {3, R, R, k->token_width}};
@@ -162,6 +189,7 @@ static int32_t *voxel_numbers(context *c, const sherf_geometry *g, int l) {
 static sherf_status keep(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                          kept_bank *out) {
     const sherf_geometry *own = model_sherf_geometry(g);
+    if (!model_sherf_is_fused(&m->config)) return bank_keep(c, bank, out);
     kept_array *features = &out->array[0], *planes = &out->array[1];
     sherf_status status = kept_take(c, bank->tensor[BANK_FEATURES], features);
     const size_t each = (size_t)(planes->dim[1] * planes->dim[2] * planes->dim[3]);
@@ -178,6 +206,10 @@ static sherf_status keep(context *c, const model *m, const observation_geometry 
         if (!voxel->data) status = SHERF_NO_MEMORY;
     }
     return status;
+}
+
+static const field_kind *field(const model_config *config) {
+    return model_sherf_is_fused(config) ? &model_sherf_field : NULL;
 }
 
 const model_kind model_sherf = {.name = "sherf",
@@ -197,4 +229,4 @@ const model_kind model_sherf = {.name = "sherf",
                                 .fused_training = &model_sherf_fused_training,
                                 .kept = kept,
                                 .keep = keep,
-                                .field = &model_sherf_field};
+                                .field = field};

@@ -2,9 +2,9 @@
  * read where points are seen. */
 #include "model/sherf/sherf.h"
 
-enum { COLOR_FREQUENCIES = 5, COLOR_WIDTH = 32 }; /* 33 values of a colour, the last one dropped */
-
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s) {
+    s->frequencies = k->color_frequencies;
+    s->color_width = 3 * k->token_width - k->feature_width; /* the paper's: 33 values, the last one dropped */
     resnet18_declare(d, "encoder_2d_feature.backbone", k->feature_width, 1, &s->encoder);
 }
 
@@ -26,12 +26,13 @@ static tensor *map_positions(tape *t, const float *position_px, int64_t count, c
     return tape_input(t, p, 2, (int64_t[]){count, 2});
 }
 
-tensor *pixel_sample(tape *t, const model_bank *bank, const float *position_px, int64_t count) {
+tensor *pixel_sample(tape *t, const pixel_stage *s, const model_bank *bank, const float *position_px,
+                     int64_t count) {
     tensor *features = bank->tensor[BANK_FEATURES], *image = bank->tensor[BANK_IMAGE];
     if (!features || !image) return NULL;
     tensor *at = map_positions(t, position_px, count, image, features);
     tensor *feature = op_sample_bilinear(t, features, at);
     tensor *rgb = op_sample_bilinear(t, image, map_positions(t, position_px, count, image, image));
-    tensor *color = op_positional_encode(t, rgb, COLOR_FREQUENCIES, COLOR_WIDTH);
+    tensor *color = op_positional_encode(t, rgb, s->frequencies, s->color_width);
     return op_concat(t, 2, (tensor *[]){feature, color});
 }

@@ -1,24 +1,26 @@
 /* Hierarchical features, the point-level ones (section 3.3): the observation's vertices carry pixel-aligned
  * features into a sparse canonical volume. */
+#include <stdio.h>
+
 #include "model/sherf/sherf.h"
 
 void point_declare(declaration *d, const sherf_settings *k, point_stage *s) {
-    static const char *const conv[] = {"renderer.encoder_3d.conv1", "renderer.encoder_3d.conv2",
-                                       "renderer.encoder_3d.conv3"};
-    static const char *const down[] = {"renderer.encoder_3d.down0", "renderer.encoder_3d.down1",
-                                       "renderer.encoder_3d.down2", "renderer.encoder_3d.down3"};
-    const int *v = k->volume_channels;
+    const int *v = k->volume_channels, last = k->point_levels;
+    char down[LAYER_NAME], conv[LAYER_NAME];
+    s->levels = last;
     s->projection = linear_declare(d, "conv1d_projection", false, v[0], 3 * k->token_width);
     for (int i = 0; i < 2; i++)
         s->conv[0][i] = sparse_declare(d, "renderer.encoder_3d.conv0", 3 * i, true, v[0], v[0]);
-    for (int l = 1; l <= POINT_LEVELS; l++) {
-        s->down[l - 1] = sparse_declare(d, down[l - 1], 0, true, v[l - 1], v[l > 1 ? l - 2 : 0]);
+    for (int l = 1; l <= last; l++) {
+        snprintf(down, sizeof down, "renderer.encoder_3d.down%d", l - 1);
+        snprintf(conv, sizeof conv, "renderer.encoder_3d.conv%d", l);
+        s->down[l - 1] = sparse_declare(d, down, 0, true, v[l - 1], v[l > 1 ? l - 2 : 0]);
         for (int i = 0; i < (l == 1 ? 2 : POINT_CONVOLUTIONS); i++)
-            s->conv[l][i] = sparse_declare(d, conv[l - 1], 3 * i, true, v[l - 1], v[l - 1]);
+            s->conv[l][i] = sparse_declare(d, conv, 3 * i, true, v[l - 1], v[l - 1]);
     }
     /* runs in training only, for its statistics: never trained */
-    s->down[POINT_LEVELS] =
-        sparse_declare(d, down[POINT_LEVELS], 0, false, v[POINT_LEVELS - 1], v[POINT_LEVELS - 1]);
+    snprintf(down, sizeof down, "renderer.encoder_3d.down%d", last);
+    s->down[last] = sparse_declare(d, down, 0, false, v[last - 1], v[last - 1]);
 }
 
 static tensor *rule_tensor(tape *t, const int32_t *rule, int64_t voxels) {
@@ -26,20 +28,20 @@ static tensor *rule_tensor(tape *t, const int32_t *rule, int64_t voxels) {
 }
 
 /* 96 sampled values of each vertex, projected; what the camera does not see becomes 0, bias included. */
-static tensor *vertex_features(tape *t, const point_stage *s, const sherf_geometry *g, const model_bank *bank,
-                               int64_t V) {
-    tensor *x = linear_forward(t, &s->projection, pixel_sample(t, bank, g->vertex_px, V));
+static tensor *vertex_features(tape *t, const point_stage *s, const pixel_stage *pixel,
+                               const sherf_geometry *g, const model_bank *bank, int64_t V) {
+    tensor *x = linear_forward(t, &s->projection, pixel_sample(t, pixel, bank, g->vertex_px, V));
     return op_mask_rows(t, x, tape_input_i32(t, g->visible, 1, &V));
 }
 
-sherf_status point_encode(tape *t, const point_stage *s, const observation_geometry *observation,
-                          model_bank *bank) {
+sherf_status point_encode(tape *t, const point_stage *s, const pixel_stage *pixel,
+                          const observation_geometry *observation, model_bank *bank) {
     const sherf_geometry *g = model_sherf_geometry(observation);
-    const int last = POINT_LEVELS;
+    const int last = s->levels;
     int64_t V = observation->vertices;
-    tensor *x = vertex_features(t, s, g, bank, V);
+    tensor *x = vertex_features(t, s, pixel, g, bank, V);
     x = op_scatter_mean(t, x, tape_input_i32(t, g->vertex_voxel, 1, &V), g->level[0].voxels);
-    for (int l = 0; l <= POINT_LEVELS; l++) {
+    for (int l = 0; l <= last; l++) {
         if (l)
             x = sparse_forward(t, &s->down[l - 1], x,
                                rule_tensor(t, g->level[l - 1].down_rule, g->level[l].voxels));
@@ -48,7 +50,7 @@ sherf_status point_encode(tape *t, const point_stage *s, const observation_geome
             x = sparse_forward(t, &s->conv[l][i], x, rule);
         if (l) bank->tensor[BANK_LEVEL + l - 1] = x;
     }
-    /* In training the layer after level 3 still runs: its statistics move, its output is unused. */
+    /* In training the layer after the last level still runs: its statistics move, its output is unused. */
     if (tape_settings(t).training && g->level[last].down_rule)
         sparse_forward(t, &s->down[last], x,
                        rule_tensor(t, g->level[last].down_rule, g->level[last + 1].voxels));
@@ -58,8 +60,12 @@ sherf_status point_encode(tape *t, const point_stage *s, const observation_geome
 tensor *point_sample(tape *t, const observation_geometry *observation, const model_bank *bank,
                      const float *points_canonical, int64_t count) {
     const sherf_geometry *g = model_sherf_geometry(observation);
-    tensor *out[POINT_LEVELS];
-    for (int l = 0; l < POINT_LEVELS; l++) {
+    tensor *out[POINT_LEVELS_MAX];
+    for (int l = 0; l < g->levels; l++) {
+        const tensor *values = bank->tensor[BANK_LEVEL + l];
+        if (values && tensor_rows(values) != g->level[l + 1].voxels)
+            return tape_fail(t, SHERF_MISMATCH, "level %d of the volume has %lld voxels, should be %lld",
+                             l + 1, (long long)tensor_rows(values), (long long)g->level[l + 1].voxels);
         const int *size = g->level[l + 1].size;
         float *p = tape_alloc(t, (size_t)count * 3, sizeof *p);
         if (!p) return NULL;
@@ -75,5 +81,5 @@ tensor *point_sample(tape *t, const observation_geometry *observation, const mod
         out[l] = op_sample_trilinear(t, bank->tensor[BANK_LEVEL + l], grid,
                                      tape_input(t, p, 2, (int64_t[]){count, 3}));
     }
-    return op_concat(t, 3, out);
+    return g->levels > 1 ? op_concat(t, g->levels, out) : out[0];
 }

@@ -34,7 +34,7 @@ static const gpu_point_training *gpu_of(tape *t) {
 static bool possible(tape *t, const model *m) {
     radiance_sizes sizes;
     model_sherf_sizes(&m->config, &sizes);
-    if (!tape_records(t) || !tape_settings(t).bf16) return false;
+    if (!tape_records(t) || !tape_settings(t).bf16 || !model_sherf_is_fused(&m->config)) return false;
     const gpu_point_training *gpu = gpu_of(t);
     return gpu ? gpu->possible(&sizes)
                : tape_backend(t) == &backend_cpu && radiance_training_possible(&sizes);

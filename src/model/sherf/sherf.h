@@ -9,6 +9,7 @@
 #include "nn/resnet18.h"
 
 /* ---- config.c: settings; the paper's in brackets ---- */
+enum { POINT_LEVELS_MAX = 4 };
 typedef struct {
     int encoder_width;    /* first width of the global ResNet-18 [64]; its latent has 8 times this */
     int feature_width;    /* channels of the feature map [64] */
@@ -17,11 +18,13 @@ typedef struct {
     int plane_resolution; /* [256] */
     int channel_base;     /* generator channels: min(channel_max, channel_base / resolution) [32768] */
     int channel_max;      /* [512] */
-    int volume_channels[POINT_LEVELS];                          /* [32 64 96] */
-    int token_width;                                            /* [32] */
-    int heads, head_width;                                      /* [3 16] */
-    int decoder_width, decoder_depth, decoder_skip, view_width; /* [128 8 4 64] */
-    float voxel_size_m;                                         /* [0.005] */
+    int point_levels;     /* of the sparse volume that points read [3] */
+    int volume_channels[POINT_LEVELS_MAX];                              /* of each [32 64 96] */
+    int token_width;                                                    /* [32] */
+    int heads, head_width;                                              /* [3 16] */
+    int decoder_width, decoder_depth, decoder_skip, view_width;         /* [128 8 4 64] */
+    int position_frequencies, direction_frequencies, color_frequencies; /* of the encodings [6 4 5] */
+    float voxel_size_m;                                                 /* [0.005] */
 } sherf_settings;
 const sherf_settings *model_sherf_settings(const model_config *config);
 extern const model_preset model_sherf_presets[];
@@ -29,6 +32,8 @@ extern const model_setting model_sherf_setting_list[];
 void model_sherf_defaults(model_config *out);
 sherf_status model_sherf_check(context *c, const model_config *config);
 sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *out);
+/* Whether the fused network has these settings; where it has not, points go op by op. */
+bool model_sherf_is_fused(const model_config *config);
 void model_sherf_sizes(const model_config *config, radiance_sizes *out);
 
 /* ---- geometry.c: what the body and the camera decide for the point-level features ---- */
@@ -38,16 +43,18 @@ typedef struct {
     /* the sparse volume */
     float volume_min[3]; /* canonical box without the extra z */
     float voxel_size_m;
+    int levels;            /* that points read */
     int volume_size[3];    /* z y x */
     int32_t *vertex_zyx;   /* V x 3, voxel of each vertex */
     int32_t *vertex_voxel; /* V: row of the active voxel list of level 0 */
     struct {
         int size[3]; /* z y x */
         int64_t voxels;
-        int32_t *grid;         /* size z*y*x: row or -1 */
-        int32_t *rule;         /* [voxels, 27] submanifold */
-        int32_t *down_rule;    /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
-    } level[POINT_LEVELS + 2]; /* 0: full resolution, 1..3: read by points, 4: down3, only in training */
+        int32_t *grid;      /* size z*y*x: row or -1 */
+        int32_t *rule;      /* [voxels, 27] submanifold */
+        int32_t *down_rule; /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
+    } level[POINT_LEVELS_MAX +
+            2]; /* 0: full resolution, then those read by points, and in training one more */
 } sherf_geometry;
 sherf_geometry *model_sherf_geometry(const observation_geometry *g);
 sherf_status model_sherf_observe(context *c, const model_config *config, const body_model *body,
@@ -64,9 +71,8 @@ sherf_status model_sherf_volume_size(context *c, const model_config *config, con
 enum {
     BANK_PLANE = 0,
     BANK_FEATURES = 3,
-    BANK_LEVEL = 4,
-    BANK_IMAGE = BANK_LEVEL + POINT_LEVELS,
-    BANK_TENSORS
+    BANK_IMAGE = 4,
+    BANK_LEVEL = 5 /* point_levels of them */
 };
 typedef struct {    /* model_bank.own; planes [R, R, D], features [H/2, W/2, F], levels [voxels, channels] */
     tensor *latent; /* [L] the global feature's */
@@ -106,21 +112,25 @@ void global_sample(tape *t, const body_model *body, const model_bank *bank, cons
 /* pixel.c: the pixel-aligned features. */
 typedef struct {
     resnet18 encoder;
+    int frequencies, color_width; /* of a colour's encoding */
 } pixel_stage;
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s);
 tensor *pixel_features(tape *t, const pixel_stage *s, tensor *image); /* [H, W, 3] -> [H/2, W/2, F] */
 /* 96 values of each position: feature map and colour encoding. position_px [P, 2]. */
-tensor *pixel_sample(tape *t, const model_bank *bank, const float *position_px, int64_t count);
+tensor *pixel_sample(tape *t, const pixel_stage *s, const model_bank *bank, const float *position_px,
+                     int64_t count);
 
 /* point.c: the point-level features. */
 enum { POINT_CONVOLUTIONS = 3 };
 typedef struct {
     linear_layer projection;
-    sparse_layer conv[POINT_LEVELS + 1][POINT_CONVOLUTIONS], down[POINT_LEVELS + 1];
+    int levels;
+    sparse_layer conv[POINT_LEVELS_MAX + 1][POINT_CONVOLUTIONS], down[POINT_LEVELS_MAX + 1];
 } point_stage;
 void point_declare(declaration *d, const sherf_settings *k, point_stage *s);
 /* Into the bank's levels; features and image are there. */
-sherf_status point_encode(tape *t, const point_stage *s, const observation_geometry *g, model_bank *bank);
+sherf_status point_encode(tape *t, const point_stage *s, const pixel_stage *pixel,
+                          const observation_geometry *g, model_bank *bank);
 /* [P, sum of channels] at canonical points. */
 tensor *point_sample(tape *t, const observation_geometry *g, const model_bank *bank,
                      const float *points_canonical, int64_t count);
@@ -138,7 +148,7 @@ tensor *fusion_forward(tape *t, const fusion_stage *s, tensor *const plane[3], t
 
 /* decoder.c: the NeRF decoder. */
 typedef struct {
-    int token_width, depth, skip;
+    int token_width, depth, skip, position_frequencies, direction_frequencies;
     linear_layer pts[POINT_DECODER_MAX], views, feature, alpha, rgb;
 } decoder_stage;
 void decoder_declare(declaration *d, const sherf_settings *k, decoder_stage *s);

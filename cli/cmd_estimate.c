@@ -8,7 +8,7 @@
 #include "photo.h"
 #include "verbs.h"
 
-enum { PHOTOS_MOST = 10000 };
+enum { PHOTOS_MAX = 10000 };
 static struct { const char *body, *output; } set;
 
 static const option options[] = {
@@ -22,7 +22,7 @@ static const option options[] = {
 };
 
 typedef struct {
-    char *path[PHOTOS_MOST];
+    char *path[PHOTOS_MAX];
     int count;
     bool folder; /* one was given */
 } photo_list;
@@ -33,7 +33,7 @@ static int by_name(const void *a, const void *b) {
 
 static int list_add(photo_list *l, const char *folder, const char *name) {
     char path[4096];
-    if (l->count == PHOTOS_MOST) return session_failure("more than %d photos", PHOTOS_MOST);
+    if (l->count == PHOTOS_MAX) return session_failure("more than %d photos", PHOTOS_MAX);
     if (snprintf(path, sizeof path, "%s%s%s", folder, *folder ? "/" : "", name) >= (int)sizeof path)
         return session_failure("%.60s...: path too long", name);
     if (!(l->path[l->count] = strdup(path))) return session_failure("out of memory");

@@ -287,7 +287,7 @@ int session_observation(session *s, const char *path, const sherf_model *model, 
         *out = status ? NULL : read;
         return status;
     }
-    status = session_status_of(s, path, sherf_observation_fit(s->context, model, body, read, out));
+    status = session_status_of(s, path, sherf_observation_crop(s->context, model, body, read, out));
     sherf_observation_free(read);
     return status;
 }

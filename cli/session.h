@@ -45,7 +45,7 @@ const char *session_body(const session *s, const char *given, const char *data);
  * that ships, with a remark. NULL, after one line on stderr: there is none. */
 const char *session_model(const session *s, const char *given);
 
-/* Loads an observation for this model: fitted to it (sherf_observation_fit) unless it is to stay whole. */
+/* Loads an observation for this model: fitted to it (sherf_observation_crop) unless it is to stay whole. */
 int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
                         bool whole, sherf_observation **out);
 

@@ -1,6 +1,6 @@
-// sherf view: asks for pictures of the avatar from where the mouse has put the camera. While something moves the
-// pictures are small; a still view is asked for again, larger each time. At most one request is under way, and a
-// refinement under way is given up for a newer view by asking anew: the server drops the older one.
+// sherf view: requests pictures of the avatar from where the mouse has put the camera. While something moves the
+// pictures are small; a still view is requested again, larger each time. At most one request is under way, and a
+// refinement under way is given up for a newer view by another request: the server drops the older one.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -15,11 +15,11 @@ const view = { avatar: 0, motion: 0, time: 0, ...start, offset: [0, 0, 0], mode:
 const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
 let about = null;
 
-// ---- what is shown, asked for and known of the speed
+// ---- what is shown, under way and known of the speed
 let stamp = 1;              // counts changes of the view
 let changed = 0;            // time of the last one
 let sequence = 0;           // of requests
-let asked = null;           // the request under way
+let pending = null;          // the request under way
 let got = { stamp: 0, side: 0, sequence: 0 }; // the newest picture that came,
 let shown = got;            // and that was drawn
 let moving = 128;           // side of pictures while something moves
@@ -65,7 +65,7 @@ function query(width, height, more) {
   });
 }
 
-// The side to ask for next; 0: nothing to do, negative: not yet.
+// The side to request next; 0: nothing to do, negative: not yet.
 function nextSide() {
   const full = fullSide();
   if (got.stamp !== stamp) return Math.min(moving, full);
@@ -79,15 +79,15 @@ function nextSide() {
 function schedule() {
   clearTimeout(timer);
   if (!about || document.hidden || retry) return;
-  if (asked && !(asked.stamp !== stamp && asked.side > 1.3 * moving)) return;
+  if (pending && !(pending.stamp !== stamp && pending.side > 1.3 * moving)) return;
   const side = nextSide();
-  if (side > 0) ask(side);
+  if (side > 0) request(side);
   else if (side < 0) timer = setTimeout(schedule, limits.stillMs);
 }
 
-async function ask(side) {
+async function request(side) {
   const [width, height] = dimensions(side), live = isMoving();
-  const own = (asked = { stamp, side, sequence: ++sequence, mode: view.mode });
+  const own = (pending = { stamp, side, sequence: ++sequence, mode: view.mode });
   const begun = performance.now();
   try {
     const more = { client, n: own.sequence };
@@ -97,7 +97,7 @@ async function ask(side) {
     if (!answer.ok) throw await refusal(answer);
     const blob = await answer.blob();
     if (own.sequence > got.sequence) got = own;
-    if (asked === own) asked = null;
+    if (pending === own) pending = null;
     schedule(); // the next one is made while this one is drawn
     const bitmap = await createImageBitmap(blob);
     const ms = performance.now() - begun;
@@ -109,8 +109,8 @@ async function ask(side) {
     if (got === own) got = shown; // it came, but cannot be seen
     lost(error);
   } finally {
-    if (asked === own) {
-      asked = null;
+    if (pending === own) {
+      pending = null;
       schedule();
     }
   }

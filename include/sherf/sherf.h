@@ -261,9 +261,9 @@ SHERF_API int64_t sherf_model_parameter_count(const sherf_model *model);
  * observation cut out round the person and scaled to that size (weights keep it), its camera with it; a copy
  * where it is about that large already, or the weights do not say (the authors', which were trained on whole
  * pictures of the data set's size). body: for where the person stands. Free with sherf_observation_free. */
-SHERF_API sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *model,
-                                             const sherf_body *body, const sherf_observation *observation,
-                                             sherf_observation **out);
+SHERF_API sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *model,
+                                              const sherf_body *body, const sherf_observation *observation,
+                                              sherf_observation **out);
 
 /* ---------------------------------------------------------------- avatar ----------------------------- */
 typedef struct sherf_avatar sherf_avatar;

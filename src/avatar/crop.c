@@ -15,7 +15,7 @@ static const double margin_m = 0.15;
 /* The picture before it was scaled is kept for the detail: at most twice as large, and this many pixels wide;
  * not where it is hardly larger. */
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
-static const double fine_least = 1.2;
+static const double fine_min = 1.2;
 
 /* The square of the picture that holds the body, at least `least` wide, in whole pixels. False where a joint
  * lies behind the camera. */
@@ -75,7 +75,7 @@ static sherf_status keep_fine(context *c, const sherf_image *image, int width, s
     const size_t n = (size_t)image->width * (size_t)image->width * 3;
     int side = image->width < FINE_TIMES * width ? image->width : FINE_TIMES * width;
     if (side > FINE_SIDE_MAX) side = FINE_SIDE_MAX;
-    if (side < fine_least * width) return SHERF_OK;
+    if (side < fine_min * width) return SHERF_OK;
     *out = *image;
     out->data = mem_alloc(c, n, sizeof *out->data);
     if (!out->data) return SHERF_NO_MEMORY;
@@ -125,8 +125,8 @@ static sherf_status observation_copy(context *c, const sherf_observation *o, she
     return *out ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-sherf_status sherf_observation_fit(sherf_context *c, const sherf_model *m, const sherf_body *body,
-                                   const sherf_observation *o, sherf_observation **out) {
+sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *m, const sherf_body *body,
+                                    const sherf_observation *o, sherf_observation **out) {
     const model_config *config = &m->config;
     const int longest = o->image.width > o->image.height ? o->image.width : o->image.height;
     float joint[BODY_JOINTS][3];

@@ -1,7 +1,7 @@
 /* The picture's own detail. The network's colours are soft; what its picture of the observed view lacks
  * against the observation is kept once per avatar and given back where frames and exported surfaces show what
  * the observation saw: a point goes to the observation's space, as samples do, and is looked up there. Beyond
- * the paper; the network is not asked, so it costs a point a pixel.
+ * the paper; the network is not queried, so it costs a point a pixel.
  *
  * What the observation saw is told twice. The body's mesh tells it smoothly and without haze: front from
  * back, and limbs before each other. The depths of the observed view, smoothed, tell it of the rest: hair,
@@ -19,7 +19,7 @@ static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
 /* Cosines of the surface's angle to the ray. */
 static const float facing[2] = {0.1f, 0.45f};
 static const float smooth_m = 0.01f, fade_m = 0.006f;
-enum { RADIUS_MOST = 8, FADE_MOST = 4 };
+enum { RADIUS_MAX = 8, FADE_MAX = 4 };
 
 /* ---- what the avatar's own picture of the observed view tells ---- */
 static float facing_at(const detail_optics *o, const float *depth, int width, int height, int x, int y) {
@@ -73,13 +73,13 @@ static bool at_mask_edge(const float *image, int width, int height, int x, int y
 static void keep_difference(const context *c, avatar_detail *d, const sherf_avatar *a, const float *image,
                             sherf_frame *own, float *room) {
     const int width = d->width, height = d->height;
-    const int reach = detail_pixels(&d->camera, a->observed, 0.004f, FADE_MOST);
+    const int reach = detail_pixels(&d->camera, a->observed, 0.004f, FADE_MAX);
     const size_t pixels = (size_t)width * (size_t)height;
     float *weight = room + pixels, *depth = own->depth.data;
     detail_optics o;
     detail_optics_of(&d->camera, &o);
-    detail_smooth(c, &own->opacity, detail_pixels(&d->camera, a->observed, smooth_m, RADIUS_MOST), depth,
-                  NULL, room);
+    detail_smooth(c, &own->opacity, detail_pixels(&d->camera, a->observed, smooth_m, RADIUS_MAX), depth, NULL,
+                  room);
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
             const size_t n = (size_t)y * (size_t)width + (size_t)x;
@@ -87,7 +87,7 @@ static void keep_difference(const context *c, avatar_detail *d, const sherf_avat
                         detail_rise(facing_at(&o, depth, width, height, x, y), facing);
             if (weight[n] > 0 && at_mask_edge(image, width, height, x, y)) weight[n] = 0;
         }
-    fade_inwards(weight, room, width, height, detail_pixels(&d->camera, a->observed, fade_m, FADE_MOST));
+    fade_inwards(weight, room, width, height, detail_pixels(&d->camera, a->observed, fade_m, FADE_MAX));
     for (size_t n = 0; n < pixels; n++) {
         d->texel[n].weight = weight[n];
         d->texel[n].depth = depth[n];
@@ -289,14 +289,14 @@ static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
                           const posed_body *posed, const sherf_camera *camera, const float background[3],
                           sherf_frame *frame) {
-    const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MOST);
+    const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MAX);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
     raster *drawn = NULL;
     float *room = mem_alloc(c, pixels, 6 * sizeof *room);
     sherf_status status = room ? detail_draw_body(c, m, posed, camera, &drawn) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
     apply_job job = {.a = a, .d = d, .m = m, .posed = posed, .frame = frame};
-    job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MOST);
+    job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MAX);
     job.depth = room + pixels;
     job.weight = job.depth + pixels;
     job.add = job.weight + pixels;

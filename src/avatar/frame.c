@@ -6,10 +6,10 @@
 
 /* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
  * does. The model learned with 8 to 15 mm a step where people stand upright. */
-enum { SAMPLES_MOST = 1024 };
-static const float step_most_m = 0.012f;
+enum { SAMPLES_MAX = 1024 };
+static const float step_max_m = 0.012f;
 
-static float depth_most(const ray_bundle *r) {
+static float depth_max(const ray_bundle *r) {
     float most = -INFINITY;
     for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++) most = fmaxf(most, r->far[i]);
     return most;
@@ -17,17 +17,17 @@ static float depth_most(const ray_bundle *r) {
 
 /* The rays of a frame and how many depths they have; *farthest: the last depth of all in the box. */
 static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_model *body,
-                               const posed_body *posed, const sherf_camera *camera, int asked,
+                               const posed_body *posed, const sherf_camera *camera, int requested,
                                ray_bundle **rays, int *samples, float *farthest) {
     float min[3], max[3];
     body_world_box(body, posed, min, max);
     sherf_status status = rays_create(c, camera, min, max, rays);
     if (status != SHERF_OK) return status;
-    if (asked != SHERF_SAMPLES_MODEL) rays_mend(*rays, min, max);
-    *farthest = depth_most(*rays);
-    *samples = asked > 0 ? asked : a->config.samples;
-    if (!asked || asked == SHERF_SAMPLES_AUTO)
-        *samples = rays_even_steps(*rays, *samples, SAMPLES_MOST, step_most_m);
+    if (requested != SHERF_SAMPLES_MODEL) rays_repair(*rays, min, max);
+    *farthest = depth_max(*rays);
+    *samples = requested > 0 ? requested : a->config.samples;
+    if (!requested || requested == SHERF_SAMPLES_AUTO)
+        *samples = rays_even_steps(*rays, *samples, SAMPLES_MAX, step_max_m);
     return SHERF_OK;
 }
 
@@ -36,9 +36,9 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
                               const empty_cells *empty, sherf_frame *frame) {
     const bool even = !o->samples || o->samples == SHERF_SAMPLES_AUTO;
     gpu_frame_options on_gpu = {.samples = o->samples > 0 ? o->samples : a->config.samples,
-                                .samples_most = even ? SAMPLES_MOST : 0,
-                                .step_most_m = step_most_m,
-                                .mend = o->samples != SHERF_SAMPLES_MODEL,
+                                .samples_max = even ? SAMPLES_MAX : 0,
+                                .step_max_m = step_max_m,
+                                .repair = o->samples != SHERF_SAMPLES_MODEL,
                                 .early_stop = !o->exact,
                                 .empty = empty};
     memcpy(on_gpu.background, o->background, sizeof on_gpu.background);
@@ -54,9 +54,9 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
     point_set *points = NULL;
     float farthest;
     int samples;
-    if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MOST)
+    if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to %d, or 0 for automatic", o->samples,
-                       SAMPLES_MOST);
+                       SAMPLES_MAX);
     sherf_status status = camera_check(c, camera);
     if (status == SHERF_OK && !o->exact) status = avatar_occupancy(c, a, body, &empty);
     if (status == SHERF_OK && avatar_takes_joints(a)) return frame_gpu(c, a, posed, camera, o, empty, frame);

@@ -1,5 +1,5 @@
 /* Where an avatar has nothing. The density at a point depends on its place in canonical space alone, whatever
- * the pose and the camera, so the network is asked once on a lattice and frames leave out what lies among
+ * the pose and the camera, so the network is queried once on a lattice and frames leave out what lies among
  * empty cells. */
 #include <math.h>
 #include <string.h>
@@ -7,7 +7,7 @@
 #include "avatar/canonical.h"
 
 /* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
- * Cells below the skin are not asked for: they are full, or hidden. */
+ * Cells below the skin are not queried: they are full, or hidden. */
 static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
 enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 
@@ -16,7 +16,7 @@ typedef struct {
     const body_model *m;
     empty_cells *cells;
     float *normal;    /* of the canonical vertices */
-    int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not asked for */
+    int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not queried */
     uint8_t *state;   /* by cell */
     canonical_batch batch;
     int32_t *cell; /* of its points */
@@ -58,7 +58,7 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static sherf_status ask(context *c, empty_job *j) {
+static sherf_status query_batch(context *c, empty_job *j) {
     canonical_batch *b = &j->batch;
     sherf_status status = canonical_batch_run(c, j->a, j->m, b);
     for (int64_t i = 0; i < b->set.count && status == SHERF_OK; i++)
@@ -67,7 +67,7 @@ static sherf_status ask(context *c, empty_job *j) {
     return status;
 }
 
-static sherf_status ask_all(context *c, empty_job *j, int64_t count) {
+static sherf_status query_all(context *c, empty_job *j, int64_t count) {
     canonical_batch *b = &j->batch;
     sherf_status status = canonical_batch_make(c, CANONICAL_BATCH, b);
     j->cell = mem_alloc(c, CANONICAL_BATCH, sizeof *j->cell);
@@ -79,7 +79,7 @@ static sherf_status ask_all(context *c, empty_job *j, int64_t count) {
             b->nearest[k] = j->nearest[i];
             middle(j->cells, (size_t)i, b->set.canonical + 3 * k);
         }
-        if (b->set.count == CANONICAL_BATCH || (i + 1 == count && b->set.count)) status = ask(c, j);
+        if (b->set.count == CANONICAL_BATCH || (i + 1 == count && b->set.count)) status = query_batch(c, j);
     }
     canonical_batch_free(b);
     mem_free(j->cell);
@@ -135,7 +135,7 @@ sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_mode
     sherf_status status = job.normal && job.nearest && job.state && e->bit ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, job.normal);
     if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, &job);
-    if (status == SHERF_OK) status = ask_all(c, &job, cells);
+    if (status == SHERF_OK) status = query_all(c, &job, cells);
     if (status != SHERF_OK || !mark(&job)) empty_cells_free(e);
     mem_free(job.normal);
     mem_free(job.nearest);

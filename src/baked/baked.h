@@ -31,7 +31,7 @@ static inline size_t field_at(const field_grid *g, int x, int y, int z) {
 }
 /* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
  * layers of empty points around. The body's core, which lies 15 mm below its skin or more, counts as solid:
- * it has a negative value, and the network is not asked. */
+ * it has a negative value, and the network is not queried. */
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
                            field_grid *out);
 /* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of

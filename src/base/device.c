@@ -16,7 +16,7 @@ typedef struct {
     int (*name)(char *out, int size, int device);
     int (*attribute)(int *out, int which, int device);
 } driver;
-enum { ATTRIBUTE_MAJOR = 75, ATTRIBUTE_MINOR = 76, MAJOR_LEAST = 8 };
+enum { ATTRIBUTE_MAJOR = 75, ATTRIBUTE_MINOR = 76, MAJOR_MIN = 8 };
 
 static bool driver_open(driver *d) {
     void *library = dlopen("libcuda.so.1", RTLD_NOW | RTLD_LOCAL); /* stays open */
@@ -55,9 +55,9 @@ static bool look(char *line, size_t size) {
     d.name(name, sizeof name, number);
     d.attribute(&major, ATTRIBUTE_MAJOR, number);
     d.attribute(&minor, ATTRIBUTE_MINOR, number);
-    if (major < MAJOR_LEAST) {
+    if (major < MAJOR_MIN) {
         snprintf(line, size, "%s has compute capability %d.%d, and %d.0 is the least", name, major, minor,
-                 MAJOR_LEAST);
+                 MAJOR_MIN);
         return false;
     }
     snprintf(line, size, "%s", name);

@@ -135,11 +135,11 @@ sherf_status npz_read(context *c, const char *path, document **out) {
 /* One member: npy header and data in one block, which must live until the archive is closed. */
 static sherf_status add_member(context *c, const char *path, zip_t *zip, const npz_member *m,
                                unsigned char **block) {
-    enum { TEXT_MOST = 1000 };
+    enum { TEXT_MAX = 1000 };
     char header[256], name[256], descr[32] = "<f4";
     size_t letters = m->text ? strlen(m->text) : 0;
     int64_t n = m->rank >= 0 && m->rank <= 5 ? build_count(m->rank, m->dim) : -1;
-    if (m->text) n = letters <= TEXT_MOST ? (int64_t)letters : -1;
+    if (m->text) n = letters <= TEXT_MAX ? (int64_t)letters : -1;
     if (m->text) snprintf(descr, sizeof descr, "<U%zu", letters);
     if (n < 0 || snprintf(name, sizeof name, "%s.npy", m->name) >= (int)sizeof name)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: array %s cannot be written", path, m->name);

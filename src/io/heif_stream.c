@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-enum { ITEMS_MOST = 65536, DEPTH_MOST = 4 };
+enum { ITEMS_MAX = 65536, DEPTH_MAX = 4 };
 
 typedef struct {
     const uint8_t *data;
@@ -196,8 +196,8 @@ static void hevc_stream(piece p, int length_bytes, heif_sizes *out) {
 /* ---- boxes ---- */
 typedef struct {
     piece file, idat, iloc;
-    bool av1[ITEMS_MOST], hevc[ITEMS_MOST]; /* by number of the item, from 0 */
-    int length_bytes;                       /* before a NAL unit, by hvcC */
+    bool av1[ITEMS_MAX], hevc[ITEMS_MAX]; /* by number of the item, from 0 */
+    int length_bytes;                     /* before a NAL unit, by hvcC */
     uint64_t left; /* steps: one an extent, one a byte of it; no honest file uses them up */
     av1_sequence sequence;
     heif_sizes *out;
@@ -226,7 +226,7 @@ static void infe(walk *w, piece p) {
     const piece type = piece_of(p, at + 2, 4);
     if (type.bytes < 4) return;
     const bool av1 = !memcmp(type.data, "av01", 4), hevc = !memcmp(type.data, "hvc1", 4);
-    if (id >= ITEMS_MOST) {
+    if (id >= ITEMS_MAX) {
         w->out->odd |= av1 || hevc;
         return;
     }
@@ -253,7 +253,7 @@ static void box(walk *w, const uint8_t type[4], piece p, int depth) {
 }
 
 static void boxes(walk *w, piece p, int depth) {
-    for (size_t at = 0; depth <= DEPTH_MOST && at + 8 <= p.bytes;) {
+    for (size_t at = 0; depth <= DEPTH_MAX && at + 8 <= p.bytes;) {
         const size_t begin = at;
         uint64_t length = number(p, &at, 4);
         const uint8_t *type = p.data + at;
@@ -281,7 +281,7 @@ static size_t item(walk *w, uint64_t id, int version, const int size[4], size_t 
     at += 2;
     const uint64_t base = number(p, &at, size[2]), extents = number(p, &at, 2);
     const piece from = method == 1 ? w->idat : w->file;
-    const bool wanted = id < ITEMS_MOST && (w->av1[id] || w->hevc[id]);
+    const bool wanted = id < ITEMS_MAX && (w->av1[id] || w->hevc[id]);
     uint8_t *whole = wanted && extents > 1 ? mem_alloc(w->c, from.bytes + 1, 1) : NULL;
     size_t done = 0;
     for (uint64_t i = 0; i < extents && at < p.bytes && w->left; i++) {
@@ -328,7 +328,7 @@ sherf_status heif_stream_sizes(context *c, const uint8_t *data, size_t bytes, he
     w->file = (piece){data, bytes};
     w->idat = w->iloc = (piece){data, 0}; /* until their boxes come */
     w->length_bytes = 4;
-    w->left = 4 * (uint64_t)bytes + ITEMS_MOST;
+    w->left = 4 * (uint64_t)bytes + ITEMS_MAX;
     w->out = out;
     w->c = c;
     boxes(w, w->file, 0);

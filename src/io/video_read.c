@@ -17,7 +17,7 @@ static const char containers[] =
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,ogg,flv,live_flv,asf,gif",
                   decoders[] = "h264,hevc,vp8,vp9,libdav1d,av1,mpeg4,h263,mpeg1video,mpeg2video,mjpeg,gif,"
                                "theora,msmpeg4v2,msmpeg4,wmv1,wmv2,wmv3,vc1,flv,prores,dvvideo,png,rawvideo";
-enum { IO_BYTES = 1 << 15, BROKEN_MOST = 1000, FPS_WISH_MAX = 1000 };
+enum { IO_BYTES = 1 << 15, BROKEN_MAX = 1000, FPS_WISH_MAX = 1000 };
 static const double jump_s = 2, fps_assumed = 25;
 
 struct video_reader {
@@ -311,7 +311,7 @@ static sherf_status feed(context *c, video_reader *v) {
     av_packet_unref(v->packet);
     if (code == AVERROR(ENOMEM)) return failed(c, SHERF_NO_MEMORY, v, "", code);
     if (code < 0 && !v->drained && code != AVERROR(EAGAIN)) v->broken++;
-    if (v->broken > BROKEN_MOST) v->drained = v->ended = true;
+    if (v->broken > BROKEN_MAX) v->drained = v->ended = true;
     return SHERF_OK;
 }
 
@@ -345,11 +345,11 @@ static sherf_status look_ahead(context *c, video_reader *v) {
                 v->has_ahead = true;
                 return SHERF_OK;
             }
-            if (++v->broken > BROKEN_MOST) v->ended = true;
+            if (++v->broken > BROKEN_MAX) v->ended = true;
             continue;
         }
         if (code == AVERROR(ENOMEM)) return failed(c, SHERF_NO_MEMORY, v, "", code);
-        if (code != AVERROR(EAGAIN) && code != AVERROR_EOF && ++v->broken > BROKEN_MOST) v->ended = true;
+        if (code != AVERROR(EAGAIN) && code != AVERROR_EOF && ++v->broken > BROKEN_MAX) v->ended = true;
         if (code == AVERROR_EOF && v->drained) v->ended = true;
         if (v->ended) break;
         const sherf_status status = feed(c, v);

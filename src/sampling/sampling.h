@@ -58,11 +58,11 @@ sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
 
 /* A frame made whole on a GPU, from a pose. */
 typedef struct {
-    int samples;      /* depths a ray, */
-    int samples_most; /* and up to so many where steps would be longer than step_most_m (rays_even_steps); 0:
+    int samples;     /* depths a ray, */
+    int samples_max; /* and up to so many where steps would be longer than step_max_m (rays_even_steps); 0:
                          not */
-    float step_most_m;
-    bool mend; /* rays_mend */
+    float step_max_m;
+    bool repair; /* rays_repair */
     float background[3];
     bool early_stop;          /* rays that are opaque skip the rest of their points */
     const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */

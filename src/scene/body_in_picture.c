@@ -5,7 +5,7 @@
 #include "scene/scene.h"
 
 /* Pixels; nothing is to be seen of who is smaller. */
-enum { SIDE_LEAST = 2 };
+enum { SIDE_MIN = 2 };
 
 sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
                              const uint8_t *mask) {
@@ -32,11 +32,11 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
             status = failure(c, SHERF_MISMATCH,
                              "the body lies outside the picture: camera and body do not belong together "
                              "(metres? world to camera? see sherf check)");
-        else if (inside == V && most[0] - least[0] < SIDE_LEAST && most[1] - least[1] < SIDE_LEAST)
+        else if (inside == V && most[0] - least[0] < SIDE_MIN && most[1] - least[1] < SIDE_MIN)
             status = failure(c, SHERF_MISMATCH,
                              "the body would be less than %d pixels large: camera and body do not belong "
                              "together (metres? see sherf check)",
-                             SIDE_LEAST);
+                             SIDE_MIN);
         else if (mask && !masked)
             status = failure(c, SHERF_MISMATCH,
                              "no part of the body lies inside the mask: mask, camera and body do not belong "

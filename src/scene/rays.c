@@ -194,7 +194,7 @@ static float length3(const float v[3]) {
     return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]) {
+void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[3]) {
     float min[3], max[3];
     for (int k = 0; k < 3; k++) min[k] = min_world[k] - BOX_SPARE_M, max[k] = max_world[k] + BOX_SPARE_M;
     for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++)

@@ -23,7 +23,7 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
 sherf_status body_joints_camera(context *c, const body_model *body, const sherf_pose *pose,
                                 const sherf_camera *camera, float out[BODY_JOINTS][3]);
 /* How large a person in this pose is in the picture, in pixels a metre at the joints' mean distance; 0 where
- * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_fit).
+ * that lies behind the camera. What px_per_m of the configuration is compared with (sherf_observation_crop).
  */
 sherf_status body_px_per_m(context *c, const body_model *body, const sherf_pose *pose,
                            const sherf_camera *camera, double *out);
@@ -51,7 +51,7 @@ void rays_free(ray_bundle *r);
 /* The paper's way of rays_create takes a ray that crosses exactly two faces, and now and then rounding loses
  * one or counts one twice: a black pixel. These get their two depths here. For frames that people look at;
  * not for scores. */
-void rays_mend(ray_bundle *r, const float min_world[3], const float max_world[3]);
+void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[3]);
 /* At most step_m metres between two depths of any ray: returns how many depths a ray has, `samples` at least
  * and `most` at most (steps are longer then). A ray that is short enough keeps its `samples` steps, the same
  * length with more of them; others get steps of step_m. Depths past the box, where nothing is, are why far is

@@ -1,4 +1,4 @@
-/* The desk between those who ask for pictures and the one who makes them. */
+/* The desk between those who request pictures and the one who makes them. */
 #include <errno.h>
 #include <string.h>
 #include <time.h>

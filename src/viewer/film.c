@@ -153,7 +153,7 @@ void film_render(context *c, viewer *v, int seat) {
         f->state = FILM_DONE;
     }
     if (stop) *f = (viewer_film){0};
-    if (f->stop && f->state != FILM_RUNNING) { /* asked for while it was ending */
+    if (f->stop && f->state != FILM_RUNNING) { /* requested while it was ending */
         if (f->state == FILM_DONE) close(f->fd);
         *f = (viewer_film){0};
     }

@@ -1,5 +1,5 @@
-/* Who may ask: the token in the address, the Host line, the Origin. A page of another site can make a browser
- * send requests here, so an address on the loopback is no protection by itself. */
+/* Who may send requests: the token in the address, the Host line, the Origin. A page of another site can make
+ * a browser send them here, so an address on the loopback is no protection by itself. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <stdio.h>

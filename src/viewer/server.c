@@ -154,7 +154,7 @@ static void header_number(struct MHD_Response *r, const char *name, double value
     if (r) MHD_add_response_header(r, name, text);
 }
 
-/* ---- what is asked for ---- */
+/* ---- requests ---- */
 static enum MHD_Result take_field(void *cls, enum MHD_ValueKind kind, const char *name, const char *value) {
     viewer_query *q = cls;
     if (query_take(q, name, value)) return MHD_YES;

@@ -1,6 +1,6 @@
 /* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands
  * out answers (server.c), and the one in sherf_viewer_run, which renders (studio.c). Between them stands the
- * desk (desk.c): at most one picture a client is asked for, a newer request takes the place of an older one,
+ * desk (desk.c): at most one picture a client is under way, a newer request takes the place of an older one,
  * and clients take turns, a band of a picture each. */
 #ifndef SHERF_VIEWER_H
 #define SHERF_VIEWER_H
@@ -25,7 +25,7 @@ enum {
     VIEWER_POSED = 6        /* posed bodies kept, some 7 MB each */
 };
 
-/* ---- what a client asks for (request.c) ---- */
+/* ---- what a client requests (request.c) ---- */
 typedef enum { VIEWER_COLOR, VIEWER_OPACITY, VIEWER_DEPTH, VIEWER_NORMAL } viewer_mode;
 
 typedef struct {
@@ -55,7 +55,7 @@ void query_start(viewer_query *q);
 /* False: an unknown field, one that came before, or a value that is not one. */
 bool query_take(viewer_query *q, const char *name, const char *value);
 
-/* ---- who may ask (guard.c) ---- */
+/* ---- who may send requests (guard.c) ---- */
 sherf_status token_make(context *c, char out[VIEWER_TOKEN + 1]);
 /* Whether `path` begins with "/token"; the time taken does not depend on how much of it is right. *rest: what
  * follows. */

@@ -87,7 +87,7 @@ static void large_people_shrink(void **state) {
     sherf_model *m = knowing(c, 256, 100);
     sherf_observation *o = picture(c, 1200, 0.1f), *fit;
     double scale;
-    assert_ok(c, sherf_observation_fit(c, m, body, o, &fit));
+    assert_ok(c, sherf_observation_crop(c, m, body, o, &fit));
     const sherf_camera *k = sherf_observation_camera(fit);
     assert_int_equal(k->width_px, 256);
     assert_int_equal(k->height_px, 256);
@@ -106,13 +106,13 @@ static void small_people_grow(void **state) {
     context *c = test_context();
     sherf_model *m = knowing(c, 256, 100);
     sherf_observation *o = picture(c, 150, 0), *fit;
-    assert_ok(c, sherf_observation_fit(c, m, body, o, &fit));
+    assert_ok(c, sherf_observation_crop(c, m, body, o, &fit));
     assert_int_equal(sherf_observation_image(fit)->width, 256);
     assert_same_scene(o, fit, 1);
     sherf_observation_free(fit);
     sherf_observation_free(o);
     o = picture(c, 150, 11.5f);
-    assert_ok(c, sherf_observation_fit(c, m, body, o, &fit));
+    assert_ok(c, sherf_observation_crop(c, m, body, o, &fit));
     const sherf_image *image = sherf_observation_image(fit);
     float beyond = 0;
     for (int y = 0; y < image->height; y++) beyond += image->data[3 * ((y + 1) * image->width - 1)];
@@ -129,7 +129,7 @@ static void fitting_pictures_stay(void **state) {
     sherf_model *m[] = {knowing(c, 900, 110), knowing(c, 256, 0), knowing(c, 0, 100)};
     sherf_observation *o = picture(c, 420, 0.1f), *fit;
     for (size_t i = 0; i < COUNT_OF(m); i++) {
-        assert_ok(c, sherf_observation_fit(c, m[i], body, o, &fit));
+        assert_ok(c, sherf_observation_crop(c, m[i], body, o, &fit));
         assert_memory_equal(sherf_observation_camera(fit), sherf_observation_camera(o), sizeof(sherf_camera));
         assert_memory_equal(sherf_observation_image(fit)->data, sherf_observation_image(o)->data,
                             sizeof(float) * WIDTH * HEIGHT * 3);
@@ -145,7 +145,7 @@ static void bodies_elsewhere_are_refused(void **state) {
     context *c = test_context();
     sherf_model *m = knowing(c, 256, 150);
     sherf_observation *o = picture(c, 420, 40), *fit;
-    assert_int_equal(sherf_observation_fit(c, m, body, o, &fit), SHERF_MISMATCH);
+    assert_int_equal(sherf_observation_crop(c, m, body, o, &fit), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "outside the picture"));
     assert_null(fit);
     sherf_observation_free(o);

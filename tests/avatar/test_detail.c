@@ -8,7 +8,7 @@
 
 static const char model_path[] = "../assets/models/people.safetensors",
                   body_path[] = "../assets/body.safetensors";
-enum { SIDE = 256, SPECKS_MOST = 2 };
+enum { SIDE = 256, SPECKS_MAX = 2 };
 
 typedef struct {
     context *c;
@@ -26,7 +26,7 @@ static void open_scene_of(scene *s, const char *observation) {
     assert_ok(s->c, sherf_body_load(s->c, body_path, &s->body));
     assert_ok(s->c, sherf_model_load(s->c, model_path, &m));
     assert_ok(s->c, sherf_observation_load(s->c, observation, &read));
-    assert_ok(s->c, sherf_observation_fit(s->c, m, s->body, read, &s->observation));
+    assert_ok(s->c, sherf_observation_crop(s->c, m, s->body, read, &s->observation));
     assert_ok(s->c, sherf_avatar_create(s->c, m, s->body, s->observation, &s->avatar));
     s->camera = *sherf_observation_camera(s->observation);
     assert_int_equal(s->camera.width_px, SIDE);
@@ -210,7 +210,7 @@ static void has_no_specks(const char *observation, int joint, float larger, int 
         zoom(&s, joint, larger, &k);
         render(&s, &k, SHERF_DETAIL_ON, &frame);
         const int count = specks(&frame, half);
-        if (count > SPECKS_MOST) fail_msg("%d specks at joint %d, turned by %.2f", count, joint, 0.35 * turn);
+        if (count > SPECKS_MAX) fail_msg("%d specks at joint %d, turned by %.2f", count, joint, 0.35 * turn);
         sherf_frame_free(&frame);
     }
     close_scene(&s);

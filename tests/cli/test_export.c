@@ -8,7 +8,7 @@
 
 static char folder[2048], avatar[2048], clip[2048], out[2048], words[6400];
 
-/* A tube person's avatar by a network that is 60 per metre dense wherever it is asked. */
+/* A tube person's avatar by a network that is 60 per metre dense wherever it is queried. */
 static int make_avatar(void **state) {
     context *c = test_context();
     sherf_model *m;

@@ -15,7 +15,7 @@ enum { SIDE = 64 };
 static body_model *body;
 static sherf_avatar *avatar;
 
-/* A network that is 60 per metre dense wherever it is asked: the surface is the shell's, some 5 cm off the
+/* A network that is 60 per metre dense wherever it is queried: the surface is the shell's, some 5 cm off the
  * body. */
 static int make_avatar(void **state) {
     context *c = test_context();

@@ -142,7 +142,7 @@ static int rows_with_holes(const ray_bundle *r) {
     return holes;
 }
 
-static void mended_rays_have_no_holes(void **state) {
+static void repaired_rays_have_no_holes(void **state) {
     context *c = ((body_reference *)*state)->c;
     const float min[3] = {-0.43f, -0.91f, -0.27f}, max[3] = {0.51f, 0.83f, 0.22f}, centre[3] = {0, 0.1f, 0};
     int before = 0, after = 0;
@@ -153,7 +153,7 @@ static void mended_rays_have_no_holes(void **state) {
                            &k);
         assert_ok(c, rays_create(c, &k, min, max, &r));
         assert_ok(c, rays_create(c, &k, min, max, &whole));
-        rays_mend(whole, min, max);
+        rays_repair(whole, min, max);
         before += rows_with_holes(r);
         after += rows_with_holes(whole);
         for (size_t n = 0; n < (size_t)768 * 768; n++) {
@@ -166,7 +166,7 @@ static void mended_rays_have_no_holes(void **state) {
         rays_free(r);
         rays_free(whole);
     }
-    if (before == 0 || after != 0) fail_msg("%d rows with holes, %d when mended", before, after);
+    if (before == 0 || after != 0) fail_msg("%d rows with holes, %d when repaired", before, after);
 }
 
 /* ---- the box mask, as cv2.fillPoly (OpenCV 4.6) drew it ---- */
@@ -326,7 +326,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(projection_agrees),       cmocka_unit_test(orbit_looks_at_the_centre),
         cmocka_unit_test(bad_cameras_are_refused), cmocka_unit_test(rays_agree),
-        cmocka_unit_test(rays_are_exact),          cmocka_unit_test(mended_rays_have_no_holes),
+        cmocka_unit_test(rays_are_exact),          cmocka_unit_test(repaired_rays_have_no_holes),
         cmocka_unit_test(box_mask_is_opencvs),     cmocka_unit_test(raster_is_analytic),
         cmocka_unit_test(raster_draws_the_body),   cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);

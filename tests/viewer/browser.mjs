@@ -56,7 +56,7 @@ const shot = async (page, name) => pictures && page.screenshot({ path: path.join
 const text = (page) => page.textContent("#speed");
 const ready = (page) => page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null, { timeout: patience });
 // Refined: the full side is on the screen and nothing is under way.
-const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !asked, null, { timeout: patience, polling: 50 });
+const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !pending, null, { timeout: patience, polling: 50 });
 // A small copy of the canvas's pixels.
 const pixels = (page) => page.evaluate(() => {
   const c = document.createElement("canvas");

@@ -1,4 +1,4 @@
-/* The viewer without its HTTP: who may ask, what may be asked, whose turn it is, what is painted. */
+/* The viewer without its HTTP: who may send requests, which are taken, whose turn it is, what is painted. */
 #include "support.h"
 
 #include <math.h>
@@ -7,7 +7,7 @@
 
 #include "viewer/viewer.h"
 
-/* ---- who may ask ---- */
+/* ---- who may send requests ---- */
 static void tokens(void **state) {
     context *c = *state;
     char token[VIEWER_TOKEN + 1], other[VIEWER_TOKEN + 1], path[2 * VIEWER_TOKEN];
@@ -75,7 +75,7 @@ static void hosts_and_origins(void **state) {
     assert_false(origin_is_allowed("", "127.0.0.1:80"));
 }
 
-/* ---- what may be asked ---- */
+/* ---- which are taken ---- */
 static void fields(void **state) {
     static const char *const good[][2] = {
         {"client", "abc123"}, {"n", "12"},    {"avatar", "0"}, {"motion", "2"},  {"frame", "100"},
@@ -156,7 +156,7 @@ static viewer_query from(const char *client, uint64_t sequence) {
     return q;
 }
 
-static viewer_job *ask(viewer_desk *d, const char *client, uint64_t sequence, int *wakes) {
+static viewer_job *request(viewer_desk *d, const char *client, uint64_t sequence, int *wakes) {
     viewer_query q = from(client, sequence);
     viewer_job *job;
     assert_int_equal(desk_admit(d, &q, &job), ADMITTED);
@@ -169,19 +169,19 @@ static void newest_wins(void **state) {
     viewer_job *turn;
     int wakes[5] = {0}, seat;
     assert_true(desk_open(&d));
-    viewer_job *a = ask(&d, "anna", 1, &wakes[0]), *b = ask(&d, "anna", 2, &wakes[1]);
+    viewer_job *a = request(&d, "anna", 1, &wakes[0]), *b = request(&d, "anna", 2, &wakes[1]);
     assert_int_equal(a->state, JOB_REPLACED); /* while it was waiting */
     assert_int_equal(wakes[0], 1);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_JOB);
     assert_ptr_equal(turn, b);
-    viewer_job *c = ask(&d, "anna", 3, &wakes[2]); /* while it was being made */
+    viewer_job *c = request(&d, "anna", 3, &wakes[2]); /* while it was being made */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_done(&d, turn, JOB_DONE); /* too late: nobody is woken again */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_release(&d, turn);
-    viewer_job *late = ask(&d, "anna", 2, &wakes[3]); /* was overtaken on its way */
+    viewer_job *late = request(&d, "anna", 2, &wakes[3]); /* was overtaken on its way */
     assert_int_equal(late->state, JOB_REPLACED);
     assert_int_equal(wakes[3], 1);
     assert_int_equal(c->state, JOB_WAITING);
@@ -190,7 +190,7 @@ static void newest_wins(void **state) {
     viewer_job *none;
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_TOO_MANY);
     desk_release(&d, a);
-    viewer_job *last = ask(&d, "anna", 9, &wakes[4]);
+    viewer_job *last = request(&d, "anna", 9, &wakes[4]);
     assert_int_equal(c->state, JOB_REPLACED);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_JOB);
     assert_ptr_equal(turn, last);
@@ -211,7 +211,7 @@ static void turns_are_taken(void **state) {
     int wakes = 0, seat, served[VIEWER_CLIENTS] = {0}, films = 0;
     static const char *const names[] = {"anna", "bert", "carl"};
     assert_true(desk_open(&d));
-    for (int i = 0; i < 3; i++) own[i] = ask(&d, names[i], 1, &wakes);
+    for (int i = 0; i < 3; i++) own[i] = request(&d, names[i], 1, &wakes);
     pthread_mutex_lock(&d.lock);
     int film = desk_seat(&d, "film");
     d.client[film].film.state = FILM_RUNNING;
@@ -236,7 +236,7 @@ static void turns_are_taken(void **state) {
         assert_int_equal(own[i]->state, JOB_CLOSED);
         desk_release(&d, own[i]);
     }
-    viewer_job *late = ask(&d, "anna", 7, &wakes); /* after the end */
+    viewer_job *late = request(&d, "anna", 7, &wakes); /* after the end */
     assert_int_equal(late->state, JOB_CLOSED);
     assert_int_equal(wakes, 4);
     desk_release(&d, late);
@@ -251,7 +251,7 @@ static void seats_are_few(void **state) {
     assert_true(desk_open(&d));
     for (int i = 0; i < VIEWER_CLIENTS; i++) {
         snprintf(name, sizeof name, "client%d", i);
-        job[i] = ask(&d, name, 1, &wakes);
+        job[i] = request(&d, name, 1, &wakes);
     }
     viewer_query q = from("onemore", 1);
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_NO_SEAT);

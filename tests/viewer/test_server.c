@@ -369,7 +369,7 @@ static void vanishing(void **state) {
         if (i % 3) setsockopt(fd, SOL_SOCKET, SO_LINGER, &now, sizeof now);
         close(fd);
     }
-    for (int i = 0; i < 8; i++) { /* or while it is asked for */
+    for (int i = 0; i < 8; i++) { /* or while it is requested */
         int fd = connected();
         send_text(fd, "GET /0123", 9);
         close(fd);

@@ -46,13 +46,13 @@ struct cells_head {
 };
 struct vertex_cells {
     cells_head *head;
-    int32_t *start;   /* CELLS_MOST + 1 */
+    int32_t *start;   /* CELLS_MAX + 1 */
     float *x, *y, *z; /* by cell */
     int32_t *index;   /* their vertices */
     uint8_t *near;    /* by cell: whether anything of it may be within `reach` of a vertex; or NULL */
     const float *vertex;
 };
-constexpr int64_t CELLS_MOST = 1 << 19;
+constexpr int64_t CELLS_MAX = 1 << 19;
 
 struct placed_body {
     int vertices, neighbours;
@@ -85,7 +85,7 @@ sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const
                         placed_body *out);
 /* Room for the cells of `vertices`. */
 sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_cells *out);
-/* Sorts them; scratch: scan_sums(CELLS_MOST) + CELLS_MOST. */
+/* Sorts them; scratch: scan_sums(CELLS_MAX) + CELLS_MAX. */
 void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_cells *g, int32_t *scratch);
 sherf_status pose_room(context *c, arena *a, const placed_body *b, placed_pose *out);
 /* Vertices, maps, cells and box. */
@@ -114,16 +114,16 @@ struct placed_points {
     int32_t *many; /* RANGE_PARTS */
 };
 /* How many depths a ray has: see gpu_frame_options. */
-struct sample_wish {
+struct sample_request {
     int samples, most;
-    float step_most_m;
-    bool mend;
+    float step_max_m;
+    bool repair;
 };
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, int64_t most,
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t most,
                          placed_points *out);
 /* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const sample_wish *wish, const float *observed_maps, float observed_blend_m,
+                 const sample_request *request, const float *observed_maps, float observed_blend_m,
                  const placed_camera *observed_camera, const empty_cells *empty, placed_points *p);
 
 } // namespace cuda_backend

@@ -9,11 +9,11 @@ namespace cuda_backend {
 
 enum { WORD = 32, RANGE_PARTS = 64 };
 
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples_most, int64_t most,
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t most,
                          placed_points *out) {
     *out = {};
     out->rays = rays;
-    out->words = (samples_most + WORD - 1) / WORD;
+    out->words = (samples_max + WORD - 1) / WORD;
     out->most = most;
     const int64_t longest = rays > most ? rays : most;
     out->direction = room<float>(c, a, 3 * rays);
@@ -98,25 +98,25 @@ __global__ static void range_kernel(placed_points p) {
 }
 
 /* As rays_even_steps: how many depths, and the longest step, or 0 where nothing changes. */
-static __device__ void even_steps(const sample_wish &wish, frame_head *head) {
-    const float longest = head->longest_m, step_m = wish.step_most_m;
-    head->samples = wish.samples;
+static __device__ void even_steps(const sample_request &request, frame_head *head) {
+    const float longest = head->longest_m, step_m = request.step_max_m;
+    head->samples = request.samples;
     head->step_m = 0;
-    if (!wish.most || wish.samples < 2 || !(longest > step_m * (float)(wish.samples - 1))) return;
+    if (!request.most || request.samples < 2 || !(longest > step_m * (float)(request.samples - 1))) return;
     const float needed = ceilf(longest / step_m) + 1;
-    const int count = needed < (float)wish.most  ? (int)needed
-                      : wish.most > wish.samples ? wish.most
-                                                 : wish.samples;
+    const int count = needed < (float)request.most     ? (int)needed
+                      : request.most > request.samples ? request.most
+                                                       : request.samples;
     head->samples = count;
     head->step_m = fmaxf(step_m, longest / (float)(count - 1));
 }
 
-static void make_rays(const ray_optics &optics, const sample_wish &wish, const placed_points &p) {
+static void make_rays(const ray_optics &optics, const sample_request &request, const placed_points &p) {
     each(p.rays, [=] __device__(int64_t n) {
         float direction[3], near = 0, far = 1;
         ray_direction(&optics, (int)(n % p.width), (int)(n / p.width), direction);
         bool hits = p.head->finite && cross_box(p.origin, direction, p.head->min, p.head->max, &near, &far);
-        if (wish.mend && p.head->finite) /* as rays_mend */
+        if (request.repair && p.head->finite) /* as rays_repair */
             hits |= cross_slabs(p.origin, direction, p.head->min, p.head->max, &near, &far);
         for (int k = 0; k < 3; k++) p.direction[3 * n + k] = direction[k];
         p.near[n] = near;
@@ -134,12 +134,12 @@ static void make_rays(const ray_optics &optics, const sample_wish &wish, const p
         p.head->depth_min = least;
         p.head->depth_max = most;
         p.head->longest_m = longest;
-        even_steps(wish, p.head);
+        even_steps(request, p.head);
     });
     each(p.rays, [=] __device__(int64_t n) {
         const float step = p.head->step_m;
         if (step == 0 || !p.at_box[n]) return;
-        const float own = (p.far[n] - p.near[n]) / (float)(wish.samples - 1);
+        const float own = (p.far[n] - p.near[n]) / (float)(request.samples - 1);
         p.far[n] = p.near[n] + fminf(own, step / direction_length(p, n)) * (float)(p.head->samples - 1);
     });
 }
@@ -284,12 +284,12 @@ static void map_points(const placed_body &b, const placed_pose &pose, const obse
 }
 
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const sample_wish *wish, const float *observed_maps, float observed_blend_m,
+                 const sample_request *request, const float *observed_maps, float observed_blend_m,
                  const placed_camera *observed_camera, const empty_cells *empty, placed_points *p) {
     const empty_cells none = {};
     p->width = width;
     memcpy(p->origin, optics->origin, sizeof p->origin);
-    make_rays(*optics, *wish, *p);
+    make_rays(*optics, *request, *p);
     find_candidates(*pose, *p);
     keep_near(*b, *pose, empty ? *empty : none, *p);
     map_points(*b, *pose, {observed_maps, observed_blend_m, *observed_camera}, *p);

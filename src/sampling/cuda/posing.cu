@@ -18,12 +18,12 @@ static T *placed(context *c, arena *a, const tensor_memory *memory, const T *fro
 sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_cells *out) {
     *out = {};
     out->head = room<cells_head>(c, a, 1);
-    out->start = room<int32_t>(c, a, CELLS_MOST + 1);
+    out->start = room<int32_t>(c, a, CELLS_MAX + 1);
     out->x = room<float>(c, a, vertices);
     out->y = room<float>(c, a, vertices);
     out->z = room<float>(c, a, vertices);
     out->index = room<int32_t>(c, a, vertices);
-    if (near) out->near = room<uint8_t>(c, a, CELLS_MOST);
+    if (near) out->near = room<uint8_t>(c, a, CELLS_MAX);
     return out->head && out->start && out->x && out->y && out->z && out->index && (!near || out->near)
                ? SHERF_OK
                : SHERF_NO_MEMORY;
@@ -57,7 +57,7 @@ static __device__ void shape_cells(const body_bounds &b, cells_head *h) {
             h->cells[k] = n < 1e6f ? (int)n : 1000000;
             count *= n;
         }
-        if (count <= (float)CELLS_MOST) break;
+        if (count <= (float)CELLS_MAX) break;
     }
     for (int k = 0; k < 3; k++) {
         h->min[k] = finite ? b.min[k] - 3 * cell : 0;
@@ -115,11 +115,11 @@ static __device__ int64_t cell_at(const cells_head &h, const float *x) {
 
 void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_cells *out, int32_t *scratch) {
     const vertex_cells g = *out;
-    int32_t *filled = scratch, *sums = scratch + CELLS_MOST;
-    memory->clear(c, g.start, (CELLS_MOST + 1) * sizeof *g.start);
-    memory->clear(c, filled, CELLS_MOST * sizeof *filled);
+    int32_t *filled = scratch, *sums = scratch + CELLS_MAX;
+    memory->clear(c, g.start, (CELLS_MAX + 1) * sizeof *g.start);
+    memory->clear(c, filled, CELLS_MAX * sizeof *filled);
     each(vertices, [=] __device__(int64_t v) { atomicAdd(g.start + cell_at(*g.head, g.vertex + 3 * v), 1); });
-    scan(CELLS_MOST, &g.head->count, g.start, sums);
+    scan(CELLS_MAX, &g.head->count, g.start, sums);
     /* the order within a cell is left to chance, and no search depends on it */
     each(vertices, [=] __device__(int64_t v) {
         const float *x = g.vertex + 3 * v;
@@ -129,7 +129,7 @@ void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_ce
         g.index[at] = (int32_t)v;
     });
     if (!g.near) return;
-    memory->clear(c, g.near, CELLS_MOST);
+    memory->clear(c, g.near, CELLS_MAX);
     enum { REACH = 2, SIDE = 2 * REACH + 1 };
     each((int64_t)vertices * SIDE * SIDE, [=] __device__(int64_t i) {
         const cells_head &h = *g.head;
@@ -178,7 +178,7 @@ sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const
     if (good && m->pose_volume)
         good = (out->pose_volume = placed(c, a, memory, m->pose_volume, V * BODY_JOINTS)) != nullptr;
     if (!good || cells_room(c, a, m->vertices, false, &out->canonical) != SHERF_OK) return SHERF_NO_MEMORY;
-    int32_t *scratch = room<int32_t>(c, a, CELLS_MOST + scan_sums(CELLS_MOST));
+    int32_t *scratch = room<int32_t>(c, a, CELLS_MAX + scan_sums(CELLS_MAX));
     if (!scratch) return SHERF_NO_MEMORY;
     out->canonical.vertex = out->canonical_vertices;
     launch(bounds_kernel, dim3(1), dim3(BLOCK), m->vertices, (const float *)out->canonical_vertices, rigid{},

@@ -5,10 +5,10 @@
  * depends on the rule alone, and every sum runs in that order on one thread. */
 #include "tensor/cpu/amx_sparse.h"
 
-enum { TAPS = 27, GROUP = 32, CHANNELS_LEAST = 16 };
+enum { TAPS = 27, GROUP = 32, CHANNELS_MIN = 16 };
 
 bool amx_sparse_fits(const tensor *w) {
-    return w->dim[0] >= CHANNELS_LEAST && w->dim[4] >= CHANNELS_LEAST;
+    return w->dim[0] >= CHANNELS_MIN && w->dim[4] >= CHANNELS_MIN;
 }
 
 #if defined(__x86_64__)

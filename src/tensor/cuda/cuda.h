@@ -96,7 +96,7 @@ template <typename F> void each_row(int64_t rows, F f) {
 template <int K> struct several { float v[K]; };
 
 enum { SLAB_THREADS = 8 };
-constexpr int64_t slabs_most = 256, slab_rows_least = 64;
+constexpr int64_t slabs_max = 256, slab_rows_min = 64;
 
 /* Block (x, y): columns 32 x .. 32 x + 31 of slab y of the rows. partial[slab][k][column]. */
 template <int K, typename F>
@@ -124,8 +124,8 @@ __global__ void slab_sums_kernel(int64_t rows, int64_t columns, float *partial, 
 template <int K, typename F, typename G>
 sherf_status column_sums(op_call *call, int64_t rows, int64_t columns, F f, G g) {
     if (columns == 0) return SHERF_OK;
-    int64_t slabs = divided_up(rows, slab_rows_least);
-    slabs = slabs < 1 ? 1 : slabs > slabs_most ? slabs_most : slabs;
+    int64_t slabs = divided_up(rows, slab_rows_min);
+    slabs = slabs < 1 ? 1 : slabs > slabs_max ? slabs_max : slabs;
     float *partial = scratch<float>(call, slabs * K * columns);
     if (!partial) return SHERF_NO_MEMORY;
     launch(slab_sums_kernel<K, F>, dim3((unsigned)divided_up(columns, WARP), (unsigned)slabs),
@@ -140,7 +140,7 @@ sherf_status column_sums(op_call *call, int64_t rows, int64_t columns, F f, G g)
 }
 
 /* ---- one sum ---- */
-constexpr int64_t parts_most = 1024;
+constexpr int64_t parts_max = 1024;
 
 template <typename F> __global__ void parts_kernel(int64_t n, double *partial, F f) {
     __shared__ double part[BLOCK];
@@ -158,7 +158,7 @@ template <typename F> __global__ void parts_kernel(int64_t n, double *partial, F
 /* g(sum over i < n of f(i)), which is a double. */
 template <typename F, typename G> sherf_status total(op_call *call, int64_t n, F f, G g) {
     int64_t parts = divided_up(n, 4 * BLOCK);
-    parts = parts < 1 ? 1 : parts > parts_most ? parts_most : parts;
+    parts = parts < 1 ? 1 : parts > parts_max ? parts_max : parts;
     double *partial = scratch<double>(call, parts);
     if (!partial) return SHERF_NO_MEMORY;
     launch(parts_kernel<F>, dim3((unsigned)parts), dim3(BLOCK), n, partial, f);

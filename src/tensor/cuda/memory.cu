@@ -53,7 +53,7 @@ static size_t peak() {
 }
 
 /* ---- uploads ---- */
-constexpr uint64_t ring_bytes = 64 << 20, piece_most = ring_bytes / 4;
+constexpr uint64_t ring_bytes = 64 << 20, piece_max = ring_bytes / 4;
 enum { MARKS = 256, ALIGNMENT = 256 };
 
 /* Positions count bytes from the beginning on and never turn back; position p is data[p % ring_bytes]. What
@@ -114,7 +114,7 @@ static sherf_status upload(context *c, void *to, const void *from, size_t bytes)
         return status == SHERF_OK ? wait_for_all(c) : status;
     }
     for (size_t done = 0; done < bytes;) {
-        const size_t n = bytes - done < piece_most ? bytes - done : piece_most;
+        const size_t n = bytes - done < piece_max ? bytes - done : piece_max;
         char *piece = ring_take(ring, n);
         memcpy(piece, (const char *)from + done, n);
         const sherf_status status = copy_begin(c, TO_DEVICE, (char *)to + done, piece, n);

@@ -69,14 +69,14 @@ sherf_status layer_norm_backward(op_call *call) {
 }
 
 /* ---- attention among a point's tokens ---- */
-constexpr int tokens_most = 16; /* of one point; the paper has 3 */
+constexpr int tokens_max = 16; /* of one point; the paper has 3 */
 
 static sherf_status tokens_check(op_call *call) {
     const attention_attr *a = (const attention_attr *)call->attr;
-    if (a->tokens <= tokens_most) return SHERF_OK;
+    if (a->tokens <= tokens_max) return SHERF_OK;
     return failure(call->c, SHERF_UNSUPPORTED,
                    "token_attention: %d tokens, and the CUDA backend takes %d at most", a->tokens,
-                   tokens_most);
+                   tokens_max);
 }
 
 /* One head of one point: q, k and v of token j are `row` after those of token j - 1. */
@@ -126,7 +126,7 @@ sherf_status token_attention_forward(op_call *call) {
     each(R * a.heads, [=] __device__(int64_t n) {
         const int h = (int)(n % a.heads), i = (int)(n / a.heads % a.tokens);
         const head one(x, a, n / a.heads / a.tokens, h);
-        float p[tokens_most];
+        float p[tokens_max];
         one.softmax(i, p);
         for (int d = 0; d < a.width; d++) {
             float sum = 0;
@@ -151,7 +151,7 @@ sherf_status token_attention_backward(op_call *call) {
         const head one(x, a, point, h);
         const float *dy_head = dy + point * a.tokens * D + h * a.width;
         float *dq = dx + n / a.heads * one.row + h * a.width, *dk = dq + D, *dv = dk + D;
-        float p[tokens_most], ds[tokens_most];
+        float p[tokens_max], ds[tokens_max];
         for (int i = 0; i < a.tokens; i++) {
             one.softmax(i, p);
             one.softmax_gradient(dy_head + i * D, p, ds);

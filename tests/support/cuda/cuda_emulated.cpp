@@ -28,7 +28,7 @@ size_t cuda_emulated_bytes;
 namespace cuda_backend {
 
 /* ---- fibres ---- */
-enum { STACK_BYTES = 128 << 10, THREADS_MOST = 1024 };
+enum { STACK_BYTES = 128 << 10, THREADS_MAX = 1024 };
 enum thread_state { FRESH, READY, AT_WARP, AT_BLOCK, DONE };
 
 struct fibre {
@@ -46,9 +46,9 @@ struct thread {
     const void *given; /* at a warp's barrier: what it shows to the other lanes */
     size_t given_bytes;
 };
-enum { GIVEN_MOST = 32 };
+enum { GIVEN_MAX = 32 };
 /* What the lanes of each warp have shown at its newest barrier. */
-static unsigned char shown[THREADS_MOST / WARP][WARP][GIVEN_MOST] __attribute__((aligned(16)));
+static unsigned char shown[THREADS_MAX / WARP][WARP][GIVEN_MAX] __attribute__((aligned(16)));
 
 /* Copies that are done where they are waited for, and not sooner. */
 struct pending {
@@ -56,11 +56,11 @@ struct pending {
     const void *from;
     int group;
 };
-static std::vector<pending> copies[THREADS_MOST];
-static int groups[THREADS_MOST]; /* closed so far */
+static std::vector<pending> copies[THREADS_MAX];
+static int groups[THREADS_MAX]; /* closed so far */
 
 static std::vector<fibre *> idle;
-static thread threads[THREADS_MOST];
+static thread threads[THREADS_MAX];
 static int thread_count, fresh_count, current; /* fresh: not begun yet */
 static const std::function<void()> *kernel_body;
 static fibre scheduler, *running;
@@ -264,7 +264,7 @@ static void begin_work() {
 
 void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
     thread_count = (int)(block.x * block.y * block.z);
-    if (thread_count < 1 || thread_count > THREADS_MOST || grid.x < 1 || grid.y < 1 || grid.y > 65535)
+    if (thread_count < 1 || thread_count > THREADS_MAX || grid.x < 1 || grid.y < 1 || grid.y > 65535)
         broken("a launch of a size that no GPU takes");
     begin_work();
     blockDim = block;
@@ -279,22 +279,22 @@ void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
     }
 }
 
-/* The lanes' values: GIVEN_MOST bytes apart, until this lane comes to a barrier again. */
-static const unsigned char (*exchange(const void *mine, size_t bytes))[GIVEN_MOST] {
+/* The lanes' values: GIVEN_MAX bytes apart, until this lane comes to a barrier again. */
+static const unsigned char (*exchange(const void *mine, size_t bytes))[GIVEN_MAX] {
     threads[current].given = mine;
     threads[current].given_bytes = bytes;
     wait(AT_WARP);
     return shown[current / WARP];
 }
 
-template <typename T> static T of_lane(const unsigned char (*lanes)[GIVEN_MOST], int lane, int i = 0) {
+template <typename T> static T of_lane(const unsigned char (*lanes)[GIVEN_MAX], int lane, int i = 0) {
     T v;
     memcpy(&v, lanes[lane] + (size_t)i * sizeof v, sizeof v);
     return v;
 }
 
 float warp_sum(float v) {
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(&v, sizeof v);
     float sum[WARP], next[WARP];
     for (int lane = 0; lane < WARP; lane++) sum[lane] = of_lane<float>(lanes, lane);
     for (int step = WARP / 2; step > 0; step /= 2) {
@@ -305,7 +305,7 @@ float warp_sum(float v) {
 }
 
 float quad_sum(float v) {
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(&v, sizeof v);
     const int lane = current % WARP;
     auto at = [&](int other) { return of_lane<float>(lanes, other); };
     return (at(lane) + at(lane ^ 1)) + (at(lane ^ 2) + at(lane ^ 3));
@@ -313,14 +313,14 @@ float quad_sum(float v) {
 
 uint32_t warp_ballot(bool v) {
     const uint32_t mine = v;
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&mine, sizeof mine);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(&mine, sizeof mine);
     uint32_t bits = 0;
     for (int lane = 0; lane < WARP; lane++) bits |= of_lane<uint32_t>(lanes, lane) << lane;
     return bits;
 }
 
 int32_t warp_before(int32_t v) {
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(&v, sizeof v);
     int32_t sum = 0;
     for (int lane = 0; lane < current % WARP; lane++) sum += of_lane<int32_t>(lanes, lane);
     return sum;
@@ -347,7 +347,7 @@ static float of_bf16(uint32_t pair, int high) {
  * columns 2 t and 2 t + 1 of row g, then of row g + 8. */
 void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]) {
     const uint32_t mine[6] = {a[0], a[1], a[2], a[3], b[0], b[1]};
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(mine, sizeof mine);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(mine, sizeof mine);
     const int g = current % WARP / 4, t = current % 4;
     for (int i = 0; i < 4; i++) {
         const int row = i / 2, column = 2 * t + i % 2;
@@ -363,7 +363,7 @@ void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]) {
 }
 
 uint32_t transpose8(uint32_t v) {
-    const unsigned char(*lanes)[GIVEN_MOST] = exchange(&v, sizeof v);
+    const unsigned char(*lanes)[GIVEN_MAX] = exchange(&v, sizeof v);
     const int g = current % WARP / 4, t = current % 4;
     auto at = [&](int row, int column) {
         return of_lane<uint32_t>(lanes, 4 * row + column / 2) >> column % 2 * 16 & 0xffff;

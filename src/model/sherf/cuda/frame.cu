@@ -231,20 +231,20 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     ray_optics optics;
     placed_pose pose;
     const int64_t rays = (int64_t)camera->width_px * camera->height_px;
-    const sample_wish wish = {o->samples, o->samples_most, o->step_most_m, o->mend};
-    const int samples_most = o->samples_most > o->samples ? o->samples_most : o->samples;
+    const sample_request request = {o->samples, o->samples_max, o->step_max_m, o->repair};
+    const int samples_max = o->samples_max > o->samples ? o->samples_max : o->samples;
     if (a->most < 4 * rays) a->most = 4 * rays;
     if (a->most < 4096) a->most = 4096;
     arena_reset(a->frame);
     sherf_status status = place_empty(c, a, o->empty);
     if (!status) status = pose_room(c, a->frame, &a->body, &pose);
-    if (!status) status = points_room(c, a->frame, rays, samples_most, a->most, p);
+    if (!status) status = points_room(c, a->frame, rays, samples_max, a->most, p);
     if (status) return status;
-    int32_t *scratch = room<int32_t>(c, a->frame, CELLS_MOST + scan_sums(CELLS_MOST));
+    int32_t *scratch = room<int32_t>(c, a->frame, CELLS_MAX + scan_sums(CELLS_MAX));
     if (!scratch) return SHERF_NO_MEMORY;
     ray_optics_of(camera, &optics);
     pose_fill(c, &device_memory, &a->body, posed, &pose, p->head, scratch);
-    points_fill(&a->body, &pose, &optics, camera->width_px, &wish, a->observed_maps, a->observed_blend_m,
+    points_fill(&a->body, &pose, &optics, camera->width_px, &request, a->observed_maps, a->observed_blend_m,
                 &a->camera, o->empty && o->empty->bit ? &a->empty : nullptr, p);
     return SHERF_OK;
 }

@@ -19,7 +19,7 @@
 namespace cuda_backend {
 
 bool bf16_fits(const network_sizes &s) {
-    return s.width == TOKEN && s.heads <= HEADS_MOST && s.head_width <= 16 && s.decoder_width <= 128 &&
+    return s.width == TOKEN && s.heads <= HEADS_MAX && s.head_width <= 16 && s.decoder_width <= 128 &&
            s.view_width <= 8 * VIEW_N && s.position_width + 3 <= 16 * PLACE_TILES &&
            s.direction_width + 3 <= 16 * DIRECTION_TILES && s.color_width <= 16 * COLOR_TILES &&
            (s.color_width == 0 || s.color_token == 2);
@@ -170,7 +170,7 @@ sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const
 
 template <int H> constexpr size_t bf16_shared() {
     return (size_t)STAGES * STAGE_TILES * 2 * H * FRAGMENT * 4 + WARPS * TILE_POINTS * ENCODED_PITCH * 2 +
-           resident_most;
+           resident_max;
 }
 
 /* H: k-tiles of the decoder's width. */

@@ -21,7 +21,7 @@ enum {
     COLOR_TILES = 2,     /* and the colour */
     VIEW_N = 8,
     VIEW_TILES = VIEW_N / 2,
-    HEADS_MOST = 4,
+    HEADS_MAX = 4,
     FRAGMENT = 2 * WARP,                 /* 32-bit words: 16 inputs x 8 outputs */
     ENCODED_PITCH = 16 * PLACE_TILES + 8 /* bf16 a point: without bank conflicts */
 };
@@ -340,7 +340,7 @@ template <int STAGE_WORDS> struct weight_stream {
     }
 };
 
-constexpr size_t resident_most = 40 << 10; /* bytes */
+constexpr size_t resident_max = 40 << 10; /* bytes */
 
 } // namespace cuda_backend
 #endif

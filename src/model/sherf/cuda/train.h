@@ -85,7 +85,7 @@ __host__ __device__ inline back_places back_layout(int heads) {
     p.fragments = p.mlp1 + TOKEN_TILES * TOKEN_N;
     return p;
 }
-constexpr size_t back_most = (VIEW_N + HEADS_MOST * BACK_EACH + 2 * TOKEN_TILES * TOKEN_N) * FRAGMENT * 4;
+constexpr size_t back_max = (VIEW_N + HEADS_MAX * BACK_EACH + 2 * TOKEN_TILES * TOKEN_N) * FRAGMENT * 4;
 
 /* ---- one chunk ---- */
 struct train_run {

@@ -11,7 +11,7 @@ namespace cuda_backend {
 constexpr size_t mask_bytes = (POINT_DECODER_MAX + 1) * 2 * THREADS * 4;
 template <int H> constexpr size_t decoder_shared() {
     return (size_t)STAGES * STAGE_TILES * 2 * H * FRAGMENT * 4 + WARPS * TILE_POINTS * ENCODED_PITCH * 2 +
-           resident_most + mask_bytes + VIEW_N * FRAGMENT * 4;
+           resident_max + mask_bytes + VIEW_N * FRAGMENT * 4;
 }
 
 /* The signs of N sums of 16 x 8, as bits of this lane. */
@@ -56,7 +56,7 @@ template <int H, bool BACK> __global__ void __launch_bounds__(THREADS, 1) decode
     };
     WIDE_SHARED(shared, decoder_shared<H>());
     uint32_t *ring = (uint32_t *)shared, *resident = ring + STAGES * STAGE_WORDS + WARPS * ENCODED_BYTES / 4;
-    uint32_t *back = resident + resident_most / 4, *mask = back + VIEW_N * FRAGMENT + threadIdx.x;
+    uint32_t *back = resident + resident_max / 4, *mask = back + VIEW_N * FRAGMENT + threadIdx.x;
     const network_sizes &s = r.s;
     const int lane = (int)threadIdx.x % WARP, warp = (int)threadIdx.x / WARP, g = lane / 4, t = lane % 4;
     const resident_places at = resident_layout(s.heads, H, s.decoder_depth);

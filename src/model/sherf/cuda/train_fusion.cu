@@ -7,7 +7,7 @@
 namespace cuda_backend {
 
 constexpr size_t fusion_shared =
-    resident_most + back_most + WARPS * TILE_POINTS * ENCODED_PITCH * 2 + VECTOR_SLOTS * THREADS * 4;
+    resident_max + back_max + WARPS * TILE_POINTS * ENCODED_PITCH * 2 + VECTOR_SLOTS * THREADS * 4;
 
 /* Backwards through a layer norm of a token: d += its part; this lane's sums for weight and bias. */
 static __device__ void norm_back(const network_warp &w, const sums *x, const sums *dy, int weight, sums *d,
@@ -283,8 +283,8 @@ struct fusion_warp {
 static __global__ void __launch_bounds__(THREADS, 1) fusion_kernel(train_run r) {
     enum { ENCODED_BYTES = TILE_POINTS * ENCODED_PITCH * 2 };
     WIDE_SHARED(shared, fusion_shared);
-    uint32_t *resident = (uint32_t *)shared, *back = resident + resident_most / 4,
-             *encoded = back + back_most / 4;
+    uint32_t *resident = (uint32_t *)shared, *back = resident + resident_max / 4,
+             *encoded = back + back_max / 4;
     float *vector = (float *)(encoded + WARPS * ENCODED_BYTES / 4) + threadIdx.x;
     const int lane = (int)threadIdx.x % WARP, warp = (int)threadIdx.x / WARP;
     const network_sizes &s = r.s;

@@ -11,7 +11,7 @@
 typedef struct {
     field_source from;
     radiance_bank canonical; /* of the bank what the canonical body decides */
-    radiance_field *network; /* NULL on a GPU, unless the processor was asked too */
+    radiance_field *network; /* NULL on a GPU, unless the processor is queried too */
     gpu_avatar *gpu;         /* or NULL */
     const gpu_renderer *renderer;
     pthread_mutex_t lock; /* of `network` being made, and of the GPU's room for frames */

@@ -73,14 +73,6 @@ static void render(context *c, const body_model *body, const char *path, sherf_f
     sherf_avatar_free(a);
 }
 
-static double psnr(const sherf_image *a, const sherf_image *b) {
-    double sum = 0;
-    const int64_t n = (int64_t)a->width * a->height * a->channels;
-    for (int64_t i = 0; i < n; i++)
-        sum += ((double)a->data[i] - b->data[i]) * ((double)a->data[i] - b->data[i]);
-    return sum > 0 ? -10 * log10(sum / (double)n) : 200;
-}
-
 static void avatars_agree(void **state) {
     context *c = test_context();
     body_model *body;
@@ -96,7 +88,8 @@ static void avatars_agree(void **state) {
     for (int bf16 = 0; bf16 < 2; bf16++) {
         c->precision = bf16 ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
         render(c, body, path, &got, bf16 ? NULL : &got_sharp, &bytes, &sigma_there);
-        const double color = psnr(&got.color, &want.color), opacity = psnr(&got.opacity, &want.opacity);
+        const double color = test_psnr(&got.color, &want.color),
+                     opacity = test_psnr(&got.opacity, &want.opacity);
         print_message("%s: %lld points, colour %.1f dB, opacity %.1f dB, %.1f MB there\n",
                       bf16 ? "bf16" : "float32", (long long)got.points, color, opacity, (double)bytes / 1e6);
         assert_int_equal(got.points, want.points);
@@ -105,8 +98,8 @@ static void avatars_agree(void **state) {
         assert_true(fabsf(sigma_there - sigma) <= (bf16 ? 3e-2f : 1e-4f) * fabsf(sigma));
     }
     gpu_renderer_stand_in(NULL);
-    const double sharp = psnr(&got_sharp.color, &want_sharp.color),
-                 change = psnr(&want_sharp.color, &want.color);
+    const double sharp = test_psnr(&got_sharp.color, &want_sharp.color),
+                 change = test_psnr(&want_sharp.color, &want.color);
     print_message("with detail (%.1f dB from without): colour %.1f dB\n", change, sharp);
     assert_true(sharp >= 60 && change < sharp - 40); /* it is there, and the same */
     sherf_frame_free(&want);

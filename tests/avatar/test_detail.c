@@ -4,48 +4,9 @@
 #include <string.h>
 
 #include "avatar/detail.h"
-#include "support.h"
+#include "demo_scene.h"
 
-static const char model_path[] = "../assets/models/people.safetensors",
-                  body_path[] = "../assets/body.safetensors";
 enum { SIDE = 256, SPECKS_MAX = 2 };
-
-typedef struct {
-    context *c;
-    sherf_body *body;
-    sherf_observation *observation;
-    sherf_avatar *avatar;
-    sherf_camera camera;
-} scene;
-
-static void open_scene_of(scene *s, const char *observation) {
-    const sherf_options options = {.threads = 2};
-    sherf_model *m;
-    sherf_observation *read;
-    assert_int_equal(sherf_context_create(&options, &s->c), SHERF_OK);
-    assert_ok(s->c, sherf_body_load(s->c, body_path, &s->body));
-    assert_ok(s->c, sherf_model_load(s->c, model_path, &m));
-    assert_ok(s->c, sherf_observation_load(s->c, observation, &read));
-    assert_ok(s->c, sherf_observation_crop(s->c, m, s->body, read, &s->observation));
-    assert_ok(s->c, sherf_avatar_create(s->c, m, s->body, s->observation, &s->avatar));
-    s->camera = *sherf_observation_camera(s->observation);
-    assert_int_equal(s->camera.width_px, SIDE);
-    assert_int_equal(s->camera.height_px, SIDE);
-    sherf_observation_free(read);
-    sherf_model_free(m);
-}
-
-/* Seen from behind. */
-static void open_scene(scene *s) {
-    open_scene_of(s, "thuman:../assets/demo#person_900006/0/0");
-}
-
-static void close_scene(scene *s) {
-    sherf_avatar_free(s->avatar);
-    sherf_observation_free(s->observation);
-    sherf_body_free(s->body);
-    sherf_context_free(s->c);
-}
 
 static void render(scene *s, const sherf_camera *camera, int detail, sherf_frame *out) {
     const sherf_render_options o = {.samples = SHERF_SAMPLES_MODEL, .detail = detail};
@@ -61,7 +22,7 @@ static double difference(const float *a, const float *b) {
 static void the_observed_view_is_the_observation(void **state) {
     scene s;
     sherf_frame before = {0}, off = {0}, on = {0};
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     render(&s, &s.camera, SHERF_DETAIL_OFF, &before);
     assert_null(s.avatar->detail->made.texel); /* not made for those who do not want it */
     render(&s, &s.camera, 0, &on);             /* the default */
@@ -132,7 +93,7 @@ static double given(scene *s, double angle) {
 
 static void the_other_side_stays(void **state) {
     scene s;
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     const double seen = given(&s, 0.3), hidden = given(&s, M_PI);
     if (!(seen > 5 && hidden < 0.01 * seen))
         fail_msg("%g on the hidden side, %g on the seen one", hidden, seen);
@@ -153,7 +114,7 @@ static void paint_picture(sherf_avatar *a, int wide, uint8_t dark) {
 
 static void stripes_stay_on_their_side(void **state) {
     scene s;
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     paint_picture(s.avatar, 12, 1);
     const double seen = given(&s, 0.3), hidden = given(&s, M_PI);
     if (!(seen > 300 && hidden < 0.01 * seen))
@@ -202,7 +163,7 @@ static void zoom(scene *s, int joint, float larger, sherf_camera *k) {
 /* With a white picture there is nothing on the seen side but what the look-up itself makes. */
 static void has_no_specks(const char *observation, int joint, float larger, int half, int first, int last) {
     scene s;
-    open_scene_of(&s, observation);
+    open_scene_of(&s, SHERF_PRECISION_AUTO, observation);
     paint_picture(s.avatar, 1, 255);
     for (int turn = first; turn <= last; turn++) {
         sherf_camera k = turned_camera(&s, 0.35 * turn);
@@ -230,7 +191,7 @@ static void faces_have_no_specks(void **state) {
 static void faces_are_seen_whole(void **state) {
     scene s;
     sherf_frame frame = {0};
-    open_scene_of(&s, "thuman:../assets/demo#person_900006/0/2");
+    open_scene_of(&s, SHERF_PRECISION_AUTO, "thuman:../assets/demo#person_900006/0/2");
     paint_picture(s.avatar, 1, 255);
     sherf_camera k = s.camera;
     zoom(&s, 15, 5, &k);
@@ -250,7 +211,7 @@ static void islands_are_cleared(void **state) {
     enum { W = 16, N = W * W };
     static const float background[3] = {0.2f, 0.9f, 0.5f};
     scene s;
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     int32_t face[N];
     float color[3 * N] = {0}, opacity[N];
     const raster body = {.width = W, .height = W, .face = face};
@@ -282,7 +243,7 @@ static void haze_is_cleared(void **state) {
     enum { W = 16, N = W * W };
     static const float background[3] = {0.2f, 0.9f, 0.5f}, own[3] = {0.7f, 0.1f, 0.4f};
     scene s;
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     int32_t face[N];
     float color[3 * N], opacity[N];
     const raster body = {.width = W, .height = W, .face = face};
@@ -322,7 +283,7 @@ static void parts_make_the_picture(void **state) {
     static const float black[3] = {0, 0, 0};
     sherf_frame whole = {0}, parts = {0};
     posed_body *posed;
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     render(&s, &s.camera, SHERF_DETAIL_ON, &whole);
     render(&s, &s.camera, SHERF_DETAIL_OFF, &parts);
     assert_ok(s.c, avatar_pose(s.c, s.avatar, s.body, sherf_avatar_pose(s.avatar), &posed));
@@ -339,7 +300,7 @@ static void files_keep_the_finer_picture(void **state) {
     scene s;
     sherf_frame first = {0}, again = {0}, coarse = {0};
     const sherf_options one = {.threads = 1};
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_AUTO);
     assert_int_equal(s.avatar->picture_width, 2 * SIDE);
     assert_int_equal(s.avatar->picture_height, 2 * SIDE);
     render(&s, &s.camera, SHERF_DETAIL_ON, &first);

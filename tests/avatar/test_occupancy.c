@@ -3,36 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "avatar/avatar.h"
-#include "support.h"
-
-static const char model_path[] = "../assets/models/people.safetensors",
-                  body_path[] = "../assets/body.safetensors";
-
-typedef struct {
-    context *c;
-    sherf_body *body;
-    sherf_observation *observation;
-    sherf_avatar *avatar;
-} scene;
-
-static void open_scene(sherf_precision precision, scene *s) {
-    const sherf_options options = {.threads = 2, .precision = precision};
-    sherf_model *m;
-    assert_int_equal(sherf_context_create(&options, &s->c), SHERF_OK);
-    assert_ok(s->c, sherf_body_load(s->c, body_path, &s->body));
-    assert_ok(s->c, sherf_model_load(s->c, model_path, &m));
-    assert_ok(s->c, sherf_observation_load(s->c, "thuman:../assets/demo#person_900006/0/0", &s->observation));
-    assert_ok(s->c, sherf_avatar_create(s->c, m, s->body, s->observation, &s->avatar));
-    sherf_model_free(m);
-}
-
-static void close_scene(scene *s) {
-    sherf_avatar_free(s->avatar);
-    sherf_observation_free(s->observation);
-    sherf_body_free(s->body);
-    sherf_context_free(s->c);
-}
+#include "demo_scene.h"
 
 /* A frame's points with and without the empty cells, in the third pose's place. */
 static void points_of(const scene *s, const empty_cells *empty, point_set **out) {
@@ -57,7 +28,7 @@ static void what_is_left_out_has_no_density(void **state) {
     scene s;
     empty_cells empty;
     point_set *all, *kept;
-    open_scene(SHERF_PRECISION_FP32, &s);
+    open_scene(&s, SHERF_PRECISION_FP32);
     assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
     assert_non_null(empty.bit);
     points_of(&s, NULL, &all);
@@ -96,7 +67,7 @@ static void what_is_left_out_has_no_density(void **state) {
 
 static void check_frames(sherf_precision precision) {
     scene s;
-    open_scene(precision, &s);
+    open_scene(&s, precision);
     sherf_frame frame[2] = {0};
     const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF},
                                plain = {.detail = SHERF_DETAIL_OFF};
@@ -127,7 +98,7 @@ static void frames_in_bf16_hardly_differ(void **state) {
 static void a_full_body_has_no_cells(void **state) {
     scene s;
     empty_cells empty;
-    open_scene(SHERF_PRECISION_FP32, &s);
+    open_scene(&s, SHERF_PRECISION_FP32);
     tensor *bias = &parameter_find(s.avatar->weights, "decoder.alpha_linear.bias")->value;
     tensor_f32(bias)[0] += 1e4f;
     s.avatar->field_kind->release(s.avatar->field);

@@ -2,55 +2,24 @@
 #include <math.h>
 #include <string.h>
 
-#include "avatar/avatar.h"
-#include "support.h"
+#include "demo_scene.h"
 
-static const char model_path[] = "../assets/models/people.safetensors",
-                  body_path[] = "../assets/body.safetensors";
-
-typedef struct {
-    context *c;
-    sherf_body *body;
-    sherf_avatar *avatar;
-    sherf_pose rest; /* arms spread */
-} scene;
-
-static void open_scene(scene *s) {
-    const sherf_options options = {.threads = 2, .precision = SHERF_PRECISION_FP32};
-    sherf_model *m;
-    sherf_observation *o;
-    assert_int_equal(sherf_context_create(&options, &s->c), SHERF_OK);
-    assert_ok(s->c, sherf_body_load(s->c, body_path, &s->body));
-    assert_ok(s->c, sherf_model_load(s->c, model_path, &m));
-    assert_ok(s->c, sherf_observation_load(s->c, "thuman:../assets/demo#person_900006/0/0", &o));
-    assert_ok(s->c, sherf_avatar_create(s->c, m, s->body, o, &s->avatar));
-    sherf_pose_identity(&s->rest);
-    sherf_observation_free(o);
-    sherf_model_free(m);
-}
-
-static void close_scene(scene *s) {
-    sherf_avatar_free(s->avatar);
-    sherf_body_free(s->body);
-    sherf_context_free(s->c);
+/* Arms spread. */
+static const sherf_pose *rest(void) {
+    static sherf_pose pose;
+    sherf_pose_identity(&pose);
+    return &pose;
 }
 
 static void camera_at(scene *s, double azimuth_deg, int size_px, sherf_camera *out) {
     const sherf_orbit_options o = {
         .azimuth_rad = azimuth_deg * M_PI / 180, .width_px = size_px, .height_px = size_px};
-    assert_ok(s->c, sherf_cameras_orbit(s->c, s->body, &s->rest, 1, &o, 1, out));
+    assert_ok(s->c, sherf_cameras_orbit(s->c, s->body, rest(), 1, &o, 1, out));
 }
 
 static void render(scene *s, const sherf_camera *camera, int samples, sherf_frame *out) {
     const sherf_render_options o = {.samples = samples, .exact = 1, .detail = SHERF_DETAIL_OFF};
-    assert_ok(s->c, sherf_render(s->c, s->avatar, s->body, &s->rest, camera, &o, out));
-}
-
-static double psnr(const sherf_frame *a, const sherf_frame *b) {
-    const size_t n = (size_t)a->color.width * (size_t)a->color.height * 3;
-    double sum = 1e-12;
-    for (size_t i = 0; i < n; i++) sum += pow((double)a->color.data[i] - b->color.data[i], 2);
-    return -10 * log10(sum / (double)n);
+    assert_ok(s->c, sherf_render(s->c, s->avatar, s->body, rest(), camera, &o, out));
 }
 
 /* No step is longer, none of a ray longer than before, and places in the box stay on its ray. */
@@ -60,9 +29,9 @@ static void steps_are_short(void **state) {
     posed_body *posed;
     ray_bundle *plain, *even;
     float min[3], max[3];
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_FP32);
     camera_at(&s, 90, 40, &side);
-    assert_ok(s.c, avatar_pose(s.c, s.avatar, s.body, &s.rest, &posed));
+    assert_ok(s.c, avatar_pose(s.c, s.avatar, s.body, rest(), &posed));
     body_world_box(s.body, posed, min, max);
     assert_ok(s.c, rays_create(s.c, &side, min, max, &plain));
     for (int most = 60; most <= 1024; most += 964) {
@@ -100,13 +69,14 @@ static void automatic_is_nearer_to_many(void **state) {
     scene s;
     sherf_camera side;
     sherf_frame own = {0}, automatic = {0}, many = {0};
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_FP32);
     camera_at(&s, 90, 96, &side);
     render(&s, &side, SHERF_SAMPLES_MODEL, &own);
     render(&s, &side, 0, &automatic);
     render(&s, &side, 320, &many);
     assert_true(automatic.points > own.points && automatic.points < many.points / 2);
-    const double before = psnr(&own, &many), after = psnr(&automatic, &many);
+    const double before = test_psnr(&own.color, &many.color),
+                 after = test_psnr(&automatic.color, &many.color);
     if (!(after > before + 4)) fail_msg("%.1f dB, %.1f dB by the model's own number", after, before);
     for (int i = 0; i < 96 * 96; i++) /* depths past the box are in no picture of depths */
         assert_true(automatic.depth.data[i] <= own.depth.data[0] || automatic.opacity.data[i] > 0);
@@ -121,7 +91,7 @@ static void shallow_frames_keep_their_bits(void **state) {
     scene s;
     sherf_camera front;
     sherf_frame own = {0}, automatic = {0}, given = {0};
-    open_scene(&s);
+    open_scene(&s, SHERF_PRECISION_FP32);
     camera_at(&s, 0, 64, &front);
     render(&s, &front, SHERF_SAMPLES_MODEL, &own);
     render(&s, &front, SHERF_SAMPLES_AUTO, &automatic);
@@ -130,8 +100,8 @@ static void shallow_frames_keep_their_bits(void **state) {
     assert_memory_equal(automatic.color.data, own.color.data, 64 * 64 * 3 * sizeof(float));
     assert_memory_equal(given.color.data, own.color.data, 64 * 64 * 3 * sizeof(float));
     const sherf_render_options wrong = {.samples = -3}, large = {.samples = 1025};
-    assert_int_equal(sherf_render(s.c, s.avatar, s.body, &s.rest, &front, &wrong, &own), SHERF_BAD_ARGUMENT);
-    assert_int_equal(sherf_render(s.c, s.avatar, s.body, &s.rest, &front, &large, &own), SHERF_BAD_ARGUMENT);
+    assert_int_equal(sherf_render(s.c, s.avatar, s.body, rest(), &front, &wrong, &own), SHERF_BAD_ARGUMENT);
+    assert_int_equal(sherf_render(s.c, s.avatar, s.body, rest(), &front, &large, &own), SHERF_BAD_ARGUMENT);
     sherf_frame_free(&own);
     sherf_frame_free(&automatic);
     sherf_frame_free(&given);

@@ -203,12 +203,4 @@ static inline int made_camera_json(char *out, size_t size, const char *name, int
                     "[%.9f, %.9f, %.9f], [%.9f, %.9f, %.9f]], \"T\": [0.1, -0.2, %d]}",
                     view ? ", " : "", name, R[0], R[1], R[2], R[3], R[4], R[5], R[6], R[7], R[8], 2 + view);
 }
-
-#define assert_fails(c, call, wanted, text)                                                                  \
-    do {                                                                                                     \
-        sherf_status status_ = (call);                                                                       \
-        if (status_ != (wanted) || !strstr((c)->message, text))                                              \
-            fail_msg("%s: status %d: \"%s\" (expected %d, \"%s\")", #call, (int)status_, (c)->message,       \
-                     (int)(wanted), text);                                                                   \
-    } while (0)
 #endif

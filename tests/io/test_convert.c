@@ -208,19 +208,10 @@ static void test_no_memory(void **state) {
         }
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_bodies),       cmocka_unit_test(test_snapshot),
                                        cmocka_unit_test(test_heads),        cmocka_unit_test(test_vgg16),
                                        cmocka_unit_test(test_vgg16_faults), cmocka_unit_test(test_resnet18),
                                        cmocka_unit_test(test_refused),      cmocka_unit_test(test_no_memory)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

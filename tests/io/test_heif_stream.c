@@ -263,19 +263,9 @@ static void broken(void **state) {
     }
 }
 
-static int open_context(void **state) {
-    *state = test_context();
-    return 0;
-}
-
-static int close_context(void **state) {
-    sherf_context_free(*state);
-    return mem_live() != 0;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(av1_streams), cmocka_unit_test(hevc_streams),
                                        cmocka_unit_test(endless), cmocka_unit_test(broken),
                                        cmocka_unit_test(without_idat)};
-    return cmocka_run_group_tests(tests, open_context, close_context);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

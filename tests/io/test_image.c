@@ -274,15 +274,6 @@ static void test_to_memory(void **state) {
         }
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_as_opencv),
                                        cmocka_unit_test(test_sixteen_bits),
@@ -293,5 +284,5 @@ int main(void) {
                                        cmocka_unit_test(test_too_large),
                                        cmocka_unit_test(test_to_memory),
                                        cmocka_unit_test(test_writing_without_memory)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

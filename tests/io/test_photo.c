@@ -540,15 +540,6 @@ static void test_profiles(void **state) {
     }
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_turns),          cmocka_unit_test(test_webp_turns),
@@ -556,5 +547,5 @@ int main(void) {
         cmocka_unit_test(test_focal_length),   cmocka_unit_test(test_broken_exif),
         cmocka_unit_test(test_names),          cmocka_unit_test(test_cut_off),
         cmocka_unit_test(test_without_memory), cmocka_unit_test(test_profiles)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

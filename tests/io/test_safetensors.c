@@ -143,17 +143,8 @@ static void test_hostile(void **state) {
     assert_int_equal(safetensors_write(c, "/nowhere/x", 2, item, 1, metadata), SHERF_WRITE_FAILED);
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_round), cmocka_unit_test(test_strict),
                                        cmocka_unit_test(test_hostile)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -272,18 +272,8 @@ static void resnet50(void **state) {
     assert_int_equal(mem_live(), live);
 }
 
-static int begin(void **state) {
-    *state = test_context();
-    return 0;
-}
-
-static int end(void **state) {
-    sherf_context_free(*state);
-    return 0;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(arrays_lie_end_to_end), cmocka_unit_test(refused),
                                        cmocka_unit_test(no_memory), cmocka_unit_test(resnet50)};
-    return cmocka_run_group_tests(tests, begin, end);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -307,15 +307,6 @@ static void test_refused_by_name(void **state) {
     document_free(d);
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_json),
                                        cmocka_unit_test(test_json_refused),
@@ -328,5 +319,5 @@ int main(void) {
                                        cmocka_unit_test(test_torch),
                                        cmocka_unit_test(test_writing),
                                        cmocka_unit_test(test_refused_by_name)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -213,16 +213,6 @@ static void hostile(void **state) {
     assert_int_equal(video_read_open(c, "/tmp", NULL, &v), SHERF_NO_FILE);
 }
 
-static int begin(void **state) {
-    *state = test_context();
-    return 0;
-}
-
-static int end(void **state) {
-    sherf_context_free(*state);
-    return 0;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(own_videos),
@@ -230,5 +220,5 @@ int main(void) {
         cmocka_unit_test(display_matrix),
         cmocka_unit_test(hostile),
     };
-    return cmocka_run_group_tests(tests, begin, end);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

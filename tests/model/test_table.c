@@ -7,7 +7,7 @@
 #include "data/data.h"
 #include "io/safetensors.h"
 #include "avatar/avatar.h"
-#include "support.h"
+#include "tube_training.h"
 
 /* ---- the model: one convolution of the picture, read where a point is seen, and one linear layer ---- */
 typedef struct {
@@ -82,26 +82,10 @@ static const model_kind plain = {.name = "plain",
                                  .kept = kept};
 
 /* ---- */
-static void assert_says(context *c, sherf_status status, sherf_status wanted, const char *text) {
-    if (status != wanted || !strstr(c->message, text))
-        fail_msg("status %d, expected %d and \"%s\": %s", (int)status, (int)wanted, text, c->message);
-}
-
-static char root[512];
-
-static const char *path_of(const char *name) {
-    static char path[8][1024];
-    static int next;
-    next = (next + 1) % 8;
-    snprintf(path[next], sizeof path[next], "%s/%s", root, name);
-    return path[next];
-}
-
 static int make_data(void **state) {
     context *c = test_context();
     const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 3, .size_px = 32, .seed = 5};
-    snprintf(root, sizeof root, "%s", test_path("people"));
-    sherf_status status = sherf_synth_tube(c, root, &synth);
+    const sherf_status status = tubes_make(c, &synth);
     sherf_context_free(c);
     model_kind_add(&plain);
     return status != SHERF_OK;
@@ -119,31 +103,21 @@ static void settings_are_the_models_own(void **state) {
     char *text = model_config_text(c, &k);
     assert_string_equal(text, "twelve,density=0.75,samples=20");
     mem_free(text);
-    assert_says(c, model_config_parse(c, "plain:small", &k), SHERF_BAD_ARGUMENT,
-                "model preset 'small': should be eight or twelve");
-    assert_says(c, model_config_parse(c, "plain:eight,heads=2", &k), SHERF_BAD_ARGUMENT, "no such setting");
-    assert_says(c, model_config_parse(c, "plain:eight,width=5", &k), SHERF_BAD_ARGUMENT, "in steps of 4");
-    assert_says(c, model_config_parse(c, "plain:eight,density=101", &k), SHERF_BAD_ARGUMENT,
-                "must be 0 to 100");
-    assert_says(c, model_config_parse(c, "other:eight", &k), SHERF_UNSUPPORTED, "model 'other'");
+    assert_fails(c, model_config_parse(c, "plain:small", &k), SHERF_BAD_ARGUMENT,
+                 "model preset 'small': should be eight or twelve");
+    assert_fails(c, model_config_parse(c, "plain:eight,heads=2", &k), SHERF_BAD_ARGUMENT, "no such setting");
+    assert_fails(c, model_config_parse(c, "plain:eight,width=5", &k), SHERF_BAD_ARGUMENT, "in steps of 4");
+    assert_fails(c, model_config_parse(c, "plain:eight,density=101", &k), SHERF_BAD_ARGUMENT,
+                 "must be 0 to 100");
+    assert_fails(c, model_config_parse(c, "other:eight", &k), SHERF_UNSUPPORTED, "model 'other'");
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
 
 static sherf_train_options training(int64_t steps, const char *preset) {
-    static char spec[600], body[600], output[600];
-    snprintf(spec, sizeof spec, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s/tubeman.safetensors", root);
-    snprintf(output, sizeof output, "%s/run", root);
-    return (sherf_train_options){.data = spec,
-                                 .people = "0-0",
-                                 .body = body,
-                                 .output = output,
-                                 .preset = preset,
-                                 .steps = steps,
-                                 .images_per_step = 1,
-                                 .seed = 3,
-                                 .sample_every = 1000};
+    sherf_train_options o = tube_training(preset, path_of("run"), steps);
+    o.people = "0-0", o.images_per_step = 1, o.targets = 1, o.seed = 3, o.background = NULL;
+    return o;
 }
 
 /* Rendered, and rendered again from its file. */
@@ -183,7 +157,7 @@ static void a_second_model_trains_and_renders(void **state) {
     o = training(8, "plain:eight"); /* goes on from its checkpoint */
     assert_ok(c, sherf_train(c, &o));
     o = training(9, "small");
-    assert_says(c, sherf_train(c, &o), SHERF_MISMATCH, "leave the preset out");
+    assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "leave the preset out");
     assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
     assert_ok(c, sherf_model_load(c, path_of("run/model.safetensors"), &m));
     assert_ptr_equal(m->config.kind, &plain);
@@ -192,7 +166,7 @@ static void a_second_model_trains_and_renders(void **state) {
     assert_true(memcmp(before->weights->values, m->weights->values,
                        (size_t)m->weights->trained_floats * sizeof(float)) != 0);
     check_avatar(c, m, body);
-    assert_says(c, model_load_resnet(c, m, "none"), SHERF_MISMATCH, "model plain has no ResNet-18");
+    assert_fails(c, model_load_resnet(c, m, "none"), SHERF_MISMATCH, "model plain has no ResNet-18");
     sherf_model_free(before);
     sherf_model_free(m);
     sherf_body_free(body);
@@ -229,8 +203,8 @@ static void check_points(context *c, const sherf_model *m, const sherf_body *bod
     for (int64_t i = 0; i < 3 * P; i++) assert_float_equal(tensor_f32(color)[i], rgb[i], 3e-4f);
     if (a->field_kind == &field_of_ops) { /* a file may say what it likes of its volume */
         a->kept.array[a->kept.count - 1].dim[0]--;
-        assert_says(c, avatar_query(c, a, body, target->points, rgb, sigma), SHERF_MISMATCH,
-                    "of the volume has");
+        assert_fails(c, avatar_query(c, a, body, target->points, rgb, sigma), SHERF_MISMATCH,
+                     "of the volume has");
     }
     mem_free(rgb);
     mem_free(sigma);
@@ -243,26 +217,25 @@ static void check_points(context *c, const sherf_model *m, const sherf_body *bod
 
 /* SHERF with fewer and more levels than its fused network has, and with other encodings. */
 static void sherfs_settings_reach_frames(void **state) {
-#define TINY                                                                                                 \
-    "small,plane_resolution=16,channel_max=16,encoder_width=8,style_width=16,voxel_size_m=0.02,"             \
-    "decoder_width=16,decoder_depth=2,decoder_skip=0,view_width=8,"
-    static const char *const variants[] = {
-        TINY "point_levels=1", TINY "point_levels=4,volume_channels3=24",
-        TINY "position_frequencies=4,direction_frequencies=2,color_frequencies=6"};
+    static const struct {
+        const char *run, *preset, *kept;
+    } variants[] = {{"one_level", TINY ",point_levels=1", "point_levels=1"},
+                    {"four_levels", TINY ",volume_channels3=24,point_levels=4", "point_levels=4"},
+                    {"encodings", TINY ",position_frequencies=4,direction_frequencies=2,color_frequencies=6",
+                     "color_frequencies=6"}};
     context *c = test_context();
     sherf_body *body;
     assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
     for (size_t i = 0; i < COUNT_OF(variants); i++) {
-        char output[700];
+        char weights[1100];
         sherf_model *m;
-        sherf_train_options o = training(2, variants[i]);
-        snprintf(output, sizeof output, "%s/tiny%zu", root, i);
-        o.output = output;
+        sherf_train_options o = training(2, variants[i].preset);
+        o.output = path_of(variants[i].run);
+        snprintf(weights, sizeof weights, "%s/model.safetensors", o.output);
         assert_ok(c, sherf_train(c, &o));
-        strcat(output, "/model.safetensors");
-        assert_ok(c, sherf_model_load(c, output, &m));
+        assert_ok(c, sherf_model_load(c, weights, &m));
         char *text = model_config_text(c, &m->config);
-        assert_non_null(strstr(text, strrchr(variants[i], ',') + 1));
+        assert_non_null(strstr(text, variants[i].kept));
         mem_free(text);
         check_points(c, m, body);
         check_avatar(c, m, body);
@@ -270,8 +243,8 @@ static void sherfs_settings_reach_frames(void **state) {
     }
     sherf_body_free(body);
     model_config k;
-    assert_says(c, model_config_parse(c, "small,point_levels=5", &k), SHERF_BAD_ARGUMENT, "must be 1 to 4");
-    assert_says(c, model_config_parse(c, "small,color_frequencies=4", &k), SHERF_BAD_ARGUMENT, "too few");
+    assert_fails(c, model_config_parse(c, "small,point_levels=5", &k), SHERF_BAD_ARGUMENT, "must be 1 to 4");
+    assert_fails(c, model_config_parse(c, "small,color_frequencies=4", &k), SHERF_BAD_ARGUMENT, "too few");
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
@@ -323,11 +296,11 @@ static void unknown_models_are_one_line(void **state) {
     sherf_body *body;
     const safetensor_metadata other[] = {{"format", "sherf-model"}, {"model", "other"}};
     assert_ok(c, safetensors_write(c, path, 1, &item, 2, other));
-    assert_says(c, sherf_model_load(c, path, &m), SHERF_UNSUPPORTED,
-                "model 'other': this version of sherf has no such model");
+    assert_fails(c, sherf_model_load(c, path, &m), SHERF_UNSUPPORTED,
+                 "model 'other': this version of sherf has no such model");
     const safetensor_metadata without[] = {{"format", "sherf-model"}, {"model", "plain"}};
     assert_ok(c, safetensors_write(c, path, 1, &item, 2, without));
-    assert_says(c, sherf_model_load(c, path, &m), SHERF_BAD_FILE, "without its settings (plain.config)");
+    assert_fails(c, sherf_model_load(c, path, &m), SHERF_BAD_FILE, "without its settings (plain.config)");
     /* an avatar of it */
     assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
     char fingerprint[32];
@@ -335,7 +308,7 @@ static void unknown_models_are_one_line(void **state) {
     const safetensor_metadata avatar[] = {
         {"format", "sherf-avatar"}, {"model", "other"}, {"body", fingerprint}};
     assert_ok(c, safetensors_write(c, path, 1, &item, 3, avatar));
-    assert_says(c, sherf_avatar_load(c, path, body, &a), SHERF_UNSUPPORTED, "model 'other'");
+    assert_fails(c, sherf_avatar_load(c, path, body, &a), SHERF_UNSUPPORTED, "model 'other'");
     sherf_body_free(body);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);

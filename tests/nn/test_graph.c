@@ -184,18 +184,8 @@ static void refused(void **state) {
     graph_free(g);
 }
 
-static int begin(void **state) {
-    *state = test_context();
-    return 0;
-}
-
-static int end(void **state) {
-    sherf_context_free(*state);
-    return 0;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(convolutions), cmocka_unit_test(others),
                                        cmocka_unit_test(refused)};
-    return cmocka_run_group_tests(tests, begin, end);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

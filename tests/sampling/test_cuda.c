@@ -244,14 +244,6 @@ static void bf16_network_agrees(void **state) {
     scene_close(&s);
 }
 
-static double psnr(const sherf_image *a, const sherf_image *b) {
-    double sum = 0;
-    const int64_t n = (int64_t)a->width * a->height * a->channels;
-    for (int64_t i = 0; i < n; i++)
-        sum += ((double)a->data[i] - b->data[i]) * ((double)a->data[i] - b->data[i]);
-    return sum > 0 ? -10 * log10(sum / (double)n) : 200;
-}
-
 static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, double psnr_needed) {
     context *c = s->c;
     posed_body *whole, *joints;
@@ -280,7 +272,7 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
     assert_memory_equal(got.color.data, again.color.data, 3 * pixels * sizeof(float));
     assert_memory_equal(got.opacity.data, again.opacity.data, pixels * sizeof(float));
     assert_memory_equal(got.depth.data, again.depth.data, pixels * sizeof(float));
-    const double color = psnr(&got.color, &want.color), opacity = psnr(&got.opacity, &want.opacity),
+    const double color = test_psnr(&got.color, &want.color), opacity = test_psnr(&got.opacity, &want.opacity),
                  depth = farthest(got.depth.data, want.depth.data, (int64_t)pixels);
     print_message("%lld points, %s%s: colour %.1f dB, opacity %.1f dB, depth within %.1e m\n",
                   (long long)got.points, bf16 ? "bf16" : "float32", early_stop ? ", early stop" : "", color,

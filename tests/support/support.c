@@ -1,4 +1,5 @@
 #include <ftw.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,6 +12,24 @@ context *test_context(void) {
     context *c = NULL;
     if (sherf_context_create(&options, &c) != SHERF_OK) abort();
     return c;
+}
+
+int test_open(void **state) {
+    *state = test_context();
+    return 0;
+}
+
+int test_close(void **state) {
+    sherf_context_free(*state);
+    return mem_live() == 0 ? 0 : -1;
+}
+
+double test_psnr(const sherf_image *a, const sherf_image *b) {
+    const int64_t n = (int64_t)a->width * a->height * a->channels;
+    double sum = 0;
+    for (int64_t i = 0; i < n; i++)
+        sum += ((double)a->data[i] - b->data[i]) * ((double)a->data[i] - b->data[i]);
+    return sum > 0 ? -10 * log10(sum / (double)n) : 200;
 }
 
 void test_centred(const char *name, int64_t n, double scale, float *out) {

@@ -4,12 +4,16 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
 #include <setjmp.h>
 #include <cmocka.h>
 
 #include "base/base.h"
 
 context *test_context(void); /* float32, 2 threads; aborts when it cannot be made */
+/* For groups of tests that share one, as their *state; closing it fails where anything was left. */
+int test_open(void **state);
+int test_close(void **state);
 /* centred(NAME, shape, s) of the reference rules: float32(s * (2u - 1)), n values. */
 void test_centred(const char *name, int64_t n, double scale, float *out);
 /* A path in a fresh temporary folder of this test program, removed at exit; static storage, 4 at a time. */
@@ -33,4 +37,14 @@ void test_isa_restore(void); /* as the program began */
         sherf_status status_ = (call);                                                                       \
         if (status_ != SHERF_OK) fail_msg("%s: status %d: %s", #call, (int)status_, (c)->message);           \
     } while (0)
+/* Fails the test unless the call gives that status, and a message with `text` in it. */
+#define assert_fails(c, call, wanted, text)                                                                  \
+    do {                                                                                                     \
+        sherf_status status_ = (call);                                                                       \
+        if (status_ != (wanted) || !strstr((c)->message, text))                                              \
+            fail_msg("%s: status %d: \"%s\" (expected %d, \"%s\")", #call, (int)status_, (c)->message,       \
+                     (int)(wanted), text);                                                                   \
+    } while (0)
+/* dB of a picture against another of its size; 200 where they are the same. */
+double test_psnr(const sherf_image *a, const sherf_image *b);
 #endif

@@ -17,27 +17,14 @@
 #include "io/value.h"
 #include "model/model.h"
 #include "nn/resnet50.h"
+#include "tube_training.h"
 
 extern const backend backend_emulated;
 extern int cuda_emulated_order;
 extern size_t cuda_emulated_bytes;
 
-#define TINY                                                                                                 \
-    "small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,"              \
-    "volume_channels0=8,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,"             \
-    "decoder_skip=0,view_width=16,samples=6,voxel_size_m=0.05"
-
 static bool on_gpu;
-static char root[512];
 static char program[4096]; /* this one, started again under mpirun */
-
-static const char *path_of(const char *name) {
-    static char path[64][1024];
-    static int next;
-    next = (next + 1) % 64;
-    snprintf(path[next], sizeof path[next], "%s/%s", root, name);
-    return path[next];
-}
 
 static context *device_context(bool gpu) {
     context *c = test_context();
@@ -47,29 +34,16 @@ static context *device_context(bool gpu) {
 
 static int make_data(void **state) {
     context *c = test_context();
-    snprintf(root, sizeof root, "%s", test_path("data"));
     const sherf_synth_options synth = {.people = 2, .poses = 2, .views = 3, .size_px = 32, .seed = 5};
-    sherf_status status = sherf_synth_tube(c, root, &synth);
-    if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
+    const sherf_status status = tubes_make(c, &synth);
     sherf_context_free(c);
     return status != SHERF_OK;
 }
 
 static sherf_train_options options_for(const char *output, int64_t steps) {
-    static char spec[600], body[600];
-    snprintf(spec, sizeof spec, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s/tubeman.safetensors", root);
-    return (sherf_train_options){.data = spec,
-                                 .people = "0-1",
-                                 .body = body,
-                                 .output = output,
-                                 .preset = TINY,
-                                 .steps = steps,
-                                 .images_per_step = 3,
-                                 .targets = 2,
-                                 .seed = 11,
-                                 .background = "random",
-                                 .sample_every = 1000};
+    sherf_train_options o = tube_training(TINY ",samples=6", output, steps);
+    o.images_per_step = 3;
+    return o;
 }
 
 static void train(bool gpu, const char *output, int64_t steps) {
@@ -108,24 +82,6 @@ static double difference(context *c, const char *a, const char *b, const char *p
     safetensors_free(x);
     safetensors_free(y);
     return all_off > 0 ? sqrt(all_off / all_size) : 0;
-}
-
-static double logged(context *c, const char *folder, int line, const char *key) {
-    char path[1200], text[4096];
-    snprintf(path, sizeof path, "%s/log.jsonl", folder);
-    FILE *f = fopen(path, "r");
-    assert_non_null(f);
-    for (int i = 0; i < line; i++) assert_non_null(fgets(text, sizeof text, f));
-    fclose(f);
-    document *d;
-    assert_ok(c, json_parse(c, text, strlen(text), &d));
-    const value *got = value_get(d->root, key);
-    assert_non_null(got);
-    const double v = got->kind == VALUE_REAL      ? got->real
-                     : got->kind == VALUE_INTEGER ? (double)got->integer
-                                                  : NAN;
-    document_free(d);
-    return v;
 }
 
 /* ---- training ---- */

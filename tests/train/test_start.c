@@ -9,11 +9,6 @@
 #include "model/model.h"
 #include "support.h"
 
-static void assert_says(context *c, sherf_status status, sherf_status wanted, const char *text) {
-    if (status != wanted || !strstr(c->message, text))
-        fail_msg("status %d, expected %d and \"%s\": %s", (int)status, (int)wanted, text, c->message);
-}
-
 /* ---- ResNet-18 ---- */
 static const char feature[] = "encoder_2d_feature.backbone.";
 
@@ -59,24 +54,24 @@ static void an_encoder_starts_whole_or_not_at_all(void **state) {
         if (i % 7 != 0 && i + 1 != count) continue;
         item[i].name = "elsewhere";
         assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-        assert_says(c, model_load_resnet(c, m, path), SHERF_MISMATCH, kept.name);
+        assert_fails(c, model_load_resnet(c, m, path), SHERF_MISMATCH, kept.name);
         assert_non_null(strstr(c->message, "is missing"));
         item[i] = kept;
         if (!strcmp(kept.name, "conv1.weight")) continue;
         float one = 1;
         item[i].rank = 1, item[i].dim[0] = 1, item[i].data = &one;
         assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-        assert_says(c, model_load_resnet(c, m, path), SHERF_MISMATCH, "has shape");
+        assert_fails(c, model_load_resnet(c, m, path), SHERF_MISMATCH, "has shape");
         item[i] = kept;
     }
     *(float *)(uintptr_t)item[count / 2].data = NAN; /* in `from`, which the items point into */
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-    assert_says(c, model_load_resnet(c, m, path), SHERF_BAD_FILE, "not finite");
+    assert_fails(c, model_load_resnet(c, m, path), SHERF_BAD_FILE, "not finite");
     /* another network that happens to begin with the same layer */
     for (size_t i = 0; i < count; i++)
         if (!strcmp(item[i].name, "conv1.weight"))
             assert_ok(c, safetensors_write(c, path, 1, item + i, 0, NULL));
-    assert_says(c, model_load_resnet(c, m, path), SHERF_MISMATCH, "no ResNet-18");
+    assert_fails(c, model_load_resnet(c, m, path), SHERF_MISMATCH, "no ResNet-18");
     assert_non_null(strstr(c->message, path));
     model_free(from);
     model_free(m);
@@ -116,16 +111,16 @@ static void lpips_is_whole_finite_and_no_less_than_zero(void **state) {
     lpips_free(read);
     item[4].dim[0] = 64, item[4].dim[1] = 128; /* features.5.weight, turned round */
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-    assert_says(c, lpips_load(c, path, &read), SHERF_MISMATCH, "features.5.weight has another shape");
+    assert_fails(c, lpips_load(c, path, &read), SHERF_MISMATCH, "features.5.weight has another shape");
     item[4].dim[0] = 128, item[4].dim[1] = 64;
     ((float *)n->head[2]->data)[5] = NAN;
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-    assert_says(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2 holds a number that is not finite");
+    assert_fails(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2 holds a number that is not finite");
     assert_non_null(strstr(c->message, path));
     ((float *)n->head[2]->data)[5] = -0.25f;
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-    assert_says(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2, a head of LPIPS, holds -0.25");
-    assert_says(c, lpips_load(c, ",", &read), SHERF_BAD_ARGUMENT, "no file");
+    assert_fails(c, lpips_load(c, path, &read), SHERF_BAD_FILE, "lin2, a head of LPIPS, holds -0.25");
+    assert_fails(c, lpips_load(c, ",", &read), SHERF_BAD_ARGUMENT, "no file");
     assert_null(read);
     remove(path);
     lpips_free(n);

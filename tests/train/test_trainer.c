@@ -12,23 +12,9 @@
 #include "io/image.h"
 #include "io/safetensors.h"
 #include "io/value.h"
-#include "support.h"
+#include "tube_training.h"
 
-#define TINY                                                                                                 \
-    "small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,"              \
-    "volume_channels0=8,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,"             \
-    "decoder_skip=0,view_width=16,samples=16,voxel_size_m=0.05"
-
-static char root[512];
 static char program[4096]; /* this one, started again under mpirun */
-
-static const char *path_of(const char *name) {
-    static char path[64][1024];
-    static int next;
-    next = (next + 1) % 64;
-    snprintf(path[next], sizeof path[next], "%s/%s", root, name);
-    return path[next];
-}
 
 static context *float_context(int threads) {
     context *c;
@@ -39,29 +25,14 @@ static context *float_context(int threads) {
 
 static int make_data(void **state) {
     context *c = float_context(1);
-    snprintf(root, sizeof root, "%s", test_path("data"));
     const sherf_synth_options synth = {.people = 2, .poses = 2, .views = 4, .size_px = 48, .seed = 5};
-    sherf_status status = sherf_synth_tube(c, root, &synth);
-    if (status != SHERF_OK) fprintf(stderr, "%s\n", c->message);
+    const sherf_status status = tubes_make(c, &synth);
     sherf_context_free(c);
     return status != SHERF_OK;
 }
 
 static sherf_train_options options_for(const char *output, int64_t steps) {
-    static char spec[600], body[600];
-    snprintf(spec, sizeof spec, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s", path_of("tubeman.safetensors"));
-    return (sherf_train_options){.data = spec,
-                                 .people = "0-1",
-                                 .body = body,
-                                 .output = output,
-                                 .preset = TINY,
-                                 .steps = steps,
-                                 .images_per_step = 4,
-                                 .targets = 2,
-                                 .seed = 11,
-                                 .background = "random",
-                                 .sample_every = 1000};
+    return tube_training(TINY ",samples=16", output, steps);
 }
 
 /* The largest difference of two files' tensors over the largest value of each; both have the same names. */
@@ -87,24 +58,6 @@ static double difference(context *c, const char *a, const char *b) {
     safetensors_free(x);
     safetensors_free(y);
     return worst;
-}
-
-static double logged(context *c, const char *folder, int line, const char *key) {
-    char path[1200], text[4096];
-    snprintf(path, sizeof path, "%s/log.jsonl", folder);
-    FILE *f = fopen(path, "r");
-    assert_non_null(f);
-    for (int i = 0; i < line; i++) assert_non_null(fgets(text, sizeof text, f));
-    fclose(f);
-    document *d;
-    assert_ok(c, json_parse(c, text, strlen(text), &d));
-    double v = NAN;
-    const value *got = value_get(d->root, key);
-    assert_non_null(got);
-    if (got->kind == VALUE_REAL) v = got->real;
-    if (got->kind == VALUE_INTEGER) v = (double)got->integer;
-    document_free(d);
-    return v;
 }
 
 static void learns_and_writes(void **state) {

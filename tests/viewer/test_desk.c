@@ -312,19 +312,10 @@ static void painted(void **state) {
                      255 * expected[k]);
 }
 
-static int setup(void **state) {
-    *state = test_context();
-    return 0;
-}
-static int teardown(void **state) {
-    sherf_context_free(*state);
-    return mem_live() == 0 ? 0 : -1;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(tokens),          cmocka_unit_test(hosts_and_origins),
                                        cmocka_unit_test(fields),          cmocka_unit_test(newest_wins),
                                        cmocka_unit_test(turns_are_taken), cmocka_unit_test(seats_are_few),
                                        cmocka_unit_test(painted)};
-    return cmocka_run_group_tests(tests, setup, teardown);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

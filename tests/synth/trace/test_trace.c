@@ -589,16 +589,6 @@ static void test_rejections(void **state) {
     shape_free(&ball);
 }
 
-static int begin(void **state) {
-    *state = test_context();
-    return 0;
-}
-
-static int end(void **state) {
-    sherf_context_free(*state);
-    return 0;
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_sphere),
@@ -615,5 +605,5 @@ int main(void) {
         cmocka_unit_test(test_allocation_failures),
         cmocka_unit_test(test_rejections),
     };
-    return cmocka_run_group_tests(tests, begin, end);
+    return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -1,32 +1,40 @@
-/* One line an op: OP(name, differentiable). tensor/ops.h documents each, ref/ defines each. No include guard.
- */
-OP(linear, 1)
-OP(conv2d, 1)
-OP(conv2d_transpose, 1)
-OP(fir_upsample, 1)
-OP(demodulation, 1)
-OP(scale_channels, 1)
-OP(normalize_moment, 1)
-OP(batch_norm, 1)
-OP(bias_act, 1)
-OP(max_pool, 1)
-OP(average_pool, 1)
-OP(add, 1)
-OP(scale, 1)
-OP(concat, 1)
-OP(slice, 1)
-OP(mask_rows, 1)
-OP(sample_bilinear, 1)
-OP(scatter_mean, 1)
-OP(sparse_conv, 1)
-OP(sample_trilinear, 1)
-OP(layer_norm, 1)
-OP(token_attention, 1)
-OP(gelu, 1)
-OP(sigmoid, 1)
-OP(positional_encode, 0)
-OP(composite, 1)
-OP(mean_square, 1)
-OP(ssim, 1)
-OP(feature_distance, 1)
-OP(shift_scale, 1)
+/* The ops, one line each; tensor/ops.h documents them, ref/ defines them. Every backend has a kernel of the
+ * same name for each pass, and all tables are made of this list.
+ * BOTH: forward and gradient. FORWARD: no gradient. SHARED: as BOTH, but small: the CPU takes the
+ * reference's kernels in float32. */
+#ifndef SHERF_OP_LIST_H
+#define SHERF_OP_LIST_H
+
+#define OPS(BOTH, FORWARD, SHARED)                                                                           \
+    BOTH(linear)                                                                                             \
+    BOTH(conv2d)                                                                                             \
+    BOTH(conv2d_transpose)                                                                                   \
+    BOTH(fir_upsample)                                                                                       \
+    BOTH(demodulation)                                                                                       \
+    BOTH(scale_channels)                                                                                     \
+    SHARED(normalize_moment) /* a vector, once a picture */                                                  \
+    BOTH(batch_norm)                                                                                         \
+    BOTH(bias_act)                                                                                           \
+    BOTH(max_pool)                                                                                           \
+    BOTH(average_pool)                                                                                       \
+    BOTH(add)                                                                                                \
+    BOTH(scale)                                                                                              \
+    BOTH(concat)                                                                                             \
+    BOTH(slice)                                                                                              \
+    BOTH(mask_rows)                                                                                          \
+    BOTH(sample_bilinear)                                                                                    \
+    SHARED(scatter_mean) /* a body's vertices, once a step */                                                \
+    BOTH(sparse_conv)                                                                                        \
+    BOTH(sample_trilinear)                                                                                   \
+    BOTH(layer_norm)                                                                                         \
+    BOTH(token_attention)                                                                                    \
+    BOTH(gelu)                                                                                               \
+    BOTH(sigmoid)                                                                                            \
+    FORWARD(positional_encode)                                                                               \
+    BOTH(composite)                                                                                          \
+    BOTH(mean_square)                                                                                        \
+    BOTH(ssim)                                                                                               \
+    BOTH(feature_distance)                                                                                   \
+    SHARED(shift_scale) /* three channels of a picture */
+
+#endif

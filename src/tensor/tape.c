@@ -42,15 +42,12 @@ struct tape {
 };
 
 static const char *const op_names[OP_COUNT] = {
-#define OP(name, differentiable) #name,
-#include "tensor/op_list.h"
-#undef OP
-};
+#define NAME(name) #name,
+    OPS(NAME, NAME, NAME)};
 static const bool op_differentiable[OP_COUNT] = {
-#define OP(name, differentiable) differentiable,
-#include "tensor/op_list.h"
-#undef OP
-};
+#define YES(name) true,
+#define NO(name) false,
+    OPS(YES, NO, YES)};
 
 const char *op_name(op_id op) {
     return op_names[op];

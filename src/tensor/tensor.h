@@ -9,6 +9,7 @@
 #define SHERF_TENSOR_H
 
 #include "base/base.h"
+#include "tensor/op_list.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -80,10 +81,10 @@ sherf_status tensor_place(context *c, tensor *t, const tensor_memory *memory);
 
 /* ---- ops by number: one line an op in op_list.h ---- */
 typedef enum {
-#define OP(name, differentiable) OP_##name,
-#include "tensor/op_list.h"
-#undef OP
-    OP_COUNT
+#define OP_NUMBER(name) OP_##name,
+    OPS(OP_NUMBER, OP_NUMBER, OP_NUMBER)
+#undef OP_NUMBER
+        OP_COUNT
 } op_id;
 const char *op_name(op_id op);
 enum { OP_MAX_IN = 8, OP_MAX_OUT = 3, OP_MAX_ATTR = 96 };

@@ -1,6 +1,6 @@
 /* checkpoint: all that a training needs to go on with the same bits, in one safetensors file. */
-#ifndef SHERF_CHECKPOINT_H
-#define SHERF_CHECKPOINT_H
+#ifndef SHERF_TRAIN_CHECKPOINT_H
+#define SHERF_TRAIN_CHECKPOINT_H
 
 #include "model/model.h"
 #include "train/adam.h"

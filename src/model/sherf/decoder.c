@@ -1,5 +1,5 @@
-/* The NeRF decoder (section 3.4): density from position and token 0, colour from feature, direction and token
- * 1. */
+/* The NeRF decoder (section 3.4; network.md 5): density from position and token 0, colour from feature,
+ * direction and token 1. */
 #include <stdio.h>
 
 #include "model/sherf/sherf.h"

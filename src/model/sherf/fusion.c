@@ -1,4 +1,5 @@
-/* The feature fusion transformer (section 3.4): three tokens of each point, one pre-norm layer over them. */
+/* The feature fusion transformer (section 3.4; network.md 4): three tokens of each point, one pre-norm layer
+ * over them. */
 #include "model/sherf/sherf.h"
 
 void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s) {

@@ -1,5 +1,5 @@
-/* Hierarchical features, the global one (section 3.3): a ResNet-18 sees the whole picture, its latent is the
- * style of a StyleGAN2 generator, which makes three planes of canonical space. */
+/* Hierarchical features, the global one (section 3.3; network.md 1 and 2): a ResNet-18 sees the whole
+ * picture, its latent is the style of a StyleGAN2 generator, which makes three planes of canonical space. */
 #include <math.h>
 #include <stdio.h>
 

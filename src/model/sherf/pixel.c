@@ -1,5 +1,5 @@
-/* Hierarchical features, the pixel-aligned ones (section 3.3): a feature map of the picture and its colours,
- * read where points are seen. */
+/* Hierarchical features, the pixel-aligned ones (section 3.3; network.md 1): a feature map of the picture and
+ * its colours, read where points are seen. */
 #include "model/sherf/sherf.h"
 
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s) {

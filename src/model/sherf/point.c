@@ -1,5 +1,5 @@
-/* Hierarchical features, the point-level ones (section 3.3): the observation's vertices carry pixel-aligned
- * features into a sparse canonical volume. */
+/* Hierarchical features, the point-level ones (section 3.3; network.md 3): the observation's vertices carry
+ * pixel-aligned features into a sparse canonical volume. */
 #include <stdio.h>
 
 #include "model/sherf/sherf.h"

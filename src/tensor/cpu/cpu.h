@@ -4,18 +4,11 @@
 
 #include "tensor/ops.h"
 
-/* CPU_KERNEL(op): its own forward and backward; CPU_FORWARD(op): no backward; CPU_SHARED(op),
- * CPU_SHARED_FORWARD(op): the reference's own float32 kernels, fast enough where the op is small. */
-#define CPU_KERNEL(op)                                                                                       \
-    sherf_status cpu_##op##_forward(op_call *call);                                                          \
-    sherf_status cpu_##op##_backward(op_call *call);
 #define CPU_FORWARD(op) sherf_status cpu_##op##_forward(op_call *call);
-#define CPU_SHARED(op)
-#define CPU_SHARED_FORWARD(op)
-#include "tensor/cpu/dense_list.h"
-#include "tensor/cpu/spatial_list.h"
-#undef CPU_KERNEL
+#define CPU_BOTH(op) CPU_FORWARD(op) sherf_status cpu_##op##_backward(op_call *call);
+#define CPU_SHARED(op) /* ref/ref.h */
+OPS(CPU_BOTH, CPU_FORWARD, CPU_SHARED)
 #undef CPU_FORWARD
+#undef CPU_BOTH
 #undef CPU_SHARED
-#undef CPU_SHARED_FORWARD
 #endif

@@ -1,4 +1,4 @@
-/* The CUDA backend's table, made from kernel_list.h. */
+/* The CUDA backend's table, made from op_list.h. */
 #include "tensor/cuda/cuda.h"
 
 static backend table() {
@@ -7,11 +7,11 @@ static backend table() {
     b.real = T_F32;
     b.memory = &cuda_backend::device_memory;
 #define CUDA_FORWARD(op) b.forward[OP_##op] = cuda_backend::op##_forward;
-#define CUDA_KERNEL(op)                                                                                      \
+#define CUDA_BOTH(op)                                                                                        \
     CUDA_FORWARD(op)                                                                                         \
     b.backward[OP_##op] = cuda_backend::op##_backward;
-#include "tensor/cuda/kernel_list.h"
-#undef CUDA_KERNEL
+    OPS(CUDA_BOTH, CUDA_FORWARD, CUDA_BOTH)
+#undef CUDA_BOTH
 #undef CUDA_FORWARD
     return b;
 }

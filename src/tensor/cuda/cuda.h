@@ -171,12 +171,12 @@ template <typename F, typename G> sherf_status total(op_call *call, int64_t n, F
 }
 
 /* ---- the ops ---- */
-#define CUDA_KERNEL(op)                                                                                      \
+#define CUDA_BOTH(op)                                                                                        \
     sherf_status op##_forward(op_call *call);                                                                \
     sherf_status op##_backward(op_call *call);
 #define CUDA_FORWARD(op) sherf_status op##_forward(op_call *call);
-#include "tensor/cuda/kernel_list.h"
-#undef CUDA_KERNEL
+OPS(CUDA_BOTH, CUDA_FORWARD, CUDA_BOTH)
+#undef CUDA_BOTH
 #undef CUDA_FORWARD
 
 } // namespace cuda_backend

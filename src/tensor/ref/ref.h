@@ -8,17 +8,14 @@
 #define REF_NAME_(name, suffix) ref_##name##_##suffix
 #define REF_NAME(name, suffix) REF_NAME_(name, suffix)
 
-/* Lists of kernels: REF_KERNEL(op) has both, REF_FORWARD(op) the forward one only. */
-#define REF_KERNEL(op)                                                                                       \
-    sherf_status ref_##op##_forward_f32(op_call *call);                                                      \
-    sherf_status ref_##op##_backward_f32(op_call *call);                                                     \
-    sherf_status ref_##op##_forward_f64(op_call *call);                                                      \
-    sherf_status ref_##op##_backward_f64(op_call *call);
 #define REF_FORWARD(op)                                                                                      \
     sherf_status ref_##op##_forward_f32(op_call *call);                                                      \
     sherf_status ref_##op##_forward_f64(op_call *call);
-#include "tensor/ref/dense_list.h"
-#include "tensor/ref/spatial_list.h"
-#undef REF_KERNEL
+#define REF_BOTH(op)                                                                                         \
+    REF_FORWARD(op)                                                                                          \
+    sherf_status ref_##op##_backward_f32(op_call *call);                                                     \
+    sherf_status ref_##op##_backward_f64(op_call *call);
+OPS(REF_BOTH, REF_FORWARD, REF_BOTH)
+#undef REF_BOTH
 #undef REF_FORWARD
 #endif

@@ -9,11 +9,6 @@ typedef float real;
 #include "tensor/ref/dense.inc"
 #include "tensor/ref/spatial.inc"
 
-#define REF_FORWARD(op) .forward[OP_##op] = ref_##op##_forward_f32,
-#define REF_KERNEL(op) REF_FORWARD(op).backward[OP_##op] = ref_##op##_backward_f32,
-const backend backend_ref_f32 = {
-    .name = "reference f32",
-    .real = T_F32,
-#include "tensor/ref/dense_list.h"
-#include "tensor/ref/spatial_list.h"
-};
+#define FORWARD(op) .forward[OP_##op] = ref_##op##_forward_f32,
+#define BOTH(op) FORWARD(op).backward[OP_##op] = ref_##op##_backward_f32,
+const backend backend_ref_f32 = {.name = "reference f32", .real = T_F32, OPS(BOTH, FORWARD, BOTH)};

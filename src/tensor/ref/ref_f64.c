@@ -9,11 +9,6 @@ typedef double real;
 #include "tensor/ref/dense.inc"
 #include "tensor/ref/spatial.inc"
 
-#define REF_FORWARD(op) .forward[OP_##op] = ref_##op##_forward_f64,
-#define REF_KERNEL(op) REF_FORWARD(op).backward[OP_##op] = ref_##op##_backward_f64,
-const backend backend_ref_f64 = {
-    .name = "reference f64",
-    .real = T_F64,
-#include "tensor/ref/dense_list.h"
-#include "tensor/ref/spatial_list.h"
-};
+#define FORWARD(op) .forward[OP_##op] = ref_##op##_forward_f64,
+#define BOTH(op) FORWARD(op).backward[OP_##op] = ref_##op##_backward_f64,
+const backend backend_ref_f64 = {.name = "reference f64", .real = T_F64, OPS(BOTH, FORWARD, BOTH)};

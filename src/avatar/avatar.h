@@ -46,19 +46,19 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
 /* ---- occupancy.c ---- */
 /* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
  * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
- * 6 cm of the body. Free with empty_cells_free. */
-sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out);
-void empty_cells_free(empty_cells *e);
+ * 6 cm of the body. Free with occupancy_free. */
+sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *out);
+void occupancy_free(occupancy_grid *e);
 typedef struct lazy_occupancy {
     pthread_mutex_t lock;
     bool looked;
-    empty_cells cells;
+    occupancy_grid cells;
 } lazy_occupancy;
 lazy_occupancy *lazy_occupancy_create(context *c);
 void lazy_occupancy_free(lazy_occupancy *l); /* NULL is fine */
 /* The avatar's, found now where nobody has looked yet. *out NULL: there is nothing to leave out. */
 sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
-                              const empty_cells **out);
+                              const occupancy_grid **out);
 
 /* ---- frame.c ---- */
 /* A frame as the network has it, without detail. */

@@ -33,7 +33,7 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
 
 static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_body *posed,
                               const sherf_camera *camera, const sherf_render_options *o,
-                              const empty_cells *empty, sherf_frame *frame) {
+                              const occupancy_grid *empty, sherf_frame *frame) {
     const bool even = !o->samples || o->samples == SHERF_SAMPLES_AUTO;
     gpu_frame_options on_gpu = {.samples = o->samples > 0 ? o->samples : a->config.samples,
                                 .samples_max = even ? SAMPLES_MAX : 0,
@@ -49,7 +49,7 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
 
 sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                           const sherf_camera *camera, const sherf_render_options *o, sherf_frame *frame) {
-    const empty_cells *empty = NULL;
+    const occupancy_grid *empty = NULL;
     ray_bundle *rays = NULL;
     point_set *points = NULL;
     float farthest;

@@ -1,6 +1,6 @@
 /* Where an avatar has nothing. The density at a point depends on its place in canonical space alone, whatever
- * the pose and the camera, so the network is queried once on a lattice and frames leave out what lies among
- * empty cells. */
+ * the pose and the camera, so the network is queried once on a lattice and frames leave out what lies in the
+ * empty cells of this occupancy grid. */
 #include <math.h>
 #include <string.h>
 
@@ -14,7 +14,7 @@ enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 typedef struct {
     const sherf_avatar *a;
     const body_model *m;
-    empty_cells *cells;
+    occupancy_grid *cells;
     float *normal;    /* of the canonical vertices */
     int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not queried */
     uint8_t *state;   /* by cell */
@@ -22,7 +22,7 @@ typedef struct {
     int32_t *cell; /* of its points */
 } empty_job;
 
-static void middle(const empty_cells *e, size_t cell, float at[3]) {
+static void middle(const occupancy_grid *e, size_t cell, float at[3]) {
     const size_t x = (size_t)e->cells[0], y = (size_t)e->cells[1];
     const size_t i[3] = {cell % x, cell / x % y, cell / x / y};
     for (int k = 0; k < 3; k++) at[k] = e->min[k] + ((float)i[k] + 0.5f) / e->per_m;
@@ -88,7 +88,7 @@ static sherf_status query_all(context *c, empty_job *j, int64_t count) {
 
 /* Bits of the empty cells without a full one around them; false where they are too few to be of use. */
 static bool mark(empty_job *j) {
-    const empty_cells *e = j->cells;
+    const occupancy_grid *e = j->cells;
     const int X = e->cells[0], Y = e->cells[1], Z = e->cells[2];
     int64_t known = 0, empty = 0;
     for (int z = 0; z < Z; z++)
@@ -108,16 +108,16 @@ static bool mark(empty_job *j) {
     return empty > known / 10;
 }
 
-void empty_cells_free(empty_cells *e) {
+void occupancy_free(occupancy_grid *e) {
     mem_free(e->bit);
-    *e = (empty_cells){0};
+    *e = (occupancy_grid){0};
 }
 
-sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_model *m, empty_cells *out) {
-    empty_cells *e = out;
+sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *out) {
+    occupancy_grid *e = out;
     empty_job job = {.a = a, .m = m, .cells = e};
     float max[3];
-    *e = (empty_cells){.per_m = 1 / cell_m};
+    *e = (occupancy_grid){.per_m = 1 / cell_m};
     body_canonical_bounds(m, e->min, max);
     double count = 1;
     for (int k = 0; k < 3; k++) {
@@ -136,7 +136,7 @@ sherf_status empty_cells_find(context *c, const sherf_avatar *a, const body_mode
     if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, job.normal);
     if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, &job);
     if (status == SHERF_OK) status = query_all(c, &job, cells);
-    if (status != SHERF_OK || !mark(&job)) empty_cells_free(e);
+    if (status != SHERF_OK || !mark(&job)) occupancy_free(e);
     mem_free(job.normal);
     mem_free(job.nearest);
     mem_free(job.state);
@@ -152,17 +152,17 @@ lazy_occupancy *lazy_occupancy_create(context *c) {
 void lazy_occupancy_free(lazy_occupancy *l) {
     if (!l) return;
     pthread_mutex_destroy(&l->lock);
-    empty_cells_free(&l->cells);
+    occupancy_free(&l->cells);
     mem_free(l);
 }
 
 sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
-                              const empty_cells **out) {
+                              const occupancy_grid **out) {
     lazy_occupancy *l = a->occupancy;
     sherf_status status = SHERF_OK;
     pthread_mutex_lock(&l->lock);
     if (!l->looked) {
-        status = empty_cells_find(c, a, body, &l->cells);
+        status = occupancy_find(c, a, body, &l->cells);
         l->looked = status == SHERF_OK;
     }
     pthread_mutex_unlock(&l->lock);

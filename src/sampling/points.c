@@ -23,12 +23,12 @@ typedef struct {
     int64_t chunk;      /* rays of one piece of work */
     const vertex_grid *grid;
     const vertex_shell *shell;
-    const empty_cells *empty; /* or NULL */
-    float *fraction;          /* depth i = near + (far - near) * fraction[i] */
-    uint64_t *sample;         /* rays x words: first the candidates, then the kept */
-    int64_t *candidate;       /* chunks + 1: the first slot of a chunk in `nearest` */
-    int32_t *nearest;         /* of the kept, by chunk from candidate[chunk] on */
-    int32_t *kept;            /* chunks */
+    const occupancy_grid *empty; /* or NULL */
+    float *fraction;             /* depth i = near + (far - near) * fraction[i] */
+    uint64_t *sample;            /* rays x words: first the candidates, then the kept */
+    int64_t *candidate;          /* chunks + 1: the first slot of a chunk in `nearest` */
+    int32_t *nearest;            /* of the kept, by chunk from candidate[chunk] on */
+    int32_t *kept;               /* chunks */
     point_set *out;
 } points_job;
 
@@ -334,7 +334,7 @@ sherf_status points_prepare(context *c, const body_model *m, posed_body *target)
 
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const empty_cells *empty, bool keep_stages, point_set **out) {
+                           const occupancy_grid *empty, bool keep_stages, point_set **out) {
     enum { SAMPLES_MAX = 4096 };
     *out = NULL;
     if (samples < 1 || samples > SAMPLES_MAX)

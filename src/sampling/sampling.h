@@ -24,14 +24,14 @@ typedef struct {
 } point_set;
 /* The raw density of the samples of a ray that are not kept; their colour is 0. */
 #define SIGMA_EMPTY -80.0f
-/* Cells of canonical space in which there is known to be nothing: bit x % 32 of bit[(z * cells[1] + y) *
- * words + x / 32]. Without bits nothing is known. */
+/* Where canonical space is occupied, by cells; a bit is set where there is known to be nothing: bit x % 32 of
+ * bit[(z * cells[1] + y) * words + x / 32]. Without bits nothing is known. */
 typedef struct {
     int cells[3], words;
     float min[3], per_m;
     uint32_t *bit;
-} empty_cells;
-HOST_AND_DEVICE static inline bool cell_is_empty(const empty_cells *e, const float canonical[3]) {
+} occupancy_grid;
+HOST_AND_DEVICE static inline bool cell_is_empty(const occupancy_grid *e, const float canonical[3]) {
     int cell[3];
     for (int k = 0; k < 3; k++) {
         const float v = (canonical[k] - e->min[k]) * e->per_m;
@@ -47,7 +47,7 @@ HOST_AND_DEVICE static inline bool cell_is_empty(const empty_cells *e, const flo
  * NULL); in ray-major, then depth order; found without visiting the empty ones. */
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const empty_cells *empty, bool keep_stages, point_set **out);
+                           const occupancy_grid *empty, bool keep_stages, point_set **out);
 void points_free(point_set *p);
 /* Makes what points_create needs of a posed body, once, for those who take many pictures of one pose; without
  * it each call makes its own. */
@@ -64,8 +64,8 @@ typedef struct {
     float step_max_m;
     bool repair; /* rays_repair */
     float background[3];
-    bool early_stop;          /* rays that are opaque skip the rest of their points */
-    const empty_cells *empty; /* or NULL; all frames of an avatar that give one give the same */
+    bool early_stop;             /* rays that are opaque skip the rest of their points */
+    const occupancy_grid *empty; /* or NULL; all frames of an avatar that give one give the same */
 } gpu_frame_options;
 
 #ifdef __cplusplus

@@ -6,7 +6,7 @@
 #include "demo_scene.h"
 
 /* A frame's points with and without the empty cells, in the third pose's place. */
-static void points_of(const scene *s, const empty_cells *empty, point_set **out) {
+static void points_of(const scene *s, const occupancy_grid *empty, point_set **out) {
     const sherf_pose *pose = sherf_observation_pose(s->observation);
     const sherf_camera *camera = sherf_observation_camera(s->observation);
     sherf_camera small = *camera;
@@ -26,10 +26,10 @@ static void points_of(const scene *s, const empty_cells *empty, point_set **out)
 
 static void what_is_left_out_has_no_density(void **state) {
     scene s;
-    empty_cells empty;
+    occupancy_grid empty;
     point_set *all, *kept;
     open_scene(&s, SHERF_PRECISION_FP32);
-    assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
+    assert_ok(s.c, occupancy_find(s.c, s.avatar, s.body, &empty));
     assert_non_null(empty.bit);
     points_of(&s, NULL, &all);
     points_of(&s, &empty, &kept);
@@ -61,7 +61,7 @@ static void what_is_left_out_has_no_density(void **state) {
     mem_free(sigma);
     points_free(all);
     points_free(kept);
-    empty_cells_free(&empty);
+    occupancy_free(&empty);
     close_scene(&s);
 }
 
@@ -97,13 +97,13 @@ static void frames_in_bf16_hardly_differ(void **state) {
 /* Nothing but density: no cell is empty, and no bits are kept. */
 static void a_full_body_has_no_cells(void **state) {
     scene s;
-    empty_cells empty;
+    occupancy_grid empty;
     open_scene(&s, SHERF_PRECISION_FP32);
     tensor *bias = &parameter_find(s.avatar->weights, "decoder.alpha_linear.bias")->value;
     tensor_f32(bias)[0] += 1e4f;
     s.avatar->field_kind->release(s.avatar->field);
     assert_ok(s.c, avatar_place(s.c, s.body, s.avatar));
-    assert_ok(s.c, empty_cells_find(s.c, s.avatar, s.body, &empty));
+    assert_ok(s.c, occupancy_find(s.c, s.avatar, s.body, &empty));
     assert_null(empty.bit);
     close_scene(&s);
 }

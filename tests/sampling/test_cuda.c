@@ -90,9 +90,9 @@ static void camera_at(float azimuth_rad, int width, int height, sherf_camera *ou
 }
 
 /* Every other cell of a coarse lattice. */
-static void some_empty(scene *s, empty_cells *e) {
+static void some_empty(scene *s, occupancy_grid *e) {
     float max[3];
-    *e = (empty_cells){.per_m = 20};
+    *e = (occupancy_grid){.per_m = 20};
     body_canonical_bounds(s->body, e->min, max);
     for (int k = 0; k < 3; k++) e->cells[k] = (int)((max[k] - e->min[k]) * e->per_m) + 1;
     e->words = (e->cells[0] + 31) / 32;
@@ -115,7 +115,7 @@ static void check_points(scene *s, gpu_avatar *a, float angle_rad, float blend_m
     ray_bundle *rays;
     point_set *want, *got;
     float min[3], max[3];
-    empty_cells cells = {0};
+    occupancy_grid cells = {0};
     if (empty) some_empty(s, &cells);
     target_pose(s, angle_rad, blend_m, &whole, &joints);
     camera_at(1.1f + angle_rad, 52, 44, &camera);

@@ -124,7 +124,7 @@ sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, in
 /* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
                  const sample_request *request, const float *observed_maps, float observed_blend_m,
-                 const placed_camera *observed_camera, const empty_cells *empty, placed_points *p);
+                 const placed_camera *observed_camera, const occupancy_grid *empty, placed_points *p);
 
 } // namespace cuda_backend
 #endif

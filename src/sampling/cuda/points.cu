@@ -220,7 +220,7 @@ static __device__ void to_canonical(const placed_body &b, const placed_pose &pos
     for (int k = 0; k < 3; k++) direction[k] = y[k];
 }
 
-static void keep_near(const placed_body &b, const placed_pose &pose, const empty_cells &empty,
+static void keep_near(const placed_body &b, const placed_pose &pose, const occupancy_grid &empty,
                       const placed_points &p) {
     const float limit_d2 = nextafterf(BODY_SHELL_M * BODY_SHELL_M, 0); /* strictly closer */
     each_counted(&p.head->candidates, p.most, [=] __device__(int64_t i) {
@@ -285,8 +285,8 @@ static void map_points(const placed_body &b, const placed_pose &pose, const obse
 
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
                  const sample_request *request, const float *observed_maps, float observed_blend_m,
-                 const placed_camera *observed_camera, const empty_cells *empty, placed_points *p) {
-    const empty_cells none = {};
+                 const placed_camera *observed_camera, const occupancy_grid *empty, placed_points *p) {
+    const occupancy_grid none = {};
     p->width = width;
     memcpy(p->origin, optics->origin, sizeof p->origin);
     make_rays(*optics, *request, *p);

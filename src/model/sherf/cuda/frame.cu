@@ -18,7 +18,7 @@ struct gpu_avatar {
     int64_t most; /* points that there is room for */
     void *pinned;
     size_t pinned_bytes;
-    empty_cells empty; /* its bits are the GPU's */
+    occupancy_grid empty; /* its bits are the GPU's */
     const uint32_t *empty_from;
 };
 
@@ -212,7 +212,7 @@ static size_t avatar_bytes(const gpu_avatar *a) {
     return arena_peak(a->own) + arena_peak(a->frame);
 }
 
-static sherf_status place_empty(context *c, gpu_avatar *a, const empty_cells *empty) {
+static sherf_status place_empty(context *c, gpu_avatar *a, const occupancy_grid *empty) {
     if (!empty || !empty->bit || empty->bit == a->empty_from) return SHERF_OK;
     const size_t words = (size_t)empty->words * (size_t)empty->cells[1] * (size_t)empty->cells[2];
     uint32_t *bits = room<uint32_t>(c, a->own, (int64_t)words);

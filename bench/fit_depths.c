@@ -12,6 +12,7 @@
 #include "data/data.h"
 #include "estimate/fit_inside.h"
 #include "estimate/landmarks.h"
+#include "fit_state.h"
 
 enum { N = FIT_DEPTH_NUMBERS, D = FIT_DEPTHS, FOLDS = 8 };
 /* In units of the numbers' spread. */
@@ -42,32 +43,6 @@ static void need(bool there, const char *what) {
 
 /* ---- looking ---- */
 
-/* A body in the camera's frame. */
-static void camera_state(context *c, const body_model *body, const data_view *v, body_state *s) {
-    posed_body *p;
-    double R[9];
-    float root[9];
-    memset(s, 0, sizeof *s);
-    must(c, posed_joints_create(c, body, v->pose.poses_rad, v->pose.shapes, v->pose.R, v->pose.Th_m, &p));
-    rodrigues(v->pose.poses_rad, root);
-    for (int i = 0; i < 9; i++) {
-        R[i] = 0;
-        for (int k = 0; k < 3; k++) R[i] += (double)v->camera.R[i / 3 * 3 + k] * (double)p->R[3 * k + i % 3];
-    }
-    for (int i = 0; i < 9; i++)
-        for (int k = 0; k < 3; k++) s->root[i] += R[i / 3 * 3 + k] * (double)root[3 * k + i % 3];
-    for (int k = 0; k < 3; k++) {
-        s->pelvis_m[k] = (double)v->camera.T_m[k];
-        for (int i = 0; i < 3; i++)
-            s->pelvis_m[k] += (double)v->camera.R[3 * k + i] * (double)p->Th[i] +
-                              R[3 * k + i] * (double)p->joints_smpl[0][i];
-    }
-    for (int j = 1; j < BODY_JOINTS; j++)
-        for (int k = 0; k < 3; k++) s->bend[j][k] = (double)v->pose.poses_rad[3 * j + k];
-    for (int b = 0; b < BODY_SHAPES; b++) s->shape[b] = (double)v->pose.shapes[b];
-    posed_body_free(p);
-}
-
 static void look_at(context *c, const pose_networks *n, const sherf_dataset *d, const body_model *body,
                     body_points *marks, int person, int pose, int view, FILE *out) {
     sherf_image photo;
@@ -79,7 +54,7 @@ static void look_at(context *c, const pose_networks *n, const sherf_dataset *d, 
     must(c, dataset_photo(c, d, person, pose, view, 0, &photo));
     must(c, dataset_view(c, d, person, pose, view, 0, &v));
     must(c, people_find(c, n, &photo, 1, &people, &count));
-    camera_state(c, body, v, &s);
+    body_in_camera(c, body, v, &s);
     body_points_place(marks, &s, place[0], NULL, NULL);
     look *l = count ? mem_zero(c, 1, sizeof *l) : NULL;
     if (l) {

@@ -139,6 +139,17 @@ static void ray_of(fit_problem *p, double focal_px) {
 
 /* ---- points ---- */
 
+double fit_clothes_at(const body_model *m, int vertex, const double normal[3]) {
+    double sum = 0;
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        const fit_clothes *f = &fit_clothes_table[j];
+        double beyond = (double)f->beyond_m;
+        for (int k = 0; k < 3; k++) beyond += (double)f->along_m[k] * normal[k];
+        sum += (double)m->weights[(size_t)vertex * BODY_JOINTS + (size_t)j] * beyond;
+    }
+    return sum;
+}
+
 /* The first vertex in each cell of a grid over the rest pose. */
 static sherf_status choose_skin(context *c, fit_problem *p) {
     const body_model *m = p->m;
@@ -160,14 +171,21 @@ static sherf_status choose_skin(context *c, fit_problem *p) {
         list[count++] = (body_point){.vertex = v};
     }
     status = SHERF_NO_MEMORY;
+    p->skin_vertex = mem_alloc(c, (size_t)count, sizeof *p->skin_vertex);
+    p->skin_clothes_m = mem_alloc(c, (size_t)count, sizeof *p->skin_clothes_m);
     p->skin_normal = mem_alloc(c, (size_t)count, sizeof *p->skin_normal);
     p->skin_place = mem_alloc(c, (size_t)count, 7 * sizeof *p->skin_place);
     p->skin_blend = mem_alloc(c, (size_t)count, 9 * sizeof *p->skin_blend);
     p->skin_slope = mem_alloc(c, (size_t)count, 3 * BODY_UNKNOWNS * sizeof *p->skin_slope);
-    if (!p->skin_normal || !p->skin_place || !p->skin_blend || !p->skin_slope) goto done;
-    for (int i = 0; i < count; i++)
+    if (!p->skin_vertex || !p->skin_clothes_m || !p->skin_normal || !p->skin_place || !p->skin_blend ||
+        !p->skin_slope)
+        goto done;
+    for (int i = 0; i < count; i++) {
+        p->skin_vertex[i] = list[i].vertex;
         for (int k = 0; k < 3; k++)
             p->skin_normal[i][k] = (double)normals[3 * (size_t)list[i].vertex + (size_t)k];
+        p->skin_clothes_m[i] = fit_clothes_at(m, list[i].vertex, p->skin_normal[i]);
+    }
     status = body_points_create(c, m, count, list, &p->skin);
 done:
     mem_free(taken);
@@ -194,10 +212,13 @@ static sherf_status choose_points(context *c, fit_problem *p) {
     return status ? status : choose_skin(c, p);
 }
 
-static void problem_clear(fit_problem *p) {
+void fit_problem_clear(fit_problem *p) {
+    fit_mask_free(p->mask);
     body_points_free(p->marks);
     body_points_free(p->skin);
     mem_free(p->skin_normal);
+    mem_free(p->skin_clothes_m);
+    mem_free(p->skin_vertex);
     mem_free(p->mark_place);
     mem_free(p->mark_slope);
     mem_free(p->skin_place);
@@ -266,7 +287,7 @@ static void keep_known(const body_fit_result *known, fit_state *s) {
 /* A fit's end as a start. */
 static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s, fit_equations *e) {
     double turned[9], camera[9], w[3], place[3];
-    memset(s, 0, sizeof *s);
+    *s = (fit_state){.clothes = 1};
     for (int k = 0; k < 9; k++) camera[k] = (double)r->camera.R[k];
     for (int k = 0; k < 3; k++) w[k] = (double)r->pose.poses_rad[k];
     rotation_exp(w, turned, NULL);
@@ -291,7 +312,7 @@ static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s,
 static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations *e) {
     const double axis[3] = {0, yaw, 0};
     double R[9];
-    memset(s, 0, sizeof *s);
+    *s = (fit_state){.clothes = 1};
     if (!first_turn(p, s->body.root)) return INFINITY;
     rotation_exp(axis, R, NULL);
     multiply3(s->body.root, R, s->body.root);
@@ -320,7 +341,7 @@ static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equati
         if (cost < least) least = cost, *best = s;
     }
     if (!(least < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
-    p->weight_mask = 200;
+    p->weight_mask = 100;
     if (!begun) p->weight_3d = 0.35; /* their depths have served to tell which way the limbs go */
     for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {
         p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
@@ -469,38 +490,46 @@ done:
     return status;
 }
 
+sherf_status fit_problem_begin(context *c, const body_model *m, const body_fit_input *in, fit_problem *p) {
+    const double longer = in->width_px > in->height_px ? in->width_px : in->height_px;
+    fit_mask *mask;
+    *p = (fit_problem){.m = m, .in = in};
+    p->centre_px[0] = 0.5 * (in->width_px - 1);
+    p->centre_px[1] = 0.5 * (in->height_px - 1);
+    p->focal_guess_px = in->known          ? (double)in->known->camera.K[0]
+                        : in->focal_px > 0 ? in->focal_px
+                                           : focal_usual * longer;
+    p->focal_spread = in->known ? 0.001 : in->focal_px > 0 ? 0.01 : 0.3;
+    weigh_landmarks(p);
+    fit_depths(in->person, p->depth_m);
+    p->stands = standing_of(in);
+    p->upright = upright_of(in) * (0.25 + 0.75 * p->stands);
+    ray_of(p, p->focal_guess_px);
+    sherf_status status = fit_mask_create(c, in, &mask);
+    p->mask = mask;
+    return status ? status : choose_points(c, p);
+}
+
 sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in, body_fit_result *out) {
     memset(out, 0, sizeof *out);
     sherf_status status = check_input(c, in);
     if (status) return status;
-    double longer = in->width_px > in->height_px ? in->width_px : in->height_px, seen = 0;
-    fit_problem p = {.m = m, .in = in};
-    fit_mask *mask = NULL;
+    fit_problem p = {0};
     fit_state s = {0};
-    p.centre_px[0] = 0.5 * (in->width_px - 1);
-    p.centre_px[1] = 0.5 * (in->height_px - 1);
-    p.focal_guess_px = in->known          ? (double)in->known->camera.K[0]
-                       : in->focal_px > 0 ? in->focal_px
-                                          : focal_usual * longer;
-    p.focal_spread = in->known ? 0.001 : in->focal_px > 0 ? 0.01 : 0.3;
-    weigh_landmarks(&p);
-    fit_depths(in->person, p.depth_m);
-    p.stands = standing_of(in);
-    p.upright = upright_of(in) * (0.25 + 0.75 * p.stands);
-    for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;
-    if (seen < 4) return failure(c, SHERF_BAD_ARGUMENT, "fit: hardly a landmark is seen in the photo");
-    ray_of(&p, p.focal_guess_px);
+    int seen = 0;
     fit_equations *e = mem_alloc(c, 1, sizeof *e);
     if (!e) return SHERF_NO_MEMORY;
-    if ((status = fit_mask_create(c, in, &mask))) goto done;
-    p.mask = mask;
-    if ((status = choose_points(c, &p))) goto done;
+    if ((status = fit_problem_begin(c, m, in, &p))) goto done;
+    for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;
+    if (seen < 4) {
+        status = failure(c, SHERF_BAD_ARGUMENT, "fit: hardly a landmark is seen in the photo");
+        goto done;
+    }
     if ((status = find(c, &p, &s, e))) goto done;
     status = conclude(c, &p, &s, out);
 done:
     if (status) memset(out, 0, sizeof *out);
-    problem_clear(&p);
-    fit_mask_free(mask);
+    fit_problem_clear(&p);
     mem_free(e);
     return status;
 }

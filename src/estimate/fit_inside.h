@@ -10,13 +10,14 @@
 enum {
     FIT_PITCH = BODY_UNKNOWNS,
     FIT_ROLL,
-    FIT_FOCAL, /* its logarithm */
-    FIT_SCALE, /* the logarithm of the scale of the landmarks in 3D */
+    FIT_FOCAL,   /* its logarithm */
+    FIT_SCALE,   /* the logarithm of the scale of the landmarks in 3D */
+    FIT_CLOTHES, /* how far clothes lie beyond the body, as a part of what is usual */
     FIT_UNKNOWNS
 };
 typedef struct {
     body_state body;
-    double pitch, roll, log_focal, log_scale;
+    double pitch, roll, log_focal, log_scale, clothes;
 } fit_state;
 
 /* ---- landmarks on the body (fit_tables.c) ---- */
@@ -39,6 +40,16 @@ bool fit_depth_numbers(const photo_person *p, double number[FIT_DEPTH_NUMBERS], 
 /* Depths as they most likely are behind the middle of the hips, in the networks' metres; 0 for landmarks that
  * are not used. */
 void fit_depths(const photo_person *p, double depth_m[LANDMARKS]);
+
+/* ---- what people wear (fit_clothes_table.c) ---- */
+/* How far the mask's edge usually lies beyond the bare body, for clothes, hair and soles, where skin that
+ * follows the joint makes the contour: beyond_m + along_m . n, n the skin's normal in the rest pose. */
+typedef struct {
+    float beyond_m, along_m[3];
+} fit_clothes;
+extern const fit_clothes fit_clothes_table[BODY_JOINTS];
+/* Of one vertex, blended as skin is. */
+double fit_clothes_at(const body_model *m, int vertex, const double normal[3]);
 
 /* One joint: the usual bend, where a fit starts, and how far it goes. */
 typedef struct {
@@ -87,9 +98,11 @@ enum { FIT_MARKS = LANDMARKS + BODY_JOINTS };
 typedef struct {
     const body_model *m;
     const body_fit_input *in;
-    const fit_mask *mask;
+    fit_mask *mask;            /* owned */
     body_points *marks, *skin; /* landmarks and then joints; vertices all over the body */
     double (*skin_normal)[3];  /* in the rest pose */
+    double *skin_clothes_m;    /* how far the mask's edge usually lies beyond it */
+    int *skin_vertex;
     double centre_px[2], focal_guess_px, focal_spread;
     double seen[LANDMARKS]; /* 0 to 1: how much a landmark counts */
     double seen_3d[LANDMARKS];
@@ -103,6 +116,21 @@ typedef struct {
     /* scratch */
     double *mark_place, *mark_slope, *skin_place, *skin_slope, *skin_blend;
 } fit_problem;
+
+/* A problem of that input, without weights; p->in and p->m are kept by pointer. fit_problem_clear frees what
+ * it holds, also after a failure. */
+sherf_status fit_problem_begin(context *c, const body_model *m, const body_fit_input *in, fit_problem *p);
+void fit_problem_clear(fit_problem *p);
+
+/* The skin that makes the body's contour where the mask's edge is. off_px: how far the contour lies beyond
+ * the edge, negative where clothes cover it. */
+typedef struct {
+    int outline, skin;
+    double off_px;
+} fit_edge;
+/* Of the mask's outline whatever has such skin near it, at p->skin_place with p->skin_blend; at most
+ * FIT_OUTLINE_MOST. */
+int fit_edges(fit_problem *p, double focal_px, fit_edge *edge);
 
 typedef struct {
     double A[FIT_UNKNOWNS][FIT_UNKNOWNS], b[FIT_UNKNOWNS], cost;

@@ -56,6 +56,7 @@ double fit_solve(fit_problem *p, fit_state *s, int steps, fit_equations *e) {
             next.roll += step[FIT_ROLL];
             next.log_focal += step[FIT_FOCAL];
             next.log_scale += step[FIT_SCALE];
+            next.clothes += step[FIT_CLOTHES];
             cost = next.body.pelvis_m[2] > 0.05 ? fit_cost(p, &next, NULL) : INFINITY;
             if (cost < before) break;
         }

@@ -182,6 +182,7 @@ static void priors(terms *t) {
     one(t, FIT_ROLL, t->s->roll - (known ? known->roll_rad : 0), known ? sure : 0.06, 1, 0);
     one(t, FIT_FOCAL, t->s->log_focal - log(p->focal_guess_px), p->focal_spread, 1, 0);
     one(t, FIT_SCALE, t->s->log_scale, 0.05, 1, 0);
+    one(t, FIT_CLOTHES, t->s->clothes - 1, 0.5, 1, 0);
 }
 
 /* ---- standing ---- */
@@ -326,24 +327,29 @@ static void body_in_mask(terms *t, int points, double weight) {
     }
 }
 
-/* The mask's edge to the nearest place of the body's contour that looks the same way: a body inside it
- * (clothes, hair) costs little, and no more from 8 cm on. */
-static void edge_on_body(terms *t, int points, double weight) {
-    const fit_problem *p = t->p;
-    const fit_mask *m = p->mask;
-    double(*px)[2] = (double(*)[2])(p->skin_place + 3 * (size_t)points), (*n)[2] = px + points; /* spare */
-    for (int i = 0; i < points; i++) {
+/* Places and outward normals in the picture of the skin that makes the contour; a normal of 0 elsewhere. */
+static void find_contour(fit_problem *p, double focal_px, double (*px)[2], double (*n)[2]) {
+    const terms t = {.p = p, .focal = focal_px};
+    for (int i = 0; i < body_points_count(p->skin); i++) {
         const double *x = p->skin_place + 3 * i, *B = p->skin_blend + 9 * i, *rest = p->skin_normal[i];
         double normal[3], along = 0, length;
         for (int k = 0; k < 3; k++) normal[k] = dot(B + 3 * k, rest);
         along = dot(normal, x) / sqrt(dot(x, x) * dot(normal, normal) + 1e-12);
         length = hypot(normal[0], normal[1]);
-        project(t, x, NULL, 0, px[i], NULL);
+        project(&t, x, NULL, 0, px[i], NULL);
         bool contour = fabs(along) < 0.5 && length > 0.1;
         n[i][0] = contour ? normal[0] / length : 0;
         n[i][1] = contour ? normal[1] / length : 0;
     }
-    double reach = 0.25 * p->px_per_m;
+}
+
+int fit_edges(fit_problem *p, double focal_px, fit_edge *edge) {
+    const fit_mask *m = p->mask;
+    const int points = body_points_count(p->skin);
+    const double reach = 0.25 * p->px_per_m;
+    double(*px)[2] = (double(*)[2])(p->skin_place + 3 * (size_t)points), (*n)[2] = px + points; /* spare */
+    int count = 0;
+    find_contour(p, focal_px, px, n);
     for (int o = 0; o < m->outline; o++) {
         int best = -1;
         double nearest = reach * reach;
@@ -354,15 +360,32 @@ static void edge_on_body(terms *t, int points, double weight) {
             if (dx * dx + dy * dy < nearest) nearest = dx * dx + dy * dy, best = i;
         }
         if (best < 0) continue;
-        double off = (px[best][0] - m->point_px[o][0]) * m->normal[o][0] +
-                     (px[best][1] - m->point_px[o][1]) * m->normal[o][1];
-        double spread = (off > 0 ? 0.015 : 0.04) * p->px_per_m, r = off / spread, again[2];
+        edge[count++] = (fit_edge){o, best,
+                                   (px[best][0] - m->point_px[o][0]) * m->normal[o][0] +
+                                       (px[best][1] - m->point_px[o][1]) * m->normal[o][1]};
+    }
+    return count;
+}
+
+/* The mask's edge lies as far beyond the body's contour as clothes, hair and soles usually do there. Wider
+ * clothes cost less than narrower ones. */
+static void edge_on_body(terms *t, double weight) {
+    fit_problem *p = t->p;
+    fit_edge edge[FIT_OUTLINE_MOST];
+    const int count = fit_edges(p, t->focal, edge);
+    for (int k = 0; k < count; k++) {
+        const int i = edge[k].skin;
+        const double *normal = p->mask->normal[edge[k].outline],
+                     clothes_px = p->skin_clothes_m[i] * p->px_per_m,
+                     off = edge[k].off_px + t->s->clothes * clothes_px,
+                     spread = (off > 0 ? 0.01 : 0.015) * p->px_per_m, r = off / spread;
+        double px[2];
         row both[2], slope;
         if (t->e) {
-            project(t, p->skin_place + 3 * best, p->skin_slope + (size_t)best * 3 * BODY_UNKNOWNS, 1 / spread,
-                    again, both);
-            for (int u = 0; u < FIT_UNKNOWNS; u++)
-                slope[u] = m->normal[o][0] * both[0][u] + m->normal[o][1] * both[1][u];
+            project(t, p->skin_place + 3 * i, p->skin_slope + (size_t)i * 3 * BODY_UNKNOWNS, 1 / spread, px,
+                    both);
+            for (int u = 0; u < FIT_UNKNOWNS; u++) slope[u] = normal[0] * both[0][u] + normal[1] * both[1][u];
+            slope[FIT_CLOTHES] = clothes_px / spread;
         }
         add(t, 1, &r, (const row *)&slope, weight, 2);
     }
@@ -391,7 +414,7 @@ double fit_cost(fit_problem *p, const fit_state *s, fit_equations *e) {
         int points = body_points_count(p->skin);
         body_points_place(p->skin, &s->body, p->skin_place, e ? p->skin_slope : NULL, p->skin_blend);
         body_in_mask(&t, points, p->weight_mask / points);
-        edge_on_body(&t, points, p->weight_mask / p->mask->outline);
+        edge_on_body(&t, p->weight_mask / p->mask->outline);
     }
     if (e) e->cost = t.cost;
     return t.cost;

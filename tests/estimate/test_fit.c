@@ -28,6 +28,7 @@ static int close_body(void **state) {
 typedef struct {
     double turn_rad, pitch_rad, distance_m, rise_m, focal_px, lean_rad, noise_px;
     double hip, knee, spread, lift, forward, elbow; /* of both sides */
+    double clothes;                                 /* as a part of what is usual */
     bool faults, mask;
 } scene;
 static const scene standing = {
@@ -104,6 +105,21 @@ static void make_landmarks(context *c, const scene *w, shot *o) {
     }
 }
 
+/* Vertices moved outwards as far as clothes, hair and soles lie beyond the body. */
+static void dress(context *c, double clothes, float *v) {
+    const size_t n = 3 * (size_t)body->vertices;
+    float *rest = mem_alloc(c, n, sizeof *rest), *posed = mem_alloc(c, n, sizeof *posed);
+    assert_ok(c, body_normals(c, body, body->v_template, rest));
+    assert_ok(c, body_normals(c, body, v, posed));
+    for (size_t i = 0; i < n; i += 3) {
+        const double normal[3] = {(double)rest[i], (double)rest[i + 1], (double)rest[i + 2]},
+                     beyond_m = clothes * fit_clothes_at(body, (int)(i / 3), normal);
+        for (size_t k = 0; k < 3; k++) v[i + k] += (float)beyond_m * posed[i + k];
+    }
+    mem_free(rest);
+    mem_free(posed);
+}
+
 static void draw_mask(context *c, const scene *w, shot *o) {
     float pose[72] = {0}, shape[BODY_SHAPES], R[9], none[3] = {0};
     posed_body *p;
@@ -119,6 +135,7 @@ static void draw_mask(context *c, const scene *w, shot *o) {
     }
     float *v = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *v);
     body_vertices_world(body, p, v);
+    dress(c, w->clothes, v);
     k.K[0] = k.K[4] = (float)w->focal_px;
     k.K[2] = k.K[5] = 0.5f * (SIDE - 1);
     k.K[8] = 1;
@@ -207,6 +224,25 @@ static void standing_people_stand(void **state) {
     }
 }
 
+/* A person in clothes, with hair and soles, is no larger than a bare one; nor is a bare one thinner. */
+static void clothes_are_not_the_body(void **state) {
+    context *c = *state;
+    static shot o;
+    double size[2], covered[2];
+    for (int i = 0; i < 2; i++) {
+        scene w = standing;
+        body_fit_result r;
+        w.clothes = i ? 1.3 : 0;
+        fit_and_check(c, i ? "dressed" : "bare", &w, 0.03, &r);
+        size[i] = r.height_px;
+        covered[i] = r.mask_covered;
+    }
+    take(c, &standing, &o);
+    mem_free(o.mask.data);
+    assert_true(covered[0] > 0.93 && covered[1] < covered[0] - 0.05);
+    assert_true(fabs(size[1] / size[0] - 1) < 0.012);
+}
+
 /* The gradient that the equations hold is that of the cost, about poses of several kinds and the limits. */
 static void priors_have_their_slopes(void **state) {
     context *c = *state;
@@ -221,7 +257,7 @@ static void priors_have_their_slopes(void **state) {
     assert_ok(c, body_points_create(c, body, FIT_MARKS, list, &p.marks));
     for (int pose = 0; pose < 6; pose++) {
         const double turn[3] = {3 + 0.1 * pose, 0.2, -0.1};
-        fit_state s = {.pitch = 0.2, .roll = -0.03, .log_focal = 6.4, .log_scale = 0.05};
+        fit_state s = {.pitch = 0.2, .roll = -0.03, .log_focal = 6.4, .log_scale = 0.05, .clothes = 0.7};
         s.body.pelvis_m[2] = 4;
         rotation_exp(turn, s.body.root, NULL);
         for (int i = 3; i < 3 * BODY_JOINTS; i++)
@@ -236,6 +272,7 @@ static void priors_have_their_slopes(void **state) {
                 body_state_move(&s.body, step, &at.body);
                 at.pitch += step[FIT_PITCH], at.roll += step[FIT_ROLL];
                 at.log_focal += step[FIT_FOCAL], at.log_scale += step[FIT_SCALE];
+                at.clothes += step[FIT_CLOTHES];
                 cost[i] = fit_cost(&p, &at, NULL);
             }
             const double slope = (cost[1] - cost[0]) / (2 * move);
@@ -406,15 +443,12 @@ static void allocations_may_fail(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(priors_have_their_slopes),
-                                       cmocka_unit_test(usual_poses_cost_less),
-                                       cmocka_unit_test(standing_people_stand),
-                                       cmocka_unit_test(front_is_told_from_back),
-                                       cmocka_unit_test(other_poses),
-                                       cmocka_unit_test(what_is_cut_off_stays_at_rest),
-                                       cmocka_unit_test(threads_do_not_matter),
-                                       cmocka_unit_test(a_focal_length_is_kept),
-                                       cmocka_unit_test(bad_input_is_refused),
-                                       cmocka_unit_test(allocations_may_fail)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(clothes_are_not_the_body),      cmocka_unit_test(priors_have_their_slopes),
+        cmocka_unit_test(usual_poses_cost_less),         cmocka_unit_test(standing_people_stand),
+        cmocka_unit_test(front_is_told_from_back),       cmocka_unit_test(other_poses),
+        cmocka_unit_test(what_is_cut_off_stays_at_rest), cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(a_focal_length_is_kept),        cmocka_unit_test(bad_input_is_refused),
+        cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, open_body, close_body);
 }

@@ -1,12 +1,14 @@
 /* sherf train: hands its options to the library's training; with --json it names the model's file. */
+#include "photo.h"
 #include "session.h"
 #include "verbs.h"
 
 static struct {
-    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background;
+    const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background,
+        *start;
     bool front_view;
     int64_t size, steps, images, targets, halve_every, sample_every, save_every, workers;
-    double epochs, seconds, learning_rate, perceptual_weight;
+    double epochs, seconds, learning_rate, perceptual_weight, estimated;
 } set;
 
 static const option options[] = {
@@ -29,6 +31,10 @@ static const option options[] = {
      "(assets/resnet50.safetensors, if it is there)"},
     {0, "perceptual-weight", OPTION_REAL, &set.perceptual_weight, "X", "of that distance (0.3)", 0, 1e6},
     {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
+    {0, "start", OPTION_FILE, &set.start, "FILE",
+     "begin with these weights, of any training, instead of new ones (fine-tuning)"},
+    {0, "estimated", OPTION_REAL, &set.estimated, "X",
+     "share of the observations whose camera, body and mask are estimated from the picture alone (0)", 0, 1},
     {0, "background", OPTION_TEXT, &set.background, "KIND",
      "black, the paper's, or random: greys drawn for every picture, so that dark people become opaque too"},
     {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
@@ -53,6 +59,8 @@ static const option options[] = {
 static int run(session *s, int count, char **argument) {
     const char *body = session_body(s, set.body, set.data);
     if (!body) return EXIT_USAGE;
+    const char *networks = set.estimated > 0 ? photo_networks() : session_asset(NULL, PHOTO_NETWORKS);
+    if (set.estimated > 0 && !networks) return EXIT_FAILED;
     sherf_train_options o = {.data = set.data,
                              .people = set.people,
                              .body = body,
@@ -63,6 +71,9 @@ static int run(session *s, int count, char **argument) {
                              .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
                              .perceptual_weight = set.perceptual_weight,
                              .resume = set.resume,
+                             .start = set.start,
+                             .estimated = set.estimated,
+                             .estimator = networks,
                              .front_view = set.front_view,
                              .size_px = (int)set.size,
                              .epochs = set.epochs,

@@ -20,12 +20,11 @@ bool photo_is(const char *path) {
 }
 
 const char *photo_networks(void) {
-    static const char name[] = "models/blazepose.safetensors";
-    const char *path = session_asset(NULL, name);
+    const char *path = session_asset(NULL, PHOTO_NETWORKS);
     if (!path)
         session_failure("%s, the networks that find people, is not among the assets (set SHERF_ASSETS to the "
                         "folder that has it)",
-                        name);
+                        PHOTO_NETWORKS);
     return path;
 }
 

@@ -32,6 +32,7 @@ extern photo_request photo_wanted;
 
 /* By its first bytes, or by a name that pictures have. */
 bool photo_is(const char *path);
+#define PHOTO_NETWORKS "models/blazepose.safetensors"
 /* The networks that ship; NULL, after one line on stderr: they are not there. */
 const char *photo_networks(void);
 /* Loads them; an exit status. */

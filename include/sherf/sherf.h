@@ -654,6 +654,7 @@ typedef struct {
     const char *resnet; /* converted ResNet-18, or NULL */
     const char *lpips;  /* converted VGG16 with heads, or NULL */
     const char *resume; /* checkpoint, or NULL; output/checkpoint.safetensors is picked up by itself */
+    const char *start;  /* weights that a new training begins with (fine-tuning), or NULL: drawn by chance */
     int front_view;     /* observations from the front view only */
     int size_px;        /* training pictures are scaled to this width; 0: the data set's own protocol */
     double epochs;      /* 0: 5 */
@@ -669,9 +670,12 @@ typedef struct {
     int workers;              /* loading threads; 0: 2 */
     const char *perceptual;   /* converted ResNet-50, used where lpips is NULL; or NULL */
     double perceptual_weight; /* of that distance in the loss; 0: 0.3 */
-    const char *background;   /* "black", the paper's, or "random": people before greys drawn anew for every
-                                 picture, so that opacity is learned where they are dark; NULL: black, or what
-                                 the checkpoint says */
+    double estimated; /* share of the observations, 0 to 1, whose camera, body and mask are estimated from the
+                         picture alone, as in sherf_eval; targets stay true. 0: none, or the checkpoint's */
+    const char *estimator;  /* networks for that, as sherf_estimator_load takes them; or NULL */
+    const char *background; /* "black", the paper's, or "random": people before greys drawn anew for every
+                               picture, so that opacity is learned where they are dark; NULL: black, or what
+                               the checkpoint says */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 

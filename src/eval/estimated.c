@@ -5,6 +5,36 @@
 #include <stdio.h>
 #include <string.h>
 
+/* ---- observations ---- */
+
+sherf_status estimate_by_photo(context *c, void *state, const sherf_image *photo,
+                               const sherf_observation *truth, sherf_observation **out) {
+    const photo_estimator *e = state;
+    sherf_estimate *found = NULL;
+    *out = NULL;
+    sherf_status status = sherf_estimate_picture(c, e->networks, e->body, photo, NULL, NULL, &found);
+    if (status == SHERF_MISMATCH) return SHERF_OK; /* nobody was found */
+    if (!status) status = sherf_estimate_observation(c, found, out);
+    sherf_estimate_free(found);
+    return status;
+}
+
+sherf_status estimated_observation(context *c, const eval_estimator *e, const sherf_dataset *d, int person,
+                                   int pose, int view, const sherf_observation *truth,
+                                   sherf_observation **out) {
+    sherf_image photo = {0};
+    *out = NULL;
+    sherf_status status = dataset_photo(c, d, person, pose, view, 0, &photo);
+    if (status == SHERF_OK) status = e->estimate(c, e->state, &photo, truth, out);
+    if (status == SHERF_OK && *out)
+        status = observation_resize(c, *out, truth->image.width, truth->image.height);
+    sherf_image_free(&photo);
+    if (status == SHERF_OK) return status;
+    sherf_observation_free(*out);
+    *out = NULL;
+    return status;
+}
+
 /* ---- carrying over ---- */
 
 /* How many metres a pixel of the observed picture is at the pelvis, along x. */

@@ -7,6 +7,7 @@
 #define SHERF_ESTIMATED_H
 
 #include "data/data.h"
+#include "estimate/estimate.h"
 #include "eval/pose_error.h"
 #include "eval/selection.h"
 
@@ -17,6 +18,18 @@ typedef struct {
                              const sherf_observation *truth, sherf_observation **out);
     void *state;
 } eval_estimator;
+/* That of estimate/: the state is a photo_estimator. */
+typedef struct {
+    sherf_estimator *networks;
+    const sherf_body *body;
+} photo_estimator;
+sherf_status estimate_by_photo(context *c, void *state, const sherf_image *photo,
+                               const sherf_observation *truth, sherf_observation **out);
+/* From the data set's picture at its own size, scaled to that of truth, which it was read from; *out NULL
+ * where nobody is found. */
+sherf_status estimated_observation(context *c, const eval_estimator *e, const sherf_dataset *d, int person,
+                                   int pose, int view, const sherf_observation *truth,
+                                   sherf_observation **out);
 
 /* ---- carrying over ---- */
 typedef struct {

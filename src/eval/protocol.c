@@ -5,7 +5,6 @@
 #include <unistd.h>
 
 #include "base/path.h"
-#include "estimate/estimate.h"
 #include "eval/lpips_file.h"
 #include "eval/metrics.h"
 #include "eval/protocol.h"
@@ -344,13 +343,10 @@ static int sheet_pair(const evaluation *e, int n, int count) {
  * notes what it is off by; *o NULL where nobody was found. */
 static sherf_status estimate(evaluation *e, int person, picture from, sherf_observation **o) {
     context *c = e->c;
-    sherf_image photo = {0};
     sherf_observation *truth = *o, *found = NULL;
     estimate_entry entry = {.person = person, .observation = from};
-    sherf_status status = dataset_photo(c, e->data, person, from.pose, from.view, 0, &photo);
-    if (status == SHERF_OK) status = e->estimator->estimate(c, e->estimator->state, &photo, truth, &found);
-    if (status == SHERF_OK && found)
-        status = observation_resize(c, found, truth->image.width, truth->image.height);
+    sherf_status status =
+        estimated_observation(c, e->estimator, e->data, person, from.pose, from.view, truth, &found);
     if (status == SHERF_OK && found) status = estimated_error(c, e->body, truth, found, &entry.error);
     if (status == SHERF_OK && found) status = carried_create(c, e->body, truth, found, &e->carried);
     if (status == SHERF_OK && found) status = estimate_list_add(c, &e->report.estimates, &entry);
@@ -359,7 +355,6 @@ static sherf_status estimate(evaluation *e, int person, picture from, sherf_obse
                  sherf_dataset_person(e->data, person), from.pose, from.view);
         e->report.estimates.missed++;
     }
-    sherf_image_free(&photo);
     sherf_observation_free(truth);
     if (status != SHERF_OK) sherf_observation_free(found), found = NULL;
     *o = found;
@@ -404,31 +399,16 @@ done:
     return status;
 }
 
-/* ---- bodies by estimate/ ---- */
-typedef struct {
-    sherf_estimator *networks;
-    sherf_body *body;
-} photo_estimator;
-
-static sherf_status estimate_photo(context *c, void *state, const sherf_image *photo,
-                                   const sherf_observation *truth, sherf_observation **out) {
-    const photo_estimator *e = state;
-    sherf_estimate *found = NULL;
-    sherf_status status = sherf_estimate_picture(c, e->networks, e->body, photo, NULL, NULL, &found);
-    if (status == SHERF_MISMATCH) return SHERF_OK; /* nobody was found: counted */
-    if (!status) status = sherf_estimate_observation(c, found, out);
-    sherf_estimate_free(found);
-    return status;
-}
-
 sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out) {
     *out = (sherf_scores){0};
     if (!options->estimated) return eval_run(c, options, NULL, out);
     photo_estimator e = {0};
+    sherf_body *body = NULL;
     sherf_status status = sherf_estimator_load(c, options->estimated, &e.networks);
-    if (!status) status = sherf_body_load(c, options->body, &e.body);
-    if (!status) status = eval_run(c, options, &(eval_estimator){estimate_photo, &e}, out);
-    sherf_body_free(e.body);
+    if (!status) status = sherf_body_load(c, options->body, &body);
+    e.body = body;
+    if (!status) status = eval_run(c, options, &(eval_estimator){estimate_by_photo, &e}, out);
+    sherf_body_free(body);
     sherf_estimator_free(e.networks);
     return status;
 }

@@ -11,10 +11,10 @@
 #include "train/checkpoint.h"
 
 /* ---- the state as metadata ---- */
-enum { STATE_KEYS = 11 };
+enum { STATE_KEYS = 12 };
 static const char *const state_keys[STATE_KEYS] = {
-    "step",       "skipped",       "updates",     "seed",    "images_per_step",  "size_px",
-    "front_view", "learning_rate", "halve_every", "targets", "random_background"};
+    "step",       "skipped",       "updates",     "seed",    "images_per_step",   "size_px",
+    "front_view", "learning_rate", "halve_every", "targets", "random_background", "estimated"};
 
 static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
     snprintf(text[0], 32, "%" PRId64, s->step);
@@ -28,6 +28,7 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[8], 32, "%" PRId64, s->halve_every);
     snprintf(text[9], 32, "%d", s->targets);
     snprintf(text[10], 32, "%d", s->random_background);
+    snprintf(text[11], 32, "%.17g", s->estimated);
 }
 
 enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
@@ -66,6 +67,10 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     s->learning_rate = strtod(rate, &end);
     if (*end || !(s->learning_rate > 0) || !isfinite(s->learning_rate))
         return failure(c, SHERF_BAD_FILE, "learning_rate is not a positive number");
+    const char *share = safetensors_metadata(f, "estimated"); /* older ones have none */
+    s->estimated = share ? strtod(share, &end) : 0;
+    if (share && (!*share || *end || !(s->estimated >= 0 && s->estimated <= 1)))
+        return failure(c, SHERF_BAD_FILE, "estimated is not a share between 0 and 1");
     return SHERF_OK;
 }
 

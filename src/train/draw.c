@@ -88,6 +88,7 @@ draw sampling_draw(const sampling *s, int64_t image) {
               .observed_view = s->front_view,
               .noise_key = splitmix64(key + 1) | 1};
     if (s->front_view < 0) d.observed_view = (int)random_below(key, 0, s->views[i]);
+    d.estimated = random_uniform(random_key(s->seed, "train.estimated", (uint64_t)image), 0) < s->estimated;
     d.further = s->targets - 1;
     for (int k = 0; k < d.further; k++) {
         d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;

@@ -18,6 +18,7 @@ typedef struct {
     int front_view;         /* -1: any view observes */
     int targets;            /* of an image, 1 to TARGETS_MAX */
     bool random_background; /* false: always black, the paper's */
+    double estimated;       /* share of the images that are observed by estimate, 0 to 1 */
 } sampling;
 
 /* people: as in sherf_train_options. */
@@ -30,6 +31,7 @@ int64_t sampling_pictures(const sampling *s);
 typedef struct {
     int person, pose, view; /* the target's */
     int observed_view;      /* of the same pose */
+    bool estimated;         /* its camera, body and mask are estimated from its picture */
     int further;            /* targets beside the first: any pose and view of the person */
     struct {
         int pose, view;

@@ -23,40 +23,75 @@ static sherf_status named(context *c, sherf_status status, const sherf_dataset *
     return failure_prefix(c, status, "%s, pose %d, view %d", sherf_dataset_person(d, person), pose, view);
 }
 
-static sherf_status target_load(context *c, const sherf_dataset *d, const model_config *config,
-                                const body_model *body, int person, int pose, int view, int width,
-                                const observation_geometry *observation, data_view **target,
+/* w NULL: the target is where the data set has it. */
+static sherf_status target_load(context *c, const sample_source *from, const carried *w, int person, int pose,
+                                int view, const observation_geometry *observation, data_view **target,
                                 target_geometry **geometry) {
-    sherf_status status = dataset_person_view(c, d, person, pose, view, width, target);
+    sherf_status status = dataset_person_view(c, from->data, person, pose, view, from->width, target);
     if (status != SHERF_OK) return status;
     const data_view *t = *target;
-    status = target_geometry_create(c, config, body, &t->camera, &t->pose, observation, false, geometry);
-    if (status == SHERF_OK) status = body_in_picture(c, body, (*geometry)->body, &t->camera, t->mask);
-    return named(c, status, d, person, pose, view);
+    sherf_camera camera = t->camera;
+    sherf_pose moved = t->pose;
+    if (w) {
+        carried_camera(w, &t->camera, &camera);
+        status = carried_pose(c, w, from->body, &t->pose, false, &moved);
+    }
+    if (status == SHERF_OK)
+        status = target_geometry_create(c, from->config, from->body, &camera, &moved, observation, false,
+                                        geometry);
+    if (status == SHERF_OK) status = body_in_picture(c, from->body, (*geometry)->body, &camera, t->mask);
+    return named(c, status, from->data, person, pose, view);
 }
 
-sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
-                         const body_model *body, draw drawn, int width, sample *out) {
+/* The picture that is observed. *by_estimate: w says where its world lies. */
+static sherf_status observation_load(context *c, const sample_source *from, draw drawn, data_view **out,
+                                     carried *w, bool *by_estimate) {
+    data_view *truth = NULL, *found = NULL;
+    *by_estimate = false;
+    sherf_status status = dataset_person_view(c, from->data, drawn.person, drawn.pose, drawn.observed_view,
+                                              from->width, &truth);
+    if (status == SHERF_OK && drawn.estimated && from->estimator)
+        status = estimated_observation(c, from->estimator, from->data, drawn.person, drawn.pose,
+                                       drawn.observed_view, truth, &found);
+    if (status == SHERF_OK && found) {
+        status = carried_create(c, from->body, truth, found, w);
+        *by_estimate = true;
+    }
+    if (status == SHERF_OK && !found) {
+        *out = truth;
+        return SHERF_OK;
+    }
+    sherf_observation_free(truth);
+    if (status != SHERF_OK) sherf_observation_free(found), found = NULL;
+    *out = found;
+    return status;
+}
+
+sherf_status sample_load(context *c, const sample_source *from, draw drawn, sample *out) {
+    carried world;
+    bool by_estimate;
     *out = (sample){.drawn = drawn};
-    sherf_status status =
-        dataset_person_view(c, d, drawn.person, drawn.pose, drawn.observed_view, width, &out->observation);
+    sherf_status status = observation_load(c, from, drawn, &out->observation, &world, &by_estimate);
     if (status != SHERF_OK) goto fail;
     const data_view *o = out->observation;
-    status = observation_geometry_create(c, config, body, &o->image, &o->camera, &o->pose, true,
+    const carried *w = by_estimate ? &world : NULL;
+    status = observation_geometry_create(c, from->config, from->body, &o->image, &o->camera, &o->pose, true,
                                          &out->observation_geometry);
     if (status == SHERF_OK)
-        status = body_in_picture(c, body, out->observation_geometry->body, &o->camera, o->mask);
-    named(c, status, d, drawn.person, drawn.pose, drawn.observed_view);
+        status = body_in_picture(c, from->body, out->observation_geometry->body, &o->camera, o->mask);
+    named(c, status, from->data, drawn.person, drawn.pose, drawn.observed_view);
     if (status == SHERF_OK)
-        status = target_load(c, d, config, body, drawn.person, drawn.pose, drawn.view, width,
-                             out->observation_geometry, &out->target, &out->target_geometry);
+        status = target_load(c, from, w, drawn.person, drawn.pose, drawn.view, out->observation_geometry,
+                             &out->target, &out->target_geometry);
     for (int k = 0; k < drawn.further && status == SHERF_OK; k++)
-        status = target_load(c, d, config, body, drawn.person, drawn.more[k].pose, drawn.more[k].view, width,
+        status = target_load(c, from, w, drawn.person, drawn.more[k].pose, drawn.more[k].view,
                              out->observation_geometry, &out->more[k].target, &out->more[k].geometry);
     if (status == SHERF_OK) return SHERF_OK;
 fail:
     sample_free(out);
-    return status;
+    if (status != SHERF_MISMATCH || !by_estimate) return status;
+    drawn.estimated = false; /* an estimate that lies nowhere */
+    return sample_load(c, from, drawn, out);
 }
 
 /* A slot holds image number n of this loader, n % slots being its place. */
@@ -99,8 +134,7 @@ static void *work(void *arg) {
         slot *s = &l->slot[n % l->slots];
         pthread_mutex_unlock(&l->lock);
         draw drawn = sampling_draw(l->options.sampling, image_number(&l->options, n));
-        s->status = sample_load(w->c, l->options.data, l->options.config, l->options.body, drawn,
-                                l->options.width, &s->sample);
+        s->status = sample_load(w->c, &l->options.source, drawn, &s->sample);
         memcpy(s->message, w->c->message, sizeof s->message);
         pthread_mutex_lock(&l->lock);
         s->ready = true;

@@ -3,6 +3,7 @@
 #ifndef SHERF_LOADER_H
 #define SHERF_LOADER_H
 
+#include "eval/estimated.h"
 #include "model/model.h"
 #include "train/draw.h"
 
@@ -16,17 +17,23 @@ typedef struct {
         target_geometry *geometry;
     } more[TARGETS_MAX - 1]; /* drawn.further of them */
 } sample;
-/* One image, here and now; sizes as in sherf_train_options. */
-sherf_status sample_load(context *c, const sherf_dataset *d, const model_config *config,
-                         const body_model *body, draw drawn, int width, sample *out);
 void sample_free(sample *s); /* its parts; fine on zeroes */
 
 typedef struct {
     const sherf_dataset *data;
     const body_model *body;
     const model_config *config;
-    const sampling *sampling;
+    const eval_estimator *estimator; /* for images that are observed by estimate; used by many threads */
     int width;                       /* 0: the protocol's */
+} sample_source;
+/* One image, here and now; sizes as in sherf_train_options. Where it is to be observed by estimate, the
+ * targets' cameras and poses are carried over to the estimate's world, as evaluation does; where nobody is
+ * found, it is observed as the data set has it. */
+sherf_status sample_load(context *c, const sample_source *source, draw drawn, sample *out);
+
+typedef struct {
+    sample_source source;
+    const sampling *sampling;
     int64_t first_step;              /* images from this step on */
     int images_per_step, begin, end; /* of each step, the images [begin, end) */
     int workers;                     /* at least 1 */

@@ -3,12 +3,12 @@
 
 #include "train/picture.h"
 
-/* `picture` at column `left` of a canvas `stride` pixels wide. */
-static void place(uint8_t *canvas, size_t stride, size_t left, const sherf_image *picture) {
-    const size_t width = 3 * (size_t)picture->width;
-    for (size_t y = 0; y < (size_t)picture->height; y++)
+/* `image` at column `left` of a canvas `stride` pixels wide. */
+static void place(uint8_t *canvas, size_t stride, size_t left, const sherf_image *image) {
+    const size_t width = 3 * (size_t)image->width;
+    for (size_t y = 0; y < (size_t)image->height; y++)
         for (size_t x = 0; x < width; x++)
-            canvas[3 * (y * stride + left) + x] = float_to_u8(picture->data[y * width + x]);
+            canvas[3 * (y * stride + left) + x] = float_to_u8(image->data[y * width + x]);
 }
 
 sherf_status picture_write(context *c, const sherf_dataset *d, const model *m, const body_model *body,

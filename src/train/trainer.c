@@ -27,6 +27,8 @@ typedef struct {
     adam adam;
     train_state state;
     sampling sampling;
+    photo_estimator photos; /* for observations by estimate */
+    eval_estimator estimator;
     loader *loader; /* NULL: this process has no share of a step */
     tape *tape;
     step_total total;
@@ -49,6 +51,7 @@ static void trainer_free(trainer *t) {
     model_free(t->average);
     lpips_free(t->lpips);
     resnet50_free(t->resnet50);
+    sherf_estimator_free(t->photos.networks);
     sherf_body_free(t->body);
     sherf_dataset_free(t->data);
 }
@@ -67,7 +70,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
         o->images_per_step > IMAGES_MAX || o->targets < 0 || o->targets > TARGETS_MAX ||
         o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
         o->workers < 0 || o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
-        !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
+        !(o->estimated >= 0 && o->estimated <= 1) || !isfinite(o->learning_rate) || !isfinite(o->epochs) ||
+        !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
     if (o->background && strcmp(o->background, "black") && strcmp(o->background, "random"))
         return failure(c, SHERF_BAD_ARGUMENT, "a training's background is 'black' or 'random', not '%.100s'",
@@ -119,34 +123,7 @@ static sherf_status masks_look_over(trainer *t) {
     return SHERF_OK;
 }
 
-/* New weights, and the state as the options say. */
-static sherf_status begin_new(trainer *t) {
-    const sherf_train_options *o = t->options;
-    model_config config;
-    sherf_status status = model_config_parse(t->c, o->preset ? o->preset : "paper", &config);
-    if (status != SHERF_OK) return status;
-    t->state = (train_state){.seed = o->seed,
-                             .images_per_step = o->images_per_step ? o->images_per_step : 4,
-                             .size_px = o->size_px,
-                             .front_view = o->front_view != 0,
-                             .random_background = o->background && !strcmp(o->background, "random"),
-                             .targets = o->targets ? o->targets : 1,
-                             .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
-    status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets, t->state.seed,
-                             &t->sampling);
-    if (status != SHERF_OK) return status;
-    int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
-    t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
-    if ((status = pictures_measure(t, &config)) != SHERF_OK) return status;
-    if ((status = model_create(t->c, &config, t->state.seed, &t->model)) != SHERF_OK) return status;
-    if (o->resnet && (status = model_load_resnet(t->c, t->model, o->resnet)) != SHERF_OK) return status;
-    if ((status = model_create(t->c, &config, t->state.seed, &t->average)) != SHERF_OK) return status;
-    memcpy(t->average->weights->values, t->model->weights->values,
-           (size_t)t->model->weights->total_floats * sizeof(float));
-    return adam_create(t->c, t->model->weights->trained_floats, &t->adam);
-}
-
-/* A preset that is asked for must be the checkpoint's; what a training measures itself is not compared. */
+/* A preset that is asked for must be that of the weights; what a training measures itself is not compared. */
 static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
     model_config wanted;
     sherf_status status = model_config_parse(c, preset, &wanted);
@@ -165,6 +142,49 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     return status;
 }
 
+/* New weights, or those of another training. */
+static sherf_status weights_new(trainer *t) {
+    const sherf_train_options *o = t->options;
+    context *c = t->c;
+    model_config config;
+    sherf_status status = SHERF_OK;
+    if (o->start) {
+        status = model_load(c, o->start, &t->model);
+        if (status == SHERF_OK && o->preset) status = same_preset(c, o->start, o->preset, &t->model->config);
+        if (status == SHERF_OK) status = pictures_measure(t, &t->model->config);
+    } else {
+        status = model_config_parse(c, o->preset ? o->preset : "paper", &config);
+        if (status == SHERF_OK) status = pictures_measure(t, &config);
+        if (status == SHERF_OK) status = model_create(c, &config, t->state.seed, &t->model);
+    }
+    if (status == SHERF_OK && o->resnet) status = model_load_resnet(c, t->model, o->resnet);
+    if (status == SHERF_OK) status = model_create(c, &t->model->config, t->state.seed, &t->average);
+    if (status == SHERF_OK)
+        memcpy(t->average->weights->values, t->model->weights->values,
+               (size_t)t->model->weights->total_floats * sizeof(float));
+    return status;
+}
+
+/* The state as the options say. */
+static sherf_status begin_new(trainer *t) {
+    const sherf_train_options *o = t->options;
+    t->state = (train_state){.seed = o->seed,
+                             .images_per_step = o->images_per_step ? o->images_per_step : 4,
+                             .size_px = o->size_px,
+                             .front_view = o->front_view != 0,
+                             .random_background = o->background && !strcmp(o->background, "random"),
+                             .targets = o->targets ? o->targets : 1,
+                             .estimated = o->estimated,
+                             .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
+    sherf_status status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets,
+                                          t->state.seed, &t->sampling);
+    if (status != SHERF_OK) return status;
+    int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
+    t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
+    if ((status = weights_new(t)) != SHERF_OK) return status;
+    return adam_create(t->c, t->model->weights->trained_floats, &t->adam);
+}
+
 /* The checkpoint's state; what the options say otherwise is taken and told. */
 static sherf_status begin_again(trainer *t, const char *path) {
     const sherf_train_options *o = t->options;
@@ -180,12 +200,13 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->targets) s->targets = o->targets;
     if (o->front_view) s->front_view = 1;
     if (o->background) s->random_background = !strcmp(o->background, "random");
+    if (o->estimated > 0) s->estimated = o->estimated;
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
     if (o->halve_every) s->halve_every = o->halve_every;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
         old.targets != s->targets || old.front_view != s->front_view ||
-        old.random_background != s->random_background || old.learning_rate != s->learning_rate ||
-        old.halve_every != s->halve_every)
+        old.random_background != s->random_background || old.estimated != s->estimated ||
+        old.learning_rate != s->learning_rate || old.halve_every != s->halve_every)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
     status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
@@ -194,6 +215,15 @@ static sherf_status begin_again(trainer *t, const char *path) {
         t->average->config = t->model->config;
     }
     return status;
+}
+
+static sherf_status photos_ready(trainer *t) {
+    if (!t->options->estimator)
+        return failure(t->c, SHERF_BAD_ARGUMENT,
+                       "training on estimated observations needs the networks that see people in photos");
+    t->photos.body = t->body;
+    t->estimator = (eval_estimator){estimate_by_photo, &t->photos};
+    return sherf_estimator_load(t->c, t->options->estimator, &t->photos.networks);
 }
 
 static sherf_status begin(trainer *t) {
@@ -214,7 +244,9 @@ static sherf_status begin(trainer *t) {
         status = path_is_file(path) ? begin_again(t, path) : begin_new(t);
     if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
+    if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
     t->sampling.random_background = t->state.random_background;
+    t->sampling.estimated = t->state.estimated;
     t->first_step = t->state.step;
     double epochs = o->epochs > 0 ? o->epochs : 5;
     double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);
@@ -252,11 +284,8 @@ static sherf_status prepare(trainer *t) {
                                             .training = true,
                                             .bf16 = c->precision == SHERF_PRECISION_BF16});
     if (!t->tape) return SHERF_NO_MEMORY;
-    const loader_options load = {.data = t->data,
-                                 .body = t->body,
-                                 .config = &t->model->config,
+    const loader_options load = {.source = {t->data, t->body, &t->model->config, &t->estimator, s->size_px},
                                  .sampling = &t->sampling,
-                                 .width = s->size_px,
                                  .first_step = t->first_step,
                                  .images_per_step = s->images_per_step,
                                  .begin = begins,

@@ -104,6 +104,31 @@ static void resuming_gives_the_same_bits(void **state) {
     sherf_context_free(c);
 }
 
+/* Fine-tuning: after learns_and_writes. */
+static void a_training_starts_from_weights(void **state) {
+    context *c = float_context(1);
+    const char *run = path_of("tuned"), *weights = path_of("learn/model.safetensors");
+    sherf_train_options o = options_for(run, 2);
+    o.start = weights;
+    o.learning_rate = 1e-6;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(logged(c, run, 1, "loss") < 0.7 * logged(c, path_of("learn"), 1, "loss"));
+    /* running statistics move */
+    assert_true(difference(c, weights, path_of("tuned/model.safetensors")) < 0.5);
+    o.output = path_of("other");
+    o.preset = "small";
+    assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "not small");
+    o.start = path_of("learn/loss.png");
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_FILE, "loss.png");
+    o.start = NULL;
+    o.estimated = 0.5;
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_ARGUMENT, "networks that see people");
+    o.estimated = 1.5;
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_ARGUMENT, "out of range");
+    assert_false(path_is_folder(o.output));
+    sherf_context_free(c);
+}
+
 static void stop_after_first(void *user, const char *text, double done, double total) {
     if (done >= 2) sherf_cancel(*(context **)user);
 }
@@ -333,10 +358,13 @@ int main(int argc, char **argv) {
     if (argc == 4 && !strcmp(argv[1], "--rank")) return run_rank(argv[2], argv[3]);
     ssize_t n = readlink("/proc/self/exe", program, sizeof program - 1);
     program[n > 0 ? n : 0] = 0;
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(learns_and_writes),       cmocka_unit_test(resuming_gives_the_same_bits),
-        cmocka_unit_test(cancelling_saves),        cmocka_unit_test(a_bad_checkpoint_is_one_line),
-        cmocka_unit_test(broken_data_is_one_line), cmocka_unit_test(an_empty_or_full_mask_ends_it),
-        cmocka_unit_test(processes_equal_one)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(learns_and_writes),
+                                       cmocka_unit_test(resuming_gives_the_same_bits),
+                                       cmocka_unit_test(a_training_starts_from_weights),
+                                       cmocka_unit_test(cancelling_saves),
+                                       cmocka_unit_test(a_bad_checkpoint_is_one_line),
+                                       cmocka_unit_test(broken_data_is_one_line),
+                                       cmocka_unit_test(an_empty_or_full_mask_ends_it),
+                                       cmocka_unit_test(processes_equal_one)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

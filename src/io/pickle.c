@@ -145,7 +145,7 @@ static value *borrowed(machine *m, int length_bytes) {
     const unsigned char *p = take(m, n);
     value *v = p ? build_value(m->b, VALUE_STRING) : NULL;
     if (!v) return NULL;
-    v->string.text = (char *)p; /* copied when the tree is finished */
+    v->string.text = (const char *)p; /* copied when the tree is finished */
     v->string.length = (size_t)n;
     object_of(v)->role = ROLE_BORROWED;
     return v;
@@ -212,7 +212,7 @@ bool pickle_name_is(const char *class_name, const char *module, const char *name
 value *pickle_record(builder *b, const char *class_name, value *arguments) {
     value *v = build_value(b, VALUE_RECORD);
     if (!v) return NULL;
-    v->record.class_name = (char *)class_name; /* lives in the same arena */
+    v->record.class_name = class_name; /* lives in the same arena */
     v->record.arguments = arguments;
     return v;
 }
@@ -349,13 +349,14 @@ static value *call_plain(machine *m, const char *name, value *arguments, bool *k
 /* StyleGAN's persistent objects carry {class_name, state, source text ...} in one dict. */
 static value *persistent_object(machine *m, const char *name, value *arguments) {
     const value *meta = arguments->list.count ? arguments->list.item[0] : NULL;
-    const value *class_name = value_get(meta, "class_name"), *state = value_get(meta, "state");
+    const value *class_name = value_get(meta, "class_name");
+    value *state = pickle_entry(meta, "state");
     value *v = pickle_record(m->b, name, NULL);
     if (v && class_name && class_name->kind == VALUE_STRING && state) {
         value *text = build_string(m->b, class_name->string.text, class_name->string.length);
         if (!text) return NULL;
         v->record.class_name = text->string.text;
-        v->record.state = (value *)state;
+        v->record.state = state;
     } else if (v)
         v->record.arguments = arguments;
     return v;
@@ -380,7 +381,7 @@ static value *call(machine *m, value *function, value *arguments) {
         value *inner = call_plain(m, of, build_value(b, VALUE_LIST), &known);
         if (b->status != SHERF_OK) return NULL;
         if (known) return inner;
-        value *items = (value *)value_at(arguments, 2);
+        value *items = pickle_item(arguments, 2);
         v = pickle_record(b, of, NULL);
         if (v && items && (items->kind == VALUE_LIST || items->kind == VALUE_DICT)) v->record.state = items;
         return v; /* items: of a class derived from list or dict */

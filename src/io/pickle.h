@@ -9,6 +9,18 @@ static inline object *object_of(value *v) {
     return (object *)v;
 }
 
+/* As value_at and value_get, of what is being built. */
+static inline value *pickle_item(const value *list, size_t i) {
+    return list && list->kind == VALUE_LIST && i < list->list.count ? list->list.item[i] : NULL;
+}
+
+static inline value *pickle_entry(const value *dict, const char *key) {
+    if (dict && dict->kind == VALUE_RECORD) dict = dict->record.state;
+    for (size_t i = dict && dict->kind == VALUE_DICT ? dict->dict.count : 0; i-- > 0;)
+        if (value_is_string(dict->dict.pair[i].key, key)) return dict->dict.pair[i].item;
+    return NULL;
+}
+
 /* Name of a class or function: "module.name". NULL when v is none. */
 const char *pickle_class(const value *v);
 bool pickle_name_is(const char *class_name, const char *module, const char *name);

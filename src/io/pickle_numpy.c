@@ -50,7 +50,7 @@ static bool is_read(numpy_type t) {
            (t.kind == 'i' && t.size <= 8) || (t.kind == 'f' && t.size <= 8);
 }
 
-static value *array_of(builder *b, numpy_type t, const value *shape, bool fortran, const value *data) {
+static value *array_of(builder *b, numpy_type t, value *shape, bool fortran, const value *data) {
     int rank;
     int64_t dim[8];
     if (!pickle_dims(shape, &rank, dim))
@@ -62,7 +62,7 @@ static value *array_of(builder *b, numpy_type t, const value *shape, bool fortra
     }
     if (!is_read(t)) { /* dates, complex numbers, structures: inert */
         value *v = pickle_record(b, "numpy.ndarray", NULL);
-        if (v) v->record.arguments = (value *)shape;
+        if (v) v->record.arguments = shape;
         return v;
     }
     if (data->kind != VALUE_STRING) return build_fail(b, SHERF_BAD_FILE, "pickle: an array without data");
@@ -81,20 +81,19 @@ static bool set_array(builder *b, value *v, const value *state) {
         build_fail(b, SHERF_BAD_FILE, "pickle: an array whose state is not understood");
         return false;
     }
-    value *made = array_of(b, t, value_at(state, first), fortran != 0, data);
+    value *made = array_of(b, t, pickle_item(state, first), fortran != 0, data);
     if (made) *v = *made;
     return made != NULL;
 }
 
 /* A number (or string) of numpy: one element. */
-static value *make_scalar(builder *b, const value *arguments) {
+static value *make_scalar(builder *b, value *arguments) {
     numpy_type t;
-    value *data = (value *)value_at(arguments, 1);
+    value *data = pickle_item(arguments, 1);
     if (!dtype_of(value_at(arguments, 0), &t) || !data)
         return build_fail(b, SHERF_BAD_FILE, "pickle: a numpy number that is not understood");
     if (t.kind == 'O') return data;
-    if (!is_read(t) || data->kind != VALUE_STRING)
-        return pickle_record(b, "numpy.generic", (value *)arguments);
+    if (!is_read(t) || data->kind != VALUE_STRING) return pickle_record(b, "numpy.generic", arguments);
     value *v =
         numpy_array(b, t, 0, NULL, false, (const unsigned char *)data->string.text, data->string.length);
     if (!v || v->kind != VALUE_ARRAY) return v;
@@ -114,7 +113,7 @@ static value *from_buffer(builder *b, const value *arguments) {
     const value *data = value_at(arguments, 0), *order = value_at(arguments, 3);
     if (!data || !dtype_of(value_at(arguments, 1), &t))
         return build_fail(b, SHERF_BAD_FILE, "pickle: an array whose state is not understood");
-    return array_of(b, t, value_at(arguments, 2), value_is_string(order, "F"), data);
+    return array_of(b, t, pickle_item(arguments, 2), value_is_string(order, "F"), data);
 }
 
 value *pickle_call_numpy(builder *b, const char *name, value *function, value *arguments, bool *known) {

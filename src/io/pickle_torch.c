@@ -27,11 +27,12 @@ bool torch_dtype(const char *name, size_t length, dtype *out) {
 /* ("storage", class, key, place, count) and, in old files, a view, which must be None. Legacy files of whole
  * networks have ("module", class, source file, source) for each class: the source is left alone. */
 value *pickle_persistent(builder *b, value *id, const pickle_source *source) {
-    const value *class = value_at(id, 1), *key = value_at(id, 2), *view = value_at(id, 5);
+    value *class = pickle_item(id, 1);
+    const value *key = value_at(id, 2), *view = value_at(id, 5);
     const char *name = pickle_class(class), *last = name ? strrchr(name, '.') : NULL;
     int64_t count;
     dtype type;
-    if (source && name && value_is_string(value_at(id, 0), "module")) return (value *)class;
+    if (source && name && value_is_string(value_at(id, 0), "module")) return class;
     if (!source || !source->storage || !value_is_string(value_at(id, 0), "storage"))
         return pickle_record(b, "(persistent id)", id);
     if (!last || !key || key->kind != VALUE_STRING || !pickle_integer(value_at(id, 4), &count) || count < 0 ||
@@ -50,7 +51,7 @@ value *pickle_persistent(builder *b, value *id, const pickle_source *source) {
 
 /* (storage, offset, sizes, strides, ...); version 3 names the element type of an untyped storage. */
 static value *make_view(builder *b, const value *arguments, bool typed) {
-    object *storage = (object *)value_at(arguments, 0);
+    object *storage = object_of(pickle_item(arguments, 0));
     torch_view *view = build_memory(b, 1, sizeof *view);
     if (!view) return NULL;
     memset(view, 0, sizeof *view);

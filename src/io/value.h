@@ -27,7 +27,7 @@ struct value {
         int64_t integer;
         double real;
         struct {
-            char *text;
+            const char *text;
             size_t length;
         } string; /* also bytes; text has a 0 behind it */
         struct {
@@ -47,7 +47,7 @@ struct value {
         /* An object of a class that is not built: its class "module.name", what it was called with, its
          * state. */
         struct {
-            char *class_name;
+            const char *class_name;
             value *arguments, *state;
         } record;
     };

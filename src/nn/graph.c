@@ -436,9 +436,13 @@ typedef struct {
     void *scratch;
 } run;
 
-static float *value_of(const run *r, int i) {
+static float *place_of(const run *r, int place) {
+    return r->workspace + r->g->place_begin[place];
+}
+
+static const float *value_of(const run *r, int i) {
     const int place = r->g->step[i].place;
-    return place == OUTSIDE ? (float *)r->input : r->workspace + r->g->place_begin[place];
+    return place == OUTSIDE ? r->input : place_of(r, place);
 }
 
 static void run_concat(const run *r, const step *s, float *y) {
@@ -458,7 +462,7 @@ static sherf_status run_step(context *c, const run *r, int i) {
     const step *s = &r->g->step[i], *from = s->node.inputs ? &r->g->step[s->node.input[0]] : NULL;
     const float *x = from ? value_of(r, s->node.input[0]) : NULL;
     const float *second = s->node.inputs > 1 ? value_of(r, s->node.input[1]) : NULL;
-    float *y = value_of(r, i);
+    float *y = place_of(r, s->place);
     switch (s->node.kind) {
     case GRAPH_CONVOLUTION:
     case GRAPH_DEPTHWISE:

@@ -27,13 +27,14 @@ static void release(void *field) {
 }
 
 /* ---- the bank, from what the avatar keeps ---- */
+/* *out: the grid, freed by the caller, whatever the answer. */
 static sherf_status level_of(context *c, const kept_array *value, const kept_array *voxel, int l,
-                             radiance_bank *b) {
+                             radiance_bank *b, int32_t **out) {
     int64_t cells = 1;
     for (int i = 0; i < 3; i++) cells *= b->level[l].size[i] = b->volume_size[i] >> (l + 1);
     if (voxel->dim[0] != value->dim[0])
         return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", voxel->name);
-    int32_t *grid = mem_alloc(c, (size_t)cells, sizeof *grid);
+    int32_t *grid = *out = mem_alloc(c, (size_t)cells, sizeof *grid);
     b->level[l].voxels = value->dim[0];
     b->level[l].value = value->data;
     b->level[l].grid = grid;
@@ -50,12 +51,12 @@ static sherf_status level_of(context *c, const kept_array *value, const kept_arr
     return SHERF_OK;
 }
 
-static void bank_free(radiance_bank *b) {
-    for (int l = 0; l < POINT_LEVELS; l++) mem_free((void *)b->level[l].grid);
+static void grids_free(int32_t *grid[POINT_LEVELS]) {
+    for (int l = 0; l < POINT_LEVELS; l++) mem_free(grid[l]);
 }
 
-/* Free with bank_free, whatever the answer. The arrays stay the source's. */
-static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b) {
+/* grid: NULLs; the bank's, freed with grids_free, whatever the answer. The other arrays stay the source's. */
+static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b, int32_t *grid[POINT_LEVELS]) {
     const field_source *from = &f->from;
     const kept_array *k = from->kept->array; /* features, planes, then values and voxels by level */
     *b = f->canonical;
@@ -69,7 +70,7 @@ static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b) 
     b->image_height = from->image.height;
     sherf_status status = SHERF_OK;
     for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++)
-        status = level_of(c, &k[2 + 2 * l], &k[3 + 2 * l], l, b);
+        status = level_of(c, &k[2 + 2 * l], &k[3 + 2 * l], l, b, &grid[l]);
     return status;
 }
 
@@ -77,12 +78,13 @@ static sherf_status network_make(context *c, const fused_field *f, radiance_fiel
     radiance_sizes sizes;
     radiance_weights weights;
     radiance_bank bank;
+    int32_t *grid[POINT_LEVELS] = {NULL};
     model_sherf_sizes(f->from.config, &sizes);
     model_sherf_weights(f->from.weights, f->from.config, &weights);
-    sherf_status status = bank_of(c, f, &bank);
+    sherf_status status = bank_of(c, f, &bank, grid);
     if (status == SHERF_OK)
         status = radiance_field_create(c, &sizes, &weights, &bank, c->precision == SHERF_PRECISION_BF16, out);
-    bank_free(&bank);
+    grids_free(grid);
     return status;
 }
 
@@ -91,12 +93,13 @@ static sherf_status network_place(context *c, fused_field *f, const body_model *
     radiance_sizes sizes;
     radiance_weights weights;
     radiance_bank bank;
+    int32_t *grid[POINT_LEVELS] = {NULL};
     radiance_parts parts;
     model_sherf_sizes(from->config, &sizes);
     model_sherf_weights(from->weights, from->config, &weights);
-    sherf_status status = bank_of(c, f, &bank);
+    sherf_status status = bank_of(c, f, &bank, grid);
     if (status == SHERF_OK) status = radiance_parts_create(c, &sizes, &weights, &bank, &parts);
-    bank_free(&bank);
+    grids_free(grid);
     if (status != SHERF_OK) return status;
     status = f->renderer->place(c, body, from->observed, from->camera, &parts,
                                 c->precision == SHERF_PRECISION_BF16, &f->gpu);

@@ -47,7 +47,7 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
 /* Cells of canonical space (1 cm) where the avatar's density is 0, as far as its values in their middles and
  * in those of their 6 neighbours tell. `out` has no bits when they are fewer than a tenth of what is within
  * 6 cm of the body. Free with occupancy_free. */
-sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *out);
+sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *out);
 void occupancy_free(occupancy_grid *e);
 typedef struct lazy_occupancy {
     pthread_mutex_t lock;

@@ -2,13 +2,13 @@
  * them in batches. */
 #include "avatar/canonical.h"
 
-void canonical_observe(const sherf_avatar *a, const body_model *m, int64_t n, const float *points_canonical,
-                       const int32_t *nearest, float *observed_px) {
+void canonical_observe(const sherf_avatar *a, const body_model *body, int64_t n,
+                       const float *points_canonical, const int32_t *nearest, float *observed_px) {
     enum { SOME = 256 };
     float world[3 * SOME];
     for (int64_t b = 0; b < n; b += SOME) {
         const int64_t count = n - b < SOME ? n - b : SOME;
-        deform_from_canonical(m, a->observed, count, points_canonical + 3 * b, nearest + b, world);
+        deform_from_canonical(body, a->observed, count, points_canonical + 3 * b, nearest + b, world);
         camera_project(&a->camera, count, world, observed_px + 2 * b, NULL);
     }
 }
@@ -37,18 +37,19 @@ void canonical_batch_free(canonical_batch *b) {
 
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     const canonical_batch *b;
 } observe_job;
 
 static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
     const observe_job *j = arg;
-    canonical_observe(j->a, j->m, end - begin, j->b->set.canonical + 3 * begin, j->b->nearest + begin,
+    canonical_observe(j->a, j->body, end - begin, j->b->set.canonical + 3 * begin, j->b->nearest + begin,
                       j->b->set.observed_px + 2 * begin);
 }
 
-sherf_status canonical_batch_run(context *c, const sherf_avatar *a, const body_model *m, canonical_batch *b) {
-    observe_job job = {a, m, b};
+sherf_status canonical_batch_run(context *c, const sherf_avatar *a, const body_model *body,
+                                 canonical_batch *b) {
+    observe_job job = {a, body, b};
     parallel_for(c, b->set.count, 1024, observe_range, &job);
-    return avatar_query(c, a, m, &b->set, b->rgb, b->sigma);
+    return avatar_query(c, a, body, &b->set, b->rgb, b->sigma);
 }

@@ -183,13 +183,13 @@ static float texels_at(const avatar_detail *d, const float px[2], float depth, f
     return seen;
 }
 
-void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *m, int64_t n,
+void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *body, int64_t n,
                     const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
     enum { SOME = 64 };
     float world[3 * SOME], px[2 * SOME], depth[SOME];
     for (int64_t b = 0; b < n; b += SOME) {
         const int64_t count = n - b < SOME ? n - b : SOME;
-        deform_from_canonical(m, a->observed, count, points_canonical + 3 * b, nearest + b, world);
+        deform_from_canonical(body, a->observed, count, points_canonical + 3 * b, nearest + b, world);
         camera_project(&d->camera, count, world, px, depth);
         for (int64_t i = 0; i < count; i++) {
             const int32_t v = nearest[b + i];
@@ -197,7 +197,7 @@ void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_mo
             seen[b + i] = 0;
             if (v >= 0 && depth[i] > 0)
                 seen[b + i] = texels_at(d, px + 2 * i, depth[i], add + 3 * (b + i)) *
-                              detail_seen_near(d, m, points_canonical + 3 * (b + i), v);
+                              detail_seen_near(d, body, points_canonical + 3 * (b + i), v);
         }
     }
 }
@@ -206,7 +206,7 @@ void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_mo
 typedef struct {
     const sherf_avatar *a;
     const avatar_detail *d;
-    const body_model *m;
+    const body_model *body;
     const posed_body *posed;
     detail_optics optics;
     int reach;
@@ -224,11 +224,11 @@ typedef struct {
 } batch;
 
 static void look_up_batch(const apply_job *j, batch *b) {
-    deform_to_canonical(j->m, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
+    deform_to_canonical(j->body, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
     for (int i = 0; i < b->count; i++)
         b->nearest[i] =
-            vertex_grid_nearest_from(body_canonical_grid(j->m), b->point + 3 * i, b->nearest[i], NULL);
-    detail_look_up(j->d, j->a, j->m, b->count, b->point, b->nearest, b->add, b->seen);
+            vertex_grid_nearest_from(body_canonical_grid(j->body), b->point + 3 * i, b->nearest[i], NULL);
+    detail_look_up(j->d, j->a, j->body, b->count, b->point, b->nearest, b->add, b->seen);
     for (int i = 0; i < b->count; i++) {
         j->weight[b->pixel[i]] = b->weight[i] * b->seen[i];
         memcpy(j->add + 3 * b->pixel[i], b->add + 3 * i, 3 * sizeof *b->add);
@@ -286,16 +286,16 @@ static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
+sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *body,
                           const posed_body *posed, const sherf_camera *camera, const float background[3],
                           sherf_frame *frame) {
     const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MAX);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
     raster *drawn = NULL;
     float *room = mem_alloc(c, pixels, 6 * sizeof *room);
-    sherf_status status = room ? detail_draw_body(c, m, posed, camera, &drawn) : SHERF_NO_MEMORY;
+    sherf_status status = room ? detail_draw_body(c, body, posed, camera, &drawn) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
-    apply_job job = {.a = a, .d = d, .m = m, .posed = posed, .frame = frame};
+    apply_job job = {.a = a, .d = d, .body = body, .posed = posed, .frame = frame};
     job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MAX);
     job.depth = room + pixels;
     job.weight = job.depth + pixels;

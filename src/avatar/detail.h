@@ -33,33 +33,33 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
 /* What the observation adds to the colour of `n` canonical points of the surface, [n, 3], as far as the
  * points' texels are to be trusted, and how much of each place it sees, [n], 0 to 1; nearest: each one's
  * nearest canonical vertex. */
-void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *m, int64_t n,
+void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *body, int64_t n,
                     const float *points_canonical, const int32_t *nearest, float *add, float *seen);
 /* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
  * (points_prepare). */
-sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *m,
+sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *body,
                           const posed_body *posed, const sherf_camera *camera, const float background[3],
                           sherf_frame *frame);
 
 /* ---- detail_body.c: what the body's mesh tells ---- */
 /* d->seen, from d->camera; drawn: the observed body in its picture. */
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, const raster *drawn,
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *body, const raster *drawn,
                              avatar_detail *d);
 /* How much the observation sees of what is near a canonical point: of its nearest vertex v and that one's
  * neighbours, as their maps are blended (deform_point.h). */
-float detail_seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v);
+float detail_seen_near(const avatar_detail *d, const body_model *body, const float x[3], int32_t v);
 /* The posed body in a picture; free with raster_free. */
-sherf_status detail_draw_body(context *c, const body_model *m, const posed_body *posed,
+sherf_status detail_draw_body(context *c, const body_model *body, const posed_body *posed,
                               const sherf_camera *camera, raster **out);
 /* The picture's depths (metres along the camera's axis) that lie a little way in the body are brought to its
  * surface. */
-void detail_bound(const raster *body, float *depth);
+void detail_bound(const raster *drawn, float *depth);
 /* Opacities are made firm: faint haze round the person goes, and where the body is, little shines through.
  * Colours follow, as far as they are the frame's own and not the background's. */
-void detail_clear_haze(const context *c, const raster *body, const float background[3], sherf_frame *frame);
+void detail_clear_haze(const context *c, const raster *drawn, const float background[3], sherf_frame *frame);
 /* What floats goes: opaque pixels that no others join to the body's or to the picture's edge (slabs under
  * bare feet, where the network has learned soles). Nothing, where the body is not in the picture. */
-sherf_status detail_clear_islands(context *c, const raster *body, const float background[3],
+sherf_status detail_clear_islands(context *c, const raster *drawn, const float background[3],
                                   sherf_frame *frame);
 
 /* ---- detail_smooth.c: pictures of a hazy surface ---- */

@@ -39,48 +39,48 @@ static float cosine_to(const sherf_camera *camera, const float world[3], const f
     return dn / sqrtf(dd + 1e-20f);
 }
 
-static void spread(const body_model *m, float *seen, float *room) {
+static void spread(const body_model *body, float *seen, float *room) {
     for (int round = 0; round < ROUNDS; round++) {
-        for (int v = 0; v < m->vertices; v++) {
-            const int32_t first = m->neighbour_first[v], end = m->neighbour_first[v + 1];
+        for (int v = 0; v < body->vertices; v++) {
+            const int32_t first = body->neighbour_first[v], end = body->neighbour_first[v + 1];
             float sum = 0;
-            for (int32_t i = first; i < end; i++) sum += seen[m->neighbour[i]];
+            for (int32_t i = first; i < end; i++) sum += seen[body->neighbour[i]];
             room[v] = end > first ? 0.5f * (seen[v] + sum / (float)(end - first)) : seen[v];
         }
-        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
+        memcpy(seen, room, (size_t)body->vertices * sizeof *seen);
     }
 }
 
-static bool of_head(const body_model *m, int v) {
-    return m->weights[(size_t)v * BODY_JOINTS + HEAD] > 0.5f;
+static bool of_head(const body_model *body, int v) {
+    return body->weights[(size_t)v * BODY_JOINTS + HEAD] > 0.5f;
 }
 
 /* The head's holes (mouth, eyes, nostrils, ears) are seen as what is round them: the largest value within
  * some edges, and the smallest of those. The rest has thin parts, whose other side is not a hole. */
-static void close_holes(const body_model *m, float *seen, float *room) {
+static void close_holes(const body_model *body, float *seen, float *room) {
     for (int round = 0; round < 2 * HOLE_ROUNDS; round++) {
-        for (int v = 0; v < m->vertices; v++) {
+        for (int v = 0; v < body->vertices; v++) {
             room[v] = seen[v];
-            for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
-                const float other = seen[m->neighbour[i]];
-                if (of_head(m, v) && of_head(m, m->neighbour[i]))
+            for (int32_t i = body->neighbour_first[v]; i < body->neighbour_first[v + 1]; i++) {
+                const float other = seen[body->neighbour[i]];
+                if (of_head(body, v) && of_head(body, body->neighbour[i]))
                     room[v] = round < HOLE_ROUNDS ? fmaxf(room[v], other) : fminf(room[v], other);
             }
         }
-        memcpy(seen, room, (size_t)m->vertices * sizeof *seen);
+        memcpy(seen, room, (size_t)body->vertices * sizeof *seen);
     }
 }
 
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *m, const raster *drawn,
+sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *body, const raster *drawn,
                              avatar_detail *d) {
-    const size_t V = (size_t)m->vertices;
+    const size_t V = (size_t)body->vertices;
     float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
     float *room = mem_alloc(c, V, sizeof *room);
     d->seen = mem_alloc(c, V, sizeof *d->seen);
     sherf_status status = world && normal && room && d->seen ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
-        body_vertices_world(m, a->observed, world);
-        status = body_normals(c, m, world, normal);
+        body_vertices_world(body, a->observed, world);
+        status = body_normals(c, body, world, normal);
     }
     if (status == SHERF_OK) {
         for (size_t v = 0; v < V; v++) {
@@ -90,8 +90,8 @@ sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model
                          (1 - detail_rise(depth - body_depth(drawn, px), behind_m));
             if (!(depth > 0)) d->seen[v] = 0;
         }
-        close_holes(m, d->seen, room);
-        spread(m, d->seen, room);
+        close_holes(body, d->seen, room);
+        spread(body, d->seen, room);
     }
     mem_free(world);
     mem_free(normal);
@@ -99,12 +99,12 @@ sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model
     return status;
 }
 
-float detail_seen_near(const avatar_detail *d, const body_model *m, const float x[3], int32_t v) {
-    const float *vertex = m->canonical->vertices_smpl;
+float detail_seen_near(const avatar_detail *d, const body_model *body, const float x[3], int32_t v) {
+    const float *vertex = body->canonical->vertices_smpl;
     float sum = d->seen[v], weights = 1, own = 0;
     for (int k = 0; k < 3; k++) own += (x[k] - vertex[3 * v + k]) * (x[k] - vertex[3 * v + k]);
-    for (int32_t i = m->neighbour_first[v]; i < m->neighbour_first[v + 1]; i++) {
-        const int32_t u = m->neighbour[i];
+    for (int32_t i = body->neighbour_first[v]; i < body->neighbour_first[v + 1]; i++) {
+        const int32_t u = body->neighbour[i];
         float other = 0;
         for (int k = 0; k < 3; k++) other += (x[k] - vertex[3 * u + k]) * (x[k] - vertex[3 * u + k]);
         float w = 1 - (other - own) / (blend_m * blend_m);
@@ -116,26 +116,27 @@ float detail_seen_near(const avatar_detail *d, const body_model *m, const float 
     return sum / weights;
 }
 
-sherf_status detail_draw_body(context *c, const body_model *m, const posed_body *posed,
+sherf_status detail_draw_body(context *c, const body_model *body, const posed_body *posed,
                               const sherf_camera *camera, raster **out) {
-    float *world = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *world);
+    float *world = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *world);
     *out = NULL;
     if (!world) return SHERF_NO_MEMORY;
-    body_vertices_world(m, posed, world);
-    const sherf_status status = raster_create(c, camera, 1, m->vertices, world, m->faces, m->face, out);
+    body_vertices_world(body, posed, world);
+    const sherf_status status =
+        raster_create(c, camera, 1, body->vertices, world, body->faces, body->face, out);
     mem_free(world);
     return status;
 }
 
-void detail_bound(const raster *body, float *depth) {
-    for (size_t n = 0; n < (size_t)body->width * (size_t)body->height; n++) {
-        const float sunk = depth[n] - body->depth[n];
+void detail_bound(const raster *drawn, float *depth) {
+    for (size_t n = 0; n < (size_t)drawn->width * (size_t)drawn->height; n++) {
+        const float sunk = depth[n] - drawn->depth[n];
         if (sunk > 0) depth[n] -= sunk * (1 - detail_rise(sunk, sunk_m));
     }
 }
 
 typedef struct {
-    const raster *body;
+    const raster *drawn;
     const float *background;
     sherf_frame *frame;
 } haze_job;
@@ -155,11 +156,11 @@ static float inside_body(const raster *r, int x, int y) {
 static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const haze_job *j = arg;
     for (int y = (int)begin; y < (int)end; y++)
-        for (int x = 0; x < j->body->width; x++) {
-            const size_t n = (size_t)y * (size_t)j->body->width + (size_t)x;
+        for (int x = 0; x < j->drawn->width; x++) {
+            const size_t n = (size_t)y * (size_t)j->drawn->width + (size_t)x;
             float *opacity = j->frame->opacity.data + n, *color = j->frame->color.data + 3 * n;
             if (!(*opacity > 0)) continue;
-            const float inside = inside_body(j->body, x, y), least = haze[0] - inside * firm[0];
+            const float inside = inside_body(j->drawn, x, y), least = haze[0] - inside * firm[0];
             const float share = (*opacity - least) / (haze[1] - inside * firm[1] - least);
             const float is = fminf(fmaxf(share, 0), 1);
             for (int k = 0; k < 3; k++) {
@@ -170,9 +171,9 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
         }
 }
 
-void detail_clear_haze(const context *c, const raster *body, const float background[3], sherf_frame *frame) {
-    haze_job job = {body, background, frame};
-    parallel_for(c, body->height, 8, clear_rows, &job);
+void detail_clear_haze(const context *c, const raster *drawn, const float background[3], sherf_frame *frame) {
+    haze_job job = {drawn, background, frame};
+    parallel_for(c, drawn->height, 8, clear_rows, &job);
 }
 
 /* ---- islands ---- */
@@ -192,17 +193,17 @@ static size_t reach(const sherf_frame *f, size_t n, uint8_t *reached, size_t *qu
     return end;
 }
 
-sherf_status detail_clear_islands(context *c, const raster *body, const float background[3],
+sherf_status detail_clear_islands(context *c, const raster *drawn, const float background[3],
                                   sherf_frame *frame) {
-    const size_t width = (size_t)body->width, count = width * (size_t)body->height;
+    const size_t width = (size_t)drawn->width, count = width * (size_t)drawn->height;
     size_t end = 0;
     bool seen = false;
     uint8_t *reached = mem_zero(c, count, 1);
     size_t *queue = mem_alloc(c, count, sizeof *queue);
     for (size_t n = 0; n < count && reached && queue; n++) {
         const bool edge = n < width || n >= count - width || n % width == 0 || n % width == width - 1;
-        seen |= body->face[n] >= 0;
-        if (!(frame->opacity.data[n] > 0) || (!edge && body->face[n] < 0)) continue;
+        seen |= drawn->face[n] >= 0;
+        if (!(frame->opacity.data[n] > 0) || (!edge && drawn->face[n] < 0)) continue;
         reached[n] = 1;
         queue[end++] = n;
     }

@@ -14,7 +14,7 @@ static const float ray_start_m = 0.01f, ray_step_m = 0.005f;
 
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     const float *position, *normal; /* of the batch */
     int64_t rays;
     ray_bundle bundle;
@@ -31,7 +31,7 @@ static void find_samples(void *arg, int64_t begin, int64_t end, int thread) {
             float d2, p[3];
             for (int k = 0; k < 3; k++)
                 p[k] = j->position[3 * n + k] + (ray_start_m - ray_step_m * (float)i) * j->normal[3 * n + k];
-            int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->m), p, guess, &d2);
+            int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->body), p, guess, &d2);
             guess = found;
             if (!(found >= 0 && d2 < BODY_SHELL_M * BODY_SHELL_M)) found = -1;
             j->nearest[n * RAY_SAMPLES + i] = found;
@@ -59,7 +59,8 @@ static void fill_samples(void *arg, int64_t begin, int64_t end, int thread) {
             j->set.sample[at + count] = i;
             nearest[count++] = found;
         }
-        canonical_observe(j->a, j->m, count, j->set.canonical + 3 * at, nearest, j->set.observed_px + 2 * at);
+        canonical_observe(j->a, j->body, count, j->set.canonical + 3 * at, nearest,
+                          j->set.observed_px + 2 * at);
     }
 }
 
@@ -110,7 +111,7 @@ static sherf_status bake_batch(context *c, bake_job *j, float *rgb) {
     for (int64_t n = j->rays; n < RAYS; n++) j->set.first[n + 1] = j->set.first[j->rays];
     j->set.count = j->set.first[RAYS];
     parallel_for(c, j->rays, 64, fill_samples, j);
-    sherf_status status = avatar_composite(c, j->a, j->m, &j->bundle, &j->set, black, true, &j->frame);
+    sherf_status status = avatar_composite(c, j->a, j->body, &j->bundle, &j->set, black, true, &j->frame);
     if (status != SHERF_OK) return status;
     for (int64_t n = 0; n < j->rays; n++) {
         float opacity = j->frame.opacity.data[n];
@@ -124,16 +125,16 @@ static sherf_status bake_batch(context *c, bake_job *j, float *rgb) {
 
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     const avatar_detail *d;
     const float *position, *body_normal; /* of the canonical vertices */
     float *rgb;
 } detail_job;
 
 /* A place that haze has let sink into the body is where its nearest vertex' surface is. */
-static void raise_to_body(const body_model *m, int32_t nearest, const float *body_normal, float p[3]) {
+static void raise_to_body(const body_model *body, int32_t nearest, const float *body_normal, float p[3]) {
     if (nearest < 0) return;
-    const float *v = m->canonical->vertices_smpl + 3 * (size_t)nearest,
+    const float *v = body->canonical->vertices_smpl + 3 * (size_t)nearest,
                 *n = body_normal + 3 * (size_t)nearest;
     const float above = (p[0] - v[0]) * n[0] + (p[1] - v[1]) * n[1] + (p[2] - v[2]) * n[2];
     for (int k = 0; k < 3 && above < 0; k++) p[k] -= above * n[k];
@@ -145,30 +146,30 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t n = begin; n < end; n++) {
         float p[3], add[3], seen;
         memcpy(p, j->position + 3 * n, sizeof p);
-        guess = vertex_grid_nearest_from(body_canonical_grid(j->m), p, guess, NULL);
-        raise_to_body(j->m, guess, j->body_normal, p);
-        detail_look_up(j->d, j->a, j->m, 1, p, &guess, add, &seen);
+        guess = vertex_grid_nearest_from(body_canonical_grid(j->body), p, guess, NULL);
+        raise_to_body(j->body, guess, j->body_normal, p);
+        detail_look_up(j->d, j->a, j->body, 1, p, &guess, add, &seen);
         for (int k = 0; k < 3; k++) j->rgb[3 * n + k] = fminf(fmaxf(j->rgb[3 * n + k] + seen * add[k], 0), 1);
     }
 }
 
-static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                                 const float *positions_canonical, float *rgb) {
-    float *normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normal);
-    detail_job j = {a, m, NULL, positions_canonical, normal, rgb};
-    sherf_status status = normal ? avatar_detail_of(c, a, m, &j.d) : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
+    float *normal = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normal);
+    detail_job j = {a, body, NULL, positions_canonical, normal, rgb};
+    sherf_status status = normal ? avatar_detail_of(c, a, body, &j.d) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = body_normals(c, body, body->canonical->vertices_smpl, normal);
     if (status == SHERF_OK) parallel_for(c, n, 1024, detail_range, &j);
     mem_free(normal);
     return status;
 }
 
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, bool detail, int64_t n,
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, bool detail, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb) {
     bake_job *j = mem_zero(c, 1, sizeof *j);
     if (!j) return SHERF_NO_MEMORY;
     j->a = a;
-    j->m = m;
+    j->body = body;
     sherf_status status = job_make(c, j);
     for (int64_t at = 0; at < n && status == SHERF_OK; at += RAYS) {
         j->rays = n - at < RAYS ? n - at : RAYS;
@@ -179,6 +180,6 @@ sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m,
     }
     job_free(j);
     mem_free(j);
-    if (status == SHERF_OK && detail) status = bake_detail(c, a, m, n, positions_canonical, rgb);
+    if (status == SHERF_OK && detail) status = bake_detail(c, a, body, n, positions_canonical, rgb);
     return status;
 }

@@ -16,7 +16,7 @@ enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX
 /* Colour (n x 3) and raw density (n) at canonical points seen along canonical directions. Points that are
  * BODY_SHELL_M or more from every canonical vertex are empty: density SIGMA_EMPTY, colour 0. Directions count
  * with their length, as in a frame, where it is about 1. */
-sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+sherf_status field_query(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma);
 /* A regular grid: point (x, y, z) lies at min + step_m (x, y, z); value[(z * size[1] + y) * size[0] + x]. */
@@ -32,7 +32,7 @@ static inline size_t field_at(const field_grid *g, int x, int y, int z) {
 /* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
  * layers of empty points around. The body's core, which lies 15 mm below its skin or more, counts as solid:
  * it has a negative value, and the network is not queried. */
-sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
+sherf_status field_density(context *c, const sherf_avatar *a, const body_model *body, int resolution,
                            field_grid *out);
 /* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of
  * the grid whose largest density is above it should be one that is half opaque or more. At least 1 per metre.
@@ -89,7 +89,7 @@ sherf_status surface_reduce(context *c, surface *s, int64_t triangles);
 /* ---- bake.c ---- */
 /* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them,
  * with the observation's detail or without. */
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *m, bool detail, int64_t n,
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, bool detail, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb);
 
 #endif

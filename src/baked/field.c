@@ -12,7 +12,7 @@ static const float core_m = 0.015f, sigma_max = 1e6f;
 /* ---- any points ---- */
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     const float *point;
     int32_t *nearest; /* -1: outside the shell */
 } near_job;
@@ -22,16 +22,16 @@ static void find_near(void *arg, int64_t begin, int64_t end, int thread) {
     int32_t guess = -1;
     for (int64_t i = begin; i < end; i++) {
         float d2;
-        int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->m), j->point + 3 * i, guess, &d2);
+        int32_t found = vertex_grid_nearest_from(body_canonical_grid(j->body), j->point + 3 * i, guess, &d2);
         if (found >= 0) guess = found;
         j->nearest[i] = found >= 0 && d2 < BODY_SHELL_M * BODY_SHELL_M ? found : -1;
     }
 }
 
-sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m, int64_t n,
+sherf_status field_query(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma) {
-    if (m->fingerprint != a->body_fingerprint)
+    if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
     canonical_batch b;
     int32_t *nearest = mem_alloc(c, CANONICAL_BATCH, sizeof *nearest),
@@ -40,7 +40,7 @@ sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m,
     if (!nearest || !from) status = SHERF_NO_MEMORY;
     for (int64_t at = 0; at < n && status == SHERF_OK; at += CANONICAL_BATCH) {
         int64_t count = n - at < CANONICAL_BATCH ? n - at : CANONICAL_BATCH;
-        near_job job = {a, m, points_canonical + 3 * at, nearest};
+        near_job job = {a, body, points_canonical + 3 * at, nearest};
         parallel_for(c, count, 1024, find_near, &job);
         b.set.count = 0;
         for (int64_t i = 0; i < count; i++) {
@@ -53,7 +53,7 @@ sherf_status field_query(context *c, const sherf_avatar *a, const body_model *m,
             memcpy(b.set.canonical + 3 * k, points_canonical + 3 * (at + i), 3 * sizeof(float));
             memcpy(b.set.direction_canonical + 3 * k, directions_canonical + 3 * (at + i), 3 * sizeof(float));
         }
-        if (b.set.count) status = canonical_batch_run(c, a, m, &b);
+        if (b.set.count) status = canonical_batch_run(c, a, body, &b);
         for (int64_t k = 0; k < b.set.count && status == SHERF_OK; k++) {
             sigma[at + from[k]] = b.sigma[k];
             memcpy(rgb + 3 * (at + from[k]), b.rgb + 3 * k, 3 * sizeof *rgb);
@@ -71,14 +71,14 @@ void field_grid_free(field_grid *g) {
     *g = (field_grid){0};
 }
 
-static sherf_status grid_make(context *c, const body_model *m, int resolution, field_grid *g) {
+static sherf_status grid_make(context *c, const body_model *body, int resolution, field_grid *g) {
     enum { RIM = 2 };
     float max[3], longest = 0;
     *g = (field_grid){0};
     if (resolution < EXPORT_RESOLUTION_MIN || resolution > EXPORT_RESOLUTION_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "resolution %d: must be %d to %d", resolution,
                        EXPORT_RESOLUTION_MIN, EXPORT_RESOLUTION_MAX);
-    body_canonical_bounds(m, g->min, max);
+    body_canonical_bounds(body, g->min, max);
     for (int k = 0; k < 3; k++) longest = fmaxf(longest, max[k] - g->min[k]);
     g->step_m = longest / (float)resolution;
     size_t count = 1;
@@ -116,19 +116,20 @@ static void shell_range(void *arg, int64_t begin, int64_t end, int thread) {
 }
 
 /* Does grid point i lie more than core_m below its nearest vertex's tangent plane? */
-static bool in_core(const body_model *m, const field_grid *g, const float *normal, const int32_t *nearest,
+static bool in_core(const body_model *body, const field_grid *g, const float *normal, const int32_t *nearest,
                     size_t i) {
     const size_t X = (size_t)g->size[0], Y = (size_t)g->size[1];
     const size_t at[3] = {i % X, i / X % Y, i / X / Y}, v = 3 * (size_t)nearest[i];
     float height = 0;
     for (size_t k = 0; k < 3; k++)
-        height += normal[v + k] * (g->min[k] + g->step_m * (float)at[k] - m->canonical->vertices_smpl[v + k]);
+        height +=
+            normal[v + k] * (g->min[k] + g->step_m * (float)at[k] - body->canonical->vertices_smpl[v + k]);
     return height < -core_m;
 }
 
 /* Nearest vertices of the grid's points, -1 outside the shell and in the body's core; the core's value
  * becomes negative: less the density that is half opaque after one step. */
-static sherf_status find_shell(context *c, const body_model *m, const float *normal, field_grid *g,
+static sherf_status find_shell(context *c, const body_model *body, const float *normal, field_grid *g,
                                int32_t *nearest) {
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     const float core = -0.7f / g->step_m; /* half opaque in one step */
@@ -136,7 +137,7 @@ static sherf_status find_shell(context *c, const body_model *m, const float *nor
     uint8_t *outside = mem_zero(c, count, 1);
     sherf_status status = outside ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK)
-        status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, BODY_SHELL_M, &near);
+        status = vertex_grid_create(c, body->vertices, body->canonical->vertices_smpl, BODY_SHELL_M, &near);
     if (status == SHERF_OK) status = vertex_grid_refine(c, near, BODY_SHELL_M, 0.02f);
     if (status == SHERF_OK) {
         shell_job job = {near, g, nearest};
@@ -144,7 +145,7 @@ static sherf_status find_shell(context *c, const body_model *m, const float *nor
         for (size_t i = 0; i < count; i++) g->value[i] = nearest[i] >= 0 ? 1 : 0;
         status = field_flood(c, g, 0.5f, outside);
         for (size_t i = 0; i < count; i++) {
-            if (nearest[i] >= 0 && in_core(m, g, normal, nearest, i)) nearest[i] = -1, outside[i] = 0;
+            if (nearest[i] >= 0 && in_core(body, g, normal, nearest, i)) nearest[i] = -1, outside[i] = 0;
             g->value[i] = nearest[i] >= 0 || outside[i] ? 0 : core;
         }
     }
@@ -153,25 +154,25 @@ static sherf_status find_shell(context *c, const body_model *m, const float *nor
     return status;
 }
 
-sherf_status field_density(context *c, const sherf_avatar *a, const body_model *m, int resolution,
+sherf_status field_density(context *c, const sherf_avatar *a, const body_model *body, int resolution,
                            field_grid *out) {
-    if (m->fingerprint != a->body_fingerprint)
+    if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
     field_grid *g = out;
     canonical_batch b = {0};
     int32_t *nearest = NULL;
     size_t *from = NULL;
     float *normal = NULL;
-    sherf_status status = grid_make(c, m, resolution, g);
+    sherf_status status = grid_make(c, body, resolution, g);
     if (status != SHERF_OK) return status;
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     nearest = mem_alloc(c, count, sizeof *nearest);
     from = mem_alloc(c, CANONICAL_BATCH, sizeof *from);
-    normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normal);
+    normal = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normal);
     status = canonical_batch_make(c, CANONICAL_BATCH, &b);
     if (!nearest || !from || !normal) status = SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, normal);
-    if (status == SHERF_OK) status = find_shell(c, m, normal, g, nearest);
+    if (status == SHERF_OK) status = body_normals(c, body, body->canonical->vertices_smpl, normal);
+    if (status == SHERF_OK) status = find_shell(c, body, normal, g, nearest);
     if (status != SHERF_OK) goto done;
     for (size_t i = 0; i < count && status == SHERF_OK; i++) {
         if (nearest[i] >= 0) {
@@ -187,7 +188,7 @@ sherf_status field_density(context *c, const sherf_avatar *a, const body_model *
             from[k] = i;
         }
         if (b.set.count < CANONICAL_BATCH && i + 1 < count) continue;
-        if (b.set.count) status = canonical_batch_run(c, a, m, &b);
+        if (b.set.count) status = canonical_batch_run(c, a, body, &b);
         if (status == SHERF_OK) status = progress(c, "density", (double)(i + 1), (double)count);
         for (int64_t k = 0; k < b.set.count; k++) g->value[from[k]] = fminf(fmaxf(b.sigma[k], 0), sigma_max);
         b.set.count = 0;

@@ -6,7 +6,7 @@
 
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     const baked_options *o;
     baked_person *out;
     double since_s;
@@ -24,7 +24,7 @@ static sherf_status surface_make(context *c, bake_steps *j) {
     baked_person *p = j->out;
     field_grid density = {0};
     float level = (float)o->level;
-    sherf_status status = field_density(c, j->a, j->m, o->resolution, &density);
+    sherf_status status = field_density(c, j->a, j->body, o->resolution, &density);
     if (status == SHERF_OK && !(level > 0)) {
         status = field_level(c, &density, &level);
         if (status == SHERF_OK) status = field_level_places(c, &density, level);
@@ -57,10 +57,11 @@ static sherf_status surface_pose(context *c, bake_steps *j, surface *posed) {
     posed->position = mem_alloc(c, V, 3 * sizeof *posed->position);
     posed->normal = mem_alloc(c, V, 3 * sizeof *posed->normal);
     sherf_status status = posed->position && posed->normal ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = skin_make(c, j->m, s->vertices, s->position, &p->skin);
+    if (status == SHERF_OK) status = skin_make(c, j->body, s->vertices, s->position, &p->skin);
     if (status == SHERF_OK)
-        status = posed_body_create(c, j->m, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p->posed);
-    if (status == SHERF_OK) skin_pose(c, j->m, &p->skin, p->posed, s->normal, posed->position, posed->normal);
+        status = posed_body_create(c, j->body, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p->posed);
+    if (status == SHERF_OK)
+        skin_pose(c, j->body, &p->skin, p->posed, s->normal, posed->position, posed->normal);
     lap(j, 2);
     return status;
 }
@@ -100,7 +101,7 @@ static sherf_status texture_make(context *c, bake_steps *j) {
     status = position && normal && rgb && p->picture ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
         texel_places(&p->surface, a, position, normal);
-        status = bake_colors(c, j->a, j->m, j->o->detail, a->texels, position, normal, rgb);
+        status = bake_colors(c, j->a, j->body, j->o->detail, a->texels, position, normal, rgb);
     }
     if (status == SHERF_OK) status = atlas_paint(c, a, rgb, p->picture);
     mem_free(position);
@@ -117,19 +118,19 @@ static sherf_status splats_color(context *c, bake_steps *j) {
     if (status != SHERF_OK) return status;
     j->out->report.splats = p->count;
     splats_place(s, s->position, s->normal, p);
-    return bake_colors(c, j->a, j->m, j->o->detail, p->count, p->position, p->normal, p->rgb);
+    return bake_colors(c, j->a, j->body, j->o->detail, p->count, p->position, p->normal, p->rgb);
 }
 
 static sherf_status vertices_color(context *c, bake_steps *j) {
     const surface *s = &j->out->surface;
     float *rgb = j->out->rgb = mem_alloc(c, (size_t)s->vertices, 3 * sizeof *rgb);
-    return rgb ? bake_colors(c, j->a, j->m, j->o->detail, s->vertices, s->position, s->normal, rgb)
+    return rgb ? bake_colors(c, j->a, j->body, j->o->detail, s->vertices, s->position, s->normal, rgb)
                : SHERF_NO_MEMORY;
 }
 
-sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *m, const baked_options *o,
-                               baked_person *out) {
-    bake_steps j = {.a = a, .m = m, .o = o, .out = out, .since_s = time_seconds()};
+sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *body,
+                               const baked_options *o, baked_person *out) {
+    bake_steps j = {.a = a, .body = body, .o = o, .out = out, .since_s = time_seconds()};
     surface posed = {0}; /* only its vertices */
     *out = (baked_person){0};
     sherf_status status = surface_make(c, &j);

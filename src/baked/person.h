@@ -30,8 +30,8 @@ typedef struct {
 } baked_person;
 
 /* SHERF_BAD_ARGUMENT where the avatar is nowhere as dense as the level. baked_person_free in any case. */
-sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *m, const baked_options *o,
-                               baked_person *out);
+sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *body,
+                               const baked_options *o, baked_person *out);
 void baked_person_free(baked_person *p);
 
 #endif

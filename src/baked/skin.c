@@ -31,11 +31,11 @@ static void bins_free(bins *b) {
     mem_free(b->index);
 }
 
-static sherf_status bins_make(context *c, const body_model *m, bins *b) {
+static sherf_status bins_make(context *c, const body_model *body, bins *b) {
     enum { CELLS_MAX = 256 };
     float max[3], longest = 0;
-    *b = (bins){.vertex = m->canonical->vertices_smpl};
-    body_canonical_bounds(m, b->min, max);
+    *b = (bins){.vertex = body->canonical->vertices_smpl};
+    body_canonical_bounds(body, b->min, max);
     for (int k = 0; k < 3; k++) longest = fmaxf(longest, max[k] - b->min[k]);
     b->cell_m = fmaxf(0.03f, longest / CELLS_MAX);
     size_t count = 1;
@@ -44,14 +44,14 @@ static sherf_status bins_make(context *c, const body_model *m, bins *b) {
         count *= (size_t)b->cells[k];
     }
     b->start = mem_zero(c, count + 2, sizeof *b->start);
-    b->index = mem_alloc(c, (size_t)m->vertices, sizeof *b->index);
+    b->index = mem_alloc(c, (size_t)body->vertices, sizeof *b->index);
     if (!b->start || !b->index) {
         bins_free(b);
         return SHERF_NO_MEMORY;
     }
-    for (int32_t v = 0; v < m->vertices; v++) b->start[bin_of(b, b->vertex + 3 * v) + 2]++;
+    for (int32_t v = 0; v < body->vertices; v++) b->start[bin_of(b, b->vertex + 3 * v) + 2]++;
     for (size_t i = 0; i < count; i++) b->start[i + 2] += b->start[i + 1];
-    for (int32_t v = 0; v < m->vertices; v++) b->index[b->start[bin_of(b, b->vertex + 3 * v) + 1]++] = v;
+    for (int32_t v = 0; v < body->vertices; v++) b->index[b->start[bin_of(b, b->vertex + 3 * v) + 1]++] = v;
     return SHERF_OK;
 }
 
@@ -109,7 +109,7 @@ static void near_find(const bins *b, const float p[3], near_list *l) {
 
 /* ---- weights ---- */
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const bins *bins;
     const float *position;
     skin *s;
@@ -162,7 +162,7 @@ static double adjugate(const double a[12], double out[9]) {
 
 static void skin_range(void *arg, int64_t begin, int64_t end, int thread) {
     const skin_job *job = arg;
-    const body_model *m = job->m;
+    const body_model *body = job->body;
     skin *s = job->s;
     for (int64_t v = begin; v < end; v++) {
         near_list l;
@@ -174,14 +174,14 @@ static void skin_range(void *arg, int64_t begin, int64_t end, int thread) {
         shares_of(&l, index, share);
         for (int i = 0; i < SKIN_NEAR; i++)
             for (int j = 0; j < BODY_JOINTS && share[i] > 0; j++)
-                weight[j] += (double)share[i] * m->weights[(size_t)index[i] * BODY_JOINTS + (size_t)j];
+                weight[j] += (double)share[i] * body->weights[(size_t)index[i] * BODY_JOINTS + (size_t)j];
         heaviest(weight, s->joint + 4 * v, s->weight + 4 * v);
-        blend(s->joint + 4 * v, s->weight + 4 * v, m->canonical->transform, B);
+        blend(s->joint + 4 * v, s->weight + 4 * v, body->canonical->transform, B);
         double det = adjugate(B, inverse);
         if (!(fabs(det) > 1e-6)) { /* joints twisted against each other: the heaviest alone */
             memcpy(s->weight + 4 * v, (float[]){1, 0, 0, 0}, 4 * sizeof(float));
             memset(s->joint + 4 * v + 1, 0, 3);
-            blend(s->joint + 4 * v, s->weight + 4 * v, m->canonical->transform, B);
+            blend(s->joint + 4 * v, s->weight + 4 * v, body->canonical->transform, B);
             det = adjugate(B, inverse);
         }
         for (int k = 0; k < 3; k++) x[k] = p[k] - B[4 * k + 3];
@@ -189,7 +189,7 @@ static void skin_range(void *arg, int64_t begin, int64_t end, int thread) {
             double rest = 0;
             for (int i = 0; i < 3; i++) rest += inverse[3 * k + i] / det * x[i];
             for (int i = 0; i < SKIN_NEAR; i++)
-                rest -= (double)share[i] * m->canonical->pose_offset[3 * (size_t)index[i] + (size_t)k];
+                rest -= (double)share[i] * body->canonical->pose_offset[3 * (size_t)index[i] + (size_t)k];
             s->rest[3 * v + k] = (float)rest;
         }
     }
@@ -204,12 +204,12 @@ void skin_free(skin *s) {
     *s = (skin){0};
 }
 
-sherf_status skin_make(context *c, const body_model *m, int64_t vertices, const float *positions_canonical,
+sherf_status skin_make(context *c, const body_model *body, int64_t vertices, const float *positions_canonical,
                        skin *out) {
     const size_t V = (size_t)vertices;
     bins b;
     *out = (skin){.vertices = vertices};
-    sherf_status status = bins_make(c, m, &b);
+    sherf_status status = bins_make(c, body, &b);
     if (status != SHERF_OK) return status;
     out->joint = mem_alloc(c, V, 4 * sizeof *out->joint);
     out->weight = mem_alloc(c, V, 4 * sizeof *out->weight);
@@ -217,7 +217,7 @@ sherf_status skin_make(context *c, const body_model *m, int64_t vertices, const 
     out->share = mem_alloc(c, V, SKIN_NEAR * sizeof *out->share);
     out->rest = mem_alloc(c, V, 3 * sizeof *out->rest);
     if (out->joint && out->weight && out->near && out->share && out->rest) {
-        skin_job job = {m, &b, positions_canonical, out};
+        skin_job job = {body, &b, positions_canonical, out};
         parallel_for(c, vertices, 256, skin_range, &job);
     } else {
         status = SHERF_NO_MEMORY;
@@ -229,7 +229,7 @@ sherf_status skin_make(context *c, const body_model *m, int64_t vertices, const 
 
 /* ---- posing ---- */
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const skin *s;
     const posed_body *p;
     const float *normal;
@@ -240,7 +240,7 @@ static void rotate_normal(const pose_job *job, int64_t v, const double A[12], fl
     /* n turns with the inverse transpose of A B^-1, that is A^-T B^T, up to a positive factor */
     const skin *s = job->s;
     double B[12], inverse[9], y[3], x[3], length = 0;
-    blend(s->joint + 4 * v, s->weight + 4 * v, job->m->canonical->transform, B);
+    blend(s->joint + 4 * v, s->weight + 4 * v, job->body->canonical->transform, B);
     double det = adjugate(A, inverse);
     const float *n = job->normal + 3 * v;
     for (int k = 0; k < 3; k++) y[k] = B[k] * n[0] + B[4 + k] * n[1] + B[8 + k] * n[2];
@@ -281,8 +281,8 @@ static void pose_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-void skin_pose(const context *c, const body_model *m, const skin *s, const posed_body *p,
+void skin_pose(const context *c, const body_model *body, const skin *s, const posed_body *p,
                const float *normals_canonical, float *positions_world, float *normals_world) {
-    pose_job job = {m, s, p, normals_canonical, positions_world, normals_world};
+    pose_job job = {body, s, p, normals_canonical, positions_world, normals_world};
     parallel_for(c, s->vertices, 1024, pose_range, &job);
 }

@@ -14,12 +14,12 @@ typedef struct {
     float *share;
     float *rest; /* V x 3: the mean body's rest pose, before offsets of shape and pose */
 } skin;
-sherf_status skin_make(context *c, const body_model *m, int64_t vertices, const float *positions_canonical,
+sherf_status skin_make(context *c, const body_model *body, int64_t vertices, const float *positions_canonical,
                        skin *out);
 void skin_free(skin *s);
 /* Positions, and normals unless they are NULL, in the world of a posed body: linear blending of rest pose and
  * offsets. Posed as the canonical body is, all come back to where they were. */
-void skin_pose(const context *c, const body_model *m, const skin *s, const posed_body *p,
+void skin_pose(const context *c, const body_model *body, const skin *s, const posed_body *p,
                const float *normals_canonical, float *positions_world, float *normals_world);
 
 #endif

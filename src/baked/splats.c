@@ -28,7 +28,7 @@ static bool near_taken(const taken *h, const splats *s, const float p[3], float 
     int64_t own[3], cell[3];
     cell_of(h, p, own);
     for (int n = 0; n < 27; n++) {
-        for (int k = 0, m = n; k < 3; k++, m /= 3) cell[k] = own[k] + m % 3 - 1;
+        for (int k = 0, body = n; k < 3; k++, body /= 3) cell[k] = own[k] + body % 3 - 1;
         for (int32_t i = h->head[cell_hash(h, cell)]; i != END; i = h->next[i]) {
             float d2 = 0;
             for (int k = 0; k < 3; k++)

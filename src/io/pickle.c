@@ -9,10 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/path.h"
 #include "io/pickle.h"
-
-static const size_t pickle_bytes_max = (size_t)8 << 30;
 
 typedef struct {
     builder *b;
@@ -244,10 +241,6 @@ static value *stack_global(machine *m) {
     if (name->kind != VALUE_STRING || module->kind != VALUE_STRING)
         return fail_at(m, "a class without a name");
     return class_value(m, module->string.text, module->string.length, name->string.text, name->string.length);
-}
-
-bool pickle_arguments(const value *v, size_t least) {
-    return v && v->kind == VALUE_LIST && v->list.count >= least;
 }
 
 bool pickle_integer(const value *v, int64_t *out) {
@@ -759,15 +752,4 @@ sherf_status pickle_parse(context *c, const unsigned char *data, size_t bytes, d
     *out = NULL;
     if (!build_start(&b, c, build_limit(bytes))) return b.status;
     return build_finish(&b, pickle_finish(&b, pickle_build(&b, data, bytes, NULL, NULL)), out);
-}
-
-sherf_status pickle_read(context *c, const char *path, document **out) {
-    unsigned char *data;
-    size_t bytes;
-    *out = NULL;
-    sherf_status status = file_read(c, path, pickle_bytes_max, &data, &bytes);
-    if (status != SHERF_OK) return status;
-    status = pickle_parse(c, data, bytes, out);
-    mem_free(data);
-    return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
 }

@@ -25,7 +25,6 @@ static inline value *pickle_entry(const value *dict, const char *key) {
 const char *pickle_class(const value *v);
 bool pickle_name_is(const char *class_name, const char *module, const char *name);
 value *pickle_record(builder *b, const char *class_name, value *arguments);
-bool pickle_arguments(const value *v, size_t least); /* a tuple of at least so many */
 bool pickle_integer(const value *v, int64_t *out);
 bool pickle_dims(const value *v, int *rank, int64_t dim[8]); /* a tuple of up to 8 sizes */
 

@@ -80,9 +80,7 @@ int64_t value_numbers(const value *v);
 /* Readers; each refuses what it does not know with one line naming the file. */
 sherf_status json_read(context *c, const char *path, document **out);
 sherf_status json_parse(context *c, const char *text, size_t bytes, document **out);
-sherf_status pickle_read(context *c, const char *path,
-                         document **out); /* protocols 0-5, numpy, scipy.sparse, chumpy, torch legacy
-                                             storages, unknown classes as records */
+/* Protocols 0-5, numpy, scipy.sparse, chumpy, torch's legacy storages; unknown classes as records. */
 sherf_status pickle_parse(context *c, const unsigned char *data, size_t bytes, document **out);
 sherf_status npy_read(context *c, const char *path,
                       document **out); /* also object arrays: a pickled dict comes out as the dict */

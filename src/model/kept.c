@@ -3,12 +3,6 @@
 
 #include "model/model.h"
 
-const kept_array *kept_find(const kept_bank *k, const char *name) {
-    for (int i = 0; i < k->count; i++)
-        if (!strcmp(k->array[i].name, name)) return &k->array[i];
-    return NULL;
-}
-
 void kept_free(kept_bank *k) {
     for (int i = 0; i < k->count; i++) mem_free(k->array[i].data);
     *k = (kept_bank){0};

@@ -106,7 +106,6 @@ typedef struct {
     int count;
     kept_array array[MODEL_BANK];
 } kept_bank;
-const kept_array *kept_find(const kept_bank *k, const char *name); /* NULL: not there */
 void kept_free(kept_bank *k);
 /* An array from a float32 tensor, wherever it lies. */
 sherf_status kept_take(context *c, const tensor *x, kept_array *out);

@@ -147,10 +147,6 @@ void tpose_rig_free(tpose_rig *rig) {
     mem_free(rig);
 }
 
-const int *tpose_bone_joint(const tpose_rig *rig) {
-    return rig->joint;
-}
-
 /* ---- the turns ---- */
 
 typedef struct {

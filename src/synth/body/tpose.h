@@ -18,9 +18,6 @@ extern const char *const tpose_joint_names[BODY_JOINTS];
 typedef struct tpose_rig tpose_rig;
 sherf_status tpose_rig_create(context *c, const makehuman *m, tpose_rig **out);
 void tpose_rig_free(tpose_rig *rig);
-/* The joint of SMPL that a bone of MakeHuman's moves with: one per bone of m. */
-const int *tpose_bone_joint(const tpose_rig *rig);
-
 /* vertices: V x 3 as makehuman_shape gives them. out: V x 3, may be the same array. joints: where the rig has
  * SMPL's joints in that mesh (a body file regresses them from its vertices: within a few mm). bone (may be
  * NULL): bones x 12, row-major 3 x 4, A-pose to T-pose of each bone: a pose of MakeHuman's rig (global

@@ -45,7 +45,7 @@ static sherf_status to_indices(context *c, const double *from, size_t count, int
     return SHERF_OK;
 }
 
-sherf_status body_from_document(context *c, const document *d, body_model **out) {
+static sherf_status body_from_document(context *c, const document *d, body_model **out) {
     *out = NULL;
     sherf_status status;
     double *v_template = NULL, *shapedirs = NULL, *posedirs = NULL, *weights = NULL, *regressor = NULL,

@@ -10,7 +10,6 @@
 
 /* ---- body files ---- */
 sherf_status body_load(context *c, const char *path, body_model **out); /* = sherf_body_load */
-sherf_status body_from_document(context *c, const document *d, body_model **out);
 bool document_is_body(const document *d);
 /* Tensors v_template, shapedirs, posedirs (V,3,207) or pose_volume (24) or both or none, weights,
  * J_regressor, f, kintree_table; metadata format=sherf-body. */

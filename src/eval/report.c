@@ -73,7 +73,9 @@ sherf_score report_mean(const report *r, int kind, int person, bool novel_pose) 
     return mean;
 }
 
-sherf_score report_gain(const report *r, int person, bool novel_pose) {
+/* By how much the model is better than the better baseline in each number (which need not be the same one):
+ * positive is better also where small numbers are good. */
+static sherf_score report_gain(const report *r, int person, bool novel_pose) {
     const sherf_score m = report_mean(r, SCORE_MODEL, person, novel_pose);
     const sherf_score a = report_mean(r, SCORE_MEAN_COLOR, person, novel_pose);
     const sherf_score b = report_mean(r, SCORE_PAINTED_BODY, person, novel_pose);

@@ -7,7 +7,8 @@
 #include "data/text.h"
 #include "export/gltf.h"
 
-const char *const gltf_joint_name[BODY_JOINTS] = {
+/* SMPL's names of the joints. */
+static const char *const gltf_joint_name[BODY_JOINTS] = {
     "pelvis",     "left_hip",    "right_hip",    "spine1",      "left_knee",     "right_knee",
     "spine2",     "left_ankle",  "right_ankle",  "spine3",      "left_foot",     "right_foot",
     "neck",       "left_collar", "right_collar", "head",        "left_shoulder", "right_shoulder",

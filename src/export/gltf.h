@@ -4,9 +4,6 @@
 
 #include "body/body.h"
 
-/* SMPL's names of the joints. */
-extern const char *const gltf_joint_name[BODY_JOINTS];
-
 /* What a drawing program wants: one place, normal, texture coordinate a vertex. */
 typedef struct {
     int64_t vertices, triangles;

@@ -17,7 +17,4 @@ bool archive_size(builder *b, zip_t *zip, uint64_t i, size_t *bytes);
 bool archive_member(builder *b, zip_t *zip, uint64_t i, unsigned char *out, size_t bytes);
 
 value *npz_build(builder *b, zip_t *zip);
-value *torch_zip_build(builder *b, zip_t *zip);
-/* A member whose name ends in /data.pkl: a torch file. */
-bool torch_zip_is(zip_t *zip, uint64_t *member);
 #endif

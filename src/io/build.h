@@ -113,10 +113,8 @@ value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const p
 value *pickle_finish(builder *b, value *root);
 
 /* torch (torch.c). */
-bool torch_legacy_is(const unsigned char *data, size_t bytes);
 /* A legacy stream; the result is not finished. */
 value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, int level);
-bool torch_dtype(const char *name, size_t length, dtype *out); /* "FloatStorage", "float32" */
 
 /* safetensors as a dict of name to array, and "__metadata__" (safetensors.c). */
 sherf_status safetensors_document(context *c, const char *path, document **out);

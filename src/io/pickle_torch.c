@@ -6,7 +6,8 @@
 
 enum { TORCH_LEVELS = 3 };
 
-bool torch_dtype(const char *name, size_t length, dtype *out) {
+/* "FloatStorage", "float32" */
+static bool torch_dtype(const char *name, size_t length, dtype *out) {
     static const struct {
         const char *storage, *plain;
         dtype type;

@@ -41,7 +41,7 @@ static torch_storage *storage_named(storage_table *t, builder *b, dtype type, co
 
 /* ---------------------------------------------------------------- legacy ----------------------------- */
 /* 0x1950a86a20f9469cfc6c as a pickled long, behind the protocol (and frame) instructions. */
-bool torch_legacy_is(const unsigned char *data, size_t bytes) {
+static bool torch_legacy_is(const unsigned char *data, size_t bytes) {
     static const unsigned char magic[] = {0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46, 0xf9,
                                           0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
     if (bytes < 2 + sizeof magic || data[0] != 0x80) return false;
@@ -122,7 +122,8 @@ value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, i
 }
 
 /* ---------------------------------------------------------------- zip -------------------------------- */
-bool torch_zip_is(zip_t *zip, uint64_t *member) {
+/* A member whose name ends in /data.pkl: a torch file. */
+static bool torch_zip_is(zip_t *zip, uint64_t *member) {
     zip_int64_t count = zip_get_num_entries(zip, 0);
     for (zip_int64_t i = 0; i < count; i++) {
         const char *name = zip_get_name(zip, (zip_uint64_t)i, 0);
@@ -164,7 +165,7 @@ static torch_storage *zip_storage(void *user, builder *b, dtype type, const char
     return s;
 }
 
-value *torch_zip_build(builder *b, zip_t *zip) {
+static value *torch_zip_build(builder *b, zip_t *zip) {
     uint64_t member;
     size_t bytes;
     if (!torch_zip_is(zip, &member)) return build_fail(b, SHERF_BAD_FILE, "not a torch file: no data.pkl");

@@ -65,7 +65,7 @@ static bool in_range(double x, double low, double high) {
     return x >= low && x <= high;
 }
 
-sherf_status motion_options_check(context *c, const sherf_motion_options *o) {
+static sherf_status motion_options_check(context *c, const sherf_motion_options *o) {
     const char *wrong = NULL;
     if (o->up < SHERF_UP_AUTO || o->up > SHERF_UP_MINUS_Y) wrong = "up";
     if (o->rotations < SHERF_ROTATIONS_AUTO || o->rotations > SHERF_ROTATIONS_XYZW) wrong = "rotations";

@@ -16,8 +16,15 @@ static int numbers_of(sherf_rotations form) {
     }
 }
 
-sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
-                                sherf_rotations given, rotation_form *out) {
+/* Numbers of one frame, in which `joints` joints are told in `per` (3, 4 or 9) numbers each. */
+typedef struct {
+    int joints, per;
+    sherf_rotations form; /* never AUTO */
+} rotation_form;
+
+/* From the number of numbers in a frame; `first` are joints that there may be: a list that ends with 0. */
+static sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
+                                       sherf_rotations given, rotation_form *out) {
     static const sherf_rotations forms[] = {SHERF_ROTATIONS_AXIS_ANGLE, SHERF_ROTATIONS_WXYZ,
                                             SHERF_ROTATIONS_MATRIX};
     for (size_t f = 0; f < COUNT_OF(forms); f++)
@@ -33,15 +40,17 @@ sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, c
                    given == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations asked for");
 }
 
-void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers) {
+/* The first frame tells whether the real part comes first (AUTO and 4 numbers). */
+static void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers) {
     if (given != SHERF_ROTATIONS_AUTO || f->per != 4) return;
     double first = 0, last = 0; /* most joints turn by less than a right angle */
     for (int j = 0; j < f->joints; j++) first += fabs(numbers[4 * j]), last += fabs(numbers[4 * j + 3]);
     f->form = last > first ? SHERF_ROTATIONS_XYZW : SHERF_ROTATIONS_WXYZ;
 }
 
-sherf_status rotation_read(context *c, const char *what, const rotation_form *f, const double *numbers, int i,
-                           float q[4]) {
+/* Joint i of the numbers to a quaternion. */
+static sherf_status rotation_read(context *c, const char *what, const rotation_form *f, const double *numbers,
+                                  int i, float q[4]) {
     const double *v = numbers + f->per * i;
     if (f->per == 3) {
         enum { TURNS_MAX = 16 };

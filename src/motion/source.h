@@ -33,19 +33,6 @@ sherf_status source_numbers(context *c, source *s); /* room for frames' numbers,
 
 /* ---- rotations (rotations.c) ---- */
 enum { ROTATION_JOINTS_MAX = 60 };
-/* Numbers of one frame, in which `joints` joints are told in `per` (3, 4 or 9) numbers each. */
-typedef struct {
-    int joints, per;
-    sherf_rotations form; /* never AUTO */
-} rotation_form;
-/* From the number of numbers in a frame; `first` are joints that there may be: a list that ends with 0. */
-sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
-                                sherf_rotations given, rotation_form *out);
-/* The first frame tells whether the real part comes first (AUTO and 4 numbers). */
-void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers);
-/* Joint i of the numbers to a quaternion. */
-sherf_status rotation_read(context *c, const char *what, const rotation_form *f, const double *numbers, int i,
-                           float q[4]);
 /* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `max`. */
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k);
@@ -71,6 +58,5 @@ sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o,
 /* A file's content; for tests and fuzzing. */
 sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,
                           sherf_motion **out);
-sherf_status motion_options_check(context *c, const sherf_motion_options *o);
 
 #endif

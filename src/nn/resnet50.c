@@ -86,8 +86,8 @@ static tensor *bottleneck(tape *t, const resnet50_network *n, tensor *x, bool fi
 }
 
 /* The picture enters as 0 to 255 minus ImageNet's mean. */
-void resnet50_features(tape *t, const resnet50_network *n, tensor *picture,
-                       tensor *feature[RESNET50_FEATURES]) {
+static void resnet50_features(tape *t, const resnet50_network *n, tensor *picture,
+                              tensor *feature[RESNET50_FEATURES]) {
     static const shift_scale_attr scaling = {.shift = {123.68f / 255, 116.779f / 255, 103.939f / 255},
                                              .scale = {1.f / 255, 1.f / 255, 1.f / 255}};
     tensor *x = relu(t, n, convolution(t, n, op_shift_scale(t, picture, &scaling), 0), 0);

@@ -27,14 +27,10 @@ void resnet50_free(resnet50_network *n);
 /* Moves the weights into another memory, once (tensor_place); n or memory may be NULL. */
 sherf_status resnet50_place(context *c, resnet50_network *n, const tensor_memory *memory);
 
-/* What is compared, of a picture [H, W, 3] in [0, 1], both sides >= RESNET50_SIDE_MIN: the stem before its
+/* Scalar, of pictures [H, W, 3] in [0, 1], both sides >= RESNET50_SIDE_MIN. Compared are the stem before its
  * pooling [H/2, W/2, 64], stage 2 [H/4, W/4, 256] and stage 3 [H/8, W/8, 512], sizes rounded up, all after
- * ReLU. */
-void resnet50_features(tape *t, const resnet50_network *n, tensor *picture,
-                       tensor *feature[RESNET50_FEATURES]);
-
-/* Scalar: for each of them the mean over pixels of |a / |a| - b / |b||^2 over channels, summed; 0 to 6.
- * Gradient to a only. */
+ * ReLU: for each the mean over pixels of |a / |a| - b / |b||^2 over channels, summed; 0 to 6. Gradient to a
+ * only. */
 tensor *resnet50_distance(tape *t, const resnet50_network *n, tensor *a, tensor *b);
 
 #endif

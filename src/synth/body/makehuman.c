@@ -75,7 +75,8 @@ static void level_weights(const makehuman_macro *macro, double w[LEVELS]) {
     for (int i = 0; i < 3; i++) w[LEVEL_AFRICAN + i] = sum > 0 ? part[i] / sum : 1. / 3;
 }
 
-void makehuman_weights(const makehuman *m, const makehuman_macro *macro, double *weight) {
+/* Parameters out of range are clamped; ones that are not finite count as average. weight: one per target. */
+static void makehuman_weights(const makehuman *m, const makehuman_macro *macro, double *weight) {
     double level[LEVELS];
     level_weights(macro, level);
     for (int t = 0; t < m->targets; t++) {

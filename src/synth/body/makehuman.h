@@ -99,8 +99,6 @@ typedef struct {
     double weight;
 } makehuman_detail;
 
-/* Parameters out of range are clamped; ones that are not finite count as average. weight: one per target. */
-void makehuman_weights(const makehuman *m, const makehuman_macro *macro, double *weight);
 /* vertices: V x 3, A-pose, metres; the caller's. `detail` may be NULL when details is 0. Fails on a target
  * index out of range. */
 sherf_status makehuman_shape(context *c, const makehuman *m, const makehuman_macro *macro, int details,

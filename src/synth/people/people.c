@@ -107,7 +107,8 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
     return status;
 }
 
-void people_light(uint64_t key, trace_light *out) {
+/* Light from a bright sky and a few large lamps, another for every key. */
+static void people_light(uint64_t key, trace_light *out) {
     memset(out, 0, sizeof *out);
     out->up[1] = 1;
     float sky = between(key, 0, 0.6, 0.9), warm = between(key, 1, -0.06, 0.08);

@@ -11,8 +11,6 @@ extern const char people_motions[];
  */
 sherf_status people_poses(context *c, const studio *s, const char *source, const char *motions,
                           pose_library **out);
-/* Light from a bright sky and a few large lamps, another for every key. */
-void people_light(uint64_t key, trace_light *out);
 /* Pictures of people that are there, one a row, into a PNG; people without pictures are left out. */
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png);

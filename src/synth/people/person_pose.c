@@ -120,7 +120,7 @@ void pose_walk(double phase, double vigour, float pose[72]) {
     for (int i = 0; i < 3; i++) set_joint(pose, spine[i], 0.05 * vigour * sin(t) * (i ? 1 : -1), 0.02, 0, 0);
 }
 
-void pose_run(double phase, double vigour, float pose[72]) {
+static void pose_run(double phase, double vigour, float pose[72]) {
     memset(pose, 0, 72 * sizeof *pose);
     double t = 2 * M_PI * phase;
     for (int side = 0; side < 2; side++, t += M_PI) {

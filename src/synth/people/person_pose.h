@@ -33,7 +33,6 @@ void pose_draw_photo(const pose_library *l, uint64_t key, float pose_rad[72]);
 float pose_imbalance(const body_model *m, const float *vertices_world);
 /* Phase 0 to 1 of one step of each leg. */
 void pose_walk(double phase, double vigour, float pose_rad[72]);
-void pose_run(double phase, double vigour, float pose_rad[72]);
 
 /* Ranges of the axis-angle components. */
 extern const float pose_lowest[BODY_JOINTS][3], pose_highest[BODY_JOINTS][3];

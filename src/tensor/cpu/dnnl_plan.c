@@ -15,7 +15,7 @@ static plan *plans[PLANS];
 static uint64_t now;
 static dnnl_engine_t engine;
 
-void plan_clear(plan *p) {
+static void plan_clear(plan *p) {
     if (p->main) dnnl_primitive_destroy(p->main);
     if (p->weights) dnnl_primitive_destroy(p->weights);
     if (p->main_desc) dnnl_primitive_desc_destroy(p->main_desc);

@@ -42,7 +42,6 @@ int threads_set(int n);
 
 /* Fills in the primitives of p for p->key (dnnl_conv.c). */
 dnnl_status_t plan_build(plan *p, dnnl_engine_t engine);
-void plan_clear(plan *p);
 
 /* One argument of a primitive: which, how it lies, where. */
 typedef struct {

@@ -118,7 +118,7 @@ sherf_status kept_make(context *c, const model *m, const observation_geometry *g
 sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
 
 /* ---- the table ---- */
-/* The same network as `query`, a tile of points at a time, for training in bf16. */
+/* The same network as `query`, a tile of points at a time, for training. */
 typedef struct {
     bool (*possible)(tape *t, const model *m);
     /* All points at once, recorded; sigma [P, 1] and rgb [P, 3] are filled. */

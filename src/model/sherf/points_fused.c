@@ -1,4 +1,4 @@
-/* Training in bf16: the radiance field as one step of the tape. The linear layers in front of the fusion are
+/* Training: the radiance field as one step of the tape. The linear layers in front of the fusion are
  * applied to planes, map and volume by ops, so that the tape takes their gradients; the rest runs in tiles,
  * forwards and backwards: on the processor (model/sherf/fused/train.h) or on a GPU (model/sherf/fused/gpu.h).
  */
@@ -34,10 +34,11 @@ static const gpu_point_training *gpu_of(tape *t) {
 static bool possible(tape *t, const model *m) {
     radiance_sizes sizes;
     model_sherf_sizes(&m->config, &sizes);
-    if (!tape_records(t) || !tape_settings(t).bf16 || !model_sherf_is_fused(&m->config)) return false;
+    if (!tape_records(t) || !model_sherf_is_fused(&m->config)) return false;
+    const bool bf16 = tape_settings(t).bf16;
     const gpu_point_training *gpu = gpu_of(t);
-    return gpu ? gpu->possible(&sizes)
-               : tape_backend(t) == &backend_cpu && radiance_training_possible(&sizes);
+    return gpu ? bf16 && gpu->possible(&sizes)
+               : tape_backend(t) == &backend_cpu && radiance_training_possible(&sizes, bf16);
 }
 
 static void network_release(void *network) {
@@ -171,7 +172,8 @@ static sherf_status fused_create(tape *t, const model *m, const body_model *body
         status = place_bank(t, bank, &b);
         return status == SHERF_OK ? f->gpu->create(t, &sizes, &f->weights, &b, &f->there) : status;
     }
-    status = radiance_field_create(tape_context(t), &sizes, &f->weights, &b, true, &f->network);
+    status =
+        radiance_field_create(tape_context(t), &sizes, &f->weights, &b, tape_settings(t).bf16, &f->network);
     if (status == SHERF_OK && !tape_own(t, f->network, network_release)) status = tape_status(t);
     return status;
 }

@@ -176,7 +176,7 @@ sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
 bool model_sherf_is_queried(const char *name);
 void model_sherf_weights(const parameters *weights, const model_config *config, radiance_weights *out);
 
-/* points_fused.c: training in bf16 through the fused network (fused/train.h). */
+/* points_fused.c: training through the fused network (fused/train.h). */
 extern const model_fused_training model_sherf_fused_training;
 /* fused/field.c: frames through the fused network. */
 extern const struct field_kind model_sherf_field;

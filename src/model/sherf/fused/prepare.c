@@ -277,6 +277,45 @@ static sherf_status prepare_half(context *c, radiance_field *n, const radiance_b
     return status;
 }
 
+typedef struct {
+    float *to;
+    const float *from;
+} copy_job;
+
+static void copy_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const copy_job *j = arg;
+    memcpy(j->to + begin, j->from + begin, (size_t)(end - begin) * sizeof(float));
+}
+
+/* *to is new: `zeros` values 0, then the values. */
+static sherf_status keep(context *c, const float *from, int64_t count, int64_t zeros, float **to) {
+    *to = mem_alloc(c, (size_t)(zeros + count), sizeof(float));
+    if (!*to) return SHERF_NO_MEMORY;
+    memset(*to, 0, (size_t)zeros * sizeof(float));
+    parallel_for(c, count, 65536, copy_range, &(copy_job){*to + zeros, from});
+    return SHERF_OK;
+}
+
+/* A merged bank in float32, which has rows without padding. */
+static sherf_status keep_merged(context *c, radiance_field *n, const radiance_merged *m) {
+    if (n->s.token_width % POINT_PAD != 0 || n->s.feature_channels % n->s.token_width != 0)
+        return failure(c, SHERF_UNSUPPORTED,
+                       "radiance field: no merged bank for tokens of %d and %d features", n->s.token_width,
+                       n->s.feature_channels);
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < 3 && !status; i++) {
+        radiance_map *p = &n->plane[i];
+        status = keep(c, m->plane[i], (int64_t)p->width * p->height * p->stride, 0, &p->texel);
+    }
+    radiance_map *p = &n->map;
+    if (!status) status = keep(c, m->map, (int64_t)p->width * p->height * p->stride, 0, &p->texel);
+    for (int i = 0; i < POINT_LEVELS && !status; i++) { /* row 0 is for corners without a voxel */
+        radiance_level *l = &n->level[i];
+        status = keep(c, m->level[i], (l->rows - 1) * l->stride, l->stride, &l->value);
+    }
+    return status;
+}
+
 static sherf_status check_bank(context *c, const radiance_field *n, const radiance_bank *b) {
     if (b->plane_size < 1 || b->plane_size > 4096 || b->feature_width < 1 || b->feature_width > 16384 ||
         b->feature_height < 1 || b->feature_height > 16384 || b->image_width < 1 || b->image_width > 32768 ||
@@ -320,6 +359,7 @@ sherf_status radiance_bank_prepare(context *c, radiance_field *n, const radiance
     if (!status) parallel_for(c, POINT_LEVELS, 1, cells_range, &cells);
     for (int i = 0; i < POINT_LEVELS && !status; i++) status = cells.status[i];
     if (!status && n->bf16) status = prepare_half(c, n, bank);
+    if (!status && bank->merged && !n->bf16) status = keep_merged(c, n, bank->merged);
     return status;
 }
 

@@ -128,8 +128,6 @@ sherf_status radiance_field_create(context *c, const radiance_sizes *sizes, cons
     radiance_field *n = NULL;
     *out = NULL;
     bf16 = bf16 && amx_possible(sizes, bank);
-    if (bank->merged && !bf16)
-        return failure(c, SHERF_UNSUPPORTED, "radiance field: a merged bank is for bf16 only");
     sherf_status status = radiance_field_start(c, sizes, weights, bank, bf16, &m, &n);
 #if defined(__x86_64__)
     if (!status && n->bf16) status = radiance_amx_create(c, n, &m);

@@ -62,8 +62,7 @@ typedef struct {
 
 /* The feature bank of one avatar, float32, channels last; owned by somebody else. */
 typedef struct {
-    const radiance_merged
-        *merged; /* instead of planes, features and level[].value; or NULL. Only for bf16. */
+    const radiance_merged *merged; /* instead of planes, features and level[].value; or NULL */
     int plane_size;
     const float *planes;              /* [3, plane_size, plane_size, D] */
     float plane_min[3], plane_max[3]; /* canonical box with the extra z: to [-1, 1] */

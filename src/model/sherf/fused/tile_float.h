@@ -4,80 +4,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "model/sherf/fused/float_lanes.h"
+#include "model/sherf/fused/float_sample.h"
 #include "model/sherf/fused/inside.h"
 
-typedef float vf __attribute__((vector_size(LANES * 4), may_alias));
-typedef int32_t vi __attribute__((vector_size(LANES * 4), may_alias));
-typedef float vf_any __attribute__((vector_size(LANES * 4), may_alias, aligned(4)));
-
 enum { PARTS = POINT_TILE / LANES };
-
-static inline vf splat(float x) {
-    return x - (vf){0};
-}
-static inline vf choose(vi mask, vf yes, vf no) {
-    return (vf)(((vi)yes & mask) | ((vi)no & ~mask));
-}
-static inline vf vmax(vf a, vf b) {
-    return choose(a > b, a, b);
-}
-static inline vf vmin(vf a, vf b) {
-    return choose(a < b, a, b);
-}
-
-/* Nearest integer of |x| < 2^22, ties to even, by the float's own rounding. */
-static inline vf vround(vf x) {
-    const vf magic = splat(12582912.0f);
-    return (x + magic) - magic;
-}
-
-/* exp to 2 units in the last place; arguments are clamped to where the result is normal. */
-static inline vf vexp(vf x) {
-    x = vmin(vmax(x, splat(-87.0f)), splat(88.0f));
-    vf n = vround(x * 1.44269504f);
-    vf r = x - n * 0.693359375f;
-    r = r - n * -2.12194440e-4f;
-    vf p = splat(0.0013950243f);
-    p = p * r + 0.0083688858f;
-    p = p * r + 0.041666209f;
-    p = p * r + 0.1666651887f;
-    p = p * r + 0.5000000094f;
-    p = p * (r * r) + r + 1.0f;
-    vi e = (__builtin_convertvector(n, vi) + 127) << 23;
-    return p * (vf)e;
-}
-
-/* sin and cos to 1e-7 for |x| < 1e4: x = n pi/2 + r with pi/2 in three parts, |r| <= pi/4. */
-static inline void vsincos(vf x, vf *s, vf *c) {
-    x = vmin(vmax(x, splat(-1e5f)), splat(1e5f));
-    vf n = vround(x * 0.636619772f);
-    vf r = x - n * 1.5703125f;
-    r = r - n * 4.83751297e-4f;
-    r = r - n * 7.54978942e-8f;
-    vf u = r * r;
-    vf ps = (splat(-0.0001949564f) * u + 0.0083319787f) * u + -0.1666665067f;
-    ps = r + r * u * ps;
-    vf pc = (splat(2.4438451404e-05f) * u + -1.3887367514e-03f) * u + 4.1666646866e-02f;
-    pc = 1.0f - 0.5f * u + u * u * pc;
-    vi q = __builtin_convertvector(n, vi);
-    vi odd = -(q & 1);
-    vf sv = choose(odd, pc, ps), cv = choose(odd, ps, pc);
-    *s = (vf)((vi)sv ^ ((q & 2) << 30));
-    *c = (vf)((vi)cv ^ (((q + 1) & 2) << 30));
-}
-
-/* x Phi(x); the error function by Abramowitz and Stegun 7.1.26, absolute error 1.5e-7. */
-static inline vf vgelu(vf x) {
-    vf a = choose(x < 0.0f, -x, x);
-    vf z = vmin(a * 0.707106781f, splat(9.0f));
-    vf t = 1.0f / (1.0f + 0.3275911f * z);
-    vf p = splat(1.061405429f) * t + -1.453152027f;
-    p = p * t + 1.421413741f;
-    p = p * t + -0.284496736f;
-    p = p * t + 0.254829592f;
-    vf tail = 0.5f * t * p * vexp(-(z * z)); /* Phi(-a) */
-    return choose(x < 0.0f, x * tail, x - x * tail);
-}
 
 /* ---- y[rows][tile] = w x + b, with ReLU; x[columns][tile] ---- */
 static void block_product(const float *w, const float *b, const float *x, int columns, float *y, int rows,
@@ -111,96 +42,6 @@ static void product_from(const radiance_layer *l, int from, const float *x, floa
 
 static void product(const radiance_layer *l, const float *x, float *y, bool relu) {
     product_from(l, 0, x, y, relu);
-}
-
-/* ---- sampling: point by point, channels side by side ---- */
-typedef struct {
-    const float *row;
-    float weight;
-} tap;
-
-/* floor and fraction of a position; -2 when it is outside [-1, size) (a NaN is). */
-static inline int low_corner(float x, int size, float *fraction) {
-    *fraction = 0;
-    if (!(x >= -1.0f && x < (float)size)) return -2;
-    float low = floorf(x);
-    *fraction = x - low;
-    return (int)low;
-}
-
-static int bilinear_taps(const float *texel, int width, int height, int stride, float x, float y,
-                         tap taps[4]) {
-    float fx, fy;
-    int ix = low_corner(x, width, &fx), iy = low_corner(y, height, &fy), n = 0;
-    if (ix < -1 || iy < -1) return 0;
-    for (int k = 0; k < 4; k++) {
-        int cx = ix + (k & 1), cy = iy + (k >> 1);
-        if (cx < 0 || cy < 0 || cx >= width || cy >= height) continue;
-        taps[n].row = texel + ((size_t)cy * (size_t)width + (size_t)cx) * (size_t)stride;
-        taps[n++].weight = ((k & 1) ? fx : 1.0f - fx) * ((k >> 1) ? fy : 1.0f - fy);
-    }
-    return n;
-}
-
-static int trilinear_taps(const radiance_level *l, const float p[3], tap taps[8]) {
-    float fx, fy, fz;
-    int x = low_corner(p[0] * l->voxels_per_m[0], l->size[2], &fx),
-        y = low_corner(p[1] * l->voxels_per_m[1], l->size[1], &fy),
-        z = low_corner(p[2] * l->voxels_per_m[2], l->size[0], &fz), n = 0;
-    if (x < -1 || y < -1 || z < -1) return 0;
-    int64_t at = ((int64_t)(z + 1) * (l->size[1] + 1) + (y + 1)) * (l->size[2] + 1) + (x + 1);
-    if (l->cell[at] < 0) return 0;
-    const int32_t *corner = l->corner[l->cell[at]];
-    for (int k = 0; k < 8; k++) {
-        if (!corner[k]) continue;
-        taps[n].row = l->value + (size_t)corner[k] * (size_t)l->stride;
-        taps[n++].weight =
-            ((k & 1) ? fx : 1.0f - fx) * ((k & 2) ? fy : 1.0f - fy) * ((k & 4) ? fz : 1.0f - fz);
-    }
-    return n;
-}
-
-/* out[0 .. width) += sum of weighted rows; width is rounded up to whole vectors (rows are padded with
- * zeros, out has room). */
-static void add_taps(const tap *taps, int n, int width, float *out) {
-    for (int c = 0; c < width; c += LANES) {
-        vf sum = *(vf_any *)(out + c);
-        for (int k = 0; k < n; k++) sum += *(const vf_any *)(taps[k].row + c) * taps[k].weight;
-        *(vf_any *)(out + c) = sum;
-    }
-}
-
-/* Everything read from the bank for point p: tokens [3 D] before the colour, and the colour. */
-static void sample_point(const radiance_field *n, const point_tile *t, int p, float *token, float color[4]) {
-    static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
-    tap taps[8 * POINT_LEVELS];
-    int width = n->s.token_width;
-    memcpy(token, n->token_b, (size_t)n->fused * sizeof(float));
-    float at[3], texel[3];
-    for (int i = 0; i < 3; i++) {
-        at[i] = t->position[i][p] - n->volume_min[i];
-        texel[i] = (t->position[i][p] - n->plane_min[i]) * n->plane_scale[i] - 0.5f;
-    }
-    for (int i = 0; i < 3; i++) {
-        const radiance_map *m = &n->plane[i];
-        int k = bilinear_taps(m->texel, m->width, m->height, m->stride, texel[axis[i][0]], texel[axis[i][1]],
-                              taps);
-        add_taps(taps, k, width, token + i * width);
-    }
-    float u = t->pixel[0][p], v = t->pixel[1][p];
-    const radiance_map *m = &n->map;
-    int k = bilinear_taps(m->texel, m->width, m->height, m->stride, u * n->map_scale[0], v * n->map_scale[1],
-                          taps);
-    add_taps(taps, k, n->map_tokens * width, token);
-    k = 0;
-    for (int i = 0; i < POINT_LEVELS; i++) k += trilinear_taps(&n->level[i], at, taps + k);
-    add_taps(taps, k, n->fused, token);
-    k = bilinear_taps(n->image, n->image_width, n->image_height, 4, u * n->image_scale[0],
-                      v * n->image_scale[1], taps);
-    for (int i = 0; i < 3; i++) {
-        color[i] = 0;
-        for (int j = 0; j < k; j++) color[i] += taps[j].weight * taps[j].row[i];
-    }
 }
 
 /* ---- PE: x, then sin(2^k x), cos(2^k x) over the three components; rows beyond `width` are dropped ---- */

@@ -1,7 +1,8 @@
-/* train: the fused radiance field backwards, for training in bf16 on AMX. Forwards the network is a
+/* train: the fused radiance field backwards, for training. Forwards the network is a
  * radiance_field over a bank that has already been through the linear layers before fusion (radiance_merged),
  * so that a tape can take their gradients; backwards every tile of points is computed again in cache and its
- * gradients follow. It equals the op-by-op path (model/) within bf16 rounding. */
+ * gradients follow: in bf16 on AMX, in float32 on any processor. It equals the op-by-op path (model/) within
+ * rounding. */
 #ifndef SHERF_RADIANCE_TRAIN_H
 #define SHERF_RADIANCE_TRAIN_H
 
@@ -21,11 +22,11 @@ typedef struct {
     float *plane[3], *map, *level[POINT_LEVELS];
 } radiance_gradients;
 
-/* Whether these sizes and this processor have the fused way. */
-bool radiance_training_possible(const radiance_sizes *s);
+/* Whether these sizes and, in bf16, this processor have the fused way. */
+bool radiance_training_possible(const radiance_sizes *s, bool bf16);
 
-/* d(loss) of every point's rgb [P, 3] and raw density [P] -> gradients. n: made with bf16 from weights and a
- * merged bank; rgb: its result for the points. Points without gradient are skipped. The same bits with any
+/* d(loss) of every point's rgb [P, 3] and raw density [P] -> gradients. n: made from weights and a merged
+ * bank; rgb: its result for the points. Points without gradient are skipped. The same bits with any
  * number of threads. `work` gives the memory: reset it before, and after. */
 sherf_status radiance_field_backward(tape *work, const radiance_field *n, const radiance_weights *weights,
                                      const point_set *points, const float *rgb, const float *drgb,

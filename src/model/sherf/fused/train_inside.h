@@ -1,32 +1,12 @@
-/* The inside of training: what the preparation and the AMX tile share. */
+/* The inside of training: what the ways of arithmetic share. */
 #ifndef SHERF_RADIANCE_TRAIN_INSIDE_H
 #define SHERF_RADIANCE_TRAIN_INSIDE_H
 
-#include "model/sherf/fused/amx_pack.h"
+#include "model/sherf/fused/inside.h"
 #include "model/sherf/fused/train.h"
 
-/* Points of a tile of the backward pass: as many as keep activations and weights' gradients in the second
- * cache. */
+/* Points of a tile of the backward pass. */
 enum { TRAIN_POINTS = 128, TRAIN_PARTS = TRAIN_POINTS / POINT_TILE };
-
-/* A matrix gradient in a lane's memory, in floats: tiles [pair of row tiles][pair of column
- * tiles][2][2][16][16] over outputs and inputs as packed (row_tiles and column_tiles even), and rows of
- * partial sums [outputs][16]. */
-typedef struct {
-    int row_tiles, column_tiles;
-    size_t w, b;
-} matrix_place;
-
-/* One backward pass. "Back" tiles are transposed weights. */
-typedef struct {
-    const radiance_field *n;
-    tiles back_rgb, back_views, back_token1, back_pts[POINT_DECODER_MAX], back_skip_token0, back_token0,
-        back_mlp1, back_mlp0, back_out, back_qkv;
-    int view_blocks, qkv_blocks, color_tokens;
-    matrix_place color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views /* and alpha */, rgb;
-    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
-    size_t lane_floats, scratch_bytes;
-} radiance_trainer;
 
 typedef struct {
     point_tile part[TRAIN_PARTS];
@@ -36,13 +16,42 @@ typedef struct {
     float *dtoken; /* [count][3 D]: the gradient of what was sampled, out */
 } train_tile;
 
-/* train_tile_amx.c */
-size_t radiance_train_scratch_bytes(const radiance_trainer *r);
-void radiance_train_tile_amx(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
-/* One part of the bank: job < POINT_SCATTER_JOBS; adds dtoken [count][3 D] of the points index[] to its
- * gradient. */
-enum { POINT_SCATTER_JOBS = 3 * POINT_LEVELS + 3 + 3 };
-void radiance_scatter_amx(const radiance_field *n, int job, const point_set *points, const int32_t *index,
-                          int64_t count, const float *dtoken, const radiance_gradients *out);
+/* One backward pass in one way of arithmetic. */
+typedef struct radiance_trainer radiance_trainer;
+struct radiance_trainer {
+    const radiance_field *n;
+    size_t lane_floats, scratch_bytes; /* of one lane's sums; of one thread, which starts as zeros */
+    int scatter_jobs;
+    void (*tile)(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
+    /* One part of the bank: adds dtoken [count][3 D] of the points index[] to its gradient. */
+    void (*scatter)(const radiance_field *n, int job, const point_set *points, const int32_t *index,
+                    int64_t count, const float *dtoken, const radiance_gradients *out);
+    /* A lane's sums are added to the weights' gradients. */
+    sherf_status (*give)(context *c, const radiance_trainer *r, const float *lane, const radiance_weights *w,
+                         const radiance_gradients *out);
+    void (*release)(radiance_trainer *r);
+};
+
+/* Makes *out, to be released; m is used up. */
+sherf_status radiance_trainer_float(context *c, const radiance_field *n, radiance_matrices *m,
+                                    radiance_trainer **out); /* train_float.c */
+sherf_status radiance_trainer_amx(context *c, const radiance_field *n, radiance_matrices *m,
+                                  radiance_trainer **out); /* train_amx.c */
+bool radiance_training_float_fits(const radiance_sizes *s);
+bool radiance_training_amx_fits(const radiance_sizes *s);
+
+/* Where the gradient of the weights at p goes. */
+static inline float *radiance_gradient(const radiance_gradients *g, const float *p) {
+    return g->grads + (p - g->values);
+}
+
+/* train.c: gradients through the algebra of radiance_matrices_make. */
+/* The merged layer's first h columns, M = V F (views times feature), and its bias V b_F + b_V: dm
+ * [view_width][h] and db [view_width] -> those of V, F and b_F. */
+void radiance_give_views(const radiance_field *n, const radiance_weights *w, const radiance_gradients *g,
+                         const float *dm, const float *db);
+/* The tokens' biases: token i has b + W_v b_volume[i]; d [3 D]. */
+void radiance_give_token_biases(const radiance_field *n, const radiance_weights *w,
+                                const radiance_gradients *g, const float *d);
 
 #endif

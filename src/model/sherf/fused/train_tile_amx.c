@@ -5,7 +5,7 @@
  * of points x 16 inputs. A pair is the same place in two groups of 16 points, so that the rows for A come out
  * of activation buffers with shifts alone; the columns for B are those rows transposed. */
 #if (defined(__AMX_BF16__) || defined(__AMXBF16__)) && defined(__AVX512FP16__) /* clang 14 says AMXBF16 */
-#include "model/sherf/fused/train_inside.h"
+#include "model/sherf/fused/train_amx.h"
 
 #define AMX_GROUPS (TRAIN_POINTS / 16)
 #include "model/sherf/fused/tile_amx.h"
@@ -198,7 +198,7 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
 }
 
 /* ---- forwards, keeping what the way back needs ---- */
-static void forward(const radiance_trainer *r, const train_tile *t, space *s) {
+static void forward(const amx_trainer *r, const train_tile *t, space *s) {
     const radiance_field *n = r->n;
     const radiance_amx *a = n->amx;
     const size_t colors = (size_t)a->color.blocks * TILE, mixed = (size_t)a->mixed_blocks * TILE,
@@ -280,7 +280,7 @@ static channels back(const tiles *l, channels dy, channels x, channels out, floa
     return out;
 }
 
-static void decoder_back(const radiance_trainer *r, const train_tile *t, space *s, float *lane) {
+static void decoder_back(const amx_trainer *r, const train_tile *t, space *s, float *lane) {
     const radiance_field *n = r->n;
     const int last = n->s.decoder_depth - 1, skip = n->s.decoder_skip;
     const channels drgb = {s->drgb, TILE};
@@ -429,7 +429,7 @@ static inline void pack_sums(const float *x, int rows, char *out) {
 }
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
-static void transformer_back(const radiance_trainer *r, space *s, float *lane) {
+static void transformer_back(const amx_trainer *r, space *s, float *lane) {
     const radiance_field *n = r->n;
     const size_t one = AMX_GROUPS * TILE, wide = (size_t)r->qkv_blocks * TILE,
                  qkv = (size_t)n->amx->qkv.row_tiles * 256;
@@ -479,7 +479,7 @@ static void transformer_back(const radiance_trainer *r, space *s, float *lane) {
 }
 
 /* The sampled tokens' gradients: biases, the colour's layer, and as rows of points. */
-static void sampled_back(const radiance_trainer *r, train_tile *t, space *s, float *lane) {
+static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *lane) {
     const radiance_field *n = r->n;
     for (int c = 0; c < 3 * WIDTH; c++) {
         float *b = lane + r->token_b + c * 16;
@@ -529,7 +529,7 @@ static int larger(int a, int b) {
     return a > b ? a : b;
 }
 
-static void lay_out(const radiance_trainer *t, room *r, space *s) {
+static void lay_out(const amx_trainer *t, room *r, space *s) {
     const radiance_field *n = t->n;
     const radiance_amx *a = n->amx;
     const size_t G = AMX_GROUPS, tokens = G * ALL * sizeof(float);
@@ -577,7 +577,7 @@ static void lay_out(const radiance_trainer *t, room *r, space *s) {
     s->columns = take(r, (size_t)columns * (G / 2) * TILE);
 }
 
-size_t radiance_train_scratch_bytes(const radiance_trainer *t) {
+size_t radiance_train_scratch_bytes(const amx_trainer *t) {
     space s;
     room r = {0};
     lay_out(t, &r, &s);
@@ -585,7 +585,8 @@ size_t radiance_train_scratch_bytes(const radiance_trainer *t) {
 }
 
 /* The scratch starts as zeros: what no pass writes (padding) stays 0. */
-void radiance_train_tile_amx(const radiance_trainer *r, train_tile *t, float *lane, void *scratch) {
+void radiance_train_tile_amx(const radiance_trainer *base, train_tile *t, float *lane, void *scratch) {
+    const amx_trainer *r = (const amx_trainer *)base;
     space s;
     lay_out(r, &(room){.base = scratch}, &s);
     load_config();

@@ -1,0 +1,36 @@
+/* The backward pass in bf16 on AMX: what its preparation (train_amx.c) and its tile (train_tile_amx.c) share.
+ */
+#ifndef SHERF_RADIANCE_TRAIN_AMX_H
+#define SHERF_RADIANCE_TRAIN_AMX_H
+
+#include "model/sherf/fused/amx_pack.h"
+#include "model/sherf/fused/train_inside.h"
+
+/* A matrix gradient in a lane's memory, in floats: tiles [pair of row tiles][pair of column
+ * tiles][2][2][16][16] over outputs and inputs as packed (row_tiles and column_tiles even), and rows of
+ * partial sums [outputs][16]. */
+typedef struct {
+    int row_tiles, column_tiles;
+    size_t w, b;
+} matrix_place;
+
+/* One backward pass. "Back" tiles are transposed weights. */
+typedef struct {
+    radiance_trainer base; /* first: what others know it as */
+    const radiance_field *n;
+    tiles back_rgb, back_views, back_token1, back_pts[POINT_DECODER_MAX], back_skip_token0, back_token0,
+        back_mlp1, back_mlp0, back_out, back_qkv;
+    int view_blocks, qkv_blocks, color_tokens;
+    matrix_place color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views /* and alpha */, rgb;
+    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
+    size_t lane_floats;
+} amx_trainer;
+
+/* train_tile_amx.c */
+size_t radiance_train_scratch_bytes(const amx_trainer *r);
+void radiance_train_tile_amx(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
+enum { AMX_SCATTER_JOBS = 3 * POINT_LEVELS + 3 + 3 };
+void radiance_scatter_amx(const radiance_field *n, int job, const point_set *points, const int32_t *index,
+                          int64_t count, const float *dtoken, const radiance_gradients *out);
+
+#endif

@@ -1,0 +1,41 @@
+/* The backward pass in float32: what its preparation (train_float.c) and its tile (train_tile_float.h,
+ * compiled for every instruction set) share. */
+#ifndef SHERF_RADIANCE_TRAIN_FLOAT_H
+#define SHERF_RADIANCE_TRAIN_FLOAT_H
+
+#include "model/sherf/fused/train_inside.h"
+
+/* What an instruction set's kernels keep in registers: `rows` outputs of `strip` points, or of as many
+ * inputs. */
+typedef struct {
+    int rows, strip, lanes;
+    size_t (*scratch_bytes)(const radiance_trainer *r);
+    void (*tile)(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
+    void (*scatter)(const radiance_field *n, int job, const point_set *points, const int32_t *index,
+                    int64_t count, const float *dtoken, const radiance_gradients *out);
+} train_float_kernels;
+extern const train_float_kernels train_float_plain, train_float_avx2, train_float_avx512;
+
+/* A matrix gradient in a lane's memory, in floats: w [panel of `strip` inputs][outputs, in whole blocks of
+ * `rows`][strip], b [outputs][lanes] of partial sums. */
+typedef struct {
+    int rows, columns, padded_rows;
+    size_t w, b;
+} float_place;
+
+/* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. */
+typedef struct {
+    radiance_trainer base; /* first: what others know it as */
+    const radiance_field *n;
+    const train_float_kernels *kernels;
+    radiance_layer color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views;
+    radiance_layer back_rgb, back_views /* and alpha */, back_token1, back_pts[POINT_DECODER_MAX],
+        back_skip_token0, back_token0, back_mlp1, back_mlp0, back_out, back_qkv;
+    float_place sum_color, sum_qkv, sum_attention_out, sum_mlp0, sum_mlp1, sum_pts[POINT_DECODER_MAX],
+        sum_views /* and alpha behind */, sum_rgb;
+    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* [channel][lanes] */
+} float_trainer;
+
+enum { FLOAT_SCATTER_JOBS = 3 * POINT_LEVELS + 3 + 3 };
+
+#endif

@@ -1,0 +1,6 @@
+/* The float32 backward tile for any processor: short vectors, which the compiler lowers to what there is. */
+#define LANES 4
+#define ROWS 6
+#define VECTORS 2
+#define KERNELS train_float_plain
+#include "model/sherf/fused/train_tile_float.h"

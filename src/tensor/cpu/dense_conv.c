@@ -1,5 +1,7 @@
-/* conv2d, conv2d_transpose: our own AMX kernels in bf16 where they fit, else oneDNN. */
+/* conv2d, conv2d_transpose: our own kernels where they fit (AMX in bf16, weights' gradients on AVX2), else
+ * oneDNN. */
 #include "tensor/cpu/amx_conv.h"
+#include "tensor/cpu/conv_weights.h"
 #include "tensor/cpu/dnnl_conv.h"
 
 /* Fewer channels leave most of a tile empty (three colours: 3 of 32). */
@@ -47,6 +49,7 @@ static sherf_status backward(op_call *call, bool transpose) {
     arena_rewind(call->scratch, mark);
     if (status != SHERF_OK || !call->din[1]) return status;
     if (amx && !few) return amx_conv_weights(call, &s, x, dy, call->din[1]->data);
+    if (conv_weights_fits(&s)) return conv_weights_avx2(call, &s, x, dy, call->din[1]->data);
     return dnnl_conv_weights(call, transpose, is_bf16(call) && !few);
 }
 

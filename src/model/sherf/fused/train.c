@@ -2,6 +2,7 @@
  * what the ways of arithmetic share of what becomes of the sums. */
 #include "model/sherf/fused/train.h"
 
+#include <stdatomic.h>
 #include <string.h>
 
 #include "model/sherf/fused/train_inside.h"
@@ -30,6 +31,7 @@ typedef struct {
     char *scratch; /* one part a thread */
     size_t part;   /* bytes */
     const radiance_gradients *out;
+    atomic_int next_scatter; /* the job that nobody has */
 } back_work;
 
 /* The tile's points from the first on, and their gradients; colour's through its sigmoid (y = 1.002 s -
@@ -71,10 +73,11 @@ static void lanes_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
+/* Jobs differ in length, and each has a part of the gradients to itself: who does it does not matter. */
 static void scatter_range(void *arg, int64_t begin, int64_t end, int thread) {
-    const back_work *w = arg;
-    for (int64_t job = begin; job < end; job++)
-        w->t->scatter(w->t->n, (int)job, w->points, w->index, w->count, w->dtoken, w->out);
+    back_work *w = arg;
+    for (int job; (job = atomic_fetch_add(&w->next_scatter, 1)) < w->t->scatter_jobs;)
+        w->t->scatter(w->t->n, job, w->points, w->index, w->count, w->dtoken, w->out);
 }
 
 static void sum_range(void *arg, int64_t begin, int64_t end, int thread) {
@@ -154,7 +157,7 @@ static sherf_status go_back(tape *work, back_work *w) {
     memset(w->scratch, 0, (size_t)c->threads * w->part);
     parallel_for(c, LANES, 1, lanes_range, w);
     if (cancelled(c)) return failure(c, SHERF_CANCELLED, "cancelled");
-    parallel_for(c, t->scatter_jobs, 1, scatter_range, w);
+    parallel_for(c, c->threads, 1, scatter_range, w);
     parallel_for(c, (int64_t)t->lane_floats, 4096, sum_range, w);
     return SHERF_OK;
 }

@@ -36,6 +36,6 @@ typedef struct {
     size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* [channel][lanes] */
 } float_trainer;
 
-enum { FLOAT_SCATTER_JOBS = 3 * POINT_LEVELS + 3 + 3 };
+enum { FLOAT_SCATTER_JOBS = POINT_LEVELS + 1 + 3 };
 
 #endif

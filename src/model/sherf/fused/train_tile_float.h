@@ -533,17 +533,15 @@ INSIDE void scatter_taps(const tap *taps, int count, const float *base, const fl
     }
 }
 
-static void scatter_level(const radiance_field *n, const radiance_level *l, int token,
-                          const point_set *points, const int32_t *index, int64_t count, const float *d,
-                          float *out) {
+static void scatter_level(const radiance_field *n, const radiance_level *l, const point_set *points,
+                          const int32_t *index, int64_t count, const float *d, float *out) {
     const float *base = l->value + l->stride; /* row 0 is no voxel's */
-    const int at = token * n->s.token_width;
     for (int64_t i = 0; i < count; i++, d += n->fused) {
         const float *x = points->canonical + 3 * (int64_t)index[i];
         tap taps[8];
         const int k = trilinear_taps(
             l, (float[]){x[0] - n->volume_min[0], x[1] - n->volume_min[1], x[2] - n->volume_min[2]}, taps);
-        scatter_taps(taps, k, base, d + at, n->s.token_width, out + at);
+        scatter_taps(taps, k, base, d, n->fused, out);
     }
 }
 
@@ -561,28 +559,28 @@ static void scatter_plane(const radiance_field *n, int plane, const point_set *p
     }
 }
 
-static void scatter_map(const radiance_field *n, int token, const point_set *points, const int32_t *index,
-                        int64_t count, const float *d, float *out) {
+static void scatter_map(const radiance_field *n, const point_set *points, const int32_t *index, int64_t count,
+                        const float *d, float *out) {
     const radiance_map *m = &n->map;
-    const int at = token * n->s.token_width;
     for (int64_t i = 0; i < count; i++, d += n->fused) {
         const float *px = points->observed_px + 2 * (int64_t)index[i];
         tap taps[4];
         const int k = bilinear_taps(m->texel, m->width, m->height, m->stride, px[0] * n->map_scale[0],
                                     px[1] * n->map_scale[1], taps);
-        scatter_taps(taps, k, m->texel, d + at, n->s.token_width, out + at);
+        scatter_taps(taps, k, m->texel, d, n->map_tokens * n->s.token_width, out);
     }
 }
 
+/* The longest first. */
 static void scatter(const radiance_field *n, int job, const point_set *points, const int32_t *index,
                     int64_t count, const float *dtoken, const radiance_gradients *out) {
-    const int which = job / 3, token = job % 3;
-    if (which < POINT_LEVELS)
-        scatter_level(n, &n->level[which], token, points, index, count, dtoken, out->level[which]);
-    else if (which == POINT_LEVELS)
-        scatter_plane(n, token, points, index, count, dtoken, out->plane[token]);
-    else if (token < n->map_tokens)
-        scatter_map(n, token, points, index, count, dtoken, out->map);
+    if (job < POINT_LEVELS)
+        scatter_level(n, &n->level[job], points, index, count, dtoken, out->level[job]);
+    else if (job == POINT_LEVELS)
+        scatter_map(n, points, index, count, dtoken, out->map);
+    else
+        scatter_plane(n, job - POINT_LEVELS - 1, points, index, count, dtoken,
+                      out->plane[job - POINT_LEVELS - 1]);
 }
 
 const train_float_kernels KERNELS = {ROWS, STRIP, LANES, scratch_bytes, tile, scatter};

@@ -19,8 +19,8 @@ typedef struct {
     float *direction_canonical; /* P x 3, not normalised */
     float
         *observed_px; /* P x 2: projection into the observation camera; NULL when no observation was given */
-    float *observation_world; /* P x 3 before that projection; only when asked for */
-    int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
+    float *observation_world; /* P x 3 before that projection; only with keep_stages */
+    int32_t *nearest;         /* P, target vertex; only with keep_stages */
 } point_set;
 /* The raw density of the samples of a ray that are not kept; their colour is 0. */
 #define SIGMA_EMPTY -80.0f
@@ -42,15 +42,15 @@ HOST_AND_DEVICE static inline bool cell_is_empty(const occupancy_grid *e, const 
     return e->bit[row * (size_t)e->words + (size_t)cell[0] / 32] >> (cell[0] % 32) & 1;
 }
 
-/* observation and observation_camera may both be NULL. keep_stages: fill the stage arrays for tests. Exactly
- * the samples whose nearest target vertex is closer than BODY_SHELL_M, without those in cells of `empty` (or
- * NULL); in ray-major, then depth order; found without visiting the empty ones. */
+/* Exactly the samples whose nearest target vertex is closer than BODY_SHELL_M, without those in cells that
+ * `empty` (or NULL) marks, in ray-major, then depth order. Samples far from the body are not visited.
+ * observation and observation_camera may both be NULL. keep_stages: fills the stage arrays, for tests. */
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
                            const occupancy_grid *empty, bool keep_stages, point_set **out);
 void points_free(point_set *p);
-/* Makes what points_create needs of a posed body, once, for those who take many pictures of one pose; without
- * it each call makes its own. */
+/* Makes what points_create needs of a posed body, once, for many pictures of one pose. Without it each call
+ * makes its own. */
 sherf_status points_prepare(context *c, const body_model *m, posed_body *target);
 
 /* Room for the three pictures of a frame, kept where it has that size. */

@@ -202,14 +202,14 @@ void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[
             r->at_box[i] = 1;
 }
 
-int rays_even_steps(ray_bundle *r, int samples, int most, float step_m) {
+int rays_even_steps(ray_bundle *r, int samples, int max, float step_m) {
     const size_t n = (size_t)r->width * (size_t)r->height;
     float longest = 0;
     for (size_t i = 0; i < n; i++)
         if (r->at_box[i]) longest = fmaxf(longest, (r->far[i] - r->near[i]) * length3(r->direction + 3 * i));
     if (samples < 2 || !(longest > step_m * (float)(samples - 1))) return samples;
     const float needed = ceilf(longest / step_m) + 1;
-    const int count = needed < (float)most ? (int)needed : most > samples ? most : samples;
+    const int count = needed < (float)max ? (int)needed : max > samples ? max : samples;
     const float step = fmaxf(step_m, longest / (float)(count - 1));
     for (size_t i = 0; i < n; i++) {
         const float own = (r->far[i] - r->near[i]) / (float)(samples - 1);

@@ -48,15 +48,15 @@ HOST_AND_DEVICE static inline float ray_fraction(int i, int samples) {
 sherf_status rays_create(context *c, const sherf_camera *camera, const float min_world[3],
                          const float max_world[3], ray_bundle **out); /* min/max: see body_world_box */
 void rays_free(ray_bundle *r);
-/* The paper's way of rays_create takes a ray that crosses exactly two faces, and now and then rounding loses
- * one or counts one twice: a black pixel. These get their two depths here. For frames that people look at;
- * not for scores. */
+/* rays_create takes rays that cross exactly two faces, as the paper's code does. Now and then rounding loses
+ * a crossing or counts one twice, which leaves a black pixel. This gives such rays their two depths: for
+ * frames that people look at, not for scores. */
 void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[3]);
-/* At most step_m metres between two depths of any ray: returns how many depths a ray has, `samples` at least
- * and `most` at most (steps are longer then). A ray that is short enough keeps its `samples` steps, the same
- * length with more of them; others get steps of step_m. Depths past the box, where nothing is, are why far is
- * moved. Where no ray is too long nothing changes. */
-int rays_even_steps(ray_bundle *r, int samples, int most, float step_m);
+/* Makes steps between two depths of a ray no longer than step_m metres, unless that takes more than `max`
+ * depths. Returns how many depths every ray has from now on, at least `samples`. A short ray keeps the length
+ * of its steps, a long one gets steps of step_m. `far` moves: a ray's added depths may lie past the box,
+ * where nothing is. Nothing changes where no ray is too long. */
+int rays_even_steps(ray_bundle *r, int samples, int max, float step_m);
 /* min/max of the posed vertices -/+ BODY_SHELL_M. */
 void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
 
@@ -76,18 +76,12 @@ sherf_status raster_create(context *c, const sherf_camera *camera, int supersamp
                            const float *vertex_world, int64_t faces, const uint32_t *face, raster **out);
 void raster_free(raster *r);
 
-/* ---- the box's masks ---- */
-/* The mask of the scores and losses: 1 where the pixel's ray crosses the box as in rays_create (its at_box).
+/* ---- the box's mask ---- */
+/* Of scores and losses: H x W, 1 where the pixel's ray crosses the box as in rays_create (its at_box).
  * The reference's PSNR and bounding rectangles are those of this mask. The camera must have passed
  * camera_check. */
 void box_ray_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3],
                   uint8_t *mask);
-
-/* ---- the projected box, as OpenCV's fillPoly on the 8 projected corners' 6
- * faces ---- */
-/* mask: H x W, 1 inside. Corners of the world box (body_world_box) are projected, rounded to nearest (half
- * to even) to integers, each of the box's 6 faces is filled as a polygon including its border. */
-void box_mask(const sherf_camera *camera, const float min_world[3], const float max_world[3], uint8_t *mask);
 
 #ifdef __cplusplus
 }

@@ -138,7 +138,10 @@ static sherf_status first_file(context *c, const char *folder, const char *const
         if (status) return status;
         if (path_is_file(out)) return SHERF_OK;
     }
-    return failure(c, SHERF_NO_FILE, "%s: neither observation.json nor %s in it", folder, name[0]);
+    return failure(c, SHERF_NO_FILE,
+                   "%s: neither observation.json nor %s in it; a folder of photos is for sherf estimate, a "
+                   "person of a data set is named DATA#PERSON/POSE/VIEW",
+                   folder, name[0]);
 }
 
 /* A folder without observation.json: files with fixed names. */

@@ -126,7 +126,7 @@ static tensor *composite_frame(tape *t, const target_geometry *g, tensor *sigma,
     composite_attr attr = {p->samples, background, g->depth_min, g->depth_max};
     return op_composite(t, sigma, rgb, tape_input_i32(t, p->first, 1, &first),
                         tape_input_i32(t, p->sample, 1, &p->count), tape_input(t, g->rays->near, 1, &N),
-                        tape_input(t, g->rays->far, 1, &N), tape_input(t, length, 1, &N), attr);
+                        tape_input(t, g->rays->far, 1, &N), tape_input(t, length, 1, &N), NULL, attr);
 }
 
 sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,

@@ -130,15 +130,16 @@ tensor *op_positional_encode(tape *t, tensor *x, int frequencies, int64_t width)
 /* Compositing (network.md 6). sigma[P,1] raw densities, rgb[P,3] of the kept samples, in ray-major then depth
  * order; first I32 [N+1]: the points of ray n are [first[n], first[n+1]); sample I32 [P]: their depth index;
  * near, far, length[N]: the ray's depths are near + (far - near) i / (S-1), length = |direction|.
- * Samples that were not kept have density -80 and colour 0. Out: [N, 5] = r, g, b (over `background`),
+ * Samples that were not kept have density -80 and colour 0. at[P,2], or NULL: each sample's depth and the way
+ * in depth to the next one, where they are not those even ones. Out: [N, 5] = r, g, b (over `background`),
  * opacity, depth (sum w t / opacity, clamped to depth_min..depth_max; depth_max where opacity is 0). The
- * depth column gets no gradient, nor do near, far and length. */
+ * depth column gets no gradient, nor do near, far, length and at. */
 typedef struct {
     int samples;
     float background, depth_min, depth_max;
 } composite_attr;
 tensor *op_composite(tape *t, tensor *sigma, tensor *rgb, tensor *first, tensor *sample, tensor *near,
-                     tensor *far, tensor *length, composite_attr attr);
+                     tensor *far, tensor *length, tensor *at, composite_attr attr);
 
 /* Scalars have the shape [1]. Mean over the selected rows (mask I32 [R] nonzero; NULL: all rows) and all
  * columns of (x - y)^2; 0 when no row is selected. No gradient to y. */

@@ -41,12 +41,45 @@ static void composite_values(tape *t) {
                           1,           1,           1,           0,           9};
     tensor *y = op_composite(t, INPUT(t, sigma, 5, 1), INPUT(t, rgb, 5, 3), INPUT_I32(t, first, 4),
                              INPUT_I32(t, sample, 5), INPUT(t, range, 3), INPUT(t, range + 3, 3),
-                             INPUT(t, one, 3), (composite_attr){6, 1, 0.5f, 9});
+                             INPUT(t, one, 3), NULL, (composite_attr){6, 1, 0.5f, 9});
     assert_non_null(y);
     for (int i = 0; i < 15; i++) near_to("composite", tensor_f32(y)[i], want[i], 3e-6);
 }
 static void test_composite(void **state) {
     each_backend(composite_values);
+}
+
+/* Depths of one's own: those of even samples give the same frame but for the last interval, which is given.
+ */
+static void composite_uneven(tape *t) {
+    const float sigma[] = {3, 0.7f, 2, 0.7f}, near = 2, far = 3, length = 1.25f;
+    const float rgb[] = {.2f, .4f, .6f, .9f, .1f, .3f, .5f, .6f, .7f, .2f, .4f, .6f};
+    const float at[] = {2.2f, .2f, 2.6f, .2f, 2.8f, .2f, 2.9f, 0.1f};
+    const int32_t first[] = {0, 4}, sample[] = {1, 3, 4, 0};
+    const composite_attr attr = {6, 0.5f, 2, 3};
+    double T = 1, want[5] = {0};
+    for (int i = 0; i < 4; i++) {
+        const double alpha = 1 - exp(-(double)sigma[i] * at[2 * i + 1] * length), w = T * alpha;
+        for (int k = 0; k < 3; k++) want[k] += w * rgb[3 * i + k];
+        want[3] += w;
+        want[4] += w * at[2 * i];
+        T *= 1 - alpha;
+    }
+    for (int k = 0; k < 3; k++) want[k] += T * 0.5;
+    want[4] /= want[3];
+    tensor *y = op_composite(t, INPUT(t, sigma, 4, 1), INPUT(t, rgb, 4, 3), INPUT_I32(t, first, 2),
+                             INPUT_I32(t, sample, 4), INPUT(t, &near, 1), INPUT(t, &far, 1),
+                             INPUT(t, &length, 1), INPUT(t, at, 4, 2), attr);
+    assert_non_null(y);
+    for (int i = 0; i < 5; i++) near_to("uneven composite", tensor_f32(y)[i], want[i], 1e-6);
+    assert_null(op_composite(t, INPUT(t, sigma, 4, 1), INPUT(t, rgb, 4, 3), INPUT_I32(t, first, 2),
+                             INPUT_I32(t, sample, 4), INPUT(t, &near, 1), INPUT(t, &far, 1),
+                             INPUT(t, &length, 1), INPUT(t, at, 8, 1), attr));
+    assert_int_equal(tape_status(t), SHERF_BAD_ARGUMENT);
+    tape_reset(t);
+}
+static void test_uneven(void **state) {
+    each_backend(composite_uneven);
 }
 
 /* Nothing gets through the first sample (alpha is exactly 1): gradients are finite, and 0 behind it. */
@@ -57,7 +90,7 @@ static void opaque_gradient(tape *t) {
     tensor *s = INPUT(t, sigma, 3, 1), *c = INPUT(t, rgb, 3, 3);
     s->needs_grad = c->needs_grad = true;
     tensor *y = op_composite(t, s, c, INPUT_I32(t, first, 2), INPUT_I32(t, sample, 3), INPUT(t, &near, 1),
-                             INPUT(t, &far, 1), INPUT(t, &length, 1), (composite_attr){6, 0, 2, 3});
+                             INPUT(t, &far, 1), INPUT(t, &length, 1), NULL, (composite_attr){6, 0, 2, 3});
     assert_non_null(y);
     for (int i = 0; i < 5; i++) tensor_f32(tape_grad(t, y))[i] = 1;
     assert_int_equal(tape_backward_seeded(t), SHERF_OK);
@@ -208,11 +241,11 @@ static void test_rule_twice(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_composite),     cmocka_unit_test(test_opaque_gradient),
-        cmocka_unit_test(test_ssim),          cmocka_unit_test(test_distance),
-        cmocka_unit_test(test_distance_zero), cmocka_unit_test(test_sampling_edges),
-        cmocka_unit_test(test_encode),        cmocka_unit_test(test_activations),
-        cmocka_unit_test(test_rule_twice),
+        cmocka_unit_test(test_composite),       cmocka_unit_test(test_uneven),
+        cmocka_unit_test(test_opaque_gradient), cmocka_unit_test(test_ssim),
+        cmocka_unit_test(test_distance),        cmocka_unit_test(test_distance_zero),
+        cmocka_unit_test(test_sampling_edges),  cmocka_unit_test(test_encode),
+        cmocka_unit_test(test_activations),     cmocka_unit_test(test_rule_twice),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -79,7 +79,7 @@ typedef struct {
 /* Ranges of rays. scratch: [threads, 3, longest], longest a multiple of 16. */
 typedef struct {
     composite_attr attr;
-    const float *sigma, *rgb, *near, *far, *length, *dy;
+    const float *sigma, *rgb, *near, *far, *length, *at /* or NULL */, *dy;
     const int32_t *first, *sample;
     float *y, *dsigma, *drgb, *scratch;
     int64_t longest;

@@ -16,6 +16,7 @@ static sherf_status composite_run(op_call *call, range_function f, const float *
         .near = input(call, 4),
         .far = input(call, 5),
         .length = input(call, 6),
+        .at = call->in[7] ? input(call, 7) : NULL,
         .dy = dy,
         .y = call->out[0]->data,
         .dsigma = input_gradient(call, 0),

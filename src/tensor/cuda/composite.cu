@@ -9,18 +9,22 @@ struct ray_sample {
 
 struct rays {
     composite_attr a;
-    const float *sigma, *rgb, *near, *far, *length;
+    const float *sigma, *rgb, *near, *far, *length, *place;
     const int32_t *first, *sample;
     explicit rays(const op_call *call)
         : a(*(const composite_attr *)call->attr), sigma(values(call->in[0])), rgb(values(call->in[1])),
           near(values(call->in[4])), far(values(call->in[5])), length(values(call->in[6])),
-          first(integers(call->in[2])), sample(integers(call->in[3])) {}
+          place(values(call->in[7])), first(integers(call->in[2])), sample(integers(call->in[3])) {}
     __device__ ray_sample at(int64_t n, int64_t point) const {
         const float spacing = (far[n] - near[n]) / (float)(a.samples - 1);
         const int32_t i = sample[point];
         ray_sample s;
         s.depth = near[n] + spacing * (float)i;
         s.delta = i < a.samples - 1 ? spacing * length[n] : 1e10f;
+        if (place) {
+            s.depth = place[2 * point];
+            s.delta = place[2 * point + 1] * length[n];
+        }
         s.alpha = sigma[point] > 0 ? 1 - expf(-sigma[point] * s.delta) : 0;
         s.pass = 1 - s.alpha + 1e-10f;
         return s;

@@ -2,7 +2,7 @@
 #include "tensor/ops/shape.h"
 
 tensor *op_composite(tape *t, tensor *sigma, tensor *rgb, tensor *first, tensor *sample, tensor *near,
-                     tensor *far, tensor *length, composite_attr attr) {
+                     tensor *far, tensor *length, tensor *at, composite_attr attr) {
     NEED(sigma);
     NEED(rgb);
     NEED(first);
@@ -18,8 +18,10 @@ tensor *op_composite(tape *t, tensor *sigma, tensor *rgb, tensor *first, tensor 
     RULE(t, "composite", near, is_real(t, near) && tensor_count(near) == rays);
     RULE(t, "composite", far, is_real(t, far) && tensor_count(far) == rays);
     RULE(t, "composite", length, is_real(t, length) && tensor_count(length) == rays);
+    RULE(t, "composite", at,
+         !at || (is_real(t, at) && at->rank == 2 && at->dim[0] == points && at->dim[1] == 2));
     tensor *y = tape_tensor(t, sigma->type, 2, (int64_t[]){rays, 5});
     NEED(y);
-    tensor *in[] = {sigma, rgb, first, sample, near, far, length};
+    tensor *in[] = {sigma, rgb, first, sample, near, far, length, at};
     return tape_call(t, OP_composite, (int)COUNT_OF(in), in, 1, &y, &attr, sizeof attr, 0) ? y : NULL;
 }

@@ -32,7 +32,7 @@ const verb verb_convert = {
     .summary = "turn weights and body files of others into safetensors",
     .description =
         "Recognises FILE by its content: an SMPL body (pickle or npz), a SHERF snapshot, a torch state dict "
-        "(ResNet-18, VGG16, LPIPS heads; zip or legacy), a TensorFlow.js layers model of ResNet-50 "
+        "(ResNet-18 or 34, VGG16, LPIPS heads; zip or legacy), a TensorFlow.js layers model of ResNet-50 "
         "(model.json or its folder; what the "
         "perceptual distance uses is kept), a TensorFlow.js graph model, or a folder with BlazePose's "
         "detector "

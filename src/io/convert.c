@@ -235,12 +235,18 @@ static const int vgg_width[13] = {64, 64, 128, 128, 256, 256, 256, 512, 512, 512
 static const int vgg_stage[13] = {1, 1, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5};
 static const int head_width[5] = {64, 128, 256, 512, 512};
 
-static bool resnet18_is(const named_arrays *n) {
+/* 18 or 34: the layers of a ResNet of basic blocks; else 0. */
+static int resnet_depth(const named_arrays *n) {
     const int64_t first[] = {64, 3, 7, 7}, last[] = {512, 512, 3, 3};
-    return named_arrays_has_shape(n, "conv1.weight", 4, first) &&
-           named_arrays_has_shape(n, "layer4.1.conv2.weight", 4, last) &&
-           named_arrays_find(n, "layer1.0.conv1.weight") && !named_arrays_find(n, "layer1.2.conv1.weight") &&
-           !named_arrays_find(n, "layer1.0.conv3.weight");
+    if (!named_arrays_has_shape(n, "conv1.weight", 4, first) ||
+        !named_arrays_find(n, "layer1.0.conv1.weight") || named_arrays_find(n, "layer1.0.conv3.weight"))
+        return 0;
+    if (named_arrays_find(n, "layer1.2.conv1.weight"))
+        return named_arrays_find(n, "layer3.5.conv1.weight") &&
+                       named_arrays_has_shape(n, "layer4.2.conv2.weight", 4, last)
+                   ? 34
+                   : 0;
+    return named_arrays_has_shape(n, "layer4.1.conv2.weight", 4, last) ? 18 : 0;
 }
 
 /* Name of VGG16's layer k in the file: torchvision's, or that of the LPIPS package's slices. */
@@ -313,12 +319,13 @@ static sherf_status weights(conversion *o, const value *root, const char *kind, 
                        "a %s file that is neither a body nor a snapshot nor known weights", kind);
     if (status != SHERF_OK) return status;
     char fault[96];
+    const int depth = resnet_depth(n);
     bool heads = true, vgg = vgg16_is(n, fault, sizeof fault);
     if (vgg && fault[0]) return failure(o->c, SHERF_MISMATCH, "%s", fault);
     for (int k = 0; k < 5; k++) heads = heads && head(n, k);
-    if (resnet18_is(n)) {
-        convert_describe(o, "format", "resnet18");
-        *said = convert_text(o, "ResNet-18: %zu tensors", n->count);
+    if (depth) {
+        convert_describe(o, "format", depth == 18 ? "resnet18" : "resnet34");
+        *said = convert_text(o, "ResNet-%d: %zu tensors", depth, n->count);
         for (size_t i = 0; i < n->count && status == SHERF_OK; i++)
             status = put_floats(o, n->item[i].name, n->item[i].array);
     } else if (vgg || heads) {
@@ -329,9 +336,10 @@ static sherf_status weights(conversion *o, const value *root, const char *kind, 
         if (vgg) status = put_vgg16(o, n);
         if (heads && status == SHERF_OK) status = put_heads(o, n);
     } else
-        return failure(o->c, SHERF_MISMATCH,
-                       "%zu tensors (%.100s ...), which are neither ResNet-18 nor VGG16 nor heads of LPIPS",
-                       n->count, n->item[0].name);
+        return failure(
+            o->c, SHERF_MISMATCH,
+            "%zu tensors (%.100s ...), which are neither ResNet-18 or 34 nor VGG16 nor heads of LPIPS",
+            n->count, n->item[0].name);
     return status == SHERF_OK && !*said ? SHERF_NO_MEMORY : status;
 }
 

@@ -150,21 +150,27 @@ static void test_vgg16_faults(void **state) {
     free(zeros);
 }
 
-static void test_resnet18(void **state) {
+static void test_resnet(void **state) {
     context *c = *state;
     float *zeros = calloc(512 * 512 * 9, sizeof *zeros);
     npz_member member[] = {{"conv1.weight", 4, {64, 3, 7, 7}, zeros},
                            {"layer1.0.conv1.weight", 4, {64, 64, 3, 3}, zeros},
                            {"layer4.1.conv2.weight", 4, {512, 512, 3, 3}, zeros},
-                           {"layer1.2.conv1.weight", 4, {64, 64, 3, 3}, zeros}};
+                           {"layer1.2.conv1.weight", 4, {64, 64, 3, 3}, zeros},
+                           {"layer3.5.conv1.weight", 4, {256, 256, 3, 3}, zeros},
+                           {"layer4.2.conv2.weight", 4, {512, 512, 3, 3}, zeros}};
     const char *path = test_path("resnet.npz");
     assert_ok(c, npz_write(c, path, 3, member));
     safetensors *s = convert(c, path, "ResNet-18: 3 tensors");
     assert_string_equal(safetensors_metadata(s, "format"), "resnet18");
     assert_tensor(s, "layer4.1.conv2.weight", T_F32, 4, (int64_t[]){512, 512, 3, 3});
     safetensors_free(s);
-    assert_ok(c, npz_write(c, path, 4, member)); /* ResNet-34 */
+    assert_ok(c, npz_write(c, path, 4, member)); /* neither 18 nor all of 34 */
     assert_int_equal(sherf_convert(c, path, test_path("no.safetensors"), NULL), SHERF_MISMATCH);
+    assert_ok(c, npz_write(c, path, 6, member));
+    s = convert(c, path, "ResNet-34: 6 tensors");
+    assert_string_equal(safetensors_metadata(s, "format"), "resnet34");
+    safetensors_free(s);
     free(zeros);
 }
 
@@ -211,7 +217,7 @@ static void test_no_memory(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_bodies),       cmocka_unit_test(test_snapshot),
                                        cmocka_unit_test(test_heads),        cmocka_unit_test(test_vgg16),
-                                       cmocka_unit_test(test_vgg16_faults), cmocka_unit_test(test_resnet18),
+                                       cmocka_unit_test(test_vgg16_faults), cmocka_unit_test(test_resnet),
                                        cmocka_unit_test(test_refused),      cmocka_unit_test(test_no_memory)};
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

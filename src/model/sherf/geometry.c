@@ -1,126 +1,9 @@
 /* What the body and the observation's camera decide for the point-level features: which vertices are seen,
  * the sparse volume's voxels and the rules of its convolutions (network.md 3). */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "model/sherf/sherf.h"
-
-/* Rows [begin, end) of a stride-1 or stride-2 rule: out[o] = sum_k W[k] in[stride * o + k - 1]. */
-typedef struct {
-    const int32_t *zyx;  /* of the output voxels, 3 each */
-    const int32_t *grid; /* of the input level */
-    const int *size;     /* of the input level */
-    int stride;
-    int32_t *rule;
-} rule_job;
-
-static void rule_rows(void *arg, int64_t begin, int64_t end, int thread) {
-    const rule_job *j = arg;
-    for (int64_t o = begin; o < end; o++)
-        for (int k = 0; k < 27; k++) {
-            int z = j->zyx[3 * o] * j->stride + k / 9 - 1;
-            int y = j->zyx[3 * o + 1] * j->stride + k / 3 % 3 - 1;
-            int x = j->zyx[3 * o + 2] * j->stride + k % 3 - 1;
-            bool inside = z >= 0 && y >= 0 && x >= 0 && z < j->size[0] && y < j->size[1] && x < j->size[2];
-            j->rule[27 * o + k] = inside ? j->grid[((int64_t)z * j->size[1] + y) * j->size[2] + x] : -1;
-        }
-}
-
-static int32_t *rule_create(context *c, int64_t voxels, const int32_t *zyx, const int32_t *grid,
-                            const int size[3], int stride) {
-    int32_t *rule = mem_alloc(c, (size_t)voxels * 27, sizeof *rule);
-    if (!rule) return NULL;
-    rule_job job = {zyx, grid, size, stride, rule};
-    parallel_for(c, voxels, 256, rule_rows, &job);
-    return rule;
-}
-
-static int compare_i64(const void *a, const void *b) {
-    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
-    return (x > y) - (x < y);
-}
-
-/* Sorted, unique linear voxel numbers -> the level's grid and the voxels' z, y, x. */
-static sherf_status level_fill(context *c, sherf_geometry *g, int l, int64_t *number, int64_t count,
-                               int32_t **zyx) {
-    int *size = g->level[l].size;
-    qsort(number, (size_t)count, sizeof *number, compare_i64);
-    int64_t unique = 0;
-    for (int64_t i = 0; i < count; i++)
-        if (!i || number[i] != number[i - 1]) number[unique++] = number[i];
-    size_t cells = (size_t)size[0] * (size_t)size[1] * (size_t)size[2];
-    int32_t *grid = mem_alloc(c, cells, sizeof *grid);
-    *zyx = mem_alloc(c, (size_t)unique * 3, sizeof **zyx);
-    g->level[l].grid = grid;
-    g->level[l].voxels = unique;
-    if (!grid || !*zyx) return SHERF_NO_MEMORY;
-    memset(grid, 0xff, cells * sizeof *grid);
-    for (int64_t i = 0; i < unique; i++) {
-        grid[number[i]] = (int32_t)i;
-        (*zyx)[3 * i] = (int32_t)(number[i] / ((int64_t)size[1] * size[2]));
-        (*zyx)[3 * i + 1] = (int32_t)(number[i] / size[2] % size[1]);
-        (*zyx)[3 * i + 2] = (int32_t)(number[i] % size[2]);
-    }
-    return SHERF_OK;
-}
-
-/* The voxels a stride-2 layer reaches: 2 o + k - 1 = i for some k in 0..2. At most two per axis. */
-static int64_t *reached(context *c, int64_t voxels, const int32_t *zyx, const int size[3], int64_t *count) {
-    int64_t *number = mem_alloc(c, (size_t)voxels * 8 + 1, sizeof *number), n = 0;
-    if (!number) return NULL;
-    for (int64_t i = 0; i < voxels; i++) {
-        int low[3], high[3];
-        for (int a = 0; a < 3; a++) {
-            int v = zyx[3 * i + a];
-            low[a] = v / 2; /* ceil((v - 1) / 2) for v >= 0 */
-            high[a] = (v + 1) / 2 < size[a] ? (v + 1) / 2 : size[a] - 1;
-        }
-        for (int z = low[0]; z <= high[0]; z++)
-            for (int y = low[1]; y <= high[1]; y++)
-                for (int x = low[2]; x <= high[2]; x++)
-                    number[n++] = ((int64_t)z * size[1] + y) * size[2] + x;
-    }
-    *count = n;
-    return number;
-}
-
-static sherf_status levels_create(context *c, sherf_geometry *g, int vertices, bool further) {
-    int32_t *zyx = NULL, *next_zyx = NULL;
-    int64_t count = vertices, *number = mem_alloc(c, (size_t)vertices, sizeof *number);
-    sherf_status status = number ? SHERF_OK : SHERF_NO_MEMORY;
-    const int *size = g->level[0].size;
-    for (int v = 0; number && v < vertices; v++)
-        number[v] = ((int64_t)g->vertex_zyx[3 * v] * size[1] + g->vertex_zyx[3 * v + 1]) * size[2] +
-                    g->vertex_zyx[3 * v + 2];
-    int levels = further ? g->levels + 2 : g->levels + 1;
-    for (int l = 0; l < levels && status == SHERF_OK; l++) {
-        status = level_fill(c, g, l, number, count, &next_zyx);
-        mem_free(number);
-        number = NULL;
-        if (status != SHERF_OK) break;
-        if (l) {
-            g->level[l - 1].down_rule =
-                rule_create(c, g->level[l].voxels, next_zyx, g->level[l - 1].grid, g->level[l - 1].size, 2);
-            if (!g->level[l - 1].down_rule) status = SHERF_NO_MEMORY;
-        }
-        mem_free(zyx);
-        zyx = next_zyx;
-        next_zyx = NULL;
-        if (l <= g->levels && status == SHERF_OK) {
-            g->level[l].rule = rule_create(c, g->level[l].voxels, zyx, g->level[l].grid, g->level[l].size, 1);
-            if (!g->level[l].rule) status = SHERF_NO_MEMORY;
-        }
-        if (l + 1 < levels && status == SHERF_OK) {
-            number = reached(c, g->level[l].voxels, zyx, g->level[l + 1].size, &count);
-            if (!number) status = SHERF_NO_MEMORY;
-        }
-    }
-    mem_free(number);
-    mem_free(zyx);
-    mem_free(next_zyx);
-    return status;
-}
 
 sherf_status model_sherf_volume_size(context *c, const model_config *config, const body_model *body,
                                      int size_zyx[3]) {
@@ -164,13 +47,11 @@ static sherf_status volume_layout(context *c, const model_config *config, const 
             g->vertex_zyx[i - a + 2 - a] = at;
         }
         if (fixed_voxels) memcpy(g->vertex_zyx, fixed_voxels, (size_t)body->vertices * 3 * sizeof(int32_t));
-        status = levels_create(c, g, body->vertices, further);
+        status = sparse_levels_create(c, g->level, g->levels + (further ? 2 : 1), g->levels + 1,
+                                      body->vertices, g->vertex_zyx);
     }
     for (int v = 0; status == SHERF_OK && v < body->vertices; v++)
-        g->vertex_voxel[v] =
-            g->level[0].grid[((int64_t)g->vertex_zyx[3 * v] * g->volume_size[1] + g->vertex_zyx[3 * v + 1]) *
-                                 g->volume_size[2] +
-                             g->vertex_zyx[3 * v + 2]];
+        g->vertex_voxel[v] = g->level[0].grid[sparse_voxel(g->level, g->vertex_zyx + 3 * (int64_t)v)];
     mem_free(canonical);
     return status;
 }
@@ -212,10 +93,6 @@ void model_sherf_geometry_free(void *geometry) {
     mem_free(g->vertex_px);
     mem_free(g->vertex_zyx);
     mem_free(g->vertex_voxel);
-    for (size_t l = 0; l < COUNT_OF(g->level); l++) {
-        mem_free(g->level[l].grid);
-        mem_free(g->level[l].rule);
-        mem_free(g->level[l].down_rule);
-    }
+    sparse_levels_free(g->level, (int)COUNT_OF(g->level));
     mem_free(g);
 }

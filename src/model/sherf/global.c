@@ -31,7 +31,7 @@ void global_declare(declaration *d, const sherf_settings *k, global_stage *s) {
     const int64_t latent = 8 * (int64_t)k->encoder_width, style = k->style_width;
     s->style_width = (float)k->style_width;
     s->mapping_layers = k->mapping_layers;
-    resnet18_declare(d, "encoder_2d.backbone", k->encoder_width, 4, &s->encoder);
+    resnet_declare(d, "encoder_2d.backbone", 18, k->encoder_width, 4, &s->encoder);
     for (int i = 0; i < k->mapping_layers; i++) {
         s->mapping[i].w =
             declare(d, mapping, DIMS(style, i ? style : latent), "backbone.mapping.fc%d.weight", i);
@@ -51,8 +51,8 @@ void global_declare(declaration *d, const sherf_settings *k, global_stage *s) {
 }
 
 tensor *global_latent(tape *t, const global_stage *s, tensor *image) {
-    tensor *x = op_max_pool(t, resnet18_stem(t, &s->encoder, image), 3, 2, 1);
-    for (int stage = 1; stage <= s->encoder.stages; stage++) x = resnet18_stage(t, &s->encoder, stage, x);
+    tensor *x = op_max_pool(t, resnet_stem(t, &s->encoder, image), 3, 2, 1);
+    for (int stage = 1; stage <= s->encoder.stages; stage++) x = resnet_stage(t, &s->encoder, stage, x);
     return op_average_pool(t, x);
 }
 

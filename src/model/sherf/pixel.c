@@ -5,11 +5,11 @@
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s) {
     s->frequencies = k->color_frequencies;
     s->color_width = 3 * k->token_width - k->feature_width; /* the paper's: 33 values, the last one dropped */
-    resnet18_declare(d, "encoder_2d_feature.backbone", k->feature_width, 1, &s->encoder);
+    resnet_declare(d, "encoder_2d_feature.backbone", 18, k->feature_width, 1, &s->encoder);
 }
 
 tensor *pixel_features(tape *t, const pixel_stage *s, tensor *image) {
-    return resnet18_stage(t, &s->encoder, 1, resnet18_stem(t, &s->encoder, image)); /* no max pooling */
+    return resnet_stage(t, &s->encoder, 1, resnet_stem(t, &s->encoder, image)); /* no max pooling */
 }
 
 /* (u / W (W_f - 1), v / H (H_f - 1)) */

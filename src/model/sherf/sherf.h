@@ -6,7 +6,8 @@
 
 #include "model/model.h"
 #include "model/sherf/fused/radiance_field.h"
-#include "nn/resnet18.h"
+#include "model/sparse_levels.h"
+#include "nn/resnet.h"
 
 /* ---- config.c: settings; the paper's in brackets ---- */
 enum { POINT_LEVELS_MAX = 4 };
@@ -47,14 +48,8 @@ typedef struct {
     int volume_size[3];    /* z y x */
     int32_t *vertex_zyx;   /* V x 3, voxel of each vertex */
     int32_t *vertex_voxel; /* V: row of the active voxel list of level 0 */
-    struct {
-        int size[3]; /* z y x */
-        int64_t voxels;
-        int32_t *grid;      /* size z*y*x: row or -1 */
-        int32_t *rule;      /* [voxels, 27] submanifold */
-        int32_t *down_rule; /* [next level's voxels, 27] stride 2 from this level; NULL at the last */
-    } level[POINT_LEVELS_MAX +
-            2]; /* 0: full resolution, then those read by points, and in training one more */
+    /* 0: full resolution, then those read by points, and in training one more */
+    sparse_level level[POINT_LEVELS_MAX + 2];
 } sherf_geometry;
 sherf_geometry *model_sherf_geometry(const observation_geometry *g);
 sherf_status model_sherf_observe(context *c, const model_config *config, const body_model *body,
@@ -88,7 +83,7 @@ typedef struct {
     tensor *w, *b;
 } modulated_layer;
 typedef struct {
-    resnet18 encoder;
+    resnet encoder;
     int mapping_layers, blocks;
     float style_width;
     linear_layer mapping[GLOBAL_LAYERS];
@@ -111,7 +106,7 @@ void global_sample(tape *t, const body_model *body, const model_bank *bank, cons
 
 /* pixel.c: the pixel-aligned features. */
 typedef struct {
-    resnet18 encoder;
+    resnet encoder;
     int frequencies, color_width; /* of a colour's encoding */
 } pixel_stage;
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s);

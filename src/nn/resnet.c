@@ -1,12 +1,13 @@
-/* ResNet-18 on a tape: stem and basic blocks. */
-#include "nn/resnet18.h"
+/* ResNet-18 and 34 on a tape: stem and basic blocks. */
+#include "nn/resnet.h"
 
 #include <stdio.h>
+#include <string.h>
 
 static const float eps = 1e-5f, momentum = 0.1f;
 
 static void block_declare(declaration *d, const char *name, int64_t out, int64_t in, int stride,
-                          resnet18_block *b) {
+                          resnet_block *b) {
     char full[LAYER_NAME + 16];
     b->stride = stride;
     for (int i = 0; i < 2; i++) {
@@ -22,16 +23,18 @@ static void block_declare(declaration *d, const char *name, int64_t out, int64_t
     b->shortcut_norm = batch_norm_declare(d, full, true, out, eps, momentum);
 }
 
-void resnet18_declare(declaration *d, const char *prefix, int64_t width, int stages, resnet18 *out) {
+void resnet_declare(declaration *d, const char *prefix, int depth, int64_t width, int stages, resnet *out) {
+    static const int blocks[2][RESNET_STAGES] = {{2, 2, 2, 2}, {3, 4, 6, 3}};
     char name[LAYER_NAME];
-    *out = (resnet18){.stages = stages};
+    *out = (resnet){.stages = stages};
+    memcpy(out->blocks, blocks[depth == 34], sizeof out->blocks);
     snprintf(name, sizeof name, "%s.conv1", prefix);
     out->stem = declare_weights(d, true, DIMS(width, 3, 7, 7), name);
     snprintf(name, sizeof name, "%s.bn1", prefix);
     out->stem_norm = batch_norm_declare(d, name, true, width, eps, momentum);
     int64_t in = width;
     for (int stage = 1; stage <= stages; stage++)
-        for (int block = 0; block < 2; block++) {
+        for (int block = 0; block < out->blocks[stage - 1]; block++) {
             const int64_t channels = width << (stage - 1);
             snprintf(name, sizeof name, "%s.layer%d.%d", prefix, stage, block);
             block_declare(d, name, channels, in, stage > 1 && block == 0 ? 2 : 1,
@@ -40,12 +43,12 @@ void resnet18_declare(declaration *d, const char *prefix, int64_t width, int sta
         }
 }
 
-tensor *resnet18_stem(tape *t, const resnet18 *r, tensor *image) {
+tensor *resnet_stem(tape *t, const resnet *r, tensor *image) {
     return batch_norm_forward(t, &r->stem_norm, op_conv2d(t, image, r->stem, 2, 3, 1), true);
 }
 
 /* relu(bn2(conv2(relu(bn1(conv1 x)))) + shortcut x) */
-static tensor *block_forward(tape *t, const resnet18_block *b, tensor *x) {
+static tensor *block_forward(tape *t, const resnet_block *b, tensor *x) {
     tensor *y = batch_norm_forward(t, &b->norm[0], op_conv2d(t, x, b->conv[0], b->stride, 1, 1), true);
     y = batch_norm_forward(t, &b->norm[1], op_conv2d(t, y, b->conv[1], 1, 1, 1), false);
     if (b->shortcut)
@@ -53,7 +56,8 @@ static tensor *block_forward(tape *t, const resnet18_block *b, tensor *x) {
     return op_relu(t, op_add(t, y, x));
 }
 
-tensor *resnet18_stage(tape *t, const resnet18 *r, int stage, tensor *x) {
-    for (int block = 0; block < 2; block++) x = block_forward(t, &r->block[stage - 1][block], x);
+tensor *resnet_stage(tape *t, const resnet *r, int stage, tensor *x) {
+    for (int block = 0; block < r->blocks[stage - 1]; block++)
+        x = block_forward(t, &r->block[stage - 1][block], x);
     return x;
 }

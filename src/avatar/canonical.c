@@ -50,6 +50,8 @@ static void observe_range(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status canonical_batch_run(context *c, const sherf_avatar *a, const body_model *body,
                                  canonical_batch *b) {
     observe_job job = {a, body, b};
+    sherf_status status = model_needs_canonical(c, &a->config);
+    if (status != SHERF_OK) return status;
     parallel_for(c, b->set.count, 1024, observe_range, &job);
     return avatar_query(c, a, body, &b->set, b->rgb, b->sigma);
 }

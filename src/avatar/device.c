@@ -1,4 +1,6 @@
 /* What answers an avatar's points: its model's field, for the context that it was made or loaded in. */
+#include <math.h>
+
 #include "avatar/avatar.h"
 
 sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a) {
@@ -26,11 +28,23 @@ bool avatar_takes_joints(const sherf_avatar *a) {
     return a->field_kind->takes_joints && a->field_kind->takes_joints(a->field);
 }
 
+/* As far as poses that were the same may differ after a way through files. */
+static bool same_pose(const sherf_pose *a, const sherf_pose *b) {
+    const float most = 1e-4f;
+    float far = 0;
+    for (int i = 0; i < 72; i++) far = fmaxf(far, fabsf(a->poses_rad[i] - b->poses_rad[i]));
+    for (int i = 0; i < 10; i++) far = fmaxf(far, fabsf(a->shapes[i] - b->shapes[i]));
+    for (int i = 0; i < 9; i++) far = fmaxf(far, fabsf(a->R[i] - b->R[i]));
+    for (int i = 0; i < 3; i++) far = fmaxf(far, fabsf(a->Th_m[i] - b->Th_m[i]));
+    return far <= most;
+}
+
 sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
                          posed_body **out) {
     *out = NULL;
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    if (a->config.kind->one_pose && !same_pose(&a->pose, pose)) return model_needs_canonical(c, &a->config);
     const bool joints = avatar_takes_joints(a);
     sherf_status status =
         joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)

@@ -26,7 +26,8 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
     if (requested != SHERF_SAMPLES_MODEL) rays_repair(*rays, min, max);
     *farthest = depth_max(*rays);
     *samples = requested > 0 ? requested : a->config.samples;
-    if (!requested || requested == SHERF_SAMPLES_AUTO)
+    const bool box = model_has_whole_box(&a->config); /* which has something past its end */
+    if (!box && (!requested || requested == SHERF_SAMPLES_AUTO))
         *samples = rays_even_steps(*rays, *samples, SAMPLES_MAX, step_max_m);
     return SHERF_OK;
 }
@@ -58,12 +59,14 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to %d, or 0 for automatic", o->samples,
                        SAMPLES_MAX);
     sherf_status status = camera_check(c, camera);
-    if (status == SHERF_OK && !o->exact) status = avatar_occupancy(c, a, body, &empty);
+    const bool looks = !o->exact && !a->config.kind->one_pose && !model_has_whole_box(&a->config);
+    if (status == SHERF_OK && looks) status = avatar_occupancy(c, a, body, &empty);
     if (status == SHERF_OK && avatar_takes_joints(a)) return frame_gpu(c, a, posed, camera, o, empty, frame);
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
     if (status != SHERF_OK) return status;
-    status = points_create(c, body, posed, rays, samples, a->observed, &a->camera, empty, false, &points);
+    status = model_points_create(c, &a->config, body, posed, rays, samples, a->observed, &a->camera, empty,
+                                 false, &points);
     if (status == SHERF_OK)
         status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) {

@@ -12,6 +12,7 @@
 #include "eval/resnet50_file.h"
 #include "eval/sheet.h"
 #include "eval/baseline.h"
+#include "model/model.h"
 
 /* Everything an evaluation holds. */
 typedef struct {
@@ -79,12 +80,17 @@ static sherf_status evaluation_open(evaluation *e) {
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
     int64_t observations = 0;
+    const bool one_pose = e->model->config.kind->one_pose;
+    if (one_pose)
+        log_line(c, SHERF_LOG_INFO, "model %s shows the observed pose alone: novel poses are left out",
+                 e->model->config.kind->name);
     e->selection = mem_zero(c, (size_t)e->people_count, sizeof *e->selection);
     if (!e->selection) return SHERF_NO_MEMORY;
     for (int i = 0; i < e->people_count; i++) {
         status = selection_create(c, e->data, e->people[i], o->observations, o->poses, o->views, o->seed,
                                   &e->selection[i]);
         if (status != SHERF_OK) return status;
+        e->selection[i].one_pose = one_pose;
         e->total += selection_pairs(&e->selection[i]);
         observations += e->selection[i].observations;
     }

@@ -121,6 +121,7 @@ void selection_free(selection *s) {
 bool selection_target(const selection *s, int i, picture target, bool *novel_pose) {
     picture o = s->observation[i];
     *novel_pose = target.pose != o.pose;
+    if (*novel_pose && s->one_pose) return false;
     return *novel_pose ? s->novel_pose[i] : target.view != o.view;
 }
 

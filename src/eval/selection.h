@@ -24,6 +24,7 @@ typedef struct {
     picture *observation;
     bool *novel_pose;
     int *pose, *view;
+    bool one_pose; /* nothing is compared in a novel pose; the caller's to set */
 } selection;
 
 /* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one

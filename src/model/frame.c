@@ -45,6 +45,7 @@ sherf_status model_query(tape *t, const model *m, const body_model *body, const 
     for (int64_t begin = 0; begin < points->count; begin += CHUNK_POINTS) {
         int64_t end = begin + CHUNK_POINTS < points->count ? begin + CHUNK_POINTS : points->count;
         tensor *part[2] = {NULL, NULL};
+        if (cancelled(tape_context(t))) return failure(tape_context(t), SHERF_CANCELLED, "cancelled");
         tape_reset(inner);
         sherf_status status =
             m->config.kind->query(inner, m, body, g, bank, points, begin, end, &part[0], &part[1]);
@@ -77,6 +78,7 @@ static sherf_status points_backward(tape *t, void *payload) {
     for (int64_t begin = 0; begin < n->points->count; begin += CHUNK_POINTS) {
         int64_t end = begin + CHUNK_POINTS < n->points->count ? begin + CHUNK_POINTS : n->points->count;
         tensor *sigma, *rgb;
+        if (cancelled(tape_context(t))) return failure(tape_context(t), SHERF_CANCELLED, "cancelled");
         tape_reset(inner);
         sherf_status status = n->m->config.kind->query(inner, n->m, n->body, n->g, &n->bank, n->points, begin,
                                                        end, &sigma, &rgb);
@@ -113,39 +115,53 @@ static tensor *noise_add(tape *t, tensor *sigma, const point_set *points, uint64
     return op_add(t, sigma, tape_input(t, noise, 2, (int64_t[]){points->count, 1}));
 }
 
-static tensor *composite_frame(tape *t, const target_geometry *g, tensor *sigma, tensor *rgb,
-                               float background) {
-    const point_set *p = g->points;
+/* [P, 2]: depth of each point, and the way to the next one or to the end of the box. */
+static tensor *own_depths(tape *t, const target_geometry *g, const point_set *p) {
+    float *at = tape_alloc(t, (size_t)p->count, 2 * sizeof *at);
+    if (!at) return NULL;
+    for (int64_t n = 0; n < p->rays; n++)
+        for (int64_t i = p->first[n]; i < p->first[n + 1]; i++) {
+            at[2 * i] = p->depth[i];
+            at[2 * i + 1] = (i + 1 < p->first[n + 1] ? p->depth[i + 1] : g->rays->far[n]) - p->depth[i];
+            if (i + 1 == p->first[n + 1] && p->last_way > 0) at[2 * i + 1] = p->last_way;
+        }
+    return tape_input(t, at, 2, (int64_t[]){p->count, 2});
+}
+
+static tensor *composite_frame(tape *t, const target_geometry *g, const point_set *p, tensor *sigma,
+                               tensor *rgb, float background) {
     int64_t N = p->rays, first = p->rays + 1;
+    tensor *at = NULL;
     float *length = tape_alloc(t, (size_t)N, sizeof *length);
     if (!length) return NULL;
     for (int64_t i = 0; i < N; i++) {
         const float *d = g->rays->direction + 3 * i;
         length[i] = sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     }
+    if (p->depth && !(at = own_depths(t, g, p))) return NULL;
     composite_attr attr = {p->samples, background, g->depth_min, g->depth_max};
     return op_composite(t, sigma, rgb, tape_input_i32(t, p->first, 1, &first),
                         tape_input_i32(t, p->sample, 1, &p->count), tape_input(t, g->rays->near, 1, &N),
-                        tape_input(t, g->rays->far, 1, &N), tape_input(t, length, 1, &N), NULL, attr);
+                        tape_input(t, g->rays->far, 1, &N), tape_input(t, length, 1, &N), at, attr);
 }
 
-sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
-                         model_bank *bank, const target_geometry *target, float background,
-                         uint64_t noise_key, tensor **frame) {
+sherf_status model_pass(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                        model_bank *bank, const target_geometry *target, const point_set *points,
+                        float background, uint64_t noise_key, tensor **sigma, tensor **frame) {
     *frame = NULL;
     if (tape_status(t) != SHERF_OK) return tape_status(t);
-    int64_t P = target->points->count;
+    int64_t P = points->count;
     dtype real = tape_backend(t)->real;
     points_node *n = tape_alloc(t, 1, sizeof *n);
     if (!n) return tape_status(t);
-    *n = (points_node){m, body, g, target->points, *bank, NULL, NULL};
+    *n = (points_node){m, body, g, points, *bank, NULL, NULL};
     n->sigma = tape_tensor(t, real, 2, (int64_t[]){P, 1});
     n->rgb = tape_tensor(t, real, 2, (int64_t[]){P, 3});
     if (!n->sigma || !n->rgb) return tape_status(t);
     sherf_status status;
     const model_fused_training *fused = m->config.kind->fused_training;
     if (fused && fused->possible(t, m)) {
-        status = fused->run(t, m, body, g, bank, target->points, n->sigma, n->rgb);
+        status = fused->run(t, m, body, g, bank, points, n->sigma, n->rgb);
         if (status != SHERF_OK) return status;
     } else {
         status = model_query(t, m, body, g, &n->bank, n->points, n->sigma, n->rgb);
@@ -153,7 +169,18 @@ sherf_status model_frame(tape *t, const model *m, const body_model *body, const 
         if (tape_records(t)) tape_record(t, points_backward, n);
     }
     n->sigma->needs_grad = n->rgb->needs_grad = tape_records(t);
+    if (sigma) *sigma = n->sigma;
     *frame =
-        composite_frame(t, target, noise_add(t, n->sigma, target->points, noise_key), n->rgb, background);
+        composite_frame(t, target, points, noise_add(t, n->sigma, points, noise_key), n->rgb, background);
     return tape_status(t);
+}
+
+sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                         model_bank *bank, const target_geometry *target, float background,
+                         uint64_t noise_key, tensor **frame) {
+    *frame = NULL;
+    bank->coarse = NULL;
+    if (m->config.kind->frame)
+        return m->config.kind->frame(t, m, body, g, bank, target, background, noise_key, frame);
+    return model_pass(t, m, body, g, bank, target, target->points, background, noise_key, NULL, frame);
 }

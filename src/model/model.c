@@ -37,6 +37,22 @@ sherf_status model_place(context *c, model *m) {
     return parameters_place(c, m->weights, backend_of(c)->memory);
 }
 
+const training_recipe *model_recipe(const model_config *config) {
+    return config->kind->recipe ? config->kind->recipe(config) : NULL;
+}
+
+sherf_status model_needs_canonical(context *c, const model_config *config) {
+    if (!config->kind->one_pose) return SHERF_OK;
+    return failure(c, SHERF_UNSUPPORTED,
+                   "model %s has no canonical space: it shows the observed pose alone, from any camera, and "
+                   "cannot be animated or exported",
+                   config->kind->name);
+}
+
+bool model_has_whole_box(const model_config *config) {
+    return config->kind->whole_box && config->kind->whole_box(config);
+}
+
 bool model_is_queried(const model_kind *kind, const char *name) {
     return !kind->queried || kind->queried(name);
 }

@@ -74,6 +74,13 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
 void observation_geometry_free(observation_geometry *g);
 
 /* ---- and once per target ---- */
+/* Some of a target's rays, for trainings of the kind. */
+typedef struct {
+    int count;           /* of the rays at the box, distinct; 0: all */
+    float inside;        /* this part of them from where mask is not 0, as far as there are */
+    const uint8_t *mask; /* H x W */
+    uint64_t key;
+} ray_draw;
 typedef struct {
     posed_body *body;
     ray_bundle *rays;
@@ -84,6 +91,16 @@ sherf_status target_geometry_create(context *c, const model_config *config, cons
                                     const sherf_camera *camera, const sherf_pose *pose,
                                     const observation_geometry *observation, bool keep_stages,
                                     target_geometry **out);
+/* As if no other rays met the box than those that are drawn. */
+sherf_status target_geometry_draw(context *c, const model_config *config, const body_model *body,
+                                  const sherf_camera *camera, const sherf_pose *pose,
+                                  const observation_geometry *observation, const ray_draw *draw,
+                                  target_geometry **out);
+/* The points of a frame, by the model's kind: points_create, or points_of_box. */
+sherf_status model_points_create(context *c, const model_config *config, const body_model *body,
+                                 const posed_body *target, const ray_bundle *rays, int samples,
+                                 const posed_body *observation, const sherf_camera *observation_camera,
+                                 const occupancy_grid *empty, bool keep_stages, point_set **out);
 void target_geometry_free(target_geometry *g);
 
 /* ---- the feature bank, as tensors on a tape ---- */
@@ -92,6 +109,8 @@ typedef struct {
     int count; /* of the tensors that queries read, whose gradients they give */
     tensor *tensor[MODEL_BANK];
     void *own; /* the model's, on the tape; or NULL */
+    tensor *
+        coarse; /* [N, 5] of the last frame's first pass, which is compared with the truth as well; or NULL */
 } model_bank;
 
 /* Arrays of a bank in the host's memory, as an avatar and its file keep them. */
@@ -126,6 +145,16 @@ typedef struct {
                         model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 } model_fused_training;
 
+/* How a model's authors train it where that is not SHERF's way (train/), for those who want theirs. */
+typedef struct {
+    float
+        mask_weight; /* the loss: mean squared colour of both passes + this x mean squared (opacity - mask) */
+    int rays;        /* of an observed person, drawn anew for each image and shared among its targets */
+    float rays_inside;                               /* this part of them from the mask */
+    int images;                                      /* a step */
+    double learning_rate, beta1, beta2, halve_every; /* steps, 0: never */
+} training_recipe;
+
 struct model_kind {
     const char *name; /* in files and before presets: letters, digits, _ */
     /* settings */
@@ -153,11 +182,25 @@ struct model_kind {
                           const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
                           tensor **sigma, tensor **rgb);
     const model_fused_training *fused_training; /* or NULL */
+    /* A field of the observed moment's world: no other pose, no canonical space to look for nothing in or to
+     * export. */
+    bool one_pose;
+    bool (*whole_box)(
+        const model_config *config); /* points are all samples of the box (points_of_box); or NULL */
+    /* The frame of model_frame where that is not one pass over target->points (model_pass); or NULL. */
+    sherf_status (*frame)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                          model_bank *bank, const target_geometry *target, float background,
+                          uint64_t noise_key, tensor **frame);
+    const training_recipe *(*recipe)(const model_config *config); /* NULL, or gives NULL: SHERF's way */
     /* Names and shapes of what an avatar keeps, without data. Where keep is NULL they are the bank's tensors
      * in their order. */
     void (*kept)(const model_config *config, kept_bank *out);
     sherf_status (*keep)(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                          kept_bank *out);
+    /* The bank from those arrays, which are tensors in the same order too; NULL: they are it. The geometry
+     * may be brought in line with them. */
+    sherf_status (*restore)(tape *t, const model *m, observation_geometry *g, const kept_bank *arrays,
+                            const model_bank *tensors, model_bank *bank);
     /* The same network as `query` for frames (field.h); NULL, or it gives NULL: op by op. */
     const struct field_kind *(*field)(const model_config *config);
 };
@@ -182,6 +225,12 @@ bool model_is_queried(const model_kind *kind, const char *name);
 /* By name; NULL where there is none. For tests. */
 tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
 
+/* NULL: trained as SHERF is. */
+const training_recipe *model_recipe(const model_config *config);
+/* SHERF_UNSUPPORTED, in one line, where the model has no canonical space. */
+sherf_status model_needs_canonical(context *c, const model_config *config);
+bool model_has_whole_box(const model_config *config);
+
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank);
 /* A tape for work whose results alone are wanted: `t` where it records. keep: such a result, on `t`; what
@@ -193,6 +242,11 @@ tensor *tape_keep(tape *t, tape *work, tensor *x);
  * [P, 3]. */
 sherf_status model_query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
+/* One pass: the points on the tape and composited, at their own depths where they have some: *sigma (or NULL)
+ * [P, 1] without noise, *frame [N, 5]. The set must live as long as the tape. */
+sherf_status model_pass(tape *t, const model *m, const body_model *body, const observation_geometry *g,
+                        model_bank *bank, const target_geometry *target, const point_set *points,
+                        float background, uint64_t noise_key, tensor **sigma, tensor **frame);
 /* The whole frame on the tape: [N, 5] colour, opacity, depth. The points go through in chunks whose inside is
  * not kept but computed again in the backward pass. noise_key != 0: standard normal noise is added to the raw
  * density (training). */

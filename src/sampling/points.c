@@ -335,11 +335,10 @@ sherf_status points_prepare(context *c, const body_model *m, posed_body *target)
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
                            const occupancy_grid *empty, bool keep_stages, point_set **out) {
-    enum { SAMPLES_MAX = 4096 };
     *out = NULL;
-    if (samples < 1 || samples > SAMPLES_MAX)
+    if (samples < 1 || samples > POINT_SAMPLES_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "points: %d samples a ray, must be 1 to %d", samples,
-                       SAMPLES_MAX);
+                       POINT_SAMPLES_MAX);
     if (!observation != !observation_camera)
         return failure(c, SHERF_BAD_ARGUMENT, "points: an observation needs both its body and its camera");
     points_job job = {.m = m,
@@ -355,6 +354,7 @@ sherf_status points_create(context *c, const body_model *m, const posed_body *ta
     if (!job.out) return SHERF_NO_MEMORY;
     job.out->rays = (int64_t)rays->width * rays->height;
     job.out->samples = samples;
+    job.out->on = rays;
     vertex_grid *own = NULL;
     sherf_status status = target->near ? SHERF_OK : grid_create(c, m, target, &own);
     job.grid = own ? own : target->near;
@@ -382,5 +382,6 @@ void points_free(point_set *p) {
     mem_free(p->observed_px);
     mem_free(p->observation_world);
     mem_free(p->nearest);
+    mem_free(p->depth);
     mem_free(p);
 }

@@ -19,8 +19,11 @@ typedef struct {
     float *direction_canonical; /* P x 3, not normalised */
     float
         *observed_px; /* P x 2: projection into the observation camera; NULL when no observation was given */
-    float *observation_world; /* P x 3 before that projection; only with keep_stages */
-    int32_t *nearest;         /* P, target vertex; only with keep_stages */
+    float *observation_world; /* P x 3 before that projection; only when asked for */
+    int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
+    const ray_bundle *on;     /* the rays, which outlive the set; NULL: the points lie on none */
+    float *depth;             /* P, where they are not the rays' even ones; else NULL */
+    float last_way;           /* with these: the way behind a ray's last point; 0: to the box's end */
 } point_set;
 /* The raw density of the samples of a ray that are not kept; their colour is 0. */
 #define SIGMA_EMPTY -80.0f
@@ -42,13 +45,20 @@ HOST_AND_DEVICE static inline bool cell_is_empty(const occupancy_grid *e, const 
     return e->bit[row * (size_t)e->words + (size_t)cell[0] / 32] >> (cell[0] % 32) & 1;
 }
 
+enum { POINT_SAMPLES_MAX = 4096 }; /* of a ray */
 /* Exactly the samples whose nearest target vertex is closer than BODY_SHELL_M, without those in cells that
  * `empty` (or NULL) marks, in ray-major, then depth order. Samples far from the body are not visited.
  * observation and observation_camera may both be NULL. keep_stages: fills the stage arrays, for tests. */
 sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
                            int samples, const posed_body *observation, const sherf_camera *observation_camera,
                            const occupancy_grid *empty, bool keep_stages, point_set **out);
+/* Every sample of the rays that meet the box, whatever is near: count, rays, first, ray, sample and `on`
+ * alone are filled. For fields that live in the world and know of no body. */
+sherf_status points_of_box(context *c, const ray_bundle *rays, int samples, point_set **out);
 void points_free(point_set *p);
+/* Of a point on a ray: its depth, and where that is in the world. */
+float point_depth(const point_set *p, int64_t i);
+void point_world(const point_set *p, int64_t i, float out_world[3]);
 /* Makes what points_create needs of a posed body, once, for many pictures of one pose. Without it each call
  * makes its own. */
 sherf_status points_prepare(context *c, const body_model *m, posed_body *target);

@@ -1,0 +1,17 @@
+/* stages: an encoder's maps of several sizes as one, and where a picture's points are in it. For models whose
+ * pixel-aligned features are those of several ResNet stages. */
+#ifndef SHERF_STAGES_H
+#define SHERF_STAGES_H
+
+#include "model/model.h"
+
+/* Maps [h, w, C], 2 to 4 of them, resized to the size of the first, corners on corners, side by side. */
+tensor *stages_side_by_side(tape *t, int count, tensor *const *stage);
+/* Pixel u, v of a W x H picture is (u W_f / W, v H_f / H) of a map, moved onto it where it is outside. */
+typedef struct {
+    float across, down, right, bottom;
+} map_place;
+map_place map_place_of(const tensor *map, int width, int height);
+void map_position(const map_place *p, const float px[2], float out[2]);
+
+#endif

@@ -18,17 +18,18 @@ sherf_status block_download(context *c, const tensor_memory *memory, void *to, c
 sherf_status block_copy(context *c, const tensor_memory *memory, void *to, const void *from, size_t bytes);
 sherf_status block_clear(context *c, const tensor_memory *memory, void *to, size_t bytes);
 
-/* One update of train/adam.h: v <- beta2 v + (1 - beta2) g^2; x <- x - rate g / (sqrt(correction v) + eps) */
+/* One update of train/adam.h: m <- beta1 m + (1 - beta1) g; v <- beta2 v + (1 - beta2) g^2;
+ * x <- x - rate correction1 m / (sqrt(correction v) + eps) */
 typedef struct {
-    float beta2, rate, correction, eps;
+    float beta1, beta2, rate, correction1, correction, eps;
 } adam_factors;
 enum { SQUARE_SUMS = 256 }; /* the parts of a block's square sum; their sizes depend on the block's alone */
 
 /* The arithmetic of a memory that is not the host's; train/ has the host's own. n floats each. */
 struct block_kernels {
     sherf_status (*add)(context *c, int64_t n, float *to, const float *from); /* to += from */
-    sherf_status (*adam)(context *c, int64_t n, float *values, float *second, const float *gradients,
-                         adam_factors f);
+    sherf_status (*adam)(context *c, int64_t n, float *values, float *first /* NULL: beta1 is 0 */,
+                         float *second, const float *gradients, adam_factors f);
     /* average <- value + decay (average - value) */
     sherf_status (*average)(context *c, int64_t n, float *average, const float *values, float decay);
     /* sums[SQUARE_SUMS], there: of the squares of each part. */

@@ -7,15 +7,21 @@
 enum { GRAIN = 1 << 14 };
 
 sherf_status adam_create(context *c, int64_t n, adam *out) {
-    *out = (adam){.n = n};
+    return adam_create_with(c, n, adam_beta1, adam_beta2, out);
+}
+
+sherf_status adam_create_with(context *c, int64_t n, double beta1, double beta2, adam *out) {
+    *out = (adam){.n = n, .beta1 = beta1, .beta2 = beta2};
     out->second = mem_zero(c, (size_t)n, sizeof *out->second);
     out->sums = mem_zero(c, SQUARE_SUMS, sizeof *out->sums);
-    if (out->second && out->sums) return SHERF_OK;
+    if (beta1 > 0) out->first = mem_zero(c, (size_t)n, sizeof *out->first);
+    if (out->second && out->sums && (out->first || !(beta1 > 0))) return SHERF_OK;
     adam_free(out);
     return SHERF_NO_MEMORY;
 }
 
 void adam_free(adam *a) {
+    block_give(a->memory, a->first);
     block_give(a->memory, a->second);
     block_give(a->memory, a->sums);
     *a = (adam){0};
@@ -24,18 +30,22 @@ void adam_free(adam *a) {
 sherf_status adam_place(context *c, adam *a, const tensor_memory *memory) {
     const size_t bytes = (size_t)a->n * sizeof(float);
     if (!memory) return SHERF_OK;
-    adam there = {.n = a->n, .memory = memory, .updates = a->updates};
+    adam there = *a;
+    there.memory = memory;
     there.second = block_take(c, memory, (size_t)a->n, sizeof(float));
+    there.first = a->first ? block_take(c, memory, (size_t)a->n, sizeof(float)) : NULL;
     there.sums = block_take(c, memory, SQUARE_SUMS, sizeof(double));
     sherf_status status = there.second && there.sums ? block_upload(c, memory, there.second, a->second, bytes)
                                                      : SHERF_NO_MEMORY;
+    if (status == SHERF_OK && a->first)
+        status = there.first ? block_upload(c, memory, there.first, a->first, bytes) : SHERF_NO_MEMORY;
     adam_free(status == SHERF_OK ? a : &there);
     if (status == SHERF_OK) *a = there;
     return status;
 }
 
 typedef struct {
-    float *values, *second;
+    float *values, *first, *second;
     const float *gradients;
     adam_factors factors;
 } adam_job;
@@ -54,13 +64,34 @@ static VARIANT_BODY void adam_range(void *arg, int64_t begin, int64_t end, int t
 }
 VARIANTS(adam_range)
 
+static VARIANT_BODY void momentum_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const adam_job *j = arg;
+    float *restrict x = j->values, *restrict m = j->first, *restrict v = j->second;
+    const float *restrict g = j->gradients;
+    const float b1 = j->factors.beta1, b2 = j->factors.beta2, rate = j->factors.rate * j->factors.correction1;
+    const float correction = j->factors.correction, eps = j->factors.eps;
+#pragma omp simd
+    for (int64_t i = begin; i < end; i++) {
+        m[i] = b1 * m[i] + (1 - b1) * g[i];
+        v[i] = b2 * v[i] + (1 - b2) * g[i] * g[i];
+        x[i] -= rate * m[i] / (sqrtf(v[i] * correction) + eps);
+    }
+}
+VARIANTS(momentum_range)
+
 sherf_status adam_step(context *c, adam *a, float *values, const float *gradients, double rate) {
     a->updates++;
-    const double correction = 1 / (1 - pow(adam_beta2, (double)a->updates));
-    const adam_factors f = {(float)adam_beta2, (float)rate, (float)correction, (float)adam_eps};
-    if (a->memory) return a->memory->blocks->adam(c, a->n, values, a->second, gradients, f);
-    adam_job job = {values, a->second, gradients, f};
-    parallel_for(c, a->n, GRAIN, adam_range_best(), &job);
+    const double correction = 1 / (1 - pow(a->beta2, (double)a->updates));
+    const double correction1 = 1 / (1 - pow(a->beta1, (double)a->updates));
+    const adam_factors f = {.beta1 = (float)a->beta1,
+                            .beta2 = (float)a->beta2,
+                            .rate = (float)rate,
+                            .correction1 = (float)correction1,
+                            .correction = (float)correction,
+                            .eps = (float)adam_eps};
+    if (a->memory) return a->memory->blocks->adam(c, a->n, values, a->first, a->second, gradients, f);
+    adam_job job = {values, a->first, a->second, gradients, f};
+    parallel_for(c, a->n, GRAIN, a->first ? momentum_range_best() : adam_range_best(), &job);
     return SHERF_OK;
 }
 

@@ -4,17 +4,21 @@
 
 #include "tensor/block.h"
 
-/* Adam with beta1 = 0, as the network is trained: the first moment is the gradient itself, so that only the
- * second is kept. v <- b2 v + (1 - b2) g^2; x <- x - rate g / (sqrt(v / (1 - b2^t)) + eps). */
-static const double adam_beta2 = 0.99, adam_eps = 1e-8;
+/* Adam. As SHERF is trained beta1 is 0: the first moment is the gradient itself, so that only the second is
+ * kept. m <- b1 m + (1 - b1) g; v <- b2 v + (1 - b2) g^2;
+ * x <- x - rate m / (1 - b1^t) / (sqrt(v / (1 - b2^t)) + eps). */
+static const double adam_beta1 = 0, adam_beta2 = 0.99, adam_eps = 1e-8;
 typedef struct {
     int64_t n;
+    double beta1, beta2;
+    float *first;                /* as `second`; NULL where beta1 is 0 */
     const tensor_memory *memory; /* of the arrays, and of those that it works on; NULL: the host's */
     float *second;               /* n, zero before the first update; owned */
     double *sums;                /* SQUARE_SUMS, in that memory; owned */
     int64_t updates;
 } adam;
 sherf_status adam_create(context *c, int64_t n, adam *out); /* in the host's memory */
+sherf_status adam_create_with(context *c, int64_t n, double beta1, double beta2, adam *out);
 void adam_free(adam *a);
 /* Moves it into another memory. NULL: it stays. */
 sherf_status adam_place(context *c, adam *a, const tensor_memory *memory);

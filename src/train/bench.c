@@ -109,6 +109,7 @@ static sherf_status bench_open(bench *b) {
     stride(0.2f, &seen);
     stride(0.6f, &shown);
     sherf_status status = model_config_parse(c, b->preset, &config);
+    if (status == SHERF_OK && config.kind->one_pose) shown = seen;
     if (status == SHERF_OK) status = model_create(c, &config, 1, &b->model);
     if (status == SHERF_OK) status = model_place(c, b->model);
     if (status == SHERF_OK) status = tubeman_create(c, &b->body);
@@ -236,6 +237,9 @@ typedef struct {
 static sherf_status prepare_once(bench *b, void *arg) {
     step_job *j = arg;
     const sherf_observation *o = b->observation, *t = b->target;
+    const training_recipe *r = model_recipe(&b->model->config);
+    const ray_draw rays = {
+        .count = r ? r->rays : 0, .inside = r ? r->rays_inside : 0, .mask = t->mask, .key = 1};
     context one = *b->c; /* a loading thread works on its own */
     one.threads = 1;
     observation_geometry_free(j->sample.observation_geometry);
@@ -245,8 +249,8 @@ static sherf_status prepare_once(bench *b, void *arg) {
     sherf_status status = observation_geometry_create(&one, &b->model->config, b->body, &o->image, &o->camera,
                                                       &o->pose, true, &j->sample.observation_geometry);
     if (status == SHERF_OK)
-        status = target_geometry_create(&one, &b->model->config, b->body, &t->camera, &t->pose,
-                                        j->sample.observation_geometry, false, &j->sample.target_geometry);
+        status = target_geometry_draw(&one, &b->model->config, b->body, &t->camera, &t->pose,
+                                      j->sample.observation_geometry, &rays, &j->sample.target_geometry);
     if (status != SHERF_OK) failure(b->c, status, "%s", one.message);
     return status;
 }
@@ -292,7 +296,7 @@ static sherf_status step_open(bench *b, step_job *job, lpips_network *lpips, res
     context *c = b->c;
     const backend *on = backend_of(c);
     sherf_status status = parameters_make_grads(c, b->model->weights);
-    if (status == SHERF_OK) status = adam_create(c, b->model->weights->trained_floats, &job->adam);
+    if (status == SHERF_OK) status = adam_of_model(c, b->model, &job->adam);
     if (status == SHERF_OK) status = adam_place(c, &job->adam, on->memory);
     if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job->average);
     if (status == SHERF_OK) status = model_place(c, job->average);

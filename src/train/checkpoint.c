@@ -74,13 +74,19 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     return SHERF_OK;
 }
 
-/* ---- tensors: the same loop over the three groups writes and reads ---- */
-enum { GROUPS = 3 };
-static const char *const group_names[GROUPS] = {"model", "average", "second"};
+sherf_status adam_of_model(context *c, const model *m, adam *out) {
+    const training_recipe *r = model_recipe(&m->config);
+    const int64_t n = m->weights->trained_floats;
+    return r ? adam_create_with(c, n, r->beta1, r->beta2, out) : adam_create(c, n, out);
+}
 
-/* Buffers have no second moment. */
-static bool group_has(int group, const parameter *q) {
-    return group != 2 || !q->buffer;
+/* ---- tensors: the same loop over the groups writes and reads ---- */
+enum { GROUPS = 4 };
+static const char *const group_names[GROUPS] = {"model", "average", "second", "first"};
+
+/* Buffers have no moments, and where beta1 is 0 there is no first one. */
+static bool group_has(const adam *a, int group, const parameter *q) {
+    return group < 2 || (!q->buffer && (group < 3 || a->first));
 }
 
 /* The groups' blocks for the host to read; `copies` are mem_free'd, whatever the answer. */
@@ -89,10 +95,14 @@ static sherf_status blocks_read(context *c, const model *m, const model *average
     sherf_status status = parameters_read(c, m->weights, &block[0], &copies[0]);
     if (status == SHERF_OK) status = parameters_read(c, average->weights, &block[1], &copies[1]);
     block[2] = a->second;
-    if (status != SHERF_OK || !a->memory) return status;
-    block[2] = copies[2] = mem_alloc(c, (size_t)a->n, sizeof(float));
-    if (!copies[2]) return SHERF_NO_MEMORY;
-    return block_download(c, a->memory, copies[2], a->second, (size_t)a->n * sizeof(float));
+    block[3] = a->first;
+    for (int k = 2; k < GROUPS && status == SHERF_OK && a->memory && block[k]; k++) {
+        copies[k] = mem_alloc(c, (size_t)a->n, sizeof(float));
+        if (!copies[k]) return SHERF_NO_MEMORY;
+        status = block_download(c, a->memory, copies[k], block[k], (size_t)a->n * sizeof(float));
+        block[k] = copies[k];
+    }
+    return status;
 }
 
 sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
@@ -117,7 +127,7 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            if (!group_has(group, q)) continue;
+            if (!group_has(a, group, q)) continue;
             const float *values = block[group] + q->offset;
             snprintf(name[n], sizeof name[n], "%s.%s", group_names[group], q->name);
             item[n] =
@@ -138,12 +148,12 @@ done:
 static sherf_status tensors_read(context *c, const safetensors *f, const model *m, const model *average,
                                  const adam *a) {
     const parameters *p = m->weights;
-    float *const block[GROUPS] = {p->values, average->weights->values, a->second};
+    float *const block[GROUPS] = {p->values, average->weights->values, a->second, a->first};
     char name[288];
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];
-            if (!group_has(group, q)) continue;
+            if (!group_has(a, group, q)) continue;
             float *values = block[group] + q->offset;
             snprintf(name, sizeof name, "%s.%s", group_names[group], q->name);
             sherf_status status = safetensors_floats(c, f, name, q->value.rank, q->value.dim, values);
@@ -174,7 +184,7 @@ sherf_status checkpoint_read(context *c, const char *path, model **m, model **av
     if ((status = state_parse(c, f, state, &updates)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, m)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, average)) != SHERF_OK) goto done;
-    if ((status = adam_create(c, (*m)->weights->trained_floats, a)) != SHERF_OK) goto done;
+    if ((status = adam_of_model(c, *m, a)) != SHERF_OK) goto done;
     a->updates = updates;
     status = tensors_read(c, f, *m, *average, a);
 done:

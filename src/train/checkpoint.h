@@ -15,7 +15,10 @@ typedef struct {
     int64_t halve_every;
 } train_state;
 
-/* The tensors: model.NAME, average.NAME (moving average), second.NAME (Adam's second moment). The metadata:
+/* Adam as the model is trained (model_recipe), in the host's memory. */
+sherf_status adam_of_model(context *c, const model *m, adam *out);
+/* The tensors: model.NAME, average.NAME (moving average), second.NAME and, where beta1 is
+ * not 0, first.NAME (Adam's moments). The metadata:
  * format=sherf-checkpoint, config, and the state. The arrays may be in any memory; the file does not tell. */
 sherf_status checkpoint_write(context *c, const char *path, const model *m, const model *average,
                               const adam *a, const train_state *state);

@@ -92,6 +92,7 @@ draw sampling_draw(const sampling *s, int64_t image) {
     d.further = s->targets - 1;
     for (int k = 0; k < d.further; k++) {
         d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;
+        if (s->one_pose) d.more[k].pose = d.pose;
         d.more[k].view = (int)random_below(key, 3 + 2 * (uint64_t)k, s->views[i]);
     }
     const uint64_t ground = random_key(s->seed, "train.background", (uint64_t)image);

@@ -17,6 +17,7 @@ typedef struct {
     int pose_step;
     int front_view;         /* -1: any view observes */
     int targets;            /* of an image, 1 to TARGETS_MAX */
+    bool one_pose;          /* further targets keep the observation's pose */
     bool random_background; /* false: always black, the paper's */
     double estimated;       /* share of the images that are observed by estimate, 0 to 1 */
 } sampling;
@@ -32,7 +33,7 @@ typedef struct {
     int person, pose, view; /* the target's */
     int observed_view;      /* of the same pose */
     bool estimated;         /* its camera, body and mask are estimated from its picture */
-    int further;            /* targets beside the first: any pose and view of the person */
+    int further;            /* targets beside the first: any view of the person, and any pose */
     struct {
         int pose, view;
     } more[TARGETS_MAX - 1];

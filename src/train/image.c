@@ -17,7 +17,9 @@ static sherf_status target_losses(tape *t, const model *m, const body_model *bod
                                 .mask = view->mask,
                                 .unknown = view->unknown,
                                 .at_box = geometry->rays->at_box,
-                                .background = background};
+                                .background = background,
+                                .recipe = model_recipe(&m->config),
+                                .coarse = bank->coarse};
     return losses_forward(t, networks, frame, &target, losses);
 }
 

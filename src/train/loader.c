@@ -25,8 +25,8 @@ static sherf_status named(context *c, sherf_status status, const sherf_dataset *
 
 /* w NULL: the target is where the data set has it. */
 static sherf_status target_load(context *c, const sample_source *from, const carried *w, int person, int pose,
-                                int view, const observation_geometry *observation, data_view **target,
-                                target_geometry **geometry) {
+                                int view, const observation_geometry *observation, uint64_t key, int targets,
+                                data_view **target, target_geometry **geometry) {
     sherf_status status = dataset_person_view(c, from->data, person, pose, view, from->width, target);
     if (status != SHERF_OK) return status;
     const data_view *t = *target;
@@ -36,9 +36,14 @@ static sherf_status target_load(context *c, const sample_source *from, const car
         carried_camera(w, &t->camera, &camera);
         status = carried_pose(c, w, from->body, &t->pose, false, &moved);
     }
+    const training_recipe *r = model_recipe(from->config);
+    const ray_draw rays = {.count = r ? (r->rays + targets - 1) / targets : 0,
+                           .inside = r ? r->rays_inside : 0,
+                           .mask = t->mask,
+                           .key = random_key(key, "train.rays", 0)};
     if (status == SHERF_OK)
-        status = target_geometry_create(c, from->config, from->body, &camera, &moved, observation, false,
-                                        geometry);
+        status =
+            target_geometry_draw(c, from->config, from->body, &camera, &moved, observation, &rays, geometry);
     if (status == SHERF_OK) status = body_in_picture(c, from->body, (*geometry)->body, &camera, t->mask);
     return named(c, status, from->data, person, pose, view);
 }
@@ -68,6 +73,7 @@ static sherf_status observation_load(context *c, const sample_source *from, draw
 }
 
 sherf_status sample_load(context *c, const sample_source *from, draw drawn, sample *out) {
+    const int targets = 1 + drawn.further;
     carried world;
     bool by_estimate;
     *out = (sample){.drawn = drawn};
@@ -82,10 +88,11 @@ sherf_status sample_load(context *c, const sample_source *from, draw drawn, samp
     named(c, status, from->data, drawn.person, drawn.pose, drawn.observed_view);
     if (status == SHERF_OK)
         status = target_load(c, from, w, drawn.person, drawn.pose, drawn.view, out->observation_geometry,
-                             &out->target, &out->target_geometry);
+                             drawn.noise_key, targets, &out->target, &out->target_geometry);
     for (int k = 0; k < drawn.further && status == SHERF_OK; k++)
         status = target_load(c, from, w, drawn.person, drawn.more[k].pose, drawn.more[k].view,
-                             out->observation_geometry, &out->more[k].target, &out->more[k].geometry);
+                             out->observation_geometry, splitmix64(drawn.noise_key + 1 + (uint64_t)k),
+                             targets, &out->more[k].target, &out->more[k].geometry);
     if (status == SHERF_OK) return SHERF_OK;
 fail:
     sample_free(out);

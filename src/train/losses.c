@@ -61,6 +61,13 @@ static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
     return op_add(t, a, factor == 1 ? b : op_scale(t, b, factor));
 }
 
+/* Mean squared colour of both passes, and mask. */
+static tensor *total_of_recipe(tape *t, const loss_target *g, tensor *color, tensor *mask, tensor *truth,
+                               tensor *rows) {
+    if (g->coarse) color = op_add(t, color, op_mean_square(t, op_slice(t, g->coarse, 0, 3), truth, rows));
+    return g->recipe->mask_weight > 0 ? sum(t, color, mask, g->recipe->mask_weight) : color;
+}
+
 sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *g,
                             loss_tensors *out) {
     shift_scale_attr r = {.scale = {0}};
@@ -72,6 +79,11 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
     tensor *rgb = op_slice(t, frame, 0, 3), *truth = truth_column(t, g);
     tensor *color = op_mean_square(t, rgb, truth, rows);
     tensor *mask = op_mean_square(t, op_slice(t, frame, 3, 1), mask_column(t, g), rows);
+    if (g->recipe) {
+        *out = (loss_tensors){
+            .total = total_of_recipe(t, g, color, mask, truth, rows), .color = color, .mask = mask};
+        return tape_status(t);
+    }
     tensor *loss = sum(t, op_scale(t, color, weight_color), mask, weight_mask);
     if (r.width >= SSIM_WINDOW && r.height >= SSIM_WINDOW) {
         tensor *known = g->unknown ? selected(t, g, false, &r) : NULL;

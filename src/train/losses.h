@@ -2,6 +2,7 @@
 #ifndef SHERF_LOSSES_H
 #define SHERF_LOSSES_H
 
+#include "model/model.h"
 #include "nn/lpips.h"
 #include "nn/resnet50.h"
 
@@ -14,6 +15,8 @@ typedef struct {
     const uint8_t *at_box;  /* H x W, rays that meet the target's box */
     float
         background; /* grey in [0, 1]: the colour outside the mask, and what the frame was composited over */
+    const training_recipe *recipe; /* NULL: SHERF's losses */
+    tensor *coarse;                /* [N, 5] of a first pass, or NULL */
 } loss_target;
 
 /* Networks that losses look through; each may be NULL, and is then left out. */
@@ -40,7 +43,8 @@ typedef struct {
 /* frame [N, 5] of model_frame. total = 100 color + 10 mask + (1 - ssim) + lpips: colour, 0.1 mask,
  * 0.01 (1 - SSIM), 0.01 LPIPS, times the 100 of the authors' code; + weight resnet50 where that network is
  * given. ssim and the networks' distances are taken on the bounding rectangle of the rays at the box where it
- * is large enough. `networks` may be NULL. All of them are NULL when no ray meets the box. */
+ * is large enough. With a recipe: its losses alone, the colour of a first pass added. `networks` may be NULL.
+ * All of them are NULL when no ray meets the box. */
 sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *frame, const loss_target *target,
                             loss_tensors *out);
 /* Puts them into row, LOSSES floats in the memory of the tape's backend, without waiting. */

@@ -12,6 +12,7 @@
 #include "train/trainer.h"
 
 enum { SKIPS_IN_A_ROW = 20, IMAGES_MAX = 65536 };
+static const int64_t halve_never = (int64_t)1 << 40;
 /* Smaller people cannot be learned from: something is wrong with their cameras. */
 static const double px_per_m_min = 2;
 
@@ -142,47 +143,56 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     return status;
 }
 
-/* New weights, or those of another training. */
-static sherf_status weights_new(trainer *t) {
+/* The settings of the weights that a training begins with, which are new or those of another training. */
+static sherf_status config_new(trainer *t, model_config *config) {
     const sherf_train_options *o = t->options;
+    if (!o->start) return model_config_parse(t->c, o->preset ? o->preset : "paper", config);
+    sherf_status status = model_load(t->c, o->start, &t->model);
+    if (status == SHERF_OK && o->preset) status = same_preset(t->c, o->start, o->preset, &t->model->config);
+    if (status == SHERF_OK) *config = t->model->config;
+    return status;
+}
+
+static sherf_status weights_new(trainer *t, model_config *config) {
     context *c = t->c;
-    model_config config;
-    sherf_status status = SHERF_OK;
-    if (o->start) {
-        status = model_load(c, o->start, &t->model);
-        if (status == SHERF_OK && o->preset) status = same_preset(c, o->start, o->preset, &t->model->config);
-        if (status == SHERF_OK) status = pictures_measure(t, &t->model->config);
-    } else {
-        status = model_config_parse(c, o->preset ? o->preset : "paper", &config);
-        if (status == SHERF_OK) status = pictures_measure(t, &config);
-        if (status == SHERF_OK) status = model_create(c, &config, t->state.seed, &t->model);
-    }
-    if (status == SHERF_OK && o->resnet) status = model_load_resnet(c, t->model, o->resnet);
-    if (status == SHERF_OK) status = model_create(c, &t->model->config, t->state.seed, &t->average);
+    sherf_status status = pictures_measure(t, config);
+    if (status == SHERF_OK && !t->model) status = model_create(c, config, t->state.seed, &t->model);
+    if (status == SHERF_OK) t->model->config = *config;
+    if (status == SHERF_OK && t->options->resnet) status = model_load_resnet(c, t->model, t->options->resnet);
+    if (status == SHERF_OK) status = model_create(c, config, t->state.seed, &t->average);
     if (status == SHERF_OK)
         memcpy(t->average->weights->values, t->model->weights->values,
                (size_t)t->model->weights->total_floats * sizeof(float));
     return status;
 }
 
-/* The state as the options say. */
+/* New weights, and the state as the options say. */
 static sherf_status begin_new(trainer *t) {
     const sherf_train_options *o = t->options;
+    model_config config;
+    sherf_status status = config_new(t, &config);
+    if (status != SHERF_OK) return status;
+    const training_recipe *own = model_recipe(&config);
     t->state = (train_state){.seed = o->seed,
-                             .images_per_step = o->images_per_step ? o->images_per_step : 4,
+                             .images_per_step = o->images_per_step ? o->images_per_step
+                                                : own              ? own->images
+                                                                   : 4,
                              .size_px = o->size_px,
                              .front_view = o->front_view != 0,
                              .random_background = o->background && !strcmp(o->background, "random"),
                              .targets = o->targets ? o->targets : 1,
                              .estimated = o->estimated,
-                             .learning_rate = o->learning_rate > 0 ? o->learning_rate : 2e-3};
-    sherf_status status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets,
-                                          t->state.seed, &t->sampling);
+                             .learning_rate = o->learning_rate > 0 ? o->learning_rate
+                                              : own                ? own->learning_rate
+                                                                   : 2e-3};
+    status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets, t->state.seed,
+                             &t->sampling);
     if (status != SHERF_OK) return status;
     int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
+    if (own) epoch = own->halve_every > 0 ? (int64_t)own->halve_every : halve_never;
     t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
-    if ((status = weights_new(t)) != SHERF_OK) return status;
-    return adam_create(t->c, t->model->weights->trained_floats, &t->adam);
+    if ((status = weights_new(t, &config)) != SHERF_OK) return status;
+    return adam_of_model(t->c, t->model, &t->adam);
 }
 
 /* The checkpoint's state; what the options say otherwise is taken and told. */
@@ -247,6 +257,7 @@ static sherf_status begin(trainer *t) {
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
     t->sampling.random_background = t->state.random_background;
     t->sampling.estimated = t->state.estimated;
+    t->sampling.one_pose = t->model->config.kind->one_pose;
     t->first_step = t->state.step;
     double epochs = o->epochs > 0 ? o->epochs : 5;
     double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);
@@ -315,7 +326,9 @@ static void announce(trainer *t) {
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
-    if (t->resnet50)
+    if (model_recipe(&t->model->config))
+        log_line(c, SHERF_LOG_INFO, "as its authors train it: the squared error of drawn rays is the loss");
+    else if (t->resnet50)
         log_line(c, SHERF_LOG_INFO, "the loss has the resnet50 distance (%s) where the paper's has LPIPS",
                  t->options->perceptual);
     else if (!t->lpips)

@@ -42,6 +42,32 @@ static void adam_follows_its_equations(void **state) {
     sherf_context_free(c);
 }
 
+/* With a first moment, as the authors of other models train them. */
+static void momentum_follows_its_equations(void **state) {
+    enum { N = 20000 };
+    static float x[N], g[N];
+    static double want[N], m[N], v[N];
+    context *c = test_context();
+    adam a;
+    assert_ok(c, adam_create_with(c, N, 0.9, 0.999, &a));
+    test_centred("momentum.x", N, 1, x);
+    for (int i = 0; i < N; i++) want[i] = x[i];
+    for (int t = 1; t <= 6; t++) {
+        char name[32];
+        snprintf(name, sizeof name, "momentum.g%d", t);
+        test_centred(name, N, pow(10, -t / 2.0), g);
+        assert_ok(c, adam_step(c, &a, x, g, 1e-3));
+        for (int i = 0; i < N; i++) {
+            m[i] = 0.9 * m[i] + 0.1 * (double)g[i];
+            v[i] = 0.999 * v[i] + 0.001 * (double)g[i] * g[i];
+            want[i] -= 1e-3 * m[i] / (1 - pow(0.9, t)) / (sqrt(v[i] / (1 - pow(0.999, t))) + 1e-8);
+        }
+    }
+    for (int i = 0; i < N; i++) assert_true(fabs(x[i] - want[i]) < 2e-6);
+    adam_free(&a);
+    sherf_context_free(c);
+}
+
 static void schedule_and_average(void **state) {
     assert_true(schedule_rate(2e-3, 0, 10) == 2e-3 && schedule_rate(2e-3, 9, 10) == 2e-3);
     assert_true(schedule_rate(2e-3, 10, 10) == 1e-3 && schedule_rate(2e-3, 39, 10) == 2.5e-4);
@@ -117,6 +143,17 @@ static void every_picture_once_an_epoch(void **state) {
     for (int64_t i = 0; i < 20; i++) {
         draw a = sampling_draw(&front, i), b = sampling_draw(&s, i);
         assert_true(a.observed_view == 2 && a.pose == b.pose && a.view == b.view);
+    }
+}
+
+/* Of a model that shows the observed pose alone: other views of it, as before. */
+static void targets_can_keep_the_pose(void **state) {
+    sampling any = two_people(-1), one = any;
+    one.one_pose = true;
+    for (int64_t i = 0; i < 20; i++) {
+        draw a = sampling_draw(&any, i), b = sampling_draw(&one, i);
+        for (int k = 0; k < 2; k++) assert_true(b.more[k].pose == b.pose && b.more[k].view == a.more[k].view);
+        assert_true(a.pose == b.pose && a.view == b.view && a.observed_view == b.observed_view);
     }
 }
 
@@ -299,8 +336,9 @@ static void gradients_are_told_when_final(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(adam_follows_its_equations),     cmocka_unit_test(schedule_and_average),
-        cmocka_unit_test(permutations_are_permutations),  cmocka_unit_test(every_picture_once_an_epoch),
+        cmocka_unit_test(adam_follows_its_equations),     cmocka_unit_test(momentum_follows_its_equations),
+        cmocka_unit_test(schedule_and_average),           cmocka_unit_test(permutations_are_permutations),
+        cmocka_unit_test(every_picture_once_an_epoch),    cmocka_unit_test(targets_can_keep_the_pose),
         cmocka_unit_test(backgrounds_are_black_or_drawn), cmocka_unit_test(shares_add_up_to_the_same_bits),
         cmocka_unit_test(one_image_is_the_plain_update),  cmocka_unit_test(gradients_are_told_when_final)};
     return cmocka_run_group_tests(tests, NULL, NULL);

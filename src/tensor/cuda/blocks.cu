@@ -9,12 +9,17 @@ static sherf_status add(context *c, int64_t n, float *to, const float *from) {
     return finished(c, "a sum of gradients");
 }
 
-static sherf_status adam(context *c, int64_t n, float *values, float *second, const float *gradients,
-                         adam_factors f) {
+static sherf_status adam(context *c, int64_t n, float *values, float *first, float *second,
+                         const float *gradients, adam_factors f) {
     each(n, [=] __device__(int64_t i) {
         const float g = gradients[i], v = f.beta2 * second[i] + (1 - f.beta2) * g * g;
+        float m = g, rate = f.rate;
+        if (first) {
+            first[i] = m = f.beta1 * first[i] + (1 - f.beta1) * g;
+            rate *= f.correction1;
+        }
         second[i] = v;
-        values[i] -= f.rate * g / (sqrtf(v * f.correction) + f.eps);
+        values[i] -= rate * m / (sqrtf(v * f.correction) + f.eps);
     });
     return finished(c, "an update of the weights");
 }

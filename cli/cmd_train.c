@@ -23,8 +23,9 @@ static const option options[] = {
      "model, checkpoint, log.jsonl, loss.png, samples; a checkpoint that is there is continued",
      .needed = true},
     {'p', "preset", OPTION_TEXT, &set.preset, "NAME",
-     "paper, base or small, with settings: small,plane_resolution=64 (paper)"},
-    {0, "resnet", OPTION_FILE, &set.resnet, "FILE", "start the encoders from a converted ResNet-18"},
+     "paper, base or small, with settings: small,plane_resolution=64; of another model: "
+     "pixelnerf:own-small (paper)"},
+    {0, "resnet", OPTION_FILE, &set.resnet, "FILE", "start the encoders from a converted ResNet-18 (34)"},
     {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for the fourth loss"},
     {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
      "converted ResNet-50 for the fourth loss where no --lpips is given; 'none' for three losses "

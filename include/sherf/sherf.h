@@ -649,9 +649,10 @@ typedef struct {
     const char *data, *people; /* as in sherf_eval_options; people NULL: the paper's training split */
     const char *body;
     const char *output; /* folder: checkpoint.safetensors, model.safetensors, log.jsonl, loss.png, samples/ */
-    const char *preset; /* "paper", "base", "small", with settings; NULL: the checkpoint's, or "paper". One
-                           that is not that of the checkpoint that is continued is SHERF_MISMATCH */
-    const char *resnet; /* converted ResNet-18, or NULL */
+    const char *preset; /* "paper", "base", "small", with settings, or MODEL:PRESET (docs/rivals.md); NULL:
+                           the checkpoint's, or "paper". One that is not that of the checkpoint that is
+                           continued is SHERF_MISMATCH */
+    const char *resnet; /* converted ResNet-18, or ResNet-34 where the model has that; or NULL */
     const char *lpips;  /* converted VGG16 with heads, or NULL */
     const char *resume; /* checkpoint, or NULL; output/checkpoint.safetensors is picked up by itself */
     const char *start;  /* weights that a new training begins with (fine-tuning), or NULL: drawn by chance */

@@ -3,7 +3,7 @@
 
 #include "model/model.h"
 
-#define MODELS(MODEL) MODEL(sherf) /* the first: weights that name no model are its */
+#define MODELS(MODEL) MODEL(sherf) MODEL(pixelnerf) /* the first: weights that name no model are its */
 
 #define DECLARE(name) extern const model_kind model_##name;
 MODELS(DECLARE)

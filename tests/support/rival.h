@@ -1,0 +1,76 @@
+/* What tests of the models beside SHERF share: the parts of a second implementation in double, written from
+ * their definitions and as plain as can be, and how such a model is used. */
+#ifndef TEST_RIVAL_H
+#define TEST_RIVAL_H
+
+#include "support.h"
+
+#include "model/model.h"
+
+/* ---- one tube person, observed and shown ---- */
+int rival_data(void **state); /* setup of a group: two tube people of 32 x 32, 2 poses, 4 views */
+typedef struct {
+    sherf_body *body;
+    sherf_observation *observation; /* pose 0, view 0 */
+    sherf_camera camera;            /* the observation's */
+    observation_geometry *geometry; /* for training */
+    target_geometry *target;        /* view 1: some rays, drawn from the mask and around it */
+} rival_scene;
+void rival_scene_open(context *c, const model_config *config, int rays, rival_scene *out);
+void rival_scene_close(rival_scene *s);
+void rival_observation(context *c, int view, sherf_body **body, sherf_observation **o);
+void rival_box_middle(context *c, const rival_scene *s,
+                      double middle[3]);                           /* of the observed body's vertices */
+double rival_direction(const ray_bundle *r, int ray, double d[3]); /* returns its length */
+
+/* ---- weights in double ---- */
+typedef struct {
+    int count;
+    struct {
+        char name[96];
+        int64_t rows, floats; /* rows: the first dimension */
+        double *v;
+    } item[256];
+} rival_weights;
+void rival_shake(model *m); /* every weight gets noise, so that none is 0 or 1 */
+void rival_weights_take(const model *m, rival_weights *out);
+void rival_weights_free(rival_weights *w);
+double *rival_weight(const rival_weights *w, const char *format, ...) PRINTF_LIKE(2, 3);
+
+/* ---- layers; maps are [height, width, channels] ---- */
+typedef struct {
+    int height, width, channels;
+    double *v; /* malloc'd */
+} rival_map;
+rival_map rival_image(const sherf_observation *o, double factor, double offset);
+rival_map rival_map_copy(rival_map x);
+/* Those that take a map free it. */
+rival_map rival_conv_norm(const rival_weights *w, rival_map x, const char *conv, const char *norm, int stride,
+                          int pad, bool relu);
+rival_map rival_max_pool(rival_map x); /* 3 x 3, stride 2, padding 1 */
+rival_map rival_resnet_stage(const rival_weights *w, rival_map x, const char *prefix, int stage, int blocks);
+void rival_bilinear(rival_map map, double x, double y, double *out); /* zero outside */
+void rival_linear(const rival_weights *w, const char *name, int in, const double *x, int out, double *y);
+/* r, g, b, opacity over black; weight [count] of each sample; `way` in depth, `length` of the direction. */
+void rival_composite(int count, const double *sigma, const double *rgb, const double *way, double length,
+                     double *weight, double out[4]);
+int rival_ascending(const void *a, const void *b);
+
+/* `each` numbers of every trained tensor, moved by `step`: the central difference of f is the gradient that
+ * the model has, to `tolerance` of the tensor's largest. */
+void rival_gradients_agree(const model *m, rival_weights *w, int each, double tolerance,
+                           double (*f)(void *self, const void *arg), void *self, const void *arg);
+
+/* ---- use ---- */
+void rival_says(context *c, sherf_status status, sherf_status wanted, const char *text);
+/* An avatar, rendered, saved, loaded and rendered the same; a frame as people look at it. */
+void rival_use(const char *preset);
+/* From settings to a frame, with memory running out at each allocation in turn. */
+void rival_no_memory(const char *preset);
+/* The mean loss of the last tenth of `steps` is below `factor` times that of the first tenth. */
+void rival_trains(const char *preset, int steps, double factor);
+/* Six steps in two goes are six steps in one. */
+void rival_goes_on(const char *preset);
+void rival_eval(const char *preset, int *novel_view, int *novel_pose); /* how many pictures are scored */
+
+#endif

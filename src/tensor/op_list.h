@@ -30,6 +30,7 @@
     BOTH(token_attention)                                                                                    \
     BOTH(gelu)                                                                                               \
     BOTH(sigmoid)                                                                                            \
+    SHARED(softplus) /* a density a point */                                                                 \
     FORWARD(positional_encode)                                                                               \
     BOTH(composite)                                                                                          \
     BOTH(mean_square)                                                                                        \

@@ -119,6 +119,12 @@ typedef struct {
 } sigmoid_attr;
 tensor *op_sigmoid(tape *t, tensor *x, float gain, float offset);
 
+/* y = log(1 + exp(x + shift)). */
+typedef struct {
+    float shift;
+} softplus_attr;
+tensor *op_softplus(tape *t, tensor *x, float shift);
+
 /* PE(x, n): [P, D] -> [P, width]: x, then for k < n: sin(2^k x), sin(2^k x + pi/2), each over all D
  * components. width is D (1 + 2n), or less to drop the last values. */
 typedef struct {

@@ -204,15 +204,19 @@ static void test_encode(void **state) {
 /* Far arguments stay finite, not-a-number stays what it is. */
 static void activations(tape *t) {
     const float x[] = {-1000, -20, -0.0f, 20, 1000, NAN, -INFINITY, INFINITY};
-    const double gelu[] = {0, 0, 0, 20, 1000}, sigmoid[] = {0, 0, 0.5, 1, 1};
-    tensor *g = op_gelu(t, INPUT(t, x, 8)), *s = op_sigmoid(t, INPUT(t, x, 8), 1, 0);
+    const double gelu[] = {0, 0, 0, 20, 1000}, sigmoid[] = {0, 0, 0.5, 1, 1},
+                 softplus[] = {0, 2e-9, 0.693147181, 20, 1000};
+    tensor *g = op_gelu(t, INPUT(t, x, 8)), *s = op_sigmoid(t, INPUT(t, x, 8), 1, 0),
+           *p = op_softplus(t, INPUT(t, x, 8), 0);
     assert_non_null(g);
     assert_non_null(s);
+    assert_non_null(p);
     for (int i = 0; i < 5; i++) {
         near_to("gelu", tensor_f32(g)[i], gelu[i], 1e-6);
         near_to("sigmoid", tensor_f32(s)[i], sigmoid[i], 1e-8);
+        near_to("softplus", tensor_f32(p)[i], softplus[i], 1e-7);
     }
-    assert_true(isnan(tensor_f32(g)[5]) && isnan(tensor_f32(s)[5]));
+    assert_true(isnan(tensor_f32(g)[5]) && isnan(tensor_f32(s)[5]) && isnan(tensor_f32(p)[5]));
     near_to("sigmoid", tensor_f32(s)[6], 0, 1e-8);
     near_to("sigmoid", tensor_f32(s)[7], 1, 0);
 }

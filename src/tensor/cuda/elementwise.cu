@@ -1,5 +1,5 @@
-/* bias_act, add, scale, mask_rows, shift_scale, gelu, sigmoid, positional_encode: every value of the output
- * depends on a few of the inputs. */
+/* bias_act, add, scale, mask_rows, shift_scale, gelu, sigmoid, softplus, positional_encode: every value of
+ * the output depends on a few of the inputs. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {
@@ -161,6 +161,26 @@ sherf_status sigmoid_backward(op_call *call) {
         const float s = 1 / (1 + expf(-x[i]));
         dx[i] += dy[i] * a.gain * s * (1 - s);
     });
+    return finished(call);
+}
+
+sherf_status softplus_forward(op_call *call) {
+    const softplus_attr a = *(const softplus_attr *)call->attr;
+    const float *x = values(call->in[0]);
+    float *y = values(call->out[0]);
+    each(tensor_count(call->in[0]), [=] __device__(int64_t i) {
+        const float v = x[i] + a.shift;
+        y[i] = (v > 0 ? v : 0) + log1pf(expf(-fabsf(v)));
+    });
+    return finished(call);
+}
+
+sherf_status softplus_backward(op_call *call) {
+    const softplus_attr a = *(const softplus_attr *)call->attr;
+    const float *x = values(call->in[0]), *dy = values(call->dout[0]);
+    float *dx = values(call->din[0]);
+    each(tensor_count(call->in[0]),
+         [=] __device__(int64_t i) { dx[i] += dy[i] / (1 + expf(-(x[i] + a.shift))); });
     return finished(call);
 }
 

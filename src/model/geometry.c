@@ -52,11 +52,24 @@ void observation_geometry_free(observation_geometry *g) {
     mem_free(g);
 }
 
+static bool same_pose(const body_model *body, const posed_body *a, const posed_body *b) {
+    const float most = 1e-4f; /* metres, as after a way through files */
+    float far = 0;
+    for (int64_t i = 0; i < 3 * (int64_t)body->vertices; i++)
+        far = fmaxf(far, fabsf(a->vertices_smpl[i] - b->vertices_smpl[i]));
+    for (int k = 0; k < 9; k++) far = fmaxf(far, fabsf(a->R[k] - b->R[k]));
+    for (int k = 0; k < 3; k++) far = fmaxf(far, fabsf(a->Th[k] - b->Th[k]));
+    return far <= most;
+}
+
 sherf_status model_points_create(context *c, const model_config *config, const body_model *body,
                                  const posed_body *target, const ray_bundle *rays, int samples,
                                  const posed_body *observation, const sherf_camera *observation_camera,
                                  const occupancy_grid *empty, bool keep_stages, point_set **out) {
-    if (model_has_whole_box(config)) return points_of_box(c, rays, samples, out);
+    /* in another pose only what is near the body has a way to the observed one */
+    if (model_has_whole_box(config) &&
+        (config->kind->one_pose || !observation || same_pose(body, target, observation)))
+        return points_of_box(c, rays, samples, out);
     return points_create(c, body, target, rays, samples, observation, observation_camera, empty, keep_stages,
                          out);
 }
@@ -97,6 +110,17 @@ static sherf_status rays_draw(context *c, ray_bundle *rays, const ray_draw *draw
     return SHERF_OK;
 }
 
+/* Depths of a ray that is moved by a part of a step are as far apart as before. */
+static void rays_jitter(ray_bundle *rays, int samples, uint64_t key) {
+    for (int64_t i = 0; i < (int64_t)rays->width * rays->height; i++) {
+        const float step = samples > 1 ? (rays->far[i] - rays->near[i]) / (float)(samples - 1) : 0;
+        const float by = step * (float)(random_uniform(key, (uint64_t)i) - 0.5);
+        if (!rays->at_box[i] || rays->near[i] + by < 0) continue;
+        rays->near[i] += by;
+        rays->far[i] += by;
+    }
+}
+
 static sherf_status target_make(context *c, const model_config *config, const body_model *body,
                                 const sherf_camera *camera, const sherf_pose *pose,
                                 const observation_geometry *observation, const ray_draw *draw,
@@ -109,6 +133,8 @@ static sherf_status target_make(context *c, const model_config *config, const bo
     body_world_box(body, g->body, min, max);
     status = rays_create(c, camera, min, max, &g->rays);
     if (status == SHERF_OK && draw && draw->count) status = rays_draw(c, g->rays, draw);
+    if (status == SHERF_OK && draw && draw->jitter)
+        rays_jitter(g->rays, config->samples, splitmix64(draw->key + 1));
     if (status == SHERF_OK)
         status = model_points_create(
             c, config, body, g->body, g->rays, config->samples, observation ? observation->body : NULL,

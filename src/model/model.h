@@ -79,6 +79,7 @@ typedef struct {
     int count;           /* of the rays at the box, distinct; 0: all */
     float inside;        /* this part of them from where mask is not 0, as far as there are */
     const uint8_t *mask; /* H x W */
+    bool jitter;         /* the depths of each ray are moved by up to half a step, all alike */
     uint64_t key;
 } ray_draw;
 typedef struct {
@@ -147,16 +148,18 @@ typedef struct {
 
 /* How a model's authors train it where that is not SHERF's way (train/), for those who want theirs. */
 typedef struct {
-    float
-        mask_weight; /* the loss: mean squared colour of both passes + this x mean squared (opacity - mask) */
-    int rays;        /* of an observed person, drawn anew for each image and shared among its targets */
-    float rays_inside;                               /* this part of them from the mask */
-    int images;                                      /* a step */
-    double learning_rate, beta1, beta2, halve_every; /* steps, 0: never */
+    float mask_weight; /* the loss is mean squared colour, of both passes, and this x mean squared opacity -
+                          mask */
+    int rays;          /* of an observed person, drawn anew for each image and shared among its targets */
+    float rays_inside; /* this part of them from the mask */
+    bool jitter;       /* as ray_draw's */
+    int images;        /* a step */
+    double learning_rate, beta1, beta2;
+    double halve_every; /* steps; 0: never */
 } training_recipe;
 
 struct model_kind {
-    const char *name; /* in files and before presets: letters, digits, _ */
+    const char *name; /* in files and before presets: letters, digits, - */
     /* settings */
     const model_preset *presets;   /* up to one without a name; the first is the default */
     const model_setting *settings; /* up to one without a name */
@@ -185,8 +188,8 @@ struct model_kind {
     /* A field of the observed moment's world: no other pose, no canonical space to look for nothing in or to
      * export. */
     bool one_pose;
-    bool (*whole_box)(
-        const model_config *config); /* points are all samples of the box (points_of_box); or NULL */
+    /* Points of the observed pose are all samples of the box; or NULL. */
+    bool (*whole_box)(const model_config *config);
     /* The frame of model_frame where that is not one pass over target->points (model_pass); or NULL. */
     sherf_status (*frame)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, const target_geometry *target, float background,

@@ -3,7 +3,8 @@
 
 #include "model/model.h"
 
-#define MODELS(MODEL) MODEL(sherf) MODEL(pixelnerf) /* the first: weights that name no model are its */
+/* Weights that name no model are the first's. */
+#define MODELS(MODEL) MODEL(sherf) MODEL(pixelnerf) MODEL(nhp)
 
 #define DECLARE(name) extern const model_kind model_##name;
 MODELS(DECLARE)

@@ -238,8 +238,11 @@ static sherf_status prepare_once(bench *b, void *arg) {
     step_job *j = arg;
     const sherf_observation *o = b->observation, *t = b->target;
     const training_recipe *r = model_recipe(&b->model->config);
-    const ray_draw rays = {
-        .count = r ? r->rays : 0, .inside = r ? r->rays_inside : 0, .mask = t->mask, .key = 1};
+    const ray_draw rays = {.count = r ? r->rays : 0,
+                           .inside = r ? r->rays_inside : 0,
+                           .mask = t->mask,
+                           .jitter = r && r->jitter,
+                           .key = 1};
     context one = *b->c; /* a loading thread works on its own */
     one.threads = 1;
     observation_geometry_free(j->sample.observation_geometry);

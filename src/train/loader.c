@@ -40,6 +40,7 @@ static sherf_status target_load(context *c, const sample_source *from, const car
     const ray_draw rays = {.count = r ? (r->rays + targets - 1) / targets : 0,
                            .inside = r ? r->rays_inside : 0,
                            .mask = t->mask,
+                           .jitter = r && r->jitter,
                            .key = random_key(key, "train.rays", 0)};
     if (status == SHERF_OK)
         status =

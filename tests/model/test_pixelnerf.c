@@ -45,15 +45,7 @@ static double *features_of(second *s) {
         stage[i] = rival_map_copy(x);
     }
     free(x.v);
-    const int h = stage[0].height, w = stage[0].width;
-    double *all = malloc((size_t)(h * w * FEATURES) * sizeof *all);
-    for (int i = 0, at = 0; i < 4; at += stage[i++].channels)
-        for (int y = 0; y < h; y++)
-            for (int c = 0; c < w; c++)
-                rival_bilinear(stage[i], c * (stage[i].width - 1.0) / (w - 1),
-                               y * (stage[i].height - 1.0) / (h - 1), all + (y * w + c) * FEATURES + at);
-    for (int i = 0; i < 4; i++) free(stage[i].v);
-    return all;
+    return rival_side_by_side(4, stage).v;
 }
 
 /* h + fc1(relu(fc0(relu h))), five times, features added before the first three. out: r, g, b, raw density.
@@ -242,7 +234,7 @@ static void agrees(const char *preset, variant v) {
     model_config config;
     model *m;
     assert_ok(c, model_config_parse(c, preset, &config));
-    rival_scene_open(c, &config, RAYS, &scene);
+    rival_scene_open(c, &config, 0, RAYS, &scene);
     assert_ok(c, model_create(c, &config, 7, &m));
     rival_shake(m);
     tensor_f32(model_tensor(m, "coarse.out.bias"))[3] += v.dense;
@@ -318,12 +310,12 @@ static void rays_are_drawn(void **state) {
     model_config config;
     rival_scene s;
     assert_ok(c, model_config_parse(c, "pixelnerf:own,samples=5", &config));
-    rival_scene_open(c, &config, 40, &s);
+    rival_scene_open(c, &config, 0, 40, &s);
     const ray_bundle *r = s.target->rays;
     const point_set *p = s.target->points;
     int met = 0, inside = 0;
     sherf_observation *shown;
-    rival_observation(c, 1, NULL, &shown);
+    rival_observation(c, 0, 1, NULL, &shown);
     for (int n = 0; n < SIDE * SIDE; n++) {
         met += r->at_box[n];
         inside += r->at_box[n] && shown->mask[n];
@@ -374,7 +366,7 @@ static void what_it_cannot_do_is_one_line(void **state) {
     sherf_frame f = {0};
     char line[200];
     assert_ok(c, sherf_model_create(c, USED, 3, &m));
-    rival_observation(c, 0, &body, &o);
+    rival_observation(c, 0, 0, &body, &o);
     assert_ok(c, sherf_avatar_create(c, m, body, o, &a));
     sherf_pose pose = *sherf_observation_pose(o);
     pose.poses_rad[3] += 5e-5f; /* as after a way through text */

@@ -26,18 +26,18 @@ static const char *in_root(const char *name) {
     return path[next];
 }
 
-void rival_observation(context *c, int view, sherf_body **body, sherf_observation **o) {
+void rival_observation(context *c, int pose, int view, sherf_body **body, sherf_observation **o) {
     char picture[700];
-    snprintf(picture, sizeof picture, "thuman:%s#tube_000/0/%d", root, view);
+    snprintf(picture, sizeof picture, "thuman:%s#tube_000/%d/%d", root, pose, view);
     if (body) assert_ok(c, sherf_body_load(c, in_root("tubeman.safetensors"), body));
     assert_ok(c, sherf_observation_load(c, picture, o));
 }
 
-void rival_scene_open(context *c, const model_config *config, int rays, rival_scene *s) {
+void rival_scene_open(context *c, const model_config *config, int pose, int rays, rival_scene *s) {
     sherf_observation *shown;
     *s = (rival_scene){0};
-    rival_observation(c, 0, &s->body, &s->observation);
-    rival_observation(c, 1, NULL, &shown);
+    rival_observation(c, 0, 0, &s->body, &s->observation);
+    rival_observation(c, pose, 1, NULL, &shown);
     s->camera = *sherf_observation_camera(s->observation);
     assert_ok(c, observation_geometry_create(c, config, s->body, sherf_observation_image(s->observation),
                                              &s->camera, sherf_observation_pose(s->observation), true,
@@ -234,6 +234,20 @@ void rival_bilinear(rival_map m, double x, double y, double *out) {
     }
 }
 
+rival_map rival_side_by_side(int count, rival_map *stage) {
+    const int h = stage[0].height, w = stage[0].width;
+    int channels = 0;
+    for (int i = 0; i < count; i++) channels += stage[i].channels;
+    rival_map all = map_new(h, w, channels);
+    for (int i = 0, at = 0; i < count; at += stage[i++].channels)
+        for (int y = 0; y < h; y++)
+            for (int x = 0; x < w; x++)
+                rival_bilinear(stage[i], x * (stage[i].width - 1.0) / (w - 1),
+                               y * (stage[i].height - 1.0) / (h - 1), all.v + (y * w + x) * channels + at);
+    for (int i = 0; i < count; i++) free(stage[i].v);
+    return all;
+}
+
 void rival_linear(const rival_weights *w, const char *name, int in, const double *x, int out, double *y) {
     const double *weight = rival_weight(w, "%s.weight", name), *bias = rival_weight(w, "%s.bias", name);
     for (int o = 0; o < out; o++) {
@@ -258,6 +272,21 @@ void rival_composite(int count, const double *sigma, const double *rgb, const do
 int rival_ascending(const void *a, const void *b) {
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
+}
+
+void rival_frame_agrees(tape *t, tensor *frame, int rays, const int *ray, double want[][4], double mix[][4],
+                        double tolerance) {
+    float *grad = tensor_f32(tape_grad(t, frame));
+    double opaque = 0;
+    for (int n = 0; n < rays; n++) {
+        for (int k = 0; k < 4; k++) {
+            const double got = (double)tensor_f32(frame)[5 * ray[n] + k];
+            if (!(fabs(got - want[n][k]) <= tolerance)) fail_msg("ray %d: %g, not %g", n, got, want[n][k]);
+            grad[5 * ray[n] + k] = (float)mix[n][k];
+        }
+        opaque += want[n][3] / rays;
+    }
+    if (!(opaque > 0.2 && opaque < 0.98)) fail_msg("opacity %g", opaque);
 }
 
 void rival_gradients_agree(const model *m, rival_weights *w, int each, double tolerance,
@@ -305,7 +334,7 @@ void rival_use(const char *preset) {
         .exact = 1, .detail = SHERF_DETAIL_OFF, .background = {0.5f, 0.25f, 1}};
     const sherf_render_options usual = {0};
     assert_ok(c, sherf_model_create(c, preset, 3, &m));
-    rival_observation(c, 0, &body, &o);
+    rival_observation(c, 0, 0, &body, &o);
     const sherf_camera *camera = sherf_observation_camera(o);
     const sherf_pose *pose = sherf_observation_pose(o);
     const size_t n = (size_t)camera->width_px * (size_t)camera->height_px;
@@ -319,7 +348,8 @@ void rival_use(const char *preset) {
     double sum = 0, corner = 0;
     for (size_t i = 0; i < n; i++) sum += (double)frame[0].opacity.data[i];
     for (int k = 0; k < 3; k++) corner += fabs((double)(frame[0].color.data[k] - exact.background[k]));
-    assert_true(frame[0].points > 100 && sum > (double)n / 50 && frame[1].points > 0 && corner == 0);
+    if (!(frame[0].points > 100 && sum > (double)n / 200 && frame[1].points > 0 && corner == 0))
+        fail_msg("%lld points, opacity %g, corner off by %g", (long long)frame[0].points, sum, corner);
     assert_memory_equal(frame[0].color.data, frame[2].color.data, 3 * n * sizeof(float));
     for (int i = 0; i < 3; i++) sherf_frame_free(&frame[i]);
     sherf_avatar_free(a);
@@ -330,11 +360,51 @@ void rival_use(const char *preset) {
     assert_int_equal(mem_live(), 0);
 }
 
+const char *rival_avatar(context *c, const char *preset, sherf_body **body) {
+    sherf_model *m;
+    sherf_observation *o;
+    sherf_avatar *a;
+    assert_ok(c, sherf_model_create(c, preset, 3, &m));
+    rival_observation(c, 0, 0, body, &o);
+    assert_ok(c, sherf_avatar_create(c, m, *body, o, &a));
+    const char *path = in_root("avatar.safetensors");
+    assert_ok(c, sherf_avatar_save(c, a, path));
+    sherf_avatar_free(a);
+    sherf_observation_free(o);
+    sherf_model_free(m);
+    return path;
+}
+
+void rival_moves(const char *preset) {
+    context *c = test_context();
+    sherf_body *body;
+    sherf_observation *other;
+    sherf_avatar *a;
+    sherf_frame frame[2] = {0};
+    const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF};
+    const char *path = rival_avatar(c, preset, &body);
+    assert_ok(c, sherf_avatar_load(c, path, body, &a));
+    rival_observation(c, 1, 0, NULL, &other);
+    const sherf_camera *camera = sherf_observation_camera(other);
+    assert_ok(c, sherf_render(c, a, body, sherf_avatar_pose(a), camera, &exact, &frame[0]));
+    assert_ok(c, sherf_render(c, a, body, sherf_observation_pose(other), camera, &exact, &frame[1]));
+    double apart = 0;
+    for (int i = 0; i < camera->width_px * camera->height_px; i++)
+        apart += fabs((double)(frame[0].opacity.data[i] - frame[1].opacity.data[i]));
+    assert_true(frame[1].points > 100 && apart > 5);
+    for (int i = 0; i < 2; i++) sherf_frame_free(&frame[i]);
+    sherf_observation_free(other);
+    sherf_avatar_free(a);
+    sherf_body_free(body);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 void rival_no_memory(const char *preset) {
     context *c = test_context();
     sherf_body *body;
     sherf_observation *o;
-    rival_observation(c, 0, &body, &o);
+    rival_observation(c, 0, 0, &body, &o);
     const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF};
     sherf_camera small = *sherf_observation_camera(o);
     camera_resize(&small, 8, 8);

@@ -14,11 +14,11 @@ typedef struct {
     sherf_observation *observation; /* pose 0, view 0 */
     sherf_camera camera;            /* the observation's */
     observation_geometry *geometry; /* for training */
-    target_geometry *target;        /* view 1: some rays, drawn from the mask and around it */
+    target_geometry *target;        /* a pose's view 1: some rays, drawn from the mask and around it */
 } rival_scene;
-void rival_scene_open(context *c, const model_config *config, int rays, rival_scene *out);
+void rival_scene_open(context *c, const model_config *config, int pose, int rays, rival_scene *out);
 void rival_scene_close(rival_scene *s);
-void rival_observation(context *c, int view, sherf_body **body, sherf_observation **o);
+void rival_observation(context *c, int pose, int view, sherf_body **body, sherf_observation **o);
 void rival_box_middle(context *c, const rival_scene *s,
                       double middle[3]);                           /* of the observed body's vertices */
 double rival_direction(const ray_bundle *r, int ray, double d[3]); /* returns its length */
@@ -49,6 +49,8 @@ rival_map rival_conv_norm(const rival_weights *w, rival_map x, const char *conv,
                           int pad, bool relu);
 rival_map rival_max_pool(rival_map x); /* 3 x 3, stride 2, padding 1 */
 rival_map rival_resnet_stage(const rival_weights *w, rival_map x, const char *prefix, int stage, int blocks);
+/* Resized to the size of the first, corners on corners; takes them all. */
+rival_map rival_side_by_side(int count, rival_map *stage);
 void rival_bilinear(rival_map map, double x, double y, double *out); /* zero outside */
 void rival_linear(const rival_weights *w, const char *name, int in, const double *x, int out, double *y);
 /* r, g, b, opacity over black; weight [count] of each sample; `way` in depth, `length` of the direction. */
@@ -56,6 +58,10 @@ void rival_composite(int count, const double *sigma, const double *rgb, const do
                      double *weight, double out[4]);
 int rival_ascending(const void *a, const void *b);
 
+/* frame [N, 5] has `want` at each ray, as far as `tolerance`, neither all opaque nor empty; `mix` becomes its
+ * gradient. */
+void rival_frame_agrees(tape *t, tensor *frame, int rays, const int *ray, double want[][4], double mix[][4],
+                        double tolerance);
 /* `each` numbers of every trained tensor, moved by `step`: the central difference of f is the gradient that
  * the model has, to `tolerance` of the tensor's largest. */
 void rival_gradients_agree(const model *m, rival_weights *w, int each, double tolerance,
@@ -65,6 +71,10 @@ void rival_gradients_agree(const model *m, rival_weights *w, int each, double to
 void rival_says(context *c, sherf_status status, sherf_status wanted, const char *text);
 /* An avatar, rendered, saved, loaded and rendered the same; a frame as people look at it. */
 void rival_use(const char *preset);
+/* The same avatar in another pose: something else is seen. */
+void rival_moves(const char *preset);
+/* A file of an avatar; static storage. */
+const char *rival_avatar(context *c, const char *preset, sherf_body **body);
 /* From settings to a frame, with memory running out at each allocation in turn. */
 void rival_no_memory(const char *preset);
 /* The mean loss of the last tenth of `steps` is below `factor` times that of the first tenth. */

@@ -66,6 +66,7 @@ static const char *format_says(const char *format) {
         {"sherf-checkpoint", "a training checkpoint"},
         {"sherf-body", "a body model"},
         {"resnet18", "ResNet-18 weights"},
+        {"resnet34", "ResNet-34 weights"},
         {"vgg16", "VGG16 weights"},
         {"lpips-heads", "LPIPS heads"},
         {"lpips", "VGG16 with LPIPS heads"},

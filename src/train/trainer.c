@@ -316,13 +316,16 @@ static void announce(trainer *t) {
     context *c = t->c;
     const train_state *s = &t->state;
     char device[200];
+    const model_kind *kind = t->model->config.kind, *first;
+    const bool other = model_kind_find(c, NULL, 0, &first) == SHERF_OK && kind != first;
     if (t->ranks.rank) return;
     log_line(c, SHERF_LOG_INFO,
-             "training %s (%.1f million parameters) on %" PRId64 " pictures of %d people, %d images a step, "
+             "training %s%s%s (%.1f million parameters) on %" PRId64
+             " pictures of %d people, %d images a step, "
              "steps %" PRId64 " to %" PRId64,
-             t->model->config.preset, (double)parameters_trained_count(t->model->weights) / 1e6,
-             sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
-             t->last_step);
+             other ? kind->name : "", other ? ":" : "", t->model->config.preset,
+             (double)parameters_trained_count(t->model->weights) / 1e6, sampling_pictures(&t->sampling),
+             t->sampling.people, s->images_per_step, t->first_step + 1, t->last_step);
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);

@@ -219,8 +219,8 @@ static void counts_are_those_of_the_paper(void **state) {
         sherf_model_free(m);
     }
     model_config k;
-    rival_says(c, model_config_parse(c, "mps-nerf:own,encoder=20", &k), SHERF_BAD_ARGUMENT,
-               "must be 18 or 34");
+    assert_fails(c, model_config_parse(c, "mps-nerf:own,encoder=20", &k), SHERF_BAD_ARGUMENT,
+                 "must be 18 or 34");
     sherf_context_free(c);
 }
 

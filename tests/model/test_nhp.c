@@ -387,9 +387,6 @@ static void agrees(const char *preset, int pose, bool own, float steep, float de
 static void the_box_agrees(void **state) {
     agrees("nhp:own," TINY "samples=9", 0, true, 40, -10);
 }
-static void the_shell_agrees(void **state) {
-    agrees("nhp:matched," TINY "samples=20", 0, false, 1, 10);
-}
 static void another_pose_agrees(void **state) {
     agrees("nhp:matched," TINY "samples=20", 1, false, 1, 10);
 }
@@ -473,8 +470,8 @@ static void bad_voxels_are_refused(void **state) {
         const char *other = test_path("bad.safetensors");
         assert_ok(c, safetensors_write(c, other, s->count, item, s->metadata_count, metadata));
         safetensors_free(s);
-        rival_says(c, sherf_avatar_load(c, other, body, &a), SHERF_BAD_FILE,
-                   "tensor volume.2.voxel: a voxel outside the volume, or twice");
+        assert_fails(c, sherf_avatar_load(c, other, body, &a), SHERF_BAD_FILE,
+                     "tensor volume.2.voxel: a voxel outside the volume, or twice");
         sherf_body_free(body);
     }
     sherf_context_free(c);
@@ -485,7 +482,7 @@ static void every_allocation_fails(void **state) {
     rival_no_memory("nhp:matched-small," TINY "samples=2");
 }
 static void it_trains_as_its_authors_do(void **state) {
-    rival_trains(USED_OWN, 60, 0.7);
+    rival_trains(USED_OWN, 30, 0.7);
 }
 static void it_trains_as_sherf_does(void **state) {
     rival_trains(USED, 60, 0.8);
@@ -499,7 +496,6 @@ static void it_is_scored_in_any_pose(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_box_agrees),
-                                       cmocka_unit_test(the_shell_agrees),
                                        cmocka_unit_test(another_pose_agrees),
                                        cmocka_unit_test(counts_are_those_of_the_paper),
                                        cmocka_unit_test(depths_are_jittered),

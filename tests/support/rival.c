@@ -318,11 +318,6 @@ void rival_gradients_agree(const model *m, rival_weights *w, int each, double to
 }
 
 /* ---- use ---- */
-void rival_says(context *c, sherf_status status, sherf_status wanted, const char *text) {
-    if (status != wanted || !strstr(c->message, text))
-        fail_msg("status %d, expected %d and \"%s\": %s", (int)status, (int)wanted, text, c->message);
-}
-
 void rival_use(const char *preset) {
     context *c = test_context();
     sherf_model *m;
@@ -452,23 +447,33 @@ static void train(context *c, const char *preset, const char *folder, int steps)
     assert_ok(c, sherf_train(c, &o));
 }
 
-void rival_trains(const char *preset, int steps, double factor) {
-    context *c = test_context();
-    char path[800], line[1024], folder[32];
-    double first = 0, last = 0;
-    snprintf(folder, sizeof folder, "trained_%08x", (unsigned)fnv1a64(preset));
+void rival_losses(context *c, const char *preset, const char *folder, int steps, double *loss) {
+    char path[800], line[1024];
     train(c, preset, folder, steps);
     snprintf(path, sizeof path, "%s/log.jsonl", in_root(folder));
     FILE *f = fopen(path, "r");
     assert_non_null(f);
     int n = 0;
-    for (const char *at; fgets(line, sizeof line, f); n++) {
+    for (const char *at; n < steps && fgets(line, sizeof line, f); n++) {
         assert_non_null(at = strstr(line, "\"loss\": "));
-        if (n < steps / 10) first += atof(at + 8);
-        if (n >= steps - steps / 10) last += atof(at + 8);
+        loss[n] = atof(at + 8);
     }
     fclose(f);
     assert_int_equal(n, steps);
+    snprintf(path, sizeof path, "%s/checkpoint.safetensors", in_root(folder));
+    remove(path); /* the next training begins anew */
+}
+
+void rival_trains(const char *preset, int steps, double factor) {
+    enum { STEPS_MAX = 200 };
+    context *c = test_context();
+    double loss[STEPS_MAX], first = 0, last = 0;
+    assert_true(steps <= STEPS_MAX);
+    rival_losses(c, preset, "trained", steps, loss);
+    for (int i = 0; i < steps / 10; i++) {
+        first += loss[i];
+        last += loss[steps - 1 - i];
+    }
     print_message("%s: loss %g, then %g of it\n", preset, first / (steps / 10.0), last / first);
     if (!(last < factor * first)) fail_msg("the loss went to %g of what it was", last / first);
     sherf_context_free(c);

@@ -68,7 +68,6 @@ void rival_gradients_agree(const model *m, rival_weights *w, int each, double to
                            double (*f)(void *self, const void *arg), void *self, const void *arg);
 
 /* ---- use ---- */
-void rival_says(context *c, sherf_status status, sherf_status wanted, const char *text);
 /* An avatar, rendered, saved, loaded and rendered the same; a frame as people look at it. */
 void rival_use(const char *preset);
 /* The same avatar in another pose: something else is seen. */
@@ -77,6 +76,8 @@ void rival_moves(const char *preset);
 const char *rival_avatar(context *c, const char *preset, sherf_body **body);
 /* From settings to a frame, with memory running out at each allocation in turn. */
 void rival_no_memory(const char *preset);
+/* The loss of each step of a new training in that folder of the data's. */
+void rival_losses(context *c, const char *preset, const char *folder, int steps, double *loss);
 /* The mean loss of the last tenth of `steps` is below `factor` times that of the first tenth. */
 void rival_trains(const char *preset, int steps, double factor);
 /* Six steps in two goes are six steps in one. */

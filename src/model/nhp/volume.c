@@ -6,7 +6,7 @@
 #include "model/nhp/nhp.h"
 #include "model/stages.h"
 
-static const float margin_m = 0.05f, hidden_m = 0.02f;
+static const float hidden_m = 0.02f;
 
 /* ---- geometry ---- */
 /* Not behind what the body's mesh, drawn by the camera, has at the vertex's pixel. */
@@ -31,8 +31,8 @@ static sherf_status lay_out(context *c, const model_config *config, const body_m
     int32_t *zyx = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *zyx);
     sherf_status status = zyx ? SHERF_OK : SHERF_NO_MEMORY;
     for (int k = 0; k < 3 && status == SHERF_OK; k++) {
-        own->min_smpl[k] = posed->min_smpl[k] - margin_m;
-        const float cells = ceilf((posed->max_smpl[k] + margin_m - own->min_smpl[k]) / voxel);
+        own->min_smpl[k] = posed->min_smpl[k] - BODY_SHELL_M;
+        const float cells = ceilf((posed->max_smpl[k] + BODY_SHELL_M - own->min_smpl[k]) / voxel);
         if (!(cells >= 1 && cells <= 2048))
             status = failure(c, SHERF_BAD_ARGUMENT, "the posed body is %g m wide: not a body in metres",
                              (double)(posed->max_smpl[k] - posed->min_smpl[k]));

@@ -68,8 +68,8 @@ static const option options[] = {
      "the network's colours and haze as they are; otherwise what the picture shows is given back "
      "where frames show it, and haze is cleared"},
     {0, "exact", OPTION_FLAG, &set.exact, NULL,
-     "every point near the body is asked for; otherwise empty space is left out, and in bf16 what lies "
-     "behind 99.9 % opacity"},
+     "every point near the body is asked for; otherwise those that weigh, in bf16 those in front of "
+     "99.9 % opacity and not in empty space"},
     {0},
 };
 

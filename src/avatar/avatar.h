@@ -6,6 +6,7 @@
 #include <pthread.h>
 
 #include "model/field.h"
+#include "sampling/coarse.h"
 
 struct sherf_avatar {
     model_config config;
@@ -49,16 +50,23 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
  * 6 cm of the body. Free with occupancy_free. */
 sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *out);
 void occupancy_free(occupancy_grid *e);
+/* The same, with cells in the body too, and the avatar's answers in the middles of all within 6 cm of it;
+ * what is further off has density 0. `f` has no values for a body of a size nobody has. Free both. */
+sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+                               coarse_field *f);
+void coarse_field_free(coarse_field *f);
 typedef struct lazy_occupancy {
     pthread_mutex_t lock;
     bool looked;
     occupancy_grid cells;
+    coarse_field coarse; /* for frames in float32 */
 } lazy_occupancy;
 lazy_occupancy *lazy_occupancy_create(context *c);
 void lazy_occupancy_free(lazy_occupancy *l); /* NULL is fine */
-/* The avatar's, found now where nobody has looked yet. *out NULL: there is nothing to leave out. */
+/* The avatar's, found now where nobody has looked yet. *cells NULL: there is nothing to leave out; *coarse
+ * NULL: frames do without. */
 sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
-                              const occupancy_grid **out);
+                              const occupancy_grid **cells, const coarse_field **coarse);
 
 /* ---- frame.c ---- */
 /* A frame as the network has it, without detail. */

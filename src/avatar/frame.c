@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "avatar/avatar.h"
+#include "sampling/tiles.h"
 
 /* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
  * does. The model learned with 8 to 15 mm a step where people stand upright. */
@@ -48,11 +49,49 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
     return a->field_kind->render_joints(c, a->field, posed, camera, &on_gpu, frame);
 }
 
+/* The network's answers where they weigh, the coarse field's elsewhere. */
+static sherf_status frame_coarse(context *c, const sherf_avatar *a, const body_model *body,
+                                 const posed_body *posed, const ray_bundle *rays, int samples,
+                                 const coarse_field *coarse, const float background[3], sherf_frame *frame) {
+    coarse_points points;
+    float *rgb = NULL, *sigma = NULL;
+    sherf_status status =
+        coarse_points_create(c, body, posed, rays, samples, a->observed, &a->camera, coarse, &points);
+    if (status != SHERF_OK) goto done;
+    const size_t asked = (size_t)points.asked->count;
+    rgb = mem_alloc(c, asked, 3 * sizeof *rgb);
+    sigma = mem_alloc(c, asked, sizeof *sigma);
+    status = rgb && sigma ? avatar_query(c, a, body, points.asked, rgb, sigma) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = coarse_points_answer(c, rays, rgb, sigma, &points);
+    if (status == SHERF_OK)
+        status = points_render(c, rays, &points.all, points.rgb, points.sigma, background, frame);
+    if (status == SHERF_OK) frame->points = points.asked->count;
+done:
+    mem_free(rgb);
+    mem_free(sigma);
+    coarse_points_free(&points);
+    return status;
+}
+
+static sherf_status frame_of_points(context *c, const sherf_avatar *a, const body_model *body,
+                                    const posed_body *posed, const ray_bundle *rays, int samples,
+                                    const occupancy_grid *empty, const sherf_render_options *o,
+                                    sherf_frame *frame) {
+    point_set *points = NULL;
+    sherf_status status = model_points_create(c, &a->config, body, posed, rays, samples, a->observed,
+                                              &a->camera, empty, false, &points);
+    if (status == SHERF_OK)
+        status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
+    if (status == SHERF_OK) frame->points = points->count;
+    points_free(points);
+    return status;
+}
+
 sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                           const sherf_camera *camera, const sherf_render_options *o, sherf_frame *frame) {
     const occupancy_grid *empty = NULL;
+    const coarse_field *coarse = NULL;
     ray_bundle *rays = NULL;
-    point_set *points = NULL;
     float farthest;
     int samples;
     if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MAX)
@@ -60,21 +99,17 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
                        SAMPLES_MAX);
     sherf_status status = camera_check(c, camera);
     const bool looks = !o->exact && !a->config.kind->one_pose && !model_has_whole_box(&a->config);
-    if (status == SHERF_OK && looks) status = avatar_occupancy(c, a, body, &empty);
+    if (status == SHERF_OK && looks) status = avatar_occupancy(c, a, body, &empty, &coarse);
     if (status == SHERF_OK && avatar_takes_joints(a)) return frame_gpu(c, a, posed, camera, o, empty, frame);
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
     if (status != SHERF_OK) return status;
-    status = model_points_create(c, &a->config, body, posed, rays, samples, a->observed, &a->camera, empty,
-                                 false, &points);
-    if (status == SHERF_OK)
-        status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
-    if (status == SHERF_OK) {
-        frame->points = points->count;
-        for (size_t i = 0; i < (size_t)rays->width * (size_t)rays->height; i++)
-            frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
-    }
+    /* a picture of few pixels has hardly more points than the field has cells */
+    if (coarse && !(rays_pitch(rays) * coarse->per_m < 1)) coarse = NULL;
+    status = coarse ? frame_coarse(c, a, body, posed, rays, samples, coarse, o->background, frame)
+                    : frame_of_points(c, a, body, posed, rays, samples, empty, o, frame);
+    for (size_t i = 0; status == SHERF_OK && i < (size_t)rays->width * (size_t)rays->height; i++)
+        frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
     rays_free(rays);
-    points_free(points);
     return status;
 }

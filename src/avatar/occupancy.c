@@ -1,20 +1,29 @@
-/* Where an avatar has nothing. The density at a point depends on its place in canonical space alone, whatever
- * the pose and the camera, so the network is queried once on a lattice and frames leave out what lies in the
- * empty cells of this occupancy grid. */
+/* What an avatar is in cells of canonical space. The density at a point depends on its place there alone,
+ * whatever the pose and the camera, and the colour hardly on the direction. So the network is queried once on
+ * a lattice: frames leave out what lies among empty cells, or (coarse fields) ask the network only for what
+ * weighs. */
 #include <math.h>
 #include <string.h>
 
 #include "avatar/canonical.h"
 
 /* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
- * Cells below the skin are not queried: they are full, or hidden. */
+ * For that, cells below the skin are not asked for: they are full, or hidden. */
 static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
 enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 
 typedef struct {
+    int cells[3];
+    float min[3], per_m;
+} lattice;
+
+/* value: what is found, by cell; or else state. */
+typedef struct {
     const sherf_avatar *a;
     const body_model *m;
-    occupancy_grid *cells;
+    lattice cells;
+    float lowest; /* the least height above the skin that is asked for */
+    float (*value)[4];
     float *normal;    /* of the canonical vertices */
     int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not queried */
     uint8_t *state;   /* by cell */
@@ -22,7 +31,7 @@ typedef struct {
     int32_t *cell; /* of its points */
 } empty_job;
 
-static void middle(const occupancy_grid *e, size_t cell, float at[3]) {
+static void middle(const lattice *e, size_t cell, float at[3]) {
     const size_t x = (size_t)e->cells[0], y = (size_t)e->cells[1];
     const size_t i[3] = {cell % x, cell / x % y, cell / x / y};
     for (int k = 0; k < 3; k++) at[k] = e->min[k] + ((float)i[k] + 0.5f) / e->per_m;
@@ -38,12 +47,12 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
     const empty_job *j = arg;
     const vertex_grid *grid = body_canonical_grid(j->m);
     const vertex_shell *shell = vertex_grid_shell(grid);
-    const int64_t row = j->cells->cells[0];
+    const int64_t row = j->cells.cells[0];
     for (int64_t i = begin * row; i < end * row; i++) {
         float at[3], d2 = INFINITY;
         int voxel[3];
         bool inside = true;
-        middle(j->cells, (size_t)i, at);
+        middle(&j->cells, (size_t)i, at);
         for (int k = 0; k < 3; k++) {
             const float v = (at[k] - shell->min[k]) / shell->cell_m;
             inside = inside && v >= 0 && v < (float)shell->cells[k];
@@ -54,15 +63,19 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
             (size_t)voxel[0] / 32;
         inside = inside && shell->bit[word] >> (voxel[0] % 32) & 1; /* elsewhere a search takes long */
         const int32_t found = inside ? vertex_grid_nearest_from(grid, at, -1, &d2) : -1;
-        j->nearest[i] = found >= 0 && d2 < known_m * known_m && height(j, at, found) > -below_m ? found : -1;
+        j->nearest[i] = found >= 0 && d2 < known_m * known_m && height(j, at, found) > j->lowest ? found : -1;
     }
 }
 
 static sherf_status query_batch(context *c, empty_job *j) {
     canonical_batch *b = &j->batch;
     sherf_status status = canonical_batch_run(c, j->a, j->m, b);
-    for (int64_t i = 0; i < b->set.count && status == SHERF_OK; i++)
-        j->state[j->cell[i]] = b->sigma[i] > 0 ? FULL : EMPTY;
+    for (int64_t i = 0; i < b->set.count && status == SHERF_OK; i++) {
+        if (j->state) j->state[j->cell[i]] = b->sigma[i] > 0 ? FULL : EMPTY;
+        if (!j->value) continue;
+        j->value[j->cell[i]][0] = b->sigma[i];
+        memcpy(j->value[j->cell[i]] + 1, b->rgb + 3 * i, 3 * sizeof *b->rgb);
+    }
     b->set.count = 0;
     return status;
 }
@@ -77,7 +90,9 @@ static sherf_status query_all(context *c, empty_job *j, int64_t count) {
             const int64_t k = b->set.count++;
             j->cell[k] = (int32_t)i;
             b->nearest[k] = j->nearest[i];
-            middle(j->cells, (size_t)i, b->set.canonical + 3 * k);
+            middle(&j->cells, (size_t)i, b->set.canonical + 3 * k);
+            for (int d = 0; d < 3; d++) /* as a ray meets the skin */
+                b->set.direction_canonical[3 * k + d] = -j->normal[3 * (size_t)j->nearest[i] + (size_t)d];
         }
         if (b->set.count == CANONICAL_BATCH || (i + 1 == count && b->set.count)) status = query_batch(c, j);
     }
@@ -87,8 +102,7 @@ static sherf_status query_all(context *c, empty_job *j, int64_t count) {
 }
 
 /* Bits of the empty cells without a full one around them; false where they are too few to be of use. */
-static bool mark(empty_job *j) {
-    const occupancy_grid *e = j->cells;
+static bool mark(const empty_job *j, occupancy_grid *e) {
     const int X = e->cells[0], Y = e->cells[1], Z = e->cells[2];
     int64_t known = 0, empty = 0;
     for (int z = 0; z < Z; z++)
@@ -113,34 +127,76 @@ void occupancy_free(occupancy_grid *e) {
     *e = (occupancy_grid){0};
 }
 
-sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *out) {
-    occupancy_grid *e = out;
-    empty_job job = {.a = a, .m = m, .cells = e};
+/* False for a body of a size nobody has. */
+static bool lattice_of(const body_model *m, lattice *out) {
     float max[3];
-    *e = (occupancy_grid){.per_m = 1 / cell_m};
-    body_canonical_bounds(m, e->min, max);
     double count = 1;
+    out->per_m = 1 / cell_m;
+    body_canonical_bounds(m, out->min, max);
     for (int k = 0; k < 3; k++) {
-        const double cells = ceil(((double)max[k] - e->min[k]) * e->per_m) + 1;
+        const double cells = ceil(((double)max[k] - out->min[k]) * out->per_m) + 1;
         count *= cells;
-        if (!(count <= CELLS_MAX)) return SHERF_OK; /* a body of a size nobody has: nothing is left out */
-        e->cells[k] = (int)cells;
+        if (!(count <= CELLS_MAX)) return false;
+        out->cells[k] = (int)cells;
     }
-    e->words = (e->cells[0] + 31) / 32;
-    const int64_t rows = (int64_t)e->cells[1] * e->cells[2], cells = rows * e->cells[0];
-    job.normal = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *job.normal);
-    job.nearest = mem_alloc(c, (size_t)cells, sizeof *job.nearest);
-    job.state = mem_zero(c, (size_t)cells, 1);
-    e->bit = mem_zero(c, (size_t)rows, (size_t)e->words * sizeof *e->bit);
-    sherf_status status = job.normal && job.nearest && job.state && e->bit ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_normals(c, m, m->canonical->vertices_smpl, job.normal);
-    if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, &job);
-    if (status == SHERF_OK) status = query_all(c, &job, cells);
-    if (status != SHERF_OK || !mark(&job)) occupancy_free(e);
-    mem_free(job.normal);
-    mem_free(job.nearest);
+    return true;
+}
+
+/* Answers to all cells near the body, into the job's value or state. */
+static sherf_status answers(context *c, empty_job *j) {
+    const int64_t rows = (int64_t)j->cells.cells[1] * j->cells.cells[2], cells = rows * j->cells.cells[0];
+    j->normal = mem_alloc(c, (size_t)j->m->vertices, 3 * sizeof *j->normal);
+    j->nearest = mem_alloc(c, (size_t)cells, sizeof *j->nearest);
+    sherf_status status = j->normal && j->nearest ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = body_normals(c, j->m, j->m->canonical->vertices_smpl, j->normal);
+    if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, j);
+    if (status == SHERF_OK) status = query_all(c, j, cells);
+    mem_free(j->normal);
+    mem_free(j->nearest);
+    return status;
+}
+
+/* values: of all cells near the body; NULL: those at its skin and outside are asked, and nothing is kept. */
+static sherf_status find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+                         coarse_field *values) {
+    empty_job job = {.a = a, .m = m, .lowest = values ? -INFINITY : -below_m};
+    const lattice *l = &job.cells;
+    if (!lattice_of(m, &job.cells)) return SHERF_OK; /* nothing is left out */
+    *e = (occupancy_grid){.per_m = l->per_m, .words = (l->cells[0] + 31) / 32};
+    memcpy(e->min, l->min, sizeof e->min);
+    memcpy(e->cells, l->cells, sizeof e->cells);
+    const size_t rows = (size_t)l->cells[1] * (size_t)l->cells[2];
+    job.state = mem_zero(c, rows, (size_t)l->cells[0]);
+    e->bit = mem_zero(c, rows, (size_t)e->words * sizeof *e->bit);
+    if (values) {
+        *values = (coarse_field){.per_m = l->per_m};
+        memcpy(values->min, l->min, sizeof l->min);
+        memcpy(values->cells, l->cells, sizeof l->cells);
+        values->value = job.value = mem_zero(c, rows * (size_t)l->cells[0], sizeof *values->value);
+    }
+    const bool room = job.state && e->bit && (!values || values->value);
+    sherf_status status = room ? answers(c, &job) : SHERF_NO_MEMORY;
+    if (status != SHERF_OK || !mark(&job, e)) occupancy_free(e);
+    if (status != SHERF_OK && values) coarse_field_free(values);
     mem_free(job.state);
     return status;
+}
+
+sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e) {
+    *e = (occupancy_grid){0};
+    return find(c, a, m, e, NULL);
+}
+
+sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+                               coarse_field *f) {
+    *e = (occupancy_grid){0};
+    *f = (coarse_field){0};
+    return find(c, a, m, e, f);
+}
+
+void coarse_field_free(coarse_field *f) {
+    mem_free(f->value);
+    *f = (coarse_field){0};
 }
 
 lazy_occupancy *lazy_occupancy_create(context *c) {
@@ -153,19 +209,27 @@ void lazy_occupancy_free(lazy_occupancy *l) {
     if (!l) return;
     pthread_mutex_destroy(&l->lock);
     occupancy_free(&l->cells);
+    coarse_field_free(&l->coarse);
     mem_free(l);
 }
 
+/* Where products are cheap, in bf16 and on a GPU, empty cells alone are left out. */
+static bool takes_coarse(const context *c, const sherf_avatar *a) {
+    return c->precision == SHERF_PRECISION_FP32 && !avatar_takes_joints(a);
+}
+
 sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
-                              const occupancy_grid **out) {
+                              const occupancy_grid **cells, const coarse_field **coarse) {
     lazy_occupancy *l = a->occupancy;
     sherf_status status = SHERF_OK;
     pthread_mutex_lock(&l->lock);
     if (!l->looked) {
-        status = occupancy_find(c, a, body, &l->cells);
+        status = takes_coarse(c, a) ? coarse_field_find(c, a, body, &l->cells, &l->coarse)
+                                    : occupancy_find(c, a, body, &l->cells);
         l->looked = status == SHERF_OK;
     }
     pthread_mutex_unlock(&l->lock);
-    *out = l->cells.bit ? &l->cells : NULL;
+    *cells = l->cells.bit ? &l->cells : NULL;
+    *coarse = l->coarse.value ? &l->coarse : NULL;
     return status;
 }

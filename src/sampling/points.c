@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #endif
 
-#include "sampling/sampling.h"
+#include "sampling/coarse.h"
 #include "scene/ray.h"
 
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to
@@ -24,11 +24,18 @@ typedef struct {
     const vertex_grid *grid;
     const vertex_shell *shell;
     const occupancy_grid *empty; /* or NULL */
-    float *fraction;             /* depth i = near + (far - near) * fraction[i] */
-    uint64_t *sample;            /* rays x words: first the candidates, then the kept */
-    int64_t *candidate;          /* chunks + 1: the first slot of a chunk in `nearest` */
-    int32_t *nearest;            /* of the kept, by chunk from candidate[chunk] on */
-    int32_t *kept;               /* chunks */
+    /* coarse frames only: `out` has what is asked, `sample` the bits of all */
+    const coarse_field *coarse;
+    coarse_points *answer;
+    float heavy_per_m;  /* what weighs more than that a metre of its ray is asked */
+    bool sparse;        /* every other sample is asked */
+    uint64_t *ask;      /* rays x words: bits of what is asked */
+    float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
+    float *fraction;    /* depth i = near + (far - near) * fraction[i] */
+    uint64_t *sample;   /* rays x words: first the candidates, then the kept */
+    int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
+    int32_t *nearest;   /* of the kept, by chunk from candidate[chunk] on */
+    int32_t *kept;      /* chunks */
     point_set *out;
 } points_job;
 
@@ -232,6 +239,127 @@ static void drop_empty(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
+/* ---- coarse frames: pass 2 ---- */
+
+/* Light below which the rest of a ray is hidden; what may weigh that much together without being asked. */
+static const float hidden = 3e-3f, spared = 0.1f;
+/* Where pixels are closer together than that, every other sample is asked. */
+static const float sparse_m = 0.005f;
+
+/* Samples of a ray that are near the body, from front to back. */
+typedef struct {
+    int count, sample[8];
+    int32_t nearest[8];
+    float place[3 * 8];
+} walk_step;
+
+/* The next ones of a word's candidates; what is not near is passed over. */
+static uint64_t step_on(const points_job *job, int64_t n, int word, uint64_t bits, int32_t *guess,
+                        walk_step *s) {
+    for (s->count = 0; bits && s->count < (int)COUNT_OF(s->sample); bits &= bits - 1) {
+        float *x = s->place + 3 * s->count;
+        s->sample[s->count] = 64 * word + __builtin_ctzll(bits);
+        sample_smpl(job, n, s->sample[s->count], x);
+        const int32_t found = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
+        if (found < 0) continue;
+        s->nearest[s->count++] = *guess = found;
+    }
+    deform_to_canonical(job->m, job->target, s->count, s->place, NULL, s->nearest, s->place, NULL);
+    return bits;
+}
+
+/* A ray's samples with density. */
+typedef struct {
+    int count, sample[POINT_SAMPLES_MAX];
+    int32_t nearest[POINT_SAMPLES_MAX];
+    float weight[POINT_SAMPLES_MAX]; /* by the coarse field */
+} walk;
+
+/* Metres between two samples. */
+static float step_of(const points_job *job, int64_t n) {
+    const ray_bundle *r = job->rays;
+    const float *d = r->direction + 3 * n;
+    const float step = job->samples > 1 ? (r->far[n] - r->near[n]) / (float)(job->samples - 1) : 0;
+    return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+}
+
+/* From front to back, until the rest is hidden; their answers to value. */
+static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *k) {
+    const float delta = step_of(job, n);
+    float light = 1;
+    int32_t guess = -1;
+    walk_step s;
+    k->count = 0;
+    for (int w = 0; w < job->words; w++) {
+        uint64_t bits = job->sample[n * job->words + w];
+        while (bits && light > hidden) {
+            bits = step_on(job, n, w, bits, &guess, &s);
+            for (int i = 0; i < s.count && light > hidden; i++) {
+                coarse_at(job->coarse, s.place + 3 * i, value[k->count]);
+                const float sigma = value[k->count][0];
+                if (!(sigma > 0)) continue;
+                const float passes = s.sample[i] + 1 < job->samples ? expf(-sigma * delta) : 0;
+                k->sample[k->count] = s.sample[i];
+                k->nearest[k->count] = s.nearest[i];
+                k->weight[k->count++] = light * (1 - passes);
+                light *= passes;
+            }
+        }
+    }
+}
+
+/* The least weight that is asked, so that those below it are not more than `spared` together. */
+static float least_weight(const walk *k, float heavy) {
+    for (float least = heavy;; least *= 0.7f) {
+        float sum = 0;
+        for (int i = 0; i < k->count; i++) sum += k->weight[i] < least ? k->weight[i] : 0;
+        if (sum <= spared) return least;
+    }
+}
+
+static void walk_rays(const points_job *job, int64_t chunk) {
+    int32_t *nearest = job->nearest + job->candidate[chunk], asked = 0;
+    float(*value)[4] = job->value + job->candidate[chunk];
+    walk k;
+    for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
+        uint64_t *kept = job->sample + n * job->words, *ask = job->ask + n * job->words;
+        const int32_t before = asked;
+        const int place = (int)(n % job->rays->width + n / job->rays->width);
+        walk_ray(job, n, value, &k);
+        memset(kept, 0, (size_t)job->words * sizeof *kept);
+        const float least = least_weight(&k, job->heavy_per_m * step_of(job, n));
+        for (int i = 0; i < k.count; i++) {
+            const uint64_t bit = (uint64_t)1 << (k.sample[i] % 64);
+            kept[k.sample[i] / 64] |= bit;
+            value[i][0] = k.weight[i] < least ? value[i][0] : -value[i][0]; /* fill_coarse takes it back */
+            if (k.weight[i] < least || (job->sparse && (place + k.sample[i]) % 2)) continue;
+            ask[k.sample[i] / 64] |= bit;
+            nearest[asked++] = k.nearest[i];
+        }
+        value += k.count;
+        job->answer->all.first[n + 1] = k.count;
+        job->out->first[n + 1] = asked - before;
+    }
+    job->kept[chunk] = asked;
+}
+
+/* Pass 3 for all of them. */
+static void fill_coarse(const points_job *job, int64_t chunk) {
+    coarse_points *a = job->answer;
+    const float(*value)[4] = (const float(*)[4])job->value + job->candidate[chunk];
+    const int64_t begin = chunk * job->chunk;
+    int32_t at = a->all.first[begin], asked = job->out->first[begin];
+    for (int64_t n = begin; n < chunk_end(job, chunk); n++)
+        for (int w = 0; w < job->words; w++)
+            for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1, at++, value++) {
+                a->all.sample[at] = 64 * w + __builtin_ctzll(bits);
+                a->sigma[at] = fabsf((*value)[0]);
+                for (int k = 0; k < 3; k++) a->rgb[3 * at + k] = (*value)[k + 1];
+                const bool heavy = (*value)[0] < 0, ask = job->ask[n * job->words + w] & bits & -bits;
+                a->asked_at[at] = ask ? asked++ : heavy ? COARSE_MOVED : COARSE_KEPT;
+            }
+}
+
 /* Pass 3: the kept points' numbers, places and projections. */
 static void fill_points(const points_job *job, int64_t chunk) {
     enum { BATCH = 256 };
@@ -239,13 +367,14 @@ static void fill_points(const points_job *job, int64_t chunk) {
     int64_t n0 = chunk * job->chunk, at = p->first[n0], total = job->kept[chunk];
     const int32_t *nearest = job->nearest + job->candidate[chunk];
     const float *R = job->target->R;
+    const uint64_t *sample = job->coarse ? job->ask : job->sample;
     int64_t filled = at;
     for (int64_t n = n0; n < chunk_end(job, chunk); n++) {
         const float *d = job->rays->direction + 3 * n;
         float direction[3];
         for (int k = 0; k < 3; k++) direction[k] = d[0] * R[k] + d[1] * R[3 + k] + d[2] * R[6 + k];
         for (int w = 0; w < job->words; w++)
-            for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1, filled++) {
+            for (uint64_t bits = sample[n * job->words + w]; bits; bits &= bits - 1, filled++) {
                 int i = 64 * w + __builtin_ctzll(bits);
                 p->ray[filled] = (int32_t)n;
                 p->sample[filled] = i;
@@ -286,17 +415,41 @@ static sherf_status points_allocate(context *c, const points_job *job, bool keep
     return SHERF_OK;
 }
 
-static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
+static sherf_status coarse_allocate(context *c, points_job *job) {
+    coarse_points *a = job->answer;
+    point_set *all = &a->all;
+    for (int64_t n = 0; n < all->rays; n++) all->first[n + 1] += all->first[n];
+    all->count = all->first[all->rays];
+    const size_t n = (size_t)all->count;
+    all->sample = mem_alloc(c, n, sizeof *all->sample);
+    a->rgb = mem_alloc(c, n, 3 * sizeof *a->rgb);
+    a->sigma = mem_alloc(c, n, sizeof *a->sigma);
+    a->asked_at = mem_alloc(c, n, sizeof *a->asked_at);
+    return all->sample && a->rgb && a->sigma && a->asked_at ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+/* Room for pass 1, and for pass 2 where its numbers do not depend on pass 1. */
+static sherf_status rays_allocate(context *c, points_job *job, int64_t chunks) {
     point_set *p = job->out;
-    int64_t chunks = chunk_count(job), candidates = 0;
     job->fraction = mem_zero(c, (size_t)job->samples + 64, sizeof *job->fraction);
     job->sample = mem_alloc(c, (size_t)p->rays, (size_t)job->words * sizeof *job->sample);
     job->candidate = mem_zero(c, (size_t)chunks + 1, sizeof *job->candidate);
     job->kept = mem_zero(c, (size_t)chunks, sizeof *job->kept);
     p->first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
     if (!job->fraction || !job->sample || !job->candidate || !job->kept || !p->first) return SHERF_NO_MEMORY;
+    if (!job->coarse) return SHERF_OK;
+    job->ask = mem_zero(c, (size_t)p->rays, (size_t)job->words * sizeof *job->ask);
+    job->answer->all = (point_set){.rays = p->rays, .samples = p->samples};
+    job->answer->all.first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
+    return job->ask && job->answer->all.first ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
+    point_set *p = job->out;
+    int64_t chunks = chunk_count(job), candidates = 0;
+    sherf_status status = rays_allocate(c, job, chunks);
+    if (status != SHERF_OK) return status;
     for (int i = 0; i < job->samples; i++) job->fraction[i] = ray_fraction(i, job->samples);
-    sherf_status status;
     job->shell = vertex_grid_shell(job->grid);
     test_function *test = test_best();
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
@@ -306,16 +459,25 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
         return failure(c, SHERF_BAD_ARGUMENT, "points: %lld samples near the body are too many for one frame",
                        (long long)candidates);
     if (!(job->nearest = mem_alloc(c, (size_t)candidates, sizeof *job->nearest))) return SHERF_NO_MEMORY;
+    if (job->coarse && !(job->value = mem_alloc(c, (size_t)candidates, sizeof *job->value)))
+        return SHERF_NO_MEMORY;
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
     for (int64_t i = 0; i < chunks; i++) {
-        keep_near(job, i);
+        if (job->coarse)
+            walk_rays(job, i);
+        else
+            keep_near(job, i);
         if (job->empty) drop_empty(job, i);
     }
     for (int64_t n = 0; n < p->rays; n++) p->first[n + 1] += p->first[n];
     p->count = p->first[p->rays];
     if ((status = points_allocate(c, job, keep_stages, p)) != SHERF_OK) return status;
+    if (job->coarse && (status = coarse_allocate(c, job)) != SHERF_OK) return status;
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
-    for (int64_t i = 0; i < chunks; i++) fill_points(job, i);
+    for (int64_t i = 0; i < chunks; i++) {
+        fill_points(job, i);
+        if (job->coarse) fill_coarse(job, i);
+    }
     return SHERF_OK;
 }
 
@@ -332,44 +494,70 @@ sherf_status points_prepare(context *c, const body_model *m, posed_body *target)
     return target->near ? SHERF_OK : grid_create(c, m, target, &target->near);
 }
 
-sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
-                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const occupancy_grid *empty, bool keep_stages, point_set **out) {
+/* The job's `out` is made here; it has the model's points. */
+static sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out) {
+    const ray_bundle *rays = job->rays;
     *out = NULL;
     if (samples < 1 || samples > POINT_SAMPLES_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "points: %d samples a ray, must be 1 to %d", samples,
                        POINT_SAMPLES_MAX);
-    if (!observation != !observation_camera)
+    if (!job->observation != !job->camera)
         return failure(c, SHERF_BAD_ARGUMENT, "points: an observation needs both its body and its camera");
+    job->samples = samples;
+    job->words = (samples + 63) / 64;
+    job->chunk = 512;
+    job->out = mem_zero(c, 1, sizeof *job->out);
+    if (!job->out) return SHERF_NO_MEMORY;
+    job->out->rays = (int64_t)rays->width * rays->height;
+    job->out->samples = samples;
+    job->out->on = rays;
+    vertex_grid *own = NULL;
+    sherf_status status = job->target->near ? SHERF_OK : grid_create(c, job->m, job->target, &own);
+    job->grid = own ? own : job->target->near;
+    if (status == SHERF_OK) status = points_run(c, job, keep_stages);
+    vertex_grid_free(own);
+    mem_free(job->fraction);
+    mem_free(job->sample);
+    mem_free(job->ask);
+    mem_free(job->candidate);
+    mem_free(job->nearest);
+    mem_free(job->value);
+    mem_free(job->kept);
+    if (status == SHERF_OK)
+        *out = job->out;
+    else
+        points_free(job->out);
+    return status;
+}
+
+sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
+                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
+                           const occupancy_grid *empty, bool keep_stages, point_set **out) {
     points_job job = {.m = m,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,
                       .rays = rays,
-                      .empty = empty && empty->bit ? empty : NULL,
-                      .samples = samples,
-                      .words = (samples + 63) / 64,
-                      .chunk = 512};
-    job.out = mem_zero(c, 1, sizeof *job.out);
-    if (!job.out) return SHERF_NO_MEMORY;
-    job.out->rays = (int64_t)rays->width * rays->height;
-    job.out->samples = samples;
-    job.out->on = rays;
-    vertex_grid *own = NULL;
-    sherf_status status = target->near ? SHERF_OK : grid_create(c, m, target, &own);
-    job.grid = own ? own : target->near;
-    if (status == SHERF_OK) status = points_run(c, &job, keep_stages);
-    vertex_grid_free(own);
-    mem_free(job.fraction);
-    mem_free(job.sample);
-    mem_free(job.candidate);
-    mem_free(job.nearest);
-    mem_free(job.kept);
-    if (status == SHERF_OK)
-        *out = job.out;
-    else
-        points_free(job.out);
-    return status;
+                      .empty = empty && empty->bit ? empty : NULL};
+    return points_make(c, &job, samples, keep_stages, out);
+}
+
+sherf_status coarse_points_create(context *c, const body_model *m, const posed_body *target,
+                                  const ray_bundle *rays, int samples, const posed_body *observation,
+                                  const sherf_camera *observation_camera, const coarse_field *coarse,
+                                  coarse_points *out) {
+    const bool fine = rays_pitch(rays) < sparse_m;
+    points_job job = {.m = m,
+                      .target = target,
+                      .observation = observation,
+                      .camera = observation_camera,
+                      .rays = rays,
+                      .coarse = coarse,
+                      .heavy_per_m = fine ? 3 : 0.5f,
+                      .sparse = fine,
+                      .answer = out};
+    *out = (coarse_points){0};
+    return points_make(c, &job, samples, false, &out->asked);
 }
 
 void points_free(point_set *p) {

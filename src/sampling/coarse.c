@@ -1,0 +1,110 @@
+/* Frames by a coarse field: the model's answers to samples that weigh move those between them. */
+#include <math.h>
+#include <string.h>
+
+#include "sampling/coarse.h"
+
+typedef struct {
+    const ray_bundle *rays;
+    coarse_points *p;
+    float (*moved)[4]; /* of what was asked: the model's density and colour minus the coarse field's */
+} answer_job;
+
+/* A ray's samples, from the front. */
+typedef struct {
+    int32_t at, end;
+} ray_cursor;
+
+/* Adds what the sample was moved by, where this ray has it and it was asked; returns the weight that counts.
+ */
+static float add_moved(const answer_job *j, ray_cursor *ray, int32_t sample, float weight, float sum[4]) {
+    const coarse_points *p = j->p;
+    while (ray->at < ray->end && p->all.sample[ray->at] < sample) ray->at++;
+    if (ray->at == ray->end || p->all.sample[ray->at] != sample || p->asked_at[ray->at] < 0) return 0;
+    const float *moved = j->moved[p->asked_at[ray->at]];
+    for (int k = 0; k < 4; k++) sum[k] += weight * moved[k];
+    return weight;
+}
+
+float rays_pitch(const ray_bundle *r) {
+    float apart = 0, near = INFINITY;
+    for (int k = 0; k < 3 && r->width > 1; k++) {
+        const float d = r->direction[3 + k] - r->direction[k];
+        apart += d * d;
+    }
+    for (size_t n = 0; n < (size_t)r->width * (size_t)r->height; n++)
+        if (r->at_box[n]) near = fminf(near, r->near[n]);
+    return r->width > 1 && near < INFINITY ? sqrtf(apart) * near : INFINITY;
+}
+
+/* How much a sample before or behind counts against one beside: the root of how much nearer that is
+ * (measured; less would be left of what differs along a ray, more of what differs across). */
+static float behind_weight(const ray_bundle *r, int samples, int64_t n) {
+    const int64_t other = n % r->width + 1 < r->width ? n + 1 : n - 1;
+    const float *d = r->direction + 3 * n, *e = r->direction + 3 * other;
+    const float step = (r->far[n] - r->near[n]) / (float)(samples > 1 ? samples - 1 : 1);
+    float beside = 0, behind = 0;
+    for (int k = 0; k < 3; k++) {
+        beside += (d[k] - e[k]) * (d[k] - e[k]) * r->near[n] * r->near[n];
+        behind += d[k] * d[k] * step * step;
+    }
+    return fminf(sqrtf(sqrtf(beside / fmaxf(behind, 1e-12f))), 1);
+}
+
+static void move_ray(const answer_job *j, int64_t n) {
+    enum { AROUND = 4 };
+    const coarse_points *p = j->p;
+    const int32_t *first = p->all.first;
+    const int64_t width = j->rays->width, column = n % width, row = n / width;
+    const int64_t other[AROUND] = {column > 0 ? n - 1 : -1, column + 1 < width ? n + 1 : -1,
+                                   row > 0 ? n - width : -1, row + 1 < j->rays->height ? n + width : -1};
+    const float behind = j->rays->width > 1 ? behind_weight(j->rays, p->all.samples, n) : 1;
+    ray_cursor around[AROUND];
+    for (int k = 0; k < AROUND; k++)
+        around[k] = other[k] < 0 ? (ray_cursor){0, 0} : (ray_cursor){first[other[k]], first[other[k] + 1]};
+    for (int32_t i = first[n]; i < first[n + 1]; i++) {
+        if (p->asked_at[i] != COARSE_MOVED) continue;
+        const int32_t sample = p->all.sample[i];
+        float sum[4] = {0}, weights = 0;
+        for (int k = 0; k < AROUND; k++) weights += add_moved(j, &around[k], sample, 1, sum);
+        if (i > first[n]) weights += add_moved(j, &(ray_cursor){i - 1, i}, sample - 1, behind, sum);
+        if (i + 1 < first[n + 1])
+            weights += add_moved(j, &(ray_cursor){i + 1, i + 2}, sample + 1, behind, sum);
+        if (!(weights > 0)) continue;
+        p->sigma[i] += sum[0] / weights;
+        for (int k = 0; k < 3; k++) p->rgb[3 * i + k] += sum[k + 1] / weights;
+    }
+}
+
+static void move_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const answer_job *j = arg;
+    for (int64_t n = begin * j->rays->width; n < end * j->rays->width; n++)
+        if (j->p->all.first[n] < j->p->all.first[n + 1]) move_ray(j, n);
+}
+
+sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
+                                  coarse_points *p) {
+    answer_job job = {rays, p, mem_alloc(c, (size_t)p->asked->count + 1, sizeof *job.moved)};
+    if (!job.moved) return SHERF_NO_MEMORY;
+    for (int64_t i = 0; i < p->all.count; i++) {
+        const int32_t at = p->asked_at[i];
+        if (at < 0) continue;
+        job.moved[at][0] = sigma[at] - p->sigma[i];
+        for (int k = 0; k < 3; k++) job.moved[at][k + 1] = rgb[3 * at + k] - p->rgb[3 * i + k];
+        p->sigma[i] = sigma[at];
+        memcpy(p->rgb + 3 * i, rgb + 3 * at, 3 * sizeof *rgb);
+    }
+    parallel_for(c, rays->height, 8, move_rows, &job);
+    mem_free(job.moved);
+    return SHERF_OK;
+}
+
+void coarse_points_free(coarse_points *p) {
+    points_free(p->asked);
+    mem_free(p->all.first);
+    mem_free(p->all.sample);
+    mem_free(p->rgb);
+    mem_free(p->sigma);
+    mem_free(p->asked_at);
+    *p = (coarse_points){0};
+}

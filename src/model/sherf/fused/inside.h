@@ -9,7 +9,9 @@
 /* Rows of the bank are padded with zeros to a multiple of this. */
 enum { POINT_PAD = 32 };
 /* Rows of a product that the float32 kernels keep in registers. */
-enum { POINT_ROWS_PLAIN = 4, POINT_ROWS_AVX2 = 4, POINT_ROWS_AVX512 = 4 };
+#define POINT_ROWS_PLAIN 4
+#define POINT_ROWS_AVX2 6
+#define POINT_ROWS_AVX512 4
 
 /* A map after the linear layer: height x width texels of `stride` values (padded with zeros). */
 typedef struct {
@@ -31,7 +33,7 @@ typedef struct {
     uint16_t *half;
 } radiance_level;
 
-/* y = w x + b; rows in blocks of `block`: w[row block][column][block], padded with zeros. */
+/* y = w x + b; rows in blocks of `block`, the last one of what is left: w[row block][column][row]. */
 typedef struct {
     int rows, columns, block;
     float *w, *b;

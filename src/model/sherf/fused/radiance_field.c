@@ -26,16 +26,17 @@ static sherf_status check_sizes(context *c, const radiance_sizes *s) {
 }
 
 static sherf_status pack(context *c, const radiance_matrix *m, int block, radiance_layer *out) {
-    int rows = round_up(m->rows, block);
     *out = (radiance_layer){.rows = m->rows, .columns = m->columns, .block = block};
-    out->w = mem_zero(c, (size_t)rows * (size_t)m->columns, sizeof(float));
-    out->b = mem_zero(c, (size_t)rows, sizeof(float));
+    out->w = mem_alloc(c, (size_t)m->rows * (size_t)m->columns, sizeof(float));
+    out->b = mem_alloc(c, (size_t)m->rows, sizeof(float));
     if (!out->w || !out->b) return SHERF_NO_MEMORY;
     memcpy(out->b, m->b, (size_t)m->rows * sizeof(float));
-    for (int r = 0; r < m->rows; r++)
+    for (int r = 0; r < m->rows; r++) {
+        const int first = r / block * block, left = m->rows - first, height = left < block ? left : block;
         for (int k = 0; k < m->columns; k++)
-            out->w[(size_t)(r / block * block) * (size_t)m->columns + (size_t)(k * block + r % block)] =
+            out->w[(size_t)first * (size_t)m->columns + (size_t)(k * height + r - first)] =
                 m->w[(size_t)r * (size_t)m->columns + (size_t)k];
+    }
     return SHERF_OK;
 }
 

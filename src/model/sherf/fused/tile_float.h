@@ -11,33 +11,56 @@
 enum { PARTS = POINT_TILE / LANES };
 
 /* ---- y[rows][tile] = w x + b, with ReLU; x[columns][tile] ---- */
-static void block_product(const float *w, const float *b, const float *x, int columns, float *y, int rows,
-                          bool relu) {
+/* rows: a constant where this is inlined, so that the sums stay in registers. */
+static inline __attribute__((always_inline)) void block_product(const int rows, const float *w,
+                                                                const float *b, const float *x, int columns,
+                                                                float *y, bool relu) {
     vf sum[ROWS][VECTORS];
-    for (int r = 0; r < ROWS; r++)
+    for (int r = 0; r < rows; r++)
         for (int v = 0; v < VECTORS; v++) sum[r][v] = splat(b[r]);
-    for (int k = 0; k < columns; k++, w += ROWS, x += POINT_TILE) {
+    for (int k = 0; k < columns; k++, w += rows, x += POINT_TILE) {
         vf in[VECTORS];
         for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
-        for (int r = 0; r < ROWS; r++) {
+        for (int r = 0; r < rows; r++) {
             vf weight = splat(w[r]);
             for (int v = 0; v < VECTORS; v++) sum[r][v] += weight * in[v];
         }
     }
-    if (relu)
-        for (int r = 0; r < ROWS; r++)
-            for (int v = 0; v < VECTORS; v++) sum[r][v] = vmax(sum[r][v], splat(0));
-    for (int r = 0; r < ROWS; r++)
+    for (int r = 0; r < rows; r++)
         for (int v = 0; v < VECTORS; v++)
-            if (r < rows) ((vf *)(y + (size_t)r * POINT_TILE))[v] = sum[r][v];
+            ((vf *)(y + (size_t)r * POINT_TILE))[v] = relu ? vmax(sum[r][v], splat(0)) : sum[r][v];
 }
 
 /* Rows from `from` (a multiple of ROWS) on; y is that of row 0. */
 static void product_from(const radiance_layer *l, int from, const float *x, float *y, bool relu) {
+#define BLOCK(n) block_product(n, w, b, x + p, l->columns, out, relu)
     for (int p = 0; p < POINT_TILE; p += VECTORS * LANES)
-        for (int r = from; r < l->rows; r += ROWS)
-            block_product(l->w + (size_t)r * l->columns, l->b + r, x + p, l->columns,
-                          y + (size_t)r * POINT_TILE + p, l->rows - r, relu);
+        for (int r = from; r < l->rows; r += ROWS) {
+            const float *w = l->w + (size_t)r * l->columns, *b = l->b + r;
+            float *out = y + (size_t)r * POINT_TILE + p;
+            switch (l->rows - r) {
+            case 1:
+                BLOCK(1);
+                break;
+            case 2:
+                BLOCK(2);
+                break;
+            case 3:
+                BLOCK(3);
+                break;
+#if ROWS > 4
+            case 4:
+                BLOCK(4);
+                break;
+            case 5:
+                BLOCK(5);
+                break;
+#endif
+            default:
+                BLOCK(ROWS);
+            }
+        }
+#undef BLOCK
 }
 
 static void product(const radiance_layer *l, const float *x, float *y, bool relu) {

@@ -290,8 +290,8 @@ enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
-    int exact;  /* non-zero: every point near the body counts; otherwise what is known of the avatar in cells of
-                   1 cm (found with its first frame) stands for points that weigh little; in bf16 it tells
+    int exact;  /* non-zero: every point near the body counts; otherwise what is known of the avatar in cells
+                   of 1 cm (found with its first frame) stands for points that weigh little; in bf16 it tells
                    where nothing is, and what is behind 99.9 % opacity is left out */
     int detail; /* 0: SHERF_DETAIL_ON */
 } sherf_render_options;

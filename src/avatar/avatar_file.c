@@ -102,7 +102,7 @@ static sherf_status picture_load(context *c, const safetensors *s, sherf_avatar 
 
 static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar *a) {
     model *shape = NULL; /* names and shapes of this configuration */
-    sherf_status status = model_create(c, &a->config, 0, &shape);
+    sherf_status status = model_shape(c, &a->config, &shape);
     if (status == SHERF_OK) status = avatar_weights(c, shape, &a->weights);
     for (int i = 0; status == SHERF_OK && i < a->weights->count; i++) {
         tensor *w = &a->weights->item[i]->value;

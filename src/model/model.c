@@ -4,7 +4,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
-sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out) {
+sherf_status model_shape(context *c, const model_config *config, model **out) {
     const model_kind *kind = config->kind;
     *out = NULL;
     sherf_status status = model_config_check(c, config);
@@ -21,9 +21,14 @@ sherf_status model_create(context *c, const model_config *config, uint64_t seed,
         model_free(m);
         return status;
     }
-    parameters_initialise(m->weights, seed);
     *out = m;
     return SHERF_OK;
+}
+
+sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out) {
+    sherf_status status = model_shape(c, config, out);
+    if (status == SHERF_OK) parameters_initialise((*out)->weights, seed);
+    return status;
 }
 
 void model_free(model *m) {

@@ -220,6 +220,8 @@ struct sherf_model {
 };
 
 sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
+/* The same with weights of any value, for those who give every one its own. */
+sherf_status model_shape(context *c, const model_config *config, model **out);
 void model_free(model *m);
 /* Moves the weights to where the context's device computes; nothing for the CPU. Before there are gradients.
  */

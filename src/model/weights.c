@@ -74,7 +74,7 @@ sherf_status model_load(context *c, const char *path, model **out) {
         goto done;
     }
     status = model_config_of_file(c, s, NULL, true, &config);
-    if (status == SHERF_OK) status = model_create(c, &config, 0, &m);
+    if (status == SHERF_OK) status = model_shape(c, &config, &m);
     for (int i = 0; status == SHERF_OK && i < m->weights->count; i++)
         status = parameter_read(c, s, m->weights->item[i]);
     if (status != SHERF_OK) status = failure_prefix(c, status, "%s", path);

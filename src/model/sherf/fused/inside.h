@@ -33,7 +33,8 @@ typedef struct {
     uint16_t *half;
 } radiance_level;
 
-/* y = w x + b; rows in blocks of `block`, the last one of what is left: w[row block][column][row]. */
+/* y = w x + b; rows in blocks of `block`: w[row block][column][row]. The last block has the rows that are
+ * left; in training it is whole, padded with zeros. */
 typedef struct {
     int rows, columns, block;
     float *w, *b;

@@ -179,7 +179,7 @@ static void composite_make(context *c, bench_data *d, int64_t P) {
 }
 static tensor *composite_build(tape *t, bench_data *d) {
     composite_attr attr = {48, 0, 2, 4};
-    return op_composite(t, d->in[0], d->in[1], d->in[2], d->in[3], d->in[4], d->in[5], d->in[6], attr);
+    return op_composite(t, d->in[0], d->in[1], d->in[2], d->in[3], d->in[4], d->in[5], d->in[6], NULL, attr);
 }
 
 static void images_make(context *c, bench_data *d, int64_t P) {

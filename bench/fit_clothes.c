@@ -15,7 +15,7 @@
 #include "estimate/fit_inside.h"
 #include "estimate/landmarks.h"
 #include "estimate/mask.h"
-#include "fit_state.h"
+#include "fit_tools.h"
 
 enum { N = 4 * BODY_JOINTS, ROUNDS = 30 };
 /* What lies further off is no edge of that limb; deviations below count alike; what is hardly seen stays 0.
@@ -26,18 +26,6 @@ typedef struct {
     int32_t vertex;
     float normal[3], off_m;
 } sample;
-
-static void must(context *c, sherf_status status) {
-    if (status == SHERF_OK) return;
-    fprintf(stderr, "%s\n", c->message);
-    exit(1);
-}
-
-static void need(bool there, const char *what) {
-    if (there) return;
-    fprintf(stderr, "fit_clothes: %s\n", what);
-    exit(1);
-}
 
 /* ---- looking ---- */
 
@@ -97,12 +85,6 @@ static void look_at_all(context *c, const body_model *body, char **argument) {
 }
 
 /* ---- the regression ---- */
-
-static int other_joint(int j) {
-    static const int8_t other[BODY_JOINTS] = {0,  2,  1,  3,  5,  4,  6,  8,  7,  9,  11, 10,
-                                              12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22};
-    return other[j];
-}
 
 /* The table's numbers that a sample has part in. */
 static void numbers_of(const body_model *body, const sample *s, bool mirrored, double x[N]) {

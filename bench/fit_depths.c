@@ -12,7 +12,7 @@
 #include "data/data.h"
 #include "estimate/fit_inside.h"
 #include "estimate/landmarks.h"
-#include "fit_state.h"
+#include "fit_tools.h"
 
 enum { N = FIT_DEPTH_NUMBERS, D = FIT_DEPTHS, FOLDS = 8 };
 /* In units of the numbers' spread. */
@@ -28,18 +28,6 @@ typedef struct {
     int person;
     double number[N], short_of[D]; /* what is missing at the network's depths */
 } sample;
-
-static void must(context *c, sherf_status status) {
-    if (status == SHERF_OK) return;
-    fprintf(stderr, "%s\n", c->message);
-    exit(1);
-}
-
-static void need(bool there, const char *what) {
-    if (there) return;
-    fprintf(stderr, "fit_depths: %s\n", what);
-    exit(1);
-}
 
 /* ---- looking ---- */
 

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "estimate/fit_inside.h"
+#include "fit_tools.h"
 #include "synth/people/people.h"
 
 enum { D = FIT_POSE_NUMBERS, K = FIT_POSE_KINDS, DRAWS = 20000, SAMPLES = 2 * DRAWS, ROUNDS = 20, SEEDS = 2 };
@@ -17,12 +18,6 @@ static const double floor_rad = 0.05;
 typedef struct {
     double share, mean[D], covariance[D][D], whiten[D][D], cost; /* whiten: upper; cost: -2 log of the peak */
 } kind;
-
-static void must(context *c, sherf_status status) {
-    if (status == SHERF_OK) return;
-    fprintf(stderr, "%s\n", c->message);
-    exit(1);
-}
 
 /* What the fit looks at of a pose whose root is tilted against the vertical. */
 static void numbers_of(const float pose_rad[72], double x[D]) {
@@ -34,10 +29,8 @@ static void numbers_of(const float pose_rad[72], double x[D]) {
 }
 
 static void mirrored(const float pose_rad[72], float out[72]) {
-    static const int8_t other[BODY_JOINTS] = {0,  2,  1,  3,  5,  4,  6,  8,  7,  9,  11, 10,
-                                              12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22};
     for (int j = 0; j < BODY_JOINTS; j++)
-        for (int k = 0; k < 3; k++) out[3 * j + k] = (k ? -1 : 1) * pose_rad[3 * other[j] + k];
+        for (int k = 0; k < 3; k++) out[3 * j + k] = (k ? -1 : 1) * pose_rad[3 * other_joint(j) + k];
 }
 
 /* whiten^T whiten = covariance^-1, whiten upper triangular, by a Cholesky factor from the end. */

@@ -269,21 +269,11 @@ static void the_shell_agrees(void **state) {
 
 /* ---- counts and settings ---- */
 static void counts_are_those_of_the_papers(void **state) {
-    static const struct {
-        const char *preset;
-        int64_t count;
-    } known[] = {{"pixelnerf:own", 8170304 + 2 * 3438596},
-                 {"pixelnerf:matched", 8170304 + 3438596},
-                 {"pixelnerf:own-small", 2782784 + 368132},
-                 {"pixelnerf:matched-small", 3150916}};
-    context *c = test_context();
-    for (size_t i = 0; i < COUNT_OF(known); i++) {
-        sherf_model *m;
-        assert_ok(c, sherf_model_create(c, known[i].preset, 1, &m));
-        assert_int_equal(sherf_model_parameter_count(m), known[i].count);
-        sherf_model_free(m);
-    }
-    sherf_context_free(c);
+    static const rival_count known[] = {{"pixelnerf:own", 8170304 + 2 * 3438596},
+                                        {"pixelnerf:matched", 8170304 + 3438596},
+                                        {"pixelnerf:own-small", 2782784 + 368132},
+                                        {"pixelnerf:matched-small", 3150916}};
+    rival_counts(COUNT_OF(known), known);
 }
 
 static void settings_that_do_not_go_together(void **state) {

@@ -427,6 +427,17 @@ void rival_no_memory(const char *preset) {
     sherf_context_free(c);
 }
 
+void rival_counts(int presets, const rival_count *known) {
+    context *c = test_context();
+    for (int i = 0; i < presets; i++) {
+        sherf_model *m;
+        assert_ok(c, sherf_model_create(c, known[i].preset, 1, &m));
+        assert_int_equal(sherf_model_parameter_count(m), known[i].count);
+        sherf_model_free(m);
+    }
+    sherf_context_free(c);
+}
+
 static void train(context *c, const char *preset, const char *folder, int steps) {
     static char data[700], body[700], output[700];
     snprintf(data, sizeof data, "thuman:%s", root);

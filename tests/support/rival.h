@@ -8,6 +8,13 @@
 #include "model/model.h"
 
 /* ---- one tube person, observed and shown ---- */
+/* A preset's trained weights. */
+typedef struct {
+    const char *preset;
+    int64_t count;
+} rival_count;
+void rival_counts(int presets, const rival_count *known);
+
 int rival_data(void **state); /* setup of a group: two tube people of 32 x 32, 2 poses, 4 views */
 typedef struct {
     sherf_body *body;

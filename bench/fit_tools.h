@@ -1,6 +1,6 @@
-/* fit_state: the true body of a data set's view, as a fit has it. */
-#ifndef SHERF_FIT_STATE_H
-#define SHERF_FIT_STATE_H
+/* fit_tools: what the programs that make the tables of the fit share. */
+#ifndef SHERF_FIT_TOOLS_H
+#define SHERF_FIT_TOOLS_H
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,17 +9,32 @@
 #include "data/data.h"
 #include "estimate/body_points.h"
 
+static inline void must(context *c, sherf_status status) {
+    if (status == SHERF_OK) return;
+    fprintf(stderr, "%s\n", c->message);
+    exit(1);
+}
+
+static inline void need(bool there, const char *what) {
+    if (there) return;
+    fprintf(stderr, "%s\n", what);
+    exit(1);
+}
+
+/* Left for right. */
+static inline int other_joint(int j) {
+    static const int8_t other[BODY_JOINTS] = {0,  2,  1,  3,  5,  4,  6,  8,  7,  9,  11, 10,
+                                              12, 14, 13, 15, 17, 16, 19, 18, 21, 20, 23, 22};
+    return other[j];
+}
+
 /* The body of a view in its camera's frame. */
-static void body_in_camera(context *c, const body_model *body, const data_view *v, body_state *s) {
+static inline void body_in_camera(context *c, const body_model *body, const data_view *v, body_state *s) {
     posed_body *p;
     double R[9];
     float root[9];
     memset(s, 0, sizeof *s);
-    if (posed_joints_create(c, body, v->pose.poses_rad, v->pose.shapes, v->pose.R, v->pose.Th_m, &p) !=
-        SHERF_OK) {
-        fprintf(stderr, "%s\n", c->message);
-        exit(1);
-    }
+    must(c, posed_joints_create(c, body, v->pose.poses_rad, v->pose.shapes, v->pose.R, v->pose.Th_m, &p));
     rodrigues(v->pose.poses_rad, root);
     for (int i = 0; i < 9; i++) {
         R[i] = 0;

@@ -163,12 +163,13 @@ int main(int arguments, char **argument) {
             fprintf(stderr, "round %d: edges %.1f mm off on the mean\n", i, 1000 * off);
     }
     printf("/* Made by bench/fit_clothes.c from %d places of masks' edges, left and right mirrored. */\n"
-           "#include \"estimate/fit_inside.h\"\n\nconst fit_clothes fit_clothes_table[BODY_JOINTS] = {\n",
+           "#include \"estimate/fit_inside.h\"\n\n/* clang-format off */\n"
+           "const fit_clothes fit_clothes_table[BODY_JOINTS] = {\n",
            count);
     for (int j = 0; j < BODY_JOINTS; j++)
         printf("    {%.4ff, {%.4ff, %.4ff, %.4ff}},\n", table[4 * j], table[4 * j + 1], table[4 * j + 2],
                table[4 * j + 3]);
-    printf("};\n");
+    printf("};\n/* clang-format on */\n");
     free(s);
     sherf_body_free(body);
     sherf_context_free(c);

@@ -33,7 +33,7 @@ static void find_edges(context *c, const body_model *body, const photo_person *p
                        const sherf_image *mask, const data_view *truth, FILE *out) {
     const body_fit_input in = {person, mask->width, mask->height, (double)truth->camera.K[0], mask};
     fit_problem p;
-    fit_edge edge[FIT_OUTLINE_MOST];
+    fit_edge edge[FIT_OUTLINE_MAX];
     body_state s;
     must(c, fit_problem_begin(c, body, &in, &p));
     body_in_camera(c, body, truth, &s);

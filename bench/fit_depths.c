@@ -16,7 +16,7 @@
 
 enum { N = FIT_DEPTH_NUMBERS, D = FIT_DEPTHS, FOLDS = 8 };
 /* In units of the numbers' spread. */
-static const double ridge = 300, spread_least = 0.02;
+static const double ridge = 300, spread_min = 0.02;
 
 typedef struct {
     int32_t person;
@@ -194,7 +194,7 @@ static void regress(const sample *s, int count, int without, double weight[N][D]
         }
         for (int i = 0; i < N && !pass; i++) mean[i] /= used;
     }
-    for (int i = 0; i < N; i++) spread[i] = fmax(sqrt(spread[i]), spread_least);
+    for (int i = 0; i < N; i++) spread[i] = fmax(sqrt(spread[i]), spread_min);
     mean[N - 1] = 0, spread[N - 1] = 1; /* of the constant, which is not held back */
     memset(A, 0, sizeof A);
     memset(weight, 0, N * sizeof *weight);
@@ -234,7 +234,7 @@ static void judge(const sample *s, int count) {
     }
     for (int i = 0, d = 0; i < LANDMARKS; i++) {
         if (fit_landmarks[i].joint < 0) continue;
-        fprintf(stderr, "landmark %2d: depth off by %3.0f mm, mended %3.0f\n", i, 1000 * sqrt(before[d]),
+        fprintf(stderr, "landmark %2d: depth off by %3.0f mm, corrected %3.0f\n", i, 1000 * sqrt(before[d]),
                 1000 * sqrt(after[d]));
         d++;
     }

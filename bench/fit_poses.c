@@ -95,11 +95,11 @@ static void maximise(const double (*x)[D], const double (*member)[K], kind *g) {
 static double expect(const double (*x)[D], const kind *g, double (*member)[K]) {
     double mean = 0;
     for (int n = 0; n < SAMPLES; n++) {
-        double cost[K], least = INFINITY, sum = 0;
-        for (int k = 0; k < K; k++) least = fmin(least, cost[k] = cost_of(&g[k], x[n]));
-        for (int k = 0; k < K; k++) sum += member[n][k] = exp(-0.5 * (cost[k] - least));
+        double cost[K], min = INFINITY, sum = 0;
+        for (int k = 0; k < K; k++) min = fmin(min, cost[k] = cost_of(&g[k], x[n]));
+        for (int k = 0; k < K; k++) sum += member[n][k] = exp(-0.5 * (cost[k] - min));
         for (int k = 0; k < K; k++) member[n][k] /= sum;
-        mean += (log(sum) - 0.5 * least) / SAMPLES;
+        mean += (log(sum) - 0.5 * min) / SAMPLES;
     }
     return mean;
 }

@@ -166,7 +166,7 @@ static void say_clip(const char *video, int person, const sherf_clip_facts *f) {
         cJSON_AddNumberToObject(json, "fps", f->fps);
         cJSON_AddNumberToObject(json, "people", f->people);
         cJSON_AddNumberToObject(json, "filled", f->filled);
-        cJSON_AddNumberToObject(json, "mended", f->mended);
+        cJSON_AddNumberToObject(json, "repaired", f->repaired);
         cJSON_AddNumberToObject(json, "left_out", f->left_out);
         cJSON_AddNumberToObject(json, "poor", f->poor);
         cJSON_AddNumberToObject(json, "focal_px", f->focal_px);

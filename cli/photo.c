@@ -4,7 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
-enum { PEOPLE_MOST = 8 }; /* more are not looked for */
+enum { PHOTO_PEOPLE_MAX = 8 }; /* more are not looked for */
 
 photo_request photo_wanted;
 
@@ -55,7 +55,7 @@ static void say(const char *path, const sherf_estimate_facts *f) {
     char which[64] = "one person";
     if (f->people > 1)
         snprintf(which, sizeof which, "%d people%s, number %d%s taken", f->people,
-                 f->people == PEOPLE_MOST ? " or more" : "", f->person,
+                 f->people == PHOTO_PEOPLE_MAX ? " or more" : "", f->person,
                  f->person == 1 ? ", the largest," : "");
     session_remark(
         "%s: %s, %.0f px high; the body covers %.0f %% of the person, landmarks are %.1f %% of the "

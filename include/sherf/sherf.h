@@ -227,8 +227,8 @@ typedef struct {
     double fps;
     int people;                 /* where anybody is seen first; at most 8 */
     int filled;                 /* frames of the motion in which the person was not found */
-    int filled_most;            /* of them, the most that follow each other */
-    int mended;                 /* in which the networks took front for back */
+    int filled_longest;         /* of them, the most that follow each other */
+    int repaired;               /* turned round, as the networks took front for back */
     int left_out;               /* frames of the video before and after those that show the person */
     int poor;                   /* in which the body lies badly on the person */
     double focal_px;            /* of the upright video; it does not turn or move */

@@ -23,13 +23,13 @@ static sherf_status copy_weights(context *c, const body_arrays *a, float *out) {
     sherf_status status = copy_finite(c, "weights", (size_t)a->vertices * BODY_JOINTS, a->weights, out);
     if (status != SHERF_OK) return status;
     for (int v = 0; v < a->vertices; v++) {
-        double sum = 0, least = 0;
+        double sum = 0, min = 0;
         for (int j = 0; j < BODY_JOINTS; j++) {
             double w = a->weights[(size_t)v * BODY_JOINTS + j];
             sum += w;
-            if (w < least) least = w;
+            if (w < min) min = w;
         }
-        if (fabs(sum - 1) > 1e-3 || least < -1e-3)
+        if (fabs(sum - 1) > 1e-3 || min < -1e-3)
             return failure(c, SHERF_BAD_FILE, "body: weights of vertex %d sum to %g, not to 1", v, sum);
     }
     return SHERF_OK;
@@ -165,7 +165,7 @@ static sherf_status canonical_create(context *c, body_model *m) {
 
 /* Twice through the edges: first counted, then written; an edge of two faces once. */
 static sherf_status find_neighbours(context *c, body_model *m) {
-    enum { MOST = 32 }; /* of a vertex: meshes have 6, files may say anything */
+    enum { MAX = 32 }; /* of a vertex: meshes have 6, files may say anything */
     const size_t corners = 3 * (size_t)m->faces;
     int32_t *first = m->neighbour_first = mem_zero(c, (size_t)m->vertices + 1, sizeof *first);
     int32_t *list = m->neighbour = mem_alloc(c, 2 * corners + 1, sizeof *list);
@@ -181,7 +181,7 @@ static sherf_status find_neighbours(context *c, body_model *m) {
     for (int v = 0; v < m->vertices; v++) {
         const int32_t begin = kept, end = v + 1 < m->vertices ? first[v + 2] : (int32_t)(2 * corners);
         for (; at < end; at++) {
-            bool known = list[at] == v || kept - begin == MOST;
+            bool known = list[at] == v || kept - begin == MAX;
             for (int32_t k = begin; k < kept; k++) known = known || list[k] == list[at];
             if (!known) list[kept++] = list[at];
         }

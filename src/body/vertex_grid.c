@@ -65,8 +65,8 @@ INLINE void search_rings(const vertex_grid *g, const float p[3], nearest_state *
         float right = y1 < ny ? slab_distance(g, 1, y1, p[1]) : INFINITY;
         float below = z0 >= 0 ? slab_distance(g, 2, z0, p[2]) : INFINITY;
         float above = z1 < nz ? slab_distance(g, 2, z1, p[2]) : INFINITY;
-        float least = fminf(fminf(left, right), fminf(below, above));
-        if (least == INFINITY || least * least > best->d2) return;
+        float d_min = fminf(fminf(left, right), fminf(below, above));
+        if (d_min == INFINITY || d_min * d_min > best->d2) return;
         for (int z = z0 < 0 ? 0 : z0; z <= z1 && z < nz; z++) {
             bool edge = z == z0 || z == z1;
             float dz = edge ? z == z0 ? below : above : slab_distance(g, 2, z, p[2]);
@@ -128,9 +128,9 @@ AVX512 INLINE void scan_avx512(const vertex_grid *g, const float p[3], int32_t b
             improve(g, best, _mm512_cvtss_f32(_mm512_maskz_compress_ps(near, d2)), g->index[i + lane]);
             continue;
         }
-        float least = _mm512_mask_reduce_min_ps(near, d2);
-        near = _mm512_mask_cmp_ps_mask(near, d2, _mm512_set1_ps(least), _CMP_EQ_OQ);
-        improve(g, best, least, _mm512_mask_reduce_min_epi32(near, _mm512_loadu_si512(g->index + i)));
+        float d_min = _mm512_mask_reduce_min_ps(near, d2);
+        near = _mm512_mask_cmp_ps_mask(near, d2, _mm512_set1_ps(d_min), _CMP_EQ_OQ);
+        improve(g, best, d_min, _mm512_mask_reduce_min_epi32(near, _mm512_loadu_si512(g->index + i)));
     }
 }
 

@@ -36,7 +36,7 @@ static void list_plain(const vertex_block *block, int blocks, const float p[3], 
 /* Lanes keep their own best; the end compares them. */
 AVX2 static void list_avx2(const vertex_block *block, int blocks, const float p[3], nearest_state *best) {
     __m256 px = _mm256_set1_ps(p[0]), py = _mm256_set1_ps(p[1]), pz = _mm256_set1_ps(p[2]);
-    __m256 least = _mm256_set1_ps(best->d2);
+    __m256 d2_min = _mm256_set1_ps(best->d2);
     __m256i at = _mm256_set1_epi32(best->index);
     for (int b = 0; b < 2 * blocks; b++) {
         const vertex_block *k = block + b / 2;
@@ -47,23 +47,23 @@ AVX2 static void list_avx2(const vertex_block *block, int blocks, const float p[
         __m256 d2 =
             _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(dx, dx), _mm256_mul_ps(dy, dy)), _mm256_mul_ps(dz, dz));
         __m256i index = _mm256_load_si256((const __m256i *)(k->index + half));
-        __m256 closer = _mm256_cmp_ps(d2, least, _CMP_LT_OQ), same = _mm256_cmp_ps(d2, least, _CMP_EQ_OQ);
+        __m256 closer = _mm256_cmp_ps(d2, d2_min, _CMP_LT_OQ), same = _mm256_cmp_ps(d2, d2_min, _CMP_EQ_OQ);
         __m256 lower = _mm256_castsi256_ps(_mm256_cmpgt_epi32(at, index));
         __m256 better = _mm256_or_ps(closer, _mm256_and_ps(same, lower));
-        least = _mm256_blendv_ps(least, d2, better);
+        d2_min = _mm256_blendv_ps(d2_min, d2, better);
         at = _mm256_castps_si256(
             _mm256_blendv_ps(_mm256_castsi256_ps(at), _mm256_castsi256_ps(index), better));
     }
     float d2[8];
     int32_t index[8];
-    _mm256_storeu_ps(d2, least);
+    _mm256_storeu_ps(d2, d2_min);
     _mm256_storeu_si256((__m256i *)index, at);
     for (int i = 0; i < 8; i++) take(best, d2[i], index[i]);
 }
 
 AVX512 static void list_avx512(const vertex_block *block, int blocks, const float p[3], nearest_state *best) {
     __m512 px = _mm512_set1_ps(p[0]), py = _mm512_set1_ps(p[1]), pz = _mm512_set1_ps(p[2]);
-    __m512 least = _mm512_set1_ps(best->d2);
+    __m512 d2_min = _mm512_set1_ps(best->d2);
     __m512i at = _mm512_set1_epi32(best->index);
     for (int b = 0; b < blocks; b++, block++) {
         __m512 dx = _mm512_sub_ps(_mm512_load_ps(block->x), px);
@@ -72,14 +72,14 @@ AVX512 static void list_avx512(const vertex_block *block, int blocks, const floa
         __m512 d2 =
             _mm512_add_ps(_mm512_add_ps(_mm512_mul_ps(dx, dx), _mm512_mul_ps(dy, dy)), _mm512_mul_ps(dz, dz));
         __m512i index = _mm512_load_si512(block->index);
-        __mmask16 better = _mm512_cmp_ps_mask(d2, least, _CMP_LT_OQ);
-        __mmask16 same = _mm512_cmp_ps_mask(d2, least, _CMP_EQ_OQ);
+        __mmask16 better = _mm512_cmp_ps_mask(d2, d2_min, _CMP_LT_OQ);
+        __mmask16 same = _mm512_cmp_ps_mask(d2, d2_min, _CMP_EQ_OQ);
         better |= _mm512_mask_cmplt_epi32_mask(same, index, at);
-        least = _mm512_mask_mov_ps(least, better, d2);
+        d2_min = _mm512_mask_mov_ps(d2_min, better, d2);
         at = _mm512_mask_mov_epi32(at, better, index);
     }
-    float d2 = _mm512_reduce_min_ps(least);
-    __mmask16 same = _mm512_cmp_ps_mask(least, _mm512_set1_ps(d2), _CMP_EQ_OQ);
+    float d2 = _mm512_reduce_min_ps(d2_min);
+    __mmask16 same = _mm512_cmp_ps_mask(d2_min, _mm512_set1_ps(d2), _CMP_EQ_OQ);
     if (!same) return; /* the point is not a number */
     best->d2 = d2;
     best->index = same & (same - 1)
@@ -113,7 +113,7 @@ typedef void choose_function(gathered *a, const float low[3], const float high[3
 /* The vertices for the voxel [low, high] into a->chosen; *nearest: the least squared distance to it. */
 INLINE void choose_any(gathered *a, const float low[3], const float high[3], float limit_d2, float *nearest,
                        int *chosen) {
-    float within = limit_d2, least = FLT_MAX;
+    float within = limit_d2, d2_min = FLT_MAX;
     for (int i = 0; i < a->count; i++) {
         float x = a->x[i], y = a->y[i], z = a->z[i];
         float x0 = low[0] - x, x1 = x - high[0], y0 = low[1] - y, y1 = y - high[1], z0 = low[2] - z,
@@ -125,7 +125,7 @@ INLINE void choose_any(gathered *a, const float low[3], const float high[3], flo
         float far2 = fx * fx + fy * fy + fz * fz, near2 = nx * nx + ny * ny + nz * nz;
         a->d2[i] = near2;
         within = far2 < within ? far2 : within;
-        least = near2 < least ? near2 : least;
+        d2_min = near2 < d2_min ? near2 : d2_min;
     }
     within *= 1.0001f; /* rounding */
     int n = 0;
@@ -133,7 +133,7 @@ INLINE void choose_any(gathered *a, const float low[3], const float high[3], flo
         a->chosen[n] = i;
         n += a->d2[i] <= within;
     }
-    *nearest = least;
+    *nearest = d2_min;
     *chosen = n;
 }
 
@@ -142,7 +142,7 @@ static void choose_plain(gathered *a, const float low[3], const float high[3], f
     choose_any(a, low, high, limit_d2, nearest, chosen);
 }
 #if defined(__x86_64__)
-AVX2 static float least_of(__m256 x) {
+AVX2 static float min_of(__m256 x) {
     __m128 half = _mm_min_ps(_mm256_castps256_ps128(x), _mm256_extractf128_ps(x, 1));
     half = _mm_min_ps(half, _mm_movehl_ps(half, half));
     return _mm_cvtss_f32(_mm_min_ss(half, _mm_shuffle_ps(half, half, 1)));
@@ -152,7 +152,7 @@ AVX2 static void choose_avx2(gathered *a, const float low[3], const float high[3
                              float *nearest, int *chosen) {
     const __m256 zero = _mm256_setzero_ps(), none = _mm256_set1_ps(FLT_MAX);
     const __m256i lane = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    __m256 within = _mm256_set1_ps(limit_d2), least = none;
+    __m256 within = _mm256_set1_ps(limit_d2), d2_min = none;
     const float *axis[3] = {a->x, a->y, a->z};
     for (int i = 0; i < a->count; i += 8) { /* the arrays have room for whole vectors */
         const __m256 in = _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(a->count - i), lane));
@@ -168,10 +168,10 @@ AVX2 static void choose_avx2(gathered *a, const float low[3], const float high[3
         near2 = _mm256_blendv_ps(none, near2, in);
         _mm256_storeu_ps(a->d2 + i, near2);
         within = _mm256_min_ps(within, _mm256_blendv_ps(none, far2, in));
-        least = _mm256_min_ps(least, near2);
+        d2_min = _mm256_min_ps(d2_min, near2);
     }
-    *nearest = least_of(least);
-    within = _mm256_set1_ps(least_of(within) * 1.0001f);
+    *nearest = min_of(d2_min);
+    within = _mm256_set1_ps(min_of(within) * 1.0001f);
     int n = 0;
     for (int i = 0; i < a->count; i += 8) {
         unsigned in =
@@ -184,7 +184,7 @@ AVX2 static void choose_avx2(gathered *a, const float low[3], const float high[3
 
 AVX512 static void choose_avx512(gathered *a, const float low[3], const float high[3], float limit_d2,
                                  float *nearest, int *chosen) {
-    __m512 within = _mm512_set1_ps(limit_d2), least = _mm512_set1_ps(FLT_MAX), zero = _mm512_setzero_ps();
+    __m512 within = _mm512_set1_ps(limit_d2), d2_min = _mm512_set1_ps(FLT_MAX), zero = _mm512_setzero_ps();
     const float *axis[3] = {a->x, a->y, a->z};
     for (int i = 0; i < a->count; i += 16) {
         __mmask16 in = a->count - i < 16 ? (__mmask16)((1u << (a->count - i)) - 1) : (__mmask16)0xFFFF;
@@ -199,9 +199,9 @@ AVX512 static void choose_avx512(gathered *a, const float low[3], const float hi
         }
         _mm512_storeu_ps(a->d2 + i, near2);
         within = _mm512_mask_min_ps(within, in, within, far2);
-        least = _mm512_mask_min_ps(least, in, least, near2);
+        d2_min = _mm512_mask_min_ps(d2_min, in, d2_min, near2);
     }
-    *nearest = _mm512_reduce_min_ps(least);
+    *nearest = _mm512_reduce_min_ps(d2_min);
     within = _mm512_set1_ps(_mm512_reduce_min_ps(within) * 1.0001f);
     int n = 0;
     __m512i lane = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);

@@ -47,14 +47,14 @@ static double median(double *x, int count) {
 /* Frame i of `parts` stretches: the one in it in which most is seen; NULL: nobody. */
 static const clip_frame *best_of(const clip_track *t, int part, int parts) {
     const clip_frame *best = NULL;
-    double most = 0;
+    double max = 0;
     for (int i = (int)((int64_t)t->count * part / parts); i < (int)((int64_t)t->count * (part + 1) / parts);
          i++) {
         const clip_frame *f = t->frame[i];
         double seen = 0;
         for (int l = LANDMARK_LEFT_SHOULDER; f && l < LANDMARKS; l++)
             seen += (double)(f->landmark[l].visible * f->landmark[l].present);
-        if (f && !f->swapped && seen > most) most = seen, best = f;
+        if (f && !f->swapped && seen > max) max = seen, best = f;
     }
     return best;
 }
@@ -164,7 +164,7 @@ static void tell(const clip_track *t, int first, int last, const body_fit_result
         }
         run = (f && f->fitted) || t->repeated[i] ? 0 : run + 1;
         out->filled += run > 0;
-        out->filled_most = run > out->filled_most ? run : out->filled_most;
+        out->filled_longest = run > out->filled_longest ? run : out->filled_longest;
     }
     out->landmarks /= fitted;
 }
@@ -196,7 +196,7 @@ sherf_status clip_estimate(context *c, const pose_networks *n, const body_model 
     if (!(seen > 0))
         status = failure(c, SHERF_BAD_FILE,
                          "nobody is seen in any frame: a whole person, at least 60 pixels high, is needed");
-    if (status == SHERF_OK) status = clip_mend(c, &t, &all.mended);
+    if (status == SHERF_OK) status = clip_repair(c, &t, &all.repaired);
     if (status == SHERF_OK) status = find_known(c, m, &t, o->focal_px / t.scale, &known);
     if (status == SHERF_OK) status = fit_all(c, m, &t, &known, &first, &last);
     const double fitted = time_seconds();

@@ -32,7 +32,7 @@ sherf_status clip_look(context *c, const pose_networks *n, const char *path, con
 void clip_frame_person(const clip_frame *f, photo_person *out);
 /* Where the networks took front for back for less than a second or so, left and right are exchanged again;
  * returns in how many frames. */
-sherf_status clip_mend(context *c, clip_track *t, int *mended);
+sherf_status clip_repair(context *c, clip_track *t, int *repaired);
 
 /* min over x of sum_i weight_i (x_i - value_i)^2 + stiffness sum_i (x_{i-1} - 2 x_i + x_{i+1})^2
  * + sum_i pull_i (x_{i+1} - x_i - step_i)^2 (clip_smooth.c). pull and step may both be NULL; value and out

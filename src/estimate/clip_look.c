@@ -101,16 +101,16 @@ static double apart(const photo_person *a, const photo_person *b) {
 static sherf_status search(context *c, follower *f, clip_track *t) {
     photo_person *people;
     int count, best = -1;
-    sherf_status status = people_find(c, f->n, &f->image, PEOPLE_MOST, &people, &count);
+    sherf_status status = people_find(c, f->n, &f->image, PHOTO_PEOPLE_MAX, &people, &count);
     if (status != SHERF_OK || !count) return status;
     if (!f->known) {
         t->people = count;
         best = f->wanted < count ? f->wanted : -1;
     } else {
-        double least = 1.5; /* further away it is somebody else */
+        double min = 1.5; /* further away it is somebody else */
         for (int i = 0; i < count; i++) {
             const double d = apart(&people[i], &f->person);
-            if (d < least) least = d, best = i;
+            if (d < min) min = d, best = i;
         }
     }
     if (best >= 0) f->person = people[best];
@@ -144,12 +144,12 @@ static sherf_status look_at(context *c, follower *f, clip_track *t, const image_
 
 sherf_status clip_look(context *c, const pose_networks *n, const char *path, const sherf_clip_options *o,
                        clip_track *t) {
-    const video_read_options wish = {.side_px = CLIP_SIDE_PX, .fps = o->fps};
+    const video_read_options request = {.side_px = CLIP_SIDE_PX, .fps = o->fps};
     const image_u8 *picture = NULL;
     bool repeated = false;
     video_reader *v;
     *t = (clip_track){0};
-    sherf_status status = video_read_open(c, path, &wish, &v);
+    sherf_status status = video_read_open(c, path, &request, &v);
     if (status != SHERF_OK) return status;
     const video_read_info *info = video_read_information(v);
     follower *f = mem_zero(c, 1, sizeof *f);
@@ -219,18 +219,18 @@ static double facing(const clip_frame *f, bool exchanged) {
 
 /* The cheapest sequence of "as seen" and "exchanged": nobody turns faster than `turn_rate`, and the networks
  * are mostly right. A wrong stretch is put right while it is shorter than about a second. */
-sherf_status clip_mend(context *c, clip_track *t, int *mended) {
+sherf_status clip_repair(context *c, clip_track *t, int *repaired) {
     const double turn_rate = 8, slack = 0.4, jump_cost = 4, wrong_s = 25;
     uint8_t(*from)[2] = mem_zero(c, (size_t)t->count, sizeof *from);
     double cost[2] = {0, 0};
     int before = -1, state;
-    *mended = 0;
+    *repaired = 0;
     if (!from) return SHERF_NO_MEMORY;
     for (int i = 0; i < t->count; i++) {
         if (!t->frame[i]) continue;
         double next[2];
         for (int s = 0; s < 2; s++) {
-            double least = INFINITY;
+            double min = INFINITY;
             for (int r = 0; r < 2; r++) {
                 double sum = cost[r];
                 if (before >= 0) {
@@ -239,9 +239,9 @@ sherf_status clip_mend(context *c, clip_track *t, int *mended) {
                     turn = fmax(0, fabs(turn) - slack - turn_rate * seconds);
                     sum += jump_cost * turn * turn;
                 }
-                if (sum < least) least = sum, from[i][s] = (uint8_t)r;
+                if (sum < min) min = sum, from[i][s] = (uint8_t)r;
             }
-            next[s] = least + (s ? wrong_s / t->fps : 0);
+            next[s] = min + (s ? wrong_s / t->fps : 0);
         }
         memcpy(cost, next, sizeof cost);
         before = i;
@@ -251,7 +251,7 @@ sherf_status clip_mend(context *c, clip_track *t, int *mended) {
         if (!t->frame[i]) continue;
         const int here = state;
         state = from[i][here];
-        if (here) exchange(t->frame[i]), ++*mended;
+        if (here) exchange(t->frame[i]), ++*repaired;
     }
     mem_free(from);
     return SHERF_OK;

@@ -109,10 +109,10 @@ static const int8_t tells[BODY_JOINTS] = {-1, 25, 25, -1, 27, 27, -1, 31, 31, -1
 static double known_of(const clip_frame *f, int joint) {
     static const uint8_t is_right[BODY_JOINTS] = {
         [2] = 1, [5] = 1, [8] = 1, [11] = 1, [17] = 1, [19] = 1, [21] = 1, [23] = 1};
-    double sure = f->fit.poor ? 0.3 : 1;
-    if (tells[joint] < 0) return sure;
+    double certainty = f->fit.poor ? 0.3 : 1;
+    if (tells[joint] < 0) return certainty;
     const landmark *l = &f->landmark[tells[joint] + is_right[joint]];
-    return sure * (0.1 + 0.9 * (double)(l->visible * l->present));
+    return certainty * (0.1 + 0.9 * (double)(l->visible * l->present));
 }
 
 /* Quaternions as numbers, each on the side of the one before; then made unit again. */
@@ -248,9 +248,10 @@ static void find_steps(settling *s, const stance *st, double *pull, double (*ste
         double sum = 0;
         memset(step[i], 0, sizeof step[i]);
         for (int side = 0; side < 2; side++) {
-            const double sure = carries(s, st, i, side);
-            sum += sure;
-            for (int a = 0; a < 3; a++) step[i][a] -= sure * (st[i + 1].foot[side][a] - st[i].foot[side][a]);
+            const double certainty = carries(s, st, i, side);
+            sum += certainty;
+            for (int a = 0; a < 3; a++)
+                step[i][a] -= certainty * (st[i + 1].foot[side][a] - st[i].foot[side][a]);
         }
         for (int a = 0; a < 3 && sum > 0; a++) step[i][a] /= sum;
         pull[i] = fmin(1, sum);

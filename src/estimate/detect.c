@@ -8,11 +8,11 @@
 #include "estimate/region.h"
 
 /* Less than this is no person; of two boxes that overlap by more than this the better one stays. */
-static const float score_least = .5f, overlap_most = .3f;
+static const float score_min = .5f, overlap_max = .3f;
 /* Of a closer look, people are taken whose region is not larger than this part of what was looked at: of
  * others only a piece was seen. And if none in the photo is larger than `small` of it, a still closer look
  * follows. */
-static const float whole_most = 1.3f, small = .5f;
+static const float whole_max = 1.3f, small = .5f;
 /* Photos are scaled down to about this: a quarter of it is twice the network's input. */
 enum { KEPT_MAX = 256, LOOKED_AT_SIDE_MAX = 1792, SHORT_SIDE_MIN = 32, REFINED_MAX = 8 };
 
@@ -44,13 +44,13 @@ static void anchor(int row, float centre[2]) {
 }
 
 /* A row: logit, box (centre, size), key points (middle of the hips, reach, and two of the upper body). */
-static bool read_row(const float *row, int number, const photo_region *looked_at, float side_most,
+static bool read_row(const float *row, int number, const photo_region *looked_at, float side_max,
                      detection *out) {
     float centre[2], point[2][2];
     for (int i = 0; i < DETECTOR_COLUMNS; i++)
         if (!isfinite(row[i])) return false;
     out->score = 1 / (1 + expf(-row[0]));
-    if (!(out->score >= score_least)) return false;
+    if (!(out->score >= score_min)) return false;
     anchor(number, centre);
     const float unit = 1.f / DETECTOR_SIDE;
     for (int k = 0; k < 2; k++)
@@ -62,7 +62,7 @@ static bool read_row(const float *row, int number, const photo_region *looked_at
     region_place(looked_at, centre[0] + unit * (row[1] + .5f * row[3]),
                  centre[1] + unit * (row[2] + .5f * row[4]), out->box_px + 2);
     return area(out->box_px) > 0 && out->region.side_px > 8 &&
-           out->region.side_px < side_most * looked_at->side_px;
+           out->region.side_px < side_max * looked_at->side_px;
 }
 
 static int by_score(const void *x, const void *y) {
@@ -79,16 +79,16 @@ static int by_size(const void *x, const void *y) {
 /* Adds it unless a better one is there; it replaces worse ones. */
 static void keep(found *f, const detection *d) {
     for (int i = 0; i < f->count; i++)
-        if (overlap(f->item[i].box_px, d->box_px) > overlap_most && f->item[i].score >= d->score) return;
+        if (overlap(f->item[i].box_px, d->box_px) > overlap_max && f->item[i].score >= d->score) return;
     int n = 0;
     for (int i = 0; i < f->count; i++)
-        if (overlap(f->item[i].box_px, d->box_px) <= overlap_most) f->item[n++] = f->item[i];
+        if (overlap(f->item[i].box_px, d->box_px) <= overlap_max) f->item[n++] = f->item[i];
     f->count = n;
     if (n < KEPT_MAX) f->item[f->count++] = *d;
 }
 
 static sherf_status look_at(context *c, const pose_networks *n, const sherf_image *photo,
-                            const photo_region *region, float side_most, found *f) {
+                            const photo_region *region, float side_max, found *f) {
     sherf_status status = SHERF_NO_MEMORY;
     const float *rows;
     detection d, *better = mem_alloc(c, DETECTOR_ROWS, sizeof *better);
@@ -101,7 +101,7 @@ static sherf_status look_at(context *c, const pose_networks *n, const sherf_imag
     if (status == SHERF_OK) status = graph_run(c, n->detector, input, memory, &rows);
     if (status != SHERF_OK) goto done;
     for (int i = 0; i < DETECTOR_ROWS; i++)
-        if (read_row(rows + (size_t)i * DETECTOR_COLUMNS, i, region, side_most, &d)) better[count++] = d;
+        if (read_row(rows + (size_t)i * DETECTOR_COLUMNS, i, region, side_max, &d)) better[count++] = d;
     qsort(better, (size_t)count, sizeof *better, by_score);
     for (int i = 0; i < count; i++) keep(f, &better[i]);
 done:
@@ -126,7 +126,7 @@ static sherf_status look_closer(context *c, const pose_networks *n, const sherf_
                 tiles[k] > 1
                     ? .5f * side_px + (size[k] - side_px) * (float)at[k] / (float)(tiles[k] - 1) - .5f
                     : .5f * size[k] - .5f;
-        status = look_at(c, n, photo, &r, whole_most, f);
+        status = look_at(c, n, photo, &r, whole_max, f);
     }
     return status;
 }
@@ -138,18 +138,18 @@ static float largest(const found *f) {
 }
 
 /* A look at each of the small people alone: their turn and size are seen badly from far. */
-static sherf_status look_at_each(context *c, const pose_networks *n, const sherf_image *photo,
-                                 float side_most, found *f) {
+static sherf_status look_at_each(context *c, const pose_networks *n, const sherf_image *photo, float side_max,
+                                 found *f) {
     detection small_one[REFINED_MAX];
     int count = 0;
     sherf_status status = SHERF_OK;
     for (int i = 0; i < f->count && count < REFINED_MAX; i++)
-        if (f->item[i].region.side_px < side_most) small_one[count++] = f->item[i];
+        if (f->item[i].region.side_px < side_max) small_one[count++] = f->item[i];
     for (int i = 0; i < count && status == SHERF_OK; i++) {
         photo_region r = small_one[i].region;
         r.side_px *= 1.6f;
         r.angle_rad = 0;
-        status = look_at(c, n, photo, &r, whole_most, f);
+        status = look_at(c, n, photo, &r, whole_max, f);
     }
     return status;
 }

@@ -183,7 +183,7 @@ static sherf_status estimate(context *c, const sherf_estimator *n, const body_mo
     int count = 0, chosen = 0;
     sherf_status status = progress(c, "finding people", 0, STEPS);
     double begun_s = time_seconds();
-    if (!status) status = people_find(c, n->networks, &e->photo, PEOPLE_MOST, &people, &count);
+    if (!status) status = people_find(c, n->networks, &e->photo, PHOTO_PEOPLE_MAX, &people, &count);
     if (!status) status = choose(c, people, count, o ? o->person : 0, &e->mask, &chosen);
     if (!status && !shoulders_seen(&people[chosen], &e->photo)) status = only_a_piece(c);
     if (status) goto done;
@@ -220,9 +220,9 @@ done:
 
 static sherf_status check_options(context *c, const sherf_estimate_options *o) {
     if (!o) return SHERF_OK;
-    if (o->person < 0 || o->person > PEOPLE_MOST)
+    if (o->person < 0 || o->person > PHOTO_PEOPLE_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "person %d, must be 1 to %d, or 0 for the largest", o->person,
-                       PEOPLE_MOST);
+                       PHOTO_PEOPLE_MAX);
     if (!(o->focal_px >= 0 && o->focal_px < 1e6))
         return failure(c, SHERF_BAD_ARGUMENT, "a focal length of %g pixels", o->focal_px);
     return SHERF_OK;

@@ -45,17 +45,17 @@ static bool unit(double v[3]) {
 /* ---- what counts ---- */
 
 static sherf_status check_input(context *c, const body_fit_input *in) {
-    enum { SIDE_MOST = 1 << 16 };
+    enum { SIDE_MAX = 1 << 16 };
     bool finite = isfinite(in->focal_px) && isfinite(in->person->region.angle_rad) &&
-                  in->person->region.side_px > 0 && in->person->region.side_px < SIDE_MOST;
-    for (int k = 0; k < 2; k++) finite &= fabsf(in->person->region.centre_px[k]) < SIDE_MOST;
+                  in->person->region.side_px > 0 && in->person->region.side_px < SIDE_MAX;
+    for (int k = 0; k < 2; k++) finite &= fabsf(in->person->region.centre_px[k]) < SIDE_MAX;
     for (int l = 0; l < LANDMARKS; l++) {
         const landmark *m = &in->person->landmark[l];
-        for (int k = 0; k < 2; k++) finite &= fabsf(m->place_px[k]) < 4 * SIDE_MOST;
+        for (int k = 0; k < 2; k++) finite &= fabsf(m->place_px[k]) < 4 * SIDE_MAX;
         for (int k = 0; k < 3; k++) finite &= fabsf(m->place_m[k]) < 100;
         finite &= m->visible >= 0 && m->visible <= 1 && m->present >= 0 && m->present <= 1;
     }
-    if (in->width_px < 1 || in->height_px < 1 || in->width_px > SIDE_MOST || in->height_px > SIDE_MOST)
+    if (in->width_px < 1 || in->height_px < 1 || in->width_px > SIDE_MAX || in->height_px > SIDE_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "fit: a photo of %d x %d pixels", in->width_px, in->height_px);
     if (!finite) return failure(c, SHERF_BAD_ARGUMENT, "fit: landmarks that are not finite, or far outside");
     if (in->mask && (in->mask->width != in->width_px || in->mask->height != in->height_px ||
@@ -91,7 +91,7 @@ static void weigh_landmarks(fit_problem *p) {
 /* The angle between the two bones of a leg in 3D, and of the leg against the picture's vertical. Knees look
  * bent by some 11 degrees where they are straight. */
 static double standing_of(const body_fit_input *in) {
-    double least = 1;
+    double min = 1;
     for (int side = 0; side < 2; side++) {
         const landmark *hip = &in->person->landmark[LANDMARK_LEFT_HIP + side],
                        *knee = &in->person->landmark[LANDMARK_LEFT_KNEE + side],
@@ -105,9 +105,9 @@ static double standing_of(const body_fit_input *in) {
         if (!unit(thigh) || !unit(shin)) return 0;
         double bent = acos(clamp(dot(thigh, shin), -1, 1)), off = atan2(fabs(leg[0]), leg[1]);
         double seen = (double)(ankle->visible * ankle->present) * in_photo(in, LANDMARK_LEFT_ANKLE + side);
-        least = fmin(least, fade(bent, 0.75, 1.15) * fade(off, 0.55, 0.85) * clamp(2 * seen, 0, 1));
+        min = fmin(min, fade(bent, 0.75, 1.15) * fade(off, 0.55, 0.85) * clamp(2 * seen, 0, 1));
     }
-    return least;
+    return min;
 }
 
 /* A trunk that stands upright in the picture most likely does so in depth. */
@@ -334,13 +334,13 @@ static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations 
 static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equations *e) {
     static const double yaw[] = {0, M_PI};
     const bool begun = p->in->known && p->in->before;
-    double least = begun ? start_from(p, p->in->before, best, e) : INFINITY;
+    double min = begun ? start_from(p, p->in->before, best, e) : INFINITY;
     for (size_t i = 0; i < COUNT_OF(yaw) && !begun; i++) {
         fit_state s;
         double cost = try_start(p, yaw[i], &s, e);
-        if (cost < least) least = cost, *best = s;
+        if (cost < min) min = cost, *best = s;
     }
-    if (!(least < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
+    if (!(min < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
     p->weight_mask = 100;
     if (!begun) p->weight_3d = 0.35; /* their depths have served to tell which way the limbs go */
     for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {

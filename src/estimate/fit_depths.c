@@ -1,12 +1,12 @@
 /* Depths of the landmarks: the network's are short, bent at straight knees, and wrong together, so each is
- * mended by all, linearly (ridge regression over people whose bodies are known: bench/fit_depths.c). */
+ * corrected by all, linearly (ridge regression over people whose bodies are known: bench/fit_depths.c). */
 #include <math.h>
 #include <string.h>
 
 #include "estimate/fit_inside.h"
 
-/* No depth is mended by more. */
-static const double most_m = 0.3;
+/* No depth is corrected by more. */
+static const double correction_max_m = 0.3;
 
 static void turn(double cosine, double sine, const float at[2], double out[2]) {
     out[0] = cosine * (double)at[0] + sine * (double)at[1];
@@ -48,7 +48,7 @@ void fit_depths(const photo_person *p, double depth_m[LANDMARKS]) {
         double by = 0;
         for (int k = 0; k < FIT_DEPTH_NUMBERS && sound; k++) by += fit_depth_weights[n][k] * number[k];
         by *= FIT_DEPTH_UNIT;
-        depth_m[i] = (double)p->landmark[i].place_m[2] + fmin(fmax(by, -most_m), most_m);
+        depth_m[i] = (double)p->landmark[i].place_m[2] + fmin(fmax(by, -correction_max_m), correction_max_m);
         n++;
     }
 }

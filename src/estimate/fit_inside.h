@@ -25,11 +25,11 @@ typedef struct {
     int joint; /* -1: not used */
     double offset_m[3];
     double spread_m;          /* of its place in 2D, across the ray */
-    double across_m, along_m; /* of its place in 3D, across the ray and along it, its depth being mended */
+    double across_m, along_m; /* of its place in 3D, across the ray and along it, its depth being corrected */
 } fit_landmark;
 extern const fit_landmark fit_landmarks[LANDMARKS];
 
-/* ---- the networks' depths mended (fit_depths.c) ---- */
+/* ---- the networks' depths corrected (fit_depths.c) ---- */
 /* What is looked at: of each landmark that is used its place in 3D, how far the picture's place is from that
  * one's, and whether it is seen; and 1. Lengths are the networks' metres, axes those of the region. */
 enum { FIT_DEPTHS = 27, FIT_DEPTH_NUMBERS = 6 * FIT_DEPTHS + 1 };
@@ -78,7 +78,7 @@ const fit_pose_kind *fit_pose_nearest(const double x[FIT_POSE_NUMBERS], double r
                                       double *cost);
 
 /* ---- the mask as a fit uses it (fit_mask.c) ---- */
-enum { FIT_MASK_SIDE = 256, FIT_OUTLINE_MOST = 320 };
+enum { FIT_MASK_SIDE = 256, FIT_OUTLINE_MAX = 320 };
 typedef struct {
     int width, height; /* cells */
     double left, top,
@@ -86,7 +86,7 @@ typedef struct {
     float *inside;     /* width x height, probabilities */
     float *outside_px; /* how far outside of the mask a cell lies; 0 inside */
     int outline;       /* points of the mask's edge that do not lie at the photo's border */
-    double point_px[FIT_OUTLINE_MOST][2], normal[FIT_OUTLINE_MOST][2]; /* normals outwards */
+    double point_px[FIT_OUTLINE_MAX][2], normal[FIT_OUTLINE_MAX][2]; /* normals outwards */
 } fit_mask;
 sherf_status fit_mask_create(context *c, const body_fit_input *in, fit_mask **out);
 void fit_mask_free(fit_mask *m);
@@ -106,7 +106,7 @@ typedef struct {
     double centre_px[2], focal_guess_px, focal_spread;
     double seen[LANDMARKS]; /* 0 to 1: how much a landmark counts */
     double seen_3d[LANDMARKS];
-    double depth_m[LANDMARKS]; /* mended */
+    double depth_m[LANDMARKS]; /* corrected */
     double ray[9];             /* the rotation that does so */
     double px_per_m;           /* at the body, of the state at hand; fixed during a stage */
     double upright;            /* how much a trunk that leans costs */

@@ -188,7 +188,7 @@ static int crossings(const body_fit_input *in, fit_mask *m, int every) {
                     at[1] > in->height_px - 1 - margin)
                     continue;
                 if (!downhill(m, x, y, n)) continue;
-                if (every && seen % every == 0 && m->outline < FIT_OUTLINE_MOST) {
+                if (every && seen % every == 0 && m->outline < FIT_OUTLINE_MAX) {
                     memcpy(m->point_px[m->outline], at, sizeof at);
                     memcpy(m->normal[m->outline++], n, sizeof n);
                 }
@@ -213,7 +213,7 @@ sherf_status fit_mask_create(context *c, const body_fit_input *in, fit_mask **ou
     fill_grid(in, m);
     if ((status = measure(c, m))) goto fail;
     int all = crossings(in, m, 0);
-    if (all) crossings(in, m, 1 + (all - 1) / FIT_OUTLINE_MOST);
+    if (all) crossings(in, m, 1 + (all - 1) / FIT_OUTLINE_MAX);
     *out = m;
     return SHERF_OK;
 fail:

@@ -8,13 +8,13 @@
 const int fit_pose_joint[FIT_POSE_JOINTS] = {1,  2,  3,  4,  5,  6,  7,  8,  9, 12,
                                              13, 14, 15, 16, 17, 18, 19, 20, 21};
 
-/* The whitened residuals and their squares' sum; it ends early where that is over `most`. */
-static double off(const fit_pose_kind *g, const double x[FIT_POSE_NUMBERS], double most,
+/* The whitened residuals and their squares' sum; it ends early where that is over `max`. */
+static double off(const fit_pose_kind *g, const double x[FIT_POSE_NUMBERS], double max,
                   double r[FIT_POSE_NUMBERS]) {
     double away[FIT_POSE_NUMBERS], sum = 0;
     const int16_t *w = g->whiten;
     for (int i = 0; i < FIT_POSE_NUMBERS; i++) away[i] = x[i] - FIT_POSE_MEAN_UNIT * g->mean[i];
-    for (int i = 0; i < FIT_POSE_NUMBERS && sum < most; i++) {
+    for (int i = 0; i < FIT_POSE_NUMBERS && sum < max; i++) {
         r[i] = 0;
         for (int j = i; j < FIT_POSE_NUMBERS; j++) r[i] += *w++ * away[j];
         r[i] *= FIT_POSE_WHITEN_UNIT;

@@ -34,12 +34,12 @@ static bool step_of(const fit_equations *e, double damping, double L[FIT_UNKNOWN
 
 /* Angles move by half a radian at most, the body by a fifth of its distance: a long step is a wrong one. */
 static void shorten(const fit_state *s, double step[FIT_UNKNOWNS]) {
-    double most = 0;
-    for (int i = 0; i < BODY_SHAPE; i++) most = fmax(most, fabs(step[i]) / 0.5);
-    for (int i = BODY_SHAPE; i < BODY_SHIFT; i++) most = fmax(most, fabs(step[i]));
-    for (int k = 0; k < 3; k++) most = fmax(most, fabs(step[BODY_SHIFT + k]) / (0.2 * s->body.pelvis_m[2]));
-    for (int i = BODY_UNKNOWNS; i < FIT_UNKNOWNS; i++) most = fmax(most, fabs(step[i]) / 0.2);
-    for (int i = 0; i < FIT_UNKNOWNS && most > 1; i++) step[i] /= most;
+    double max = 0;
+    for (int i = 0; i < BODY_SHAPE; i++) max = fmax(max, fabs(step[i]) / 0.5);
+    for (int i = BODY_SHAPE; i < BODY_SHIFT; i++) max = fmax(max, fabs(step[i]));
+    for (int k = 0; k < 3; k++) max = fmax(max, fabs(step[BODY_SHIFT + k]) / (0.2 * s->body.pelvis_m[2]));
+    for (int i = BODY_UNKNOWNS; i < FIT_UNKNOWNS; i++) max = fmax(max, fabs(step[i]) / 0.2);
+    for (int i = 0; i < FIT_UNKNOWNS && max > 1; i++) step[i] /= max;
 }
 
 double fit_solve(fit_problem *p, fit_state *s, int steps, fit_equations *e) {

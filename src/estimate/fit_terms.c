@@ -371,7 +371,7 @@ int fit_edges(fit_problem *p, double focal_px, fit_edge *edge) {
  * clothes cost less than narrower ones. */
 static void edge_on_body(terms *t, double weight) {
     fit_problem *p = t->p;
-    fit_edge edge[FIT_OUTLINE_MOST];
+    fit_edge edge[FIT_OUTLINE_MAX];
     const int count = fit_edges(p, t->focal, edge);
     for (int k = 0; k < count; k++) {
         const int i = edge[k].skin;

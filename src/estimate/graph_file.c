@@ -16,13 +16,13 @@ static int index_of(const value *v, int count, const char *const *names) {
 }
 
 /* A list of least to most whole numbers; *count of them. Left alone where there is no such field. */
-static sherf_status integers(context *c, const value *node, const char *key, int least, int most,
-                             int64_t *out, int *count) {
+static sherf_status integers(context *c, const value *node, const char *key, int min, int max, int64_t *out,
+                             int *count) {
     const value *list = value_get(node, key);
     if (!list) return SHERF_OK;
     const size_t n = value_count(list);
-    if (list->kind != VALUE_LIST || n < (size_t)least || n > (size_t)most)
-        return failure(c, SHERF_BAD_FILE, "\"%s\" is no list of %d to %d numbers", key, least, most);
+    if (list->kind != VALUE_LIST || n < (size_t)min || n > (size_t)max)
+        return failure(c, SHERF_BAD_FILE, "\"%s\" is no list of %d to %d numbers", key, min, max);
     for (size_t i = 0; i < n; i++) {
         const value *v = list->list.item[i];
         if (v->kind != VALUE_INTEGER || v->integer < -1 || v->integer > INT32_MAX)

@@ -10,15 +10,15 @@
 #include "estimate/region.h"
 
 /* What is less probably a person is dropped. */
-static const float score_least = .5f;
+static const float score_min = .5f;
 /* Two people are one when their landmarks lie this close, as a part of the region's side. */
 static const float same_place = .08f;
 /* Or when this much of one's mask is the other's. */
-static const float part_least = .7f;
+static const float part_min = .7f;
 /* Parts of a region's side. */
 static const float settled_size = .15f, settled_place = .08f;
 /* Of a straight and a mirrored look (look_mirrored): so little is usual, and so much is nobody. */
-static const float doubt_little = .015f, doubt_cut = .03f, doubt_most = .15f;
+static const float doubt_little = .015f, doubt_cut = .03f, doubt_max = .15f;
 /* Part of a region's side in which no knee or ankle of a person lies who is wholly in it. */
 static const float rim = .06f;
 enum { OTHER_REGIONS = 3, SHORT_SIDE_MIN = 32 };
@@ -73,7 +73,7 @@ static bool is_part(const photo_person *a, const photo_person *b) {
             all++;
             shared += inside_at(b, place_px) >= .5f;
         }
-    return all && (float)shared >= part_least * (float)all;
+    return all && (float)shared >= part_min * (float)all;
 }
 
 /* The detection lies so near a person who was found from another that a look would find that one again. */
@@ -163,7 +163,7 @@ static sherf_status look_elsewhere(context *c, const pose_networks *n, const she
         *p = *other;
         doubt = other_doubt;
     }
-    *there = doubt < (*there ? doubt_most : doubt_little);
+    *there = doubt < (*there ? doubt_max : doubt_little);
     mem_free(other);
     return status;
 }
@@ -196,15 +196,15 @@ static int by_score(const void *x, const void *y) {
     return a->region.side_px > b->region.side_px ? -1 : a->region.side_px < b->region.side_px;
 }
 
-sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int most,
+sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int max,
                          photo_person **out, int *count) {
     detection *d = NULL;
     photo_person *people = NULL;
     int detections, found = 0;
     *out = NULL;
     *count = 0;
-    if (most < 1 || most > PEOPLE_MOST)
-        return failure(c, SHERF_BAD_ARGUMENT, "%d people: 1 to %d are looked for", most, PEOPLE_MOST);
+    if (max < 1 || max > PHOTO_PEOPLE_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "%d people: 1 to %d are looked for", max, PHOTO_PEOPLE_MAX);
     d = mem_alloc(c, DETECTIONS_MAX, sizeof *d);
     people = d ? mem_alloc(c, DETECTIONS_MAX, sizeof *people) : NULL;
     sherf_status status = people ? people_detect(c, n, photo, d, &detections) : SHERF_NO_MEMORY;
@@ -224,7 +224,7 @@ sherf_status people_find(context *c, const pose_networks *n, const sherf_image *
         return status;
     }
     qsort(people, (size_t)found, sizeof *people, by_size);
-    if (found > most) found = most;
+    if (found > max) found = max;
     for (int i = 0; i < found && status == SHERF_OK; i++) status = look_without_head(c, n, photo, &people[i]);
     if (status != SHERF_OK) {
         mem_free(people);
@@ -244,6 +244,6 @@ sherf_status landmarks_track(context *c, const pose_networks *n, const sherf_ima
         return SHERF_OK;
     }
     sherf_status status = landmarks_find(c, n, frame, &before->next, out);
-    *there = status == SHERF_OK && out->score >= score_least && look_is_sound(frame, &out->next);
+    *there = status == SHERF_OK && out->score >= score_min && look_is_sound(frame, &out->next);
     return status;
 }

@@ -5,10 +5,10 @@
 #include "estimate/networks.h"
 #include "estimate/person.h"
 
-enum { PEOPLE_MOST = 8 };
-/* At most `most` (1 to PEOPLE_MOST) people of an RGB photo, the largest first: *out holds *count of them,
+enum { PHOTO_PEOPLE_MAX = 8 };
+/* At most `max` (1 to PHOTO_PEOPLE_MAX) people of an RGB photo, the largest first: *out holds *count of them,
  * freed with mem_free; none: *out is NULL and that is no failure. The same bits for any number of threads. */
-sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int most,
+sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int max,
                          photo_person **out, int *count);
 /* One look at one region; out->score says whether a person is there. */
 sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,

@@ -30,12 +30,12 @@ static void splat(const histograms *h) {
         for (int x = step / 2; x < width; x += step) {
             size_t at = (size_t)y * width + x;
             const float *I = h->picture->data + at * 3, p = h->value[at];
-            float sure = (2 * p - 1) * (2 * p - 1);
-            sure *= sure;
+            float weight = (2 * p - 1) * (2 * p - 1);
+            weight *= weight;
             float *g = h->grid + (((size_t)(y / h->cell) * h->columns + x / h->cell) * COLORS +
                                   (bin_of(I[0]) * BINS + bin_of(I[1])) * BINS + bin_of(I[2])) *
                                      2;
-            g[p < 0.5f] += sure;
+            g[p < 0.5f] += weight;
         }
 }
 

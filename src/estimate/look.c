@@ -7,18 +7,18 @@
 #include "estimate/region.h"
 
 /* What is less probably a person is dropped: after any look, and after the last. */
-static const float score_first = .1f, score_least = .5f;
+static const float score_first = .1f, score_min = .5f;
 /* The region is settled when it would move by less; parts of its side. */
 static const float settled_size = .06f, settled_place = .05f;
 /* The network says a tenth when the region is a third too small or too large: so the next look goes further
  * than it says. */
-static const float stride = 2.2f, grow_most = 1.8f;
+static const float stride = 2.2f, grow_max = 1.8f;
 /* Two looks show one person if `apart` is less. */
 static const float same_place = .1f;
 /* Cosine between the lines through hips and shoulders, seen from above, of two looks that agree. */
 static const float same_turn = .5f;
 static const float pi = 3.14159265f;
-enum { HELPER_MIDDLE = 33, HELPER_TOP = 34, LOOKS_MOST = 5, VOTES_MOST = 6 };
+enum { HELPER_MIDDLE = 33, HELPER_TOP = 34, LOOKS_MAX = 5, VOTES_MAX = 6 };
 
 static float sigmoid(float x) {
     return 1 / (1 + expf(-x));
@@ -153,7 +153,7 @@ static float moved(const photo_region *a, const photo_region *b) {
 static photo_region further(const photo_region *from, const photo_region *to) {
     photo_region r = *to;
     const float grow = powf(to->side_px / from->side_px, stride);
-    r.side_px = from->side_px * fminf(fmaxf(grow, 1 / grow_most), grow_most);
+    r.side_px = from->side_px * fminf(fmaxf(grow, 1 / grow_max), grow_max);
     r.angle_rad = from->angle_rad + stride * remainderf(to->angle_rad - from->angle_rad, 2 * pi);
     return r;
 }
@@ -196,7 +196,7 @@ sherf_status look_until_settled(context *c, const pose_networks *n, const sherf_
     photo_region next = *region;
     sherf_status status = SHERF_OK;
     *there = false;
-    for (int look = 0; look < LOOKS_MOST; look++) {
+    for (int look = 0; look < LOOKS_MAX; look++) {
         if (!look_is_sound(photo, &next)) return SHERF_OK;
         status = look_once(c, n, photo, &next, false, out);
         if (status != SHERF_OK || !(out->score >= score_first)) return status;
@@ -207,7 +207,7 @@ sherf_status look_until_settled(context *c, const pose_networks *n, const sherf_
             break;
         next = further(&out->region, &out->next);
     }
-    *there = out->score >= score_least && look_is_sound(photo, &out->next);
+    *there = out->score >= score_min && look_is_sound(photo, &out->next);
     return SHERF_OK;
 }
 
@@ -226,7 +226,7 @@ static bool same_region(const photo_person *a, const photo_person *b) {
 static void join(const photo_person *vote, int count, int chosen, photo_person *out) {
     const photo_person *first = NULL;
     int members = 0, masks = 0;
-    bool member[VOTES_MOST];
+    bool member[VOTES_MAX];
     for (int i = 0; i < count; i++) {
         member[i] = i == chosen || agreement(&vote[i], &vote[chosen]) >= same_turn;
         if (!member[i]) continue;
@@ -251,25 +251,25 @@ static void join(const photo_person *vote, int count, int chosen, photo_person *
 /* Whom most agree with, by the sum of the cosines. */
 static int choose(const photo_person *vote, int count, float *lead) {
     int best = 0;
-    float most = -1e9f;
+    float max = -1e9f;
     for (int i = 0; i < count; i++) {
         float sum = 0;
         for (int k = 0; k < count; k++) sum += agreement(&vote[i], &vote[k]);
-        if (sum > most) most = sum, best = i;
+        if (sum > max) max = sum, best = i;
     }
-    *lead = most;
+    *lead = max;
     return best;
 }
 
 sherf_status look_mirrored(context *c, const pose_networks *n, const sherf_image *photo, photo_person *p,
                            float *doubt) {
-    static const float scale[VOTES_MOST / 2] = {1, 1.25f, 1.12f};
-    photo_person *vote = mem_alloc(c, VOTES_MOST, sizeof *vote);
+    static const float scale[VOTES_MAX / 2] = {1, 1.25f, 1.12f};
+    photo_person *vote = mem_alloc(c, VOTES_MAX, sizeof *vote);
     sherf_status status = vote ? SHERF_OK : SHERF_NO_MEMORY;
     int count = 0, chosen = 0;
     float lead = 0;
     *doubt = 1;
-    for (int pair = 0; pair < VOTES_MOST / 2 && status == SHERF_OK; pair++) {
+    for (int pair = 0; pair < VOTES_MAX / 2 && status == SHERF_OK; pair++) {
         photo_region r = p->region;
         r.side_px *= scale[pair];
         for (int k = 0; k < 2 && status == SHERF_OK; k++) {
@@ -277,7 +277,7 @@ sherf_status look_mirrored(context *c, const pose_networks *n, const sherf_image
                 vote[count] = *p;
             else
                 status = look_once(c, n, photo, &r, k, &vote[count]);
-            if (status == SHERF_OK && (!count || vote[count].score >= score_least)) count++;
+            if (status == SHERF_OK && (!count || vote[count].score >= score_min)) count++;
         }
         if (status != SHERF_OK || !count) break;
         if (!pair && count == 2) *doubt = apart(&vote[0], &vote[1]);
@@ -326,7 +326,7 @@ sherf_status look_without_head(context *c, const pose_networks *n, const sherf_i
     bool turned = look_is_sound(photo, &upper);
     for (int i = 0; i < LOOKS && turned && status == SHERF_OK; i++) {
         status = look_past(c, n, photo, i < 2 ? &p->region : &upper, i < 2 ? &head : NULL, i % 2, &look[i]);
-        turned = status == SHERF_OK && look[i].score >= score_least && agreement(p, &look[i]) < -same_turn &&
+        turned = status == SHERF_OK && look[i].score >= score_min && agreement(p, &look[i]) < -same_turn &&
                  agreement(&look[0], &look[i]) >= same_turn;
     }
     for (int i = 0; i < LANDMARKS && turned; i++) {

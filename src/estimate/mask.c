@@ -17,7 +17,7 @@ enum { WORK_SIDE = 1024 };
 /* In pixels of the network's mask: cells and rounds of the colours, windows of the two filters. */
 static const float cell_mask_px = 8, wide_mask_px = 6, narrow_mask_px = 2;
 enum { COLOR_ROUNDS = 2 };
-static const float epsilon = 1e-4f, sure_least = 0.02f;
+static const float epsilon = 1e-4f, certainty_min = 0.02f;
 /* A fitted value up to the first is background, from 1 - it on person; after the wide filter and the narrow
  * one. */
 static const float cut_wide = 0.2f, cut_narrow = 0.1f;
@@ -72,10 +72,10 @@ static float inside_at(const photo_person *p, float co, float si, double x_px, d
                  dy = (y_px - p->region.centre_px[1]) / p->region.side_px;
     const double u = co * dx + si * dy + 0.5, v = co * dy - si * dx + 0.5;
     if (!(u >= 0 && u <= 1 && v >= 0 && v <= 1)) return 0;
-    const double most = PERSON_MASK_SIDE - 1;
-    const double x = fmin(fmax(u * PERSON_MASK_SIDE - 0.5, 0), most),
-                 y = fmin(fmax(v * PERSON_MASK_SIDE - 0.5, 0), most);
-    const int x0 = (int)x, y0 = (int)y, x1 = x0 + (x0 < most), y1 = y0 + (y0 < most);
+    const double max = PERSON_MASK_SIDE - 1;
+    const double x = fmin(fmax(u * PERSON_MASK_SIDE - 0.5, 0), max),
+                 y = fmin(fmax(v * PERSON_MASK_SIDE - 0.5, 0), max);
+    const int x0 = (int)x, y0 = (int)y, x1 = x0 + (x0 < max), y1 = y0 + (y0 < max);
     const float fx = (float)(x - x0), fy = (float)(y - y0);
     const float *a = p->inside + y0 * PERSON_MASK_SIDE, *b = p->inside + y1 * PERSON_MASK_SIDE;
     return (a[x0] * (1 - fx) + a[x1] * fx) * (1 - fy) + (b[x0] * (1 - fx) + b[x1] * fx) * fy;
@@ -110,10 +110,10 @@ static float distance_to_bones(const photo_person *p, float x, float y) {
         {LANDMARK_RIGHT_KNEE, LANDMARK_RIGHT_ANKLE},       {LANDMARK_RIGHT_ANKLE, LANDMARK_RIGHT_TOE},
         {LANDMARK_LEFT_EAR, LANDMARK_RIGHT_EAR},           {LANDMARK_NOSE, LANDMARK_LEFT_SHOULDER},
         {LANDMARK_NOSE, LANDMARK_RIGHT_SHOULDER}};
-    float least = INFINITY;
+    float min = INFINITY;
     for (size_t i = 0; i < COUNT_OF(bone); i++)
-        least = fminf(least, distance_to_bone(&p->landmark[bone[i][0]], &p->landmark[bone[i][1]], x, y));
-    return least;
+        min = fminf(min, distance_to_bone(&p->landmark[bone[i][0]], &p->landmark[bone[i][1]], x, y));
+    return min;
 }
 
 /* What is left of `mine` where others claim the pixel, too. */
@@ -229,9 +229,9 @@ static void lay_rows(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static int radius_of(float px, int least) {
+static int radius_of(float px, int min) {
     const int radius = (int)lrintf(px);
-    return radius < least ? least : radius;
+    return radius < min ? min : radius;
 }
 
 /* mask_px: of the small picture, one of the network's mask. */
@@ -244,8 +244,8 @@ static sherf_status refine(context *c, work *k, float mask_px) {
         status = local_color_sharpen(c, &k->picture, radius_of(mask_px * cell_mask_px, 4), k->value);
     if (status) return status;
     for (size_t i = 0; i < n; i++) {
-        const float sure = (2 * k->value[i] - 1) * (2 * k->value[i] - 1);
-        k->weight[i] = sure_least + sure * sure;
+        const float certainty = (2 * k->value[i] - 1) * (2 * k->value[i] - 1);
+        k->weight[i] = certainty_min + certainty * certainty;
     }
     status = guided_fit(c, &k->picture, k->value, k->weight, radius_of(mask_px * wide_mask_px, 3), epsilon,
                         k->planes);

@@ -6,7 +6,7 @@
 
 #include "estimate/mask.h"
 
-enum { OUTSIDE, KNOWN, WANTED, RINGS_MOST = 512 };
+enum { OUTSIDE, KNOWN, WANTED, RINGS_MAX = 512 };
 static const float all_of_it = 0.98f, none_of_it = 0.004f;
 
 typedef struct {
@@ -85,7 +85,7 @@ static void ring_part(void *arg, int64_t begin, int64_t end, int thread) {
 
 /* What no ring reaches keeps the photo's colours. */
 static void rings_fill(context *c, const rim *r, size_t *wanted, bool *found, size_t count, float *colors) {
-    for (int ring = 0; ring < RINGS_MOST && count; ring++) {
+    for (int ring = 0; ring < RINGS_MAX && count; ring++) {
         ringing g = {r, wanted, found, colors};
         size_t left = 0;
         parallel_for(c, (int64_t)count, 4096, ring_part, &g);

@@ -152,7 +152,7 @@ sherf_status region_sample(context *c, const sherf_image *photo, const photo_reg
 }
 
 /* The mean of a square that reaches past the edge is of what is there. */
-static void mend_edges(const sherf_image *photo, int step, sherf_image *out) {
+static void repair_edges(const sherf_image *photo, int step, sherf_image *out) {
     const int right = photo->width - (out->width - 1) * step, low = photo->height - (out->height - 1) * step;
     for (int y = 0; y < out->height; y++)
         for (int x = 0; x < out->width; x++) {
@@ -174,6 +174,6 @@ sherf_status photo_shrink(context *c, const sherf_image *photo, int step, sherf_
     if (!m.mean) return SHERF_NO_MEMORY;
     parallel_for(c, m.size[1], 8, cell_rows, &m);
     *out = (sherf_image){m.size[0], m.size[1], 3, m.mean};
-    mend_edges(photo, step, out);
+    repair_edges(photo, step, out);
     return SHERF_OK;
 }

@@ -266,7 +266,7 @@ static sherf_status infer(context *c, graph *g, step *s, const graph_node *n) {
 
 static sherf_status check_inputs(context *c, const graph *g, const graph_node *n) {
     static const struct {
-        int least, most;
+        int min, max;
     } wanted[GRAPH_KINDS] = {
         [GRAPH_INPUT] = {0, 0},   [GRAPH_CONVOLUTION] = {1, 2},      [GRAPH_DEPTHWISE] = {1, 2},
         [GRAPH_ADD] = {2, 2},     [GRAPH_ACTIVATION] = {1, 1},       [GRAPH_MAX_POOL] = {1, 1},
@@ -274,7 +274,7 @@ static sherf_status check_inputs(context *c, const graph *g, const graph_node *n
         [GRAPH_RESHAPE] = {1, 1}, [GRAPH_CONCAT] = {1, GRAPH_INPUTS}};
     if ((unsigned)n->kind >= GRAPH_KINDS || (unsigned)n->then >= GRAPH_ACTIVATIONS)
         REFUSE("an unknown kind or activation");
-    if (n->inputs < wanted[n->kind].least || n->inputs > wanted[n->kind].most) REFUSE("%d inputs", n->inputs);
+    if (n->inputs < wanted[n->kind].min || n->inputs > wanted[n->kind].max) REFUSE("%d inputs", n->inputs);
     for (int i = 0; i < n->inputs; i++)
         if (n->input[i] < 0 || n->input[i] >= g->count) REFUSE("an input that is no earlier node");
     return SHERF_OK;

@@ -10,7 +10,7 @@ enum { SIDE_MIN = 2 };
 sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
                              const uint8_t *mask) {
     size_t V = (size_t)m->vertices, inside = 0, masked = 0;
-    float least[2] = {INFINITY, INFINITY}, most[2] = {-INFINITY, -INFINITY};
+    float min[2] = {INFINITY, INFINITY}, max[2] = {-INFINITY, -INFINITY};
     float *vertices = mem_alloc(c, V * 3, sizeof *vertices);
     float *uv = mem_alloc(c, V * 2, sizeof *uv), *depth = mem_alloc(c, V, sizeof *depth);
     sherf_status status = vertices && uv && depth ? SHERF_OK : SHERF_NO_MEMORY;
@@ -23,8 +23,8 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
                 continue;
             inside++;
             for (int k = 0; k < 2; k++) {
-                least[k] = fminf(least[k], uv[2 * i + (size_t)k]);
-                most[k] = fmaxf(most[k], uv[2 * i + (size_t)k]);
+                min[k] = fminf(min[k], uv[2 * i + (size_t)k]);
+                max[k] = fmaxf(max[k], uv[2 * i + (size_t)k]);
             }
             masked += mask && mask[(size_t)y * (size_t)camera->width_px + (size_t)x];
         }
@@ -32,7 +32,7 @@ sherf_status body_in_picture(context *c, const body_model *m, const posed_body *
             status = failure(c, SHERF_MISMATCH,
                              "the body lies outside the picture: camera and body do not belong together "
                              "(metres? world to camera? see sherf check)");
-        else if (inside == V && most[0] - least[0] < SIDE_MIN && most[1] - least[1] < SIDE_MIN)
+        else if (inside == V && max[0] - min[0] < SIDE_MIN && max[1] - min[1] < SIDE_MIN)
             status = failure(c, SHERF_MISMATCH,
                              "the body would be less than %d pixels large: camera and body do not belong "
                              "together (metres? see sherf check)",

@@ -38,23 +38,23 @@ static void project_vertices(void *arg, int64_t begin, int64_t end, int thread) 
 /* Bounds of a triangle's part beyond the near plane along one axis (0: columns, 1: rows), as the pixels
  * [*first, *end) inside the picture. */
 static void pixel_range(const double *const q[3], int axis, int size, int *first, int *end) {
-    double least = INFINITY, most = -INFINITY;
+    double min = INFINITY, max = -INFINITY;
     for (int k = 0; k < 3; k++) {
         const double *a = q[k], *b = q[(k + 1) % 3];
         if (a[2] >= near_m) {
-            least = fmin(least, a[axis] / a[2]);
-            most = fmax(most, a[axis] / a[2]);
+            min = fmin(min, a[axis] / a[2]);
+            max = fmax(max, a[axis] / a[2]);
         }
         if ((a[2] >= near_m) != (b[2] >= near_m)) {
             double at = a[axis] + (b[axis] - a[axis]) * (near_m - a[2]) / (b[2] - a[2]);
-            least = fmin(least, at / near_m);
-            most = fmax(most, at / near_m);
+            min = fmin(min, at / near_m);
+            max = fmax(max, at / near_m);
         }
     }
     /* a hundredth of a pixel covers rounding; the edge functions decide */
-    least = ceil(least - 0.01), most = floor(most + 0.01);
-    *first = !(least > 0) ? 0 : least < size ? (int)least : size;
-    *end = !(most >= 0) ? 0 : most < size ? (int)most + 1 : size;
+    min = ceil(min - 0.01), max = floor(max + 0.01);
+    *first = !(min > 0) ? 0 : min < size ? (int)min : size;
+    *end = !(max >= 0) ? 0 : max < size ? (int)max + 1 : size;
 }
 
 static void face_corners(const raster_job *job, int64_t f, const double *q[3]) {

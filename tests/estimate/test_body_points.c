@@ -102,7 +102,7 @@ static void derivatives_agree_with_differences(void **state) {
         body_state s, moved;
         any_state(4, &s);
         double *slope = mem_alloc(c, (size_t)POINTS * 3 * BODY_UNKNOWNS, sizeof *slope);
-        double place[POINTS][3], ahead[POINTS][3], behind[POINTS][3], h = 1e-5, most = 0;
+        double place[POINTS][3], ahead[POINTS][3], behind[POINTS][3], h = 1e-5, max = 0;
         body_points_place(p, &s, place[0], slope, NULL);
         for (int u = 0; u < BODY_UNKNOWNS; u++) {
             double step[BODY_UNKNOWNS] = {0};
@@ -119,10 +119,10 @@ static void derivatives_agree_with_differences(void **state) {
                     if (fabs(difference - own) > 1e-8)
                         fail_msg("body %d, unknown %d, point %d, axis %d: %g, by differences %g", b, u, i, k,
                                  own, difference);
-                    most = fmax(most, fabs(own));
+                    max = fmax(max, fabs(own));
                 }
         }
-        assert_true(most > 0.5);
+        assert_true(max > 0.5);
         mem_free(slope);
         body_points_free(p);
     }

@@ -48,13 +48,13 @@ static void bands_and_steps(void **state) {
     static double given[N], weight[N], out[N], pull[N], step[N];
     const double fps = 30, hz[] = {0.5, 3, 12}, keeps[] = {0.999, 0.5, 0.004};
     for (int k = 0; k < 3; k++) {
-        double most = 0;
+        double max = 0;
         for (int i = 0; i < N; i++) given[i] = sin(2 * M_PI * hz[k] * i / fps), weight[i] = 1;
         const path_problem p = {
             .count = N, .dims = 1, .stiffness = path_stiffness(fps, 3), .weight = weight, .value = given};
         assert_ok(c, path_solve(c, &p, out));
-        for (int i = N / 4; i < 3 * N / 4; i++) most = fmax(most, fabs(out[i]));
-        if (fabs(most - keeps[k]) > (k == 1 ? 0.02 : 0.01)) fail_msg("%g Hz: %g is kept", hz[k], most);
+        for (int i = N / 4; i < 3 * N / 4; i++) max = fmax(max, fabs(out[i]));
+        if (fabs(max - keeps[k]) > (k == 1 ? 0.02 : 0.01)) fail_msg("%g Hz: %g is kept", hz[k], max);
     }
     for (int i = 0; i < N; i++) given[i] = 0, weight[i] = 1e-6, pull[i] = 100, step[i] = 0.01;
     weight[0] = 100;
@@ -82,15 +82,15 @@ static void front_and_back(void **state) {
     enum { N = 60 };
     context *c = *state;
     clip_track t = {.count = N, .fps = 30};
-    int mended;
+    int repaired;
     t.frame = mem_zero(c, N, sizeof *t.frame);
     for (int i = 0; i < N; i++) {
         if (i == 40) continue; /* not seen */
         t.frame[i] = mem_zero(c, 1, sizeof *t.frame[i]);
         look_like(t.frame[i], 0.05 * i, i < 3 || (i >= 6 && i < 13) || i == 50);
     }
-    assert_ok(c, clip_mend(c, &t, &mended));
-    assert_int_equal(mended, 11);
+    assert_ok(c, clip_repair(c, &t, &repaired));
+    assert_int_equal(repaired, 11);
     for (int i = 0; i < N; i++) {
         if (i == 40) continue;
         const landmark *l = t.frame[i]->landmark;
@@ -233,7 +233,7 @@ static void a_known_person(void **state) {
     assert_int_equal(facts.people, 1);
     assert_int_equal(facts.filled, 4);
     assert_int_equal(facts.left_out, 0);
-    assert_int_equal(facts.mended, 0);
+    assert_int_equal(facts.repaired, 0);
     assert_true(facts.landmarks < 0.02);
     assert_ok(c, sherf_motion_load(c, moves, &(sherf_motion_options){.body = body, .their_shape = 1}, &m));
     assert_int_equal(sherf_motion_frame_count(m), FRAMES);

@@ -154,7 +154,7 @@ static void the_one_that_is_asked_for(void **state) {
     assert_true(sherf_estimate_found(e)->box_px[0] > (float)s.e->photo.width - 20);
     assert_true(sherf_estimate_found(e)->person_px < 600);
     sherf_estimate_free(e);
-    if (people < PEOPLE_MOST) {
+    if (people < PHOTO_PEOPLE_MAX) {
         assert_int_equal(sherf_estimate_picture(s.c, s.networks, s.body, &photo, NULL, &none, &e),
                          SHERF_BAD_ARGUMENT);
         assert_non_null(strstr(sherf_message(s.c), "were found"));

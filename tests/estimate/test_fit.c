@@ -192,13 +192,13 @@ static double joint_error(context *c, const shot *o, const body_fit_result *r) {
     return sum / 22;
 }
 
-static void fit_and_check(context *c, const char *name, const scene *w, double most_m, body_fit_result *r) {
+static void fit_and_check(context *c, const char *name, const scene *w, double max_m, body_fit_result *r) {
     static shot o;
     take(c, w, &o);
     sherf_status status = body_fit(c, body, &o.in, r);
     if (status) fail_msg("%s: %s", name, c->message);
     double error = joint_error(c, &o, r);
-    if (!(error < most_m)) fail_msg("%s: joints are off by %.0f mm", name, 1000 * error);
+    if (!(error < max_m)) fail_msg("%s: joints are off by %.0f mm", name, 1000 * error);
     assert_true(rotation_is_valid(r->camera.R));
     mem_free(o.mask.data);
 }

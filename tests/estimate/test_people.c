@@ -39,7 +39,7 @@ static double error_of(const photo_person *p, float (*joint_px)[2]) {
 
 static int find(context *c, const sherf_image *photo, photo_person **people) {
     int count;
-    assert_ok(c, people_find(c, networks, photo, PEOPLE_MOST, people, &count));
+    assert_ok(c, people_find(c, networks, photo, PHOTO_PEOPLE_MAX, people, &count));
     assert_true((count == 0) == (*people == NULL));
     return count;
 }
@@ -211,7 +211,7 @@ static void nobody(void **state) {
     assert_int_equal(find(c, &p, &people), 0);
     p.channels = 1;
     assert_int_equal(people_find(c, networks, &p, 1, &people, &count), SHERF_BAD_ARGUMENT);
-    assert_int_equal(people_find(c, networks, &p, PEOPLE_MOST + 1, &people, &count), SHERF_BAD_ARGUMENT);
+    assert_int_equal(people_find(c, networks, &p, PHOTO_PEOPLE_MAX + 1, &people, &count), SHERF_BAD_ARGUMENT);
     free(p.data);
 }
 

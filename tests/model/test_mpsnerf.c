@@ -230,18 +230,18 @@ static void rays_are_jittered(void **state) {
     assert_ok(c, target_geometry_draw(c, &config, s.body, sherf_observation_camera(shown),
                                       sherf_observation_pose(shown), s.geometry, &draw, &moved));
     const ray_bundle *a = s.target->rays, *b = moved->rays;
-    double most = 0, sum = 0;
+    double max = 0, sum = 0;
     int count = 0;
     for (int i = 0; i < SIDE * SIDE; i++) {
         assert_int_equal(a->at_box[i], b->at_box[i]);
         if (!a->at_box[i]) continue;
         const double step = (a->far[i] - a->near[i]) / 10, by = (b->near[i] - a->near[i]) / step;
         assert_true(fabs((b->far[i] - a->far[i]) / step - by) < 1e-4);
-        most = fmax(most, fabs(by));
+        max = fmax(max, fabs(by));
         sum += by;
         count++;
     }
-    assert_true(count > 200 && most > 0.45 && most <= 0.5001 && fabs(sum / count) < 0.05);
+    assert_true(count > 200 && max > 0.45 && max <= 0.5001 && fabs(sum / count) < 0.05);
     target_geometry_free(moved);
     sherf_observation_free(shown);
     rival_scene_close(&s);

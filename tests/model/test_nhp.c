@@ -31,12 +31,12 @@ typedef struct {
 } second;
 
 /* ---- the painted body ---- */
-static void level_new(level *l, const int size[3], int most) {
+static void level_new(level *l, const int size[3], int max) {
     memcpy(l->size, size, sizeof l->size);
     const int cells = size[0] * size[1] * size[2];
     l->grid = malloc((size_t)cells * sizeof *l->grid);
     memset(l->grid, 0xff, (size_t)cells * sizeof *l->grid);
-    l->zyx = malloc((size_t)most * sizeof *l->zyx);
+    l->zyx = malloc((size_t)max * sizeof *l->zyx);
     l->count = 0;
 }
 

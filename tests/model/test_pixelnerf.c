@@ -327,9 +327,9 @@ static void rays_are_drawn(void **state) {
     point_set *too_many;
     const sherf_camera *camera = sherf_observation_camera(shown);
     const sherf_pose *pose = sherf_observation_pose(shown);
-    const ray_draw most = {.count = 1 << 20, .inside = 1, .mask = shown->mask, .key = 2};
+    const ray_draw max = {.count = 1 << 20, .inside = 1, .mask = shown->mask, .key = 2};
     assert_ok(c, target_geometry_create(c, &config, s.body, camera, pose, s.geometry, false, &all));
-    assert_ok(c, target_geometry_draw(c, &config, s.body, camera, pose, s.geometry, &most, &some));
+    assert_ok(c, target_geometry_draw(c, &config, s.body, camera, pose, s.geometry, &max, &some));
     assert_memory_equal(all->rays->at_box, some->rays->at_box, SIDE * SIDE);
     target_geometry_free(all);
     target_geometry_free(some);

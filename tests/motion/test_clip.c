@@ -1,9 +1,9 @@
 /* Rotations between rotations, and what is done to clips in time and place. */
 #include "walk.h"
 
-static void some_turn(int n, double most_rad, float q[4]) {
+static void some_turn(int n, double max_rad, float q[4]) {
     double v[3];
-    for (int k = 0; k < 3; k++) v[k] = most_rad * (2 * random_uniform(77, (uint64_t)(3 * n + k)) - 1);
+    for (int k = 0; k < 3; k++) v[k] = max_rad * (2 * random_uniform(77, (uint64_t)(3 * n + k)) - 1);
     quaternion_from_axis_angle(v, q);
 }
 

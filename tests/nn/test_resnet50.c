@@ -48,12 +48,12 @@ static map slow_pool(map x) {
     for (int i = 0; i < y.h; i++)
         for (int j = 0; j < y.w; j++)
             for (int c = 0; c < y.c; c++) {
-                double most = 0; /* the zeros around */
+                double max = 0; /* the zeros around */
                 for (int r = 2 * i - 1; r <= 2 * i + 1; r++)
                     for (int q = 2 * j - 1; q <= 2 * j + 1; q++)
                         if (r >= 0 && r < x.h && q >= 0 && q < x.w)
-                            most = fmax(most, x.v[(r * x.w + q) * x.c + c]);
-                y.v[(i * y.w + j) * y.c + c] = most;
+                            max = fmax(max, x.v[(r * x.w + q) * x.c + c]);
+                y.v[(i * y.w + j) * y.c + c] = max;
             }
     return y;
 }

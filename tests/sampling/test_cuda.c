@@ -102,9 +102,9 @@ static void some_empty(scene *s, occupancy_grid *e) {
 }
 
 static double farthest(const float *a, const float *b, int64_t n) {
-    double most = 0;
-    for (int64_t i = 0; i < n; i++) most = fmax(most, fabs((double)a[i] - b[i]));
-    return most;
+    double largest = 0;
+    for (int64_t i = 0; i < n; i++) largest = fmax(largest, fabs((double)a[i] - b[i]));
+    return largest;
 }
 
 static void check_points(scene *s, gpu_avatar *a, float angle_rad, float blend_m, int samples, float step_m,
@@ -179,14 +179,14 @@ static void host_values(context *c, const made *m, float **rgb, float **sigma) {
 
 /* Largest and root mean square difference over the largest value. */
 static void compare(const float *got, const float *want, int64_t n, double *worst, double *rms) {
-    double top = 0, sum = 0, most = 0;
+    double top = 0, sum = 0, largest = 0;
     for (int64_t i = 0; i < n; i++) {
         const double d = fabs((double)got[i] - want[i]);
         top = fmax(top, fabs(want[i]));
         sum += d * d;
-        most = d >= 0 ? fmax(most, d) : INFINITY; /* not a number */
+        largest = d >= 0 ? fmax(largest, d) : INFINITY; /* not a number */
     }
-    *worst = most / top;
+    *worst = largest / top;
     *rms = sqrt(sum / (double)n) / top;
 }
 

@@ -192,9 +192,9 @@ static void raster_is_analytic(void **state) {
                 b[1] = ((p[0] + 3) * 32 - (p[2] + 2) * 3.5) / det;
                 b[2] = (6 * (p[2] + 2) - 1 * (p[0] + 3)) / det;
                 b[0] = 1 - b[1] - b[2];
-                double least = fmin(b[0], fmin(b[1], b[2]));
-                if (y > 0 && fabs(least) < 1e-9) continue;
-                bool hit = y > 0 && least > 0;
+                double smallest = fmin(b[0], fmin(b[1], b[2]));
+                if (y > 0 && fabs(smallest) < 1e-9) continue;
+                bool hit = y > 0 && smallest > 0;
                 assert_int_equal(r->face[n], hit ? 0 : -1);
                 if (!hit) {
                     assert_true(isinf(r->depth[n]));

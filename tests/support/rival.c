@@ -189,12 +189,12 @@ rival_map rival_max_pool(rival_map x) {
     for (int i = 0; i < y.height; i++)
         for (int j = 0; j < y.width; j++)
             for (int c = 0; c < x.channels; c++) {
-                double most = -INFINITY;
+                double max = -INFINITY;
                 for (int a = 2 * i - 1; a < 2 * i + 2; a++)
                     for (int b = 2 * j - 1; b < 2 * j + 2; b++)
                         if (a >= 0 && b >= 0 && a < x.height && b < x.width)
-                            most = fmax(most, x.v[(a * x.width + b) * x.channels + c]);
-                y.v[(i * y.width + j) * y.channels + c] = most;
+                            max = fmax(max, x.v[(a * x.width + b) * x.channels + c]);
+                y.v[(i * y.width + j) * y.channels + c] = max;
             }
     free(x.v);
     return y;

@@ -271,7 +271,7 @@ static void fill_masks(context *c, int pose, int views, bool keep, uint8_t with)
 }
 
 /* Wrong masks of first pictures are found before the first step. One that is drawn later ends the training by
- * its name, what was learned is kept, and with the mask mended it goes on as if nothing had been. */
+ * its name, what was learned is kept, and with the mask repaired it goes on as if nothing had been. */
 static void an_empty_or_full_mask_ends_it(void **state) {
     enum { VIEWS = 3 };
     context *c = float_context(1);

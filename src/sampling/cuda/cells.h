@@ -77,8 +77,8 @@ struct nearest_search {
             const int y0 = cy - k, y1 = cy + k, z0 = cz - k, z1 = cz + k;
             const float left = y0 >= 0 ? slab(1, y0) : INFINITY, right = y1 < ny ? slab(1, y1) : INFINITY;
             const float below = z0 >= 0 ? slab(2, z0) : INFINITY, above = z1 < nz ? slab(2, z1) : INFINITY;
-            const float least = fminf(fminf(left, right), fminf(below, above));
-            if (least == INFINITY || least * least > d2) return;
+            const float d_min = fminf(fminf(left, right), fminf(below, above));
+            if (d_min == INFINITY || d_min * d_min > d2) return;
             for (int z = z0 < 0 ? 0 : z0; z <= z1 && z < nz; z++) {
                 const bool edge = z == z0 || z == z1;
                 float dz = edge ? z == z0 ? below : above : slab(2, z);

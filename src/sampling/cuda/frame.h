@@ -12,16 +12,16 @@
 namespace cuda_backend {
 
 /* ---- helpers (scan.cu) ---- */
-template <typename F> __global__ void each_counted_kernel(const int32_t *n, int64_t most, F f) {
-    const int64_t step = (int64_t)gridDim.x * blockDim.x, end = *n < most ? *n : most;
+template <typename F> __global__ void each_counted_kernel(const int32_t *n, int64_t max, F f) {
+    const int64_t step = (int64_t)gridDim.x * blockDim.x, end = *n < max ? *n : max;
     for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < end; i += step) f(i);
 }
 
-/* f(i) for 0 <= i < *n, where *n may be more than `most`. */
-template <typename F> void each_counted(const int32_t *n, int64_t most, F f) {
-    const int64_t blocks = divided_up(most, BLOCK);
-    if (most > 0)
-        launch(each_counted_kernel<F>, dim3((unsigned)(blocks < 8192 ? blocks : 8192)), dim3(BLOCK), n, most,
+/* f(i) for 0 <= i < *n, where *n may be more than `max`. */
+template <typename F> void each_counted(const int32_t *n, int64_t max, F f) {
+    const int64_t blocks = divided_up(max, BLOCK);
+    if (max > 0)
+        launch(each_counted_kernel<F>, dim3((unsigned)(blocks < 8192 ? blocks : 8192)), dim3(BLOCK), n, max,
                f);
 }
 
@@ -98,8 +98,8 @@ struct placed_camera { /* the observation's */
 };
 
 struct placed_points {
-    int64_t rays, most; /* room for candidates and points */
-    int width, words;   /* of `bits` a ray: for the most samples that there may be */
+    int64_t rays, max; /* room for candidates and points */
+    int width, words;  /* of `bits` a ray: for the most samples that there may be */
     frame_head *head;
     float origin[3];
     float *direction, *near, *far; /* N x 3, N, N */
@@ -115,11 +115,11 @@ struct placed_points {
 };
 /* How many depths a ray has: see gpu_frame_options. */
 struct sample_request {
-    int samples, most;
+    int samples, max;
     float step_max_m;
     bool repair;
 };
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t most,
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t max,
                          placed_points *out);
 /* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,

@@ -9,29 +9,29 @@ namespace cuda_backend {
 
 enum { WORD = 32, RANGE_PARTS = 64 };
 
-sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t most,
+sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t max,
                          placed_points *out) {
     *out = {};
     out->rays = rays;
     out->words = (samples_max + WORD - 1) / WORD;
-    out->most = most;
-    const int64_t longest = rays > most ? rays : most;
+    out->max = max;
+    const int64_t longest = rays > max ? rays : max;
     out->direction = room<float>(c, a, 3 * rays);
     out->near = room<float>(c, a, rays);
     out->far = room<float>(c, a, rays);
     out->at_box = room<uint8_t>(c, a, rays);
     out->bits = room<uint32_t>(c, a, rays * out->words);
     out->first = room<int32_t>(c, a, rays + 1);
-    out->candidate_ray = room<int32_t>(c, a, most);
-    out->candidate_sample = room<int32_t>(c, a, most);
-    out->candidate_nearest = room<int32_t>(c, a, most);
-    out->slot = room<int32_t>(c, a, most + 1);
-    out->ray = room<int32_t>(c, a, most);
-    out->sample = room<int32_t>(c, a, most);
-    out->nearest = room<int32_t>(c, a, most);
-    out->canonical = room<float>(c, a, 3 * most);
-    out->direction_canonical = room<float>(c, a, 3 * most);
-    out->observed_px = room<float>(c, a, 2 * most);
+    out->candidate_ray = room<int32_t>(c, a, max);
+    out->candidate_sample = room<int32_t>(c, a, max);
+    out->candidate_nearest = room<int32_t>(c, a, max);
+    out->slot = room<int32_t>(c, a, max + 1);
+    out->ray = room<int32_t>(c, a, max);
+    out->sample = room<int32_t>(c, a, max);
+    out->nearest = room<int32_t>(c, a, max);
+    out->canonical = room<float>(c, a, 3 * max);
+    out->direction_canonical = room<float>(c, a, 3 * max);
+    out->observed_px = room<float>(c, a, 2 * max);
     out->sums = room<int32_t>(c, a, scan_sums(longest));
     out->head = room<frame_head>(c, a, 1);
     out->range = room<float>(c, a, 3 * RANGE_PARTS);
@@ -77,14 +77,14 @@ static __device__ float direction_length(const placed_points &p, int64_t n) {
 __global__ static void range_kernel(placed_points p) {
     __shared__ float low[BLOCK], high[BLOCK], way[BLOCK];
     const int t = (int)threadIdx.x;
-    float least = INFINITY, most = -INFINITY, longest = 0;
+    float depth_min = INFINITY, depth_max = -INFINITY, longest = 0;
     for (int64_t i = (int64_t)blockIdx.x * BLOCK + t; i < p.rays; i += (int64_t)gridDim.x * BLOCK) {
         const float near = p.near[i], far = p.far[i];
-        least = fminf(least, fminf(near, far));
-        most = fmaxf(most, fmaxf(near, far));
+        depth_min = fminf(depth_min, fminf(near, far));
+        depth_max = fmaxf(depth_max, fmaxf(near, far));
         if (p.at_box[i]) longest = fmaxf(longest, (far - near) * direction_length(p, i));
     }
-    low[t] = least, high[t] = most, way[t] = longest;
+    low[t] = depth_min, high[t] = depth_max, way[t] = longest;
     for (int step = BLOCK / 2; step > 0; step /= 2) {
         __syncthreads();
         if (t >= step) continue;
@@ -102,11 +102,11 @@ static __device__ void even_steps(const sample_request &request, frame_head *hea
     const float longest = head->longest_m, step_m = request.step_max_m;
     head->samples = request.samples;
     head->step_m = 0;
-    if (!request.most || request.samples < 2 || !(longest > step_m * (float)(request.samples - 1))) return;
+    if (!request.max || request.samples < 2 || !(longest > step_m * (float)(request.samples - 1))) return;
     const float needed = ceilf(longest / step_m) + 1;
-    const int count = needed < (float)request.most     ? (int)needed
-                      : request.most > request.samples ? request.most
-                                                       : request.samples;
+    const int count = needed < (float)request.max     ? (int)needed
+                      : request.max > request.samples ? request.max
+                                                      : request.samples;
     head->samples = count;
     head->step_m = fmaxf(step_m, longest / (float)(count - 1));
 }
@@ -125,14 +125,14 @@ static void make_rays(const ray_optics &optics, const sample_request &request, c
     });
     launch(range_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p);
     each(1, [=] __device__(int64_t) {
-        float least = INFINITY, most = -INFINITY, longest = 0;
+        float depth_min = INFINITY, depth_max = -INFINITY, longest = 0;
         for (int i = 0; i < RANGE_PARTS; i++) {
-            least = fminf(least, p.range[3 * i]);
-            most = fmaxf(most, p.range[3 * i + 1]);
+            depth_min = fminf(depth_min, p.range[3 * i]);
+            depth_max = fmaxf(depth_max, p.range[3 * i + 1]);
             longest = fmaxf(longest, p.range[3 * i + 2]);
         }
-        p.head->depth_min = least;
-        p.head->depth_max = most;
+        p.head->depth_min = depth_min;
+        p.head->depth_max = depth_max;
         p.head->longest_m = longest;
         even_steps(request, p.head);
     });
@@ -194,7 +194,7 @@ static void find_candidates(const placed_pose &pose, const placed_points &p) {
         for (int w = 0; WORD * w < p.head->samples; w++) {
             const uint32_t bits = p.bits[n * p.words + w], before = bits & (((uint32_t)1 << lane) - 1);
             const int64_t to = at + bits_set(before);
-            if (bits >> lane & 1 && to < p.most) {
+            if (bits >> lane & 1 && to < p.max) {
                 p.candidate_ray[to] = (int32_t)n;
                 p.candidate_sample[to] = WORD * w + lane;
             }
@@ -223,7 +223,7 @@ static __device__ void to_canonical(const placed_body &b, const placed_pose &pos
 static void keep_near(const placed_body &b, const placed_pose &pose, const occupancy_grid &empty,
                       const placed_points &p) {
     const float limit_d2 = nextafterf(BODY_SHELL_M * BODY_SHELL_M, 0); /* strictly closer */
-    each_counted(&p.head->candidates, p.most, [=] __device__(int64_t i) {
+    each_counted(&p.head->candidates, p.max, [=] __device__(int64_t i) {
         float x[3];
         sample_place(p, pose, p.candidate_ray[i], p.candidate_sample[i], x);
         int32_t nearest = nearest_vertex(pose.cells, x, limit_d2, -1);
@@ -234,10 +234,10 @@ static void keep_near(const placed_body &b, const placed_pose &pose, const occup
         p.candidate_nearest[i] = nearest;
         p.slot[i] = nearest >= 0;
     });
-    scan(p.most, &p.head->candidates, p.slot, p.sums);
+    scan(p.max, &p.head->candidates, p.slot, p.sums);
     /* first[]: of candidates, now of points */
     each(p.rays + 1, [=] __device__(int64_t n) {
-        const int64_t end = p.head->candidates < p.most ? p.head->candidates : p.most;
+        const int64_t end = p.head->candidates < p.max ? p.head->candidates : p.max;
         p.first[n] = p.slot[p.first[n] < end ? p.first[n] : end];
         if (n == p.rays) p.head->points = p.first[n];
     });
@@ -251,7 +251,7 @@ struct observation_maps {
 
 static void map_points(const placed_body &b, const placed_pose &pose, const observation_maps &seen,
                        const placed_points &p) {
-    each_counted(&p.head->candidates, p.most, [=] __device__(int64_t i) {
+    each_counted(&p.head->candidates, p.max, [=] __device__(int64_t i) {
         const int32_t nearest = p.candidate_nearest[i], n = p.candidate_ray[i];
         const int64_t at = p.slot[i];
         if (nearest < 0) return;

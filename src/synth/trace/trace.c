@@ -5,9 +5,9 @@
 
 enum { PACKET = 16, SAMPLES_MAX = 64, LAYERS_MAX = 32, BLOCK = 4 };
 /* Less light than this from behind is not looked for. */
-static const float least_through = 1 / 256.0f;
+static const float through_min = 1 / 256.0f;
 /* The colour of a place that is less opaque does not stand for others. */
-static const float least_typical = 0.25f;
+static const float typical_min = 0.25f;
 /* Between one layer and the next, metres of depth. */
 static const float layer_gap_m = 2e-5f;
 /* Surfaces so close to each other lie on one another, metres of depth. */
@@ -177,12 +177,12 @@ static bool draw_surface(const render_job *job, packet *p, int lane, const found
     }
     for (int k = 0; k < 3; k++) p->color[lane][k] += p->through[lane] * (opacity * rgb[k] + coat[k]);
     stop_light(p, lane, f->depth, opacity, at.normal);
-    if (!again && opacity > least_typical && !material->coat) {
+    if (!again && opacity > typical_min && !material->coat) {
         *last = (shaded){.set = true, .at = *f};
         memcpy(last->rgb, rgb, sizeof rgb);
         memcpy(last->normal, at.normal, sizeof at.normal);
     }
-    return p->through[lane] >= least_through;
+    return p->through[lane] >= through_min;
 }
 
 static bool find_surface(const packet *p, int lane, found *f) {
@@ -270,7 +270,7 @@ static void packet_trace(const render_job *job, packet *p, bool shade) {
         }
     }
     for (int i = 0; i < PACKET; i++)
-        if (p->through[i] < least_through) p->through[i] = 0;
+        if (p->through[i] < through_min) p->through[i] = 0;
 }
 
 /* ---- pixels ---- */

@@ -196,11 +196,11 @@ AMX_INLINE void group_store(const rows_job *j, int64_t group, int64_t n, const f
 /* A few taps at a time, so that what was gathered stays in the first cache for all columns. */
 AMX_INLINE void group_sums(const rows_job *j, int64_t group, int64_t blocks, uint16_t *a, float *sums) {
     const int64_t set = TAPS * blocks * 2 * TILE;
-    const int most = blocks < FEW ? (int)(FEW / blocks) : 1;
+    const int max = blocks < FEW ? (int)(FEW / blocks) : 1;
     bool add = false;
     for (uint32_t left = j->sorted.present[group]; left || !add; add = true) {
         int tap[FEW], taps = 0;
-        for (; left && taps < most; left &= left - 1, taps++) {
+        for (; left && taps < max; left &= left - 1, taps++) {
             tap[taps] = __builtin_ctz(left);
             group_gather(j, group, tap[taps], blocks, a + taps * blocks * 2 * TILE);
         }

@@ -94,9 +94,9 @@ static dnnl_status_t build(layer *l, const layer_shape *s, dnnl_engine_t engine,
 
 static dnnl_status_t execute(dnnl_primitive_t primitive, dnnl_engine_t engine, int count,
                              const plan_arg *args) {
-    enum { MOST = 5 };
-    dnnl_exec_arg_t list[MOST];
-    dnnl_memory_t memory[MOST] = {NULL};
+    enum { MAX = 5 };
+    dnnl_exec_arg_t list[MAX];
+    dnnl_memory_t memory[MAX] = {NULL};
     dnnl_stream_t stream = NULL;
     dnnl_status_t status = dnnl_success;
     for (int i = 0; i < count && status == dnnl_success; i++) {

@@ -128,12 +128,12 @@ int threads_set(int n) {
 
 sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memory_desc_t *scratch, int count,
                       const plan_arg *args) {
-    enum { MOST = 6 };
-    dnnl_exec_arg_t list[MOST];
-    dnnl_memory_t memory[MOST] = {NULL};
+    enum { MAX = 6 };
+    dnnl_exec_arg_t list[MAX];
+    dnnl_memory_t memory[MAX] = {NULL};
     dnnl_stream_t stream = NULL;
     dnnl_status_t status = dnnl_success;
-    plan_arg all[MOST];
+    plan_arg all[MAX];
     memcpy(all, args, (size_t)count * sizeof *args);
     size_t bytes = scratch ? dnnl_memory_desc_get_size(scratch) : 0;
     if (bytes) {

@@ -31,8 +31,8 @@ static void balance(int32_t *count, int64_t n, int64_t parts, int64_t *bound) {
 }
 
 static int64_t part_count(const context *c, int64_t points) {
-    const int64_t most = points / GRAIN;
-    return most < 1 ? 1 : most < c->threads ? most : c->threads;
+    const int64_t max = points / GRAIN;
+    return max < 1 ? 1 : max < c->threads ? max : c->threads;
 }
 
 static bilinear_work bilinear_of(op_call *call) {

@@ -67,8 +67,8 @@ template <typename F> __global__ void each_kernel(int64_t n, F f) {
 
 /* f(i) for 0 <= i < n. */
 template <typename F> void each(int64_t n, F f) {
-    const int64_t blocks = divided_up(n, BLOCK), most = 1 << 20;
-    if (n > 0) launch(each_kernel<F>, dim3((unsigned)(blocks < most ? blocks : most)), dim3(BLOCK), n, f);
+    const int64_t blocks = divided_up(n, BLOCK), max = 1 << 20;
+    if (n > 0) launch(each_kernel<F>, dim3((unsigned)(blocks < max ? blocks : max)), dim3(BLOCK), n, f);
 }
 
 /* ---- one warp a row ---- */
@@ -87,9 +87,9 @@ template <typename F> __global__ void each_row_kernel(int64_t rows, F f) {
 
 /* f(row, lane) by all 32 lanes of a warp together, so that f may use warp_sum. */
 template <typename F> void each_row(int64_t rows, F f) {
-    const int64_t blocks = divided_up(rows, ROWS_A_BLOCK), most = 1 << 20;
+    const int64_t blocks = divided_up(rows, ROWS_A_BLOCK), max = 1 << 20;
     if (rows > 0)
-        launch(each_row_kernel<F>, dim3((unsigned)(blocks < most ? blocks : most)), dim3(BLOCK), rows, f);
+        launch(each_row_kernel<F>, dim3((unsigned)(blocks < max ? blocks : max)), dim3(BLOCK), rows, f);
 }
 
 /* ---- sums over rows ---- */

@@ -18,7 +18,7 @@ struct piece_taken {
 static struct {
     std::mutex lock;
     piece_taken *newest;
-    size_t now, most;
+    size_t now, max;
 } account;
 
 static void *take(context *c, size_t bytes) {
@@ -29,7 +29,7 @@ static void *take(context *c, size_t bytes) {
     *one = {p, bytes, account.newest};
     account.newest = one;
     account.now += bytes;
-    if (account.now > account.most) account.most = account.now;
+    if (account.now > account.max) account.max = account.now;
     return p;
 }
 
@@ -49,7 +49,7 @@ static void give(void *p) {
 
 static size_t peak() {
     std::lock_guard<std::mutex> hold(account.lock);
-    return account.most;
+    return account.max;
 }
 
 /* ---- uploads ---- */

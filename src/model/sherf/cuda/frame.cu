@@ -15,7 +15,7 @@ struct gpu_avatar {
     float observed_blend_m;
     placed_camera camera;
     placed_network *network;
-    int64_t most; /* points that there is room for */
+    int64_t max; /* points that there is room for */
     void *pinned;
     size_t pinned_bytes;
     occupancy_grid empty; /* its bits are the GPU's */
@@ -67,13 +67,13 @@ static sherf_status frame_room_make(context *c, arena *a, const placed_network *
     f->way.depth = room<float>(c, a, N);
     f->take = room<int32_t>(c, a, ranks.count + 1);
     f->sums = room<int32_t>(c, a, scan_sums(ranks.count));
-    f->list = room<int32_t>(c, a, p->most);
-    f->result = room<float4>(c, a, p->most);
+    f->list = room<int32_t>(c, a, p->max);
+    f->result = room<float4>(c, a, p->max);
     f->picture = room<float>(c, a, 5 * N);
     if (!f->way.at || !f->way.transmittance || !f->way.color || !f->way.opacity || !f->way.depth ||
         !f->take || !f->sums || !f->list || !f->result || !f->picture)
         return SHERF_NO_MEMORY;
-    return network_room(c, a, n, p->most, &f->scratch);
+    return network_room(c, a, n, p->max, &f->scratch);
 }
 
 /* ---- compositing ----
@@ -131,7 +131,7 @@ static void round_run(const placed_network *network, const placed_points &p, con
         const int64_t n = ranks.ray(rank);
         for (int32_t i = take[rank]; i < take[rank + 1]; i++) list[i] = w.at[n] + (i - take[rank]);
     });
-    const int64_t all = chunk < p.most / p.rays ? chunk * p.rays : p.most;
+    const int64_t all = chunk < p.max / p.rays ? chunk * p.rays : p.max;
     const network_points points = {
         p.canonical, p.direction_canonical, p.observed_px, list, take + ranks.count, all, f.result};
     network_run(network, &points, &f.scratch);
@@ -233,12 +233,12 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     const int64_t rays = (int64_t)camera->width_px * camera->height_px;
     const sample_request request = {o->samples, o->samples_max, o->step_max_m, o->repair};
     const int samples_max = o->samples_max > o->samples ? o->samples_max : o->samples;
-    if (a->most < 4 * rays) a->most = 4 * rays;
-    if (a->most < 4096) a->most = 4096;
+    if (a->max < 4 * rays) a->max = 4 * rays;
+    if (a->max < 4096) a->max = 4096;
     arena_reset(a->frame);
     sherf_status status = place_empty(c, a, o->empty);
     if (!status) status = pose_room(c, a->frame, &a->body, &pose);
-    if (!status) status = points_room(c, a->frame, rays, samples_max, a->most, p);
+    if (!status) status = points_room(c, a->frame, rays, samples_max, a->max, p);
     if (status) return status;
     int32_t *scratch = room<int32_t>(c, a->frame, CELLS_MAX + scan_sums(CELLS_MAX));
     if (!scratch) return SHERF_NO_MEMORY;
@@ -251,8 +251,8 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
 
 /* What the numbers say: SHERF_OK with *again where there was too little room. */
 static sherf_status head_judge(context *c, gpu_avatar *a, const frame_head *head, bool *again) {
-    *again = head->candidates > a->most;
-    if (*again) a->most = (int64_t)head->candidates * 5 / 4;
+    *again = head->candidates > a->max;
+    if (*again) a->max = (int64_t)head->candidates * 5 / 4;
     if (head->too_many)
         return failure(c, SHERF_BAD_ARGUMENT, "points: samples near the body are too many for one frame");
     if (head->finite) return SHERF_OK;

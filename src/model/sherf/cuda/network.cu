@@ -21,10 +21,10 @@ static const void *place_values(context *c, arena *a, const tensor_memory *memor
                    : nullptr;
     uint16_t *half = room<uint16_t>(c, a, count);
     const arena_mark mark = arena_position(a);
-    const int64_t most = 1 << 22; /* at a time */
-    float *part = half ? room<float>(c, a, count < most ? count : most) : nullptr;
-    for (int64_t i = 0; part && i < count; i += most) {
-        const int64_t some = count - i < most ? count - i : most;
+    const int64_t max = 1 << 22; /* at a time */
+    float *part = half ? room<float>(c, a, count < max ? count : max) : nullptr;
+    for (int64_t i = 0; part && i < count; i += max) {
+        const int64_t some = count - i < max ? count - i : max;
         if (memory->upload(c, part, from + i, (size_t)some * sizeof(float)) != SHERF_OK) return nullptr;
         each(some, [=] __device__(int64_t k) { half[i + k] = half_of(part[k] * scale); });
     }
@@ -263,9 +263,9 @@ static __device__ void sample_color(const placed_bank &b, const float uv[2], flo
 /* The last of a point's threads reads the picture. */
 template <typename V>
 __global__ void __launch_bounds__(BLOCK)
-    sample_kernel(placed_bank b, network_points points, int64_t base, int64_t most, V *tokens, float *color) {
+    sample_kernel(placed_bank b, network_points points, int64_t base, int64_t max, V *tokens, float *color) {
     const int groups = b.fused / channels<V>::COUNT + 1;
-    const int64_t left = *points.count - base, end = (left < most ? left : most) * groups;
+    const int64_t left = *points.count - base, end = (left < max ? left : max) * groups;
     const int64_t step = (int64_t)gridDim.x * blockDim.x;
     for (int64_t i = (int64_t)blockIdx.x * blockDim.x + threadIdx.x; i < end; i += step) {
         const int64_t at = i / groups, p = points.list[base + at];
@@ -282,39 +282,39 @@ __global__ void __launch_bounds__(BLOCK)
 }
 
 template <typename V>
-static void sample_as(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+static void sample_as(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                       void *tokens, float *color) {
-    const int64_t blocks = divided_up(most * (n->bank.fused / channels<V>::COUNT + 1), BLOCK);
+    const int64_t blocks = divided_up(max * (n->bank.fused / channels<V>::COUNT + 1), BLOCK);
     launch(sample_kernel<V>, dim3((unsigned)(blocks < 1 << 16 ? blocks : 1 << 16)), dim3(BLOCK), n->bank,
-           *points, base, most, (V *)tokens, color);
+           *points, base, max, (V *)tokens, color);
 }
 
-void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                    void *tokens, float *color) {
     if (n->bf16)
-        sample_as<uint16_t>(n, points, base, most, tokens, color);
+        sample_as<uint16_t>(n, points, base, max, tokens, color);
     else
-        sample_as<float>(n, points, base, most, tokens, color);
+        sample_as<float>(n, points, base, max, tokens, color);
 }
 
 /* ---- the whole ---- */
-sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t most, network_scratch *out) {
-    *out = {most < points_at_a_time ? most : points_at_a_time, nullptr, nullptr, nullptr};
-    const int64_t tokens = out->most * n->s.fused;
+sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t max, network_scratch *out) {
+    *out = {max < points_at_a_time ? max : points_at_a_time, nullptr, nullptr, nullptr};
+    const int64_t tokens = out->max * n->s.fused;
     out->tokens = n->bf16 ? (void *)room<uint16_t>(c, a, tokens) : (void *)room<float>(c, a, tokens);
-    out->color = room<float>(c, a, 3 * out->most);
+    out->color = room<float>(c, a, 3 * out->max);
     if (!n->bf16) out->layers = room<float>(c, a, float_blocks() * float_rows(&n->s) * WARP);
     return out->tokens && out->color && (n->bf16 || out->layers) ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
 void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch) {
-    for (int64_t base = 0; base < points->most; base += scratch->most) {
-        const int64_t left = points->most - base, most = left < scratch->most ? left : scratch->most;
-        sample_tokens(n, points, base, most, scratch->tokens, scratch->color);
+    for (int64_t base = 0; base < points->max; base += scratch->max) {
+        const int64_t left = points->max - base, max = left < scratch->max ? left : scratch->max;
+        sample_tokens(n, points, base, max, scratch->tokens, scratch->color);
         if (n->bf16)
-            bf16_run(n, points, base, most, scratch);
+            bf16_run(n, points, base, max, scratch);
         else
-            float_run(n, points, base, most, scratch);
+            float_run(n, points, base, max, scratch);
     }
 }
 

@@ -16,21 +16,21 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
                            bool bf16, placed_network **out);
 void network_free(placed_network *n);
 bool network_in_bf16(const placed_network *n);
-/* Points to take: list[i] for i < *count, of at most `most`. To result[point]: red, green, blue, raw density.
+/* Points to take: list[i] for i < *count, of at most `max`. To result[point]: red, green, blue, raw density.
  */
 struct network_points {
     const float *canonical, *direction, *observed_px;
     const int32_t *list, *count;
-    int64_t most;
+    int64_t max;
     float4 *result;
 };
-/* Room that network_run needs for at most `most` points, from the arena. */
+/* Room that network_run needs for at most `max` points, from the arena. */
 struct network_scratch {
-    int64_t most; /* points at a time */
+    int64_t max; /* points at a time */
     void *tokens;
     float *color, *layers;
 };
-sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t most, network_scratch *out);
+sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t max, network_scratch *out);
 void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch);
 
 /* The bank's values are float32, or float16 times the bank's scale. */
@@ -91,20 +91,20 @@ struct placed_network {
 
 /* tokens[i][fused] of the points list[base + i], 0 <= i < most; color[i][3]. Without token_b, times the
  * bank's scale. */
-void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                    void *tokens, float *color);
 
 /* network_float.cu */
 int64_t float_rows(const network_sizes *s); /* of scratch, 32 floats each, for one block */
 int float_blocks();
-void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                const network_scratch *scratch);
 /* network_bf16.cu */
 network_sizes network_sizes_of(const radiance_parts *p);
 bool bf16_fits(const network_sizes &s);
 sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                         const network_sizes &s, bf16_layers *out);
-void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
               const network_scratch *scratch);
 
 } // namespace cuda_backend

@@ -177,7 +177,7 @@ template <int H> constexpr size_t bf16_shared() {
 template <int H>
 __global__ void __launch_bounds__(THREADS, 1)
     bf16_kernel(network_sizes s, bf16_layers layers, network_points points, float token_scale, int64_t base,
-                int64_t most, const uint16_t *tokens, const float *color) {
+                int64_t max, const uint16_t *tokens, const float *color) {
     enum {
         N = 2 * H,
         STAGE_WORDS = STAGE_TILES * N * FRAGMENT,
@@ -193,7 +193,7 @@ __global__ void __launch_bounds__(THREADS, 1)
                             lane,
                             g,
                             t};
-    const int64_t left = *points.count - base, end = left < most ? left : most;
+    const int64_t left = *points.count - base, end = left < max ? left : max;
     const int64_t tiles = end > 0 ? (end + WARPS * TILE_POINTS - 1) / (WARPS * TILE_POINTS) : 0;
     const int64_t own = tiles > blockIdx.x ? (tiles - blockIdx.x - 1) / gridDim.x + 1 : 0;
     if (own == 0) return;
@@ -291,22 +291,22 @@ __global__ void __launch_bounds__(THREADS, 1)
 }
 
 template <int H>
-static void run_as(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+static void run_as(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                    const network_scratch *scratch) {
-    const int64_t tiles = divided_up(most, WARPS * TILE_POINTS);
+    const int64_t tiles = divided_up(max, WARPS * TILE_POINTS);
     const int blocks = multiprocessors();
     if (tiles > 0)
         launch_wide(bf16_kernel<H>, dim3((unsigned)(tiles < blocks ? tiles : blocks)), dim3(THREADS),
-                    bf16_shared<H>(), n->s, n->fragments, *points, 1 / n->bank.scale, base, most,
+                    bf16_shared<H>(), n->s, n->fragments, *points, 1 / n->bank.scale, base, max,
                     (const uint16_t *)scratch->tokens, (const float *)scratch->color);
 }
 
-void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
               const network_scratch *scratch) {
     if (h_tiles_of(n->s.decoder_width) == 6)
-        run_as<6>(n, points, base, most, scratch);
+        run_as<6>(n, points, base, max, scratch);
     else
-        run_as<8>(n, points, base, most, scratch);
+        run_as<8>(n, points, base, max, scratch);
 }
 
 } // namespace cuda_backend

@@ -155,12 +155,12 @@ struct float_tile {
 };
 
 __global__ static void __launch_bounds__(BLOCK)
-    float_kernel(network_sizes s, float_layers l, network_points points, int64_t base, int64_t most,
+    float_kernel(network_sizes s, float_layers l, network_points points, int64_t base, int64_t max,
                  const float *tokens, const float *color, float *space) {
     const float_places p = float_layout(s);
     const float_tile t = {space + (int64_t)blockIdx.x * p.rows * WARP, (int)threadIdx.x % WARP,
                           (int)threadIdx.x / WARP};
-    const int64_t left = *points.count - base, end = left < most ? left : most;
+    const int64_t left = *points.count - base, end = left < max ? left : max;
     for (int64_t first = (int64_t)blockIdx.x * WARP; first < end; first += (int64_t)gridDim.x * WARP) {
         const bool real = first + t.lane < end; /* the others repeat the first one */
         const int64_t i = real ? first + t.lane : first, at = points.list[base + i];
@@ -199,12 +199,12 @@ __global__ static void __launch_bounds__(BLOCK)
     }
 }
 
-void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t most,
+void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                const network_scratch *scratch) {
-    const int64_t tiles = divided_up(most, WARP);
+    const int64_t tiles = divided_up(max, WARP);
     const int blocks = tiles < float_blocks() ? (int)tiles : float_blocks();
     if (blocks > 0)
-        launch(float_kernel, dim3((unsigned)blocks), dim3(BLOCK), n->s, n->layers, *points, base, most,
+        launch(float_kernel, dim3((unsigned)blocks), dim3(BLOCK), n->s, n->layers, *points, base, max,
                (const float *)scratch->tokens, (const float *)scratch->color, scratch->layers);
 }
 

@@ -66,19 +66,19 @@ static sherf_status create(tape *t, const radiance_sizes *sizes, const radiance_
 static sherf_status chunk_room(context *c, arena *a, const train_network *n, int64_t points, bool back,
                                train_run *r) {
     const int64_t some = points < train_at_a_time ? points : train_at_a_time;
-    const int64_t most = divided_up(some, BLOCK_POINTS) * BLOCK_POINTS; /* a tile's rows are all there */
+    const int64_t max = divided_up(some, BLOCK_POINTS) * BLOCK_POINTS; /* a tile's rows are all there */
     *r = {};
     r->s = n->s;
     r->layers = n->layers;
     r->back_stages = n->back_stages;
     r->back = n->back;
     r->at = n->at;
-    r->tokens = room<float>(c, a, most * TOKENS);
-    r->color = room<float>(c, a, most * 3);
+    r->tokens = room<float>(c, a, max * TOKENS);
+    r->color = room<float>(c, a, max * 3);
     if (!r->tokens || !r->color) return SHERF_NO_MEMORY;
     if (!back) return SHERF_OK;
-    r->records = room<uint4>(c, a, most / TILE_POINTS * n->at.tiles * WARP);
-    r->dfused = room<float>(c, a, most * 2 * TOKEN);
+    r->records = room<uint4>(c, a, max / TILE_POINTS * n->at.tiles * WARP);
+    r->dfused = room<float>(c, a, max * 2 * TOKEN);
     r->dtokens = room<float>(c, a, points * TOKENS);
     r->vectors = room<float>(c, a, (int64_t)FUSION_BLOCKS * VECTOR_SLOTS * THREADS);
     return r->records && r->dfused && r->dtokens && r->vectors ? SHERF_OK : SHERF_NO_MEMORY;
@@ -95,7 +95,7 @@ static void chunk_points_of(const gpu_point_set *points, const int32_t *list, co
 
 static void chunk_at(int64_t base, int64_t points, train_run *r) {
     r->base = base;
-    r->most = points - base < train_at_a_time ? points - base : train_at_a_time;
+    r->max = points - base < train_at_a_time ? points - base : train_at_a_time;
 }
 
 static sherf_status run_in(context *c, arena *a, const train_network *n, const gpu_point_set *points,

@@ -96,7 +96,7 @@ struct train_run {
     record_places at;
     const float *canonical, *direction, *observed_px;
     const int32_t *list, *count; /* points list[base + i], i < most, base + i < *count */
-    int64_t base, most;
+    int64_t base, max;
     float *tokens, *color; /* sampled: most x TOKENS, most x 3 */
     float *rgb, *sigma;    /* of all points: written forwards, rgb read backwards */
     const float *drgb, *dsigma;
@@ -108,7 +108,7 @@ struct train_run {
 
 __device__ inline int64_t chunk_points(const train_run &r) {
     const int64_t left = *r.count - r.base;
-    return left < r.most ? left : r.most;
+    return left < r.max ? left : r.max;
 }
 
 /* A tile into the group's record, transposed: so it is 16 outputs x 16 points of a product's left side, or

@@ -92,7 +92,7 @@ static __device__ void corners_of(const train_part &p, const float *x, const flo
 void train_sample(const train_network *n, const train_run &r) {
     const train_bank bank = n->bank;
     const train_run run = r;
-    each_row(r.most, [=] __device__(int64_t i, int lane) {
+    each_row(r.max, [=] __device__(int64_t i, int lane) {
         if (i >= chunk_points(run)) return;
         const int64_t point = run.list[run.base + i];
         const float *x = run.canonical + 3 * point, *px = run.observed_px + 2 * point;

@@ -234,7 +234,7 @@ template <int H, bool BACK> __global__ void __launch_bounds__(THREADS, 1) decode
 }
 
 template <int H, bool BACK> static void decode_as(const train_run &r) {
-    const int64_t tiles = divided_up(r.most, BLOCK_POINTS);
+    const int64_t tiles = divided_up(r.max, BLOCK_POINTS);
     const int blocks = multiprocessors();
     if (tiles > 0)
         launch_wide(decoder_kernel<H, BACK>, dim3((unsigned)(tiles < blocks ? tiles : blocks)), dim3(THREADS),

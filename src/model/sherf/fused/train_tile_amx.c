@@ -520,9 +520,9 @@ static void *take(room *r, size_t bytes) {
     return p;
 }
 
-static channels take_channels(room *r, int blocks, size_t least) {
+static channels take_channels(room *r, int blocks, size_t min) {
     const size_t pitch = (size_t)blocks * TILE + 64; /* a line more: see lay_out in amx_pack.c */
-    return (channels){take(r, AMX_GROUPS * (pitch > least ? pitch : least)), pitch};
+    return (channels){take(r, AMX_GROUPS * (pitch > min ? pitch : min)), pitch};
 }
 
 static int larger(int a, int b) {

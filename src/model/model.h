@@ -170,9 +170,9 @@ struct model_kind {
     /* parameters: declares them into layers, which lie in m->network: network_bytes, zeroed */
     size_t network_bytes;
     void (*declare)(declaration *d, const model_config *config, void *network);
-    bool (*queried)(const char *name); /* what `query` reads, and avatars keep; NULL: all */
-    /* From the tensors of a converted ResNet-18; or NULL. */
-    sherf_status (*start_from_resnet)(context *c, model *m, const safetensors *s);
+    /* how names begin, up to NULL */
+    const char *const *queried; /* of what `query` reads, and avatars keep; NULL: all */
+    const char *const *resnets; /* of the encoders that a converted ResNet starts; NULL: there are none */
     /* geometry of an observation into g->own, which observed_free frees; both NULL: there is none */
     sherf_status (*observe)(context *c, const model_config *config, const body_model *body, bool training,
                             observation_geometry *g);
@@ -267,10 +267,7 @@ sherf_status model_save_values(context *c, const model *m, const float *values, 
 /* All tensors as a file holds them; mem_free both results. For checkpoints. */
 sherf_status model_items(context *c, const model *m, const float *values, safetensor_item **out,
                          float **memory);
-/* A converted ResNet-18's values into the model's encoders where shapes agree. */
+/* A converted ResNet's values into the model's encoders of its width. */
 sherf_status model_load_resnet(context *c, model *m, const char *path);
-/* For model_kind.start_from_resnet: the parameters named PREFIX... take the values, whole or not at all: not
- * where the network has another width (*taken stays false). */
-sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken);
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "model/model.h"
+#include "model/stages.h"
 #include "nn/resnet.h"
 
 /* Settings; the paper's in brackets. */
@@ -74,10 +74,7 @@ static void defaults(model_config *out) {
 }
 
 static sherf_status check(context *c, const model_config *config) {
-    const int encoder = settings_of(config)->encoder;
-    if (encoder == 18 || encoder == 34) return SHERF_OK;
-    return failure(c, SHERF_BAD_ARGUMENT, "model setting encoder=%d: must be 18 or 34, a ResNet's layers",
-                   encoder);
+    return encoder_check(c, settings_of(config)->encoder);
 }
 
 /* 1000 rays of each of two targets a step, 80 % of them from the mask. */
@@ -128,19 +125,6 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     n->feature = linear_declare(d, "decoder.feature", false, W, W);
     n->view = linear_declare(d, "decoder.view", true, k->view_width, W + point);
     n->color = linear_declare(d, "decoder.color", false, 3, k->view_width);
-}
-
-static bool queried(const char *name) {
-    return strncmp(name, "encoder.", 8) != 0;
-}
-
-static sherf_status start_from_resnet(context *c, model *m, const safetensors *s) {
-    bool taken = false;
-    sherf_status status = model_take_resnet(c, m, s, "encoder.", &taken);
-    if (status == SHERF_OK && !taken)
-        return failure(c, SHERF_MISMATCH, "no ResNet of 64 channels, as encoder_width=%d is none",
-                       settings_of(&m->config)->encoder_width);
-    return status;
 }
 
 /* ---- encode ---- */
@@ -254,8 +238,8 @@ const model_kind model_mpsnerf = {.name = "mps-nerf",
                                   .check = check,
                                   .network_bytes = sizeof(mpsnerf_network),
                                   .declare = network_declare,
-                                  .queried = queried,
-                                  .start_from_resnet = start_from_resnet,
+                                  .queried = (const char *const[]){"fusion.", "decoder.", NULL},
+                                  .resnets = (const char *const[]){"encoder.", NULL},
                                   .encode = encode,
                                   .query = query,
                                   .frame = frame,

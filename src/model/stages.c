@@ -3,6 +3,12 @@
 
 #include <math.h>
 
+sherf_status encoder_check(context *c, int layers) {
+    if (layers == 18 || layers == 34) return SHERF_OK;
+    return failure(c, SHERF_BAD_ARGUMENT, "model setting encoder=%d: must be 18 or 34, a ResNet's layers",
+                   layers);
+}
+
 static tensor *resized(tape *t, tensor *map, int64_t height, int64_t width) {
     if (!map || (map->dim[0] == height && map->dim[1] == width)) return map;
     const double down = height > 1 ? (double)(map->dim[0] - 1) / (double)(height - 1) : 0;

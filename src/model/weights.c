@@ -152,7 +152,10 @@ sherf_status model_save(context *c, const model *m, const char *path) {
     return status;
 }
 
-sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken) {
+/* The parameters named PREFIX... take the values, whole or not at all: not where the network has another
+ * width
+ * (*taken stays false). */
+static sherf_status take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken) {
     const size_t length = strlen(prefix);
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
@@ -180,12 +183,25 @@ sherf_status model_take_resnet(context *c, model *m, const safetensors *s, const
 sherf_status model_load_resnet(context *c, model *m, const char *path) {
     safetensors *s = NULL;
     const model_kind *kind = m->config.kind;
-    if (!kind->start_from_resnet)
+    const char *other = NULL; /* an encoder of another width */
+    bool any = false;
+    if (!kind->resnets)
         return failure(c, SHERF_MISMATCH, "%s: model %s has no ResNet-18 to start", path, kind->name);
     sherf_status status = safetensors_read(c, path, &s);
     if (status != SHERF_OK) return status;
-    status = kind->start_from_resnet(c, m, s);
+    for (const char *const *prefix = kind->resnets; *prefix && status == SHERF_OK; prefix++) {
+        bool taken = false;
+        status = take_resnet(c, m, s, *prefix, &taken);
+        any |= taken;
+        if (!taken) other = *prefix;
+    }
     safetensors_free(s);
+    if (status == SHERF_OK && !any)
+        status =
+            failure(c, SHERF_MISMATCH,
+                    "no encoder of this %s model is as wide as a converted ResNet, 64 channels", kind->name);
+    if (status == SHERF_OK && other)
+        log_line(c, SHERF_LOG_INFO, "%s* begins anew: it is not as wide as the ResNet", other);
     return status == SHERF_OK ? SHERF_OK : failure_prefix(c, status, "%s", path);
 }
 

@@ -40,7 +40,7 @@ static model *weights_in(context *c, const model_config *config, const tensor_me
     /* biases and norms away from 0 and 1, densities that both show and hide */
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
-        if (q->buffer || q->value.rank > 1 || !model_sherf_is_queried(q->name)) continue;
+        if (q->buffer || q->value.rank > 1 || !model_is_queried(config->kind, q->name)) continue;
         int64_t n = tensor_count(&q->value);
         for (int64_t k = 0; k < n; k++)
             tensor_f32(&q->value)[k] += 0.2f * (float)random_normal(random_key(7, q->name, 0), (uint64_t)k);
@@ -217,7 +217,7 @@ static void no_worse_all(const scene *s, const float *fused, const float *rounde
     int checked = 0;
     for (int i = 0; i < p->count; i++) {
         const parameter *q = p->item[i];
-        if (q->buffer || !model_sherf_is_queried(q->name)) continue;
+        if (q->buffer || !model_is_queried(s->m->config.kind, q->name)) continue;
         no_worse(q->name, fused + q->offset, rounded + q->offset, exact + q->offset, tensor_count(&q->value));
         checked++;
     }

@@ -61,7 +61,7 @@ static void agrees_float(const char *config) {
     equals("frame", frame[0], frame[1], SIDE * SIDE * 5);
     for (int i = 0; i < p->count; i++) {
         const parameter *q = p->item[i];
-        if (!q->buffer && model_sherf_is_queried(q->name))
+        if (!q->buffer && model_is_queried(s.m->config.kind, q->name))
             equals(q->name, fused + q->offset, exact + q->offset, tensor_count(&q->value));
     }
     equals("bank", fused + p->trained_floats, exact + p->trained_floats, n - p->trained_floats);

@@ -62,10 +62,6 @@ static sherf_status query(tape *t, const model *m, const body_model *body, const
     return tape_status(t);
 }
 
-static bool queried(const char *name) {
-    return strncmp(name, "out", 3) == 0;
-}
-
 static void kept(const model_config *config, kept_bank *out) {
     *out = (kept_bank){1, {{"map", T_F32, 3, {0, 0, settings_of(config)->width}}}};
 }
@@ -76,7 +72,7 @@ static const model_kind plain = {.name = "plain",
                                  .defaults = defaults,
                                  .network_bytes = sizeof(plain_network),
                                  .declare = plain_declare,
-                                 .queried = queried,
+                                 .queried = (const char *const[]){"out", NULL},
                                  .encode = encode,
                                  .query = query,
                                  .kept = kept};

@@ -85,19 +85,6 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     n->color = linear_declare(d, "field.color", false, 3, half);
 }
 
-static bool queried(const char *name) {
-    return !strncmp(name, "field.", 6);
-}
-
-static sherf_status start_from_resnet(context *c, model *m, const safetensors *s) {
-    bool taken = false;
-    sherf_status status = model_take_resnet(c, m, s, "encoder.", &taken);
-    if (status == SHERF_OK && !taken)
-        return failure(c, SHERF_MISMATCH, "no ResNet-18 of 64 channels, as encoder_width=%d is none",
-                       nhp_settings_of(&m->config)->encoder_width);
-    return status;
-}
-
 /* ---- encode ---- */
 typedef struct {
     tensor *stage[NHP_STAGES];
@@ -275,8 +262,8 @@ const model_kind model_nhp = {.name = "nhp",
                               .defaults = defaults,
                               .network_bytes = sizeof(nhp_network),
                               .declare = network_declare,
-                              .queried = queried,
-                              .start_from_resnet = start_from_resnet,
+                              .queried = (const char *const[]){"field.", NULL},
+                              .resnets = (const char *const[]){"encoder.", NULL},
                               .observe = nhp_observe,
                               .observed_free = nhp_observed_free,
                               .encode = encode,

@@ -48,15 +48,12 @@ static void defaults(model_config *out) {
 
 static sherf_status check(context *c, const model_config *config) {
     const pixelnerf_settings *k = settings_of(config);
-    if (k->encoder != 18 && k->encoder != 34)
-        return failure(c, SHERF_BAD_ARGUMENT, "model setting encoder=%d: must be 18 or 34, a ResNet's layers",
-                       k->encoder);
     if (k->own && k->shell)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting shell=1: is for own=0, as the authors' PixelNeRF knows no body");
     if (k->passes == 2 && !k->own)
         return failure(c, SHERF_BAD_ARGUMENT, "model setting passes=2: is for own=1, with depths by chance");
-    return SHERF_OK;
+    return encoder_check(c, k->encoder);
 }
 
 static bool whole_box(const model_config *config) {
@@ -98,19 +95,6 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     const pixelnerf_settings *k = settings_of(config);
     resnet_declare(d, "encoder", k->encoder, k->encoder_width, PIXELNERF_STAGES - 1, &n->encoder);
     for (int i = 0; i < k->passes; i++) field_declare(d, name[i], k, &n->field[i]);
-}
-
-static bool queried(const char *name) {
-    return strncmp(name, "encoder.", 8) != 0;
-}
-
-static sherf_status start_from_resnet(context *c, model *m, const safetensors *s) {
-    bool taken = false;
-    sherf_status status = model_take_resnet(c, m, s, "encoder.", &taken);
-    if (status == SHERF_OK && !taken)
-        return failure(c, SHERF_MISMATCH, "no ResNet of 64 channels, as encoder_width=%d is none",
-                       settings_of(&m->config)->encoder_width);
-    return status;
 }
 
 /* ---- the observation: where its body's box has its middle ---- */
@@ -290,8 +274,8 @@ const model_kind model_pixelnerf = {.name = "pixelnerf",
                                     .check = check,
                                     .network_bytes = sizeof(pixelnerf_network),
                                     .declare = network_declare,
-                                    .queried = queried,
-                                    .start_from_resnet = start_from_resnet,
+                                    .queried = (const char *const[]){"coarse.", "fine.", NULL},
+                                    .resnets = (const char *const[]){"encoder.", NULL},
                                     .observe = observe,
                                     .observed_free = observed_free,
                                     .encode = encode,

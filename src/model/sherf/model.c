@@ -19,11 +19,6 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     decoder_declare(d, k, &n->decoder);
 }
 
-bool model_sherf_is_queried(const char *name) {
-    if (!strncmp(name, "decoder.", 8)) return true;
-    return !strncmp(name, "renderer.", 9) && strncmp(name, "renderer.encoder_3d.", 20) != 0;
-}
-
 static const float *values_of(const parameters *p, const char *name, const char *suffix) {
     char full[160];
     snprintf(full, sizeof full, "%s%s", name, suffix);
@@ -64,21 +59,6 @@ void model_sherf_weights(const parameters *p, const model_config *config, radian
     w->views_b = values_of(p, "decoder.views_linear", ".bias");
     w->rgb_w = values_of(p, "decoder.rgb_linear", ".weight");
     w->rgb_b = values_of(p, "decoder.rgb_linear", ".bias");
-}
-
-static sherf_status start_from_resnet(context *c, model *m, const safetensors *s) {
-    static const char *const encoder[] = {"encoder_2d.backbone.", "encoder_2d_feature.backbone."};
-    bool taken[2] = {0};
-    sherf_status status = SHERF_OK;
-    for (int i = 0; i < 2 && status == SHERF_OK; i++)
-        status = model_take_resnet(c, m, s, encoder[i], &taken[i]);
-    if (status == SHERF_OK && !taken[0] && !taken[1])
-        return failure(c, SHERF_MISMATCH, "no ResNet-18 of 64 channels, as the encoders of preset paper are");
-    if (status == SHERF_OK && !taken[0])
-        log_line(c, SHERF_LOG_INFO,
-                 "the ResNet-18 starts the feature encoder alone, the global one is %d wide, not 64",
-                 model_sherf_settings(&m->config)->encoder_width);
-    return status;
 }
 
 /* ---- forwards ---- */
@@ -212,21 +192,22 @@ static const field_kind *field(const model_config *config) {
     return model_sherf_is_fused(config) ? &model_sherf_field : NULL;
 }
 
-const model_kind model_sherf = {.name = "sherf",
-                                .presets = model_sherf_presets,
-                                .settings = model_sherf_setting_list,
-                                .defaults = model_sherf_defaults,
-                                .check = model_sherf_check,
-                                .infer = model_sherf_infer,
-                                .network_bytes = sizeof(sherf_network),
-                                .declare = network_declare,
-                                .queried = model_sherf_is_queried,
-                                .start_from_resnet = start_from_resnet,
-                                .observe = model_sherf_observe,
-                                .observed_free = model_sherf_geometry_free,
-                                .encode = encode,
-                                .query = query,
-                                .fused_training = &model_sherf_fused_training,
-                                .kept = kept,
-                                .keep = keep,
-                                .field = field};
+const model_kind model_sherf = {
+    .name = "sherf",
+    .presets = model_sherf_presets,
+    .settings = model_sherf_setting_list,
+    .defaults = model_sherf_defaults,
+    .check = model_sherf_check,
+    .infer = model_sherf_infer,
+    .network_bytes = sizeof(sherf_network),
+    .declare = network_declare,
+    .queried = (const char *const[]){"decoder.", "renderer.conv1d_", "renderer.transformer.", NULL},
+    .resnets = (const char *const[]){"encoder_2d.backbone.", "encoder_2d_feature.backbone.", NULL},
+    .observe = model_sherf_observe,
+    .observed_free = model_sherf_geometry_free,
+    .encode = encode,
+    .query = query,
+    .fused_training = &model_sherf_fused_training,
+    .kept = kept,
+    .keep = keep,
+    .field = field};

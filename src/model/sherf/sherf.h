@@ -167,8 +167,6 @@ typedef struct {
 sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, const model_bank *bank,
                                 const point_set *points, int64_t begin, int64_t end, point_outputs *out);
-/* The tensors of the radiance field alone (renderer.*, decoder.*), as an avatar keeps them. */
-bool model_sherf_is_queried(const char *name);
 void model_sherf_weights(const parameters *weights, const model_config *config, radiance_weights *out);
 
 /* points_fused.c: training through the fused network (fused/train.h). */

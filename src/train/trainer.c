@@ -126,6 +126,7 @@ static sherf_status masks_look_over(trainer *t) {
 
 /* A preset that is asked for must be that of the weights; what a training measures itself is not compared. */
 static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
+    const char *colon = strchr(preset, ':');
     model_config wanted;
     sherf_status status = model_config_parse(c, preset, &wanted);
     if (status != SHERF_OK) return status;
@@ -134,10 +135,10 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     char *a = model_config_text(c, &wanted), *b = model_config_text(c, has);
     status = a && b ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK && (wanted.kind != has->kind || strcmp(a, b) != 0))
-        status =
-            failure(c, SHERF_MISMATCH,
-                    "%s: of preset %s, not %s: leave the preset out to go on, or train into another folder",
-                    path, b, preset);
+        status = failure(
+            c, SHERF_MISMATCH,
+            "%s: of preset %s:%s, not %s:%s: leave the preset out to go on, or train into another folder",
+            path, has->kind->name, b, wanted.kind->name, colon ? colon + 1 : preset);
     mem_free(a);
     mem_free(b);
     return status;
@@ -316,16 +317,15 @@ static void announce(trainer *t) {
     context *c = t->c;
     const train_state *s = &t->state;
     char device[200];
-    const model_kind *kind = t->model->config.kind, *first;
-    const bool other = model_kind_find(c, NULL, 0, &first) == SHERF_OK && kind != first;
+    const model_config *config = &t->model->config;
     if (t->ranks.rank) return;
     log_line(c, SHERF_LOG_INFO,
-             "training %s%s%s (%.1f million parameters) on %" PRId64
+             "training %s:%s (%.1f million parameters) on %" PRId64
              " pictures of %d people, %d images a step, "
              "steps %" PRId64 " to %" PRId64,
-             other ? kind->name : "", other ? ":" : "", t->model->config.preset,
-             (double)parameters_trained_count(t->model->weights) / 1e6, sampling_pictures(&t->sampling),
-             t->sampling.people, s->images_per_step, t->first_step + 1, t->last_step);
+             config->kind->name, config->preset, (double)parameters_trained_count(t->model->weights) / 1e6,
+             sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
+             t->last_step);
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
@@ -564,7 +564,8 @@ sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
     status = ranks_agree(c, &t.ranks, status);
     if (status == SHERF_OK) status = run(&t);
     if (status == SHERF_NO_MEMORY && t.model)
-        failure_prefix(c, status, "training %s on pictures %d wide, %d images a step", t.model->config.preset,
+        failure_prefix(c, status, "training %s:%s on pictures %d wide, %d images a step",
+                       t.model->config.kind->name, t.model->config.preset,
                        t.state.size_px ? t.state.size_px : t.model->config.image_size,
                        t.state.images_per_step);
     ranks_close(&t.ranks, status != SHERF_OK);

@@ -154,6 +154,8 @@ static void a_second_model_trains_and_renders(void **state) {
     assert_ok(c, sherf_train(c, &o));
     o = training(9, "small");
     assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "leave the preset out");
+    assert_non_null(strstr(c->message, "of preset plain:eight"));
+    assert_non_null(strstr(c->message, ", not sherf:small: "));
     assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
     assert_ok(c, sherf_model_load(c, path_of("run/model.safetensors"), &m));
     assert_ptr_equal(m->config.kind, &plain);

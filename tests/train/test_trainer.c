@@ -117,7 +117,7 @@ static void a_training_starts_from_weights(void **state) {
     assert_true(difference(c, weights, path_of("tuned/model.safetensors")) < 0.5);
     o.output = path_of("other");
     o.preset = "small";
-    assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "not small");
+    assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "not sherf:small");
     o.start = path_of("learn/loss.png");
     assert_fails(c, sherf_train(c, &o), SHERF_BAD_FILE, "loss.png");
     o.start = NULL;
@@ -166,7 +166,7 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     o.resume = path_of("whole/checkpoint.safetensors");
     o.preset = "base";
     assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
-    assert_non_null(strstr(c->message, "not base"));
+    assert_non_null(strstr(c->message, "not sherf:base"));
     assert_false(path_is_folder(path_of("bad")));
     o.preset = NULL; /* the checkpoint's */
     assert_ok(c, sherf_train(c, &o));

@@ -111,6 +111,14 @@ typedef enum { ISA_PLAIN, ISA_AVX2, ISA_AVX512, ISA_AMX } isa_level;
 isa_level isa_best(void);
 bool isa_has_bf16(void); /* isa_best() is a level with products in bf16: AMX */
 const char *isa_name(isa_level level);
+/* Of what files compiled once per instruction set define, NAME_plain, NAME_avx2, NAME_avx512, the one for a
+ * level; NAME may begin with &. */
+#if defined(__x86_64__)
+#define ISA_CHOICE(level, NAME)                                                                              \
+    ((level) >= ISA_AVX512 ? NAME##_avx512 : (level) >= ISA_AVX2 ? NAME##_avx2 : NAME##_plain)
+#else
+#define ISA_CHOICE(level, NAME) (NAME##_plain)
+#endif
 
 double time_seconds(void);      /* monotonic */
 size_t memory_peak_bytes(void); /* peak resident set of this process */

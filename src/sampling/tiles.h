@@ -8,11 +8,11 @@
 /* Points of a tile; every array over the points of a tile has this length, 64-byte aligned. */
 enum { POINT_TILE = 64 };
 typedef struct {
-    _Alignas(64) float position[3][POINT_TILE]; /* canonical, metres */
-    float direction[3][POINT_TILE];             /* canonical, not normalised */
-    float pixel[2][POINT_TILE];                 /* in the observation's picture */
-    float out[4][POINT_TILE];                   /* red, green, blue, raw density */
-    int count;                                  /* of POINT_TILE; the others hold zeros */
+    float position[3][POINT_TILE] __attribute__((aligned(64))); /* canonical, metres */
+    float direction[3][POINT_TILE];                             /* canonical, not normalised */
+    float pixel[2][POINT_TILE];                                 /* in the observation's picture */
+    float out[4][POINT_TILE];                                   /* red, green, blue, raw density */
+    int count;                                                  /* of POINT_TILE; the others hold zeros */
 } point_tile;
 
 /* What answers points a tile at a time, on any thread. */

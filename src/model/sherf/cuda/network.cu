@@ -10,122 +10,128 @@ namespace cuda_backend {
 constexpr int64_t points_at_a_time = 1 << 19;
 
 /* ---- placing ---- */
-/* Float32 values, placed; as float16 times scale where scale is not 0. */
-static const void *place_values(context *c, arena *a, const tensor_memory *memory, const float *from,
-                                int64_t count, float scale) {
-    float *wide = room<float>(c, a, scale != 0 ? 0 : count);
-    if (!wide) return nullptr;
-    if (scale == 0)
-        return count == 0 || memory->upload(c, wide, from, (size_t)count * sizeof(float)) == SHERF_OK
-                   ? wide
-                   : nullptr;
-    uint16_t *half = room<uint16_t>(c, a, count);
+static bool place_floats(context *c, arena *a, const tensor_memory *memory, const float *from, int64_t count,
+                         float **to) {
+    *to = room<float>(c, a, count);
+    return *to && (count == 0 || memory->upload(c, *to, from, (size_t)count * sizeof **to) == SHERF_OK);
+}
+
+/* As float16 times scale. */
+static bool place_halves(context *c, arena *a, const tensor_memory *memory, const float *from, int64_t count,
+                         float scale, uint16_t **to) {
+    uint16_t *half = *to = room<uint16_t>(c, a, count);
     const arena_mark mark = arena_position(a);
     const int64_t max = 1 << 22; /* at a time */
     float *part = half ? room<float>(c, a, count < max ? count : max) : nullptr;
     for (int64_t i = 0; part && i < count; i += max) {
         const int64_t some = count - i < max ? count - i : max;
-        if (memory->upload(c, part, from + i, (size_t)some * sizeof(float)) != SHERF_OK) return nullptr;
+        if (memory->upload(c, part, from + i, (size_t)some * sizeof(float)) != SHERF_OK) return false;
         each(some, [=] __device__(int64_t k) { half[i + k] = half_of(part[k] * scale); });
     }
     arena_rewind(a, mark); /* in the stream's order */
-    return part ? half : nullptr;
+    return part != nullptr;
 }
 
-static sherf_status place_map(context *c, arena *a, const tensor_memory *memory,
-                              const radiance_part_map *from, float scale, placed_map *to) {
-    *to = {from->width, from->height, from->stride, nullptr};
-    to->texel =
-        place_values(c, a, memory, from->texel, (int64_t)from->width * from->height * from->stride, scale);
-    return to->texel ? SHERF_OK : SHERF_NO_MEMORY;
+/* scale 0: as float32. */
+static bool place_values(context *c, arena *a, const tensor_memory *memory, const float *from, int64_t count,
+                         float scale, float **whole, uint16_t **half) {
+    return scale == 0 ? place_floats(c, a, memory, from, count, whole)
+                      : place_halves(c, a, memory, from, count, scale, half);
 }
 
-static const int32_t *place_integers(context *c, arena *a, const tensor_memory *memory, const int32_t *from,
-                                     int64_t count) {
-    int32_t *to = room<int32_t>(c, a, count);
-    if (to && count && memory->upload(c, to, from, (size_t)count * sizeof *to) != SHERF_OK) return nullptr;
-    return to;
+static bool place_map(context *c, arena *a, const tensor_memory *memory, const radiance_map *from,
+                      float scale, radiance_map *to) {
+    *to = {from->width, from->height, from->stride, nullptr, nullptr};
+    return place_values(c, a, memory, from->texel, (int64_t)from->width * from->height * from->stride, scale,
+                        &to->texel, &to->half);
+}
+
+static bool place_integers(context *c, arena *a, const tensor_memory *memory, const int32_t *from,
+                           int64_t count, int32_t **to) {
+    *to = room<int32_t>(c, a, count);
+    return *to && (count == 0 || memory->upload(c, *to, from, (size_t)count * sizeof **to) == SHERF_OK);
+}
+
+static bool place_level(context *c, arena *a, const tensor_memory *memory, const radiance_level *from,
+                        float scale, radiance_level *to) {
+    const int64_t cells = (int64_t)(from->size[0] + 1) * (from->size[1] + 1) * (from->size[2] + 1);
+    *to = *from;
+    return place_integers(c, a, memory, from->cell, cells, &to->cell) &&
+           place_integers(c, a, memory, from->corner[0], 8 * from->corners, (int32_t **)&to->corner) &&
+           place_values(c, a, memory, from->value, from->rows * from->stride, scale, &to->value, &to->half);
 }
 
 static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                                bool half, placed_bank *b) {
-    b->width = p->s.token_width;
-    b->fused = p->fused;
-    b->map_tokens = p->map_tokens;
-    memcpy(b->plane_min, p->plane_min, sizeof b->plane_min);
-    memcpy(b->plane_scale, p->plane_scale, sizeof b->plane_scale);
-    memcpy(b->map_scale, p->map_scale, sizeof b->map_scale);
-    memcpy(b->image_scale, p->image_scale, sizeof b->image_scale);
-    memcpy(b->volume_min, p->volume_min, sizeof b->volume_min);
-    b->image_width = p->image_width;
-    b->image_height = p->image_height;
+    const radiance_field *n = p->n;
+    b->width = n->s.token_width;
+    b->fused = n->fused;
+    b->map_tokens = n->map_tokens;
+    memcpy(b->plane_min, n->plane_min, sizeof b->plane_min);
+    memcpy(b->plane_scale, n->plane_scale, sizeof b->plane_scale);
+    memcpy(b->map_scale, n->map_scale, sizeof b->map_scale);
+    memcpy(b->image_scale, n->image_scale, sizeof b->image_scale);
+    memcpy(b->volume_min, n->volume_min, sizeof b->volume_min);
+    b->image_width = n->image_width;
+    b->image_height = n->image_height;
     b->scale = 1;
     /* as the CPU's: a sum of all parts stays far from float16's 65504, small values far from 6e-8 */
-    if (half) b->scale = exp2f(floorf(log2f(4096.0f / fmaxf(p->bank_top, 1e-20f))));
+    if (half) b->scale = exp2f(floorf(log2f(4096.0f / fmaxf(p->bank_max, 1e-20f))));
     if (!isfinite(b->scale) || b->scale <= 0)
         return failure(c, SHERF_BAD_ARGUMENT, "radiance field: the avatar's features are not finite");
     const float scale = half ? b->scale : 0;
-    sherf_status status = SHERF_OK;
-    for (int i = 0; i < 3 && !status; i++)
-        status = place_map(c, a, memory, &p->plane[i], scale, &b->plane[i]);
-    if (!status) status = place_map(c, a, memory, &p->map, scale, &b->map);
-    b->image = (const float4 *)place_values(c, a, memory, p->image,
-                                            4 * (int64_t)p->image_width * p->image_height, 0);
-    for (int l = 0; l < POINT_LEVELS && !status; l++) {
-        const radiance_part_level *from = &p->level[l];
-        placed_level *to = &b->level[l];
-        memcpy(to->size, from->size, sizeof to->size);
-        memcpy(to->voxels_per_m, from->voxels_per_m, sizeof to->voxels_per_m);
-        to->stride = from->stride;
-        to->cell = place_integers(c, a, memory, from->cell,
-                                  (int64_t)(from->size[0] + 1) * (from->size[1] + 1) * (from->size[2] + 1));
-        to->corner = place_integers(c, a, memory, from->corner, 8 * from->corners);
-        to->value = place_values(c, a, memory, from->value, from->rows * from->stride, scale);
-        if (!to->cell || !to->corner || !to->value) status = SHERF_NO_MEMORY;
-    }
-    return status ? status : b->image ? SHERF_OK : SHERF_NO_MEMORY;
+    float *image;
+    bool placed = place_map(c, a, memory, &n->map, scale, &b->map) &&
+                  place_floats(c, a, memory, n->image, 4 * (int64_t)n->image_width * n->image_height, &image);
+    for (int i = 0; i < 3 && placed; i++) placed = place_map(c, a, memory, &n->plane[i], scale, &b->plane[i]);
+    for (int l = 0; l < POINT_LEVELS && placed; l++)
+        placed = place_level(c, a, memory, &n->level[l], scale, &b->level[l]);
+    if (!placed) return SHERF_NO_MEMORY;
+    b->image = (const float4 *)image;
+    return SHERF_OK;
 }
 
-static bool place_matrix(context *c, arena *a, const tensor_memory *memory, const radiance_part_matrix *from,
-                         placed_matrix *to) {
+static bool place_matrix(context *c, arena *a, const tensor_memory *memory, const radiance_matrix *from,
+                         radiance_matrix *to) {
     *to = {from->rows, from->columns, nullptr, nullptr};
-    if (!from->w) return true;
-    to->w = (const float *)place_values(c, a, memory, from->w, (int64_t)from->rows * from->columns, 0);
-    to->b = (const float *)place_values(c, a, memory, from->b, from->rows, 0);
-    return to->w && to->b;
+    return !from->w || (place_floats(c, a, memory, from->w, (int64_t)from->rows * from->columns, &to->w) &&
+                        place_floats(c, a, memory, from->b, from->rows, &to->b));
 }
 
 static sherf_status place_layers(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                                  float_layers *l) {
-    const int D = p->s.token_width;
-#define PLACE(name)                                                                                          \
-    if (!place_matrix(c, a, memory, &p->name, &l->name)) return SHERF_NO_MEMORY;
-    RADIANCE_LAYERS(PLACE)
+    const radiance_field *n = p->n;
+    const int D = n->s.token_width;
+#define PLACE(to, name)                                                                                      \
+    if (!place_matrix(c, a, memory, &p->m.name, &to.name)) return SHERF_NO_MEMORY;
+    RADIANCE_LAYERS(PLACE, l->m)
 #undef PLACE
-    for (int i = 0; i < p->s.decoder_depth; i++)
-        if (!place_matrix(c, a, memory, &p->pts[i], &l->pts[i])) return SHERF_NO_MEMORY;
+    for (int i = 0; i < n->s.decoder_depth; i++)
+        if (!place_matrix(c, a, memory, &p->m.pts[i], &l->m.pts[i])) return SHERF_NO_MEMORY;
     const struct {
         const float *from, **to;
         int count;
-    } vectors[] = {{p->norm0_w, &l->norm0_w, D},
-                   {p->norm0_b, &l->norm0_b, D},
-                   {p->norm1_w, &l->norm1_w, D},
-                   {p->norm1_b, &l->norm1_b, D},
-                   {p->token_b, &l->token_b, p->fused}};
-    for (const auto &one : vectors)
-        if (!(*one.to = (const float *)place_values(c, a, memory, one.from, one.count, 0)))
-            return SHERF_NO_MEMORY;
+    } vectors[] = {{n->norm0_w, &l->norm0_w, D},
+                   {n->norm0_b, &l->norm0_b, D},
+                   {n->norm1_w, &l->norm1_w, D},
+                   {n->norm1_b, &l->norm1_b, D},
+                   {n->token_b, &l->token_b, n->fused}};
+    for (const auto &one : vectors) {
+        float *placed;
+        if (!place_floats(c, a, memory, one.from, one.count, &placed)) return SHERF_NO_MEMORY;
+        *one.to = placed;
+    }
     return SHERF_OK;
 }
 
-network_sizes network_sizes_of(const radiance_parts *p) {
-    const radiance_sizes *s = &p->s;
-    return {s->token_width,     p->fused,
+network_sizes network_sizes_of(const radiance_field *n) {
+    const radiance_sizes *s = &n->s;
+    return {s->token_width,     n->fused,
             s->heads,           s->head_width,
-            p->attention_width, p->color_width,
-            p->color_token,     s->color_frequencies,
-            p->position_width,  s->position_frequencies,
-            p->direction_width, s->direction_frequencies,
+            n->attention_width, n->color_width,
+            n->color_token,     s->color_frequencies,
+            n->position_width,  s->position_frequencies,
+            n->direction_width, s->direction_frequencies,
             s->decoder_width,   s->decoder_depth,
             s->decoder_skip,    s->view_width};
 }
@@ -135,7 +141,7 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
     *out = nullptr;
     placed_network *n = (placed_network *)mem_zero(c, 1, sizeof *n);
     if (!n) return SHERF_NO_MEMORY;
-    n->s = network_sizes_of(p);
+    n->s = network_sizes_of(p->n);
     n->bf16 = bf16 && bf16_fits(n->s);
     sherf_status status = place_bank(c, a, memory, p, n->bf16, &n->bank);
     if (!status && n->bf16) status = bf16_place(c, a, memory, p, n->s, &n->fragments);
@@ -162,12 +168,14 @@ template <typename V> struct channels;
 template <> struct channels<float> {
     enum { COUNT = 1 };
     float sum[1];
+    static __device__ const float *values(const float *whole, const uint16_t *) { return whole; }
     __device__ void add(const void *row, float weight) { sum[0] += *(const float *)row * weight; }
     __device__ void store(void *to) const { *(float *)to = sum[0]; }
 };
 template <> struct channels<uint16_t> {
     enum { COUNT = 8 };
     float sum[8];
+    static __device__ const uint16_t *values(const float *, const uint16_t *half) { return half; }
     __device__ void add(const void *row, float weight) {
         const uint4 v = *(const uint4 *)row;
         const uint32_t word[4] = {v.x, v.y, v.z, v.w};
@@ -208,7 +216,8 @@ template <typename F> static __device__ void bilinear(int width, int height, flo
 }
 
 template <typename V>
-static __device__ void sample_level(const placed_level &l, const float at[3], int channel, channels<V> &sum) {
+static __device__ void sample_level(const radiance_level &l, const float at[3], int channel,
+                                    channels<V> &sum) {
     float fx, fy, fz;
     const int x = low_corner(at[0] * l.voxels_per_m[0], l.size[2], &fx),
               y = low_corner(at[1] * l.voxels_per_m[1], l.size[1], &fy),
@@ -216,12 +225,12 @@ static __device__ void sample_level(const placed_level &l, const float at[3], in
     if (x < -1 || y < -1 || z < -1) return;
     const int32_t cell = l.cell[((int64_t)(z + 1) * (l.size[1] + 1) + (y + 1)) * (l.size[2] + 1) + (x + 1)];
     if (cell < 0) return;
-    const int32_t *corner = l.corner + 8 * (int64_t)cell;
+    const int32_t *corner = l.corner[cell];
     UNROLL
     for (int k = 0; k < 8; k++) {
         const int32_t row = corner[k];
         if (!row) continue;
-        sum.add((const V *)l.value + (int64_t)row * l.stride + channel,
+        sum.add(channels<V>::values(l.value, l.half) + (int64_t)row * l.stride + channel,
                 ((k & 1) ? fx : 1.0f - fx) * ((k & 2) ? fy : 1.0f - fy) * ((k & 4) ? fz : 1.0f - fz));
     }
 }
@@ -233,15 +242,16 @@ static __device__ channels<V> sample_channels(const placed_bank &b, const float 
     channels<V> sum = {};
     const int i = channel / b.width, within = channel - i * b.width;
     const int across = i == 2 ? 2 : 0, down = i == 1 ? 2 : 1; /* planes: (x, y), (x, z), (z, y) */
-    const placed_map &p = b.plane[i];
+    const radiance_map &p = b.plane[i];
     bilinear(p.width, p.height, (x[across] - b.plane_min[across]) * b.plane_scale[across] - 0.5f,
              (x[down] - b.plane_min[down]) * b.plane_scale[down] - 0.5f, [&](int64_t texel, float weight) {
-                 sum.add((const V *)p.texel + texel * p.stride + within, weight);
+                 sum.add(channels<V>::values(p.texel, p.half) + texel * p.stride + within, weight);
              });
     if (i < b.map_tokens)
         bilinear(b.map.width, b.map.height, uv[0] * b.map_scale[0], uv[1] * b.map_scale[1],
                  [&](int64_t texel, float weight) {
-                     sum.add((const V *)b.map.texel + texel * b.map.stride + channel, weight);
+                     sum.add(channels<V>::values(b.map.texel, b.map.half) + texel * b.map.stride + channel,
+                             weight);
                  });
     const float at[3] = {x[0] - b.volume_min[0], x[1] - b.volume_min[1], x[2] - b.volume_min[2]};
     for (int l = 0; l < POINT_LEVELS; l++) sample_level<V>(b.level[l], at, channel, sum);

@@ -33,41 +33,23 @@ struct network_scratch {
 sherf_status network_room(context *c, arena *a, const placed_network *n, int64_t max, network_scratch *out);
 void network_run(const placed_network *n, const network_points *points, const network_scratch *scratch);
 
-/* The bank's values are float32, or float16 times the bank's scale. */
-struct placed_map {
-    int width, height, stride;
-    const void *texel;
-};
-struct placed_level {
-    int size[3];
-    float voxels_per_m[3];
-    const int32_t *cell, *corner;
-    int stride;
-    const void *value;
-};
+/* All pointers are the device's. Maps and levels have float32 values, or float16 times the bank's scale. */
 struct placed_bank {
     int width, fused, map_tokens; /* of a token; of three; tokens with values of the map */
     float plane_min[3], plane_scale[3], map_scale[2], image_scale[2], volume_min[3];
-    placed_map plane[3], map;
+    radiance_map plane[3], map;
     int image_width, image_height;
     const float4 *image;
-    placed_level level[POINT_LEVELS];
+    radiance_level level[POINT_LEVELS];
     float scale;
 };
 
-struct placed_matrix {
-    int rows, columns;
-    const float *w, *b;
-};
 struct float_layers {
-#define MATRIX(name) placed_matrix name;
-    RADIANCE_LAYERS(MATRIX)
-#undef MATRIX
-    placed_matrix pts[POINT_DECODER_MAX];
+    radiance_matrices m;
     const float *norm0_w, *norm0_b, *norm1_w, *norm1_b, *token_b;
 };
 
-/* Sizes that kernels read, from radiance_parts. */
+/* Sizes that kernels read, from radiance_field. */
 struct network_sizes {
     int width, fused, heads, head_width, all, color_width, color_token, color_frequencies;
     int position_width, position_frequencies, direction_width, direction_frequencies;
@@ -100,7 +82,7 @@ int float_blocks();
 void float_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                const network_scratch *scratch);
 /* network_bf16.cu */
-network_sizes network_sizes_of(const radiance_parts *p);
+network_sizes network_sizes_of(const radiance_field *n);
 bool bf16_fits(const network_sizes &s);
 sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                         const network_sizes &s, bf16_layers *out);

@@ -57,31 +57,31 @@ static void pack_resident(uint32_t *fragments, int first, int k_tiles, int n_til
             pack_fragment(k, n, value, fragments + (first + k * n_tiles + n) * FRAGMENT, 2);
 }
 
-static float matrix_at(const radiance_part_matrix &m, int row, int column) {
+static float matrix_at(const radiance_matrix &m, int row, int column) {
     return row >= 0 && row < m.rows && column >= 0 && column < m.columns
                ? m.w[(size_t)row * m.columns + column]
                : 0;
 }
 
 static void pack_heads(const radiance_parts *p, const resident_places &at, uint32_t *fragments) {
-    const int all = p->attention_width, width = p->s.head_width;
+    const int all = p->n->attention_width, width = p->n->s.head_width;
     const float scale = 1.44269504f / sqrtf((float)width); /* attention's, and log2 e for exp2 */
-    for (int h = 0; h < p->s.heads; h++) {
+    for (int h = 0; h < p->n->s.heads; h++) {
         const int first = at.heads + h * HEAD_EACH;
         for (int part = 0; part < 3; part++) /* q, k, v */
             pack_resident(fragments, first + 4 * part, TOKEN_TILES, 2, [=](int output, int input) {
                 const float w =
-                    output < width ? matrix_at(p->qkv, part * all + h * width + output, input) : 0;
+                    output < width ? matrix_at(p->m.qkv, part * all + h * width + output, input) : 0;
                 return part == 0 ? w * scale : w;
             });
         pack_resident(fragments, first + HEAD_QKV, 1, TOKEN_N, [=](int output, int input) {
-            return input < width ? matrix_at(p->attention_out, output, h * width + input) : 0;
+            return input < width ? matrix_at(p->m.attention_out, output, h * width + input) : 0;
         });
     }
 }
 
 /* What bf16 keeps of a weight in the even columns, what it drops in the odd ones. */
-static float split(const radiance_part_matrix &m, int output, int input) {
+static float split(const radiance_matrix &m, int output, int input) {
     const float w = matrix_at(m, output / 2, input), high = host_rounded(w);
     return output % 2 ? w - high : high;
 }
@@ -91,20 +91,20 @@ static void pack_floats(const radiance_parts *p, const resident_places &at, int 
         int at;
         const float *from;
         int count;
-    } all[] = {{at.token_b, p->token_b, 3 * TOKEN},
-               {at.norm0_w, p->norm0_w, TOKEN},
-               {at.norm0_b, p->norm0_b, TOKEN},
-               {at.norm1_w, p->norm1_w, TOKEN},
-               {at.norm1_b, p->norm1_b, TOKEN},
-               {at.out_b, p->attention_out.b, TOKEN},
-               {at.mlp0_b, p->mlp0.b, TOKEN},
-               {at.mlp1_b, p->mlp1.b, TOKEN},
-               {at.views_b, p->views.b, p->views.rows},
-               {at.rgb_b, p->rgb.b, 3},
-               {at.rgb_b + 3, p->alpha.b, 1}};
+    } all[] = {{at.token_b, p->n->token_b, 3 * TOKEN},
+               {at.norm0_w, p->n->norm0_w, TOKEN},
+               {at.norm0_b, p->n->norm0_b, TOKEN},
+               {at.norm1_w, p->n->norm1_w, TOKEN},
+               {at.norm1_b, p->n->norm1_b, TOKEN},
+               {at.out_b, p->m.attention_out.b, TOKEN},
+               {at.mlp0_b, p->m.mlp0.b, TOKEN},
+               {at.mlp1_b, p->m.mlp1.b, TOKEN},
+               {at.views_b, p->m.views.b, p->m.views.rows},
+               {at.rgb_b, p->m.rgb.b, 3},
+               {at.rgb_b + 3, p->m.alpha.b, 1}};
     for (const auto &one : all) memcpy(to + one.at, one.from, (size_t)one.count * sizeof *to);
-    for (int i = 0; i < p->s.decoder_depth; i++)
-        memcpy(to + at.pts_b + 16 * h_tiles * i, p->pts[i].b, (size_t)p->pts[i].rows * sizeof *to);
+    for (int i = 0; i < p->n->s.decoder_depth; i++)
+        memcpy(to + at.pts_b + 16 * h_tiles * i, p->m.pts[i].b, (size_t)p->m.pts[i].rows * sizeof *to);
 }
 
 /* Stages follow each other at the same distance, that of the widest: 16 bytes a lane are two neighbouring
@@ -126,9 +126,9 @@ static uint32_t *pack_stages(uint32_t *to, int each_words, int k_tiles, int n_ti
 
 sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
                         const network_sizes &s, bf16_layers *out) {
-    const int h_tiles = h_tiles_of(p->s.decoder_width), each_words = stage_words(h_tiles);
-    const int views_tiles = h_tiles + DIRECTION_TILES + TOKEN_TILES, depth = p->s.decoder_depth;
-    const resident_places at = resident_layout(p->s.heads, h_tiles, depth);
+    const int h_tiles = h_tiles_of(p->n->s.decoder_width), each_words = stage_words(h_tiles);
+    const int views_tiles = h_tiles + DIRECTION_TILES + TOKEN_TILES, depth = p->n->s.decoder_depth;
+    const resident_places at = resident_layout(p->n->s.heads, h_tiles, depth);
     int stages = tiles_stages(views_tiles);
     for (int i = 0; i < depth; i++) stages += tiles_stages(layer_tiles(s, i, h_tiles));
     const size_t words = (size_t)stages * each_words, kept = (size_t)resident_words(at);
@@ -139,24 +139,25 @@ sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const
     sherf_status status = stream && resident && stream_there && resident_there ? SHERF_OK : SHERF_NO_MEMORY;
     if (!status) {
         pack_resident(resident, at.color, COLOR_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->color, output, input); });
+                      [=](int output, int input) { return matrix_at(p->m.color, output, input); });
         pack_heads(p, at, resident);
         pack_resident(resident, at.mlp0, TOKEN_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->mlp0, output, input); });
+                      [=](int output, int input) { return matrix_at(p->m.mlp0, output, input); });
         pack_resident(resident, at.mlp1, TOKEN_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->mlp1, output, input); });
+                      [=](int output, int input) { return matrix_at(p->m.mlp1, output, input); });
         pack_resident(resident, at.alpha, h_tiles, 1,
-                      [=](int output, int input) { return split(p->alpha, output, input); });
+                      [=](int output, int input) { return split(p->m.alpha, output, input); });
         pack_resident(resident, at.rgb, VIEW_TILES, 1,
-                      [=](int output, int input) { return split(p->rgb, output, input); });
+                      [=](int output, int input) { return split(p->m.rgb, output, input); });
         pack_floats(p, at, h_tiles, (float *)(resident + at.fragments * FRAGMENT));
         uint32_t *to = stream;
         for (int i = 0; i < depth; i++)
-            to = pack_stages(
-                to, each_words, layer_tiles(s, i, h_tiles), 2 * h_tiles,
-                [=](int output, int input) { return matrix_at(p->pts[i], output, pts_column(s, i, input)); });
+            to = pack_stages(to, each_words, layer_tiles(s, i, h_tiles), 2 * h_tiles,
+                             [=](int output, int input) {
+                                 return matrix_at(p->m.pts[i], output, pts_column(s, i, input));
+                             });
         pack_stages(to, each_words, views_tiles, VIEW_N, [=](int output, int input) {
-            return matrix_at(p->views, output, views_column(s, h_tiles, input));
+            return matrix_at(p->m.views, output, views_column(s, h_tiles, input));
         });
         status = memory->upload(c, stream_there, stream, words * sizeof *stream);
     }

@@ -43,7 +43,7 @@ struct float_tile {
     __device__ float &at(int row) const { return space[row * WARP + lane]; }
 
     /* y = m x, rows [from, m.rows): row `from` of m comes to row y. */
-    __device__ void product(const placed_matrix &m, int x, int y, bool relu, int from = 0) const {
+    __device__ void product(const radiance_matrix &m, int x, int y, bool relu, int from = 0) const {
         for (int r = from + ROWS * warp; r < m.rows; r += ROWS * WARPS) {
             const float *w[ROWS];
             float sum[ROWS];
@@ -111,26 +111,26 @@ struct float_tile {
         for (int i = warp; i < 3; i += WARPS)
             norm(p.token + i * s.width, s.width, l.norm0_w, l.norm0_b, p.normed + i * s.width);
         __syncthreads();
-        for (int i = 0; i < 3; i++) product(l.qkv, p.normed + i * s.width, p.qkv + 3 * i * s.all, false);
+        for (int i = 0; i < 3; i++) product(l.m.qkv, p.normed + i * s.width, p.qkv + 3 * i * s.all, false);
         __syncthreads();
         for (int head = warp; head < s.heads; head += WARPS) attend(s, p, head);
         __syncthreads();
         for (int i = 0; i < 2; i++)
-            product(l.attention_out, p.mixed + i * s.all, p.normed + i * s.width, false);
+            product(l.m.attention_out, p.mixed + i * s.all, p.normed + i * s.width, false);
         __syncthreads();
         for (int k = warp; k < 2 * s.width; k += WARPS) at(p.token + k) += at(p.normed + k);
         __syncthreads();
         for (int i = warp; i < 2; i += WARPS)
             norm(p.token + i * s.width, s.width, l.norm1_w, l.norm1_b, p.normed + i * s.width);
         __syncthreads();
-        for (int i = 0; i < 2; i++) product(l.mlp0, p.normed + i * s.width, p.hidden + i * s.width, false);
+        for (int i = 0; i < 2; i++) product(l.m.mlp0, p.normed + i * s.width, p.hidden + i * s.width, false);
         __syncthreads();
         for (int k = warp; k < 2 * s.width; k += WARPS) {
             const float x = at(p.hidden + k);
             at(p.hidden + k) = 0.5f * x * (1.0f + erff(x * 0.707106781f));
         }
         __syncthreads();
-        for (int i = 0; i < 2; i++) product(l.mlp1, p.hidden + i * s.width, p.normed + i * s.width, false);
+        for (int i = 0; i < 2; i++) product(l.m.mlp1, p.hidden + i * s.width, p.normed + i * s.width, false);
         __syncthreads();
         for (int k = warp; k < 2 * s.width; k += WARPS) at(p.token + k) += at(p.normed + k);
         __syncthreads();
@@ -142,14 +142,14 @@ struct float_tile {
         for (int i = 0; i < s.decoder_depth; i++) {
             const bool last = i == s.decoder_depth - 1, skip = i == s.decoder_skip && !last;
             const int out = last ? p.v : skip ? p.x + s.position_width + s.width : in == p.a ? p.b : p.a;
-            product(l.pts[i], in, out, true);
+            product(l.m.pts[i], in, out, true);
             in = skip ? p.x : out;
             __syncthreads();
         }
-        product(l.views, p.v, p.a, true);
-        product(l.alpha, p.v, p.b + 3, false);
+        product(l.m.views, p.v, p.a, true);
+        product(l.m.alpha, p.v, p.b + 3, false);
         __syncthreads();
-        product(l.rgb, p.a, p.b, false);
+        product(l.m.rgb, p.a, p.b, false);
         __syncthreads();
     }
 };
@@ -177,9 +177,9 @@ __global__ static void __launch_bounds__(BLOCK)
         t.encode(d, s.direction_frequencies, s.direction_width, p.v + s.decoder_width);
         __syncthreads();
         if (s.color_width) {
-            t.product(l.color, p.color, p.normed, false);
+            t.product(l.m.color, p.color, p.normed, false);
             __syncthreads();
-            for (int k = t.warp; k < l.color.rows; k += WARPS)
+            for (int k = t.warp; k < l.m.color.rows; k += WARPS)
                 t.at(p.token + s.color_token * s.width + k) += t.at(p.normed + k);
             __syncthreads();
         }

@@ -56,8 +56,7 @@ struct matrix_sums {
     int64_t w, b;
 };
 struct all_sums {
-    matrix_sums pts[POINT_DECODER_MAX], views /* h, direction, token 1 */, alpha, rgb;
-    matrix_sums color, qkv, attention_out, mlp0, mlp1;
+    RADIANCE_MEMBERS(matrix_sums) /* views: h, direction, token 1 */
     int64_t floats;
 };
 /* A warp's share of one: up to 2 x 4 tiles. */

@@ -206,8 +206,9 @@ void tiles_free(tiles *l) {
 
 void radiance_amx_free(radiance_amx *a) {
     if (!a) return;
-    tiles *all[] = {&a->color, &a->qkv, &a->attention_out, &a->mlp0, &a->mlp1, &a->views, &a->alpha, &a->rgb};
-    for (size_t i = 0; i < COUNT_OF(all); i++) tiles_free(all[i]);
+#define FREE(of, name) tiles_free(&of->name);
+    RADIANCE_LAYERS(FREE, a)
+#undef FREE
     for (int i = 0; i < POINT_DECODER_MAX; i++) tiles_free(&a->pts[i]);
     mem_free(a->mlp1_b);
     mem_free(a);

@@ -19,7 +19,7 @@ typedef struct {
 } tiles;
 
 struct radiance_amx {
-    tiles color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views, alpha, rgb;
+    RADIANCE_MEMBERS(tiles)
     int x_blocks, h_blocks,
         v_blocks;     /* of 32 channels: [PE(position), token 0], h, [PE(direction), token 1] */
     int mixed_blocks; /* attention's result and two ones for the bias */

@@ -6,12 +6,12 @@
 #include "model/sherf/fused/radiance_field.h"
 #include "sampling/tiles.h"
 
+#ifdef __cplusplus /* CUDA's sources */
+extern "C" {
+#endif
+
 /* Rows of the bank are padded with zeros to a multiple of this. */
 enum { POINT_PAD = 32 };
-/* Rows of a product that the float32 kernels keep in registers. */
-#define POINT_ROWS_PLAIN 4
-#define POINT_ROWS_AVX2 6
-#define POINT_ROWS_AVX512 4
 
 /* A map after the linear layer: height x width texels of `stride` values (padded with zeros). */
 typedef struct {
@@ -27,7 +27,7 @@ typedef struct {
     float voxels_per_m[3]; /* along x y z */
     int32_t *cell;         /* [z + 1][y + 1][x + 1]: index of corner, or -1: nothing there */
     int32_t (*corner)[8];  /* rows of value, x fastest; 0: the row of zeros */
-    int64_t rows;
+    int64_t corners, rows;
     int stride; /* values a row */
     float *value;
     uint16_t *half;
@@ -40,7 +40,7 @@ typedef struct {
     float *w, *b;
 } radiance_layer;
 
-/* Row-major matrix, before packing. */
+/* Row-major matrix, before packing; y = w x + b. */
 typedef struct {
     int rows, columns;
     float *w, *b; /* b may be NULL */
@@ -49,12 +49,9 @@ typedef struct {
 /* The network after algebra that does not depend on the points (all exact in real arithmetic):
  * token = bank + color_w PE(color) + token_b; the feature layer is multiplied into the view layer. */
 typedef struct {
-#define MATRIX(name) radiance_matrix name;
     /* color: rows are tokens color_token.. of D each; columns: color_width; b: all 3 D biases.
      * views: columns are h, PE(direction), token 1 */
-    RADIANCE_LAYERS(MATRIX)
-#undef MATRIX
-    radiance_matrix pts[POINT_DECODER_MAX];
+    RADIANCE_MEMBERS(radiance_matrix)
 } radiance_matrices;
 
 typedef struct radiance_amx radiance_amx; /* packed for AMX (tile_amx.c) */
@@ -85,10 +82,7 @@ struct radiance_field {
     /* the layers */
     float *norm0_w, *norm0_b, *norm1_w, *norm1_b;
     float *token_b;
-#define LAYER(name) radiance_layer name;
-    RADIANCE_LAYERS(LAYER)
-#undef LAYER
-    radiance_layer pts[POINT_DECODER_MAX];
+    RADIANCE_MEMBERS(radiance_layer)
     radiance_amx *amx;
     /* runs one tile; scratch has scratch_bytes, 64-byte aligned, one a thread */
     void (*tile)(const radiance_field *n, point_tile *t, void *scratch);
@@ -101,6 +95,11 @@ struct radiance_field {
 sherf_status radiance_field_start(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
                                   const radiance_bank *bank, bool bf16, radiance_matrices *m,
                                   radiance_field **out);
+/* y = W x + b, W(row, column) = w[row * row_step + column * column_step]; b may be NULL. padded: see
+ * radiance_layer. */
+sherf_status radiance_layer_pack(context *c, int block, bool padded, int rows, int columns, const float *w,
+                                 int row_step, int column_step, const float *b, radiance_layer *out);
+void radiance_layer_free(radiance_layer *l);
 
 /* prepare.c */
 /* The largest magnitude of x, or so_far where that is more, as the bits of a float; NaN is above all. */
@@ -111,14 +110,16 @@ sherf_status radiance_matrices_make(context *c, const radiance_field *n, const r
                                     radiance_matrices *out);
 void radiance_matrices_free(radiance_matrices *m);
 
-/* One float32 file per instruction set, all from tile_float.h. */
-void radiance_tile_plain(const radiance_field *n, point_tile *t, void *scratch);
-void radiance_tile_avx2(const radiance_field *n, point_tile *t, void *scratch);
-void radiance_tile_avx512(const radiance_field *n, point_tile *t, void *scratch);
 /* to [rows][stride] = from [rows][columns] times m, [block of POINT_PAD outputs][column][POINT_PAD]. */
 typedef void radiance_project(const float *from, int64_t rows, int columns, const float *m, int stride,
                               float *to);
-radiance_project radiance_project_plain, radiance_project_avx2, radiance_project_avx512;
+/* float32: one file per instruction set, all from tile_float.h. */
+typedef struct {
+    int rows; /* of a product that are kept in registers */
+    void (*tile)(const radiance_field *n, point_tile *t, void *scratch);
+    radiance_project *project;
+} radiance_kernels;
+extern const radiance_kernels radiance_plain, radiance_avx2, radiance_avx512;
 size_t radiance_tile_float_bytes(const radiance_field *n);
 
 /* amx_pack.c: bf16. m is used up. */
@@ -131,5 +132,9 @@ void radiance_halve_amx(const float *from, float scale, uint16_t *to, int64_t co
 static inline int round_up(int n, int to) {
     return (n + to - 1) / to * to;
 }
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -20,15 +20,6 @@ static void project_rows(void *arg, int64_t begin, int64_t end, int thread) {
     j->kernel(j->x + begin * j->columns, end - begin, j->columns, j->m, j->stride, j->y + begin * j->stride);
 }
 
-static radiance_project *best_project(void) {
-#if defined(__x86_64__)
-    const isa_level level = isa_best();
-    if (level >= ISA_AVX512) return radiance_project_avx512;
-    if (level >= ISA_AVX2) return radiance_project_avx2;
-#endif
-    return radiance_project_plain;
-}
-
 typedef struct {
     const float *from;
     uint16_t *to;
@@ -52,7 +43,7 @@ static sherf_status project(context *c, const float *x, int64_t rows, int column
             for (int k = 0; k < columns; k++)
                 blocks[((size_t)(o / POINT_PAD) * (size_t)columns + (size_t)k) * POINT_PAD +
                        (size_t)(o % POINT_PAD)] = (float)m[(size_t)o * columns + k];
-        row_job j = {best_project(), x, blocks, *y, columns, stride};
+        row_job j = {(ISA_CHOICE(isa_best(), &radiance))->project, x, blocks, *y, columns, stride};
         parallel_for(c, rows, 256, project_rows, &j);
     }
     mem_free(blocks);
@@ -139,7 +130,7 @@ static sherf_status make_cells(context *c, radiance_level *l, const int32_t *gri
                             *cell = (int32_t)count++;
                     }
                 }
-        if (!pass) l->corner = mem_zero(c, (size_t)count + 1, sizeof *l->corner);
+        if (!pass) l->corner = mem_zero(c, (size_t)(l->corners = count) + 1, sizeof *l->corner);
         if (!l->corner) return SHERF_NO_MEMORY;
     }
     return SHERF_OK;
@@ -436,8 +427,8 @@ static void matrix_free(radiance_matrix *m) {
 }
 
 void radiance_matrices_free(radiance_matrices *m) {
-#define FREE(name) matrix_free(&m->name);
-    RADIANCE_LAYERS(FREE)
+#define FREE(of, name) matrix_free(&of->name);
+    RADIANCE_LAYERS(FREE, m)
 #undef FREE
     for (int i = 0; i < POINT_DECODER_MAX; i++) matrix_free(&m->pts[i]);
 }

@@ -25,39 +25,38 @@ static sherf_status check_sizes(context *c, const radiance_sizes *s) {
     return SHERF_OK;
 }
 
-static sherf_status pack(context *c, const radiance_matrix *m, int block, radiance_layer *out) {
-    *out = (radiance_layer){.rows = m->rows, .columns = m->columns, .block = block};
-    out->w = mem_alloc(c, (size_t)m->rows * (size_t)m->columns, sizeof(float));
-    out->b = mem_alloc(c, (size_t)m->rows, sizeof(float));
+sherf_status radiance_layer_pack(context *c, int block, bool padded, int rows, int columns, const float *w,
+                                 int row_step, int column_step, const float *b, radiance_layer *out) {
+    const int room = padded ? round_up(rows, block) : rows;
+    *out = (radiance_layer){.rows = rows, .columns = columns, .block = block};
+    out->w = mem_zero(c, (size_t)room * (size_t)columns, sizeof(float));
+    out->b = mem_zero(c, (size_t)room, sizeof(float));
     if (!out->w || !out->b) return SHERF_NO_MEMORY;
-    memcpy(out->b, m->b, (size_t)m->rows * sizeof(float));
-    for (int r = 0; r < m->rows; r++) {
-        const int first = r / block * block, left = m->rows - first, height = left < block ? left : block;
-        for (int k = 0; k < m->columns; k++)
-            out->w[(size_t)first * (size_t)m->columns + (size_t)(k * height + r - first)] =
-                m->w[(size_t)r * (size_t)m->columns + (size_t)k];
+    if (b) memcpy(out->b, b, (size_t)rows * sizeof(float));
+    for (int r = 0; r < rows; r++) {
+        const int first = r / block * block, left = room - first, height = left < block ? left : block;
+        for (int k = 0; k < columns; k++)
+            out->w[(size_t)first * (size_t)columns + (size_t)(k * height + r - first)] =
+                w[(size_t)r * (size_t)row_step + (size_t)k * (size_t)column_step];
     }
     return SHERF_OK;
 }
 
+static sherf_status pack(context *c, int block, const radiance_matrix *m, radiance_layer *out) {
+    return radiance_layer_pack(c, block, false, m->rows, m->columns, m->w, m->columns, 1, m->b, out);
+}
+
 static sherf_status pack_float(context *c, radiance_field *n, const radiance_matrices *m) {
-    int block = n->isa >= ISA_AVX512 ? POINT_ROWS_AVX512
-                : n->isa == ISA_AVX2 ? POINT_ROWS_AVX2
-                                     : POINT_ROWS_PLAIN;
+    const radiance_kernels *k = ISA_CHOICE(n->isa, &radiance);
     sherf_status status = SHERF_OK;
-#define PACK(name)                                                                                           \
-    if (!status && m->name.w) status = pack(c, &m->name, block, &n->name);
-    RADIANCE_LAYERS(PACK) /* there is no `color` where its width is 0 */
+#define PACK(to, name)                                                                                       \
+    if (!status && m->name.w) status = pack(c, k->rows, &m->name, &to->name);
+    RADIANCE_LAYERS(PACK, n) /* there is no `color` where its width is 0 */
 #undef PACK
-    for (int i = 0; i < n->s.decoder_depth && !status; i++) status = pack(c, &m->pts[i], block, &n->pts[i]);
-    if (status) return status;
-    n->tile = radiance_tile_plain;
-#if defined(__x86_64__)
-    if (n->isa == ISA_AVX2) n->tile = radiance_tile_avx2;
-    if (n->isa >= ISA_AVX512) n->tile = radiance_tile_avx512;
-#endif
+    for (int i = 0; i < n->s.decoder_depth && !status; i++) status = pack(c, k->rows, &m->pts[i], &n->pts[i]);
+    n->tile = k->tile;
     n->scratch_bytes = radiance_tile_float_bytes(n);
-    return SHERF_OK;
+    return status;
 }
 
 static float *copy(context *c, const float *from, int count) {
@@ -142,17 +141,17 @@ sherf_status radiance_field_create(context *c, const radiance_sizes *sizes, cons
     return status;
 }
 
-static void layer_free(radiance_layer *l) {
+void radiance_layer_free(radiance_layer *l) {
     mem_free(l->w);
     mem_free(l->b);
 }
 
 void radiance_field_free(radiance_field *n) {
     if (!n) return;
-#define FREE(name) layer_free(&n->name);
-    RADIANCE_LAYERS(FREE)
+#define FREE(of, name) radiance_layer_free(&of->name);
+    RADIANCE_LAYERS(FREE, n)
 #undef FREE
-    for (int i = 0; i < POINT_DECODER_MAX; i++) layer_free(&n->pts[i]);
+    for (int i = 0; i < POINT_DECODER_MAX; i++) radiance_layer_free(&n->pts[i]);
     for (int i = 0; i < 3; i++) {
         mem_free(n->plane[i].texel);
         mem_free(n->plane[i].half);

@@ -14,10 +14,16 @@ extern "C" {
 
 enum { POINT_LEVELS = 3, POINT_TOKENS = 3, POINT_DECODER_MAX = 16 };
 
-/* The layers behind sampling, but for the decoder's first ones, which are an array `pts`: LAYER(name). color:
- * the token projection of encoded colours; views: with the feature layer in it. */
-#define RADIANCE_LAYERS(LAYER)                                                                               \
-    LAYER(color) LAYER(qkv) LAYER(attention_out) LAYER(mlp0) LAYER(mlp1) LAYER(alpha) LAYER(views) LAYER(rgb)
+/* The layers behind sampling, but for the decoder's first ones, which are an array `pts`: LAYER(with, name).
+ * color: the token projection of encoded colours; views: with the feature layer in it. */
+#define RADIANCE_LAYERS(LAYER, with)                                                                         \
+    LAYER(with, color)                                                                                       \
+    LAYER(with, qkv)                                                                                         \
+    LAYER(with, attention_out) LAYER(with, mlp0) LAYER(with, mlp1) LAYER(with, alpha) LAYER(with, views)     \
+        LAYER(with, rgb)
+#define RADIANCE_MEMBER(type, name) type name;
+/* Members of a struct: one of `type` for each layer. */
+#define RADIANCE_MEMBERS(type) RADIANCE_LAYERS(RADIANCE_MEMBER, type) type pts[POINT_DECODER_MAX];
 
 /* Sizes; the paper's in brackets. All but the token width may differ in other presets. */
 typedef struct {

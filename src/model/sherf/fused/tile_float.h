@@ -1,5 +1,5 @@
 /* The float32 tile: included by one file per instruction set, which defines LANES (floats a vector), ROWS x
- * VECTORS (the block of outputs that a product keeps in registers), TILE_FUNCTION and PROJECT_FUNCTION.
+ * VECTORS (the block of outputs that a product keeps in registers) and KERNELS, the name of what it gives.
  * Activations are [channel][POINT_TILE]: all arithmetic runs across points. */
 #include <math.h>
 #include <string.h>
@@ -175,8 +175,8 @@ static inline int more(int a, int b) {
     return a > b ? a : b;
 }
 
-#ifdef TILE_BYTES_FUNCTION
-size_t TILE_BYTES_FUNCTION(const radiance_field *n) {
+#if LANES == 4 /* the same for all */
+size_t radiance_tile_float_bytes(const radiance_field *n) {
     const radiance_sizes *s = &n->s;
     int a = more(9 * n->attention_width, more(s->view_width, s->decoder_width));
     a = more(a, more(n->fused, 8)); /* four points' tokens with a margin each */
@@ -188,7 +188,7 @@ size_t TILE_BYTES_FUNCTION(const radiance_field *n) {
 }
 #endif
 
-void TILE_FUNCTION(const radiance_field *n, point_tile *t, void *scratch) {
+static void tile(const radiance_field *n, point_tile *t, void *scratch) {
     const radiance_sizes *s = &n->s;
     int width = s->token_width;
     float *token = scratch;
@@ -240,7 +240,7 @@ void TILE_FUNCTION(const radiance_field *n, point_tile *t, void *scratch) {
                 *(vf_any *)(y + (int64_t)i * stride + v * LANES) = sum[i][v];                                \
     } while (0)
 
-void PROJECT_FUNCTION(const float *from, int64_t rows, int columns, const float *m, int stride, float *to) {
+static void project(const float *from, int64_t rows, int columns, const float *m, int stride, float *to) {
     for (int block = 0; block < stride; block += POINT_PAD, m += (size_t)columns * POINT_PAD) {
         const float *x = from;
         float *y = to + block;
@@ -249,3 +249,5 @@ void PROJECT_FUNCTION(const float *from, int64_t rows, int columns, const float 
         for (; r < rows; r++, x += columns, y += stride) PROJECT_ROWS(1);
     }
 }
+
+const radiance_kernels KERNELS = {ROWS, tile, project};

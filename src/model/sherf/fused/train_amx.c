@@ -55,19 +55,19 @@ static sherf_status pack_all_back(context *c, radiance_matrices *m, amx_trainer 
     const radiance_amx *a = n->amx;
     const int h = n->s.decoder_width, x = n->position_width, skip = n->s.decoder_skip,
               h_tiles = 2 * a->h_blocks, all = n->attention_width;
-    sherf_status s = pack_back(c, &m->rgb, 0, n->s.view_width, 2 * t->view_blocks, 1, &t->back_rgb);
-    if (!s) s = pack_back_views(c, m, h, t->view_blocks, h_tiles, &t->back_views);
-    if (!s) s = pack_back(c, &m->views, h + n->direction_width, WIDTH, 2, t->view_blocks, &t->back_token1);
+    sherf_status s = pack_back(c, &m->rgb, 0, n->s.view_width, 2 * t->view_blocks, 1, &t->back.rgb);
+    if (!s) s = pack_back_views(c, m, h, t->view_blocks, h_tiles, &t->back.views);
+    if (!s) s = pack_back(c, &m->views, h + n->direction_width, WIDTH, 2, t->view_blocks, &t->back.token1);
     for (int i = 1; i < n->s.decoder_depth && !s; i++)
-        s = pack_back(c, &m->pts[i], i == skip + 1 ? x + WIDTH : 0, h, h_tiles, a->h_blocks, &t->back_pts[i]);
-    if (!s && skip >= 0) s = pack_back(c, &m->pts[skip + 1], x, WIDTH, 2, a->h_blocks, &t->back_skip_token0);
-    if (!s) s = pack_back(c, &m->pts[0], x, WIDTH, 2, a->h_blocks, &t->back_token0);
-    if (!s) s = pack_back(c, &m->mlp1, 0, WIDTH, 2, 1, &t->back_mlp1);
-    if (!s) s = pack_back(c, &m->mlp0, 0, WIDTH, 2, 1, &t->back_mlp0);
-    if (!s) s = pack_back(c, &m->attention_out, 0, all, all / 16, 1, &t->back_out);
+        s = pack_back(c, &m->pts[i], i == skip + 1 ? x + WIDTH : 0, h, h_tiles, a->h_blocks, &t->back.pts[i]);
+    if (!s && skip >= 0) s = pack_back(c, &m->pts[skip + 1], x, WIDTH, 2, a->h_blocks, &t->back.skip_token0);
+    if (!s) s = pack_back(c, &m->pts[0], x, WIDTH, 2, a->h_blocks, &t->back.token0);
+    if (!s) s = pack_back(c, &m->mlp1, 0, WIDTH, 2, 1, &t->back.mlp1);
+    if (!s) s = pack_back(c, &m->mlp0, 0, WIDTH, 2, 1, &t->back.mlp0);
+    if (!s) s = pack_back(c, &m->attention_out, 0, all, all / 16, 1, &t->back.attention_out);
     for (int i = 0; i < all * WIDTH; i++)
         m->qkv.w[i] *= radiance_q_scale(n); /* as the forward pass has them */
-    if (!s) s = pack_back(c, &m->qkv, 0, WIDTH, 2, t->qkv_blocks, &t->back_qkv);
+    if (!s) s = pack_back(c, &m->qkv, 0, WIDTH, 2, t->qkv_blocks, &t->back.qkv);
     return s;
 }
 
@@ -224,10 +224,10 @@ static sherf_status give_all(context *c, const radiance_trainer *r, const float 
 /* ---- making ---- */
 static void release(radiance_trainer *r) {
     amx_trainer *t = (amx_trainer *)r;
-    tiles *all[] = {&t->back_rgb,  &t->back_views, &t->back_token1, &t->back_skip_token0, &t->back_token0,
-                    &t->back_mlp1, &t->back_mlp0,  &t->back_out,    &t->back_qkv};
-    for (size_t i = 0; i < COUNT_OF(all); i++) tiles_free(all[i]);
-    for (int i = 0; i < POINT_DECODER_MAX; i++) tiles_free(&t->back_pts[i]);
+#define FREE(of, name) tiles_free(&of.name);
+    RADIANCE_BACK_LAYERS(FREE, t->back)
+#undef FREE
+    for (int i = 0; i < POINT_DECODER_MAX; i++) tiles_free(&t->back.pts[i]);
     mem_free(t);
 }
 

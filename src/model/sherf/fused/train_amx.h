@@ -18,10 +18,11 @@ typedef struct {
 typedef struct {
     radiance_trainer base; /* first: what others know it as */
     const radiance_field *n;
-    tiles back_rgb, back_views, back_token1, back_pts[POINT_DECODER_MAX], back_skip_token0, back_token0,
-        back_mlp1, back_mlp0, back_out, back_qkv;
+    struct {
+        RADIANCE_BACK_MEMBERS(tiles)
+    } back;
     int view_blocks, qkv_blocks, color_tokens;
-    matrix_place color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views /* and alpha */, rgb;
+    RADIANCE_MEMBERS(matrix_place)                      /* views: and alpha, which has none of its own */
     size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
     size_t lane_floats;
 } amx_trainer;

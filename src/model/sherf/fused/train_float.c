@@ -10,30 +10,14 @@ bool radiance_training_float_fits(const radiance_sizes *s) {
 }
 
 /* ---- the layers ---- */
-/* y = W x + b, W(row, column) = w[row * row_step + column * column_step]; b may be NULL. */
-static sherf_status pack(context *c, int block, int rows, int columns, const float *w, int row_step,
-                         int column_step, const float *b, radiance_layer *out) {
-    const int padded = round_up(rows, block);
-    *out = (radiance_layer){.rows = rows, .columns = columns, .block = block};
-    out->w = mem_zero(c, (size_t)padded * (size_t)columns, sizeof(float));
-    out->b = mem_zero(c, (size_t)padded, sizeof(float));
-    if (!out->w || !out->b) return SHERF_NO_MEMORY;
-    if (b) memcpy(out->b, b, (size_t)rows * sizeof(float));
-    for (int r = 0; r < rows; r++)
-        for (int k = 0; k < columns; k++)
-            out->w[(size_t)(r / block * block) * (size_t)columns + (size_t)(k * block + r % block)] =
-                w[(size_t)r * (size_t)row_step + (size_t)k * (size_t)column_step];
-    return SHERF_OK;
-}
-
 static sherf_status forwards(context *c, int block, const radiance_matrix *m, radiance_layer *out) {
-    return pack(c, block, m->rows, m->columns, m->w, m->columns, 1, m->b, out);
+    return radiance_layer_pack(c, block, true, m->rows, m->columns, m->w, m->columns, 1, m->b, out);
 }
 
 /* From the gradient of m's result to that of its inputs [first, first + count). */
 static sherf_status backwards(context *c, int block, const radiance_matrix *m, int first, int count,
                               radiance_layer *out) {
-    return pack(c, block, count, m->rows, m->w + first, 1, m->columns, NULL, out);
+    return radiance_layer_pack(c, block, true, count, m->rows, m->w + first, 1, m->columns, NULL, out);
 }
 
 /* views' first h columns and, as one output more, alpha's. */
@@ -55,24 +39,23 @@ static sherf_status pack_all(context *c, const radiance_matrices *m, float_train
     const radiance_field *n = t->n;
     const int rows = t->kernels->rows, width = n->s.token_width, h = n->s.decoder_width,
               x = n->position_width, skip = n->s.decoder_skip;
-    sherf_status s = n->color_width ? forwards(c, rows, &m->color, &t->color) : SHERF_OK;
-    if (!s) s = forwards(c, rows, &m->qkv, &t->qkv);
-    if (!s) s = forwards(c, rows, &m->attention_out, &t->attention_out);
-    if (!s) s = forwards(c, rows, &m->mlp0, &t->mlp0);
-    if (!s) s = forwards(c, rows, &m->mlp1, &t->mlp1);
+    sherf_status s = SHERF_OK;
+#define FORWARDS(to, name)                                                                                   \
+    if (!s && m->name.w) s = forwards(c, rows, &m->name, &to->name);
+    RADIANCE_LAYERS(FORWARDS, t)
+#undef FORWARDS
     for (int i = 0; i < n->s.decoder_depth && !s; i++) s = forwards(c, rows, &m->pts[i], &t->pts[i]);
-    if (!s) s = forwards(c, rows, &m->views, &t->views);
-    if (!s) s = backwards(c, rows, &m->rgb, 0, n->s.view_width, &t->back_rgb);
-    if (!s) s = backwards_views(c, rows, m, h, &t->back_views);
-    if (!s) s = backwards(c, rows, &m->views, h + n->direction_width, width, &t->back_token1);
+    if (!s) s = backwards(c, rows, &m->rgb, 0, n->s.view_width, &t->back.rgb);
+    if (!s) s = backwards_views(c, rows, m, h, &t->back.views);
+    if (!s) s = backwards(c, rows, &m->views, h + n->direction_width, width, &t->back.token1);
     for (int i = 1; i < n->s.decoder_depth && !s; i++)
-        s = backwards(c, rows, &m->pts[i], i == skip + 1 ? x + width : 0, h, &t->back_pts[i]);
-    if (!s && skip >= 0) s = backwards(c, rows, &m->pts[skip + 1], x, width, &t->back_skip_token0);
-    if (!s) s = backwards(c, rows, &m->pts[0], x, width, &t->back_token0);
-    if (!s) s = backwards(c, rows, &m->mlp1, 0, width, &t->back_mlp1);
-    if (!s) s = backwards(c, rows, &m->mlp0, 0, width, &t->back_mlp0);
-    if (!s) s = backwards(c, rows, &m->attention_out, 0, n->attention_width, &t->back_out);
-    if (!s) s = backwards(c, rows, &m->qkv, 0, width, &t->back_qkv);
+        s = backwards(c, rows, &m->pts[i], i == skip + 1 ? x + width : 0, h, &t->back.pts[i]);
+    if (!s && skip >= 0) s = backwards(c, rows, &m->pts[skip + 1], x, width, &t->back.skip_token0);
+    if (!s) s = backwards(c, rows, &m->pts[0], x, width, &t->back.token0);
+    if (!s) s = backwards(c, rows, &m->mlp1, 0, width, &t->back.mlp1);
+    if (!s) s = backwards(c, rows, &m->mlp0, 0, width, &t->back.mlp0);
+    if (!s) s = backwards(c, rows, &m->attention_out, 0, n->attention_width, &t->back.attention_out);
+    if (!s) s = backwards(c, rows, &m->qkv, 0, width, &t->back.qkv);
     return s;
 }
 
@@ -94,15 +77,15 @@ static float_place place(float_trainer *t, int rows, int columns) {
 static void place_all(float_trainer *t) {
     const radiance_field *n = t->n;
     const int width = n->s.token_width;
-    if (n->color_width) t->sum_color = place(t, t->color.rows, n->color_width);
-    t->sum_qkv = place(t, 3 * n->attention_width, width);
-    t->sum_attention_out = place(t, width, n->attention_width);
-    t->sum_mlp0 = place(t, width, width);
-    t->sum_mlp1 = place(t, width, width);
+    if (n->color_width) t->sum.color = place(t, t->color.rows, n->color_width);
+    t->sum.qkv = place(t, 3 * n->attention_width, width);
+    t->sum.attention_out = place(t, width, n->attention_width);
+    t->sum.mlp0 = place(t, width, width);
+    t->sum.mlp1 = place(t, width, width);
     for (int i = 0; i < n->s.decoder_depth; i++)
-        t->sum_pts[i] = place(t, n->s.decoder_width, t->pts[i].columns);
-    t->sum_views = place(t, n->s.view_width + 1, t->views.columns);
-    t->sum_rgb = place(t, 3, n->s.view_width);
+        t->sum.pts[i] = place(t, n->s.decoder_width, t->pts[i].columns);
+    t->sum.views = place(t, n->s.view_width + 1, t->views.columns);
+    t->sum.rgb = place(t, 3, n->s.view_width);
     t->norm0_w = place_rows(t, width);
     t->norm0_b = place_rows(t, width);
     t->norm1_w = place_rows(t, width);
@@ -143,11 +126,11 @@ static void add_layer(const float_trainer *t, const float *lane, const float_pla
 static void give_fusion(const float_trainer *t, const float *lane, const radiance_weights *w,
                         const radiance_gradients *g) {
     const int width = t->n->s.token_width;
-    add_layer(t, lane, &t->sum_qkv, radiance_gradient(g, w->qkv_w), NULL);
-    add_layer(t, lane, &t->sum_attention_out, radiance_gradient(g, w->attention_out_w),
+    add_layer(t, lane, &t->sum.qkv, radiance_gradient(g, w->qkv_w), NULL);
+    add_layer(t, lane, &t->sum.attention_out, radiance_gradient(g, w->attention_out_w),
               radiance_gradient(g, w->attention_out_b));
-    add_layer(t, lane, &t->sum_mlp0, radiance_gradient(g, w->mlp0_w), radiance_gradient(g, w->mlp0_b));
-    add_layer(t, lane, &t->sum_mlp1, radiance_gradient(g, w->mlp1_w), radiance_gradient(g, w->mlp1_b));
+    add_layer(t, lane, &t->sum.mlp0, radiance_gradient(g, w->mlp0_w), radiance_gradient(g, w->mlp0_b));
+    add_layer(t, lane, &t->sum.mlp1, radiance_gradient(g, w->mlp1_w), radiance_gradient(g, w->mlp1_b));
     add_rows(t, lane, t->norm0_w, width, radiance_gradient(g, w->norm0_w));
     add_rows(t, lane, t->norm0_b, width, radiance_gradient(g, w->norm0_b));
     add_rows(t, lane, t->norm1_w, width, radiance_gradient(g, w->norm1_w));
@@ -164,7 +147,7 @@ static sherf_status give_tokens(context *c, const float_trainer *t, const float 
         const int at = n->s.feature_channels + q, first = (at / width - n->color_token) * width;
         for (int r = 0; r < width; r++)
             dw[(size_t)r * (size_t)n->fused + (size_t)(width + at % width)] +=
-                sum_at(t, lane, &t->sum_color, first + r, q);
+                sum_at(t, lane, &t->sum.color, first + r, q);
     }
     float *d = mem_zero(c, (size_t)n->fused, sizeof *d);
     if (!d) return SHERF_NO_MEMORY;
@@ -178,9 +161,9 @@ static sherf_status give_decoder(context *c, const float_trainer *t, const float
                                  const radiance_weights *w, const radiance_gradients *g) {
     const radiance_field *n = t->n;
     const int h = n->s.decoder_width, view = n->s.view_width, rest = n->direction_width + n->s.token_width;
-    const float_place *p = &t->sum_views;
+    const float_place *p = &t->sum.views;
     for (int i = 0; i < n->s.decoder_depth; i++)
-        add_layer(t, lane, &t->sum_pts[i], radiance_gradient(g, w->pts_w[i]),
+        add_layer(t, lane, &t->sum.pts[i], radiance_gradient(g, w->pts_w[i]),
                   radiance_gradient(g, w->pts_b[i]));
     add_matrix(t, lane, p, view, 1, 0, h, h, radiance_gradient(g, w->alpha_w));
     add_rows(t, lane, p->b + (size_t)(view * t->kernels->lanes), 1, radiance_gradient(g, w->alpha_b));
@@ -193,7 +176,7 @@ static sherf_status give_decoder(context *c, const float_trainer *t, const float
     mem_free(dm);
     add_rows(t, lane, p->b, view, radiance_gradient(g, w->views_b));
     add_matrix(t, lane, p, 0, view, h, rest, h + rest, radiance_gradient(g, w->views_w) + h);
-    add_layer(t, lane, &t->sum_rgb, radiance_gradient(g, w->rgb_w), radiance_gradient(g, w->rgb_b));
+    add_layer(t, lane, &t->sum.rgb, radiance_gradient(g, w->rgb_w), radiance_gradient(g, w->rgb_b));
     return SHERF_OK;
 }
 
@@ -206,29 +189,15 @@ static sherf_status give_all(context *c, const radiance_trainer *r, const float 
 }
 
 /* ---- making ---- */
-static const train_float_kernels *best_kernels(isa_level level) {
-#if defined(__x86_64__)
-    if (level >= ISA_AVX512) return &train_float_avx512;
-    if (level >= ISA_AVX2) return &train_float_avx2;
-#endif
-    return &train_float_plain;
-}
-
-static void layer_free(radiance_layer *l) {
-    mem_free(l->w);
-    mem_free(l->b);
-}
-
 static void release(radiance_trainer *r) {
     float_trainer *t = (float_trainer *)r;
-    radiance_layer *all[] = {&t->color,       &t->qkv,         &t->attention_out,    &t->mlp0,
-                             &t->mlp1,        &t->views,       &t->back_rgb,         &t->back_views,
-                             &t->back_token1, &t->back_token0, &t->back_skip_token0, &t->back_mlp1,
-                             &t->back_mlp0,   &t->back_out,    &t->back_qkv};
-    for (size_t i = 0; i < COUNT_OF(all); i++) layer_free(all[i]);
+#define FREE(of, name) radiance_layer_free(&of.name);
+    RADIANCE_LAYERS(FREE, (*t))
+    RADIANCE_BACK_LAYERS(FREE, t->back)
+#undef FREE
     for (int i = 0; i < POINT_DECODER_MAX; i++) {
-        layer_free(&t->pts[i]);
-        layer_free(&t->back_pts[i]);
+        radiance_layer_free(&t->pts[i]);
+        radiance_layer_free(&t->back.pts[i]);
     }
     mem_free(t);
 }
@@ -238,7 +207,7 @@ sherf_status radiance_trainer_float(context *c, const radiance_field *n, radianc
     float_trainer *t = mem_zero(c, 1, sizeof *t);
     if (!t) return SHERF_NO_MEMORY;
     t->n = n;
-    t->kernels = best_kernels(n->isa);
+    t->kernels = ISA_CHOICE(n->isa, &train_float);
     t->base = (radiance_trainer){.n = n,
                                  .scatter_jobs = FLOAT_SCATTER_JOBS,
                                  .tile = t->kernels->tile,

@@ -23,16 +23,19 @@ typedef struct {
     size_t w, b;
 } float_place;
 
-/* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. */
+/* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. The sums of alpha
+ * are behind those of views. */
 typedef struct {
     radiance_trainer base; /* first: what others know it as */
     const radiance_field *n;
     const train_float_kernels *kernels;
-    radiance_layer color, qkv, attention_out, mlp0, mlp1, pts[POINT_DECODER_MAX], views;
-    radiance_layer back_rgb, back_views /* and alpha */, back_token1, back_pts[POINT_DECODER_MAX],
-        back_skip_token0, back_token0, back_mlp1, back_mlp0, back_out, back_qkv;
-    float_place sum_color, sum_qkv, sum_attention_out, sum_mlp0, sum_mlp1, sum_pts[POINT_DECODER_MAX],
-        sum_views /* and alpha behind */, sum_rgb;
+    RADIANCE_MEMBERS(radiance_layer)
+    struct {
+        RADIANCE_BACK_MEMBERS(radiance_layer)
+    } back;
+    struct {
+        RADIANCE_MEMBERS(float_place)
+    } sum;
     size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* [channel][lanes] */
 } float_trainer;
 

@@ -16,6 +16,16 @@ typedef struct {
     float *dtoken; /* [count][3 D]: the gradient of what was sampled, out */
 } train_tile;
 
+/* The layers' transposed weights, from the gradient of a result to that of inputs; views: with alpha; token0,
+ * skip_token0, token1: to the tokens that the first layer, the one behind the skip and the view layer read.
+ * The decoder's are an array `pts`, too. LAYER(with, name) */
+#define RADIANCE_BACK_LAYERS(LAYER, with)                                                                    \
+    LAYER(with, rgb)                                                                                         \
+    LAYER(with, views)                                                                                       \
+    LAYER(with, token1) LAYER(with, skip_token0) LAYER(with, token0) LAYER(with, mlp1) LAYER(with, mlp0)     \
+        LAYER(with, attention_out) LAYER(with, qkv)
+#define RADIANCE_BACK_MEMBERS(type) RADIANCE_BACK_LAYERS(RADIANCE_MEMBER, type) type pts[POINT_DECODER_MAX];
+
 /* One backward pass in one way of arithmetic. */
 typedef struct radiance_trainer radiance_trainer;
 struct radiance_trainer {

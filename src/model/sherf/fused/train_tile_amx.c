@@ -298,23 +298,23 @@ static void decoder_back(const amx_trainer *r, const train_tile *t, space *s, fl
     add_gradient(s, lane, &r->rgb, &dy, &x);
     /* views and alpha side by side; the buffer's groups lie as views' do */
     waiting w = {0};
-    dense(&r->back_rgb, drgb, s->dviews, s->views.at - s->dviews.at, s->sums, &w);
+    dense(&r->back.rgb, drgb, s->dviews, s->views.at - s->dviews.at, s->sums, &w);
     finish_all(&w);
     dy = groups_of(s->dviews);
     x = groups_of(s->v);
     add_gradient(s, lane, &r->views, &dy, &x);
-    token_sums(&r->back_token1, s->dviews, s->dtoken + ONE, false);
-    channels dh = back(&r->back_views, s->dviews, s->h[last], s->dh[0], s->sums);
+    token_sums(&r->back.token1, s->dviews, s->dtoken + ONE, false);
+    channels dh = back(&r->back.views, s->dviews, s->h[last], s->dh[0], s->sums);
     for (int i = last; i >= 0; i--) {
         channels in = i == 0 || i - 1 == skip ? s->x : s->h[i - 1];
         dy = groups_of(dh);
         x = groups_of(in);
         add_gradient(s, lane, &r->pts[i], &dy, &x);
-        if (i - 1 == skip) token_sums(&r->back_skip_token0, dh, s->dtoken, false);
+        if (i - 1 == skip) token_sums(&r->back.skip_token0, dh, s->dtoken, false);
         if (i == 0)
-            token_sums(&r->back_token0, dh, s->dtoken, skip >= 0);
+            token_sums(&r->back.token0, dh, s->dtoken, skip >= 0);
         else
-            dh = back(&r->back_pts[i], dh, s->h[i - 1], s->dh[(last - i + 1) & 1], s->sums);
+            dh = back(&r->back.pts[i], dh, s->h[i - 1], s->dh[(last - i + 1) & 1], s->sums);
     }
 }
 
@@ -441,25 +441,25 @@ static void transformer_back(const amx_trainer *r, space *s, float *lane) {
             char *last = s->dlast + k * one + g * TILE, *dpre = s->dpre + k * one + g * TILE,
                  *attended = s->dattended + k * one + g * TILE;
             pack_sums(d, WIDTH, last);
-            sums_of(&r->back_mlp1, last, sums);
+            sums_of(&r->back.mlp1, last, sums);
             for (int c = 0; c < WIDTH; c++)
                 _mm512_store_ps(sums + c * GROUP, _mm512_mul_ps(_mm512_load_ps(sums + c * GROUP),
                                                                 gelu_slope(_mm512_load_ps(pre + c * GROUP))));
             pack_sums(sums, WIDTH, dpre);
-            sums_of(&r->back_mlp0, dpre, sums);
+            sums_of(&r->back.mlp0, dpre, sums);
             norm_back(s->x1 + g * ALL + k * ONE, sums, n->norm1_w, d, lane + r->norm1_w, lane + r->norm1_b);
             pack_sums(d, WIDTH, attended);
         }
     for (int g = 0; g < AMX_GROUPS; g++) {
         char *dqkv = s->dqkv + (size_t)g * wide;
-        const size_t width = (size_t)r->back_out.row_tiles * 256;
+        const size_t width = (size_t)r->back.attention_out.row_tiles * 256;
         for (int k = 0; k < 2; k++)
-            sums_of(&r->back_out, s->dattended + k * one + g * TILE, sums + (size_t)k * width);
+            sums_of(&r->back.attention_out, s->dattended + k * one + g * TILE, sums + (size_t)k * width);
         attention_back(n, s->qkv + (size_t)g * 3 * qkv, s->chance + g * n->s.heads * 6 * GROUP, sums, width,
                        dqkv, AMX_GROUPS * wide);
         memset(s->dtoken + g * ALL + 2 * ONE, 0, ONE * sizeof(float));
         for (int k = 0; k < 3; k++) {
-            sums_of(&r->back_qkv, dqkv + (size_t)k * AMX_GROUPS * wide, sums);
+            sums_of(&r->back.qkv, dqkv + (size_t)k * AMX_GROUPS * wide, sums);
             norm_back(s->x0 + g * ALL + k * ONE, sums, n->norm0_w, s->dtoken + g * ALL + k * ONE,
                       lane + r->norm0_w, lane + r->norm0_b);
         }
@@ -536,7 +536,7 @@ static void lay_out(const amx_trainer *t, room *r, space *s) {
     const int last = n->s.decoder_depth - 1, h = a->h_blocks;
     s->samples = take(r, sizeof(samples));
     s->row = take(r, (6 + 6 * 16) * GROUP * sizeof(float));
-    s->sums = take(r, (size_t)larger(2 * t->back_out.row_tiles, 8) * TILE);
+    s->sums = take(r, (size_t)larger(2 * t->back.attention_out.row_tiles, 8) * TILE);
     s->token = take(r, tokens);
     s->x0 = take(r, tokens);
     s->x1 = take(r, tokens);

@@ -379,21 +379,21 @@ static void decoder_back(const float_trainer *r, const float *const dout[4], con
         for (int i = 0; i < 3; i++) memcpy(row_of(s->drgb, k, i), dout[i] + k * STRIP, STRIP * sizeof(float));
         memcpy(row_of(s->dviews, k, n->s.view_width), dout[3] + k * STRIP, STRIP * sizeof(float));
     }
-    add_gradient(&r->sum_rgb, 0, s->drgb, s->views, lane, s->room);
-    product_masked(&r->back_rgb, s->drgb, s->dviews, s->views);
-    add_gradient(&r->sum_views, 0, s->dviews, s->v, lane, s->room);
-    product(&r->back_token1, 0, 0, s->dviews, from_channel(s->dtoken, n->s.token_width));
-    product_masked(&r->back_views, s->dviews, s->dh[0], s->h[last]);
+    add_gradient(&r->sum.rgb, 0, s->drgb, s->views, lane, s->room);
+    product_masked(&r->back.rgb, s->drgb, s->dviews, s->views);
+    add_gradient(&r->sum.views, 0, s->dviews, s->v, lane, s->room);
+    product(&r->back.token1, 0, 0, s->dviews, from_channel(s->dtoken, n->s.token_width));
+    product_masked(&r->back.views, s->dviews, s->dh[0], s->h[last]);
     for (int i = last; i >= 0; i--) {
         const channels dh = s->dh[(last - i) & 1], in = i == 0 || i - 1 == skip ? s->x : s->h[i - 1];
-        add_gradient(&r->sum_pts[i], 0, dh, in, lane, s->room);
-        if (i - 1 == skip) product(&r->back_skip_token0, 0, 0, dh, s->dtoken);
+        add_gradient(&r->sum.pts[i], 0, dh, in, lane, s->room);
+        if (i - 1 == skip) product(&r->back.skip_token0, 0, 0, dh, s->dtoken);
         if (i > 0)
-            product_masked(&r->back_pts[i], dh, s->dh[(last - i + 1) & 1], s->h[i - 1]);
+            product_masked(&r->back.pts[i], dh, s->dh[(last - i + 1) & 1], s->h[i - 1]);
         else if (skip >= 0)
-            product_added(&r->back_token0, dh, s->dtoken, s->dtoken);
+            product_added(&r->back.token0, dh, s->dtoken, s->dtoken);
         else
-            product(&r->back_token0, 0, 0, dh, s->dtoken);
+            product(&r->back.token0, 0, 0, dh, s->dtoken);
     }
 }
 
@@ -465,15 +465,15 @@ static void transformer_back(const float_trainer *r, const space *s, float *lane
     const int width = n->s.token_width, all = n->attention_width;
     for (int i = 0; i < 2; i++) {
         const channels d = from_channel(s->dtoken, i * width);
-        add_gradient(&r->sum_mlp1, 0, d, from_channel(s->gelu, i * width), lane, s->room);
-        product(&r->back_mlp1, 0, 0, d, s->dhidden);
+        add_gradient(&r->sum.mlp1, 0, d, from_channel(s->gelu, i * width), lane, s->room);
+        product(&r->back.mlp1, 0, 0, d, s->dhidden);
         gelu_back(from_channel(s->pre, i * width), width, s->dhidden);
-        add_gradient(&r->sum_mlp0, 0, s->dhidden, from_channel(s->normed1, i * width), lane, s->room);
-        product(&r->back_mlp0, 0, 0, s->dhidden, s->dnorm);
+        add_gradient(&r->sum.mlp0, 0, s->dhidden, from_channel(s->normed1, i * width), lane, s->room);
+        product(&r->back.mlp0, 0, 0, s->dhidden, s->dnorm);
         norm_back(from_channel(s->x1, i * width), s->dnorm, width, n->norm1_w, d, lane + r->norm1_w,
                   lane + r->norm1_b);
-        add_gradient(&r->sum_attention_out, 0, d, from_channel(s->mixed, i * all), lane, s->room);
-        product(&r->back_out, 0, 0, d, from_channel(s->dmixed, i * all));
+        add_gradient(&r->sum.attention_out, 0, d, from_channel(s->mixed, i * all), lane, s->room);
+        product(&r->back.attention_out, 0, 0, d, from_channel(s->dmixed, i * all));
     }
     for (int k = 0; k < STRIPS; k++) {
         for (int v = 0; v < VECTORS; v++)
@@ -484,8 +484,8 @@ static void transformer_back(const float_trainer *r, const space *s, float *lane
     for (int i = 0; i < 3; i++) { /* the third's queries stay 0, as the scratch starts */
         const int first = i < 2 ? 0 : all;
         const channels d = from_channel(s->dqkv, i * 3 * all);
-        add_gradient(&r->sum_qkv, first, d, from_channel(s->normed0, i * width), lane, s->room);
-        product(&r->back_qkv, 0, first, d, s->dnorm);
+        add_gradient(&r->sum.qkv, first, d, from_channel(s->normed0, i * width), lane, s->room);
+        product(&r->back.qkv, 0, first, d, s->dnorm);
         norm_back(from_channel(s->token, i * width), s->dnorm, width, n->norm0_w,
                   from_channel(s->dtoken, i * width), lane + r->norm0_w, lane + r->norm0_b);
     }
@@ -497,7 +497,7 @@ static void sampled_back(const float_trainer *r, const space *s, int count, floa
     const size_t fused = (size_t)n->fused;
     add_sums(s->dtoken, n->fused, lane + r->token_b);
     if (n->color_width)
-        add_gradient(&r->sum_color, 0, from_channel(s->dtoken, n->color_token * n->s.token_width), s->color,
+        add_gradient(&r->sum.color, 0, from_channel(s->dtoken, n->color_token * n->s.token_width), s->color,
                      lane, s->room);
     for (int k = 0; k < STRIPS && k * STRIP < count; k++) {
         const int left = count - k * STRIP;

@@ -125,7 +125,7 @@ AMX static void pack_range(void *arg, int64_t begin, int64_t end, int thread) {
                         v[j] = (__m512i)_mm512_cvtne2ps_pbh(high, low);
                     }
                 }
-                if (!q->k_is_output) turn_over(v);
+                if (!q->k_is_output) transpose_16x16(v);
                 const int64_t pair = ((at / 2) * q->map.blocks + block) * q->taps.count + t;
                 tile_write(v, q->b + (pair * 2 + at % 2) * TILE);
             }
@@ -319,7 +319,7 @@ AMX static void u_range(void *arg, int64_t begin, int64_t end, int thread) {
             const __m512i b = _mm512_cvtepu16_epi32(_mm256_load_si256((const __m256i *)(from + 64 * p + 32)));
             v[p] = _mm512_or_si512(a, _mm512_slli_epi32(b, 16));
         }
-        turn_over(v);
+        transpose_16x16(v);
         tile_write(v, j->u_tiles + at * TILE);
     }
 }

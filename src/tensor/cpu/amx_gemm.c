@@ -60,7 +60,7 @@ AMX static void pack_b(const rows_job *j) {
             const int64_t n0 = n * SIDE, k0 = k * DEPTH;
             if (p->b_across) {
                 load_across(p->b + n0 * p->ldb + k0, p->ldb, p->N - n0, p->K - k0, v);
-                turn_over(v);
+                transpose_16x16(v);
             } else {
                 load_down(p->b + k0 * p->ldb + n0, p->ldb, p->K - k0, p->N - n0, v);
             }
@@ -143,7 +143,7 @@ AMX_INLINE void pack_deep(const deep_job *j, int64_t k, int64_t steps, uint16_t 
         const int64_t k0 = (k + s) * DEPTH;
         for (int64_t m = 0; m < j->rows; m++) {
             load_down(p->a + k0 * p->lda + m * SIDE, p->lda, p->K - k0, p->M - m * SIDE, v);
-            turn_over(v);
+            transpose_16x16(v);
             tile_write(v, a + (m * STEPS + s) * TILE);
         }
         for (int64_t n = 0; n < j->columns; n++) {

@@ -138,7 +138,7 @@ AMX static void pack_range(void *arg, int64_t begin, int64_t end, int thread) {
                 load_down(j->w + (k * TAPS + tap) * j->I + n, TAPS * j->I, j->O - k, j->I - n, v);
             } else {
                 load_across(j->w + (n * TAPS + tap) * j->I + k, TAPS * j->I, j->O - n, j->I - k, v);
-                turn_over(v);
+                transpose_16x16(v);
             }
             tile_write(v, j->b + (((column / 2 * TAPS + tap) * blocks + block) * 2 + column % 2) * TILE);
         }
@@ -284,7 +284,7 @@ AMX static void turn_range(void *arg, int64_t begin, int64_t end, int thread) {
             const __m512 b = _mm512_maskz_loadu_ps(s < 0 ? 0 : mask, j->dy + (s < 0 ? 0 : s * j->O + o));
             v[p] = _mm512_permutexvar_epi16(order, (__m512i)_mm512_cvtne2ps_pbh(b, a));
         }
-        turn_over(v);
+        transpose_16x16(v);
         tile_write(v, j->dy_tiles + at * TILE);
     }
 }

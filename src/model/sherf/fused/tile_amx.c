@@ -150,7 +150,7 @@ void radiance_tile_amx(const radiance_field *n, point_tile *t, void *scratch) {
              b = {base + p->b, p->h_pitch};
     float *token = (float *)(base + p->token), *row = (float *)(base + p->row);
     fusion_space f = {base + p->normed, base + p->mixed, (float *)(base + p->sums)};
-    load_config();
+    tiles_begin();
     memset(base + p->color_tiles, 0, (size_t)p->color.blocks * TILE);
     for (int g = 0; g < AMX_GROUPS; g++)
         sample_group(n, t, g * GROUP, (samples *)(base + p->sample), row, base + p->color_tiles,

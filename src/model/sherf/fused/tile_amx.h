@@ -637,20 +637,6 @@ static inline void pack_token(const float *x, const float *bias, char *out, int 
     }
     for (int i = WIDTH / 2; i < pairs_all; i++) _mm512_store_si512(out + i * PAIR, _mm512_setzero_si512());
 }
-static inline void load_config(void) {
-    struct {
-        uint8_t palette, start, reserved[14];
-        uint16_t bytes[16];
-        uint8_t rows[16];
-    } config __attribute__((aligned(64))) = {.palette = 1};
-    for (int i = 0; i < 8; i++) {
-        config.bytes[i] = 64;
-        config.rows[i] = 16;
-    }
-    __asm__ volatile("" : : "r"(&config) : "memory"); /* gcc's intrinsic names 8 of the 64 bytes */
-    _tile_loadconfig(&config);
-}
-
 /* Everything read at the points of one group, as tokens [3 x 32][16] before the transformer. */
 static inline void sample_group(const radiance_field *n, const point_tile *t, int first, samples *s,
                                 float *row, char *color, float *token) {

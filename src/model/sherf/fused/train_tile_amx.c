@@ -87,37 +87,6 @@ static void to_rows(const groups *g, int blocks, char *rows, float *sums) {
         }
 }
 
-/* 16 x 16 values of 32 bits. */
-static inline void transpose16(__m512i r[16]) {
-    __m512i t[16];
-#pragma GCC unroll 8
-    for (int i = 0; i < 8; i++) {
-        t[2 * i] = _mm512_unpacklo_epi32(r[2 * i], r[2 * i + 1]);
-        t[2 * i + 1] = _mm512_unpackhi_epi32(r[2 * i], r[2 * i + 1]);
-    }
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; i++) {
-        r[4 * i] = _mm512_unpacklo_epi64(t[4 * i], t[4 * i + 2]);
-        r[4 * i + 1] = _mm512_unpackhi_epi64(t[4 * i], t[4 * i + 2]);
-        r[4 * i + 2] = _mm512_unpacklo_epi64(t[4 * i + 1], t[4 * i + 3]);
-        r[4 * i + 3] = _mm512_unpackhi_epi64(t[4 * i + 1], t[4 * i + 3]);
-    }
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; i++) { /* quarters of four rows each: column i of every quarter */
-        t[i] = _mm512_shuffle_i32x4(r[i], r[4 + i], 0x88);
-        t[4 + i] = _mm512_shuffle_i32x4(r[i], r[4 + i], 0xdd);
-        t[8 + i] = _mm512_shuffle_i32x4(r[8 + i], r[12 + i], 0x88);
-        t[12 + i] = _mm512_shuffle_i32x4(r[8 + i], r[12 + i], 0xdd);
-    }
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; i++) {
-        r[i] = _mm512_shuffle_i32x4(t[i], t[8 + i], 0x88);
-        r[8 + i] = _mm512_shuffle_i32x4(t[i], t[8 + i], 0xdd);
-        r[4 + i] = _mm512_shuffle_i32x4(t[4 + i], t[12 + i], 0x88);
-        r[12 + i] = _mm512_shuffle_i32x4(t[4 + i], t[12 + i], 0xdd);
-    }
-}
-
 /* columns: [column tile][pair of groups][16 pairs of points][16 channels][2] */
 static void to_columns(const groups *g, int blocks, char *columns) {
     const int chunks = g->count / 2;
@@ -128,7 +97,7 @@ static void to_columns(const groups *g, int blocks, char *columns) {
             __m512i r[16];
 #pragma GCC unroll 8
             for (int i = 0; i < 8; i++) unpair(u + i * PAIR, v + i * PAIR, &r[2 * i], &r[2 * i + 1]);
-            transpose16(r);
+            transpose_16x16(r);
 #pragma GCC unroll 16
             for (int i = 0; i < 16; i++) _mm512_store_si512(columns + i * 64, r[i]);
         }
@@ -501,7 +470,7 @@ static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *l
         for (int c = 0; c < 3 * WIDTH; c += 16) {
             __m512i row[16];
             for (int i = 0; i < 16; i++) row[i] = _mm512_load_si512(s->dtoken + g * ALL + (c + i) * GROUP);
-            transpose16(row);
+            transpose_16x16(row);
             for (int i = 0; i < 16 && g * GROUP + i < t->count; i++)
                 _mm512_storeu_si512(t->dtoken + (g * GROUP + i) * 3 * WIDTH + c, row[i]);
         }
@@ -589,7 +558,7 @@ void radiance_train_tile_amx(const radiance_trainer *base, train_tile *t, float 
     const amx_trainer *r = (const amx_trainer *)base;
     space s;
     lay_out(r, &(room){.base = scratch}, &s);
-    load_config();
+    tiles_begin();
     forward(r, t, &s);
     decoder_back(r, t, &s, lane);
     transformer_back(r, &s, lane);

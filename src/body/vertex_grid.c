@@ -143,12 +143,7 @@ AVX512 static void search_avx512(const vertex_grid *g, const float p[3], nearest
 #endif
 
 static search_function *search_best(void) {
-#if defined(__x86_64__)
-    isa_level level = isa_best();
-    if (level >= ISA_AVX512) return search_avx512;
-    if (level >= ISA_AVX2) return search_avx2;
-#endif
-    return search_plain;
+    return ISA_CHOICE(isa_best(), search);
 }
 
 /* About a dozen cells a vertex: for a person cells of 2.5 cm, two vertices in each that is not empty. */

@@ -89,12 +89,7 @@ AVX512 static void list_avx512(const vertex_block *block, int blocks, const floa
 #endif
 
 list_function *vertex_list_best(void) {
-#if defined(__x86_64__)
-    isa_level level = isa_best();
-    if (level >= ISA_AVX512) return list_avx512;
-    if (level >= ISA_AVX2) return list_avx2;
-#endif
-    return list_plain;
+    return ISA_CHOICE(isa_best(), list);
 }
 
 /* ---- making the lists ---- */
@@ -388,13 +383,8 @@ sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float
                        voxel_m);
     sherf_status status = shell_create(c, g, reach_m, voxel_m);
     if (status != SHERF_OK) return status;
-    refine_job job = {.g = g, .choose = choose_plain};
+    refine_job job = {.g = g, .choose = ISA_CHOICE(isa_best(), choose)};
     for (int k = 0; k < 3; k++) job.blocks[k] = (g->shell.cells[k] + SIDE - 1) / SIDE;
-#if defined(__x86_64__)
-    const isa_level level = isa_best();
-    if (level >= ISA_AVX2) job.choose = choose_avx2;
-    if (level >= ISA_AVX512) job.choose = choose_avx512;
-#endif
     g->list = vertex_list_best();
     parallel_for(c, job.blocks[2], 1, refine_layers, &job);
     if (job.failed) return failure(c, SHERF_NO_MEMORY, "out of memory: lists of nearest vertices");

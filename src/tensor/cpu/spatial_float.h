@@ -1,6 +1,6 @@
 /* The spatial inner loops: included by one file per instruction set, which defines LANES and SPATIAL_TABLE.
  */
-#include "tensor/cpu/lanes.h"
+#include "base/simd.h"
 #include "tensor/cpu/spatial_kernels.h"
 
 #include "tensor/cpu/spatial_sample.inc"

@@ -8,12 +8,7 @@
 enum { GRAIN = 256, SAMPLED = 4096 }; /* points a thread is worth; points looked at for the balance */
 
 const spatial_table *spatial_best(void) {
-#if defined(__x86_64__)
-    const isa_level level = isa_best();
-    if (level >= ISA_AVX512) return &spatial_avx512;
-    if (level >= ISA_AVX2) return &spatial_avx2;
-#endif
-    return &spatial_plain;
+    return ISA_CHOICE(isa_best(), &spatial);
 }
 
 /* bound[0 .. parts]: splits [0, n) so that the parts' counts are about even; cumulates the counts in place.

@@ -10,21 +10,16 @@
 #define VARIANT_BODY inline __attribute__((always_inline))
 
 #if defined(__x86_64__)
+#define VARIANT(name, level, ...)                                                                            \
+    __VA_ARGS__ static void name##_##level(void *arg, int64_t begin, int64_t end, int thread) {              \
+        name(arg, begin, end, thread);                                                                       \
+    }
 #define VARIANTS(name)                                                                                       \
-    static void name##_plain(void *arg, int64_t begin, int64_t end, int thread) {                            \
-        name(arg, begin, end, thread);                                                                       \
-    }                                                                                                        \
-    __attribute__((target("avx2,fma"))) static void name##_avx2(void *arg, int64_t begin, int64_t end,       \
-                                                                int thread) {                                \
-        name(arg, begin, end, thread);                                                                       \
-    }                                                                                                        \
-    __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"))) static void name##_avx512(        \
-        void *arg, int64_t begin, int64_t end, int thread) {                                                 \
-        name(arg, begin, end, thread);                                                                       \
-    }                                                                                                        \
+    VARIANT(name, plain)                                                                                     \
+    VARIANT(name, avx2, __attribute__((target("avx2,fma"))))                                                 \
+    VARIANT(name, avx512, __attribute__((target("avx2,fma,avx512f,avx512bw,avx512dq,avx512vl"))))            \
     static range_function name##_best(void) {                                                                \
-        const isa_level level = isa_best();                                                                  \
-        return level >= ISA_AVX512 ? name##_avx512 : level >= ISA_AVX2 ? name##_avx2 : name##_plain;         \
+        return ISA_CHOICE(isa_best(), name);                                                                 \
     }
 #else
 #define VARIANTS(name)                                                                                       \

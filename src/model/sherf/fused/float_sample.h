@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "model/sherf/fused/float_lanes.h"
+#include "base/simd.h"
 #include "model/sherf/fused/inside.h"
 
 /* ---- sampling: point by point, channels side by side ---- */

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "model/sherf/fused/float_lanes.h"
+#include "base/simd.h"
 #include "model/sherf/fused/float_sample.h"
 #include "model/sherf/fused/inside.h"
 
@@ -28,7 +28,7 @@ static inline __attribute__((always_inline)) void block_product(const int rows, 
     }
     for (int r = 0; r < rows; r++)
         for (int v = 0; v < VECTORS; v++)
-            ((vf *)(y + (size_t)r * POINT_TILE))[v] = relu ? vmax(sum[r][v], splat(0)) : sum[r][v];
+            ((vf *)(y + (size_t)r * POINT_TILE))[v] = relu ? max_lanes(sum[r][v], splat(0)) : sum[r][v];
 }
 
 /* Rows from `from` (a multiple of ROWS) on; y is that of row 0. */
@@ -75,7 +75,7 @@ static void encode(const float x[3][POINT_TILE], int frequencies, int width, flo
             int s_row = 3 + 6 * k + i, c_row = s_row + 3;
             for (int v = 0; v < PARTS; v++) {
                 vf s, c;
-                vsincos(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
+                sincos_tile(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
                 if (s_row < width) ((vf *)(out + s_row * POINT_TILE))[v] = s;
                 if (c_row < width) ((vf *)(out + c_row * POINT_TILE))[v] = c;
             }
@@ -111,8 +111,8 @@ static void attention(const radiance_field *n, const float *qkv, float *out) {
                     for (int j = 0; j < 3; j++)
                         dot[j] +=
                             at[i * token + (size_t)d * PARTS] * at[j * token + part + (size_t)d * PARTS];
-                vf top = vmax(vmax(dot[0], dot[1]), dot[2]), sum = splat(0);
-                for (int j = 0; j < 3; j++) sum += dot[j] = vexp((dot[j] - top) * scale);
+                vf top = max_lanes(max_lanes(dot[0], dot[1]), dot[2]), sum = splat(0);
+                for (int j = 0; j < 3; j++) sum += dot[j] = exp_tile((dot[j] - top) * scale);
                 for (int j = 0; j < 3; j++) dot[j] /= sum;
                 vf *y = (vf *)out + (size_t)(i * all + h * head) * PARTS + v;
                 for (int d = 0; d < head; d++) {
@@ -144,7 +144,7 @@ static void transformer(const radiance_field *n, float *token, float *a, float *
         layer_norm(x, width, n->norm1_w, n->norm1_b, a);
         float *hidden = a + width * POINT_TILE;
         product(&n->mlp0, a, hidden, false);
-        for (int k = 0; k < width * PARTS; k++) ((vf *)hidden)[k] = vgelu(((vf *)hidden)[k]);
+        for (int k = 0; k < width * PARTS; k++) ((vf *)hidden)[k] = gelu_tile(((vf *)hidden)[k]);
         product(&n->mlp1, hidden, a, false);
         add_rows(x, a, width);
     }
@@ -167,7 +167,7 @@ static void decoder(const radiance_field *n, float *x, float *v, float *a, float
     product(&n->rgb, a, t->out[0], false);
     for (int i = 0; i < 3 * PARTS; i++) {
         vf *y = (vf *)t->out[0] + i;
-        *y = 1.002f / (1.0f + vexp(-*y)) - 0.001f;
+        *y = 1.002f / (1.0f + exp_tile(-*y)) - 0.001f;
     }
 }
 

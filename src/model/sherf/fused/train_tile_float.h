@@ -8,12 +8,11 @@
  * a value at a time, X as rows of inputs, which are the activations transposed. */
 #include <string.h>
 
-#include "model/sherf/fused/float_lanes.h"
+#include "base/simd.h"
 #include "model/sherf/fused/float_sample.h"
 #include "model/sherf/fused/train_float.h"
 
 enum { STRIP = LANES * VECTORS, STRIPS = POINT_TILE / STRIP, SQUARE = LANES < 8 ? 4 : 8 };
-#define INSIDE static inline __attribute__((always_inline))
 #define UNROLL _Pragma("GCC unroll 16")
 
 typedef struct {
@@ -21,18 +20,18 @@ typedef struct {
     size_t pitch; /* floats from strip to strip */
 } channels;
 
-INSIDE channels from_channel(channels x, int channel) {
+INLINE channels from_channel(channels x, int channel) {
     return (channels){x.at + (size_t)channel * STRIP, x.pitch};
 }
 
-INSIDE vf *row_of(channels x, int strip, int channel) {
+INLINE vf *row_of(channels x, int strip, int channel) {
     return (vf *)(x.at + (size_t)strip * x.pitch + (size_t)channel * STRIP);
 }
 
 /* ---- y = w x + b ---- */
 typedef enum { AS_IT_IS, RELU, MASKED /* 0 where other is not above 0 */, ADDED /* to other */ } finish;
 
-INSIDE void block_product(const float *w, const float *b, const float *x, int columns, float *y,
+INLINE void block_product(const float *w, const float *b, const float *x, int columns, float *y,
                           const float *other, int rows, finish way) {
     vf sum[ROWS][VECTORS];
     UNROLL for (int r = 0; r < ROWS; r++) UNROLL for (int v = 0; v < VECTORS; v++) sum[r][v] = splat(b[r]);
@@ -49,14 +48,14 @@ INSIDE void block_product(const float *w, const float *b, const float *x, int co
         const vf *with = (const vf *)(other + r * STRIP) + v;
         vf *to = (vf *)(y + r * STRIP) + v;
         if (way == AS_IT_IS) *to = sum[r][v];
-        if (way == RELU) *to = vmax(sum[r][v], splat(0));
+        if (way == RELU) *to = max_lanes(sum[r][v], splat(0));
         if (way == MASKED) *to = (vf)((vi)sum[r][v] & (*with > 0.0f));
         if (way == ADDED) *to = *with + sum[r][v];
     }
 }
 
 /* Rows from the block of first_row on, of the inputs from first_column on. */
-INSIDE void product_way(const radiance_layer *l, int first_row, int first_column, channels x, channels y,
+INLINE void product_way(const radiance_layer *l, int first_row, int first_column, channels x, channels y,
                         channels other, finish way) {
     for (int s = 0; s < STRIPS; s++)
         for (int r = first_row / ROWS * ROWS; r < l->rows; r += ROWS)
@@ -82,7 +81,7 @@ static void product_added(const radiance_layer *l, channels x, channels y, chann
 typedef float side __attribute__((vector_size(SQUARE * 4), may_alias, aligned(4)));
 
 /* to [column][row] = from [row][column], SQUARE of each. */
-INSIDE void transpose_square(const float *from, size_t from_pitch, float *to, size_t to_pitch) {
+INLINE void transpose_square(const float *from, size_t from_pitch, float *to, size_t to_pitch) {
     side r[SQUARE], t[SQUARE];
     UNROLL for (int i = 0; i < SQUARE; i++) r[i] = *(const side *)(from + (size_t)i * from_pitch);
 #if LANES < 8
@@ -114,7 +113,7 @@ INSIDE void transpose_square(const float *from, size_t from_pitch, float *to, si
 }
 
 /* to [columns][rows] = from [rows][columns], whole squares. */
-INSIDE void transpose(const float *from, int rows, int columns, size_t from_pitch, float *to,
+INLINE void transpose(const float *from, int rows, int columns, size_t from_pitch, float *to,
                       size_t to_pitch) {
     for (int r = 0; r < rows; r += SQUARE)
         for (int k = 0; k < columns; k += SQUARE)
@@ -123,7 +122,7 @@ INSIDE void transpose(const float *from, int rows, int columns, size_t from_pitc
 }
 
 /* w [ROWS][STRIP] += sum over points of dy [ROWS] x [STRIP]. */
-INSIDE void block_gradient(channels dy, const float *x, float *w) {
+INLINE void block_gradient(channels dy, const float *x, float *w) {
     vf sum[ROWS][VECTORS];
     UNROLL for (int r = 0; r < ROWS; r++) UNROLL for (int v = 0; v < VECTORS; v++) sum[r][v] =
         ((const vf *)(w + r * STRIP))[v];
@@ -250,7 +249,7 @@ static void encode(const float *const x[3], int frequencies, int width, vf *out)
             for (int i = 0; i < 3; i++) {
                 const int sine = 3 + 6 * k + i, cosine = sine + 3;
                 vf s, c;
-                vsincos(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
+                sincos_tile(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
                 if (sine < width) out[sine * VECTORS + v] = s;
                 if (cosine < width) out[cosine * VECTORS + v] = c;
             }
@@ -276,7 +275,7 @@ typedef struct {
     vf mean, scale;
 } moments;
 
-INSIDE moments moments_of(const vf *x, int width) {
+INLINE moments moments_of(const vf *x, int width) {
     moments m = {splat(0), splat(0)};
     vf variance = splat(0);
     for (int i = 0; i < width; i++) m.mean += x[i * VECTORS];
@@ -308,8 +307,8 @@ static void attention(const radiance_field *n, const vf *qkv, vf *chance, vf *mi
             vf dot[3] = {splat(0), splat(0), splat(0)}, sum = splat(0);
             for (int d = 0; d < head * VECTORS; d += VECTORS)
                 for (int j = 0; j < 3; j++) dot[j] += qkv[i * token + d] * qkv[j * token + part + d];
-            const vf top = vmax(vmax(dot[0], dot[1]), dot[2]);
-            for (int j = 0; j < 3; j++) sum += dot[j] = vexp((dot[j] - top) * scale);
+            const vf top = max_lanes(max_lanes(dot[0], dot[1]), dot[2]);
+            for (int j = 0; j < 3; j++) sum += dot[j] = exp_tile((dot[j] - top) * scale);
             for (int j = 0; j < 3; j++) chance[j * VECTORS] = dot[j] /= sum;
             for (int d = 0; d < head * VECTORS; d += VECTORS) {
                 const vf *value = qkv + 2 * part + d;
@@ -320,7 +319,7 @@ static void attention(const radiance_field *n, const vf *qkv, vf *chance, vf *mi
 
 static void gelu(channels x, int width, channels y) {
     for (int s = 0; s < STRIPS; s++)
-        for (int i = 0; i < width * VECTORS; i++) row_of(y, s, 0)[i] = vgelu(row_of(x, s, 0)[i]);
+        for (int i = 0; i < width * VECTORS; i++) row_of(y, s, 0)[i] = gelu_tile(row_of(x, s, 0)[i]);
 }
 
 static void transformer(const float_trainer *r, const space *s) {
@@ -456,7 +455,7 @@ static void attention_back(const radiance_field *n, const vf *qkv, const vf *cha
 
 static void gelu_back(channels x, int width, channels d) {
     for (int s = 0; s < STRIPS; s++)
-        for (int i = 0; i < width * VECTORS; i++) row_of(d, s, 0)[i] *= vgelu_slope(row_of(x, s, 0)[i]);
+        for (int i = 0; i < width * VECTORS; i++) row_of(d, s, 0)[i] *= gelu_slope_tile(row_of(x, s, 0)[i]);
 }
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
@@ -524,7 +523,7 @@ static void tile(const radiance_trainer *base, train_tile *t, float *lane, void 
 }
 
 /* ---- the bank ---- */
-INSIDE void scatter_taps(const tap *taps, int count, const float *base, const float *d, int width,
+INLINE void scatter_taps(const tap *taps, int count, const float *base, const float *d, int width,
                          float *out) {
     for (int k = 0; k < count; k++) {
         float *row = out + (taps[k].row - base);

@@ -19,8 +19,8 @@ enum { POINT_LEVELS = 3, POINT_TOKENS = 3, POINT_DECODER_MAX = 16 };
 #define RADIANCE_LAYERS(LAYER, with)                                                                         \
     LAYER(with, color)                                                                                       \
     LAYER(with, qkv)                                                                                         \
-    LAYER(with, attention_out) LAYER(with, mlp0) LAYER(with, mlp1) LAYER(with, alpha) LAYER(with, views)     \
-        LAYER(with, rgb)
+    LAYER(with, attention_out)                                                                               \
+    LAYER(with, mlp0) LAYER(with, mlp1) LAYER(with, alpha) LAYER(with, views) LAYER(with, rgb)
 #define RADIANCE_MEMBER(type, name) type name;
 /* Members of a struct: one of `type` for each layer. */
 #define RADIANCE_MEMBERS(type) RADIANCE_LAYERS(RADIANCE_MEMBER, type) type pts[POINT_DECODER_MAX];

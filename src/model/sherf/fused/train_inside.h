@@ -22,8 +22,9 @@ typedef struct {
 #define RADIANCE_BACK_LAYERS(LAYER, with)                                                                    \
     LAYER(with, rgb)                                                                                         \
     LAYER(with, views)                                                                                       \
-    LAYER(with, token1) LAYER(with, skip_token0) LAYER(with, token0) LAYER(with, mlp1) LAYER(with, mlp0)     \
-        LAYER(with, attention_out) LAYER(with, qkv)
+    LAYER(with, token1)                                                                                      \
+    LAYER(with, skip_token0)                                                                                 \
+    LAYER(with, token0) LAYER(with, mlp1) LAYER(with, mlp0) LAYER(with, attention_out) LAYER(with, qkv)
 #define RADIANCE_BACK_MEMBERS(type) RADIANCE_BACK_LAYERS(RADIANCE_MEMBER, type) type pts[POINT_DECODER_MAX];
 
 /* One backward pass in one way of arithmetic. */

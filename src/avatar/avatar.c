@@ -54,11 +54,10 @@ static void *copy_of(context *c, const void *data, size_t count, size_t size) {
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) {
     a->body_fingerprint = body->fingerprint;
     if (!a->observed) {
-        sherf_status status = posed_body_create(c, body, a->pose.poses_rad, a->pose.shapes, a->pose.R,
-                                                a->pose.Th_m, &a->observed);
+        sherf_status status =
+            observed_body_create(c, &a->config, body, &a->pose, &a->camera, a->image, &a->observed);
         if (status != SHERF_OK) return status;
     }
-    a->observed->blend_m = (float)a->config.skin_blend_mm / 1000;
     return avatar_place(c, body, a);
 }
 

@@ -163,6 +163,31 @@ static sherf_status canonical_create(context *c, body_model *m) {
     return status;
 }
 
+/* Joints that come in pairs, left and right. */
+static const int pairs[][2] = {{1, 2},   {4, 5},   {7, 8},   {10, 11}, {13, 14},
+                               {16, 17}, {18, 19}, {20, 21}, {22, 23}};
+
+static sherf_status find_mirror(context *c, body_model *m) {
+    const size_t V = (size_t)m->vertices;
+    double middle = 0;
+    vertex_grid *grid = NULL;
+    for (size_t i = 0; i < COUNT_OF(pairs); i++)
+        middle += m->joint_template[pairs[i][0]][0] + m->joint_template[pairs[i][1]][0];
+    m->mirror_x_m = (float)(middle / (2 * COUNT_OF(pairs)));
+    float *mirrored = mem_alloc(c, V, 3 * sizeof *mirrored);
+    m->mirror = mem_alloc(c, V, sizeof *m->mirror);
+    sherf_status status = mirrored && m->mirror ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = vertex_grid_create(c, m->vertices, m->v_template, 0, &grid);
+    if (status == SHERF_OK) {
+        memcpy(mirrored, m->v_template, V * 3 * sizeof *mirrored);
+        for (size_t v = 0; v < V; v++) mirrored[3 * v] = 2 * m->mirror_x_m - mirrored[3 * v];
+        vertex_grid_nearest_many(c, grid, m->vertices, mirrored, m->mirror);
+    }
+    vertex_grid_free(grid);
+    mem_free(mirrored);
+    return status;
+}
+
 /* Twice through the edges: first counted, then written; an edge of two faces once. */
 static sherf_status find_neighbours(context *c, body_model *m) {
     enum { MAX = 32 }; /* of a vertex: meshes have 6, files may say anything */
@@ -236,6 +261,7 @@ sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
     if ((status = make_volume(c, a, m)) != SHERF_OK) goto fail;
     m->fingerprint = fingerprint_of(m);
     if ((status = find_neighbours(c, m)) != SHERF_OK) goto fail;
+    if ((status = find_mirror(c, m)) != SHERF_OK) goto fail;
     if ((status = canonical_create(c, m)) != SHERF_OK) goto fail;
     *out = m;
     return SHERF_OK;
@@ -259,6 +285,7 @@ void sherf_body_free(sherf_body *m) {
     vertex_grid_free(m->canonical_grid);
     mem_free(m->neighbour_first);
     mem_free(m->neighbour);
+    mem_free(m->mirror);
     mem_free(m);
 }
 

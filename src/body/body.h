@@ -33,6 +33,10 @@ struct sherf_body {
     struct vertex_grid *canonical_grid;
     /* The vertices that share an edge with v: neighbour[neighbour_first[v]] up to the next one's first. */
     int32_t *neighbour_first, *neighbour;
+    /* The other side of the body: the vertex nearest to v's mirror image in the template, and the x of the
+     * mirror's plane, which is the middle of the joints that come in pairs. */
+    int32_t *mirror;
+    float mirror_x_m;
 };
 typedef struct sherf_body body_model;
 
@@ -59,7 +63,11 @@ typedef struct posed_body {
     float *from_canonical;    /* canonical to world */
     struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
     float blend_m;            /* points' maps are blended with those of the vertex's neighbours; 0: not */
-    joint_pose *joints;       /* posed_joints_create only, which leaves out all that is by vertex */
+    /* V x 12, as from_canonical, for features: canonical to where in the world a point is read in the picture
+     * (scene.h, body_read_picture). NULL: where it is. */
+    float *read_from;
+    int32_t *seen;      /* V, with read_from: whether the picture shows the vertex */
+    joint_pose *joints; /* posed_joints_create only, which leaves out all that is by vertex */
 } posed_body;
 
 extern const float body_big_pose[72];
@@ -117,6 +125,11 @@ void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, co
 /* Canonical points to the posed body's world space; nearest: nearest canonical vertex of each point. */
 void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
                            const int32_t *nearest, float *points_world);
+
+/* The same, to where they are read in the picture: by read_from, where the body has it. Maps are blended with
+ * those of their own side alone. */
+void deform_to_picture(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
+                       const int32_t *nearest, float *points_world);
 
 /* ---- nearest vertex: exact, over a uniform grid ---- */
 typedef struct vertex_grid vertex_grid;

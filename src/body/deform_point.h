@@ -16,7 +16,14 @@ typedef struct {
     const float *vertex, *maps;
     float blend_m;
     const int32_t *neighbour_first, *neighbour;
+    bool sides; /* some maps mirror, and are not blended with the others */
 } vertex_mapping;
+
+HOST_AND_DEVICE static inline bool map_mirrors(const float *m) {
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+               m[2] * (m[4] * m[9] - m[5] * m[8]) <
+           0;
+}
 
 /* The map at x of a point whose nearest vertex is v. */
 HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, const float x[3],
@@ -31,10 +38,12 @@ HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, 
         for (int k = 0; k < 3; k++) d += (x[k] - other[k]) * (x[k] - other[k]);
         float w = 1 - (d - d0) * reach;
         if (!(w > 0)) continue;
+        const float *by = g->maps + 12 * (size_t)g->neighbour[i];
+        if (g->sides && map_mirrors(by) != map_mirrors(g->maps + 12 * v)) continue;
         if (w > 1) w = 1; /* `nearest` is not the nearest one */
         w *= w;
         sum += w;
-        for (int k = 0; k < 12; k++) map[k] += w * g->maps[12 * (size_t)g->neighbour[i] + (size_t)k];
+        for (int k = 0; k < 12; k++) map[k] += w * by[k];
     }
     for (int k = 0; k < 12; k++) map[k] /= sum;
 }

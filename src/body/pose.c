@@ -255,6 +255,8 @@ void posed_body_free(posed_body *p) {
     mem_free(p->shape_offset);
     mem_free(p->to_canonical);
     mem_free(p->from_canonical);
+    mem_free(p->read_from);
+    mem_free(p->seen);
     mem_free(p->joints);
     vertex_grid_free(p->near);
     mem_free(p);

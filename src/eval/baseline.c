@@ -4,34 +4,6 @@
 
 #include "eval/baseline.h"
 
-sherf_status baseline_mirror(context *c, const body_model *body, int32_t **out) {
-    /* joints with a left and a right side, of which the mirror's plane is the middle */
-    static const int pairs[][2] = {{1, 2},   {4, 5},   {7, 8},   {10, 11}, {13, 14},
-                                   {16, 17}, {18, 19}, {20, 21}, {22, 23}};
-    double middle = 0;
-    vertex_grid *grid = NULL;
-    const size_t V = (size_t)body->vertices;
-    for (size_t i = 0; i < COUNT_OF(pairs); i++)
-        middle += body->joint_template[pairs[i][0]][0] + body->joint_template[pairs[i][1]][0];
-    middle /= 2 * COUNT_OF(pairs);
-    *out = NULL;
-    float *mirrored = mem_alloc(c, V, 3 * sizeof *mirrored);
-    int32_t *nearest = mem_alloc(c, V, sizeof *nearest);
-    sherf_status status = mirrored && nearest ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = vertex_grid_create(c, body->vertices, body->v_template, 0, &grid);
-    if (status == SHERF_OK) {
-        memcpy(mirrored, body->v_template, V * 3 * sizeof *mirrored);
-        for (size_t v = 0; v < V; v++) mirrored[3 * v] = (float)(2 * middle) - mirrored[3 * v];
-        vertex_grid_nearest_many(c, grid, body->vertices, mirrored, nearest);
-        *out = nearest;
-        nearest = NULL;
-    }
-    vertex_grid_free(grid);
-    mem_free(mirrored);
-    mem_free(nearest);
-    return status;
-}
-
 /* The picture at (u, v), bilinear; false where one of the four pixels is not the person's. */
 static bool sample_inside(const sherf_observation *o, float u, float v, float color[3]) {
     const int W = o->image.width, H = o->image.height;
@@ -81,7 +53,7 @@ static sherf_status look(context *c, const body_model *body, const sherf_observa
 }
 
 /* Colours of the vertices that were not seen; without any that was, the mean colour. */
-static sherf_status guess(context *c, const body_model *body, const int32_t *mirror, baselines *y) {
+static sherf_status guess(context *c, const body_model *body, baselines *y) {
     const int V = body->vertices;
     int seen = 0;
     vertex_grid *grid = NULL;
@@ -97,7 +69,7 @@ static sherf_status guess(context *c, const body_model *body, const int32_t *mir
     if (seen && (status = vertex_grid_create(c, seen, rest, 0, &grid)) != SHERF_OK) goto done;
     for (int v = 0; v < V; v++) {
         if (y->seen[v]) continue;
-        int32_t other = mirror[v], near = -1;
+        int32_t other = body->mirror[v], near = -1;
         if (other >= 0 && !y->seen[other]) other = -1;
         if (other < 0 && grid) near = vertex_grid_nearest(grid, body->v_template + 3 * v, NULL);
         if (near >= 0) other = index[near];
@@ -110,8 +82,8 @@ done:
     return status;
 }
 
-sherf_status baselines_create(context *c, const body_model *body, const int32_t *mirror,
-                              const sherf_observation *o, baselines *out) {
+sherf_status baselines_create(context *c, const body_model *body, const sherf_observation *o,
+                              baselines *out) {
     double sum[3] = {0}, count = 0;
     *out = (baselines){.color = mem_zero(c, (size_t)body->vertices, 3 * sizeof *out->color),
                        .seen = mem_zero(c, (size_t)body->vertices, sizeof *out->seen)};
@@ -123,7 +95,7 @@ sherf_status baselines_create(context *c, const body_model *body, const int32_t 
     for (int k = 0; k < 3; k++) out->mean_color[k] = (float)(sum[k] / fmax(count, 1));
     sherf_status status = out->color && out->seen ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = look(c, body, o, out);
-    if (status == SHERF_OK) status = guess(c, body, mirror, out);
+    if (status == SHERF_OK) status = guess(c, body, out);
     if (status != SHERF_OK) baselines_free(out);
     return status;
 }

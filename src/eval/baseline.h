@@ -7,17 +7,13 @@
 
 #include "data/data.h"
 
-/* For each vertex the one nearest to its mirror image in rest pose, left for right. *out is mem_free'd. */
-sherf_status baseline_mirror(context *c, const body_model *body, int32_t **out);
-
 typedef struct {
     float mean_color[3];
     float *color;  /* V x 3: seen, else that of the mirrored vertex if seen, else of the nearest seen in rest
                       pose */
     int32_t *seen; /* V: 1 where the vertex faces the camera, nothing hides it and it lies inside the mask */
 } baselines;
-sherf_status baselines_create(context *c, const body_model *body, const int32_t *mirror,
-                              const sherf_observation *o, baselines *out);
+sherf_status baselines_create(context *c, const body_model *body, const sherf_observation *o, baselines *out);
 void baselines_free(baselines *y); /* its arrays; fine on zeroes */
 
 /* Into out, H x W x 3 of the target. */

@@ -24,8 +24,8 @@ typedef struct {
     lpips_network *lpips;       /* NULL: not computed */
     resnet50_network *resnet50; /* NULL: not computed */
     tape *tape;                 /* of these two */
-    int32_t *mirror;            /* of the body; NULL: no baselines */
     baselines baselines;        /* of the observation */
+    uint8_t *shown;             /* what it shows of the body */
     sherf_image painted;        /* the painted body's picture */
     int *people, people_count;
     selection *selection; /* one a person */
@@ -49,7 +49,7 @@ static void evaluation_free(evaluation *e) {
     tape_free(e->tape);
     lpips_free(e->lpips);
     resnet50_free(e->resnet50);
-    mem_free(e->mirror);
+    mem_free(e->shown);
     baselines_free(&e->baselines);
     sherf_image_free(&e->painted);
     sherf_model_free(e->model);
@@ -74,7 +74,6 @@ static sherf_status evaluation_open(evaluation *e) {
     status = lpips_place(c, e->lpips, tape_backend(e->tape)->memory);
     if (status == SHERF_OK) status = resnet50_place(c, e->resnet50, tape_backend(e->tape)->memory);
     if (status != SHERF_OK) return status;
-    if (o->baselines && (status = baseline_mirror(c, e->body, &e->mirror)) != SHERF_OK) return status;
     e->report.baselines = o->baselines != 0;
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
@@ -310,7 +309,10 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
     if ((status = compare_with(e, truth, entry.person, entry.target, &k)) != SHERF_OK) goto done;
     if ((status = score(e, &k, e->frame.color.data, truth, &entry.score[SCORE_MODEL])) != SHERF_OK) goto done;
-    if (e->mirror && (status = score_baselines(e, &k, truth, &camera, &pose, &entry)) != SHERF_OK) goto done;
+    if ((status = regions_measure(c, e->body, e->shown, truth, e->frame.color.data, &entry.regions)))
+        goto done;
+    if (e->options->baselines && (status = score_baselines(e, &k, truth, &camera, &pose, &entry)) != SHERF_OK)
+        goto done;
     if (isnan(entry.score[SCORE_MODEL].psnr)) {
         log_line(c, SHERF_LOG_WARNING, "%s: the person of pose %d is outside view %d, which is left out",
                  sherf_dataset_person(e->data, entry.person), entry.target.pose, entry.target.view);
@@ -374,6 +376,9 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     picture from = s->observation[i];
     sherf_status status =
         dataset_observation(c, e->data, s->person, from.pose, from.view, e->options->size_px, &observation);
+    mem_free(e->shown);
+    e->shown = NULL;
+    if (status == SHERF_OK) status = regions_look(c, e->body, observation, &e->shown);
     if (status == SHERF_OK && e->estimator) status = estimate(e, s->person, from, &observation);
     if (status != SHERF_OK) goto done;
     if (!observation) {
@@ -382,7 +387,7 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
         goto done;
     }
     baselines_free(&e->baselines);
-    if (e->mirror) status = baselines_create(c, e->body, e->mirror, observation, &e->baselines);
+    if (e->options->baselines) status = baselines_create(c, e->body, observation, &e->baselines);
     if (status == SHERF_OK) status = sherf_avatar_create(c, e->model, e->body, observation, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation)) != SHERF_OK) goto done;

@@ -92,6 +92,14 @@ static int next_person(const report *r, int64_t *at, int previous) {
     return *at < r->count ? r->entry[*at].person : -1;
 }
 
+/* Of one person, or all (-1): every pixel of the pictures counts alike. */
+static region_errors report_regions(const report *r, int person, bool novel_pose) {
+    region_errors sum = {0};
+    for (int64_t i = 0; i < r->count; i++)
+        if (belongs(&r->entry[i], person, novel_pose)) regions_add(&sum, &r->entry[i].regions);
+    return sum;
+}
+
 /* ---- table ---- */
 static void number_text(double v, const char *format, char text[16]) {
     if (isnan(v))
@@ -132,9 +140,21 @@ static size_t block(char *to, size_t room, int name_width, const char *name, con
     return used;
 }
 
+/* PSNR of what the observed pictures show of the people, of the rest, and of what limbs cover. */
+static size_t region_lines(char *to, size_t room, int name_width, const report *r) {
+    static const char *const name[REGIONS] = {"  seen", "  not seen", "  covered"};
+    const region_errors view = report_regions(r, -1, false), pose = report_regions(r, -1, true);
+    size_t used = 0;
+    for (int i = 0; i < REGIONS; i++)
+        used += line(to + used, room - used, name_width, name[i], false,
+                     (sherf_score[]){{regions_psnr(&view, i), NAN, NAN, (int)view.pixels[i], NAN},
+                                     {regions_psnr(&pose, i), NAN, NAN, (int)pose.pixels[i], NAN}});
+    return used;
+}
+
 char *report_table(context *c, const report *r, const sherf_dataset *d) {
     enum { NAME_MAX_WIDTH = 40, LINE = 192, BLOCK = SCORE_KINDS + 1 };
-    size_t lines = 2 + BLOCK;
+    size_t lines = 2 + BLOCK + REGIONS;
     int width = r->baselines ? 14 : 6;
     int64_t at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p)) {
@@ -152,7 +172,8 @@ char *report_table(context *c, const report *r, const sherf_dataset *d) {
     at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p))
         used += block(text + used, room - used, width, sherf_dataset_person(d, p), r, p);
-    block(text + used, room - used, width, "mean", r, -1);
+    used += block(text + used, room - used, width, "mean", r, -1);
+    region_lines(text + used, room - used, width, r);
     return text;
 }
 
@@ -175,9 +196,24 @@ static bool add_both(cJSON *to, const report *r, int kind, int person) {
            add_score(to, "novel_pose", report_mean(r, kind, person, true));
 }
 
+static bool add_regions(cJSON *to, const char *key, const region_errors *e) {
+    static const char *const name[REGIONS] = {"seen", "not_seen", "covered"};
+    cJSON *all = cJSON_AddObjectToObject(to, key);
+    for (int i = 0; i < REGIONS && all; i++) {
+        cJSON *o = cJSON_AddObjectToObject(all, name[i]);
+        if (!o || !add_number(o, "psnr", regions_psnr(e, i)) ||
+            !add_number(o, "pixels", (double)e->pixels[i]))
+            return false;
+    }
+    return all != NULL;
+}
+
 /* Of one person, or of all. */
 static bool add_means(cJSON *to, const report *r, int person) {
+    const region_errors view = report_regions(r, person, false), pose = report_regions(r, person, true);
     bool ok = add_both(to, r, SCORE_MODEL, person);
+    cJSON *regions = ok ? cJSON_AddObjectToObject(to, "regions") : NULL;
+    ok = regions && add_regions(regions, "novel_view", &view) && add_regions(regions, "novel_pose", &pose);
     for (int kind = 1; kind < SCORE_KINDS && r->baselines && ok; kind++) {
         cJSON *o = cJSON_AddObjectToObject(to, kind_key[kind]);
         ok = o && add_both(o, r, kind, person);

@@ -4,6 +4,7 @@
 #define SHERF_REPORT_H
 
 #include "eval/estimated.h"
+#include "eval/regions.h"
 
 enum { SCORE_MODEL, SCORE_MEAN_COLOR, SCORE_PAINTED_BODY, SCORE_KINDS };
 
@@ -16,7 +17,8 @@ typedef struct {
     picture observation, target;
     bool novel_pose;
     picture_score score[SCORE_KINDS];
-    char *rgb, *png; /* file names below the output folder; NULL: not written; owned */
+    region_errors regions; /* of the model */
+    char *rgb, *png;       /* file names below the output folder; NULL: not written; owned */
 } report_entry;
 
 typedef struct {

@@ -10,7 +10,8 @@
 static const model_setting common[] = {{"samples", AT(samples), 2, 1024, 1},
                                        {"image_size", AT(image_size), 0, 8192, 1},
                                        {"px_per_m", AT(px_per_m), 0, 100000, 1},
-                                       {"skin_blend_mm", AT(skin_blend_mm), 0, 200, 1}};
+                                       {"skin_blend_mm", AT(skin_blend_mm), 0, 200, 1},
+                                       {"occlusion", AT(occlusion), 0, 2, 1}};
 
 /* Setting i: the model's own, then the common ones; NULL after the last. */
 static const model_setting *setting(const model_kind *kind, size_t i) {

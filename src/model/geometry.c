@@ -4,6 +4,19 @@
 
 #include "model/model.h"
 
+sherf_status observed_body_create(context *c, const model_config *config, const body_model *body,
+                                  const sherf_pose *pose, const sherf_camera *camera, const float *image,
+                                  posed_body **out) {
+    sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    if (status != SHERF_OK) return status;
+    (*out)->blend_m = (float)config->skin_blend_mm / 1000;
+    if (config->occlusion) status = body_read_picture(c, body, camera, image, config->occlusion > 1, *out);
+    if (status == SHERF_OK) return SHERF_OK;
+    posed_body_free(*out);
+    *out = NULL;
+    return status;
+}
+
 sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out) {
@@ -32,9 +45,8 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
         goto done;
     }
     memcpy(g->image, image_rgb->data, N * sizeof(float));
-    status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &g->body);
+    status = observed_body_create(c, config, body, pose, camera, g->image, &g->body);
     if (status != SHERF_OK) goto done;
-    g->body->blend_m = (float)config->skin_blend_mm / 1000;
     if (config->kind->observe) status = config->kind->observe(c, config, body, training, g);
 done:
     if (status == SHERF_OK)

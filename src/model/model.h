@@ -26,6 +26,10 @@ typedef struct {
     /* Points move with their nearest vertex's map, the paper's way (0), or with a blend of it and its
      * neighbours' within so many millimetres (body.h, blend_m), which leaves no teeth at silhouettes. */
     int skin_blend_mm;
+    /* What the observed picture does not show is read straight through the body, whatever limb is there (0,
+     * the paper's way), or beside the limb that covers it (1), or at its mirror image too (2): scene.h,
+     * body_read_picture. */
+    int occlusion;
     union { /* the model's own, a struct of int and float */
         double alignment;
         unsigned char bytes[MODEL_SETTINGS_ROOM];
@@ -72,6 +76,11 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out);
 void observation_geometry_free(observation_geometry *g);
+/* The body of an observation, as the settings have it: its points' ways and where they are read in the
+ * picture (image: H x W x 3, black outside the person). */
+sherf_status observed_body_create(context *c, const model_config *config, const body_model *body,
+                                  const sherf_pose *pose, const sherf_camera *camera, const float *image,
+                                  posed_body **out);
 
 /* ---- and once per target ---- */
 /* Some of a target's rays, for trainings of the kind. */

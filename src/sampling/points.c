@@ -394,7 +394,7 @@ static void fill_points(const points_job *job, int64_t chunk) {
         float own[3 * BATCH], *world = p->observation_world ? p->observation_world + 3 * (at + b) : own;
         for (int64_t i = 0; i < count; i++) /* the target's nearest vertex is nearly always near here, too */
             canonical_nearest[i] = vertex_grid_nearest_from(grid, canonical + 3 * i, nearest[b + i], NULL);
-        deform_from_canonical(job->m, job->observation, count, canonical, canonical_nearest, world);
+        deform_to_picture(job->m, job->observation, count, canonical, canonical_nearest, world);
         camera_project(job->camera, count, world, p->observed_px + 2 * (at + b), NULL);
     }
 }

@@ -64,6 +64,22 @@ void body_world_box(const body_model *m, const posed_body *p, float min_world[3]
 sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible);
 
+/* ---- what the picture does not show (network.md) ---- */
+enum {
+    SHOWN_SEEN,    /* the vertex faces the camera, and nothing is before it */
+    SHOWN_BEHIND,  /* it lies on the body's other side */
+    SHOWN_COVERED, /* another limb lies before it */
+    SHOWN_OUTSIDE  /* of the picture or of the person in it */
+};
+/* Of every vertex one of these. image: H x W x 3, black outside the person; NULL: all is person. beside_m: in
+ * the picture a limb covers so much more than itself. */
+sherf_status body_shown(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
+                        const float *image, float beside_m, uint8_t *shown);
+/* Fills p->read_from and p->seen of an observed body before its camera. image: H x W x 3, black outside the
+ * person, or NULL. mirror: what is not seen is read at its mirror image, where that is. */
+sherf_status body_read_picture(context *c, const body_model *m, const sherf_camera *camera,
+                               const float *image, bool mirror, posed_body *p);
+
 /* ---- rasteriser: z-buffered triangles with interpolated attributes, for synth, check and overlays ---- */
 typedef struct {
     int width, height;

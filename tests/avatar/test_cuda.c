@@ -18,12 +18,12 @@ enum { SIDE = 32 };
 static const char settings[] =
     "small,plane_resolution=16,channel_max=16,encoder_width=8,style_width=16,volume_channels0=8,"
     "volume_channels1=8,volume_channels2=16,decoder_width=32,decoder_depth=3,decoder_skip=1,view_width=16,"
-    "samples=16,voxel_size_m=0.03,skin_blend_mm=20";
+    "samples=16,voxel_size_m=0.03,skin_blend_mm=20,occlusion=2";
 
 static void avatar_write(context *c, const body_model *body, const char *path) {
     model_config config;
     model *m;
-    sherf_avatar *a;
+    sherf_avatar *a, *loaded;
     sherf_observation *observation;
     sherf_pose pose;
     sherf_camera camera;
@@ -41,6 +41,10 @@ static void avatar_write(context *c, const body_model *body, const char *path) {
     assert_ok(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &observation));
     assert_ok(c, sherf_avatar_create(c, m, body, observation, &a));
     assert_ok(c, sherf_avatar_save(c, a, path));
+    assert_ok(c, sherf_avatar_load(c, path, body, &loaded)); /* the file says where points are read */
+    assert_memory_equal(loaded->observed->read_from, a->observed->read_from,
+                        (size_t)body->vertices * 12 * sizeof(float));
+    sherf_avatar_free(loaded);
     sherf_avatar_free(a);
     sherf_observation_free(observation);
     model_free(m);

@@ -95,6 +95,12 @@ static void listed_pictures(void **state) {
     assert_true(fabs(s.novel_pose.psnr - psnr) < 1e-6 && fabs(s.novel_pose.ssim - ssim) < 1e-6);
     assert_true(fabs(number(value_get(d->root, "novel_pose"), "psnr") - psnr) < 1e-6);
     assert_int_equal(value_count(value_get(d->root, "people")), 1);
+    const value *regions = value_get(value_get(d->root, "regions"), "novel_pose");
+    const double seen = number(value_get(regions, "seen"), "pixels"),
+                 hidden = number(value_get(regions, "not_seen"), "pixels"),
+                 covered = number(value_get(regions, "covered"), "pixels");
+    assert_true(seen > 0 && hidden > 0 && covered >= 0 && covered < hidden);
+    assert_true(number(value_get(regions, "seen"), "psnr") > 3);
     document_free(d);
     sherf_dataset_free(data);
     sherf_free(s.table);

@@ -74,7 +74,10 @@ sherf_status model_sherf_observe_at(context *c, const model_config *config, cons
     if (status == SHERF_OK) {
         body_vertices_world(body, observation->body, world);
         camera_project(&observation->camera, (int64_t)V, world, g->vertex_px, NULL);
-        status = vertices_visible(c, body, world, &observation->camera, g->visible);
+        if (observation->body->seen)
+            memcpy(g->visible, observation->body->seen, V * sizeof *g->visible);
+        else
+            status = vertices_visible(c, body, world, &observation->camera, g->visible);
     }
     if (status == SHERF_OK) status = volume_layout(c, config, body, observation->body, g, training, voxels);
     mem_free(world);

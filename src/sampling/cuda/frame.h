@@ -96,6 +96,14 @@ void pose_fill(context *c, const tensor_memory *memory, const placed_body *b, co
 struct placed_camera { /* the observation's */
     float K[9], R[9], T[3];
 };
+/* Where canonical points are read: maps V x 12, from_canonical or read_from of its body (sides), with its
+ * blend. */
+struct placed_observation {
+    const float *maps;
+    float blend_m;
+    bool sides;
+    placed_camera camera;
+};
 
 struct placed_points {
     int64_t rays, max; /* room for candidates and points */
@@ -121,10 +129,9 @@ struct sample_request {
 };
 sherf_status points_room(context *c, arena *a, int64_t rays, int samples_max, int64_t max,
                          placed_points *out);
-/* observed_maps: V x 12, from_canonical of the observation's body, with its blend. */
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const sample_request *request, const float *observed_maps, float observed_blend_m,
-                 const placed_camera *observed_camera, const occupancy_grid *empty, placed_points *p);
+                 const sample_request *request, const placed_observation *observed,
+                 const occupancy_grid *empty, placed_points *p);
 
 } // namespace cuda_backend
 #endif

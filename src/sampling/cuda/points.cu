@@ -206,7 +206,8 @@ static void find_candidates(const placed_pose &pose, const placed_points &p) {
 /* ---- the kept ones ---- */
 static __device__ void to_canonical(const placed_body &b, const placed_pose &pose, int32_t nearest,
                                     float x[3], float *direction) {
-    const vertex_mapping g = {pose.vertices, pose.to_canonical, pose.blend_m, b.neighbour_first, b.neighbour};
+    const vertex_mapping g = {pose.vertices,     pose.to_canonical, pose.blend_m,
+                              b.neighbour_first, b.neighbour,       false};
     float blended[12], y[3];
     const float *map = g.maps + 12 * (int64_t)nearest;
     if (g.blend_m != 0) {
@@ -243,13 +244,7 @@ static void keep_near(const placed_body &b, const placed_pose &pose, const occup
     });
 }
 
-struct observation_maps {
-    const float *maps;
-    float blend_m;
-    placed_camera camera;
-};
-
-static void map_points(const placed_body &b, const placed_pose &pose, const observation_maps &seen,
+static void map_points(const placed_body &b, const placed_pose &pose, const placed_observation &seen,
                        const placed_points &p) {
     each_counted(&p.head->candidates, p.max, [=] __device__(int64_t i) {
         const int32_t nearest = p.candidate_nearest[i], n = p.candidate_ray[i];
@@ -267,8 +262,8 @@ static void map_points(const placed_body &b, const placed_pose &pose, const obse
             p.canonical[3 * at + k] = x[k];
             p.direction_canonical[3 * at + k] = direction[k];
         }
-        const vertex_mapping g = {b.canonical_vertices, seen.maps, seen.blend_m, b.neighbour_first,
-                                  b.neighbour};
+        const vertex_mapping g = {b.canonical_vertices, seen.maps,   seen.blend_m,
+                                  b.neighbour_first,    b.neighbour, seen.sides};
         int32_t own = nearest_vertex(b.canonical, x, INFINITY, nearest);
         if (own < 0) own = 0;
         float blended[12], world[3];
@@ -284,15 +279,15 @@ static void map_points(const placed_body &b, const placed_pose &pose, const obse
 }
 
 void points_fill(const placed_body *b, const placed_pose *pose, const ray_optics *optics, int width,
-                 const sample_request *request, const float *observed_maps, float observed_blend_m,
-                 const placed_camera *observed_camera, const occupancy_grid *empty, placed_points *p) {
+                 const sample_request *request, const placed_observation *observed,
+                 const occupancy_grid *empty, placed_points *p) {
     const occupancy_grid none = {};
     p->width = width;
     memcpy(p->origin, optics->origin, sizeof p->origin);
     make_rays(*optics, *request, *p);
     find_candidates(*pose, *p);
     keep_near(*b, *pose, empty ? *empty : none, *p);
-    map_points(*b, *pose, {observed_maps, observed_blend_m, *observed_camera}, *p);
+    map_points(*b, *pose, *observed, *p);
 }
 
 } // namespace cuda_backend

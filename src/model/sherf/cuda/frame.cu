@@ -11,9 +11,7 @@ using namespace cuda_backend;
 struct gpu_avatar {
     arena *own, *frame; /* what stays, and what each frame takes anew */
     placed_body body;
-    float *observed_maps;
-    float observed_blend_m;
-    placed_camera camera;
+    placed_observation observed;
     placed_network *network;
     int64_t max; /* points that there is room for */
     void *pinned;
@@ -186,20 +184,20 @@ static sherf_status avatar_place(context *c, const body_model *m, const posed_bo
     a->own = arena_create_from(c, &device_memory.source);
     a->frame = arena_create_from(c, &device_memory.source);
     const int64_t floats = 12 * (int64_t)m->vertices;
+    const float *from = observed->read_from ? observed->read_from : observed->from_canonical;
     if (a->own && a->frame) status = body_place(c, a->own, &device_memory, m, &a->body);
-    if (!status && !(a->observed_maps = room<float>(c, a->own, floats))) status = SHERF_NO_MEMORY;
-    if (!status)
-        status = device_memory.upload(c, a->observed_maps, observed->from_canonical,
-                                      (size_t)floats * sizeof(float));
+    float *maps = status ? nullptr : room<float>(c, a->own, floats);
+    if (!status) status = maps ? SHERF_OK : SHERF_NO_MEMORY;
+    if (!status) status = device_memory.upload(c, maps, from, (size_t)floats * sizeof *maps);
     if (!status) status = network_place(c, a->own, &device_memory, network, bf16, &a->network);
     if (status) {
         avatar_release(a);
         return status;
     }
-    a->observed_blend_m = observed->blend_m;
-    memcpy(a->camera.K, observed_camera->K, sizeof a->camera.K);
-    memcpy(a->camera.R, observed_camera->R, sizeof a->camera.R);
-    memcpy(a->camera.T, observed_camera->T_m, sizeof a->camera.T);
+    a->observed = {maps, observed->blend_m, observed->read_from != nullptr, {}};
+    memcpy(a->observed.camera.K, observed_camera->K, sizeof a->observed.camera.K);
+    memcpy(a->observed.camera.R, observed_camera->R, sizeof a->observed.camera.R);
+    memcpy(a->observed.camera.T, observed_camera->T_m, sizeof a->observed.camera.T);
     *out = a;
     return SHERF_OK;
 }
@@ -244,8 +242,8 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     if (!scratch) return SHERF_NO_MEMORY;
     ray_optics_of(camera, &optics);
     pose_fill(c, &device_memory, &a->body, posed, &pose, p->head, scratch);
-    points_fill(&a->body, &pose, &optics, camera->width_px, &request, a->observed_maps, a->observed_blend_m,
-                &a->camera, o->empty && o->empty->bit ? &a->empty : nullptr, p);
+    points_fill(&a->body, &pose, &optics, camera->width_px, &request, &a->observed,
+                o->empty && o->empty->bit ? &a->empty : nullptr, p);
     return SHERF_OK;
 }
 

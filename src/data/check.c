@@ -16,6 +16,9 @@ typedef struct {
     const char *overlay;    /* may be NULL; emptied once written */
     sherf_findings *out;
     text_builder text;
+    sherf_log_function log; /* the context's own, with its user */
+    sherf_progress_function progress;
+    void *user;
 } checker;
 
 static void PRINTF_LIKE(3, 4) finding(checker *k, severity s, const char *format, ...) {
@@ -90,56 +93,107 @@ static void inverted_camera(const sherf_camera *in, sherf_camera *out) {
     }
 }
 
-/* When the body misses the mask: would a usual mistake explain it? */
-static sherf_status explain_miss(checker *k, const char *what, const sherf_observation *o, double overlap) {
-    enum {
-        MILLIMETRES,
-        METRES,
-        TO_WORLD,
-        OPENGL,
-        TH_MILLIMETRES,
-        MIRRORED_POSE,
-        MIRRORED_PICTURE,
-        EXPLANATIONS
-    };
-    static const char *const says[EXPLANATIONS] = {
-        "the camera's T in metres (are these millimetres?)",
-        "the camera's T times 1000 (are these metres, where the layout has millimetres?)",
-        "R and T inverted (are these camera to world? world to camera is expected)",
-        "y and z of the camera turned round (OpenGL axes? OpenCV's are expected)",
-        "Th in metres (are these millimetres?)",
-        "left and right of the pose exchanged",
-        "the picture mirrored",
-    };
-    double best = overlap + 0.15;
-    int which = -1;
-    for (int e = 0; e < EXPLANATIONS; e++) {
-        sherf_camera camera = o->camera;
-        sherf_pose pose = o->pose;
-        double now;
-        if (e == TO_WORLD) inverted_camera(&o->camera, &camera);
-        if (e == MIRRORED_POSE) mirrored_pose(&o->pose, &pose);
-        for (int i = 0; i < 3; i++) {
-            if (e == MILLIMETRES) camera.T_m[i] /= 1000;
-            if (e == METRES) camera.T_m[i] *= 1000;
-            if (e == TH_MILLIMETRES) pose.Th_m[i] /= 1000;
-        }
-        for (int i = 1; i < 3 && e == OPENGL; i++) {
-            camera.T_m[i] *= -1;
-            for (int j = 0; j < 3; j++) camera.R[i * 3 + j] *= -1;
-        }
-        sherf_status status =
-            silhouette_overlap(k->c, o, k->body, &pose, &camera, e == MIRRORED_PICTURE, &now);
-        if (status) return status;
-        if (now > best) best = now, which = e;
-    }
-    if (which >= 0)
-        finding(k, NOTE, "%s: with %s the body would cover the mask to %.0f %%", what, says[which],
-                best * 100);
-    return SHERF_OK;
+/* K for another size of the same picture: its centre is brought to the middle. */
+static void rescaled_camera(sherf_camera *camera) {
+    const float scale = camera->K[2] > 0 ? (float)camera->width_px / 2 / camera->K[2] : 1;
+    for (int i = 0; i < 6; i++) camera->K[i] *= scale;
 }
 
-static sherf_status check_view(checker *k, const char *what, const sherf_observation *o) {
+static void transposed_camera(const sherf_camera *in, sherf_camera *out) {
+    *out = *in;
+    for (int i = 0; i < 9; i++) out->R[i] = in->R[i % 3 * 3 + i / 3];
+}
+
+/* T is where the camera is: x_camera = R (x - T). */
+static void centred_camera(const sherf_camera *in, sherf_camera *out) {
+    *out = *in;
+    for (int i = 0; i < 3; i++) {
+        double sum = 0;
+        for (int j = 0; j < 3; j++) sum += (double)in->R[3 * i + j] * in->T_m[j];
+        out->T_m[i] = (float)-sum;
+    }
+}
+
+typedef enum {
+    MILLIMETRES,
+    METRES,
+    TO_WORLD,
+    TRANSPOSED,
+    CENTRE,
+    OPENGL,
+    TH_MILLIMETRES,
+    RESCALED,
+    MIRRORED_POSE,
+    MIRRORED_PICTURE,
+    INVERTED_MASK,
+    EXPLANATIONS
+} explanation;
+static const char *const explanation_says[EXPLANATIONS] = {
+    "the camera's T in metres (are these millimetres?)",
+    "the camera's T times 1000 (are these metres, where the layout has millimetres?)",
+    "R and T inverted (are these camera to world? world to camera is expected)",
+    "R transposed (is it camera to world, beside a T that is not?)",
+    "T taken for the camera's place (world to camera is expected: T = -R place)",
+    "y and z of the camera turned round (OpenGL axes? OpenCV's are expected)",
+    "Th in metres (are these millimetres?)",
+    "K scaled to the picture (is it for another size?)",
+    "left and right of the pose exchanged",
+    "the picture mirrored",
+    "the mask inverted (is it black where the person is?)",
+};
+
+/* The overlap that there would be if the mistake were undone. */
+static sherf_status explained_overlap(checker *k, const sherf_observation *o, explanation e,
+                                      double *overlap) {
+    sherf_camera camera = o->camera;
+    sherf_pose pose = o->pose;
+    if (e == TO_WORLD) inverted_camera(&o->camera, &camera);
+    if (e == TRANSPOSED) transposed_camera(&o->camera, &camera);
+    if (e == CENTRE) centred_camera(&o->camera, &camera);
+    if (e == RESCALED) rescaled_camera(&camera);
+    if (e == MIRRORED_POSE) mirrored_pose(&o->pose, &pose);
+    for (int i = 0; i < 3; i++) {
+        if (e == MILLIMETRES) camera.T_m[i] /= 1000;
+        if (e == METRES) camera.T_m[i] *= 1000;
+        if (e == TH_MILLIMETRES) pose.Th_m[i] /= 1000;
+    }
+    for (int i = 1; i < 3 && e == OPENGL; i++) {
+        camera.T_m[i] *= -1;
+        for (int j = 0; j < 3; j++) camera.R[i * 3 + j] *= -1;
+    }
+    const mask_reading reading = e == MIRRORED_PICTURE ? MASK_MIRRORED
+                                 : e == INVERTED_MASK  ? MASK_INVERTED
+                                                       : MASK_AS_IT_IS;
+    return silhouette_overlap(k->c, o, k->body, &pose, &camera, reading, overlap);
+}
+
+static double mask_share(const sherf_observation *o) {
+    const size_t n = (size_t)o->image.width * o->image.height;
+    size_t person = 0;
+    for (size_t i = 0; i < n; i++) person += o->mask[i] != 0;
+    return (double)person / (double)n;
+}
+
+/* When the body misses the mask: would a usual mistake explain it? A body at the camera's nose covers any
+ * mask that is nearly everything, so of a large one it is asked first whether it is inverted. */
+static sherf_status explain_miss(checker *k, const char *what, const sherf_observation *o, double overlap) {
+    double best = overlap + 0.15, now = 0;
+    int which = -1;
+    sherf_status status = SHERF_OK;
+    if (mask_share(o) > 0.5) status = explained_overlap(k, o, INVERTED_MASK, &now);
+    if (now > 0.6) best = now, which = INVERTED_MASK;
+    for (int e = 0; e < INVERTED_MASK && which != INVERTED_MASK && !status; e++) {
+        status = explained_overlap(k, o, (explanation)e, &now);
+        if (now > best) best = now, which = e;
+    }
+    if (which >= 0 && !status)
+        finding(k, NOTE, "%s: with %s the body would cover the mask to %.0f %%", what,
+                explanation_says[which], best * 100);
+    return status;
+}
+
+/* aside: one of several views; that all is well is not worth a line, nor a drawing. */
+static sherf_status check_view(checker *k, const char *what, const sherf_observation *o, bool aside) {
     size_t n = (size_t)o->image.width * o->image.height, person = 0, lit = 0;
     for (size_t i = 0; i < n; i++) {
         person += o->mask[i] != 0;
@@ -151,15 +205,16 @@ static sherf_status check_view(checker *k, const char *what, const sherf_observa
     if (lit * 4 < person) finding(k, WARNING, "%s: the picture is nearly black inside the mask", what);
     if (!k->body) return SHERF_OK;
     double overlap;
-    sherf_status status = silhouette_overlap(k->c, o, k->body, &o->pose, &o->camera, false, &overlap);
+    sherf_status status = silhouette_overlap(k->c, o, k->body, &o->pose, &o->camera, MASK_AS_IT_IS, &overlap);
     if (status) return finding_of(k, failure_prefix(k->c, status, "%s", what));
     severity s = overlap < 0.3 ? FINDING_ERROR : overlap < 0.6 ? WARNING : NOTE;
+    if (s == NOTE && aside) return SHERF_OK;
     finding(k, s,
             s == NOTE ? "%s: the body covers the mask (overlap %.0f %%)"
                       : "%s: the body does not cover the mask (overlap %.0f %%)",
             what, overlap * 100);
     if (s != NOTE) status = explain_miss(k, what, o, overlap);
-    if (!status && k->overlay) {
+    if (!status && k->overlay && !aside) {
         status = silhouette_draw(k->c, o, k->body, k->overlay);
         if (!status) finding(k, NOTE, "%s: the body is drawn over the picture of %s", k->overlay, what);
         k->overlay = NULL;
@@ -181,7 +236,7 @@ static sherf_status check_observation(checker *k, const char *path) {
             finding(k, WARNING, "body: shape %d is %.1f, people lie within 5 or so", i, o->pose.shapes[i]);
             break;
         }
-    status = check_view(k, path, o);
+    status = check_view(k, path, o, false);
     sherf_observation_free(o);
     return status;
 }
@@ -325,11 +380,42 @@ done:
     return status;
 }
 
+/* The body over the mask in one picture. */
+static sherf_status check_overlap(checker *k, const sherf_dataset *d, int person, int pose, int view,
+                                  bool aside) {
+    data_view *v = NULL;
+    char what[1200];
+    sherf_status status = dataset_view(k->c, d, person, pose, view, 0, &v);
+    if (status) return finding_of(k, status);
+    snprintf(what, sizeof what, "%.1000s, pose %d, view %d", d->name[person], pose, view);
+    status = observation_check(k->c, v);
+    status = status ? finding_of(k, failure_prefix(k->c, status, "%s", what)) : check_view(k, what, v, aside);
+    sherf_observation_free(v);
+    return status;
+}
+
+/* Views besides the front one, spread over all, and the front one of the last pose: a camera may be wrong, or
+ * pictures and poses may not go together. */
+static sherf_status check_others(checker *k, const sherf_dataset *d, int person, const person_record *r,
+                                 int first, int front) {
+    enum { OTHERS = 4 };
+    int last = r->poses - 1, looked = 0, faults = k->out->errors + k->out->warnings;
+    sherf_status status = SHERF_OK;
+    while (r->present && last > first && !r->present[last]) last--;
+    for (int i = 1; i <= OTHERS && i < r->views && !status; i++, looked++) {
+        const int step = r->views - 1 < OTHERS ? i : (int)((int64_t)i * r->views / (OTHERS + 1));
+        status = check_overlap(k, d, person, first, (front + step) % r->views, true);
+    }
+    if (!status && last > first) status = check_overlap(k, d, person, last, front, true);
+    if (!status && k->body && looked && k->out->errors + k->out->warnings == faults)
+        finding(k, NOTE, "%s: and so it does in %d other view%s%s", d->name[person], looked,
+                looked == 1 ? "" : "s", last > first ? " and the last pose" : "");
+    return status;
+}
+
 static sherf_status check_person(checker *k, const sherf_dataset *d, int person, dataset_count *n) {
     const person_record *r;
     sherf_pose pose;
-    data_view *view = NULL;
-    char what[1200];
     const data_protocol *protocol = dataset_protocol(d);
     sherf_status status = dataset_record(k->c, d, person, &r);
     if (status) return finding_of(k, status);
@@ -341,14 +427,12 @@ static sherf_status check_person(checker *k, const sherf_dataset *d, int person,
     if ((status = check_files(k, d, person, r, n)) || (status = check_views(k, d, person, first, r)))
         return status;
     if (k->out->errors > errors) return SHERF_OK; /* said already */
-    status = dataset_pose(k->c, d, person, first, &pose);
-    if (!status) status = dataset_view(k->c, d, person, first, front, 0, &view);
-    if (status) return finding_of(k, status);
-    snprintf(what, sizeof what, "%.1000s, pose %d, view %d", d->name[person], first, front);
-    status = observation_check(k->c, view);
-    status = status ? finding_of(k, failure_prefix(k->c, status, "%s", what)) : check_view(k, what, view);
+    if ((status = dataset_pose(k->c, d, person, first, &pose))) return finding_of(k, status);
+    const int faults = k->out->errors + k->out->warnings;
+    status = check_overlap(k, d, person, first, front, false);
+    if (!status && k->out->errors + k->out->warnings == faults)
+        status = check_others(k, d, person, r, first, front);
     if (!status && k->body) status = check_vertices(k, d, person, first, &pose, n);
-    sherf_observation_free(view);
     return status;
 }
 
@@ -391,13 +475,36 @@ static sherf_status check_any(checker *k, const char *path) {
     return check_observation(k, path);
 }
 
+/* What readers warn of is a finding. */
+static void on_log(void *user, sherf_log_level level, const char *text) {
+    checker *k = user;
+    if (level == SHERF_LOG_WARNING)
+        finding(k, WARNING, "%s", text);
+    else if (k->log)
+        k->log(k->user, level, text);
+}
+
+static void on_progress(void *user, const char *text, double done, double total) {
+    checker *k = user;
+    if (k->progress) k->progress(k->user, text, done, total);
+}
+
+static sherf_status check_listening(checker *k, const char *path) {
+    context *c = k->c;
+    k->log = c->log, k->progress = c->progress, k->user = c->user;
+    c->log = on_log, c->progress = on_progress, c->user = k;
+    sherf_status status = check_any(k, path);
+    c->log = k->log, c->progress = k->progress, c->user = k->user;
+    return status;
+}
+
 sherf_status sherf_check(sherf_context *c, const char *path, const sherf_body *body, const char *overlay_png,
                          sherf_findings *out) {
     *out = (sherf_findings){0};
     checker k = {.c = c, .body = body, .overlay = overlay_png, .out = out, .text = {.c = c}};
     if (overlay_png && !body)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: an overlay needs a body", overlay_png);
-    sherf_status status = check_any(&k, path);
+    sherf_status status = check_listening(&k, path);
     if (!status && k.overlay)
         finding(&k, NOTE, "%s: not written, there is no picture to draw over", k.overlay);
     out->text = text_take(&k.text);

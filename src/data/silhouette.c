@@ -19,7 +19,7 @@ static sherf_status raster_body(context *c, const body_model *body, const sherf_
 }
 
 sherf_status silhouette_overlap(context *c, const sherf_observation *o, const body_model *body,
-                                const sherf_pose *pose, const sherf_camera *camera, bool mirror,
+                                const sherf_pose *pose, const sherf_camera *camera, mask_reading reading,
                                 double *overlap) {
     float *vertices;
     raster *r;
@@ -30,8 +30,9 @@ sherf_status silhouette_overlap(context *c, const sherf_observation *o, const bo
         int width = o->image.width;
         for (int y = 0; y < o->image.height; y++)
             for (int x = 0; x < width; x++) {
-                size_t at = (size_t)y * width + (mirror ? width - 1 - x : x);
-                bool hit = r->face[(size_t)y * width + x] >= 0, person = o->mask[at];
+                size_t at = (size_t)y * width + (reading == MASK_MIRRORED ? width - 1 - x : x);
+                bool hit = r->face[(size_t)y * width + x] >= 0,
+                     person = !o->mask[at] == (reading == MASK_INVERTED);
                 if (o->unknown && o->unknown[at]) continue;
                 both += hit && person;
                 either += hit || person;

@@ -5,10 +5,11 @@
 #include "data/data.h"
 
 /* Intersection over union of the body's silhouette and the observation's mask, uncertain pixels left out; the
- * camera and pose may differ from the observation's own (same size). mirror: against the mask seen in a
- * mirror. */
+ * camera and pose may differ from the observation's own (same size), and the mask may be seen in a mirror, or
+ * with person and background exchanged. */
+typedef enum { MASK_AS_IT_IS, MASK_MIRRORED, MASK_INVERTED } mask_reading;
 sherf_status silhouette_overlap(context *c, const sherf_observation *o, const body_model *body,
-                                const sherf_pose *pose, const sherf_camera *camera, bool mirror,
+                                const sherf_pose *pose, const sherf_camera *camera, mask_reading reading,
                                 double *overlap);
 /* The body, shaded and half transparent, over the picture, as PNG; outside the mask the picture is grey. */
 sherf_status silhouette_draw(context *c, const sherf_observation *o, const body_model *body,

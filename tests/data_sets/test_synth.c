@@ -88,7 +88,7 @@ static void people_fit_their_pictures(void **state) {
         assert_ok(c, dataset_view(c, d, i / 8, i / 4 % 2, i % 4, 0, &v));
         assert_ok(c, observation_check(c, v));
         assert_ok(c, observation_check_body(c, v, body));
-        assert_ok(c, silhouette_overlap(c, v, body, &v->pose, &v->camera, false, &overlap));
+        assert_ok(c, silhouette_overlap(c, v, body, &v->pose, &v->camera, MASK_AS_IT_IS, &overlap));
         assert_true(overlap > 0.9);
         size_t person = 0;
         double bright = 0;
@@ -137,8 +137,9 @@ static void assert_finding(context *c, const char *path, const body_model *body,
     sherf_free(f.text);
 }
 
-/* Takes the THuman annots of person 0 apart and writes them again with T scaled and, if asked, inverted. */
-static void rewrite_cameras(context *c, const char *folder, double scale, bool invert) {
+/* Takes the THuman annots of person 0 apart and writes them again with T scaled and, if asked, inverted;
+ * the R of view `turned` is transposed (-1: of none). */
+static void rewrite_cameras(context *c, const char *folder, double scale, bool invert, int turned) {
     static const int square[] = {3, 3}, column[] = {3, 1};
     document *d = NULL;
     pickle_writer w;
@@ -166,7 +167,7 @@ static void rewrite_cameras(context *c, const char *folder, double scale, bool i
             if (*what == 'T')
                 pickle_doubles(&w, 2, column, T);
             else
-                pickle_doubles(&w, 2, square, *what == 'K' ? K : invert ? Ri : R);
+                pickle_doubles(&w, 2, square, *what == 'K' ? K : invert || (int)v == turned ? Ri : R);
         }
         pickle_list_close(&w);
     }
@@ -208,16 +209,19 @@ static void check_finds_faults(void **state) {
     one.people = 1;
     snprintf(broken, sizeof broken, "%s", test_path("faults"));
     assert_ok(c, sherf_synth_tube(c, broken, &one));
-    rewrite_cameras(c, broken, 1000, false);
+    rewrite_cameras(c, broken, 1000, false, -1);
     assert_finding(c, broken, body, 4, "millimetres");
-    rewrite_cameras(c, broken, 20, false);
+    rewrite_cameras(c, broken, 20, false, -1);
     assert_finding(c, broken, body, 1, "does not cover the mask");
-    rewrite_cameras(c, broken, 1, true);
+    rewrite_cameras(c, broken, 1, true, -1);
     assert_finding(c, broken, body, 1, "camera to world");
-    rewrite_cameras(c, broken, 0.001, false);
+    rewrite_cameras(c, broken, 0.001, false, -1);
     assert_finding(c, broken, body, 1, "are these metres");
-    rewrite_cameras(c, broken, 1, false);
+    rewrite_cameras(c, broken, 1, false, 1);
+    assert_finding(c, broken, body, 0, "view 1: with R transposed");
+    rewrite_cameras(c, broken, 1, false, -1);
     assert_finding(c, broken, body, 0, "covers the mask");
+    assert_finding(c, broken, body, 0, "and so it does in 3 other views and the last pose");
     make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 40, 30, 0, 1);
     assert_int_equal(unlink(join(broken, "tube_000/view03/000001.png")), 0);
     assert_finding(c, broken, body, 2, "a mask of 40 x 30 pixels for a picture of 64 x 64");

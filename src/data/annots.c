@@ -20,7 +20,10 @@ static sherf_status annots_cameras(context *c, double unit_m, const value *cams,
         sherf_status status = parse_row(c, K, (size_t)v, "K", 9, camera->K);
         if (!status) status = parse_row(c, R, (size_t)v, "R", 9, camera->R);
         if (!status) status = parse_row(c, T, (size_t)v, "T", 3, camera->T);
-        if (!status && D) status = parse_row(c, D, (size_t)v, "D", 5, camera->D);
+        if (!status && D) {
+            const value row = parse_row_of(D, (size_t)v);
+            status = parse_distortion(c, &row, camera->D);
+        }
         for (int i = 0; i < 3; i++) camera->T[i] *= unit_m;
         if (!status) status = parsed_camera_check(c, camera);
         if (status) return failure_prefix(c, status, "view %d", v);
@@ -72,7 +75,7 @@ sherf_status annots_read(context *c, const char *folder, double unit_m, person_r
     document *d = NULL;
     sherf_status status = path_join(c, path, sizeof path, folder, "annots.npy");
     if (status || (status = parse_file(c, path, &d, NULL))) return status;
-    const value *root = parse_unwrapped(d->root), *ims = value_get(root, "ims");
+    const value *root = value_unwrapped(d->root), *ims = value_get(root, "ims");
     size_t poses = value_count(ims);
     if (!value_get(root, "cams") || !poses || poses > DATASET_POSES_MAX)
         status = failure(c, SHERF_BAD_FILE, "expected a dict of cams and ims");

@@ -16,10 +16,12 @@ bool document_is_body(const document *d);
 sherf_status body_save(context *c, const body_model *m, const char *path);
 
 /* ---- pictures ---- */
-/* As OpenCV's undistort with the same camera matrix: bilinear, border 0. D: k1 k2 p1 p2 k3. Bit for bit
- * (masks are bytes, pictures floats, as the data sets' loaders have them). */
-sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[5]);
-sherf_status image_undistort_f32(context *c, sherf_image *image, const double K[9], const double D[5]);
+enum { DISTORTION_MAX = 14 };
+/* As OpenCV's undistort with the same camera matrix: bilinear, border 0. D: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3
+ * s4 tx ty. Bit for bit (masks are bytes, pictures floats, as the data sets' loaders have them). */
+sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[DISTORTION_MAX]);
+sherf_status image_undistort_f32(context *c, sherf_image *image, const double K[9],
+                                 const double D[DISTORTION_MAX]);
 /* cv::resize INTER_AREA (shrinking) to width x height; INTER_LINEAR when growing. nearest: INTER_NEAREST
  * (masks). */
 sherf_status image_resize_area(context *c, sherf_image *image, int width, int height);

@@ -1,5 +1,4 @@
 /* An observation from a folder or a JSON file (docs/observation.md), or from a data set. */
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -31,60 +30,31 @@ static sherf_status optional_index(context *c, const value *root, const char *ke
 }
 
 /* The camera's size, where it is given, must be the picture's. */
-static sherf_status camera_size_check(context *c, int64_t width, int64_t height, const int size[2]) {
+static sherf_status camera_size_check(context *c, int width, int height, const int size[2]) {
     if ((!width || width == size[0]) && (!height || height == size[1])) return SHERF_OK;
-    return failure(c, SHERF_MISMATCH, "camera: for %lld x %lld pixels, the picture has %d x %d",
-                   (long long)width, (long long)height, size[0], size[1]);
+    return failure(c, SHERF_MISMATCH, "camera: for %d x %d pixels, the picture has %d x %d", width, height,
+                   size[0], size[1]);
 }
 
-/* {K, R, T} or a vertical field of view or focal length with the centre in the middle. R and T may be left
- * out: the body is then given in the camera's own frame. */
-static sherf_status camera_object(context *c, const value *v, const int size[2], parsed_camera *out) {
-    double number;
-    sherf_status status = SHERF_OK;
-    int64_t width = 0, height = 0;
-    *out = (parsed_camera){.K = {0, 0, size[0] / 2., 0, 0, size[1] / 2., 0, 0, 1},
-                           .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    if (value_get(v, "K")) {
-        status = value_doubles(c, value_get(v, "K"), "camera: K", 9, out->K);
-    } else if (value_get(v, "fov_deg")) {
-        status = value_doubles(c, value_get(v, "fov_deg"), "camera: fov_deg", 1, &number);
-        if (!status && !(number > 0.1 && number < 179))
-            status = failure(c, SHERF_BAD_FILE, "camera: fov_deg should lie between 0.1 and 179");
-        if (!status) out->K[0] = out->K[4] = size[1] / 2. / tan(number * 3.14159265358979323846 / 360);
-    } else if (value_get(v, "focal_px")) {
-        status = value_doubles(c, value_get(v, "focal_px"), "camera: focal_px", 1, &number);
-        if (!status) out->K[0] = out->K[4] = number;
-    } else {
-        status = failure(c, SHERF_BAD_FILE, "camera: needs K, fov_deg or focal_px");
-    }
-    if (!status && value_get(v, "R")) {
-        float R[9];
-        status = parse_rotation(c, value_get(v, "R"), "camera: R", R);
-        for (int i = 0; i < 9 && !status; i++) out->R[i] = R[i];
-    }
-    if (!status && value_get(v, "T")) status = value_doubles(c, value_get(v, "T"), "camera: T", 3, out->T);
-    if (!status && value_get(v, "D")) status = value_doubles(c, value_get(v, "D"), "camera: D", 5, out->D);
-    if (!status && value_get(v, "width"))
-        status = value_integer(c, value_get(v, "width"), "camera: width", &width);
-    if (!status && value_get(v, "height"))
-        status = value_integer(c, value_get(v, "height"), "camera: height", &height);
-    if (!status) status = camera_size_check(c, width, height, size);
-    return status ? status : parsed_camera_check(c, out);
+/* R and T may be left out: the body is then given in the camera's own frame. */
+static sherf_status camera_object(context *c, const char *what, const value *v, const int size[2],
+                                  parsed_camera *out) {
+    char name[PATH_LENGTH + 16];
+    sherf_status status = parse_camera(c, v, size, out);
+    if (!status) status = camera_size_check(c, out->width, out->height, size);
+    snprintf(name, sizeof name, "%s: camera", what);
+    if (!status) camera_warn(c, v, name);
+    return status;
 }
 
 static sherf_status camera_from_file(context *c, const char *path, const value *root, const int size[2],
                                      parsed_camera *out) {
-    sherf_camera *camera = NULL;
+    parsed_camera *camera = NULL;
     int count, i = 0;
-    sherf_status status = sherf_cameras_load(c, path, &camera, &count);
+    sherf_status status = cameras_read(c, path, size, &camera, &count);
     if (!status) status = optional_index(c, root, "camera_index", count, &i);
-    if (!status) status = camera_size_check(c, camera[i].width_px, camera[i].height_px, size);
-    if (!status) {
-        *out = (parsed_camera){{0}, {0}, {0}, {0}};
-        for (int k = 0; k < 9; k++) out->K[k] = camera[i].K[k], out->R[k] = camera[i].R[k];
-        for (int k = 0; k < 3; k++) out->T[k] = camera[i].T_m[k];
-    }
+    if (!status) status = camera_size_check(c, camera[i].width, camera[i].height, size);
+    if (!status) *out = camera[i];
     mem_free(camera);
     return status;
 }
@@ -103,8 +73,10 @@ typedef struct {
     char image[PATH_LENGTH], mask[PATH_LENGTH], other[PATH_LENGTH];
 } file_names;
 
-static sherf_status observation_from_json(context *c, const value *root, const char *folder,
+static sherf_status observation_from_json(context *c, const char *path, const value *root, const char *folder,
                                           file_names *names, view_source *source) {
+    static const char *const known[] = {"image",        "mask",       "camera",  "body",
+                                        "camera_index", "body_index", "comment", NULL};
     sherf_status status;
     int size[2], channels;
     const value *camera = value_get(root, "camera"), *body = value_get(root, "body");
@@ -118,16 +90,20 @@ static sherf_status observation_from_json(context *c, const value *root, const c
             return status;
     } else if (!camera) {
         return failure(c, SHERF_BAD_FILE, "\"camera\" is missing");
-    } else if ((status = camera_object(c, camera, size, &source->camera))) {
+    } else if ((status = camera_object(c, path, camera, size, &source->camera))) {
         return status;
     }
+    unknown_keys_warn(c, root, known, path);
     if (body && body->kind == VALUE_STRING) {
         if ((status = named_file(c, root, "body", folder, names->other))) return status;
         return pose_from_file(c, names->other, root, &source->pose);
     }
     if (!body) return failure(c, SHERF_BAD_FILE, "\"body\" is missing");
     status = parse_pose(c, body, &source->pose);
-    return status ? failure_prefix(c, status, "body") : SHERF_OK;
+    if (status) return failure_prefix(c, status, "body");
+    snprintf(names->other, sizeof names->other, "%.4000s: body", path);
+    body_parts_warn(c, body, names->other);
+    return SHERF_OK;
 }
 
 /* The first of these names that is a file in the folder. */
@@ -161,12 +137,23 @@ static sherf_status observation_from_folder(context *c, const char *folder, file
         return status;
     if (!path_is_file(names->mask)) names->mask[0] = 0; /* the picture's alpha then */
     const value *camera = value_get(d->root, "camera");
-    status = camera_object(c, camera ? camera : d->root, size, &source->camera);
+    status = camera_object(c, names->other, camera ? camera : d->root, size, &source->camera);
     if (status) failure_prefix(c, status, "%s", names->other);
     document_free(d);
     if (status || (status = first_file(c, folder, bodies, names->other))) return status;
     value none = {.kind = VALUE_NONE};
     return pose_from_file(c, names->other, &none, &source->pose);
+}
+
+/* A body without a translation before a camera without one stands where the camera is. */
+static sherf_status placed_check(context *c, const char *path, const view_source *source) {
+    for (int i = 0; i < 3; i++)
+        if (source->camera.T[i] != 0 || source->pose.Th_m[i] != 0) return SHERF_OK;
+    return failure(
+        c, SHERF_BAD_FILE,
+        "%s: the body has no translation (transl, Th, cam_t, ...) and the camera no T: one of them "
+        "is needed; pred_cam (s, tx, ty) is none",
+        path);
 }
 
 static sherf_status observation_from_files(context *c, const char *path, sherf_observation **out) {
@@ -194,9 +181,10 @@ static sherf_status observation_from_files(context *c, const char *path, sherf_o
         status = observation_from_folder(c, path, names, &source);
     } else {
         if ((status = json_read(c, json, &d))) goto done;
-        status = observation_from_json(c, d->root, base, names, &source);
+        status = observation_from_json(c, json, d->root, base, names, &source);
         if (status) failure_prefix(c, status, "%s", json);
     }
+    if (!status) status = placed_check(c, path, &source);
     source.image = names->image;
     source.mask = names->mask[0] ? names->mask : NULL;
     if (status || (status = view_assemble(c, &source, out))) goto done;

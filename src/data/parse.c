@@ -1,4 +1,4 @@
-/* Cameras, poses and rows of numbers out of values. */
+/* Poses and rows of numbers out of values. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -13,9 +13,17 @@ int64_t parse_rows(const value *v) {
     return -1;
 }
 
-const value *parse_unwrapped(const value *v) {
-    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
-    return v;
+value parse_row_of(const value *v, size_t i) {
+    if (v->kind == VALUE_LIST) return *v->list.item[i];
+    value row = *v;
+    size_t bytes = dtype_size(v->array.type);
+    row.array.rank--;
+    for (int k = 0; k < row.array.rank; k++) {
+        row.array.dim[k] = v->array.dim[k + 1];
+        bytes *= (size_t)row.array.dim[k];
+    }
+    row.array.data = (char *)v->array.data + i * bytes;
+    return row;
 }
 
 sherf_status parse_row(context *c, const value *v, size_t i, const char *what, size_t count, double *out) {
@@ -23,15 +31,7 @@ sherf_status parse_row(context *c, const value *v, size_t i, const char *what, s
     if (rows < 0 || i >= (uint64_t)rows)
         return failure(c, SHERF_BAD_FILE, "%s: no entry %zu (there are %lld)", what, i,
                        (long long)(rows < 0 ? 0 : rows));
-    if (v->kind == VALUE_LIST) return value_doubles(c, value_at(v, i), what, count, out);
-    value row = *v;
-    size_t row_values = 1;
-    row.array.rank--;
-    for (int k = 0; k < row.array.rank; k++) {
-        row.array.dim[k] = v->array.dim[k + 1];
-        row_values *= (size_t)row.array.dim[k];
-    }
-    row.array.data = (char *)v->array.data + i * row_values * dtype_size(v->array.type);
+    const value row = parse_row_of(v, i);
     return value_doubles(c, &row, what, count, out);
 }
 
@@ -96,91 +96,55 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
     return value_floats(c, v, what, (size_t)joints * 3, poses + first * 3);
 }
 
-static const value *get_either(const value *v, const char *a, const char *b) {
-    const value *found = value_get(v, a);
-    return found ? found : value_get(v, b);
+/* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
+static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out) {
+    const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
+    if (poses->item && !(body->item && root->item))
+        return parse_joints(c, poses->item, poses->name, 0, BODY_JOINTS, out->poses_rad);
+    int64_t n = value_numbers(body->item);
+    int joints = n == 63 || n == 21 * 9 ? 21 : 23;
+    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, out->poses_rad);
+    if (!status && root->item) status = parse_joints(c, root->item, root->name, 0, 1, out->poses_rad);
+    return status;
 }
 
-/* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
-static sherf_status parse_smpl_names(context *c, const value *v, sherf_pose *out) {
-    const value *body = value_get(v, "body_pose"), *root = value_get(v, "global_orient");
-    int64_t n = value_numbers(body);
-    int joints = n == 63 || n == 21 * 9 ? 21 : 23;
-    sherf_status status = parse_joints(c, body, "body_pose", 1, joints, out->poses_rad);
-    if (!status && root) status = parse_joints(c, root, "global_orient", 0, 1, out->poses_rad);
+/* x_camera = R_c (R x_smpl + Th) + T_c: into R and Th. */
+static void put_before_camera(const float Rc[9], const float Tc[3], sherf_pose *pose) {
+    float R[9], Th[3];
+    for (int i = 0; i < 9; i++) {
+        R[i] = 0;
+        for (int k = 0; k < 3; k++) R[i] += Rc[i / 3 * 3 + k] * pose->R[3 * k + i % 3];
+    }
+    for (int i = 0; i < 3; i++) {
+        Th[i] = Tc[i];
+        for (int k = 0; k < 3; k++) Th[i] += Rc[3 * i + k] * pose->Th_m[k];
+    }
+    memcpy(pose->R, R, sizeof R);
+    memcpy(pose->Th_m, Th, sizeof Th);
+}
+
+sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
+    const named_value *part = parts->part, *R = &part[PART_TURN], *Th = &part[PART_PLACE],
+                      *shapes = &part[PART_SHAPES], *Rc = &part[PART_CAMERA_TURN],
+                      *Tc = &part[PART_CAMERA_PLACE];
+    float turn[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, place[3] = {0};
+    sherf_pose_identity(out);
+    sherf_status status = parse_turns(c, part, out);
+    if (!status && shapes->item)
+        status = parse_prefix(c, shapes->item, shapes->name, BODY_SHAPES, out->shapes);
+    if (!status && R->item) status = parse_rotation(c, R->item, R->name, out->R);
+    if (!status && Th->item) status = value_floats(c, Th->item, Th->name, 3, out->Th_m);
+    if (!status && Rc->item) status = parse_rotation(c, Rc->item, Rc->name, turn);
+    if (!status && Tc->item) status = value_floats(c, Tc->item, Tc->name, 3, place);
+    if (!status && (Rc->item || Tc->item)) put_before_camera(turn, place, out);
     return status;
 }
 
 sherf_status parse_pose(context *c, const value *v, sherf_pose *out) {
-    sherf_pose_identity(out);
-    sherf_status status = SHERF_OK;
-    const value *poses = get_either(v, "poses", "pose");
-    const value *shapes = get_either(v, "shapes", "betas");
-    const char *Th_name = value_get(v, "Th") ? "Th" : value_get(v, "transl") ? "transl" : "trans";
-    const value *Th = value_get(v, Th_name);
-    const value *R = get_either(v, "R", "Rh");
-    if (poses)
-        status = parse_joints(c, poses, "poses", 0, BODY_JOINTS, out->poses_rad);
-    else if (value_get(v, "body_pose"))
-        status = parse_smpl_names(c, v, out);
-    else
-        status = failure(c, SHERF_BAD_FILE, "a body needs poses (72 numbers) or body_pose (69)");
-    if (!status && shapes)
-        status =
-            parse_prefix(c, shapes, value_get(v, "shapes") ? "shapes" : "betas", BODY_SHAPES, out->shapes);
-    if (!status && R) status = parse_rotation(c, R, value_get(v, "R") ? "R" : "Rh", out->R);
-    if (!status && Th) status = value_floats(c, Th, Th_name, 3, out->Th_m);
-    return status;
-}
-
-sherf_status parsed_camera_check(context *c, const parsed_camera *camera) {
-    const double *K = camera->K;
-    for (int i = 0; i < 9; i++)
-        if (!isfinite((float)K[i]) || !isfinite((float)camera->R[i])) /* 1e39 is not one either */
-            return failure(c, SHERF_BAD_FILE, "camera: %c has a value that is not finite",
-                           isfinite((float)K[i]) ? 'R' : 'K');
-    for (int i = 0; i < 3; i++)
-        if (!isfinite((float)camera->T[i]))
-            return failure(c, SHERF_BAD_FILE, "camera: T has a value that is not finite");
-    for (int i = 0; i < 5; i++)
-        if (!isfinite(camera->D[i]))
-            return failure(c, SHERF_BAD_FILE, "camera: D has a value that is not finite");
-    double determinant = K[0] * (K[4] * K[8] - K[5] * K[7]) - K[1] * (K[3] * K[8] - K[5] * K[6]) +
-                         K[2] * (K[3] * K[7] - K[4] * K[6]);
-    if (!(fabs(determinant) > 1e-12) || !(fabs(K[0]) > 1e-6) || !(fabs(K[4]) > 1e-6))
-        return failure(c, SHERF_BAD_FILE, "camera: K is singular");
-    if (fabs(K[6]) > 1e-9 || fabs(K[7]) > 1e-9 || fabs(K[8] - 1) > 1e-9)
-        return failure(c, SHERF_BAD_FILE, "camera: K's last row is not 0 0 1");
-    float R[9];
-    for (int i = 0; i < 9; i++) R[i] = (float)camera->R[i];
-    return rotation_check(c, R, "camera: R");
-}
-
-sherf_status parse_camera(context *c, const value *v, parsed_camera *out) {
-    *out = (parsed_camera){.R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    const value *D = get_either(v, "D", "distortion");
-    sherf_status status = value_doubles(c, value_get(v, "K"), "camera: K", 9, out->K);
-    if (!status) status = value_doubles(c, value_get(v, "R"), "camera: R", 9, out->R);
-    if (!status) status = value_doubles(c, value_get(v, "T"), "camera: T", 3, out->T);
-    if (!status && D) {
-        float five[5];
-        status = parse_prefix(c, D, "camera: D", 5, five);
-        if (!status && value_numbers(D) == 5) status = value_doubles(c, D, "camera: D", 5, out->D);
-        if (!status && value_numbers(D) != 5)
-            for (int i = 0; i < 5; i++) out->D[i] = five[i];
-    }
-    return status ? status : parsed_camera_check(c, out);
-}
-
-void parsed_camera_to(const parsed_camera *in, int file_width, int file_height, int width, int height,
-                      sherf_camera *out) {
-    *out = (sherf_camera){.width_px = width, .height_px = height};
-    double scale[3] = {(double)width / file_width, (double)height / file_height, 1};
-    for (int i = 0; i < 9; i++) {
-        out->K[i] = (float)(in->K[i] * scale[i / 3]);
-        out->R[i] = (float)in->R[i];
-    }
-    for (int i = 0; i < 3; i++) out->T_m[i] = (float)in->T[i];
+    body_parts parts;
+    body_parts_find(v, &parts);
+    if (!parts.part[PART_POSES].item && !parts.part[PART_BODY].item) return body_parts_missing(c, v);
+    return parse_parts(c, &parts, out);
 }
 
 sherf_status parse_file(context *c, const char *path, document **out, const char **kind) {

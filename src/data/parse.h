@@ -4,10 +4,11 @@
 #define SHERF_DATA_PARSE_H
 
 #include "data/data.h"
+#include "data/parts.h"
 
-/* A one-element list (a 0-d or 1-long object array) stands for its element. */
-const value *parse_unwrapped(const value *v);
-/* Element i of a list, or of an array along its first axis, as exactly `count` numbers. */
+/* Element i of a list, or of an array along its first axis, looked at in place; 0 <= i < parse_rows. */
+value parse_row_of(const value *v, size_t i);
+/* The same as exactly `count` numbers. */
 sherf_status parse_row(context *c, const value *v, size_t i, const char *what, size_t count, double *out);
 /* Elements along the first axis of a list or array; -1 when it is neither. */
 int64_t parse_rows(const value *v);
@@ -17,15 +18,33 @@ sherf_status parse_prefix(context *c, const value *v, const char *what, int max,
 sherf_status parse_rotation(context *c, const value *v, const char *what, float R[9]);
 sherf_status rotation_check(context *c, const float R[9], const char *what);
 
-/* {poses, shapes, R or Rh, Th} or {global_orient, body_pose, transl, betas}. */
+/* One body by the names of parts.h. A camera that stands in the body's file (camera_rotation, cam_t, ...)
+ * goes into R and Th: the body is then in that camera's frame. */
 sherf_status parse_pose(context *c, const value *v, sherf_pose *out);
-/* The world-to-camera part and K: {K, R, T}; D (5 coefficients, zeros when there is none) may be NULL. */
+sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); /* poses are there */
+
+/* ---- cameras (parse_camera.c) ---- */
+/* OpenCV's axes, world to camera. D: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, zeros where there are none.
+ */
 typedef struct {
-    double K[9], R[9], T[3], D[5];
+    double K[9], R[9], T[3], D[DISTORTION_MAX];
+    int width, height;  /* of the picture it is for, where the file says so; else 0 */
+    bool turned, moved; /* R, and T, were there; else they are 1 and 0 */
 } parsed_camera;
-sherf_status parse_camera(context *c, const value *v, parsed_camera *out);
+/* K, or what stands for it; R and T, or one matrix; D; width and height: by the names of docs/observation.md.
+ * size: of the picture, where focal lengths without a centre are to be taken; NULL: K must be whole. */
+sherf_status parse_camera(context *c, const value *v, const int size[2], parsed_camera *out);
+/* All of a file (sherf_cameras_load); *out is mem_free'd. size as above. */
+sherf_status cameras_read(context *c, const char *path, const int size[2], parsed_camera **out, int *count);
+/* 0 (or none), 4, 5, 8, 12 or 14 coefficients. */
+sherf_status parse_distortion(context *c, const value *v, double D[DISTORTION_MAX]);
+sherf_status parsed_camera_placed(context *c, const parsed_camera *camera); /* fails without R or T */
 /* Finite, K with focal lengths and no zero determinant, R a rotation. */
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera);
+/* The keys of a camera that are not read, in a warning. */
+void camera_warn(context *c, const value *v, const char *what);
+/* Whether a dict is a camera. */
+bool camera_is(const value *v);
 /* R, T and K (times the picture's scaling) as the engine wants them. */
 void parsed_camera_to(const parsed_camera *in, int file_width, int file_height, int width, int height,
                       sherf_camera *out);

@@ -5,6 +5,13 @@
 
 enum { POSES_MAX = 1 << 20 };
 
+/* An observation's JSON gives its body. */
+static const value *body_root(const value *root) {
+    root = value_unwrapped(root);
+    const value *body = value_unwrapped(value_get(root, "body"));
+    return body && body->kind == VALUE_LIST ? body : root;
+}
+
 static int64_t frames_of(const value *v, const int *unit, size_t units) {
     int64_t numbers = value_numbers(v), rows = parse_rows(v);
     for (size_t i = 0; i < units; i++)
@@ -12,68 +19,71 @@ static int64_t frames_of(const value *v, const int *unit, size_t units) {
     return 1;
 }
 
-static int64_t frame_count(const value *v) {
+static int64_t frame_count(const body_parts *parts) {
     static const int whole[] = {72, 216}, body[] = {69, 63, 207, 189};
-    const value *poses = value_get(v, "poses");
-    if (!poses) poses = value_get(v, "pose");
+    const value *poses = parts->part[PART_POSES].item;
     if (poses) return frames_of(poses, whole, COUNT_OF(whole));
-    return frames_of(value_get(v, "body_pose"), body, COUNT_OF(body));
+    return frames_of(parts->part[PART_BODY].item, body, COUNT_OF(body));
 }
 
-/* Frame f of a dict whose entries have one row a frame, or one value for all. Rows are looked at in place. */
-static sherf_status pose_frame(context *c, const value *v, int64_t frames, int64_t f, sherf_pose *out) {
-    static char keys[][16] = {"poses",         "pose", "shapes", "betas", "R",        "Rh",
-                              "global_orient", "Th",   "transl", "trans", "body_pose"};
-    value name[COUNT_OF(keys)], row[COUNT_OF(keys)];
-    value_pair pair[COUNT_OF(keys)];
-    size_t n = 0;
-    for (size_t k = 0; k < COUNT_OF(keys); k++) {
-        const value *item = value_get(v, keys[k]);
-        if (!item) continue;
-        row[n] = *item;
-        if (frames > 1 && parse_rows(item) == frames) {
-            if (item->kind == VALUE_LIST && item->list.item[f]->kind != VALUE_REAL &&
-                item->list.item[f]->kind != VALUE_INTEGER)
-                row[n] = *item->list.item[f];
-            if (item->kind == VALUE_ARRAY && item->array.rank >= 2) {
-                size_t bytes = dtype_size(item->array.type);
-                row[n].array.rank--;
-                for (int a = 0; a < row[n].array.rank; a++) {
-                    row[n].array.dim[a] = item->array.dim[a + 1];
-                    bytes *= (size_t)row[n].array.dim[a];
-                }
-                row[n].array.data = (char *)item->array.data + (size_t)f * bytes;
-            }
-        }
-        name[n] = (value){.kind = VALUE_STRING};
-        name[n].string.text = keys[k];
-        name[n].string.length = strlen(keys[k]);
-        pair[n] = (value_pair){&name[n], &row[n]};
-        n++;
+/* Whether an entry has one row a frame, and not one value for all. */
+static bool by_frame(const value *item, int64_t frames) {
+    if (!item || frames < 2 || parse_rows(item) != frames) return false;
+    if (item->kind == VALUE_ARRAY) return item->array.rank >= 2;
+    return item->list.item[0]->kind != VALUE_REAL && item->list.item[0]->kind != VALUE_INTEGER;
+}
+
+static sherf_status pose_frame(context *c, const body_parts *all, int64_t frames, int64_t f,
+                               sherf_pose *out) {
+    body_parts own = *all;
+    value row[PARTS];
+    for (int p = 0; p < PARTS; p++) {
+        if (!by_frame(all->part[p].item, frames)) continue;
+        row[p] = parse_row_of(all->part[p].item, (size_t)f);
+        own.part[p].item = &row[p];
     }
-    value dict = {.kind = VALUE_DICT};
-    dict.dict.pair = pair;
-    dict.dict.count = n;
-    return parse_pose(c, &dict, out);
+    return parse_parts(c, &own, out);
 }
 
-static sherf_status poses_from(context *c, const value *v, sherf_pose **out, int *count) {
+/* A list of bodies, alone or under "frames"; NULL: one dict for all. */
+static const value *list_of(const value *root) {
+    const value *frames = value_get(root, "frames");
+    const value *v = value_unwrapped(frames ? frames : root);
+    return v && v->kind == VALUE_LIST ? v : NULL;
+}
+
+static sherf_status poses_of_list(context *c, const value *list, sherf_pose *pose) {
     sherf_status status = SHERF_OK;
-    const value *inner = value_get(v, "body");
-    if (!inner) inner = value_get(v, "smpl");
-    if (!inner) inner = value_get(v, "frames");
-    v = parse_unwrapped(inner ? inner : v);
-    bool list = v && v->kind == VALUE_LIST;
-    int64_t frames = list ? (int64_t)v->list.count : v ? frame_count(v) : 0;
-    if (frames < 1 || frames > POSES_MAX)
-        return failure(c, SHERF_BAD_FILE, "%s poses", frames < 1 ? "no" : "too many");
-    sherf_pose *pose = mem_alloc(c, (size_t)frames, sizeof *pose);
-    if (!pose) return SHERF_NO_MEMORY;
+    for (size_t f = 0; f < list->list.count && !status; f++) {
+        status = parse_pose(c, value_unwrapped(list->list.item[f]), &pose[f]);
+        if (status && list->list.count > 1) failure_prefix(c, status, "pose %zu", f);
+    }
+    return status;
+}
+
+static sherf_status poses_of_dict(context *c, const body_parts *parts, int64_t frames, sherf_pose *pose) {
+    sherf_status status = SHERF_OK;
     for (int64_t f = 0; f < frames && !status; f++) {
-        status = list ? parse_pose(c, parse_unwrapped(v->list.item[f]), &pose[f])
-                      : pose_frame(c, v, frames, f, &pose[f]);
+        status = pose_frame(c, parts, frames, f, &pose[f]);
         if (status && frames > 1) failure_prefix(c, status, "pose %lld", (long long)f);
     }
+    return status;
+}
+
+/* `path` is for the warning of keys that are not read. */
+static sherf_status poses_from(context *c, const char *path, const value *v, sherf_pose **out, int *count) {
+    const value *list = list_of(v);
+    body_parts parts;
+    body_parts_find(v, &parts);
+    const bool some = parts.part[PART_POSES].item || parts.part[PART_BODY].item;
+    if (!list && !some) return body_parts_missing(c, v);
+    const int64_t frames = list ? (int64_t)list->list.count : frame_count(&parts);
+    if (frames < 1 || frames > POSES_MAX)
+        return failure(c, SHERF_BAD_FILE, "%s poses", frames < 1 ? "no" : "too many");
+    body_parts_warn(c, list ? list->list.item[0] : v, path);
+    sherf_pose *pose = mem_alloc(c, (size_t)frames, sizeof *pose);
+    if (!pose) return SHERF_NO_MEMORY;
+    sherf_status status = list ? poses_of_list(c, list, pose) : poses_of_dict(c, &parts, frames, pose);
     if (status) {
         mem_free(pose);
         return status;
@@ -89,27 +99,10 @@ sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **o
     document *d = NULL;
     sherf_status status = parse_file(c, path, &d, NULL);
     if (status) return status;
-    status = poses_from(c, parse_unwrapped(d->root), out, count);
+    status = poses_from(c, path, body_root(d->root), out, count);
     if (status) failure_prefix(c, status, "%s", path);
     document_free(d);
     return status;
-}
-
-static sherf_status camera_of(context *c, const value *v, sherf_camera *out) {
-    parsed_camera camera;
-    int64_t width = 0, height = 0;
-    sherf_status status = parse_camera(c, v, &camera);
-    if (!status && value_get(v, "width"))
-        status = value_integer(c, value_get(v, "width"), "camera: width", &width);
-    if (!status && value_get(v, "height"))
-        status = value_integer(c, value_get(v, "height"), "camera: height", &height);
-    if (status) return status;
-    if (width < 0 || height < 0 || width > IMAGE_SIDE_MAX || height > IMAGE_SIDE_MAX)
-        return failure(c, SHERF_BAD_FILE, "camera: %lld x %lld pixels", (long long)width, (long long)height);
-    parsed_camera_to(&camera, 1, 1, 1, 1, out);
-    out->width_px = (int)width;
-    out->height_px = (int)height;
-    return SHERF_OK;
 }
 
 static bool is_camera_key(const value *key, bool kinect) {
@@ -126,7 +119,7 @@ static size_t camera_values(const value *root, const value **out) {
         return list->list.count;
     }
     if (value_get(root, "camera")) root = value_get(root, "camera");
-    if (value_get(root, "K")) {
+    if (camera_is(root)) {
         if (out) out[0] = root;
         return 1;
     }
@@ -136,19 +129,19 @@ static size_t camera_values(const value *root, const value **out) {
     size_t n = 0;
     for (size_t i = 0; i < root->dict.count; i++) kinect |= is_camera_key(root->dict.pair[i].key, true);
     for (size_t i = 0; i < root->dict.count; i++)
-        if (is_camera_key(root->dict.pair[i].key, kinect) && value_get(root->dict.pair[i].item, "K")) {
+        if (is_camera_key(root->dict.pair[i].key, kinect) && camera_is(root->dict.pair[i].item)) {
             if (out) out[n] = root->dict.pair[i].item;
             n++;
         }
     return n;
 }
 
-sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera **out, int *count) {
+sherf_status cameras_read(context *c, const char *path, const int size[2], parsed_camera **out, int *count) {
     enum { CAMERAS_MAX = 1 << 20 };
     *out = NULL;
     *count = 0;
     document *d = NULL;
-    sherf_camera *camera = NULL;
+    parsed_camera *camera = NULL;
     const value **found = NULL;
     sherf_status status = parse_file(c, path, &d, NULL);
     if (status) return status;
@@ -162,9 +155,11 @@ sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera
     found = mem_alloc(c, n, sizeof *found);
     if (!camera || !found) goto done;
     camera_values(d->root, found);
+    camera_warn(c, found[0], path);
     status = SHERF_OK;
     for (size_t i = 0; i < n && !status; i++) {
-        status = camera_of(c, found[i], &camera[i]);
+        status = parse_camera(c, found[i], size, &camera[i]);
+        if (!status) status = parsed_camera_placed(c, &camera[i]);
         if (status) failure_prefix(c, status, "%s: camera %zu", path, i);
     }
     if (status) goto done;
@@ -175,5 +170,30 @@ done:
     mem_free(camera);
     mem_free((void *)found);
     document_free(d);
+    return status;
+}
+
+/* Frames are pictures of a pinhole. */
+static void lens_warn(context *c, const char *path, const parsed_camera *camera) {
+    for (int i = 0; i < DISTORTION_MAX; i++)
+        if (camera->D[i] != 0) {
+            log_line(c, SHERF_LOG_INFO, "%s: D is not used: frames are without the lens's distortion", path);
+            return;
+        }
+}
+
+sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera **out, int *count) {
+    parsed_camera *camera;
+    *out = NULL;
+    sherf_status status = cameras_read(c, path, NULL, &camera, count);
+    if (!status && !(*out = mem_alloc(c, (size_t)*count, sizeof **out))) status = SHERF_NO_MEMORY;
+    for (int i = 0; i < *count && !status; i++) {
+        parsed_camera_to(&camera[i], 1, 1, 1, 1, &(*out)[i]);
+        (*out)[i].width_px = camera[i].width;
+        (*out)[i].height_px = camera[i].height;
+        if (!i) lens_warn(c, path, camera);
+    }
+    if (status) *count = 0;
+    mem_free(camera);
     return status;
 }

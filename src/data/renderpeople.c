@@ -16,7 +16,7 @@ static sherf_status poses_read(context *c, const char *folder, person_record *r)
     document *d = NULL;
     sherf_status status = path_join(c, path, sizeof path, folder, pose_file);
     if (status || (status = parse_file(c, path, &d, NULL))) return status;
-    const value *smpl = parse_unwrapped(value_get(d->root, "smpl"));
+    const value *smpl = value_unwrapped(value_get(d->root, "smpl"));
     const value *root = value_get(smpl, "global_orient"), *body = value_get(smpl, "body_pose"),
                 *transl = value_get(smpl, "transl"), *betas = value_get(smpl, "betas");
     int64_t poses = parse_rows(root);

@@ -15,8 +15,28 @@ typedef struct {
     uint8_t *target_u8;
     const float *source_f32;
     float *target_f32;
+    bool tilted;
+    double tilt[9];
     int stripe; /* rows whose map is computed with one inverse, as OpenCV does it */
 } undistort_job;
+
+/* The sensor's tilt about x and y (tx, ty; radians): its plane is projected back onto the upright one's. */
+static void tilt_of(double tx, double ty, double out[9]) {
+    const double cx = cos(tx), sx = sin(tx), cy = cos(ty), sy = sin(ty);
+    const double turn[9] = {cy, sy * sx, -sy * cx, 0, cx, sx, sy, -cy * sx, cy * cx}; /* about x, then y */
+    for (int i = 0; i < 3; i++) {
+        out[i] = turn[8] * turn[i] - turn[2] * turn[6 + i];
+        out[3 + i] = turn[8] * turn[3 + i] - turn[5] * turn[6 + i];
+        out[6 + i] = turn[6 + i];
+    }
+}
+
+static void tilt(const double m[9], double *x, double *y) {
+    const double u = m[0] * *x + m[1] * *y + m[2], v = m[3] * *x + m[4] * *y + m[5];
+    const double w = m[6] * *x + m[7] * *y + m[8], scale = w != 0 ? 1 / w : 1;
+    *x = u * scale;
+    *y = v * scale;
+}
 
 /* Where the undistorted pixel (x, y) lies in the distorted picture, in 1/32 pixels. `inverse` is that of K
  * with its centre moved up by the stripe's first row. */
@@ -27,9 +47,10 @@ static void distorted_position(const undistort_job *job, const double inverse[9]
     double px = (y * inverse[1] + inverse[2] + x * inverse[0]) * w;
     double py = (y * inverse[4] + inverse[5] + x * inverse[3]) * w;
     double x2 = px * px, y2 = py * py, r2 = x2 + y2, xy2 = 2 * px * py;
-    double radial = 1 + ((D[4] * r2 + D[1]) * r2 + D[0]) * r2;
-    double xd = px * radial + D[2] * xy2 + D[3] * (r2 + 2 * x2);
-    double yd = py * radial + D[2] * (r2 + 2 * y2) + D[3] * xy2;
+    double radial = (1 + ((D[4] * r2 + D[1]) * r2 + D[0]) * r2) / (1 + ((D[7] * r2 + D[6]) * r2 + D[5]) * r2);
+    double xd = px * radial + D[2] * xy2 + D[3] * (r2 + 2 * x2) + D[8] * r2 + D[9] * r2 * r2;
+    double yd = py * radial + D[2] * (r2 + 2 * y2) + D[3] * xy2 + D[10] * r2 + D[11] * r2 * r2;
+    if (job->tilted) tilt(job->tilt, &xd, &yd);
     double u = K[0] * xd + K[2], v = K[4] * yd + K[5];
     /* Far outside is outside: OpenCV wraps shorts there, which no real lens reaches. NaN goes there too. */
     double limit = 1 << 20;
@@ -104,8 +125,8 @@ static void undistort_rows(void *arg, int64_t begin, int64_t end, int thread) {
 
 /* OpenCV's distortion model knows no skew and no projective row, so only its focal lengths and centre are
  * used; without distortion the map is the identity, and so is the remap. */
-static bool undistort_needed(const double D[5]) {
-    for (int i = 0; i < 5; i++)
+static bool undistort_needed(const double D[DISTORTION_MAX]) {
+    for (int i = 0; i < DISTORTION_MAX; i++)
         if (D[i] != 0) return true;
     return false;
 }
@@ -120,6 +141,8 @@ static void undistort_run(const context *c, undistort_job *job) {
 /* *data, whose values take `size` bytes, becomes a new picture. */
 static sherf_status undistort(context *c, undistort_job job, size_t size, void **data) {
     if (!undistort_needed(job.D)) return SHERF_OK;
+    job.tilted = job.D[12] != 0 || job.D[13] != 0;
+    tilt_of(job.D[12], job.D[13], job.tilt);
     void *target = mem_alloc(c, (size_t)job.width * (size_t)job.height, (size_t)job.channels * size);
     if (!target) return SHERF_NO_MEMORY;
     if (size == 1)
@@ -132,7 +155,7 @@ static sherf_status undistort(context *c, undistort_job job, size_t size, void *
     return SHERF_OK;
 }
 
-sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[5]) {
+sherf_status image_undistort(context *c, image_u8 *image, const double K[9], const double D[DISTORTION_MAX]) {
     void *data = image->data;
     sherf_status status =
         undistort(c, (undistort_job){image->width, image->height, image->channels, K, D}, 1, &data);
@@ -140,7 +163,8 @@ sherf_status image_undistort(context *c, image_u8 *image, const double K[9], con
     return status;
 }
 
-sherf_status image_undistort_f32(context *c, sherf_image *image, const double K[9], const double D[5]) {
+sherf_status image_undistort_f32(context *c, sherf_image *image, const double K[9],
+                                 const double D[DISTORTION_MAX]) {
     void *data = image->data;
     sherf_status status = undistort(c, (undistort_job){image->width, image->height, image->channels, K, D},
                                     sizeof(float), &data);

@@ -1,5 +1,6 @@
 /* A picture with its mask, camera and pose out of files: read, undistorted, scaled, cut out. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "data/view.h"
@@ -18,19 +19,63 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
-/* Most of what is not black in a soft mask is white; labels of the body's parts are something else. Of a soft
- * one the person begins at a half. */
+/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades and bright
+ * ones: labels of the body's parts are few and dark, or in colours. */
+static bool mask_is_soft(const image_u8 *color) {
+    enum { SHADES_MIN = 32, WHITE = 250 };
+    const size_t n = (size_t)color->width * color->height;
+    size_t count[256] = {0}, white = 0;
+    int shades = 0;
+    bool bright = false;
+    for (size_t i = 0; i < n; i++) {
+        const uint8_t *p = color->data + 4 * i;
+        if (abs(p[0] - p[1]) > 2 || abs(p[1] - p[2]) > 2) return false;
+        count[p[1]]++;
+    }
+    for (int v = 1; v < 256; v++) {
+        shades += count[v] > 0;
+        if (v >= WHITE) white += count[v];
+        bright |= v >= 128 && count[v];
+    }
+    return 2 * white > n - count[0] || (shades >= SHADES_MIN && bright);
+}
+
+/* Where the colours are not 0 anywhere, and transparency says what is the person. */
+static bool mask_is_alpha(const image_u8 *color, const image_u8 *mask) {
+    const size_t n = (size_t)mask->width * mask->height;
+    size_t clear = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (!mask->data[i]) return false;
+        clear += color->data[4 * i + 3] < 128;
+    }
+    return clear > 0 && clear < n;
+}
+
+/* Of a soft mask, or one that is transparent, the person begins at a half. */
 static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
-    image_u8 grey = {0};
-    sherf_status status = image_read(c, path, 1, &grey);
+    image_u8 color = {0};
+    sherf_status status = image_read(c, path, 4, &color);
     if (status) return status;
     const size_t n = (size_t)mask->width * mask->height;
-    size_t inside = 0, white = 0;
-    for (size_t i = 0; i < n; i++) inside += mask->data[i], white += grey.data[i] >= 250;
-    if (2 * white > inside)
-        for (size_t i = 0; i < n; i++) mask->data[i] = grey.data[i] >= 128;
-    mem_free(grey.data);
+    const int channel = mask_is_alpha(&color, mask) ? 3 : mask_is_soft(&color) ? 1 : -1;
+    for (size_t i = 0; i < n && channel >= 0; i++) mask->data[i] = color.data[4 * i + channel] >= 128;
+    mem_free(color.data);
     return SHERF_OK;
+}
+
+/* People do not fill a picture's border. */
+static void mask_inverted_warn(context *c, const char *path, const image_u8 *mask) {
+    const int w = mask->width, h = mask->height;
+    int64_t border = 0, person = 0;
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            if (x && x < w - 1 && y && y < h - 1) continue;
+            border++;
+            person += mask->data[(size_t)y * w + x] != 0;
+        }
+    if (person * 4 > border * 3)
+        log_line(c, SHERF_LOG_WARNING, "%s: the mask covers the border of the picture: is it inverted?",
+                 path);
 }
 
 /* 1 where any channel is not 0, or, in soft masks and where without a mask file the picture's alpha counts,
@@ -39,7 +84,9 @@ static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
     if (s->mask) {
         sherf_status read = image_read(c, s->mask, IMAGE_MASK, out);
-        return read || !s->observed ? read : mask_harden(c, s->mask, out);
+        if (!read && s->observed) read = mask_harden(c, s->mask, out);
+        if (!read && s->observed) mask_inverted_warn(c, s->mask, out);
+        return read;
     }
     sherf_status status = image_read(c, s->image, 4, &color);
     if (status) return status;

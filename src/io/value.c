@@ -198,6 +198,11 @@ const value *value_at(const value *list, size_t i) {
     return list && list->kind == VALUE_LIST && i < list->list.count ? list->list.item[i] : NULL;
 }
 
+const value *value_unwrapped(const value *v) {
+    while (v && v->kind == VALUE_LIST && v->list.count == 1) v = v->list.item[0];
+    return v;
+}
+
 size_t value_count(const value *v) {
     if (!v) return 0;
     return v->kind == VALUE_LIST ? v->list.count : v->kind == VALUE_DICT ? v->dict.count : 0;

@@ -66,6 +66,8 @@ void document_free(document *d); /* NULL is fine; frees d */
 const value *value_get(const value *d, const char *key);
 const value *value_at(const value *list, size_t i);
 size_t value_count(const value *v); /* list, dict */
+/* A one-element list (a 0-d or 1-long object array) stands for its element; NULL is fine. */
+const value *value_unwrapped(const value *v);
 bool value_is_string(const value *v, const char *text);
 /* Numbers from an array, a (nested) list of numbers, or a number: exactly `count` values, as float/double;
  * finite or it fails. `what` names it in the message. */

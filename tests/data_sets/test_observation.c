@@ -116,6 +116,143 @@ static void body_forms(void **state) {
     sherf_context_free(c);
 }
 
+/* ---- names of other tools ---- */
+
+static char warned[2048]; /* all warnings since it was emptied */
+
+static void keep_warnings(void *user, sherf_log_level level, const char *line) {
+    if (level == SHERF_LOG_WARNING && strlen(warned) + strlen(line) + 2 < sizeof warned)
+        strcat(strcat(warned, line), "\n");
+}
+
+static context *listening_context(void) {
+    context *c = NULL;
+    sherf_options o = {.threads = 1, .log = keep_warnings};
+    assert_int_equal(sherf_context_create(&o, &c), SHERF_OK);
+    warned[0] = 0;
+    return c;
+}
+
+static void body_names(void **state) {
+    static const char *const bodies[] = {
+        "{\"pose\": [%s], \"shape\": [[7]], \"global_t\": [[4, 5, 6]], \"focal_l\": [710]}", /* CLIFF */
+        "{\"pred_smpl_params\": {\"global_orient\": [[0, 0, 0]], \"body_pose\": [%s], \"betas\": [[7]]}, "
+        "\"pred_cam_t\": [[0, 0, 1]], \"pred_cam_t_full\": [[4, 5, 6]]}",                      /* HMR 2 */
+        "{\"root_pose\": [0, 0, 0], \"body_pose\": %s, \"betas\": [7], \"trans\": [4, 5, 6]}", /* LHM */
+        "{\"global_orient\": [0, 0, 0], \"body_pose\": %s, \"betas\": [7], \"transl\": null, "
+        "\"camera_rotation\": [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], "
+        "\"camera_translation\": [[4, 5, 6]]}", /* SMPLify-X */
+        "{\"results\": {\"smpl_thetas\": [%s], \"smpl_betas\": [[7]], \"cam_trans\": [[4, 5, 6]]}}", /* ROMP
+                                                                                                      */
+        "{\"smpl_poses\": %s, \"betas\": [7], \"cam_t\": [4, 5, 6]}",
+        "{\"body_pose\": %s, \"betas\": [7], \"Rh\": [0, 0, 0], \"Th\": [-6, 5, 4], "
+        "\"camera_rotation\": [0, 1.5707963267948966, 0], \"cam_t\": [0, 0, 0]}", /* z to x, x to -z */
+    };
+    static const bool whole[] = {true, false, false, false, true, true, false};
+    context *c = listening_context();
+    for (size_t i = 0; i < COUNT_OF(bodies); i++) {
+        char body[4096];
+        sherf_observation *o = NULL;
+        snprintf(body, sizeof body, bodies[i], whole[i] ? zeros_72 : zeros_69);
+        make_text(c, join(folder, "named.json"), body);
+        assert_ok(c, sherf_observation_load(
+                         c, json(c, "a.png", "m.png", "{\"fov_deg\": 50}", "\"named.json\""), &o));
+        for (int k = 0; k < 3; k++) assert_float_equal(o->pose.Th_m[k], 4 + k, 1e-5);
+        assert_float_equal(o->pose.shapes[0], 7, 0);
+        assert_float_equal(o->pose.poses_rad[whole[i] ? 5 : 8], 0.25, 1e-6);
+        assert_float_equal(o->pose.R[2], i == 6 ? 1 : 0, 1e-6);
+        assert_string_equal(warned, "");
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
+/* What is not understood is named, in a body, a camera and the whole. */
+static void unknown_keys_are_named(void **state) {
+    static const struct {
+        const char *camera, *body, *says;
+    } cases[] = {
+        {CAMERA,
+         "{\"body_pose\": %s, \"transl\": [1, 2, 3], \"moved_by\": [0, 0, 4], \"jaw_pose\": [0, 0, 0]}",
+         "o.json: body: not read: moved_by\n"},
+        {CAMERA, "{\"body_pose\": %s, \"pelvis_at\": [0, 0, 4]}",
+         "o.json: body: not read: pelvis_at; no translation is among what is (transl, Th, cam_t, ...)\n"},
+        {"{\"fov_deg\": 50, \"skew\": 1, \"zoom\": 2}", BODY, "o.json: camera: not read: skew, zoom\n"},
+        {"{\"fov_deg\": 50}, \"masks\": \"x\"", BODY, "o.json: not read: masks\n"},
+    };
+    context *c = listening_context();
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        sherf_observation *o = NULL;
+        warned[0] = 0;
+        assert_ok(c,
+                  sherf_observation_load(c, json(c, "a.png", "m.png", cases[i].camera, cases[i].body), &o));
+        if (!strstr(warned, cases[i].says)) fail_msg("%zu: \"%s\", not \"%s\"", i, warned, cases[i].says);
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
+static void camera_names(void **state) {
+    static const char *const cameras[] = {
+        "{\"K\": [[50, 0, 20], [0, 55, 15], [0, 0, 1]], \"R\": [0, 0, 0.5], \"T\": [1, 2, 3], \"D\": []}",
+        "{\"intrinsics\": [50, 55, 20, 15], \"rvec\": [0, 0, 0.5], \"tvec\": [[1], [2], [3]], \"dist\": "
+        "null}",
+        "{\"focal\": [50, 55], \"princpt\": [20, 15], \"D\": [0, 0, 0, 0], \"RT\": [[%s, 1], [%s, 2], [%s, "
+        "3]]}",
+        "{\"fx\": 50, \"fy\": 55, \"cx\": 20, \"cy\": 15, \"w\": 40, \"h\": 30, "
+        "\"extrinsic\": [[%s, 1], [%s, 2], [%s, 3], [0, 0, 0, 1]], \"D\": [0, 0, 0, 0, 0, 0, 0, 0]}",
+    };
+    static const char rows[3][64] = {"0.87758256, -0.47942554, 0", "0.47942554, 0.87758256, 0", "0, 0, 1"};
+    context *c = listening_context();
+    for (size_t i = 0; i < COUNT_OF(cameras); i++) {
+        char camera[1024];
+        sherf_observation *o = NULL;
+        snprintf(camera, sizeof camera, cameras[i], rows[0], rows[1], rows[2]);
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, NULL), &o));
+        const double K[9] = {50, 0, 20, 0, 55, 15, 0, 0, 1};
+        for (int k = 0; k < 9; k++) assert_float_equal(o->camera.K[k], K[k], 0);
+        assert_float_equal(o->camera.R[1], -0.47942554, 1e-6);
+        for (int k = 0; k < 3; k++) assert_float_equal(o->camera.T_m[k], k + 1, 0);
+        assert_string_equal(warned, "");
+        sherf_observation_free(o);
+    }
+    sherf_observation *o = NULL; /* camera to world is turned round */
+    assert_ok(c, sherf_observation_load(
+                     c,
+                     json(c, "a.png", "m.png",
+                          "{\"fov_deg\": 50, \"c2w\": [[0, 0, 1, 5], [0, 1, 0, 6], [-1, 0, 0, 7], "
+                          "[0, 0, 0, 1]]}",
+                          NULL),
+                     &o));
+    assert_true(o->camera.T_m[0] == 7 && o->camera.T_m[1] == -6 && o->camera.T_m[2] == -5);
+    assert_true(o->camera.R[2] == -1 && o->camera.R[6] == 1);
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
+/* A camera file's lens counts as one in the JSON does. */
+static void camera_files_have_lenses(void **state) {
+    static const char lens[] =
+        "\"K\": [[50, 0, 20], [0, 55, 15], [0, 0, 1]], \"R\": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "
+        "\"T\": [0, 0.2, 3], \"D\": [-1.5, 0.4, 0.02, -0.02]";
+    context *c = test_context();
+    sherf_observation *named = NULL, *own = NULL;
+    char text[1024];
+    snprintf(text, sizeof text, "{\"cameras\": [{%s}]}", lens);
+    make_text(c, join(folder, "lens.json"), text);
+    snprintf(text, sizeof text, "{%s}", lens);
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", "\"lens.json\"", NULL), &named));
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", text, NULL), &own));
+    assert_memory_equal(named->mask, own->mask, MADE_WIDTH * MADE_HEIGHT);
+    int differ = 0;
+    for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++)
+        differ += own->mask[i] != made_person(i % MADE_WIDTH, i / MADE_WIDTH);
+    assert_true(differ > 10);
+    sherf_observation_free(named);
+    sherf_observation_free(own);
+    sherf_context_free(c);
+}
+
 static void from_a_folder_with_alpha(void **state) {
     context *c = test_context();
     sherf_observation *o = NULL;
@@ -166,6 +303,33 @@ static void soft_masks(void **state) {
     sherf_context_free(c);
 }
 
+/* A matte with a wide soft edge, little of it white; white all over with a transparent background. */
+static void mattes(void **state) {
+    enum { N = MADE_WIDTH * MADE_HEIGHT };
+    context *c = listening_context();
+    for (int form = 0; form < 3; form++) {
+        uint8_t pixels[N * 4];
+        sherf_observation *o = NULL;
+        for (int i = 0; i < N; i++) {
+            const int x = i % MADE_WIDTH, shade = 12 * (x < 20 ? x : 39 - x) + i / MADE_WIDTH % 7;
+            if (form == 0) pixels[i] = (uint8_t)shade; /* half of it from column 11 to 28 */
+            for (int k = 0; k < 4 && form == 1; k++) pixels[4 * i + k] = (uint8_t)(k < 3 ? 255 : shade);
+            if (form == 2) pixels[i] = made_person(x, i / MADE_WIDTH) ? 0 : 255; /* inverted */
+        }
+        assert_ok(
+            c, png_write(c, join(folder, "matte.png"), MADE_WIDTH, MADE_HEIGHT, form == 1 ? 4 : 1, pixels));
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "matte.png", NULL, NULL), &o));
+        for (int i = 0; i < N; i++) {
+            const int x = i % MADE_WIDTH;
+            const bool is = form == 2 ? !made_person(x, i / MADE_WIDTH) : x >= 11 && x <= 28;
+            assert_int_equal(o->mask[i], is);
+        }
+        assert_int_equal(strstr(warned, "matte.png: the mask covers the border") != NULL, form == 2);
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
 /* A picture without camera and body, whatever its name. */
 static void pictures_are_named(void **state) {
     context *c = test_context();
@@ -202,6 +366,18 @@ static void faults_are_told(void **state) {
         {"a.png", "m.png", "{\"fov_deg\": 60, \"width\": 80}", NULL, "the picture has 40 x 30",
          SHERF_MISMATCH},
         {"a.png", "m.png", "\"none.json\"", NULL, "none.json", SHERF_NO_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60, \"D\": [1, 2, 3, 4, 5, 6]}", NULL, "D has 6 numbers",
+         SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60, \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]}",
+         NULL, "RT: the last row is not 0 0 0 1, the last column is", SHERF_BAD_FILE},
+        {"a.png", "m.png",
+         "{\"fov_deg\": 60, \"T\": [1, 2, 3], \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}", NULL,
+         "told twice, by RT and by T", SHERF_BAD_FILE},
+        {"a.png", "m.png", "{\"fov_deg\": 60}", "{\"body_pose\": %s, \"pred_cam\": [0.9, 0, 0]}",
+         "the body has no translation", SHERF_BAD_FILE},
+        {"a.png", "m.png", NULL, "{\"mhr_model_params\": [0], \"pred_cam_t\": [0, 0, 2]}", "SAM 3D Body",
+         SHERF_UNSUPPORTED},
+        {"a.png", "m.png", NULL, "{\"pose3d\": [0]}", "body_pose (69); this has pose3d", SHERF_BAD_FILE},
         {"a.png", "m.png", NULL, "{}", "a body needs poses", SHERF_BAD_FILE},
         {"a.png", "m.png", NULL, "{\"poses\": [1, 2, 3]}", "poses", SHERF_BAD_FILE},
         {"a.png", "m.png", NULL, "{\"body_pose\": \"x\"}", "body_pose", SHERF_BAD_FILE},
@@ -465,6 +641,11 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(from_json),
         cmocka_unit_test(body_forms),
+        cmocka_unit_test(body_names),
+        cmocka_unit_test(unknown_keys_are_named),
+        cmocka_unit_test(camera_names),
+        cmocka_unit_test(camera_files_have_lenses),
+        cmocka_unit_test(mattes),
         cmocka_unit_test(from_a_folder_with_alpha),
         cmocka_unit_test(soft_masks),
         cmocka_unit_test(pictures_are_named),

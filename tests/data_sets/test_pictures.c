@@ -45,7 +45,7 @@ static double weighted_sum(const sherf_image *image) {
 static void undistort_as_opencv(void **state) {
     static const struct {
         int width, height, channels;
-        double K[9], D[5];
+        double K[9], D[DISTORTION_MAX];
         uint64_t bytes, mask;
         double sum;
     } cases[] = {
@@ -73,6 +73,38 @@ static void undistort_as_opencv(void **state) {
          0x7a565b0c36d63868u,
          0xd59853771106cc8fu,
          9536.898837096},
+        {64,
+         48,
+         3,
+         {70.25, 0, 30.75, 0, 71.5, 25.5, 0, 0, 1},
+         {-0.2, 0.1, 0.003, -0.002},
+         0x4f9a394250834658u,
+         0x79dd0531c7611dffu,
+         2321.605592732},
+        {80, /* rational */
+         60,
+         1,
+         {70.25, 0, 38.75, 0, 71.5, 30.5, 0, 0, 1},
+         {0.4, -0.3, 0.002, -0.004, 0.05, 0.25, 0.1, -0.02},
+         0x6c8a98b0352aea5cu,
+         0x4c37193d260688beu,
+         1184.218699344},
+        {64, /* and of a thin prism */
+         48,
+         3,
+         {70.25, 0, 30.75, 0, 71.5, 25.5, 0, 0, 1},
+         {-0.2, 0.1, 0.003, -0.002, 0.01, 0.1, -0.05, 0.02, 0.03, -0.02, 0.01, 0.04},
+         0xb6bb80818fd8a8a5u,
+         0x9bfdfbed081bdf48u,
+         2320.596556952},
+        {64, /* and tilted */
+         48,
+         3,
+         {70.25, 0, 30.75, 0, 71.5, 25.5, 0, 0, 1},
+         {-0.2, 0.1, 0.003, -0.002, 0.01, 0.1, -0.05, 0.02, 0.03, -0.02, 0.01, 0.04, 0.06, -0.09},
+         0x1d59899d530e0c16u,
+         0xd75ad0b4fdd69705u,
+         2312.138739536},
     };
     context *c = test_context();
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
@@ -101,7 +133,7 @@ static void undistort_of_nonsense(void **state) {
                                   {1e30, 0, 0, 0, 1e30, 0, 0, 0, 1},
                                   {0, 0, 0, 0, 0, 0, 0, 0, 0},
                                   {NAN, 0, 8, 0, NAN, 8, 0, 0, 1}};
-    static const double D[][5] = {{1e300, 1e300, 1, 1, 1}, {NAN, 0, 0, 0, 0}, {1, 1, 1, 1, 1}};
+    static const double D[][DISTORTION_MAX] = {{1e300, 1e300, 1, 1, 1}, {NAN, 0, 0, 0, 0}, {1, 1, 1, 1, 1}};
     for (size_t i = 0; i < COUNT_OF(K); i++)
         for (size_t j = 0; j < COUNT_OF(D); j++) {
             image_u8 image = hash_picture(c, 16, 16, 1);

@@ -126,8 +126,8 @@ static void distortion_is_taken_out(void **state) {
     context *c = test_context();
     const char *root = fresh_root("distorted");
     made_annots a = plain_annots();
-    const double D[5] = {-1.5, 0.4, 0.02, -0.02, 0.02}, K[9] = {50, 0, 20, 0, 55, 15, 0, 0, 1};
-    memcpy(a.D, D, sizeof D);
+    const double D[DISTORTION_MAX] = {-1.5, 0.4, 0.02, -0.02, 0.02}, K[9] = {50, 0, 20, 0, 55, 15, 0, 0, 1};
+    memcpy(a.D, D, sizeof a.D);
     make_thuman_person(c, join(root, "person"), &a);
     sherf_dataset *d = opened(c, root);
     data_view *v = NULL;

@@ -1,0 +1,170 @@
+/* The names of a body's parts. Sources: SMPL-X's own package, AMASS, EasyMocap, CLIFF, HMR 2 and 4D-Humans,
+ * SMPLify-X, ROMP, TRAM, LHM and ExAvatar, aitviewer, AIST++, GVHMR; what these projects and their users
+ * write about their files. */
+#include "data/parts.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <string.h>
+
+static const char *const poses_names[] = {
+    "poses",    "pose",      "smpl_poses",  "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
+    "fullpose", "pred_pose", "pred_rotmat", "pred_thetas", "theta",  NULL};
+static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
+                                         "smpl_body_pose", "smplx_body_pose", NULL};
+static const char *const root_names[] = {"global_orient",      "root_orient",        "root_pose",
+                                         "poses_root",         "pred_global_orient", "smplx_root_pose",
+                                         "smpl_global_orient", "global_orientation", NULL};
+static const char *const shapes_names[] = {"shapes",     "betas",      "shape",       "smpl_betas", "beta",
+                                           "pred_betas", "pred_shape", "smplx_shape", NULL};
+static const char *const turn_names[] = {"R", "Rh", NULL};
+static const char *const place_names[] = {
+    "Th",          "transl",           "trans",      "smpl_trans", "translation",        "smplx_transl",
+    "smpl_transl", "root_translation", "root_trans", "pred_trans", "global_translation", NULL};
+static const char *const camera_turn_names[] = {"camera_rotation", "cam_R", NULL};
+/* In the whole picture first: pred_cam_t may mean the crop that the network saw. */
+static const char *const camera_place_names[] = {"pred_cam_t_full",    "cam_t_full", "pred_cam_t", "cam_t",
+                                                 "camera_translation", "cam_trans",  "global_t",   NULL};
+
+static const char *const *const part_names[PARTS] = {
+    [PART_POSES] = poses_names,
+    [PART_BODY] = body_names,
+    [PART_ROOT] = root_names,
+    [PART_SHAPES] = shapes_names,
+    [PART_TURN] = turn_names,
+    [PART_PLACE] = place_names,
+    [PART_CAMERA_TURN] = camera_turn_names,
+    [PART_CAMERA_PLACE] = camera_place_names,
+};
+
+/* Dicts that hold the body inside another one. Of GVHMR's two, that in the camera's frame. */
+static const char *const inner_names[] = {"smpl_params_incam",
+                                          "pred_smpl_params",
+                                          "smpl_params",
+                                          "smplx_params",
+                                          "smpl_param",
+                                          "smplx_param",
+                                          "smpl",
+                                          "smplx",
+                                          "body",
+                                          "body_params",
+                                          "params",
+                                          "results",
+                                          NULL};
+
+/* What other keys have in them, in small letters, that say nothing about pose, shape and place: faces and
+ * fingers, which stay at rest, what was detected, and where it comes from. */
+static const char *const idle_words[] = {
+    "joint",   "keypoint",  "kp2d",  "kp3d",      "vert",   "face", "bbox",  "box",     "hand",
+    "eye",     "jaw",       "expr",  "img",       "image",  "conf", "score", "gender",  "frame",
+    "name",    "person_id", "track", "detection", "focal",  "time", "loss",  "version", "model",
+    "comment", "cam_int",   "fps",   "label",     "marker", "dmpl", "num_"};
+
+named_value value_first(const value *dict, const char *const *names) {
+    for (; *names; names++) {
+        const value *item = value_get(dict, *names);
+        if (item && item->kind != VALUE_NONE) return (named_value){*names, item};
+    }
+    return (named_value){NULL, NULL};
+}
+
+/* The dict inside that holds the body; NULL: there is none, or the parts are not in it. */
+static const value *inner_of(const value *v) {
+    const value *inner = value_unwrapped(value_first(v, inner_names).item);
+    return value_first(inner, poses_names).item || value_first(inner, body_names).item ? inner : NULL;
+}
+
+void body_parts_find(const value *v, body_parts *out) {
+    v = value_unwrapped(v);
+    const value *inner = inner_of(v);
+    for (int p = 0; p < PARTS; p++) {
+        out->part[p] = value_first(inner, part_names[p]);
+        if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
+    }
+}
+
+static bool among(const char *key, const char *const *names) {
+    for (; *names; names++)
+        if (!strcmp(key, *names)) return true;
+    return false;
+}
+
+static bool is_part(const char *key) {
+    for (int p = 0; p < PARTS; p++)
+        if (among(key, part_names[p])) return true;
+    return among(key, inner_names);
+}
+
+static bool is_idle(const char *key) {
+    char small[64];
+    size_t n = 0;
+    for (; key[n] && n + 1 < sizeof small; n++) small[n] = (char)tolower((unsigned char)key[n]);
+    small[n] = 0;
+    for (size_t i = 0; i < COUNT_OF(idle_words); i++)
+        if (strstr(small, idle_words[i])) return true;
+    return !strcmp(small, "id");
+}
+
+/* Keys met so far, "a, b, c"; what no longer fits is counted. */
+typedef struct {
+    char text[400];
+    size_t bytes;
+    int more;
+} key_list;
+
+static void add_key(key_list *l, const char *key) {
+    int n = snprintf(l->text + l->bytes, sizeof l->text - l->bytes, "%s%.40s", l->bytes ? ", " : "", key);
+    if (n > 0 && (size_t)n < sizeof l->text - l->bytes)
+        l->bytes += (size_t)n;
+    else
+        l->text[l->bytes] = 0, l->more++;
+}
+
+static void say(context *c, const key_list *l, const char *what, const char *hint) {
+    char more[32] = "";
+    if (l->more) snprintf(more, sizeof more, " and %d more", l->more);
+    if (l->bytes) log_line(c, SHERF_LOG_WARNING, "%s: not read: %s%s%s", what, l->text, more, hint);
+}
+
+static void unread_of(const value *v, key_list *l) {
+    if (v && v->kind == VALUE_RECORD) v = v->record.state;
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
+        const value *key = v->dict.pair[i].key;
+        if (key->kind == VALUE_STRING && !is_part(key->string.text) && !is_idle(key->string.text))
+            add_key(l, key->string.text);
+    }
+}
+
+void body_parts_warn(context *c, const value *v, const char *what) {
+    key_list l = {{0}, 0, 0};
+    body_parts parts;
+    v = value_unwrapped(v);
+    body_parts_find(v, &parts);
+    unread_of(inner_of(v), &l);
+    unread_of(v, &l);
+    const bool placed = parts.part[PART_PLACE].item || parts.part[PART_CAMERA_PLACE].item;
+    say(c, &l, what, placed ? "" : "; no translation is among what is (transl, Th, cam_t, ...)");
+}
+
+sherf_status body_parts_missing(context *c, const value *v) {
+    key_list l = {{0}, 0, 0};
+    v = value_unwrapped(v);
+    if (value_get(v, "mhr_model_params") || value_get(v, "body_pose_params"))
+        return failure(
+            c, SHERF_UNSUPPORTED,
+            "SAM 3D Body's own body (MHR), not SMPL: convert it with its authors' MHR to SMPL tool");
+    if (v && v->kind == VALUE_RECORD) v = v->record.state;
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++)
+        if (v->dict.pair[i].key->kind == VALUE_STRING) add_key(&l, v->dict.pair[i].key->string.text);
+    return failure(c, SHERF_BAD_FILE, "a body needs poses (72 numbers) or body_pose (69)%s%s",
+                   l.bytes ? "; this has " : "", l.text);
+}
+
+void unknown_keys_warn(context *c, const value *v, const char *const *known, const char *what) {
+    key_list l = {{0}, 0, 0};
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
+        const value *key = v->dict.pair[i].key;
+        if (key->kind == VALUE_STRING && !among(key->string.text, known)) add_key(&l, key->string.text);
+    }
+    say(c, &l, what, "");
+}

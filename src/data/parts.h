@@ -1,0 +1,41 @@
+/* parts: the parts of a body in a dict, by the names that the tools which write them use. One table for
+ * observations, files of poses and motions. */
+#ifndef SHERF_DATA_PARTS_H
+#define SHERF_DATA_PARTS_H
+
+#include "io/value.h"
+
+typedef enum {
+    PART_POSES,       /* all joints: poses, smpl_thetas, ... */
+    PART_BODY,        /* all but the root: body_pose, pose_body, ... */
+    PART_ROOT,        /* global_orient, root_pose, ... */
+    PART_SHAPES,      /* betas, shape, ... */
+    PART_TURN,        /* R, Rh: beside the root's rotation */
+    PART_PLACE,       /* the body's translation: transl, Th, ... */
+    PART_CAMERA_TURN, /* of a camera that the tool puts the body before: camera_rotation */
+    PART_CAMERA_PLACE /* cam_t, camera_translation, global_t, ... */
+} body_part;
+enum { PARTS = PART_CAMERA_PLACE + 1 };
+
+typedef struct {
+    const char *name; /* as the file calls it; NULL: it is not there */
+    const value *item;
+} named_value;
+typedef struct {
+    named_value part[PARTS];
+} body_parts;
+
+/* The first of these names (up to NULL) that the dict has and that is not null; item NULL: none. */
+named_value value_first(const value *dict, const char *const *names);
+/* The parts of a dict or record; of one that holds the body in a dict of its own (pred_smpl_params, smpl,
+ * results, ...), what is inside goes before what is beside it. */
+void body_parts_find(const value *v, body_parts *out);
+/* Logs the keys that are no parts, and not known to be of no use here, in one warning that begins with
+ * `what`. */
+void body_parts_warn(context *c, const value *v, const char *what);
+/* Fails for a dict without poses: says what it has in their place. */
+sherf_status body_parts_missing(context *c, const value *v);
+/* Logs the keys of any dict that are not among `known` (up to NULL). */
+void unknown_keys_warn(context *c, const value *v, const char *const *known, const char *what);
+
+#endif

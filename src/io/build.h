@@ -125,6 +125,11 @@ bool zlib_is(const unsigned char *data, size_t bytes);
 sherf_status zlib_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
                          size_t *length);
 
+/* gzip, xz, bzip2, lzma, zstd (unpack.c): NULL for what is none of them. Unpacked as by zlib_unpack. */
+const char *packed_kind(const unsigned char *data, size_t bytes);
+sherf_status packed_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
+                           size_t *length);
+
 /* What a reader may use for an input of this many bytes. */
 size_t build_limit(size_t input_bytes);
 #endif

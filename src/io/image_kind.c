@@ -72,12 +72,12 @@ static bool text_has(const unsigned char *data, size_t n, const char *word) {
 static const char *text_kind(const unsigned char *data, size_t n) {
     size_t start = n < 1024 ? n : 1024;
     if (text_starts(data, n, "version https://git-lfs"))
-        return "a Git LFS pointer: the picture itself was not fetched (git lfs pull)";
+        return "a Git LFS pointer: the file itself was not fetched (git lfs pull)";
     if (text_starts(data, n, "<svg") || (text_starts(data, n, "<?xml") && text_has(data, start, "<svg")))
         return "an SVG drawing";
     if (text_starts(data, n, "<!doctype html") || text_starts(data, n, "<html") ||
         text_starts(data, n, "<head"))
-        return "a web page (HTML), not the picture it shows";
+        return "a web page (HTML), not the file it offers";
     if (text_starts(data, n, "<?xml")) return "an XML text";
     for (size_t i = 0; i < start; i++)
         if (data[i] < 9 || (data[i] > 13 && data[i] < 32) || data[i] == 127) return NULL;

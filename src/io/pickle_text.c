@@ -2,23 +2,13 @@
 #include <string.h>
 
 #include "io/pickle.h"
+#include "io/utf16.h"
 
 static int hex(char ch) {
     return ch >= '0' && ch <= '9'   ? ch - '0'
            : ch >= 'a' && ch <= 'f' ? ch - 'a' + 10
            : ch >= 'A' && ch <= 'F' ? ch - 'A' + 10
                                     : -1;
-}
-
-static size_t utf8_put(char *out, uint32_t u) {
-    if (u < 0x80) {
-        out[0] = (char)u;
-        return 1;
-    }
-    int more = u < 0x800 ? 1 : u < 0x10000 ? 2 : 3;
-    out[0] = (char)((0xff00 >> (more + 1) & 0xff) | u >> 6 * more);
-    for (int i = 1; i <= more; i++) out[i] = (char)(0x80 | (u >> 6 * (more - i) & 63));
-    return (size_t)more + 1;
 }
 
 static value *fault(const char **wrong, const char *what) {

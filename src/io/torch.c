@@ -4,7 +4,9 @@
 
 #include "base/path.h"
 #include "io/archive.h"
+#include "io/image.h"
 #include "io/pickle.h"
+#include "io/utf16.h"
 
 static const size_t torch_bytes_max = (size_t)8 << 30;
 enum { STORAGE_BUCKETS = 4096 };
@@ -266,7 +268,7 @@ static bool safetensors_is(const unsigned char *data, size_t bytes) {
 
 typedef enum {
     FORM_ZIP,
-    FORM_GZIP,
+    FORM_PACKED,
     FORM_ZLIB,
     FORM_NPY,
     FORM_SAFETENSORS,
@@ -274,17 +276,43 @@ typedef enum {
     FORM_JSON,
     FORM_PICKLE
 } form;
-static const char *const form_name[] = {"zip",         "gzip",  "pickle", "npy",
-                                        "safetensors", "torch", "json",   "pickle"};
+static const char *const form_name[] = {"zip",         "packed", "pickle", "npy",
+                                        "safetensors", "torch",  "json",   "pickle"};
 
 static form form_of(const unsigned char *start, size_t n) {
     if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) return FORM_ZIP;
-    if (n >= 2 && start[0] == 0x1f && start[1] == 0x8b) return FORM_GZIP;
+    if (packed_kind(start, n)) return FORM_PACKED;
     if (zlib_is(start, n)) return FORM_ZLIB;
     if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) return FORM_NPY;
     if (safetensors_is(start, n)) return FORM_SAFETENSORS;
     if (torch_legacy_is(start, n)) return FORM_TORCH;
-    return json_is(start, n) ? FORM_JSON : FORM_PICKLE;
+    return json_is(start, n) || utf16_is(start, n) ? FORM_JSON : FORM_PICKLE;
+}
+
+/* What was packed once is not packed twice: a bomb would be. */
+static sherf_status parse_packed(context *c, bool zlib, const unsigned char *data, size_t bytes,
+                                 document **out, const char **kind) {
+    unsigned char *unpacked;
+    size_t length;
+    sherf_status status = zlib ? zlib_unpack(c, data, bytes, &unpacked, &length)
+                               : packed_unpack(c, data, bytes, &unpacked, &length);
+    if (status) return status;
+    if (packed_kind(unpacked, length) || zlib_is(unpacked, length))
+        status = failure(c, SHERF_UNSUPPORTED, "packed twice; unpack it first");
+    else
+        status = document_parse(c, unpacked, length, out, kind);
+    mem_free(unpacked);
+    return status;
+}
+
+/* Of what is no data file, what it is. */
+static void name_other(context *c, const unsigned char *data, size_t bytes) {
+    const size_t n = bytes < IMAGE_KIND_BYTES ? bytes : IMAGE_KIND_BYTES;
+    const char *picture = image_kind(data, n), *other = image_other_kind(data, n);
+    if (picture)
+        failure(c, SHERF_BAD_FILE, "a picture (%s)", picture);
+    else if (other && strcmp(other, "a text"))
+        failure(c, SHERF_BAD_FILE, "%s", other);
 }
 
 sherf_status document_parse(context *c, const unsigned char *data, size_t bytes, document **out,
@@ -297,17 +325,10 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
     case FORM_ZIP:
         status = parse_zip(c, data, bytes, out, &found);
         break;
-    case FORM_GZIP:
-        status = failure(c, SHERF_UNSUPPORTED, "packed with gzip; unpack it first (gunzip)");
+    case FORM_PACKED:
+    case FORM_ZLIB:
+        status = parse_packed(c, f == FORM_ZLIB, data, bytes, out, &found);
         break;
-    case FORM_ZLIB: {
-        unsigned char *unpacked;
-        size_t length;
-        status = zlib_unpack(c, data, bytes, &unpacked, &length);
-        if (status == SHERF_OK) status = pickle_parse(c, unpacked, length, out);
-        mem_free(unpacked);
-        break;
-    }
     case FORM_NPY:
         status = npy_parse(c, data, bytes, out);
         break;
@@ -322,6 +343,7 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
         break;
     case FORM_PICKLE:
         status = pickle_parse(c, data, bytes, out);
+        if (status == SHERF_BAD_FILE) name_other(c, data, bytes);
         break;
     }
     if (kind) *kind = status == SHERF_OK ? found : NULL;

@@ -41,6 +41,21 @@ static void test_json_refused(void **state) {
 }
 
 /* Python's json writes these names for what is not finite. */
+/* Two bytes a character, either first. */
+static void test_json_wide(void **state) {
+    static const char wide[] = "\xff\xfe{\0\"\0\xe4\0\"\0:\0002\0}\0", big[] = "\xfe\xff\0[\0003\0]";
+    context *c = *state;
+    document *d;
+    const char *kind;
+    assert_ok(c, document_parse(c, (const unsigned char *)wide, sizeof wide - 1, &d, &kind));
+    assert_string_equal(kind, "json");
+    assert_int_equal(value_get(d->root, "\xc3\xa4")->integer, 2);
+    document_free(d);
+    assert_ok(c, document_parse(c, (const unsigned char *)big, sizeof big - 1, &d, &kind));
+    assert_int_equal(value_at(d->root, 0)->integer, 3);
+    document_free(d);
+}
+
 static void test_json_names_nan(void **state) {
     context *c = *state;
     static const char *const bad[] = {"{\"K\": [NaN, 0]}", "[1, -Infinity]", "[Infinity]"};
@@ -132,12 +147,14 @@ static void check_records(const value *root) {
     assert_int_equal(value_at(within, 1)->kind, VALUE_RECORD);
 }
 
+/* All protocols; a text whose line ends an FTP or git has changed; packed. */
 static void test_pickles(void **state) {
+    static const char *const name[] = {"values_p0.pkl", "values_p1.pkl",  "values_p2.pkl",   "values_p3.pkl",
+                                       "values_p4.pkl", "values_p5.pkl",  "values_crlf.pkl", "values.pkl.gz",
+                                       "values.pkl.xz", "values.pkl.bz2", "values.pkl.lzma"};
     context *c = *state;
-    for (int p = 0; p <= 5; p++) {
-        char name[32];
-        snprintf(name, sizeof name, "values_p%d.pkl", p);
-        document *d = sample_read(c, name, "pickle");
+    for (size_t p = 0; p < COUNT_OF(name); p++) {
+        document *d = sample_read(c, name[p], "pickle");
         check_list(value_get(d->root, "list"));
         check_arrays(c, d->root);
         check_records(d->root);
@@ -290,12 +307,28 @@ static void test_writing(void **state) {
 static void test_refused_by_name(void **state) {
     context *c = *state;
     document *d;
-    const char *path = test_path("packed.gz");
-    FILE *f = fopen(path, "wb");
-    fwrite("\x1f\x8b\x08\0", 1, 4, f);
-    fclose(f);
-    assert_int_equal(document_read(c, path, &d, NULL), SHERF_UNSUPPORTED);
-    assert_non_null(strstr(c->message, "gunzip"));
+    static const struct {
+        const char *data;
+        size_t bytes;
+        const char *says;
+    } cases[] = {
+        {"\x1f\x8b\x08\0", 4, "packed by gzip, but damaged"},
+        {"\xfd"
+         "7zXZ\0\0\4",
+         8, "packed by xz, but damaged"},
+        {"version https://git-lfs.github.com/spec/v1\noid sha256:aa\n", 56, "a Git LFS pointer"},
+        {"<!DOCTYPE html><html></html>", 28, "a web page (HTML), not the file it offers"},
+        {"\x89PNG\r\n\x1a\n\0\0\0\0", 12, "a picture (PNG)"},
+        {"%PDF-1.7", 8, "a PDF"},
+        {"some words", 10, "pickle: nothing on the stack"},
+    };
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        assert_int_equal(document_parse(c, (const unsigned char *)cases[i].data, cases[i].bytes, &d, NULL),
+                         SHERF_BAD_FILE);
+        assert_null(d);
+        if (!strstr(c->message, cases[i].says))
+            fail_msg("\"%s\" does not say \"%s\"", c->message, cases[i].says);
+    }
     assert_int_equal(document_read(c, test_path("missing"), &d, NULL), SHERF_NO_FILE);
     assert_int_equal(document_read(c, "data", &d, NULL), SHERF_BAD_FILE); /* a folder */
     assert_null(d);
@@ -311,6 +344,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_json),
                                        cmocka_unit_test(test_json_refused),
                                        cmocka_unit_test(test_json_names_nan),
+                                       cmocka_unit_test(test_json_wide),
                                        cmocka_unit_test(test_numbers),
                                        cmocka_unit_test(test_pickles),
                                        cmocka_unit_test(test_bodies),

@@ -11,7 +11,7 @@ static struct {
     const char *avatar, *model, *body, *motion, *output, *npz;
     int up, rotations, root, camera;
     double unit_m, source_fps, fps, smooth_s, blend_s;
-    const char *track, *size, *background;
+    const char *track, *joints, *size, *background;
     int64_t first, last, samples;
     bool loop, own_place, their_shape, exact, no_detail, whole;
     double turn_s, azimuth_deg, elevation_deg, distance_m, fov_deg;
@@ -37,6 +37,8 @@ static const option options[] = {
     {0, "source-fps", OPTION_REAL, &set.source_fps, "X", "frames a second of the file (what it says)", 0.01,
      10000},
     {0, "track", OPTION_TEXT, &set.track, "ID", "which person of a file of several (who is there longest)"},
+    {0, "joints", OPTION_FILE, &set.joints, "MAP.json",
+     "names of a BVH's joints, {\"left_hip\": \"LegL\", ...} (recognised)"},
     {0, "their-shape", OPTION_FLAG, &set.their_shape, NULL,
      "take the file's body shape; otherwise the person keeps their own"},
     /* in time */
@@ -119,6 +121,7 @@ static int motion_get(session *s, const sherf_body *body, const sherf_avatar *av
                               .fps = set.fps,
                               .fps_max = 60,
                               .track = set.track,
+                              .joints = set.joints,
                               .first = (int)set.first,
                               .last = (int)set.last,
                               .root = (sherf_root)set.root,

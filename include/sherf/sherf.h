@@ -371,6 +371,9 @@ typedef struct {
     const sherf_body *body;
     const float *shapes; /* 10, of that body; NULL: zeros */
     int their_shape;     /* non-zero: the file's body shape where it has one, not `shapes` */
+    /* BVH: a JSON file {"left_hip": "the file's joint", ...} of SMPL's names in small letters, for rigs that
+     * are not recognised, or in part; NULL: none */
+    const char *joints;
 } sherf_motion_options;
 
 typedef struct sherf_motion sherf_motion;

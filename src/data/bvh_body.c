@@ -1,94 +1,27 @@
 /* Retargeting: a joint takes the whole rotation of the file's joint, after the bone at rest was turned to
- * where the file's rest pose has it. Bone directions then agree; twist is the file's. */
-#include <ctype.h>
+ * where the file's rest pose has it. Bone directions then agree; twist is the file's. Where the file's rest
+ * pose is no pose of a person, see bvh_calibrate.c. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "data/bvh_body.h"
 
-/* Names in small letters; what is not a letter or digit is left out, as is the prefix of Mixamo. Several may
- * be meant: "a|b". Of limbs the left one's, "left..." or "l...", from which the right one's follows. */
-enum { TORSO_JOINTS = 6, LIMB_JOINTS = 9 };
-static const int8_t torso_joint[TORSO_JOINTS] = {0, 3, 6, 9, 12, 15},
-                    limb_joint[LIMB_JOINTS] = {1, 4, 7, 10, 13, 16, 18, 20, 22};
-/* thigh, shin, foot, toes, collar, upper arm, forearm, hand, fingers: by bones, and by joints */
-static const char *const limbs_bones[LIMB_JOINTS] = {
-    "leftupleg|leftthigh",      "leftleg|leftshin", "leftfoot",
-    "lefttoebase|lefttoe",      "leftshoulder",     "leftarm|leftupperarm",
-    "leftforearm|leftlowerarm", "lefthand",         ""};
-static const char *const limbs_joints[LIMB_JOINTS] = {
-    "lhip|lefthip",           "lknee|leftknee",     "lankle|leftankle",
-    "lfoot|leftfoot|lefttoe", "lcollar|leftcollar", "lshoulder|leftshoulder",
-    "lelbow|leftelbow",       "lwrist|leftwrist",   "lhand|lefthand"};
-static const struct {
-    const char *names, *torso[TORSO_JOINTS];
-    const char *const *limbs;
-} family[] = {
-    {"CMU", {"hips", "lowerback", "spine", "spine1", "neck1", "head"}, limbs_bones},
-    {"Mixamo", {"hips", "spine", "spine1", "spine2", "neck", "head"}, limbs_bones},
-    {"SMPL", {"pelvis", "spine1", "spine2", "spine3", "neck", "head"}, limbs_joints},
-    {"Poser", {"hips|hip", "ab|abdomen", "", "chest", "neck", "head"}, limbs_joints},
-};
-
 /* Bones whose direction at rest differs between skeletons, and where they end. */
 static const int8_t bone_end[BODY_JOINTS] = {
     [1] = 4, [2] = 5, [4] = 7, [5] = 8, [16] = 18, [17] = 19, [18] = 20, [19] = 21};
-static const int8_t needed[] = {0, 1, 2, 4, 5, 16, 17, 18, 19};
 static const int8_t parent[BODY_JOINTS] = {-1, 0, 0, 0,  1,  2,  3,  4,  5,  6,  7,  8,
                                            9,  9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
-
-static void plain_name(const char *name, char out[BVH_NAME]) {
-    const char *colon = strrchr(name, ':');
-    size_t n = 0;
-    for (name = colon ? colon + 1 : name; *name; name++)
-        if (isalnum((unsigned char)*name)) out[n++] = (char)tolower((unsigned char)*name);
-    out[n] = 0;
-}
-
-/* Whether `name` is one of "a|b"; on the right side with the side's letter or word exchanged. */
-static bool name_is(const char *name, const char *wanted, bool right) {
-    char side[BVH_NAME + 8];
-    if (right) {
-        if (!strncmp(name, "right", 5))
-            snprintf(side, sizeof side, "left%s", name + 5);
-        else if (*name == 'r')
-            snprintf(side, sizeof side, "l%s", name + 1);
-        else
-            return false;
-        name = side;
-    }
-    for (size_t n = strlen(name); *wanted; wanted += *wanted == '|') {
-        size_t length = strcspn(wanted, "|");
-        if (length == n && !memcmp(name, wanted, n)) return true;
-        wanted += length;
-    }
-    return false;
-}
-
-static int find_named(const bvh *b, const char *wanted, bool right) {
-    for (int i = 0; i < b->joints; i++) {
-        char name[BVH_NAME];
-        plain_name(b->joint[i].name, name);
-        if (*name && name_is(name, wanted, right)) return i;
-    }
-    return -1;
-}
-
-static int match_family(const bvh *b, size_t f, int joint[BODY_JOINTS]) {
-    int found = 0;
-    for (int j = 0; j < BODY_JOINTS; j++) joint[j] = -1;
-    for (int i = 0; i < TORSO_JOINTS; i++) joint[torso_joint[i]] = find_named(b, family[f].torso[i], false);
-    for (int i = 0; i < 2 * LIMB_JOINTS; i++)
-        joint[limb_joint[i / 2] + i % 2] = find_named(b, family[f].limbs[i / 2], i % 2);
-    for (int j = 0; j < BODY_JOINTS; j++) found += joint[j] >= 0;
-    return found;
-}
 
 static void rest_position(const bvh *b, int joint, double out[3]) {
     out[0] = out[1] = out[2] = 0;
     for (; joint >= 0; joint = b->joint[joint].parent)
         for (int k = 0; k < 3; k++) out[k] += b->joint[joint].offset[k];
+}
+
+static void multiply(const double a[9], const double b[9], double out[9]) {
+    for (int i = 0; i < 9; i++)
+        out[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
 }
 
 static bool unit_vector(const double from[3], const double to[3], double out[3]) {
@@ -138,42 +71,59 @@ static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], double G[9]) {
     G[3 * z + 2] = ((y - x + 3) % 3 == 1 ? 1 : -1) * sx * sy; /* left x up = front */
 }
 
-sherf_status bvh_body_match(context *c, const bvh *b, const float joints_rest[BODY_JOINTS][3],
-                            bvh_body *out) {
-    int best = 0, joint[BODY_JOINTS];
-    memset(out, 0, sizeof *out);
-    for (size_t f = 0; f < COUNT_OF(family); f++) {
-        int found = match_family(b, f, joint);
-        if (found <= best) continue;
-        best = found;
-        out->names = family[f].names;
-        memcpy(out->joint, joint, sizeof joint);
+/* Directions of a bone in the body's rest pose, turned by G, and in the file's; false: one has no length. */
+static bool bone_directions(const bvh *b, const bvh_body *map, const float rest[BODY_JOINTS][3],
+                            const double G[9], int from, int to, double mine[3], double theirs[3]) {
+    double own[3], end[3], straight[3];
+    rest_position(b, map->joint[from], own);
+    rest_position(b, map->joint[to], end);
+    if (!unit_vector(own, end, theirs)) return false;
+    for (int k = 0; k < 3; k++) own[k] = rest[from][k], end[k] = rest[to][k];
+    if (!unit_vector(own, end, straight)) return false;
+    for (int k = 0; k < 3; k++)
+        mine[k] = G[3 * k] * straight[0] + G[3 * k + 1] * straight[1] + G[3 * k + 2] * straight[2];
+    return true;
+}
+
+/* A standing rest pose: each bone turned the shortest way to where the file has it. */
+static void align_standing(const bvh *b, bvh_body *map, const float rest[BODY_JOINTS][3], const double G[9]) {
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        double *A = map->align[j], mine[3], theirs[3];
+        const int to = bone_end[j];
+        memcpy(A, G, 9 * sizeof *A);
+        if (j == 20 || j == 21) memcpy(A, map->align[j - 2], 9 * sizeof *A); /* hands as forearms */
+        if (!to || map->joint[to] < 0 || map->joint[j] < 0) continue;
+        if (!bone_directions(b, map, rest, G, j, to, mine, theirs)) continue;
+        double bend[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+        smallest_rotation(mine, theirs, bend);
+        multiply(bend, G, A);
     }
-    for (size_t i = 0; i < COUNT_OF(needed); i++)
-        if (!best || out->joint[needed[i]] < 0)
-            return failure(c, SHERF_UNSUPPORTED,
-                           "joints are not named as by CMU, Mixamo, Poser or SMPL exporters");
+}
+
+/* Whether legs hang within 60 degrees of straight down, and arms point within 110 of sideways. */
+static bool rest_stands(const bvh *b, const bvh_body *map, const float rest[BODY_JOINTS][3],
+                        const double G[9]) {
+    static const int8_t bones[] = {1, 2, 4, 5, 16, 17, 18, 19};
+    for (size_t i = 0; i < COUNT_OF(bones); i++) {
+        double mine[3], theirs[3];
+        const int j = bones[i], to = bone_end[j];
+        if (map->joint[to] < 0 || !bone_directions(b, map, rest, G, j, to, mine, theirs)) continue;
+        const double along = mine[0] * theirs[0] + mine[1] * theirs[1] + mine[2] * theirs[2];
+        if (along < (j < 16 ? 0.5 : -0.34)) return false;
+    }
+    return true;
+}
+
+sherf_status bvh_body_match(context *c, const bvh *b, const value *given,
+                            const float joints_rest[BODY_JOINTS][3], bvh_body *out) {
+    memset(out, 0, sizeof *out);
+    sherf_status status = bvh_names_match(c, b, given, out->joint, &out->names);
+    if (status) return status;
     double G[9];
     rest_axes(b, out->joint, G);
-    for (int j = 0; j < BODY_JOINTS; j++) {
-        double *A = out->align[j], own[3], end[3], mine[3], theirs[3], turned[3];
-        memcpy(A, G, sizeof G);
-        int to = bone_end[j];
-        if (j == 20 || j == 21) memcpy(A, out->align[j - 2], sizeof out->align[j]); /* hands as forearms */
-        if (!to || out->joint[to] < 0) continue;
-        rest_position(b, out->joint[j], own);
-        rest_position(b, out->joint[to], end);
-        if (!unit_vector(own, end, theirs)) continue;
-        for (int k = 0; k < 3; k++) own[k] = joints_rest[j][k], end[k] = joints_rest[to][k];
-        if (!unit_vector(own, end, mine)) continue;
-        for (int k = 0; k < 3; k++)
-            turned[k] = G[3 * k] * mine[0] + G[3 * k + 1] * mine[1] + G[3 * k + 2] * mine[2];
-        double bend[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-        smallest_rotation(turned, theirs, bend);
-        for (int i = 0; i < 9; i++)
-            A[i] = bend[i / 3 * 3] * G[i % 3] + bend[i / 3 * 3 + 1] * G[3 + i % 3] +
-                   bend[i / 3 * 3 + 2] * G[6 + i % 3];
-    }
+    out->calibrated = !rest_stands(b, out, joints_rest, G);
+    if (out->calibrated) return bvh_calibrate(c, b, joints_rest, out);
+    align_standing(b, out, joints_rest, G);
     return SHERF_OK;
 }
 
@@ -186,9 +136,7 @@ void bvh_body_pose(const bvh *b, const bvh_body *map, int frame, float pose_rad[
             memcpy(body[j], body[parent[j]], sizeof body[j]);
         } else {
             const double *Q = global + 9 * map->joint[j], *A = map->align[j];
-            for (int i = 0; i < 9; i++)
-                body[j][i] = Q[i / 3 * 3] * A[i % 3] + Q[i / 3 * 3 + 1] * A[3 + i % 3] +
-                             Q[i / 3 * 3 + 2] * A[6 + i % 3];
+            multiply(Q, A, body[j]);
         }
         for (int i = 0; i < 9; i++) {
             double sum = body[j][i];

@@ -6,6 +6,7 @@
 
 #include "base/path.h"
 #include "io/bvh.h"
+#include "io/utf16.h"
 
 static const size_t file_limit_bytes = (size_t)1 << 30;
 
@@ -53,12 +54,19 @@ static sherf_status expect(reader *r, const char *text) {
     return word_is(w, text) ? SHERF_OK : expected(r, text, w);
 }
 
+/* "0,033" of a locale that writes commas. */
+static void decimal_point(char *text) {
+    char *comma = strchr(text, ',');
+    if (comma && !strchr(text, '.') && !strchr(comma + 1, ',')) *comma = '.';
+}
+
 static sherf_status read_number(reader *r, double *out) {
     char text[64];
     word w = next_word(r);
     if (!w.length || w.length >= sizeof text) return expected(r, "a number", w);
     memcpy(text, w.text, w.length);
     text[w.length] = 0;
+    decimal_point(text);
     char *rest;
     *out = strtod(text, &rest);
     if (*rest || !isfinite(*out) || fabs(*out) > 1e9) return expected(r, "a number", w);
@@ -157,33 +165,64 @@ static sherf_status read_hierarchy(reader *r) {
     return SHERF_OK;
 }
 
+static bool at_end(reader *r) {
+    while (r->at < r->end && is_space(*r->at)) r->line += *r->at++ == '\n';
+    return r->at == r->end;
+}
+
+/* As many whole frames as there are, of `frames`: recordings are cut off. */
+static sherf_status read_frames(reader *r, int frames, size_t room) {
+    bvh *b = r->b;
+    for (b->frames = 0; b->frames < frames; b->frames++)
+        for (int i = 0; i < b->channels; i++) {
+            const size_t at = (size_t)b->frames * (size_t)b->channels + (size_t)i;
+            if (at == room || at_end(r)) return SHERF_OK;
+            double number;
+            sherf_status status = read_number(r, &number);
+            if (status) return status;
+            b->value[at] = (float)number;
+        }
+    if (!at_end(r))
+        log_line(r->c, SHERF_LOG_WARNING, "BVH: the file goes on after the %d frames that it says", frames);
+    return SHERF_OK;
+}
+
 static sherf_status read_motion(reader *r) {
     bvh *b = r->b;
     sherf_status status;
+    int frames = 0;
     if ((status = expect(r, "MOTION")) || (status = expect(r, "Frames:")) ||
-        (status = read_count(r, "a number of frames", 1 << 24, &b->frames)) ||
-        (status = expect(r, "Frame")) || (status = expect(r, "Time:")) ||
-        (status = read_number(r, &b->frame_time_s)))
+        (status = read_count(r, "a number of frames", 1 << 24, &frames)) || (status = expect(r, "Frame")) ||
+        (status = expect(r, "Time:")) || (status = read_number(r, &b->frame_time_s)))
         return status;
-    if (!b->channels || !b->frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
+    if (!b->channels || !frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
     if (!(b->frame_time_s > 0 && b->frame_time_s < 1e3))
         return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
-    size_t numbers = (size_t)b->frames * (size_t)b->channels;
-    if (numbers > (size_t)(r->end - r->at)) /* each takes two characters at least, but the last one */
-        return failure(r->c, SHERF_BAD_FILE, "%d frames of %d channels, but the file ends before", b->frames,
-                       b->channels);
-    b->value = mem_alloc(r->c, numbers, sizeof *b->value);
+    /* each number takes two characters at least, but the last one */
+    size_t room = (size_t)frames * (size_t)b->channels, left = ((size_t)(r->end - r->at) + 1) / 2;
+    if (room > left) room = left;
+    b->value = mem_alloc(r->c, room, sizeof *b->value);
     if (!b->value) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < numbers; i++) {
-        double number;
-        if ((status = read_number(r, &number))) return status;
-        b->value[i] = (float)number;
-    }
+    if ((status = read_frames(r, frames, room)) || b->frames == frames) return status;
+    if (2 * b->frames <= frames)
+        return failure(r->c, SHERF_BAD_FILE,
+                       "%d frames of %d channels, but the file ends before: %d are there; copy it again, or "
+                       "write that number after Frames:",
+                       frames, b->channels, b->frames);
+    log_line(r->c, SHERF_LOG_WARNING, "BVH: cut off, %d of %d frames are there", b->frames, frames);
     return SHERF_OK;
 }
 
 sherf_status bvh_parse(context *c, const unsigned char *data, size_t bytes, bvh **out) {
     *out = NULL;
+    if (utf16_is(data, bytes)) {
+        unsigned char *narrow;
+        size_t length;
+        sherf_status narrowed = utf16_narrow(c, data, bytes, &narrow, &length);
+        if (!narrowed) narrowed = bvh_parse(c, narrow, length, out); /* which begins with no mark */
+        mem_free(narrow);
+        return narrowed;
+    }
     reader r = {.c = c, .at = (const char *)data, .end = (const char *)data + bytes, .line = 1};
     r.b = mem_zero(c, 1, sizeof *r.b);
     if (!r.b) return SHERF_NO_MEMORY;

@@ -36,8 +36,20 @@ static double rate_of(double frame_time_s) {
     return fabs(fps - whole) < 1e-4 * fps ? whole : fps;
 }
 
-sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *s) {
+/* With the names of --joints, where there are any. */
+static sherf_status match(context *c, const bvh *b, const sherf_motion_options *o, const skeleton *own,
+                          bvh_body *map) {
     float rest[BODY_JOINTS][3];
+    document *d = NULL;
+    for (int j = 0; j < BODY_JOINTS; j++)
+        for (int k = 0; k < 3; k++) rest[j][k] = (float)own->rest_m[j][k];
+    sherf_status status = o->joints ? json_read(c, o->joints, &d) : SHERF_OK;
+    if (!status) status = bvh_body_match(c, b, d ? d->root : NULL, (const float(*)[3])rest, map);
+    document_free(d);
+    return status;
+}
+
+sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *s) {
     double at[BODY_JOINTS][3], hips[3], own_hips[3];
     bvh_body map;
     s->format = "BVH";
@@ -45,15 +57,13 @@ sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_option
     s->is_pelvis = s->fps_said = true;
     sherf_status status = source_frames(c, s, o, b->frames, rate_of(b->frame_time_s));
     if (status) return status;
-    for (int j = 0; j < BODY_JOINTS; j++)
-        for (int k = 0; k < 3; k++) rest[j][k] = (float)s->skeleton.rest_m[j][k];
-    status = bvh_body_match(c, b, (const float(*)[3])rest, &map);
-    if (status) return status;
+    if ((status = match(c, b, o, &s->skeleton, &map))) return status;
     rest_joints(b, &map, at);
     double legs = leg_length(at);
     if (!(legs > 1e-9)) return failure(c, SHERF_BAD_FILE, "a skeleton with legs of no length");
     s->unit_m = o->scale > 0 ? o->scale : leg_length(s->skeleton.rest_m) / legs;
-    snprintf(s->detail, sizeof s->detail, "names of %s, a unit is %.3g m by the legs", map.names, s->unit_m);
+    snprintf(s->detail, sizeof s->detail, "names of %s, a unit is %.3g m by the legs%s", map.names, s->unit_m,
+             map.calibrated ? ", its rest pose is none of a person: calibrated by its frames" : "");
     /* From the file's root to the middle of its hips at rest, less the body's own, so that hips meet. */
     for (int k = 0; k < 3; k++) {
         hips[k] = (at[1][k] + at[2][k]) / 2 - at[0][k];

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/path.h"
+#include "io/utf16.h"
 #include "motion/source.h"
 
 static const char *const up_name[] = {"", "y up", "z up", "y down"};
@@ -161,6 +162,7 @@ sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o,
 
 static bool bvh_is(const unsigned char *data, size_t bytes) {
     static const char word[] = "HIERARCHY";
+    if (utf16_is(data, bytes)) return bytes > 4 && (data[2] == 'H' || data[3] == 'H');
     size_t at = bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
     while (at < bytes && isspace(data[at])) at++;
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);

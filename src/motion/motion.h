@@ -82,7 +82,7 @@ struct sherf_motion {
     bool file_has_shapes, loop;
     float file_shapes[BODY_SHAPES];
     int blend_frames;
-    char description[256];
+    char description[400];
 };
 
 #endif

@@ -65,6 +65,41 @@ static void test_truncated(void **state) {
     sherf_context_free(c);
 }
 
+static bvh *parsed(context *c, const char *from, const char *to) {
+    char text[sizeof small + 300];
+    const char *at = strstr(small, from);
+    bvh *b;
+    assert_non_null(at);
+    snprintf(text, sizeof text, "%.*s%s%s", (int)(at - small), small, to, at + strlen(from));
+    assert_ok(c, bvh_parse(c, (const unsigned char *)text, strlen(text), &b));
+    return b;
+}
+
+/* Commas of a locale; a recording that was cut off; two bytes a character. */
+static void test_texts(void **state) {
+    context *c = test_context();
+    bvh *b = parsed(c, "OFFSET 0 1.5 0", "OFFSET 0,000 1,5 -2,25");
+    assert_true(b->joint[1].offset[1] == 1.5 && b->joint[1].offset[2] == -2.25);
+    bvh_free(b);
+    b = parsed(c, "Frames: 2", "Frames: 3"); /* two of three are there */
+    assert_int_equal(b->frames, 2);
+    assert_float_equal(b->value[12], 90, 0);
+    bvh_free(b);
+    b = parsed(c, "0 0 0 0 0 0 0 0 0\n1 2 3 90", "0 0 0 0 0 0 0 0 0\n0 0 0 0 0 0 0 0 0\n1 2 3 90");
+    assert_int_equal(b->frames, 2); /* more than it says: those that it says */
+    assert_float_equal(b->value[12], 0, 0);
+    bvh_free(b);
+    for (int big = 0; big < 2; big++) {
+        unsigned char wide[2 * sizeof small + 2] = {big ? 0xfe : 0xff, big ? 0xff : 0xfe};
+        for (size_t i = 0; i < sizeof small - 1; i++) wide[2 * i + 2 + (size_t)big] = (unsigned char)small[i];
+        assert_ok(c, bvh_parse(c, wide, 2 * sizeof small, &b));
+        assert_string_equal(b->joint[1].name, "Left Arm");
+        assert_int_equal(b->frames, 2);
+        bvh_free(b);
+    }
+    sherf_context_free(c);
+}
+
 static void refused(context *c, const char *from, const char *to, const char *word) {
     char text[sizeof small + 200];
     const char *at = strstr(small, from);
@@ -129,7 +164,7 @@ static const struct {
 static void test_retarget(void **state) {
     context *c = test_context();
     bvh_joint joint[COUNT_OF(skeleton)] = {0};
-    float value[3 * COUNT_OF(skeleton)] = {0};
+    float degrees[3 * COUNT_OF(skeleton)] = {0};
     for (size_t i = 0; i < COUNT_OF(skeleton); i++) {
         strcpy(joint[i].name, skeleton[i].name);
         joint[i].parent = skeleton[i].parent;
@@ -142,7 +177,7 @@ static void test_retarget(void **state) {
              .frames = 1,
              .frame_time_s = 0.01,
              .joint = joint,
-             .value = value};
+             .value = degrees};
     float rest[BODY_JOINTS][3] = {0};
     static const struct {
         int joint;
@@ -154,7 +189,7 @@ static void test_retarget(void **state) {
     for (size_t i = 0; i < COUNT_OF(places); i++) memcpy(rest[places[i].joint], places[i].at, sizeof rest[0]);
     bvh_body map;
     float pose[72], R[9];
-    assert_ok(c, bvh_body_match(c, &b, (const float(*)[3])rest, &map));
+    assert_ok(c, bvh_body_match(c, &b, NULL, (const float(*)[3])rest, &map));
     bvh_body_pose(&b, &map, 0, pose);
     rodrigues(pose + 3 * 16, R); /* the left arm, along x, hangs */
     assert_float_equal(R[0], 0, 1e-5);
@@ -162,7 +197,7 @@ static void test_retarget(void **state) {
     for (int k = 0; k < 3; k++) assert_float_equal(pose[3 * 18 + k], 0, 1e-5); /* the elbow is straight */
     rodrigues(pose + 3 * 1, R); /* the left leg, along -y, points to (2, -6, 0) */
     assert_float_equal(-R[1] / -R[4], 2.0 / -6.0, 1e-4);
-    value[3 * 9 + 2] = -90; /* the left elbow bends forward about x */
+    degrees[3 * 9 + 2] = -90; /* the left elbow bends forward about x */
     bvh_body_pose(&b, &map, 0, pose);
     float upper[9], lower[9];
     rodrigues(pose + 3 * 16, upper);
@@ -171,13 +206,13 @@ static void test_retarget(void **state) {
     for (int k = 0; k < 3; k++) z += upper[6 + k] * lower[3 * k];
     assert_float_equal(z, 1, 1e-4);
     strcpy(joint[1].name, "Unknown");
-    assert_int_equal(bvh_body_match(c, &b, (const float(*)[3])rest, &map), SHERF_UNSUPPORTED);
+    assert_int_equal(bvh_body_match(c, &b, NULL, (const float(*)[3])rest, &map), SHERF_UNSUPPORTED);
     sherf_context_free(c);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_small), cmocka_unit_test(test_truncated),
-                                       cmocka_unit_test(test_hostile), cmocka_unit_test(test_many),
-                                       cmocka_unit_test(test_retarget)};
+                                       cmocka_unit_test(test_texts), cmocka_unit_test(test_hostile),
+                                       cmocka_unit_test(test_many),  cmocka_unit_test(test_retarget)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

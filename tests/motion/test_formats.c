@@ -2,6 +2,7 @@
 #include "walk.h"
 
 #include "base/path.h"
+#include "data/bvh_names.h"
 #include "data/pickle_write.h"
 #include "io/value.h"
 
@@ -496,6 +497,115 @@ static void bvh_files(void **state) {
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
 }
 
+static void bvh_rigs(void **state) {
+    static const struct {
+        const char *const *names, *whose;
+    } rigs[] = {
+        {walk_unreal_names, "names of Unreal"},
+        {walk_vrm_names, "names of Unity or VRM"},
+        {walk_unity_names, "names of Unity or VRM"},
+        {walk_biped_names, "names of Biped"},
+        {walk_rigify_names, "names of Rigify"},
+        {walk_optitrack_names, "names of OptiTrack"},
+        {walk_mhr_names, "names of MHR"},
+        {walk_soma_names, "names of SOMA"},
+        {walk_arkit_names, "names of Mixamo"},
+    };
+    const walk_fixture *f = *state;
+    const char *path = test_path("rig.bvh");
+    for (size_t i = 0; i < COUNT_OF(rigs); i++) {
+        walk_write_bvh(&f->walk, path, &(bvh_style){rigs[i].names, 22, 0.01});
+        assert_walk(f, path, NULL, 20, rigs[i].whose, "y up");
+    }
+    const char *no_colon[22]; /* mixamorigHips */
+    char text[22][64];
+    for (int j = 0; j < 22; j++)
+        no_colon[j] = text[j], snprintf(text[j], 64, "mixamorig%s", strchr(walk_mixamo_names[j], ':') + 1);
+    walk_write_bvh(&f->walk, path, &(bvh_style){no_colon, 22, 0.01});
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
+}
+
+/* Names that no rig has, by a map of all, and of some. */
+static void bvh_joints_by_map(void **state) {
+    const walk_fixture *f = *state;
+    char path[4096], map[4096];
+    snprintf(path, sizeof path, "%s", test_path("other.bvh"));
+    snprintf(map, sizeof map, "%s", test_path("map.json"));
+    const sherf_motion_options o = {.joints = map};
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_other_names, 22, 0.01});
+    refused(f, path, NULL, SHERF_UNSUPPORTED, "no left_hip");
+    FILE *out = fopen(map, "wb");
+    for (int j = 0; j < 22; j++) fprintf(out, "%s\"%s\": \"a%d\"", j ? ", " : "{", joint_name(j), j);
+    fprintf(out, "}");
+    fclose(out);
+    assert_walk(f, path, &o, 20, "names of the map", "y up");
+    out = fopen(map, "wb"); /* the trunk follows from what hangs on what, but for the head */
+    for (int j = 1; j < 22; j++)
+        if (j != 3 && j != 6 && j != 9 && j != 12)
+            fprintf(out, "%s\"%s\": \"a%d\"", j > 1 ? ", " : "{", joint_name(j), j);
+    fprintf(out, ", \"neck\": \"a12\"}");
+    fclose(out);
+    assert_walk(f, path, &o, 20, "names of the map", "y up");
+    static const char *const wrong[][2] = {{"{\"left_hip\": \"zz\"}", "no joint 'zz'"},
+                                           {"{\"leg\": \"a1\"}", "'leg' is no joint of SMPL"},
+                                           {"[1]", "a dict of SMPL's names"},
+                                           {"{\"left_hip\": \"a1\"}", "no right_hip"}};
+    for (size_t i = 0; i < COUNT_OF(wrong); i++) {
+        out = fopen(map, "wb");
+        fputs(wrong[i][0], out);
+        fclose(out);
+        refused(f, path, &o, i == 3 ? SHERF_UNSUPPORTED : SHERF_BAD_FILE, wrong[i][1]);
+    }
+}
+
+/* Axes that make x go from `from` to `to`, else as they come: the way of LAFAN1, MotionBuilder and many
+ * others. */
+static void along_bone(const double from[3], const double to[3], double turn, double out[9]) {
+    double x[3], y[3], length = 0;
+    float axis_angle[3], R[9];
+    for (int k = 0; k < 3; k++) x[k] = to[k] - from[k], length += x[k] * x[k];
+    for (int k = 0; k < 3; k++) x[k] /= sqrt(length);
+    y[0] = -x[1], y[1] = x[0], y[2] = 0;
+    length = sqrt(y[0] * y[0] + y[1] * y[1]);
+    for (int k = 0; k < 3; k++)
+        y[k] = length > 1e-6 ? y[k] / length : k == 1, axis_angle[k] = (float)(x[k] * turn);
+    rodrigues(axis_angle, R);
+    for (int k = 0; k < 3; k++) {
+        const double z = x[(k + 1) % 3] * y[(k + 2) % 3] - x[(k + 2) % 3] * y[(k + 1) % 3];
+        out[3 * k] = x[k], out[3 * k + 1] = y[k], out[3 * k + 2] = z;
+    }
+    double first[9], wide[9];
+    memcpy(first, out, sizeof first);
+    for (int k = 0; k < 9; k++) wide[k] = R[k];
+    walk_multiply(wide, first, out);
+}
+
+/* Each joint has axes of its own, about the bone as it likes: the rest pose is a tangle. The frames tell. */
+static void bvh_tangled_rest(void **state) {
+    static const int8_t end[BODY_JOINTS] = {3,  4,  5,  6,  7,  8,  9,  10, 11, 12,
+                                            10, 11, 15, 16, 17, 15, 18, 19, 20, 21};
+    const walk_fixture *f = *state;
+    const char *path = test_path("tangle.bvh");
+    double own[BODY_JOINTS][9] = {{0, 0, 1, 1, 0, 0, 0, 1, 0}}; /* of the pelvis: x up, y to the front */
+    for (int j = 1; j < 22; j++) {
+        const int from = j == 10 || j == 11 || j == 15 || j > 19 ? skeleton_parent[j] : j,
+                  to = from == j ? end[j] : j;
+        along_bone(f->walk.skeleton.rest_m[from], f->walk.skeleton.rest_m[to], 0.7 * j, own[j]);
+    }
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, .own = (const double(*)[9])own});
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
+    assert_non_null(strstr(sherf_motion_description(m), "calibrated"));
+    double worst = 0;
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        sherf_pose p;
+        sherf_motion_pose(m, i, &p);
+        worst = fmax(worst, walk_distance(f->c, f->body, &p, &f->walk.pose[i]));
+    }
+    sherf_motion_free(m);
+    if (!(worst < 0.03)) fail_msg("a vertex is %g m off", worst);
+}
+
 /* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
 static void captured_clips(void **state) {
     const walk_fixture *f = *state;
@@ -699,6 +809,9 @@ int main(void) {
                                        cmocka_unit_test(poses_in_frames),
                                        cmocka_unit_test(lhm),
                                        cmocka_unit_test(bvh_files),
+                                       cmocka_unit_test(bvh_rigs),
+                                       cmocka_unit_test(bvh_joints_by_map),
+                                       cmocka_unit_test(bvh_tangled_rest),
                                        cmocka_unit_test(captured_clips),
                                        cmocka_unit_test(saved),
                                        cmocka_unit_test(options_together),

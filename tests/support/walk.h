@@ -125,6 +125,9 @@ typedef struct {
     int joints;
     double unit, spread;
     const double *axes; /* NULL: ours */
+    /* By joint, what its own axes are turned by against ours at rest (its columns); NULL: not. The rest pose
+     * is then none of a person. No spread and no axes go with it. */
+    const double (*own)[9];
 } bvh_style;
 
 static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style, int j) {
@@ -140,6 +143,9 @@ static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style
     for (int k = 0; k < 3 && style->axes; k++)
         turned[k] = style->axes[3 * k] * offset[0] + style->axes[3 * k + 1] * offset[1] +
                     style->axes[3 * k + 2] * offset[2];
+    for (int k = 0; k < 3 && style->own && parent >= 0; k++)
+        turned[k] = style->own[parent][k] * offset[0] + style->own[parent][3 + k] * offset[1] +
+                    style->own[parent][6 + k] * offset[2];
     fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", style->names[j],
             turned[0] / style->unit, turned[1] / style->unit, turned[2] / style->unit);
     fprintf(f, "CHANNELS %s Zrotation Xrotation Yrotation\n",
@@ -190,7 +196,7 @@ static inline void walk_write_bvh(const walk *w, const char *path, const bvh_sty
                 walk_multiply(back, turn_back, back_of);
             } else
                 memcpy(back_of, back, sizeof back);
-            walk_multiply(global[j], back_of, file[j]);
+            walk_multiply(global[j], style->own ? style->own[j] : back_of, file[j]);
         }
         fprintf(f, "%.9g %.9g %.9g", pelvis[0] / unit, pelvis[1] / unit, pelvis[2] / unit);
         for (int n = 0; n < joints; n++) {
@@ -219,4 +225,56 @@ static const char *const walk_mixamo_names[BODY_JOINTS] = {
     "mixamorig:Head",        "mixamorig:LeftArm",         "mixamorig:RightArm",
     "mixamorig:LeftForeArm", "mixamorig:RightForeArm",    "mixamorig:LeftHand",
     "mixamorig:RightHand",   "mixamorig:LeftHandMiddle1", "mixamorig:RightHandMiddle1"};
+/* Other rigs' names, of 22 joints. */
+static const char *const walk_unreal_names[BODY_JOINTS] = {
+    "pelvis",     "thigh_l",    "thigh_r",    "spine_01",   "calf_l",  "calf_r",     "spine_02",   "foot_l",
+    "foot_r",     "spine_03",   "ball_l",     "ball_r",     "neck_01", "clavicle_l", "clavicle_r", "head",
+    "upperarm_l", "upperarm_r", "lowerarm_l", "lowerarm_r", "hand_l",  "hand_r"};
+static const char *const walk_vrm_names[BODY_JOINTS] = {
+    "J_Bip_C_Hips",     "J_Bip_L_UpperLeg", "J_Bip_R_UpperLeg", "J_Bip_C_Spine",    "J_Bip_L_LowerLeg",
+    "J_Bip_R_LowerLeg", "J_Bip_C_Chest",    "J_Bip_L_Foot",     "J_Bip_R_Foot",     "J_Bip_C_UpperChest",
+    "J_Bip_L_ToeBase",  "J_Bip_R_ToeBase",  "J_Bip_C_Neck",     "J_Bip_L_Shoulder", "J_Bip_R_Shoulder",
+    "J_Bip_C_Head",     "J_Bip_L_UpperArm", "J_Bip_R_UpperArm", "J_Bip_L_LowerArm", "J_Bip_R_LowerArm",
+    "J_Bip_L_Hand",     "J_Bip_R_Hand"};
+static const char *const walk_unity_names[BODY_JOINTS] = {
+    "Hips",         "LeftUpperLeg",  "RightUpperLeg", "Spine",      "LeftLowerLeg", "RightLowerLeg",
+    "Chest",        "LeftFoot",      "RightFoot",     "UpperChest", "LeftToes",     "RightToes",
+    "Neck",         "LeftShoulder",  "RightShoulder", "Head",       "LeftUpperArm", "RightUpperArm",
+    "LeftLowerArm", "RightLowerArm", "LeftHand",      "RightHand"};
+static const char *const walk_biped_names[BODY_JOINTS] = {
+    "Bip01 Pelvis", "Bip01 L Thigh",    "Bip01 R Thigh",    "Bip01 Spine",      "Bip01 L Calf",
+    "Bip01 R Calf", "Bip01 Spine1",     "Bip01 L Foot",     "Bip01 R Foot",     "Bip01 Spine2",
+    "Bip01 L Toe0", "Bip01 R Toe0",     "Bip01 Neck",       "Bip01 L Clavicle", "Bip01 R Clavicle",
+    "Bip01 Head",   "Bip01 L UpperArm", "Bip01 R UpperArm", "Bip01 L Forearm",  "Bip01 R Forearm",
+    "Bip01 L Hand", "Bip01 R Hand"};
+static const char *const walk_rigify_names[BODY_JOINTS] = {
+    "DEF-spine",  "DEF-thigh.L",     "DEF-thigh.R",     "DEF-spine.001",  "DEF-shin.L",
+    "DEF-shin.R", "DEF-spine.002",   "DEF-foot.L",      "DEF-foot.R",     "DEF-spine.003",
+    "DEF-toe.L",  "DEF-toe.R",       "DEF-spine.004",   "DEF-shoulder.L", "DEF-shoulder.R",
+    "DEF-head",   "DEF-upper_arm.L", "DEF-upper_arm.R", "DEF-forearm.L",  "DEF-forearm.R",
+    "DEF-hand.L", "DEF-hand.R"};
+static const char *const walk_optitrack_names[BODY_JOINTS] = {
+    "Bob_Hip",    "Bob_LThigh",    "Bob_RThigh",    "Bob_Ab",    "Bob_LShin", "Bob_RShin",
+    "Bob_Spine2", "Bob_LFoot",     "Bob_RFoot",     "Bob_Chest", "Bob_LToe",  "Bob_RToe",
+    "Bob_Neck",   "Bob_LShoulder", "Bob_RShoulder", "Bob_Head",  "Bob_LUArm", "Bob_RUArm",
+    "Bob_LFArm",  "Bob_RFArm",     "Bob_LHand",     "Bob_RHand"};
+static const char *const walk_mhr_names[BODY_JOINTS] = {
+    "root",    "l_upleg",  "r_upleg",  "c_spine0", "l_lowleg", "r_lowleg",   "c_spine1",   "l_foot",
+    "r_foot",  "c_spine3", "l_ball",   "r_ball",   "c_neck",   "l_clavicle", "r_clavicle", "c_head",
+    "l_uparm", "r_uparm",  "l_lowarm", "r_lowarm", "l_wrist",  "r_wrist"};
+static const char *const walk_soma_names[BODY_JOINTS] = {
+    "Hips",        "LeftLeg",      "RightLeg",      "Spine1",   "LeftShin",    "RightShin",
+    "Spine2",      "LeftFoot",     "RightFoot",     "Chest",    "LeftToeBase", "RightToeBase",
+    "Neck1",       "LeftShoulder", "RightShoulder", "Head",     "LeftArm",     "RightArm",
+    "LeftForeArm", "RightForeArm", "LeftHand",      "RightHand"};
+static const char *const walk_arkit_names[BODY_JOINTS] = {
+    "hips_joint",       "left_upLeg_joint",      "right_upLeg_joint",      "spine_1_joint",
+    "left_leg_joint",   "right_leg_joint",       "spine_4_joint",          "left_foot_joint",
+    "right_foot_joint", "spine_7_joint",         "left_toes_joint",        "right_toes_joint",
+    "neck_1_joint",     "left_shoulder_1_joint", "right_shoulder_1_joint", "head_joint",
+    "left_arm_joint",   "right_arm_joint",       "left_forearm_joint",     "right_forearm_joint",
+    "left_hand_joint",  "right_hand_joint"};
+static const char *const walk_other_names[BODY_JOINTS] = {
+    "a0",  "a1",  "a2",  "a3",  "a4",  "a5",  "a6",  "a7",  "a8",  "a9",  "a10",
+    "a11", "a12", "a13", "a14", "a15", "a16", "a17", "a18", "a19", "a20", "a21"};
 #endif

@@ -445,7 +445,7 @@ sherf_status pose_library_add_bvh(context *c, pose_library *l, const char *path,
     bvh_body map;
     sherf_status status = bvh_read(c, path, &b);
     if (status) return status;
-    if ((status = bvh_body_match(c, b, joints_rest, &map))) {
+    if ((status = bvh_body_match(c, b, NULL, joints_rest, &map))) {
         failure_prefix(c, status, "%s", path);
         goto done;
     }

@@ -9,7 +9,7 @@
 
 typedef struct {
     const char *format; /* "AMASS, SMPL+H"; static */
-    char detail[192];    /* more to say: which track of how many; may be empty */
+    char detail[192];   /* more to say: which track of how many; may be empty */
     clip clip;          /* file's axes; pelvis_m is the translation in the file's unit until it is placed */
     int64_t *number;    /* of each frame, ascending; NULL: one after the other. mem_free'd with the source */
     sherf_up up;        /* as the format usually has it */

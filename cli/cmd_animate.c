@@ -188,13 +188,14 @@ const verb verb_animate = {
     .name = "animate",
     .arguments = "[INPUT]",
     .summary = "move an avatar by a motion file: a video or pictures",
-    .description = "Moves an avatar, or the person of an observation, as a motion file says: "
-                   "AMASS (SMPL+H, "
-                   "SMPL-X), AIST++, GVHMR, WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, BVH of CMU, "
-                   "Mixamo and SMPL "
-                   "exporters. The motion begins where the picture has the person. Ctrl-C leaves a whole "
-                   "file of the frames "
-                   "so far. Without --output the motion alone is written, by --npz.",
+    .description =
+        "Moves an avatar, or the person of an observation, as a motion file says: "
+        "AMASS (SMPL+H, "
+        "SMPL-X), AIST++, EDGE, GVHMR, WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, CLIFF, ROMP, "
+        "TRAM, SLAHMR, 3DPW, EMDB, Motion-X, HumanML3D, MDM, BVH of most rigs. The motion begins where the "
+        "picture has the person. Ctrl-C leaves a whole "
+        "file of the frames "
+        "so far. Without --output the motion alone is written, by --npz.",
     .example = "sherf animate ann.safetensors --motion walk.npz -o walk.mp4\n"
                "sherf animate -a ann.safetensors -m 01_01.bvh --first 240 --last 960 --fps 30 -c follow -o "
                "climb.mp4\n"

@@ -378,7 +378,8 @@ typedef struct {
 
 typedef struct sherf_motion sherf_motion;
 /* A file or folder, recognised by content (docs/motion.md): AMASS npz (SMPL+H and SMPL-X), AIST++, GVHMR,
- * WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, BVH. options may be NULL. */
+ * WHAM, PHALP, EasyMocap, LHM and ExAvatar folders, CLIFF, ROMP, SLAHMR, 3DPW, HumanML3D, BVH and others.
+ * options may be NULL. */
 SHERF_API sherf_status sherf_motion_load(sherf_context *c, const char *path,
                                          const sherf_motion_options *options, sherf_motion **out);
 SHERF_API void sherf_motion_free(sherf_motion *motion);

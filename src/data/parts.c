@@ -9,7 +9,7 @@
 
 static const char *const poses_names[] = {
     "poses",    "pose",      "smpl_poses",  "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
-    "fullpose", "pred_pose", "pred_rotmat", "pred_thetas", "theta",  NULL};
+    "fullpose", "pred_rotmat", "pred_pose", "pred_thetas", "theta",  NULL};
 static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
                                          "smpl_body_pose", "smplx_body_pose", NULL};
 static const char *const root_names[] = {"global_orient",      "root_orient",        "root_pose",
@@ -149,6 +149,10 @@ void body_parts_warn(context *c, const value *v, const char *what) {
 sherf_status body_parts_missing(context *c, const value *v) {
     key_list l = {{0}, 0, 0};
     v = value_unwrapped(v);
+    if (v && v->kind == VALUE_DICT && v->dict.count == 1) { /* npz of one pickled dict */
+        const value *only = value_unwrapped(v->dict.pair[0].item);
+        if (only && only->kind == VALUE_DICT) v = only;
+    }
     if (value_get(v, "mhr_model_params") || value_get(v, "body_pose_params"))
         return failure(
             c, SHERF_UNSUPPORTED,

@@ -1,5 +1,6 @@
 /* Frame by frame. EasyMocap: [{id, Rh, Th, poses, shapes}, ...], a file a frame in a folder, or one list of
- * such lists. LHM and ExAvatar: a folder of {root_pose, body_pose, trans, betas, ...}. */
+ * such lists. LHM and ExAvatar: a folder of {root_pose, body_pose, trans, betas, ...}. SMPLify-X and others:
+ * a folder of pickles or npz. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +14,10 @@ static const int whole_joints[] = {24, 22, 52, 55, 29, 0}, body_joints[] = {21, 
 /* ---- what a frame holds ---- */
 
 static bool person_is(const value *v) {
-    return value_numbers(value_get(v, "poses")) > 0;
+    body_parts p;
+    if (!v || (v->kind != VALUE_DICT && v->kind != VALUE_RECORD)) return false;
+    body_parts_find(v, &p);
+    return value_numbers(p.part[PART_POSES].item) > 0 || value_numbers(p.part[PART_BODY].item) > 0;
 }
 
 /* The people of a frame: a list, or a dict with such a list under "annots". */
@@ -23,13 +27,9 @@ static const value *people_of(const value *frame) {
     return list && list->kind == VALUE_LIST ? list : NULL;
 }
 
-static bool lhm_is(const value *v) {
-    return value_get(v, "root_pose") && value_get(v, "body_pose");
-}
-
 static bool frame_is(const value *frame) {
     const value *people = people_of(frame);
-    if (person_is(frame) || lhm_is(frame)) return true;
+    if (person_is(frame)) return true;
     for (size_t i = 0; people && i < people->list.count; i++)
         if (person_is(people->list.item[i])) return true;
     return false;
@@ -58,7 +58,7 @@ static void person_name(const value *person, size_t place, char out[64]) {
 
 /* The person wanted in a frame, by name; `name` empty: the first, whose name is then stored. */
 static const value *person_in(const value *frame, char name[64]) {
-    if (person_is(frame) || lhm_is(frame)) return frame;
+    if (person_is(frame)) return frame;
     const value *people = people_of(frame);
     for (size_t i = 0; people && i < people->list.count; i++) {
         char own[64];
@@ -70,41 +70,50 @@ static const value *person_in(const value *frame, char name[64]) {
     return NULL;
 }
 
-/* Rh and Th turn and move SMPL's own space: x = R(Rh) x_smpl + Th, so the pelvis, at J0 there, comes to
- * R J0 + Th. */
-static sherf_status easymocap_frame(context *c, const value *person, const sherf_motion_options *o, source *s,
-                                    int at) {
-    float(*turn)[4] = s->clip.turn[at], world[4] = {1, 0, 0, 0};
-    double Th[3] = {0}, J0[3];
-    const value *poses = value_get(person, "poses");
-    int64_t n = value_numbers(poses);
-    sherf_status status =
-        n == 69 || n == 63 /* without the root */
-            ? rotation_frame(c, "poses", poses, o->rotations, body_joints, 1, 23, turn)
-            : rotation_frame(c, "poses", poses, o->rotations, whole_joints, 0, n == 72 ? 24 : 22, turn);
-    const value *turned = value_get(person, "Rh") ? value_get(person, "Rh") : value_get(person, "R");
-    if (!status && turned)
-        status = rotation_frame(c, "Rh", turned, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, &world);
-    if (!status && value_get(person, "Th")) status = value_doubles(c, value_get(person, "Th"), "Th", 3, Th);
-    if (status) return status;
-    quaternion_multiply(world, turn[0], turn[0]);
-    quaternion_rotate(world, s->skeleton.rest_m[0], J0);
-    for (int a = 0; a < 3; a++) s->clip.pelvis_m[at][a] = (float)(Th[a] + J0[a] / s->unit_m);
-    return SHERF_OK;
+static sherf_status place_of(context *c, const named_value *n, double out[3]) {
+    return n->item ? value_doubles(c, n->item, n->name, 3, out) : SHERF_OK;
 }
 
-static sherf_status lhm_frame(context *c, const value *v, const sherf_motion_options *o, source *s, int at) {
-    float(*turn)[4] = s->clip.turn[at];
-    double place[3] = {0};
-    sherf_status status =
-        rotation_frame(c, "body_pose", value_get(v, "body_pose"), o->rotations, body_joints, 1, 23, turn);
-    if (!status)
-        status =
-            rotation_frame(c, "root_pose", value_get(v, "root_pose"), o->rotations, root_joint, 0, 1, turn);
-    if (!status && value_get(v, "trans")) status = value_doubles(c, value_get(v, "trans"), "trans", 3, place);
-    for (int a = 0; a < 3 && !status; a++)
-        s->clip.pelvis_m[at][a] = (float)(place[a] + s->skeleton.rest_m[0][a] / s->unit_m);
-    return status;
+static sherf_status turn_of(context *c, const named_value *n, float (*turn)[4]) {
+    if (!n->item) return SHERF_OK;
+    return rotation_frame(c, n->name, n->item, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, turn);
+}
+
+static sherf_status joints_of(context *c, const named_value *part, const sherf_motion_options *o,
+                              float (*turn)[4]) {
+    const named_value *whole = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
+    const named_value *rest = body->item ? body : whole;
+    const int64_t n = value_numbers(rest->item);
+    if (!body->item && n != 69 && n != 63)
+        return rotation_frame(c, rest->name, rest->item, o->rotations, whole_joints, 0, n % 24 ? 22 : 24,
+                              turn);
+    sherf_status status = rotation_frame(c, rest->name, rest->item, o->rotations, body_joints, 1, 23, turn);
+    if (status || !root->item) return status; /* EasyMocap's are without the root, too */
+    return rotation_frame(c, root->name, root->item, o->rotations, root_joint, 0, 1, turn);
+}
+
+/* R and Th turn and move SMPL's own space: x = R x_smpl + Th, so the pelvis, at J0 there, comes to R J0 + Th.
+ * A camera that goes with the body turns and moves that: the frame's world is then the camera's. */
+static sherf_status person_frame(context *c, const value *person, const sherf_motion_options *o, source *s,
+                                 int at) {
+    float(*turn)[4] = s->clip.turn[at], world[4] = {1, 0, 0, 0}, camera[4] = {1, 0, 0, 0};
+    double Th[3] = {0}, Tc[3] = {0}, pelvis[3];
+    body_parts all;
+    body_parts_find(person, &all);
+    const named_value *part = all.part;
+    sherf_status status = joints_of(c, part, o, turn);
+    if (!status) status = turn_of(c, &part[PART_TURN], &world);
+    if (!status) status = turn_of(c, &part[PART_CAMERA_TURN], &camera);
+    if (!status) status = place_of(c, &part[PART_PLACE], Th);
+    if (!status) status = place_of(c, &part[PART_CAMERA_PLACE], Tc);
+    if (status) return status;
+    quaternion_rotate(world, s->skeleton.rest_m[0], pelvis);
+    for (int a = 0; a < 3; a++) pelvis[a] = Th[a] + pelvis[a] / s->unit_m;
+    quaternion_rotate(camera, pelvis, pelvis);
+    for (int a = 0; a < 3; a++) s->clip.pelvis_m[at][a] = (float)(pelvis[a] + Tc[a]);
+    quaternion_multiply(world, turn[0], turn[0]);
+    quaternion_multiply(camera, turn[0], turn[0]);
+    return SHERF_OK;
 }
 
 /* ---- frames one by one, from a list or a folder ---- */
@@ -120,14 +129,17 @@ typedef struct {
 /* Shapes, format and room follow from the first frame that has the person. */
 static sherf_status take_first(context *c, taker *t, const value *person) {
     source *s = t->s;
-    bool lhm = lhm_is(person);
-    bool easymocap = value_get(person, "Rh") != NULL;
-    s->format = lhm ? "LHM or ExAvatar" : easymocap ? "EasyMocap" : "SMPL poses";
-    s->up = lhm ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
+    body_parts p;
+    body_parts_find(person, &p);
+    const char *root = p.part[PART_ROOT].name, *place = p.part[PART_CAMERA_PLACE].name;
+    const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL;
+    const bool smplify = place && !strcmp(place, "camera_translation");
+    s->format = lhm ? "LHM or ExAvatar" : easymocap ? "EasyMocap" : smplify ? "SMPLify-X" : "SMPL poses";
+    s->up = lhm || place ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;
-    const value *shapes = value_get(person, "shapes");
-    sherf_status status = source_shapes(c, s, shapes ? shapes : value_get(person, "betas"));
+    body_parts_warn(c, person, s->format);
+    sherf_status status = source_shapes(c, s, p.part[PART_SHAPES].item);
     if (!status) status = source_frames(c, s, t->o, t->max, 30);
     return status ? status : source_numbers(c, s);
 }
@@ -139,8 +151,7 @@ static sherf_status take(context *c, taker *t, const value *frame, int64_t numbe
     if (status) return status;
     if (t->count >= t->s->clip.frames) return failure(c, SHERF_BAD_FILE, "more frames than there were");
     t->s->number[t->count] = number;
-    status = lhm_is(person) ? lhm_frame(c, person, t->o, t->s, t->count)
-                            : easymocap_frame(c, person, t->o, t->s, t->count);
+    status = person_frame(c, person, t->o, t->s, t->count);
     t->count++;
     return status;
 }
@@ -184,19 +195,40 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
 /* ---- folders ---- */
 
 typedef struct {
-    int64_t number;
-    char name[64];
+    int64_t number, person; /* of two numbers in the name: "00012_0.npz" */
+    char name[128];
 } frame_file;
 
-/* "000012.json", "frame_12.json": the last number in the name. -1: no JSON, or none in it. */
-static int64_t frame_number(const char *name) {
-    size_t n = strlen(name);
-    if (n < 6 || n >= sizeof((frame_file *)0)->name || strcmp(name + n - 5, ".json")) return -1;
-    size_t end = n - 5;
-    while (end && (name[end - 1] < '0' || name[end - 1] > '9')) end--;
-    size_t begin = end;
-    while (begin && name[begin - 1] >= '0' && name[begin - 1] <= '9' && end - begin < 12) begin--;
-    return end > begin ? strtoll(name + begin, NULL, 10) : -1;
+/* The number that ends at `end` in the text, whose beginning it is moved to; -1: there is none before. */
+static int64_t number_before(const char *name, size_t *end) {
+    while (*end && (name[*end - 1] < '0' || name[*end - 1] > '9')) --*end;
+    size_t begin = *end;
+    while (begin && name[begin - 1] >= '0' && name[begin - 1] <= '9' && *end - begin < 12) begin--;
+    const int64_t number = *end > begin ? strtoll(name + begin, NULL, 10) : -1;
+    *end = begin;
+    return number;
+}
+
+static bool has_kind(const char *name) {
+    static const char *const kinds[] = {".json", ".npz", ".npy", ".pkl", ".pickle", ".pt"};
+    for (size_t i = 0; i < COUNT_OF(kinds); i++)
+        if (path_ends(name, kinds[i])) return true;
+    return false;
+}
+
+/* "000012.json", "frame_12.pkl": the last number in the name, and the one before. SMPLify-X has a folder a
+ * frame, with 000.pkl in it. */
+static bool frame_file_of(const char *folder, const char *name, frame_file *out) {
+    char path[PATH_LENGTH];
+    const int n = snprintf(path, sizeof path, "%s/%s/000.pkl", folder, name);
+    const bool deeper = n > 0 && n < PATH_LENGTH && *name != '.' && path_is_file(path);
+    const int length = snprintf(out->name, sizeof out->name, "%s%s", name, deeper ? "/000.pkl" : "");
+    if (length < 0 || (size_t)length >= sizeof out->name || (!deeper && !has_kind(name))) return false;
+    size_t end = deeper ? strlen(name) : (size_t)(strrchr(name, '.') - name);
+    const int64_t last = number_before(name, &end), before = number_before(name, &end);
+    *out = (frame_file){.number = last, .person = before};
+    snprintf(out->name, sizeof out->name, "%s%s", name, deeper ? "/000.pkl" : "");
+    return last >= 0;
 }
 
 static int by_number(const void *a, const void *b) {
@@ -213,8 +245,8 @@ static sherf_status list_folder(context *c, const char *path, frame_file **out, 
     *count = 0;
     if (!d) return failure(c, SHERF_NO_FILE, "cannot be opened");
     for (struct dirent *e; !status && (e = readdir(d));) {
-        int64_t number = frame_number(e->d_name);
-        if (number < 0) continue;
+        frame_file own;
+        if (!frame_file_of(path, e->d_name, &own)) continue;
         if (*count == room) {
             int more = room ? 2 * room : 256;
             frame_file *grown = mem_grow(c, *out, (size_t)room, (size_t)more, sizeof *grown);
@@ -223,21 +255,52 @@ static sherf_status list_folder(context *c, const char *path, frame_file **out, 
                      : more > 4 * MOTION_FRAMES_MAX ? failure(c, SHERF_BAD_FILE, "too many files")
                                                     : status;
         }
-        if (status) break;
-        (*out)[*count].number = number;
-        memcpy((*out)[(*count)++].name, e->d_name, strlen(e->d_name) + 1);
+        if (!status) (*out)[(*count)++] = own;
     }
     closedir(d);
-    if (!status && !*count) status = failure(c, SHERF_BAD_FILE, "a folder without numbered .json files");
+    if (!status && !*count)
+        status = failure(c, SHERF_BAD_FILE, "a folder without numbered files (.json, .npz, .npy, .pkl, .pt)");
     if (!status) qsort(*out, (size_t)*count, sizeof **out, by_number);
     return status;
+}
+
+/* FRAME_PERSON.npz: the number before is the frame's where the last one comes again. Only the person asked
+ * for is kept, or else the one of most frames. */
+static sherf_status take_people_apart(context *c, const sherf_motion_options *o, source *s, frame_file *file,
+                                      int *count) {
+    bool again = false, before = true;
+    for (int i = 0; i < *count; i++) {
+        again |= i && file[i].number == file[i - 1].number;
+        before &= file[i].person >= 0;
+    }
+    if (!again || !before) return SHERF_OK;
+    int64_t taken = file[0].number;
+    int kept = 0, run = 0, longest = 0, people = 0; /* file is sorted by the last number, the person */
+    for (int i = 0; i < *count; i++) {
+        run = i && file[i].number == file[i - 1].number ? run + 1 : 1;
+        people += run == 1;
+        if (run > longest) longest = run, taken = file[i].number;
+    }
+    if (o->track) taken = strtoll(o->track, NULL, 10);
+    for (int i = 0; i < *count; i++)
+        if (file[i].number == taken) file[kept] = file[i], file[kept++].number = file[i].person;
+    if (!kept)
+        return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %d of the folder", o->track,
+                       people);
+    snprintf(s->detail, sizeof s->detail, "track %lld of %d", (long long)taken, people);
+    *count = kept;
+    qsort(file, (size_t)kept, sizeof *file, by_number);
+    return SHERF_OK;
 }
 
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *s) {
     frame_file *file;
     int count;
     sherf_status status = list_folder(c, path, &file, &count);
-    taker t = taker_of(o, s, count);
+    if (!status) status = take_people_apart(c, o, s, file, &count);
+    const bool apart = *s->detail;
+    taker t = taker_of(apart ? &(sherf_motion_options){0} : o, s, count);
+    t.o = o;
     for (int i = 0; i < count && !status; i++) {
         char name[PATH_LENGTH];
         document *d = NULL;
@@ -247,7 +310,7 @@ sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_
             break;
         }
         status = path_join(c, name, sizeof name, path, file[i].name);
-        if (!status) status = json_read(c, name, &d);
+        if (!status) status = document_read(c, name, &d, NULL);
         if (!status) {
             status = take(c, &t, d->root, file[i].number);
             if (status) failure_prefix(c, status, "%s", file[i].name);

@@ -1,5 +1,7 @@
-/* Dicts of arrays with a row a frame: AMASS of SMPL+H and SMPL-X, AIST++, GVHMR, plain SMPL poses. */
+/* Dicts of arrays with a row a frame: AMASS of SMPL+H and SMPL-X, AIST++, EDGE, GVHMR, CLIFF, ROMP, TRAM,
+ * SLAHMR, 3DPW, EMDB, aitviewer, plain SMPL poses. Some have an axis for people before that for frames. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "motion/source.h"
@@ -7,29 +9,13 @@
 /* Joints that SMPL, SMPL+H and SMPL-X files tell; the first 22 are the same in all of them. */
 static const int whole_joints[] = {24, 22, 52, 55, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
 
-static const value *first_of(const value *v, const char *const *names) {
-    const value *found = NULL;
-    for (; *names && !found; names++) found = value_get(v, *names);
-    return found;
-}
-
-static const char *const whole_names[] = {"poses", "pose", "smpl_poses", NULL};
-static const char *const body_names[] = {"pose_body", "body_pose", NULL};
-static const char *const root_names[] = {"root_orient", "global_orient", "root_pose", NULL};
-static const char *const trans_names[] = {"trans", "transl", "smpl_trans", "Th", NULL};
-static const char *const shape_names[] = {"betas", "shapes", NULL};
 static const char *const rate_names[] = {"mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", NULL};
-
-/* A one-element list (a 0-d object array) stands for its element. */
-static const value *unwrapped(const value *v) {
-    for (int depth = 0; v && v->kind == VALUE_LIST && v->list.count == 1 && depth < 4; depth++)
-        v = v->list.item[0];
-    return v;
-}
+static const char *const number_names[] = {"frame", "frame_ids", "frame_id", NULL};
+static const char *const mask_names[] = {"track_mask", "vis_mask", NULL};
 
 /* GVHMR's own, in a dict, or with the dict's name before the keys. */
 static const value *gvhmr_params(const value *root) {
-    return unwrapped(value_get(root, "smpl_params_global"));
+    return value_unwrapped(value_get(root, "smpl_params_global"));
 }
 
 static const value *get_prefixed(const value *root, const char *key) {
@@ -43,52 +29,148 @@ static const value *get_prefixed(const value *root, const char *key) {
     return NULL;
 }
 
-bool smpl_file_is(const value *root) {
-    return first_of(root, whole_names) || first_of(root, body_names) || gvhmr_params(root) ||
-           get_prefixed(root, "body_pose");
+static bool gvhmr_is(const value *root) {
+    return gvhmr_params(root) || get_prefixed(root, "body_pose");
 }
 
-typedef struct {
-    const value *whole, *body, *root, *trans, *shapes, *rate, *scaling;
-} parts;
-
-static void find_parts(const value *v, parts *p) {
-    const value *inner = gvhmr_params(v);
-    if (!inner && get_prefixed(v, "body_pose")) {
-        *p = (parts){.body = get_prefixed(v, "body_pose"),
-                     .root = get_prefixed(v, "global_orient"),
-                     .trans = get_prefixed(v, "transl"),
-                     .shapes = get_prefixed(v, "betas")};
+static void find_parts(const value *root, body_parts *out) {
+    if (gvhmr_params(root) || !get_prefixed(root, "body_pose")) {
+        body_parts_find(gvhmr_params(root) ? gvhmr_params(root) : root, out);
         return;
     }
-    v = inner ? inner : v;
-    *p = (parts){first_of(v, whole_names),    first_of(v, body_names),  first_of(v, root_names),
-                 first_of(v, trans_names),    first_of(v, shape_names), first_of(v, rate_names),
-                 value_get(v, "smpl_scaling")};
-    if (p->body) p->whole = NULL;
+    *out = (body_parts){0};
+    out->part[PART_BODY] = (named_value){"body_pose", get_prefixed(root, "body_pose")};
+    out->part[PART_ROOT] = (named_value){"global_orient", get_prefixed(root, "global_orient")};
+    out->part[PART_PLACE] = (named_value){"transl", get_prefixed(root, "transl")};
+    out->part[PART_SHAPES] = (named_value){"betas", get_prefixed(root, "betas")};
 }
 
-/* Rows of `numbers` numbers: an array's first axis, or 1 where it has none. */
-static int64_t row_count(const value *v) {
-    int64_t rows = parse_rows(v), n = value_numbers(v);
-    if (n < 1 || rows < 1) return n < 1 ? 0 : 1;
-    if (v->kind == VALUE_ARRAY) return v->array.rank > 1 ? rows : 1;
-    return value_numbers(v->list.item[0]) >= 0 ? rows : 1;
+/* Where all joints and all but the root are there, the latter count. */
+static const value *rows_of(const body_parts *p) {
+    return p->part[PART_BODY].item ? p->part[PART_BODY].item : p->part[PART_POSES].item;
 }
 
-/* What is usual where the keys are those of a known source. */
-static void recognise(const value *root, const parts *p, int64_t numbers, source *s, double *fps) {
+bool smpl_file_is(const value *root) {
+    body_parts p;
+    if (!root || (root->kind != VALUE_DICT && root->kind != VALUE_RECORD)) return false;
+    find_parts(root, &p);
+    return rows_of(&p) != NULL;
+}
+
+/* ---- people and frames ---- */
+
+typedef struct {
+    int64_t people, frames; /* people 0: there is no axis for them */
+} layout;
+
+/* Whether so many numbers are the rotations of one frame. */
+static bool is_frame(int64_t numbers) {
+    static const int8_t joints[] = {24, 22, 52, 55, 23, 21}, per[] = {3, 4, 9};
+    for (size_t j = 0; j < COUNT_OF(joints); j++)
+        for (size_t p = 0; p < COUNT_OF(per); p++)
+            if (numbers == joints[j] * per[p]) return true;
+    return false;
+}
+
+static int64_t second_axis(const value *v) {
+    if (v->kind == VALUE_LIST) return v->list.count ? parse_rows(v->list.item[0]) : -1;
+    return v->array.rank > 1 ? v->array.dim[1] : -1;
+}
+
+/* Frames of rows that are no known number of joints are counted by the first axis: the reading says what is
+ * wrong. */
+static layout layout_of(const value *rows) {
+    const int64_t n = value_numbers(rows), first = parse_rows(rows), second = n > 0 ? second_axis(rows) : -1;
+    if (n < 1 || first < 1) return (layout){0, 0};
+    if (is_frame(n / first) && n % first == 0) return (layout){0, first};
+    if (is_frame(n)) return (layout){0, 1};
+    if (second > 0 && n % (first * second) == 0 && is_frame(n / first / second))
+        return (layout){first, second};
+    if (rows->kind == VALUE_LIST && second > 0 && is_frame(value_numbers(rows->list.item[0]) / second))
+        return (layout){first, second}; /* people of different lengths */
+    return (layout){0, second > 0 ? first : 1};
+}
+
+/* One person's part of what has as many rows as there are people. */
+static void take_person(named_value *part, int64_t people, int64_t person, value *room) {
+    const value *v = part->item;
+    if (!v || parse_rows(v) != people || (v->kind == VALUE_ARRAY && v->array.rank < 2)) return;
+    *room = parse_row_of(v, (size_t)person);
+    part->item = room;
+}
+
+static int64_t mask_count(const value *mask) {
+    int64_t count = 0, n = mask && mask->kind == VALUE_ARRAY ? value_numbers(mask) : 0;
+    for (int64_t i = 0; i < n; i++) count += value_array_number(mask, i) != 0;
+    return count;
+}
+
+/* The person asked for, or the one who is there longest. */
+static sherf_status choose_person(context *c, const value *root, const value *rows, int64_t people,
+                                  const sherf_motion_options *o, source *s, int64_t *out) {
+    const value *mask = value_first(root, mask_names).item;
+    int64_t longest = -1;
+    char *end = NULL;
+    *out = 0;
+    if (o->track) {
+        *out = strtoll(o->track, &end, 10);
+        if (end == o->track || *end || *out < 0 || *out >= people)
+            return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %lld of the file", o->track,
+                           (long long)people);
+    }
+    for (int64_t i = 0; i < people && !o->track; i++) {
+        const value own = parse_row_of(rows, (size_t)i);
+        int64_t length = parse_rows(&own);
+        if (mask && parse_rows(mask) == people && mask->kind == VALUE_ARRAY && mask->array.rank > 1) {
+            const value seen = parse_row_of(mask, (size_t)i);
+            length = mask_count(&seen);
+        }
+        if (length > longest) longest = length, *out = i;
+    }
+    snprintf(s->detail, sizeof s->detail, "track %lld of %lld", (long long)*out, (long long)people);
+    return SHERF_OK;
+}
+
+/* ---- what it is ---- */
+
+/* Sources that are told by a key of theirs: what is usual there. In a camera's view y points down. */
+static const struct {
+    const char *key, *other, *format; /* other: must be there as well; NULL: none */
+    sherf_up up;
+    double fps, unit_m; /* 0: to be found */
+} sources[] = {
+    {"smpl_poses", "smpl_scaling", "AIST++", SHERF_UP_Y, 60, 1},
+    {"smpl_poses", "full_pose", "EDGE", SHERF_UP_Z, 30, 1},
+    {"smpl_poses", "smpl_trans", "AIST++ without its scaling", SHERF_UP_Y, 60, 0},
+    {"smpl_poses", NULL, "AIST++", SHERF_UP_Y, 60, 1},
+    {"pose", "global_t", "CLIFF", SHERF_UP_MINUS_Y, 30, 1},
+    {"pred_rotmat", NULL, "TRAM", SHERF_UP_MINUS_Y, 30, 1},
+    {"track_mask", "pose_body", "SLAHMR", SHERF_UP_Y, 30, 1},
+    {"cam_poses", "poses", "3DPW", SHERF_UP_Y, 30, 1},
+};
+
+static void recognise(const value *root, const body_parts *p, int64_t numbers, source *s, double *fps) {
+    const char *pose = p->part[PART_POSES].name ? p->part[PART_POSES].name : "";
+    const bool parts = p->part[PART_BODY].name && !strcmp(p->part[PART_BODY].name, "poses_body");
     s->format = "SMPL poses";
     s->up = SHERF_UP_Y;
     *fps = 30;
-    if (value_get(root, "smpl_poses")) {
-        s->format = "AIST++";
-        s->unit_m = 1;
-        *fps = 60;
-    } else if (gvhmr_params(root) || get_prefixed(root, "body_pose")) {
+    for (size_t i = 0; i < COUNT_OF(sources); i++)
+        if (value_get(root, sources[i].key) && (!sources[i].other || value_get(root, sources[i].other))) {
+            s->format = sources[i].format, s->up = sources[i].up, s->unit_m = sources[i].unit_m;
+            *fps = sources[i].fps;
+            return;
+        }
+    if (gvhmr_is(root)) {
         s->format = "GVHMR";
         s->unit_m = 1;
-    } else if (p->rate || value_get(root, "gender")) {
+    } else if (!strcmp(pose, "smpl_thetas")) {
+        s->format = "ROMP";
+        s->up = SHERF_UP_MINUS_Y;
+        s->unit_m = 1;
+    } else if (parts) {
+        s->format = value_get(root, "smpl") ? "EMDB" : "aitviewer";
+    } else if (value_first(root, rate_names).item || value_get(root, "gender")) {
         s->up = SHERF_UP_Z;
         s->format = numbers == 156                 ? "AMASS, SMPL+H"
                     : numbers == 165               ? "AMASS, SMPL-X"
@@ -98,11 +180,12 @@ static void recognise(const value *root, const parts *p, int64_t numbers, source
 }
 
 /* What the options say counts more, and helps where the file talks nonsense. */
-static sherf_status read_rate(context *c, const parts *p, const sherf_motion_options *o, double *fps,
+static sherf_status read_rate(context *c, const value *root, const sherf_motion_options *o, double *fps,
                               bool *said) {
-    if (!p->rate || o->source_fps > 0) return SHERF_OK;
+    const value *v = value_first(root, rate_names).item;
+    if (!v || o->source_fps > 0) return SHERF_OK;
     double rate;
-    sherf_status status = value_doubles(c, p->rate, "frame rate", 1, &rate);
+    sherf_status status = value_doubles(c, v, "frame rate", 1, &rate);
     if (!status && !(rate >= 0.01 && rate <= 10000))
         status =
             failure(c, SHERF_BAD_FILE, "frame rate: %g a second, must be 0.01 to 10000; give another", rate);
@@ -110,47 +193,108 @@ static sherf_status read_rate(context *c, const parts *p, const sherf_motion_opt
     return status;
 }
 
-static sherf_status read_places(context *c, const value *trans, clip *k) {
-    int64_t rows = row_count(trans), n = value_numbers(trans);
-    if (rows != k->frames || n != 3 * (int64_t)k->frames)
-        return failure(c, SHERF_BAD_FILE, "translations: %lld numbers for %d frames, not three each",
+/* ---- reading ---- */
+
+static sherf_status read_places(context *c, const named_value *trans, clip *k) {
+    const int64_t n = value_numbers(trans->item);
+    const bool one = k->frames == 1 && n == 3; /* perhaps without an axis for frames */
+    if (n != 3 * (int64_t)k->frames || (!one && parse_rows(trans->item) != k->frames))
+        return failure(c, SHERF_BAD_FILE, "%s: %lld numbers for %d frames, not three each", trans->name,
                        (long long)n, k->frames);
     for (int i = 0; i < k->frames; i++) {
         double place[3];
-        sherf_status status = k->frames == 1 ? value_doubles(c, trans, "translation", 3, place)
-                                             : parse_row(c, trans, (size_t)i, "translation", 3, place);
+        sherf_status status = one ? value_doubles(c, trans->item, trans->name, 3, place)
+                                  : parse_row(c, trans->item, (size_t)i, trans->name, 3, place);
         if (status) return status;
         for (int a = 0; a < 3; a++) k->pelvis_m[i][a] = (float)place[a];
     }
     return SHERF_OK;
 }
 
-sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
-    parts p;
-    double fps;
-    find_parts(root, &p);
-    const value *rows = p.whole ? p.whole : p.body;
-    int64_t frames = row_count(rows);
-    if (frames < 1) return failure(c, SHERF_BAD_FILE, "poses: no rows of numbers");
-    recognise(root, &p, value_numbers(rows) / frames, s, &fps);
-    sherf_status status = source_shapes(c, s, p.shapes);
-    if (!status) status = read_rate(c, &p, o, &fps, &s->fps_said);
-    if (!status) status = source_frames(c, s, o, frames, fps);
-    if (!status && p.whole)
-        status = rotation_rows(c, "poses", p.whole, o->rotations, whole_joints, 0, 22, &s->clip);
-    if (!status && p.whole && value_numbers(p.whole) % (24 * frames) == 0) /* SMPL's own hands */
-        status = rotation_rows(c, "poses", p.whole, o->rotations, whole_joints, 0, 24, &s->clip);
-    if (!status && p.body)
-        status = rotation_rows(c, "body_pose", p.body, o->rotations, body_joints, 1, 23, &s->clip);
-    if (!status && p.body && p.root)
-        status = rotation_rows(c, "global_orient", p.root, o->rotations, root_joint, 0, 1, &s->clip);
-    if (!status && p.trans) status = read_places(c, p.trans, &s->clip);
-    if (!status && p.scaling) { /* AIST++: its vertices are SMPL's times the scaling plus the translation */
-        double scaling;
-        status = value_doubles(c, p.scaling, "smpl_scaling", 1, &scaling);
-        if (!status && !(scaling > 1e-6 && scaling < 1e6))
-            status = failure(c, SHERF_BAD_FILE, "smpl_scaling is %g", scaling);
-        if (!status) s->unit_m = 1 / scaling;
+static sherf_status read_turns(context *c, const body_parts *p, const sherf_motion_options *o, clip *k) {
+    const named_value *whole = &p->part[PART_POSES], *body = &p->part[PART_BODY], *root = &p->part[PART_ROOT];
+    sherf_status status = SHERF_OK;
+    if (body->item) {
+        status = rotation_rows(c, body->name, body->item, o->rotations, body_joints, 1, 23, k);
+        if (!status && root->item)
+            status = rotation_rows(c, root->name, root->item, o->rotations, root_joint, 0, 1, k);
+        return status;
     }
+    status = rotation_rows(c, whole->name, whole->item, o->rotations, whole_joints, 0, 22, k);
+    if (!status && value_numbers(whole->item) % (24 * k->frames) == 0) /* SMPL's own hands */
+        status = rotation_rows(c, whole->name, whole->item, o->rotations, whole_joints, 0, 24, k);
     return status;
+}
+
+/* AIST++: its vertices are SMPL's times the scaling plus the translation. */
+static sherf_status read_scaling(context *c, const value *root, source *s) {
+    const value *v = value_get(root, "smpl_scaling");
+    double scaling;
+    if (!v) return SHERF_OK;
+    sherf_status status = value_doubles(c, v, "smpl_scaling", 1, &scaling);
+    if (!status && !(scaling > 1e-6 && scaling < 1e6))
+        status = failure(c, SHERF_BAD_FILE, "smpl_scaling is %g", scaling);
+    if (!status) s->unit_m = 1 / scaling;
+    return status;
+}
+
+/* Numbers of frames that have gaps, as trackers write them. Others are of no use. */
+static sherf_status read_frame_numbers(context *c, const value *root, source *s) {
+    const value *v = value_first(root, number_names).item;
+    double last = -1, number = 0;
+    if (!v || v->kind != VALUE_ARRAY || value_numbers(v) != s->clip.frames) return SHERF_OK;
+    for (int i = 0; i < s->clip.frames; i++, last = number) {
+        number = value_array_number(v, i);
+        if (!(number > last && number < 1e9)) return SHERF_OK;
+    }
+    sherf_status status = source_numbers(c, s);
+    for (int i = 0; i < s->clip.frames && !status; i++) s->number[i] = (int64_t)value_array_number(v, i);
+    return status;
+}
+
+/* Frames in which the person was not seen are left out, to be filled in. */
+static sherf_status drop_unseen(context *c, const value *mask, source *s) {
+    const int frames = s->clip.frames;
+    if (!mask || mask->kind != VALUE_ARRAY || value_numbers(mask) != frames || s->number) return SHERF_OK;
+    if (mask_count(mask) < 1 || mask_count(mask) == frames) return SHERF_OK;
+    sherf_status status = source_numbers(c, s);
+    int kept = 0;
+    for (int i = 0; i < frames && !status; i++) {
+        if (value_array_number(mask, i) == 0) continue;
+        memcpy(s->clip.turn[kept], s->clip.turn[i], sizeof *s->clip.turn);
+        memcpy(s->clip.pelvis_m[kept], s->clip.pelvis_m[i], sizeof *s->clip.pelvis_m);
+        s->number[kept++] = i;
+    }
+    if (!status) s->clip.frames = kept;
+    return status;
+}
+
+sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    body_parts p;
+    value room[PARTS], mask_room;
+    double fps;
+    int64_t person = 0;
+    find_parts(root, &p);
+    layout all = layout_of(rows_of(&p));
+    named_value mask = value_first(root, mask_names);
+    sherf_status status = SHERF_OK;
+    if (all.frames < 1) return failure(c, SHERF_BAD_FILE, "poses: no rows of numbers");
+    if (all.people > 1) status = choose_person(c, root, rows_of(&p), all.people, o, s, &person);
+    if (status) return status;
+    if (all.people) {
+        for (int i = 0; i < PARTS; i++) take_person(&p.part[i], all.people, person, &room[i]);
+        take_person(&mask, all.people, person, &mask_room);
+        all.frames = layout_of(rows_of(&p)).frames;
+    }
+    recognise(root, &p, value_numbers(rows_of(&p)) / all.frames, s, &fps);
+    body_parts_warn(c, gvhmr_is(root) ? NULL : root, s->format);
+    const named_value *place = p.part[PART_PLACE].item ? &p.part[PART_PLACE] : &p.part[PART_CAMERA_PLACE];
+    status = source_shapes(c, s, p.part[PART_SHAPES].item);
+    if (!status) status = read_rate(c, root, o, &fps, &s->fps_said);
+    if (!status) status = source_frames(c, s, o, all.frames, fps);
+    if (!status) status = read_turns(c, &p, o, &s->clip);
+    if (!status && place->item) status = read_places(c, place, &s->clip);
+    if (!status) status = read_scaling(c, root, s);
+    if (!status) status = read_frame_numbers(c, root, s);
+    return status ? status : drop_unseen(c, mask.item, s);
 }

@@ -168,14 +168,24 @@ static bool bvh_is(const unsigned char *data, size_t bytes) {
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
 }
 
+/* A dict without poses says what it has; SAM 3D Body's is named. */
+static sherf_status not_known(context *c, const value *root) {
+    sherf_status status = body_parts_missing(c, root);
+    char has[400];
+    if (status == SHERF_UNSUPPORTED) return status;
+    const char *keys = strstr(c->message, "; this has ");
+    snprintf(has, sizeof has, "%s", keys ? keys : "");
+    return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s", has);
+}
+
 static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
     while (root && root->kind == VALUE_LIST && root->list.count == 1 && !frame_list_is(root))
         root = root->list.item[0];
     if (track_file_is(root)) return track_file_read(c, root, o, s);
+    if (joints_file_is(root)) return joints_file_read(c, root, o, s);
     if (smpl_file_is(root)) return smpl_file_read(c, root, o, s);
     if (frame_list_is(root)) return frame_list_read(c, root, o, s);
-    return failure(c, SHERF_BAD_FILE,
-                   "not a motion that is known here: AMASS, AIST++, GVHMR, WHAM, PHALP, EasyMocap, BVH");
+    return not_known(c, root);
 }
 
 sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,

@@ -51,6 +51,9 @@ sherf_status track_file_read(context *c, const value *root, const sherf_motion_o
 bool frame_list_is(const value *root);
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
+/* Bare arrays, and where joints are: HumanML3D, MDM, Motion-X, plain poses. */
+bool joints_file_is(const value *root);
+sherf_status joints_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *out);
 
 /* A source with the options applied to it: the motion. Frees nothing of the source. */

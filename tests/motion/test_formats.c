@@ -296,6 +296,274 @@ static void wham_by_parts(void **state) {
     assert_walk(f, path, NULL, 30, "WHAM", "y up");
 }
 
+/* ---- other tools' dicts ---- */
+
+static void other_dicts(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("other.npz");
+    static float matrix[WALK_FRAMES][24][9], body[2][WALK_FRAMES][63], root[2][WALK_FRAMES][3],
+        trans[2][WALK_FRAMES][3], mask[2][WALK_FRAMES], numbers[WALK_FRAMES];
+    arrays down, up;
+    arrays_of(&f->walk, walk_y_down, &down);
+    arrays_of(&f->walk, walk_y_up, &up);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        for (int j = 0; j < 24; j++) rodrigues(down.smpl[i] + 3 * j, matrix[i][j]);
+        memcpy(body[1][i], up.body[i], sizeof body[1][i]);
+        memcpy(root[1][i], up.root[i], sizeof root[1][i]);
+        memcpy(trans[1][i], up.trans[i], sizeof trans[1][i]);
+        mask[1][i] = 1, mask[0][i] = i < 4;
+        numbers[i] = (float)i;
+    }
+    npz_member cliff[] = {{"pose", 2, {WALK_FRAMES, 72}, down.smpl[0]},
+                          {"shape", 2, {1, 10}, betas},
+                          {"global_t", 2, {WALK_FRAMES, 3}, down.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(cliff), cliff));
+    assert_walk(f, path, NULL, 30, "CLIFF", "y down");
+    npz_member tram[] = {{"pred_rotmat", 4, {WALK_FRAMES, 24, 3, 3}, matrix[0][0]},
+                         {"pred_shape", 2, {1, 10}, betas},
+                         {"frame", 1, {WALK_FRAMES}, numbers},
+                         {"pred_trans", 3, {WALK_FRAMES, 1, 3}, down.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(tram), tram));
+    assert_walk(f, path, NULL, 30, "TRAM", "y down");
+    npz_member slahmr[] = {{"pose_body", 3, {2, WALK_FRAMES, 63}, body[0][0]},
+                           {"root_orient", 3, {2, WALK_FRAMES, 3}, root[0][0]},
+                           {"trans", 3, {2, WALK_FRAMES, 3}, trans[0][0]},
+                           {"betas", 2, {2, 5}, betas},
+                           {"track_mask", 2, {2, WALK_FRAMES}, mask[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(slahmr), slahmr));
+    assert_walk(f, path, NULL, 30, "SLAHMR", "track 1 of 2");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "0"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 4);
+    sherf_motion_free(m);
+    refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
+    npz_member aitviewer[] = {{"poses_body", 2, {WALK_FRAMES, 63}, body[1][0]},
+                              {"poses_root", 2, {WALK_FRAMES, 3}, up.root[0]},
+                              {"trans", 2, {WALK_FRAMES, 3}, up.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(aitviewer), aitviewer));
+    assert_walk(f, path, NULL, 30, "aitviewer", "y up");
+    npz_member batch[] = {{"smpl_params_global/body_pose", 3, {1, WALK_FRAMES, 63}, body[1][0]},
+                          {"smpl_params_global/global_orient", 3, {1, WALK_FRAMES, 3}, up.root[0]},
+                          {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(batch), batch));
+    assert_walk(f, path, NULL, 30, "GVHMR", "y up");
+}
+
+/* Dicts in dicts, and lists with a person each. */
+static void other_pickles(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("other.pkl");
+    arrays up, down, z;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &up);
+    arrays_of(&f->walk, walk_y_down, &down);
+    arrays_of(&f->walk, walk_z_up, &z);
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "results");
+    pickle_dict_open(&w);
+    floats(&w, "smpl_thetas", 72, down.smpl[0]);
+    floats(&w, "cam_trans", 3, down.trans[0]);
+    pickle_dict_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "ROMP", "y down");
+    pickle_begin(&w, f->c); /* EMDB */
+    pickle_dict_open(&w);
+    pickle_string(&w, "smpl");
+    pickle_dict_open(&w);
+    floats(&w, "poses_root", 3, up.root[0]);
+    floats(&w, "poses_body", 69, up.body[0]);
+    floats(&w, "trans", 3, up.trans[0]);
+    pickle_dict_close(&w);
+    pickle_string(&w, "name");
+    pickle_string(&w, "P0");
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "EMDB", "y up");
+    pickle_begin(&w, f->c); /* 3DPW: somebody with fewer frames comes first */
+    pickle_dict_open(&w);
+    static const char *const key[] = {"poses", "trans"};
+    for (int k = 0; k < 2; k++) {
+        const int width = k ? 3 : 72;
+        pickle_string(&w, key[k]);
+        pickle_list_open(&w);
+        pickle_floats(&w, 2, (const int[]){2, width}, k ? z.trans[0] : z.smpl[0]);
+        pickle_floats(&w, 2, (const int[]){WALK_FRAMES, width}, k ? up.trans[0] : up.smpl[0]);
+        pickle_list_close(&w);
+    }
+    pickle_string(&w, "cam_poses");
+    pickle_floats(&w, 2, (const int[]){4, 4}, z.smpl[0]);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "3DPW", "track 1 of 2");
+    for (int full = 0; full < 2;
+         full++) { /* EDGE in metres, z up; AIST++ in centimetres without its scaling */
+        for (int i = 0; i < WALK_FRAMES * 3 && !full; i++) up.trans[i / 3][i % 3] *= 100;
+        pickle_begin(&w, f->c);
+        pickle_dict_open(&w);
+        floats(&w, "smpl_poses", 72, full ? z.smpl[0] : up.smpl[0]);
+        floats(&w, "smpl_trans", 3, full ? z.trans[0] : up.trans[0]);
+        if (full) floats(&w, "full_pose", 72, z.smpl[0]);
+        pickle_dict_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, NULL, full ? 30 : 60, full ? "EDGE" : "AIST++ without its scaling",
+                    full ? "z up" : "centimetres");
+    }
+}
+
+/* Bare arrays: a row of everything, and 6 numbers a rotation with the frames last. */
+static void other_arrays(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("other.npy");
+    static float row[WALK_FRAMES][322], six[24][6][WALK_FRAMES], place[3][WALK_FRAMES];
+    arrays up;
+    arrays_of(&f->walk, walk_y_up, &up);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        memcpy(row[i], up.smpl[i], 66 * sizeof(float));
+        memcpy(row[i] + 309, up.trans[i], 3 * sizeof(float));
+        for (int j = 0; j < 24; j++) {
+            float R[9];
+            rodrigues(up.smpl[i] + 3 * j, R);
+            for (int k = 0; k < 6; k++) six[j][k][i] = R[k];
+        }
+        for (int k = 0; k < 3; k++) place[k][i] = (float)(up.trans[i][k] + f->walk.skeleton.rest_m[0][k]);
+    }
+    assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 322}, row[0]));
+    assert_walk(f, path, NULL, 30, "Motion-X", "y up");
+    path = test_path("mdm.npz");
+    npz_member mdm[] = {{"thetas", 3, {24, 6, WALK_FRAMES}, six[0][0]},
+                        {"root_translation", 2, {3, WALK_FRAMES}, place[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(mdm), mdm));
+    assert_walk(f, path, NULL, 20, "MDM", "y up");
+    memset(six, 0, sizeof six);
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(mdm), mdm));
+    refused(f, path, NULL, SHERF_BAD_FILE, "not a rotation");
+}
+
+/* Where joints are tells all but twist: the joints come out where they were. */
+static void assert_joints(const walk_fixture *f, const char *path, const double at[WALK_FRAMES][22][3],
+                          const char *part, const char *other) {
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
+    const char *text = sherf_motion_description(m);
+    if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        double now[BODY_JOINTS][3];
+        skeleton_joints(&f->walk.skeleton, (const float(*)[4])m->clip.turn[i], m->clip.pelvis_m[i], now);
+        for (int j = 0; j < 22; j++)
+            for (int k = 0; k < 3; k++)
+                if (!(fabs(now[j][k] - at[i][j][k]) < 2e-3))
+                    fail_msg("%s: frame %d, joint %d is %g m off", path, i, j, now[j][k] - at[i][j][k]);
+    }
+    sherf_motion_free(m);
+}
+
+static void joints_alone(void **state) {
+    const walk_fixture *f = *state;
+    static double at[WALK_FRAMES][22][3];
+    static float rows[WALK_FRAMES][22][3], samples[2][22][3][WALK_FRAMES + 3], features[WALK_FRAMES][263];
+    double facing[WALK_FRAMES];
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        float turn[BODY_JOINTS][4], pelvis[3];
+        double all[BODY_JOINTS][3];
+        pose_to_turns(&f->walk.pose[i], &f->walk.skeleton, turn, pelvis);
+        skeleton_joints(&f->walk.skeleton, (const float(*)[4])turn, pelvis, all);
+        facing[i] = 0.3 * i;
+        for (int j = 0; j < 22; j++)
+            for (int k = 0; k < 3; k++) {
+                at[i][j][k] = all[j][k];
+                rows[i][j][k] = (float)all[j][k];
+                samples[1][j][k][i] = (float)all[j][k];
+            }
+    }
+    /* HumanML3D's: each frame in axes of its own (turned by `facing` about y), from which the first ones
+     * follow */
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        const double c = cos(facing[i]), s = sin(facing[i]);
+        float *p = features[i];
+        p[3] = (float)at[i][0][1];
+        for (int j = 1; j < 22; j++) {
+            const double x = at[i][j][0] - at[i][0][0], z = at[i][j][2] - at[i][0][2];
+            p[4 + 3 * (j - 1)] = (float)(c * x + s * z);
+            p[5 + 3 * (j - 1)] = (float)at[i][j][1];
+            p[6 + 3 * (j - 1)] = (float)(-s * x + c * z);
+        }
+        if (i + 1 == WALK_FRAMES) break;
+        const double dx = at[i + 1][0][0] - at[i][0][0], dz = at[i + 1][0][2] - at[i][0][2];
+        const double cn = cos(facing[i + 1]), sn = sin(facing[i + 1]);
+        p[0] = (float)((facing[i + 1] - facing[i]) / 2);
+        p[1] = (float)(cn * dx + sn * dz);
+        p[2] = (float)(-sn * dx + cn * dz);
+    }
+    const char *path = test_path("joints.npy");
+    assert_ok(f->c, npy_write_f32(f->c, path, 3, (const int64_t[]){WALK_FRAMES, 22, 3}, rows[0][0]));
+    assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "20 a second");
+    const float lengths[2] = {2, WALK_FRAMES};
+    path = test_path("results.npz");
+    npz_member results[] = {{"motion", 4, {2, 22, 3, WALK_FRAMES + 3}, samples[0][0][0]},
+                            {"lengths", 1, {2}, lengths}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(results), results));
+    sherf_motion *m;
+    assert_int_equal(sherf_motion_load(f->c, path, NULL, &m), SHERF_BAD_FILE); /* zeros are no body */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
+    sherf_motion_free(m);
+    path = test_path("features.npy");
+    assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 263}, features[0]));
+    const double begin[3] = {at[0][0][0], 0, at[0][0][2]};
+    for (int i = 0; i < WALK_FRAMES; i++) /* which begin at the origin */
+        for (int j = 0; j < 22; j++)
+            for (int k = 0; k < 3; k += 2) at[i][j][k] -= begin[k];
+    assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "from joints");
+}
+
+/* A file a frame that is no JSON: SMPLify-X's folders with 000.pkl in them, FRAME_PERSON.npz. */
+static void folders_of_arrays(void **state) {
+    const walk_fixture *f = *state;
+    char folder[4096], path[4200];
+    arrays down;
+    arrays_of(&f->walk, walk_y_down, &down);
+    snprintf(folder, sizeof folder, "%s", test_path("people_npz"));
+    assert_ok(f->c, folder_make(f->c, folder));
+    for (int i = 0; i < WALK_FRAMES; i++)
+        for (int person = 0; person < (i < 3 ? 2 : 1); person++) {
+            const int from = person ? 0 : i;
+            snprintf(path, sizeof path, "%s/%05d_%d.npz", folder, i, person);
+            npz_member one[] = {{"global_orient", 2, {1, 3}, down.root[from]},
+                                {"body_pose", 3, {1, 23, 3}, down.body[from]},
+                                {"transl", 2, {1, 3}, down.trans[from]}};
+            assert_ok(f->c, npz_write(f->c, path, COUNT_OF(one), one));
+        }
+    assert_walk(f, folder, NULL, 30, "SMPL poses", "track 0 of 2");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "1"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 3);
+    sherf_motion_free(m);
+    snprintf(folder, sizeof folder, "%s", test_path("smplifyx"));
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        static const float unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+        pickle_writer w;
+        snprintf(path, sizeof path, "%s/img_%04d", folder, i);
+        assert_ok(f->c, folder_make(f->c, path));
+        strcat(path, "/000.pkl");
+        pickle_begin(&w, f->c);
+        pickle_dict_open(&w);
+        pickle_string(&w, "global_orient");
+        pickle_floats(&w, 2, (const int[]){1, 3}, down.root[i]);
+        pickle_string(&w, "body_pose");
+        pickle_floats(&w, 2, (const int[]){1, 69}, down.body[i]);
+        pickle_string(&w, "camera_rotation");
+        pickle_floats(&w, 3, (const int[]){1, 3, 3}, unit);
+        pickle_string(&w, "camera_translation");
+        pickle_floats(&w, 2, (const int[]){1, 3}, down.trans[i]);
+        pickle_dict_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+    }
+    assert_walk(f, folder, NULL, 30, "SMPLify-X", "y down");
+}
+
 /* One frame of PHALP: everybody's matrices. */
 static void phalp_frame(pickle_writer *w, const walk *k, int frame, int others_before) {
     char name[32];
@@ -729,7 +997,7 @@ static void wrong_numbers(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "frame rate");
     refused(f, "/no/such/motion", NULL, SHERF_NO_FILE, "/no/such/motion");
     refused(f, "../assets/body.safetensors", NULL, SHERF_BAD_FILE, "not a motion");
-    refused(f, "/proc/self/fd", NULL, SHERF_BAD_FILE, "without numbered .json");
+    refused(f, "/proc/self/fd", NULL, SHERF_BAD_FILE, "without numbered files");
     FILE *out = fopen(path, "wb");
     fwrite("\x78\x9c\x01\x02\x03\x04", 1, 6, out);
     fclose(out);
@@ -806,6 +1074,11 @@ int main(void) {
                                        cmocka_unit_test(phalp),
                                        cmocka_unit_test(joblib),
                                        cmocka_unit_test(easymocap),
+                                       cmocka_unit_test(other_dicts),
+                                       cmocka_unit_test(other_pickles),
+                                       cmocka_unit_test(other_arrays),
+                                       cmocka_unit_test(joints_alone),
+                                       cmocka_unit_test(folders_of_arrays),
                                        cmocka_unit_test(poses_in_frames),
                                        cmocka_unit_test(lhm),
                                        cmocka_unit_test(bvh_files),

@@ -1,0 +1,324 @@
+/* Bare arrays, and motions told by where joints are: HumanML3D's features and joints, MDM's results,
+ * Motion-X. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "motion/source.h"
+
+enum { JOINTS = 22, FEATURES = 263, MOTION_X = 322, SIX = 6 };
+static const double humanml_fps = 20, motion_x_fps = 30;
+static const int whole_joints[] = {24, 22, 52, 55, 0};
+
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static bool normalise(double v[3]) {
+    const double length = sqrt(dot(v, v));
+    for (int k = 0; k < 3 && length > 1e-9; k++) v[k] /= length;
+    return length > 1e-9;
+}
+
+static void cross(const double a[3], const double b[3], double out[3]) {
+    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+/* The smallest turn that takes the unit vector a to b. */
+static void turn_between(const double a[3], const double b[3], float q[4]) {
+    double axis[3], w = 1 + dot(a, b);
+    cross(a, b, axis);
+    if (w < 1e-9) { /* opposite: about any axis across */
+        const double spare[3] = {a[1], a[2], a[0]};
+        cross(a, spare, axis);
+        w = 0;
+    }
+    const double length = sqrt(w * w + dot(axis, axis));
+    q[0] = (float)(w / length);
+    for (int k = 0; k < 3; k++) q[k + 1] = (float)(axis[k] / length);
+}
+
+/* ---- from joints' places to turns ---- */
+
+/* Rows: left, up made upright to it, front. */
+static bool axes_of(const double left[3], const double up[3], double B[9]) {
+    memcpy(B, left, 3 * sizeof *B);
+    cross(left, up, B + 6);
+    if (!normalise(B) || !normalise(B + 6)) return false;
+    cross(B + 6, B, B + 3);
+    return true;
+}
+
+/* The turn of what carries a left, a right and a middle joint. */
+static bool carrier_turn(const double rest[][3], const double at[][3], int left, int right, int from, int to,
+                         float q[4]) {
+    double own[9], now[9], R[9], a[3], b[3], c[3], d[3];
+    for (int k = 0; k < 3; k++) {
+        a[k] = rest[left][k] - rest[right][k], b[k] = rest[to][k] - rest[from][k];
+        c[k] = at[left][k] - at[right][k], d[k] = at[to][k] - at[from][k];
+    }
+    if (!axes_of(a, b, own) || !axes_of(c, d, now)) return false;
+    for (int i = 0; i < 9; i++)
+        R[i] = now[i / 3] * own[i % 3] + now[3 + i / 3] * own[3 + i % 3] + now[6 + i / 3] * own[6 + i % 3];
+    quaternion_from_matrix(R, q);
+    return true;
+}
+
+/* Pelvis and chest by what they carry, the others by their bones, without twist; ends go along. */
+static bool turns_from_joints(const skeleton *s, const double at[JOINTS][3], float (*turn)[4]) {
+    static const int8_t end[JOINTS] = {0, 4,  5,  6,  7, 8,  9,  10, 11, 0, 0,
+                                       0, 15, 16, 17, 0, 18, 19, 20, 21, 0, 0};
+    float world[BODY_JOINTS][4];
+    if (!carrier_turn(s->rest_m, at, 1, 2, 0, 3, world[0])) return false;
+    memcpy(turn[0], world[0], sizeof world[0]);
+    for (int j = 1; j < JOINTS; j++) {
+        const int p = skeleton_parent[j];
+        float back[4];
+        double bone[3], now[3];
+        memcpy(world[j], world[p], sizeof world[j]);
+        if (j == 9 && !carrier_turn(s->rest_m, at, 16, 17, 9, 12, world[j])) return false;
+        quaternion_inverse(world[p], back);
+        if (end[j]) {
+            for (int k = 0; k < 3; k++)
+                bone[k] = s->rest_m[end[j]][k] - s->rest_m[j][k], now[k] = at[end[j]][k] - at[j][k];
+            if (!normalise(bone) || !normalise(now)) return false;
+            quaternion_rotate(back, now, now);
+            turn_between(bone, now, turn[j]);
+            quaternion_multiply(world[p], turn[j], world[j]);
+        } else
+            quaternion_multiply(back, world[j], turn[j]);
+    }
+    return true;
+}
+
+static double legs(const double at[][3]) {
+    double sum = 0;
+    for (int j = 4; j <= 8; j++) {
+        if (j == 6) continue;
+        double d[3];
+        for (int k = 0; k < 3; k++) d[k] = at[j][k] - at[skeleton_parent[j]][k];
+        sum += sqrt(dot(d, d));
+    }
+    return sum;
+}
+
+/* at: frames x JOINTS x 3. Legs that change their length are none. */
+static sherf_status joints_to_clip(context *c, const double (*at)[JOINTS][3], const sherf_motion_options *o,
+                                   source *s) {
+    double least = INFINITY, most = 0;
+    s->is_pelvis = true;
+    for (int i = 0; i < s->clip.frames; i++) {
+        const double now = legs(at[i]);
+        least = fmin(least, now), most = fmax(most, now);
+        if (!turns_from_joints(&s->skeleton, at[i], s->clip.turn[i]))
+            return failure(c, SHERF_BAD_FILE, "frame %d: joints of a body do not lie in one place", i);
+        for (int k = 0; k < 3; k++) s->clip.pelvis_m[i][k] = (float)at[i][0][k];
+    }
+    if (!(least > 1e-9 && most < 1.5 * least))
+        return failure(c, SHERF_BAD_FILE, "legs of %.3g to %.3g units: these are no joints of SMPL", least,
+                       most);
+    s->unit_m = o->scale > 0 ? o->scale : 2 * legs(s->skeleton.rest_m) / (least + most);
+    snprintf(s->detail + strlen(s->detail), sizeof s->detail - strlen(s->detail),
+             "%sfrom joints, a unit is %.3g m by the legs", *s->detail ? ", " : "", s->unit_m);
+    return SHERF_OK;
+}
+
+/* ---- HumanML3D ---- */
+
+/* Features of a frame: the root's turn about y (half the angle a frame), its steps in its own axes, its
+ * height, the other joints in its axes, and what follows from them. */
+static void features_frame(const double row[FEATURES], double half_turn, const double root[2],
+                           double at[JOINTS][3]) {
+    const double c = cos(2 * half_turn), sn = sin(2 * half_turn);
+    at[0][0] = root[0], at[0][1] = row[3], at[0][2] = root[1];
+    for (int j = 1; j < JOINTS; j++) {
+        const double *p = row + 4 + 3 * (j - 1);
+        at[j][0] = c * p[0] - sn * p[2] + root[0];
+        at[j][1] = p[1];
+        at[j][2] = sn * p[0] + c * p[2] + root[1];
+    }
+}
+
+static sherf_status features_joints(context *c, const value *rows, int frames, double (*at)[JOINTS][3]) {
+    double half_turn = 0, root[2] = {0}, row[FEATURES];
+    for (int i = 0; i < frames; i++) {
+        sherf_status status = parse_row(c, rows, (size_t)i, "features", FEATURES, row);
+        if (status) return status;
+        features_frame(row, half_turn, root, at[i]);
+        half_turn += row[0]; /* of the next frame, in whose axes the step is */
+        const double co = cos(2 * half_turn), sn = sin(2 * half_turn);
+        root[0] += co * row[1] - sn * row[2];
+        root[1] += sn * row[1] + co * row[2];
+    }
+    return SHERF_OK;
+}
+
+static sherf_status joints_rows(context *c, const value *rows, int frames, double *at) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < frames && !status; i++)
+        status = parse_row(c, rows, (size_t)i, "joints", JOINTS * 3, at + (size_t)i * JOINTS * 3);
+    return status;
+}
+
+/* (JOINTS, 3, T): frames last. */
+static sherf_status joints_columns(context *c, const value *v, int all, int frames, double *at) {
+    for (int i = 0; i < frames; i++)
+        for (int j = 0; j < JOINTS * 3; j++) {
+            double *to = at + (size_t)i * JOINTS * 3 + j;
+            *to = value_array_number(v, (int64_t)j * all + i);
+            if (!isfinite(*to)) return failure(c, SHERF_BAD_FILE, "joints hold a number that is not finite");
+        }
+    return SHERF_OK;
+}
+
+typedef enum { BY_FEATURES, BY_ROWS, BY_COLUMNS } joints_form;
+
+/* all: frames in the array, where only the first ones count. */
+static sherf_status joints_read(context *c, const value *v, joints_form form, int64_t all, int64_t frames,
+                                const sherf_motion_options *o, source *s) {
+    s->up = SHERF_UP_Y;
+    sherf_status status = source_frames(c, s, o, frames, humanml_fps);
+    if (status) return status;
+    double(*at)[JOINTS][3] = mem_alloc(c, (size_t)frames, sizeof *at);
+    if (!at) return SHERF_NO_MEMORY;
+    status = form == BY_FEATURES ? features_joints(c, v, (int)frames, at)
+             : form == BY_ROWS   ? joints_rows(c, v, (int)frames, (double *)at)
+                                 : joints_columns(c, v, (int)all, (int)frames, (double *)at);
+    if (!status) status = joints_to_clip(c, (const double(*)[JOINTS][3])at, o, s);
+    mem_free(at);
+    return status;
+}
+
+/* ---- Motion-X: a row of root, body, hands, jaw, face, translation and shape ---- */
+
+static sherf_status motion_x_read(context *c, const value *v, const sherf_motion_options *o, source *s) {
+    enum { TRANS = 309, BETAS = 312 };
+    const int64_t frames = v->array.dim[0];
+    double row[MOTION_X];
+    s->format = "Motion-X";
+    s->up = SHERF_UP_Y;
+    s->unit_m = 1;
+    sherf_status status = parse_row(c, v, 0, "row", MOTION_X, row);
+    for (int i = 0; i < BODY_SHAPES && !status; i++) s->shapes[i] = (float)row[BETAS + i];
+    s->has_shapes = true;
+    if (!status) status = source_frames(c, s, o, frames, motion_x_fps);
+    for (int i = 0; i < s->clip.frames && !status; i++) {
+        status = parse_row(c, v, (size_t)i, "row", MOTION_X, row);
+        value part = {.kind = VALUE_ARRAY, .array = {.type = T_F64, .rank = 1, .dim = {66}, .data = row}};
+        if (!status)
+            status = rotation_frame(c, "row", &part, SHERF_ROTATIONS_AXIS_ANGLE, whole_joints, 0, 22,
+                                    s->clip.turn[i]);
+        for (int k = 0; k < 3 && !status; k++) s->clip.pelvis_m[i][k] = (float)row[TRANS + k];
+    }
+    return status;
+}
+
+/* ---- MDM ---- */
+
+/* The first two rows of a matrix. */
+static bool six_to_turn(const double six[SIX], float q[4]) {
+    double R[9];
+    memcpy(R, six, 6 * sizeof *R);
+    if (!normalise(R)) return false;
+    const double along = dot(R, R + 3);
+    for (int k = 0; k < 3; k++) R[3 + k] -= along * R[k];
+    if (!normalise(R + 3)) return false;
+    cross(R, R + 3, R + 6);
+    quaternion_from_matrix(R, q);
+    return true;
+}
+
+/* thetas (24, 6, T) and root_translation (3, T), where the pelvis is. */
+static sherf_status mdm_thetas_read(context *c, const value *thetas, const value *places,
+                                    const sherf_motion_options *o, source *s) {
+    const int64_t frames = thetas->array.dim[2];
+    s->format = "MDM";
+    s->up = SHERF_UP_Y;
+    s->unit_m = 1;
+    s->is_pelvis = true;
+    snprintf(s->detail, sizeof s->detail, "metres");
+    sherf_status status = source_frames(c, s, o, frames, humanml_fps);
+    for (int i = 0; i < s->clip.frames && !status; i++) {
+        double six[SIX];
+        for (int j = 0; j < BODY_JOINTS; j++) {
+            for (int k = 0; k < SIX; k++)
+                six[k] = value_array_number(thetas, ((int64_t)j * SIX + k) * frames + i);
+            if (!six_to_turn(six, s->clip.turn[i][j]))
+                return failure(c, SHERF_BAD_FILE, "thetas: frame %d, joint %d: not a rotation", i, j);
+        }
+        for (int k = 0; k < 3; k++)
+            s->clip.pelvis_m[i][k] = (float)value_array_number(places, k * frames + i);
+    }
+    return status;
+}
+
+static bool shape_is(const value *v, int rank, int64_t first, int64_t second) {
+    return v && v->kind == VALUE_ARRAY && v->array.rank == rank && (!first || v->array.dim[0] == first) &&
+           (!second || v->array.dim[1] == second);
+}
+
+static bool thetas_are(const value *root) {
+    const value *thetas = value_get(root, "thetas"), *places = value_get(root, "root_translation");
+    return shape_is(thetas, 3, BODY_JOINTS, SIX) && shape_is(places, 2, 3, thetas->array.dim[2]);
+}
+
+/* results.npy: samples x JOINTS x 3 x T. */
+static bool samples_are(const value *root) {
+    const value *motion = value_get(root, "motion");
+    return shape_is(motion, 4, 0, JOINTS) && motion->array.dim[2] == 3 && value_get(root, "lengths");
+}
+
+static sherf_status samples_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    const value *motion = value_get(root, "motion");
+    const int64_t samples = motion->array.dim[0], all = motion->array.dim[3];
+    char *end = NULL;
+    const int64_t wanted = o->track ? strtoll(o->track, &end, 10) : 0;
+    double length;
+    s->format = "MDM";
+    if (wanted < 0 || wanted >= samples || (end && (end == o->track || *end)))
+        return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %lld of the file",
+                       o->track ? o->track : "0", (long long)samples);
+    snprintf(s->detail, sizeof s->detail, "track %lld of %lld", (long long)wanted, (long long)samples);
+    sherf_status status = parse_row(c, value_get(root, "lengths"), (size_t)wanted, "lengths", 1, &length);
+    if (status) return status;
+    const value own = parse_row_of(motion, (size_t)wanted);
+    return joints_read(c, &own, BY_COLUMNS, all, length >= 1 && length < (double)all ? (int64_t)length : all,
+                       o, s);
+}
+
+/* ---- which ---- */
+
+static sherf_status poses_rows(context *c, const value *v, const sherf_motion_options *o, source *s) {
+    s->format = "SMPL poses";
+    s->up = SHERF_UP_Y;
+    sherf_status status = source_frames(c, s, o, v->array.dim[0], 30);
+    return status ? status
+                  : rotation_rows(c, "poses", v, o->rotations, whole_joints, 0,
+                                  value_numbers(v) == 72 * v->array.dim[0] ? 24 : 22, &s->clip);
+}
+
+static bool poses_are(const value *v) {
+    return shape_is(v, 2, 0, 72) || shape_is(v, 2, 0, 156) || shape_is(v, 2, 0, 165) ||
+           (shape_is(v, 4, 0, BODY_JOINTS) && v->array.dim[2] == 3 && v->array.dim[3] == 3);
+}
+
+static bool joints_are(const value *v) {
+    return shape_is(v, 3, 0, JOINTS) && v->array.dim[2] == 3;
+}
+
+bool joints_file_is(const value *root) {
+    return thetas_are(root) || samples_are(root) || shape_is(root, 2, 0, FEATURES) ||
+           shape_is(root, 2, 0, MOTION_X) || joints_are(root) || poses_are(root);
+}
+
+sherf_status joints_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    if (thetas_are(root))
+        return mdm_thetas_read(c, value_get(root, "thetas"), value_get(root, "root_translation"), o, s);
+    if (samples_are(root)) return samples_read(c, root, o, s);
+    if (shape_is(root, 2, 0, MOTION_X)) return motion_x_read(c, root, o, s);
+    if (poses_are(root)) return poses_rows(c, root, o, s);
+    s->format = "HumanML3D";
+    const int64_t frames = root->array.dim[0];
+    return joints_read(c, root, joints_are(root) ? BY_ROWS : BY_FEATURES, frames, frames, o, s);
+}

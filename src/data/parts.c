@@ -8,8 +8,8 @@
 #include <string.h>
 
 static const char *const poses_names[] = {
-    "poses",    "pose",      "smpl_poses",  "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
-    "fullpose", "pred_rotmat", "pred_pose", "pred_thetas", "theta",  NULL};
+    "poses",    "pose",        "smpl_poses", "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
+    "fullpose", "pred_rotmat", "pred_pose",  "pred_thetas", "theta",  NULL};
 static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
                                          "smpl_body_pose", "smplx_body_pose", NULL};
 static const char *const root_names[] = {"global_orient",      "root_orient",        "root_pose",

@@ -22,7 +22,7 @@ static const option options[] = {
     {'m', "motion", OPTION_FILE, &set.motion, "FILE|FOLDER", "the motion, recognised by its content",
      .needed = true},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
-     "OUT.mp4, .webm or .gif for a video, otherwise a folder of pictures"},
+     "OUT.mp4, .webm, .mov or .gif for a video, otherwise a folder of pictures"},
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "the body model the avatar was made with (one beside it, or else the open body)"},
     {0, "model", OPTION_FILE, &set.model, "FILE",
@@ -68,7 +68,7 @@ static const option options[] = {
     {0, "fov", OPTION_REAL, &set.fov_deg, "DEG", "vertical field of view (the picture's)", 1, 150},
     {'s', "size", OPTION_TEXT, &set.size, "N|WxH", "size of the frames (512)"},
     {0, "background", OPTION_TEXT, &set.background, "COLOUR",
-     "black, white, r,g,b in 0 to 1, or transparent (.webm, .gif, pictures)"},
+     "black, white, r,g,b in 0 to 1, or transparent (.webm, .mov, .gif, pictures)"},
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
      "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
@@ -91,8 +91,9 @@ static int options_check(const char *input, sherf_animate_options *o) {
         return usage_error(verb_name, "--size: '%s' is not a size like 512 or 640x360", set.size);
     if (set.last && set.last < set.first) return usage_error(verb_name, "--last comes before --first");
     if (!background_parse(verb_name, set.background, &ground)) return EXIT_USAGE;
-    if (ground.transparent && set.output && !sink_has_alpha(set.output))
-        return usage_error(verb_name, "--background transparent: an .mp4 has no transparency; .webm has");
+    if (set.output && sink_output_check(verb_name, set.output, ground.transparent)) return EXIT_USAGE;
+    if (set.output && sink_is_picture(set.output))
+        return usage_error(verb_name, "--output %s: a motion does not go into one picture", set.output);
     if (isnan(set.azimuth_deg) != isnan(set.elevation_deg)) {
         if (isnan(set.azimuth_deg)) set.azimuth_deg = 0;
         if (isnan(set.elevation_deg)) set.elevation_deg = 0;

@@ -211,6 +211,9 @@ static int run(session *s, int count, char **argument) {
     if (motion && sherf_image_kind(argument[0]))
         return usage_error(s->verb_name, "%s is a photo, not a video: it goes into a folder, -o FOLDER",
                            argument[0]);
+    if (!motion && sherf_output_kind(set.output) != SHERF_OUTPUT_FOLDER)
+        return usage_error(s->verb_name, "--output %s: photos go into a folder (%s/), a video into a .npz",
+                           set.output, set.output);
     return motion ? run_video(s, argument[0]) : run_photos(s, count, argument);
 }
 

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "session.h"
 #include "shots.h"
@@ -15,7 +16,7 @@ static struct {
     const char *model, *body, *output, *strip, *background;
     int64_t strip_frames, samples;
     double fps;
-    bool npy, depth, opacity, exact, no_detail, whole;
+    bool npy, depth, opacity, exact, no_detail, whole, spooled;
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
@@ -24,7 +25,9 @@ static const option options[] = {
     {'m', "model", OPTION_FILE, &set.model, "FILE",
      "weights, where INPUT is an observation (the model that ships)"},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
-     "OUT.mp4, .webm or .gif for a video, OUT.png for one picture, otherwise a folder of pictures",
+     "OUT.mp4, .webm, .mov or .gif for a video, OUT.png, .jpg or .webp for one picture, - for a PNG on "
+     "standard "
+     "output, otherwise a folder of pictures",
      .needed = true},
     {'n', "orbit", OPTION_INTEGER, &set.shots.orbit, "N", "N cameras round the body, from its front", 1,
      100000},
@@ -81,8 +84,9 @@ static int options_check(background *ground) {
     if (w->size && !size_parse(w->size, &width, &height))
         return usage_error(verb_name, "--size: '%s' is not a size like 512 or 640x360", w->size);
     if (!background_parse(verb_name, set.background, ground)) return EXIT_USAGE;
-    if (ground->transparent && !sink_has_alpha(set.output))
-        return usage_error(verb_name, "--background transparent: an .mp4 has no transparency; .webm has");
+    if (sink_output_check(verb_name, set.output, ground->transparent)) return EXIT_USAGE;
+    if (!strcmp(set.output, "-") && (common.json || set.depth || set.opacity || set.npy))
+        return usage_error(verb_name, "--output -: one picture and nothing else goes to standard output");
     if ((w->orbit != 0) + (w->cameras != NULL) + (w->views != NULL) > 1)
         return usage_error(verb_name, "--orbit, --cameras and --views exclude each other");
     if (w->data && !w->people) return usage_error(verb_name, "--data needs --people, one person");
@@ -189,7 +193,8 @@ static void report(session *s, studio *t, int frames) {
     qsort(t->frame_ms, (size_t)frames, sizeof *t->frame_ms, ascending);
     double median_ms = t->frame_ms[frames / 2];
     if (!common.json) {
-        session_remark("%s: %d frame%s, %.0f ms each", set.output, frames, frames == 1 ? "" : "s", median_ms);
+        session_remark("%s: %d frame%s, %.0f ms each", set.spooled ? "standard output" : set.output, frames,
+                       frames == 1 ? "" : "s", median_ms);
         return;
     }
     cJSON *json = cJSON_CreateObject();
@@ -231,13 +236,49 @@ static int frames_make(session *s, const sherf_avatar *avatar, const sherf_body 
     return status;
 }
 
+/* A picture for standard output lies in a file first, so that it comes whole or not at all. */
+static int spool_open(char path[64]) {
+    const char *folder = getenv("TMPDIR");
+    snprintf(path, 64, "%s/sherf-XXXXXX.png", folder && strlen(folder) < 40 ? folder : "/tmp");
+    const int file = mkstemps(path, 4);
+    if (file < 0) return session_failure("%s: cannot be made", path);
+    close(file);
+    return EXIT_DONE;
+}
+
+static int spool_close(const char *path, int status) {
+    char data[1 << 14];
+    size_t bytes;
+    FILE *f = status ? NULL : fopen(path, "rb");
+    if (!status && !f) status = session_failure("%s: cannot be opened", path);
+    while (f && !status && (bytes = fread(data, 1, sizeof data, f)))
+        if (fwrite(data, 1, bytes, stdout) != bytes)
+            status = session_failure("standard output cannot be written");
+    if (f) fclose(f);
+    if (!status && fflush(stdout)) status = session_failure("standard output cannot be written");
+    unlink(path);
+    return status;
+}
+
+static int frames_to_stdout(session *s, const sherf_avatar *avatar, const sherf_body *body,
+                            const background *ground) {
+    static char path[64]; /* set.output outlives this */
+    int status = spool_open(path);
+    if (status) return status;
+    set.output = path;
+    set.spooled = true;
+    return spool_close(path, frames_make(s, avatar, body, ground));
+}
+
 static int run(session *s, int count, char **argument) {
     background ground;
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
     int status = options_check(&ground);
     if (!status) status = session_person(s, argument[0], set.body, set.model, set.whole, &body, &avatar);
-    if (!status) status = frames_make(s, avatar, body, &ground);
+    if (!status)
+        status = strcmp(set.output, "-") ? frames_make(s, avatar, body, &ground)
+                                         : frames_to_stdout(s, avatar, body, &ground);
     sherf_avatar_free(avatar);
     sherf_body_free(body);
     return status;
@@ -260,5 +301,6 @@ const verb verb_render = {
     .arguments_min = 1,
     .arguments_max = 1,
     .computes = true,
+    .to_stdout = true,
     .run = run,
 };

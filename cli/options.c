@@ -24,7 +24,7 @@ const option common_table[] = {
 };
 
 int usage_error(const char *verb_name, const char *format, ...) {
-    char line[512];
+    char line[3000];
     va_list list;
     va_start(list, format);
     vsnprintf(line, sizeof line, format, list);
@@ -169,6 +169,9 @@ static const char *value_store(const option *o, const char *text) {
 }
 
 static int store(const verb *v, const option *o, const char *text) {
+    if (!strcmp(o->name, "output") && !strcmp(text, "-") && !v->to_stdout)
+        return usage_error(v->name,
+                           "--output -: nothing goes to standard output here, name a file or folder");
     const char *wrong = value_store(o, text);
     if (!wrong) return EXIT_DONE;
     if (o->kind == OPTION_CHOICE)

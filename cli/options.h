@@ -47,6 +47,7 @@ typedef struct {
     int arguments_min, arguments_max;
     const char *words; /* what the first argument may be, "render|train"; NULL: anything */
     bool computes;     /* networks, on the device */
+    bool to_stdout;    /* --output - is standard output */
     int (*run)(session *s, int count, char **argument); /* the exit status */
 } verb;
 

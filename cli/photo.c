@@ -22,9 +22,9 @@ bool photo_is(const char *path) {
 const char *photo_networks(void) {
     const char *path = session_asset(NULL, PHOTO_NETWORKS);
     if (!path)
-        session_failure("%s, the networks that find people, is not among the assets (set SHERF_ASSETS to the "
-                        "folder that has it)",
-                        PHOTO_NETWORKS);
+        session_failure("%s, the networks that find people, is not among the assets (looked in %s; set "
+                        "SHERF_ASSETS to the folder that has it)",
+                        PHOTO_NETWORKS, session_asset_places());
     return path;
 }
 

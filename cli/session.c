@@ -207,20 +207,60 @@ void session_json(cJSON *json) {
     cJSON_Delete(json);
 }
 
+/* The folder of the running program, "" where it cannot be told. */
+static const char *program_folder(void) {
+    static char folder[4000];
+    const ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);
+    folder[n > 0 ? n : 0] = 0;
+    char *slash = strrchr(folder, '/');
+    if (slash) *slash = 0;
+    return folder;
+}
+
+enum { ASSET_FOLDERS = 5 };
+
+/* Where assets lie: where the user says, here, with the sources that the program was built from, with the
+ * program wherever it was installed, and where it should have been. NULL: there is no such folder. */
+static void asset_folders(const char *folder[ASSET_FOLDERS]) {
+    static char sources[4096], moved[4096];
+    const char *own = program_folder();
+    snprintf(sources, sizeof sources, "%s/../assets", own);
+    snprintf(moved, sizeof moved, "%s/../share/sherf", own);
+    folder[0] = getenv("SHERF_ASSETS");
+    folder[1] = "assets";
+    folder[2] = *own ? sources : NULL;
+    folder[3] = *own ? moved : NULL;
+    folder[4] = SHERF_ASSETS_FOLDER;
+}
+
 const char *session_asset(const char *given, const char *name) {
     enum { ASKED_MAX = 4 }; /* answers that stay, of one run of a verb */
     static char paths[ASKED_MAX][4096];
     static int asked;
     char *path = paths[asked++ % ASKED_MAX];
-    const char *folder[] = {getenv("SHERF_ASSETS"), "assets", SHERF_ASSETS_FOLDER};
+    const char *folder[ASSET_FOLDERS];
     if (given) return strcmp(given, "none") ? given : NULL;
-    for (size_t i = 0; i < sizeof folder / sizeof *folder; i++) {
+    asset_folders(folder);
+    for (int i = 0; i < ASSET_FOLDERS; i++) {
         if (!folder[i] || !*folder[i]) continue;
         if (snprintf(path, sizeof paths[0], "%s/%s", folder[i], name) < (int)sizeof paths[0] &&
             !access(path, R_OK))
             return path;
     }
     return NULL;
+}
+
+const char *session_asset_places(void) {
+    static char text[2000];
+    const char *folder[ASSET_FOLDERS];
+    size_t n = 0;
+    asset_folders(folder);
+    text[0] = 0;
+    for (int i = 0; i < ASSET_FOLDERS; i++)
+        if (folder[i] && *folder[i] && n < sizeof text)
+            n += (size_t)snprintf(text + n, sizeof text - n, "%s%s%s", n ? ", " : "",
+                                  i ? "" : "$SHERF_ASSETS ", folder[i]);
+    return text;
 }
 
 /* "kind:FOLDER#PERSON/..." or a path, to the folder; false: too long. */
@@ -258,8 +298,10 @@ const char *session_body(const session *s, const char *given, const char *data) 
     if (asset)
         session_remark("body: %s, the open body (choose another with --body)", asset);
     else
-        usage_error(s->verb_name,
-                    "--body FILE is missing, and there is no body.safetensors among the assets");
+        usage_error(
+            s->verb_name,
+            "--body FILE is missing, and there is no body.safetensors among the assets (looked in %s)",
+            session_asset_places());
     return asset;
 }
 
@@ -269,8 +311,11 @@ const char *session_model(const session *s, const char *given) {
     if (asset)
         session_remark("model: %s, the one that ships (choose another with --model)", asset);
     else
-        usage_error(s->verb_name,
-                    "--model FILE is missing, and there is no models/people.safetensors among the assets");
+        usage_error(
+            s->verb_name,
+            "--model FILE is missing, and there is no models/people.safetensors among the assets (looked in "
+            "%s)",
+            session_asset_places());
     return asset;
 }
 

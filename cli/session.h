@@ -32,8 +32,11 @@ const char *session_device(const session *s);    /* "cpu" or "cuda" */
 void session_json(cJSON *json);
 
 /* The file an option names: `given`, NULL for "none"; where nothing was given, the asset `name` from the
- * folder $SHERF_ASSETS, ./assets or that of the installation, NULL when it is in none of them. */
+ * folder $SHERF_ASSETS, ./assets, beside the program (../assets where it was built, ../share/sherf where it
+ * was moved), or that of the installation, NULL when it is in none of them. */
 const char *session_asset(const char *given, const char *name);
+/* The folders that it looks into, for messages. */
+const char *session_asset_places(void);
 
 /* The body file of --body: `given`; where nothing was given, body.safetensors or tubeman.safetensors in the
  * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), and else the

@@ -3,32 +3,28 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 enum { PATH_BYTES = 4096 };
 
-static bool ends(const char *text, const char *with) {
-    size_t n = strlen(text), m = strlen(with);
-    return n > m && strcasecmp(text + n - m, with) == 0;
-}
-
-static const char *const video_endings[] = {".mp4", ".webm", ".gif"};
-
-/* The ending of a video's name; NULL: it is none. */
-static const char *video_ending(const char *output) {
-    for (size_t i = 0; i < sizeof video_endings / sizeof *video_endings; i++)
-        if (ends(output, video_endings[i])) return video_endings[i];
-    return NULL;
-}
-
 bool sink_is_video(const char *output) {
-    return video_ending(output) != NULL;
-}
-bool sink_has_alpha(const char *output) {
-    return !ends(output, ".mp4");
+    return sherf_output_kind(output) == SHERF_OUTPUT_VIDEO;
 }
 bool sink_is_picture(const char *output) {
-    return ends(output, ".png");
+    return sherf_output_kind(output) == SHERF_OUTPUT_PICTURE;
+}
+
+int sink_output_check(const char *verb_name, const char *output, bool transparent) {
+    const char *end = strrchr(output, '.');
+    if (sherf_output_kind(output) == SHERF_OUTPUT_UNKNOWN)
+        return usage_error(
+            verb_name,
+            "--output %s: %s is not written here; .mp4, .webm, .mov and .gif are (a video), .png, .jpg and "
+            ".webp (a picture), or a folder: %s/",
+            output, end, output);
+    if (transparent && !sherf_output_has_alpha(output))
+        return usage_error(verb_name, "--background transparent: %s has no transparency; %s have",
+                           end ? end : output, sink_is_video(output) ? ".webm and .mov" : ".png and .webp");
+    return EXIT_DONE;
 }
 
 /* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. A film's
@@ -37,10 +33,11 @@ static int name(const sink *k, int n, const char *extension, char path[PATH_BYTE
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {
         const bool main = strcmp(k->kind, "frame") == 0;
-        const char *end = video_ending(k->output);
-        const int base = (int)(strlen(k->output) - strlen(end ? end : ".png"));
+        const char *end = strrchr(k->output, '.');
+        const int base = (int)(end - k->output);
         char number[16] = "";
-        if (end && strcmp(extension, end) != 0) snprintf(number, sizeof number, "_%04d", n);
+        if (sink_is_video(k->output) && strcmp(extension, end) != 0)
+            snprintf(number, sizeof number, "_%04d", n);
         length = snprintf(path, PATH_BYTES, "%.*s%s%s%s%s", base, k->output, main ? "" : "_",
                           main ? "" : k->kind, number, extension);
     } else {
@@ -65,7 +62,8 @@ static int video_add(session *s, sink *k, const sherf_image *picture) {
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact) {
     char path[PATH_BYTES];
     bool video = sink_is_video(k->output);
-    int status = name(k, n, video ? video_ending(k->output) : ".png", path);
+    const bool file = video || sink_is_picture(k->output);
+    int status = name(k, n, file ? strrchr(k->output, '.') : ".png", path);
     if (status) return status;
     const sherf_video_options options = {picture->width, picture->height, k->fps, picture->channels == 4};
     if (video && !k->video)

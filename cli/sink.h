@@ -5,7 +5,7 @@
 #include "session.h"
 
 typedef struct {
-    const char *output; /* OUT.png, OUT.mp4 (.webm, .gif), or a folder */
+    const char *output; /* a picture, a video or a folder, by sherf_output_kind */
     const char *kind;   /* "frame", "depth", "opacity": begins the names in a folder, ends those of files */
     bool npy;           /* write .npy too */
     double fps;
@@ -14,8 +14,10 @@ typedef struct {
 
 /* Whether output is a video or a single picture; otherwise it is a folder. */
 bool sink_is_video(const char *output);
-bool sink_has_alpha(const char *output); /* false for .mp4 alone */
 bool sink_is_picture(const char *output);
+/* EXIT_USAGE, after one line, for an output of another kind, or one without the transparency that is wanted.
+ */
+int sink_output_check(const char *verb_name, const char *output, bool transparent);
 /* picture: what is shown, 1, 3 or 4 channels; exact: what goes into the .npy. */
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact);
 int sink_close(session *s, sink *k);

@@ -104,8 +104,9 @@ sherf_image_read(sherf_context *c, const char *path,
  */
 SHERF_API const char *sherf_image_kind(const char *path);
 SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
-                                         const sherf_image *image); /* .png, .npy; 1, 3 or 4 channels (RGB
-                                                                       and alpha, not premultiplied) */
+                                         const sherf_image *image); /* .png, .jpg, .webp (lossless), .npy; 1,
+                                                                       3 or 4 channels (RGB and alpha, not
+                                                                       premultiplied; no alpha in .jpg) */
 
 /* A camera looking at `centre_m` from `distance_m`, `azimuth_rad` about the y axis (0: from +z, the front of
  * a body in rest pose), `elevation_rad` above the horizon; y is up; vertical field of view `fov_rad`. */
@@ -317,9 +318,22 @@ typedef struct sherf_video sherf_video;
 typedef struct {
     int width, height;
     double fps;
-    int alpha; /* non-zero: frames have 4 channels; .webm and .gif only (GIF: opaque or not at all) */
+    int alpha; /* non-zero: frames have 4 channels; .webm, .mov and .gif only (GIF: opaque or not at all) */
 } sherf_video_options;
-/* .mp4 (H.264), .webm (VP9) or .gif. The file appears under its name when sherf_video_close succeeds. */
+/* What a name asks for where frames are written: a picture (.png, .jpg, .jpeg, .webp), a video (.mp4, .webm,
+ * .mov, .gif), a folder of pictures, or another kind of file, which is not written (.avi, .tiff, .v2): up to
+ * five letters and digits behind the last point. A folder that is there, or a name that ends with '/', is a
+ * folder. */
+typedef enum {
+    SHERF_OUTPUT_FOLDER,
+    SHERF_OUTPUT_PICTURE,
+    SHERF_OUTPUT_VIDEO,
+    SHERF_OUTPUT_UNKNOWN
+} sherf_output;
+SHERF_API sherf_output sherf_output_kind(const char *path);
+SHERF_API int sherf_output_has_alpha(const char *path); /* not .mp4 and .jpg */
+/* .mp4 (H.264), .webm (VP9), .mov (ProRes 4444) or .gif. The file appears under its name when
+ * sherf_video_close succeeds. */
 SHERF_API sherf_status sherf_video_create(sherf_context *c, const char *path,
                                           const sherf_video_options *options, sherf_video **out);
 /* The same, without alpha. */

@@ -14,10 +14,6 @@ typedef struct {
     int written;
 } target;
 
-static bool video_is(const char *output) {
-    return path_ends(output, ".mp4") || path_ends(output, ".webm") || path_ends(output, ".gif");
-}
-
 static sherf_status write_frame(context *c, void *user, int n, const sherf_image *image) {
     target *t = user;
     char path[PATH_LENGTH];
@@ -93,7 +89,12 @@ static sherf_status run(context *c, job *j, target *t) {
     const sherf_camera *k = &j->camera[0];
     frame_queue *q;
     sherf_status status = SHERF_OK;
-    if (video_is(t->output)) {
+    const sherf_output kind = sherf_output_kind(t->output);
+    if (kind == SHERF_OUTPUT_PICTURE || kind == SHERF_OUTPUT_UNKNOWN)
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "%s: a motion goes into .mp4, .webm, .mov or .gif, or a folder of pictures",
+                       t->output);
+    if (kind == SHERF_OUTPUT_VIDEO) {
         const sherf_video_options video = {.width = k->width_px,
                                            .height = k->height_px,
                                            .fps = sherf_motion_fps(j->motion),

@@ -59,6 +59,9 @@ sherf_status png_write(context *c, const char *path, int width, int height, int 
                        const uint8_t *data);
 /* Quality from 90 keeps colour at full size. */
 sherf_status jpeg_write(context *c, const char *path, int width, int height, const uint8_t *rgb, int quality);
+/* Lossless; 3 or 4 channels. */
+sherf_status webp_write(context *c, const char *path, int width, int height, int channels,
+                        const uint8_t *data);
 /* The same to memory, freed with mem_free. level: zlib's, 0 to 9. */
 sherf_status png_to_memory(context *c, int width, int height, int channels, const uint8_t *data, int level,
                            uint8_t **out, size_t *bytes);

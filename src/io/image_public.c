@@ -30,13 +30,31 @@ const char *sherf_image_kind(const char *path) {
     return image_file_kind(path);
 }
 
-/* 2 channels have no PNG of colours; more than 4 have none at all. */
-static sherf_status write_png(context *c, const char *path, const sherf_image *image) {
-    size_t n = (size_t)image->width * (size_t)image->height * (size_t)image->channels;
-    uint8_t *data = mem_alloc(c, n, 1);
-    if (!data) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < n; i++) data[i] = float_to_u8(image->data[i]);
-    sherf_status status = png_write(c, path, image->width, image->height, image->channels, data);
+enum { JPEG_QUALITY = 95 };
+
+/* Grey is tripled where more channels are wanted; `to` is mem_free'd by the caller. */
+static sherf_status to_bytes(context *c, const sherf_image *image, int channels, uint8_t **to) {
+    const size_t n = (size_t)image->width * (size_t)image->height, given = (size_t)image->channels;
+    *to = mem_alloc(c, n, (size_t)channels);
+    for (size_t i = 0; i < n && *to; i++)
+        for (size_t k = 0; k < (size_t)channels; k++)
+            (*to)[i * (size_t)channels + k] = float_to_u8(image->data[i * given + (given == 1 ? 0 : k)]);
+    return *to ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
+static sherf_status write_picture(context *c, const char *path, const sherf_image *image) {
+    const bool png = path_ends(path, ".png"), webp = path_ends(path, ".webp");
+    const int given = image->channels, channels = !png && given == 1 ? 3 : given;
+    uint8_t *data;
+    if (!png && channels != 3 && (!webp || channels != 4))
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: %s", path,
+                       channels == 4 ? "JPEG has no transparency; .png and .webp have"
+                                     : "pictures have 1, 3 or 4 channels");
+    sherf_status status = to_bytes(c, image, channels, &data);
+    if (status) return status;
+    status = png    ? png_write(c, path, image->width, image->height, channels, data)
+             : webp ? webp_write(c, path, image->width, image->height, channels, data)
+                    : jpeg_write(c, path, image->width, image->height, data, JPEG_QUALITY);
     mem_free(data);
     return status;
 }
@@ -48,7 +66,7 @@ sherf_status sherf_image_write(sherf_context *c, const char *path, const sherf_i
     int64_t dim[3] = {image->height, image->width, image->channels};
     if (path_ends(path, ".npy"))
         return npy_write_f32(c, path, image->channels == 1 ? 2 : 3, dim, image->data);
-    if (!path_ends(path, ".png"))
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: pictures are written as .png or .npy", path);
-    return write_png(c, path, image);
+    if (sherf_output_kind(path) != SHERF_OUTPUT_PICTURE)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: pictures are written as .png, .jpg, .webp or .npy", path);
+    return write_picture(c, path, image);
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include <jpeglib.h>
+#include <webp/encode.h>
 
 #include "base/path.h"
 #include "io/image.h"
@@ -259,4 +260,19 @@ sherf_status jpeg_write(context *c, const char *path, int width, int height, con
     size_t bytes = 0;
     sherf_status status = jpeg_to_memory(c, width, height, rgb, quality, &jpeg, &bytes);
     return to_file(c, path, status, jpeg, bytes);
+}
+
+sherf_status webp_write(context *c, const char *path, int width, int height, int channels,
+                        const uint8_t *data) {
+    uint8_t *packed = NULL, *own = NULL;
+    if (width > WEBP_MAX_DIMENSION || height > WEBP_MAX_DIMENSION || (channels != 3 && channels != 4))
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: WebP has 3 or 4 channels and at most %d pixels on a side",
+                       path, WEBP_MAX_DIMENSION);
+    const size_t bytes = channels == 4 ? WebPEncodeLosslessRGBA(data, width, height, width * 4, &packed)
+                                       : WebPEncodeLosslessRGB(data, width, height, width * 3, &packed);
+    if (bytes) own = mem_alloc(c, bytes, 1); /* to_file takes over what is ours */
+    if (own) memcpy(own, packed, bytes);
+    WebPFree(packed);
+    if (!bytes) return failure(c, SHERF_NO_MEMORY, "%s: WebP cannot be encoded", path);
+    return own ? to_file(c, path, SHERF_OK, own, bytes) : SHERF_NO_MEMORY;
 }

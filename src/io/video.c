@@ -1,6 +1,6 @@
-/* video: frames to a file through FFmpeg's libraries: H.264 in MP4, VP9 in WebM (with alpha where wanted),
- * GIF. The file appears under its name when it is whole. Colours are BT.709, limited range, and say so; but
- * for GIF sizes are made even by doubling the last row and column. */
+/* video: frames to a file through FFmpeg's libraries: H.264 in MP4, VP9 in WebM and ProRes in MOV (with
+ * alpha where wanted), GIF. The file appears under its name when it is whole. Colours are BT.709, limited
+ * range, and say so; but for GIF sizes are made even by doubling the last row and column. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/imgutils.h>
@@ -26,6 +26,7 @@ typedef struct {
 static const video_form forms[] = {
     {".mp4", "mp4", "H.264", "libx264", AV_CODEC_ID_H264, false},
     {".webm", "webm", "VP9", "libvpx-vp9", AV_CODEC_ID_VP9, true},
+    {".mov", "mov", "ProRes", "prores_ks", AV_CODEC_ID_PRORES, true},
     {".gif", "gif", "GIF", "gif", AV_CODEC_ID_GIF, true},
 };
 
@@ -54,6 +55,8 @@ static sherf_status failed(context *c, sherf_status status, const sherf_video *v
 
 static enum AVPixelFormat pixels_of(const sherf_video *v) {
     if (v->form->codec == AV_CODEC_ID_GIF) return AV_PIX_FMT_PAL8;
+    if (v->form->codec == AV_CODEC_ID_PRORES)
+        return v->channels == 4 ? AV_PIX_FMT_YUVA444P10 : AV_PIX_FMT_YUV444P10;
     return v->channels == 4 ? AV_PIX_FMT_YUVA420P : AV_PIX_FMT_YUV420P;
 }
 
@@ -68,6 +71,9 @@ static void choose_quality(AVCodecContext *x, bool alpha) {
         av_opt_set(x->priv_data, "cpu-used", "5", 0);
         av_opt_set(x->priv_data, "row-mt", "1", 0);
         if (alpha) av_opt_set(x->priv_data, "auto-alt-ref", "0", 0); /* it has no alpha */
+    } else if (!strcmp(x->codec->name, "prores_ks")) {
+        av_opt_set(x->priv_data, "profile", "4444", 0);
+        av_opt_set(x->priv_data, "vendor", "apl0", 0); /* or QuickTime does not take it */
     } else if (x->codec_id != AV_CODEC_ID_GIF)
         x->bit_rate = (int64_t)x->width * x->height * 8;
 }
@@ -156,9 +162,9 @@ static sherf_status check_wish(context *c, const char *path, const sherf_video_o
     for (size_t i = 0; i < COUNT_OF(forms); i++)
         if (path_ends(path, forms[i].extension)) v->form = &forms[i];
     if (!v->form)
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: videos are written as .mp4, .webm or .gif", path);
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: videos are written as .mp4, .webm, .mov or .gif", path);
     if (o->alpha && !v->form->alpha)
-        return failure(c, SHERF_UNSUPPORTED, "%s: %s has no transparency; .webm, .gif and pictures have",
+        return failure(c, SHERF_UNSUPPORTED, "%s: %s has no transparency; .webm, .mov, .gif and .png have",
                        path, v->form->name);
     if (snprintf(v->final, sizeof v->final, "%s", path) >= (int)sizeof v->final ||
         snprintf(v->temporary, sizeof v->temporary, "%s.%ld.part", path, (long)getpid()) >=

@@ -1,6 +1,8 @@
 /* The program as a person or a script meets it: words, exit statuses, one line an error, JSON. */
 #include "program.h"
 
+#include "base/path.h"
+
 static const char *const verbs[] = {"avatar", "estimate", "render",  "animate", "view", "export", "train",
                                     "eval",   "synth",    "convert", "check",   "info", "bench"};
 
@@ -87,8 +89,6 @@ static void wrong_usage(void **state) {
     assert_error(run("%s --orbit 3 --cameras f", render), 2, "exclude", "sherf render --help");
     assert_error(run("%s --views 1", render), 2, "--data", "sherf render --help");
     assert_error(run("%s --poses 0,1", render), 2, "--poses", "sherf render --help");
-    assert_error(run("render a.json -b ../assets/body.safetensors -q -o c"), 2, "--model FILE is missing",
-                 "sherf render --help");
     const char *animate = "animate a.safetensors -m b -b c";
     assert_error(run("animate a.safetensors -o b"), 2, "--motion FILE|FOLDER is missing",
                  "sherf animate --help");
@@ -103,6 +103,57 @@ static void wrong_usage(void **state) {
     assert_error(run("view -b b"), 2, "INPUT... is missing", "sherf view --help");
     assert_error(run("view a.safetensors --port 65536"), 2, "--port: '65536'", "sherf view --help");
     assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
+}
+
+/* Endings that are not written, and standard output. */
+static void outputs_are_checked(void **state) {
+    static const char *const endings[] = {"avi", "mkv", "tiff", "MPEG", "v2"};
+    for (size_t i = 0; i < COUNT_OF(endings); i++) {
+        assert_error(run("render a.safetensors -b b -o c.%s", endings[i]), 2, "is not written here", ".webm");
+        assert_error(run("animate a.safetensors -m b -b c -o d.%s", endings[i]), 2, "is not written here",
+                     "folder");
+    }
+    assert_error(run("animate a.safetensors -m b -b c -o d.png"), 2, "one picture", "sherf animate --help");
+    assert_error(run("render a.safetensors -b b -o c.jpg --background transparent"), 2,
+                 ".jpg has no transparency", ".png and .webp");
+    assert_error(run("render a.safetensors -b b -o - --json"), 2, "standard output", "sherf render --help");
+    assert_error(run("export a.safetensors -b b -o -"), 2, "standard output", "sherf export --help");
+    assert_error(run("estimate a.jpg -o b.png"), 2, "b.png/", "sherf estimate --help");
+}
+
+/* A program that was copied, run from a folder that has no assets, and then with them beside it. */
+static void assets_beside_the_program(void **state) {
+    const char *own = getenv("SHERF_PROGRAM");
+    char bin[2048], program[2100], share[2100], here[4096], was[4096], assets[4200];
+    snprintf(bin, sizeof bin, "%s", test_path("moved/bin"));
+    snprintf(program, sizeof program, "%s/sherf", bin);
+    snprintf(share, sizeof share, "%s", test_path("moved/share"));
+    snprintf(was, sizeof was, "%s", own);
+    assert_non_null(getcwd(here, sizeof here));
+    snprintf(assets, sizeof assets, "%s/../assets", here);
+    context *c = test_context();
+    assert_ok(c, folder_make(c, bin));
+    assert_ok(c, folder_make(c, share));
+    unsigned char *data;
+    size_t bytes;
+    assert_ok(c, file_read(c, own, (size_t)1 << 30, &data, &bytes));
+    FILE *f = fopen(program, "wb");
+    assert_int_equal(fwrite(data, 1, bytes, f), bytes);
+    fclose(f);
+    mem_free(data);
+    assert_int_equal(chmod(program, 0755), 0);
+    setenv("SHERF_PROGRAM", program, 1);
+    assert_int_equal(chdir(bin), 0);
+    assert_error(run("animate -m /no/such/file --npz x.npz"), 2,
+                 "no body.safetensors among the assets (looked in", "moved/bin/../share/sherf");
+    assert_error(run("render a.json -b %s/body.safetensors -q -o c", assets), 2, "--model FILE is missing",
+                 "moved/bin/../assets");
+    strcat(share, "/sherf");
+    assert_int_equal(symlink(assets, share), 0);
+    assert_error(run("animate -q -m /no/such/file --npz x.npz"), 1, "sherf: ", "/no/such/file");
+    assert_int_equal(chdir(here), 0);
+    setenv("SHERF_PROGRAM", was, 1);
+    sherf_context_free(c);
 }
 
 static void what_is_missing_or_broken(void **state) {
@@ -261,7 +312,12 @@ static void from_data_to_frames(void **state) {
     snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
     snprintf(out, sizeof out, "%s", test_path("out"));
     /* The picture's own camera and pose, then an orbit with everything, then the data set's. */
-    const outcome *o = run("%s -o %s.png --background transparent", render, out);
+    const outcome *o = run("%s -o - -q", render);
+    if (o->status) fail_msg("%s", o->err);
+    assert_memory_equal(o->out, "\x89PNG\r\n\x1a\n", 8);
+    o = run("%s -o %s.jpg", render, out);
+    assert_int_equal(o->status, 0);
+    o = run("%s -o %s.png --background transparent", render, out);
     if (o->status) fail_msg("%s", o->err);
     snprintf(path, sizeof path, "%s.png", out);
     assert_png(path, 64, 64);
@@ -425,10 +481,16 @@ int main(void) {
         return 77;
     }
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(version_and_help), cmocka_unit_test(texts_agree),
-        cmocka_unit_test(wrong_usage),      cmocka_unit_test(what_is_missing_or_broken),
-        cmocka_unit_test(bench_answers),    cmocka_unit_test(from_data_to_frames),
-        cmocka_unit_test(animations),       cmocka_unit_test(photos),
+        cmocka_unit_test(version_and_help),
+        cmocka_unit_test(texts_agree),
+        cmocka_unit_test(wrong_usage),
+        cmocka_unit_test(outputs_are_checked),
+        cmocka_unit_test(assets_beside_the_program),
+        cmocka_unit_test(what_is_missing_or_broken),
+        cmocka_unit_test(bench_answers),
+        cmocka_unit_test(from_data_to_frames),
+        cmocka_unit_test(animations),
+        cmocka_unit_test(photos),
         cmocka_unit_test(interrupt_saves),
     };
     if (getenv("SHERF_TEST_ONLY")) cmocka_set_test_filter(getenv("SHERF_TEST_ONLY"));

@@ -161,6 +161,29 @@ static void test_write(void **state) {
     free(rgb);
 }
 
+/* What outputs' names ask for. */
+static void test_outputs(void **state) {
+    static const struct {
+        const char *name;
+        sherf_output kind;
+    } cases[] = {
+        {"a.png", SHERF_OUTPUT_PICTURE}, {"b/a.JPG", SHERF_OUTPUT_PICTURE}, {"a.webp", SHERF_OUTPUT_PICTURE},
+        {"a.mov", SHERF_OUTPUT_VIDEO},   {"a.MP4", SHERF_OUTPUT_VIDEO},     {"a.gif", SHERF_OUTPUT_VIDEO},
+        {"a", SHERF_OUTPUT_FOLDER},      {"a.mkv/", SHERF_OUTPUT_FOLDER},   {"a.2024", SHERF_OUTPUT_FOLDER},
+        {"b.c/a", SHERF_OUTPUT_FOLDER},  {".hidden", SHERF_OUTPUT_FOLDER},  {"a.frames", SHERF_OUTPUT_FOLDER},
+        {"a.mkv", SHERF_OUTPUT_UNKNOWN}, {"a.v2", SHERF_OUTPUT_UNKNOWN},    {"b/a.tif", SHERF_OUTPUT_UNKNOWN},
+        {"-", SHERF_OUTPUT_FOLDER},
+    };
+    for (size_t i = 0; i < COUNT_OF(cases); i++)
+        if (sherf_output_kind(cases[i].name) != cases[i].kind)
+            fail_msg("%s: %d", cases[i].name, (int)sherf_output_kind(cases[i].name));
+    const char *there = test_path("old.run");
+    context *c = *state;
+    assert_ok(c, folder_make(c, there));
+    assert_int_equal(sherf_output_kind(there), SHERF_OUTPUT_FOLDER);
+    assert_true(sherf_output_has_alpha("a.mov") && !sherf_output_has_alpha("a.mp4"));
+}
+
 static void test_public(void **state) {
     context *c = *state;
     sherf_image image = {0}, back = {0};
@@ -179,6 +202,28 @@ static void test_public(void **state) {
     assert_memory_equal(d->root->array.data, image.data, 37 * 29 * 3 * sizeof(float));
     document_free(d);
     assert_int_equal(sherf_image_write(c, test_path("p.tiff"), &image), SHERF_BAD_ARGUMENT);
+    const char *webp = test_path("p.webp");
+    assert_ok(c, sherf_image_write(c, webp, &image));
+    assert_string_equal(sherf_image_kind(webp), "WebP");
+    assert_ok(c, sherf_image_read(c, webp, &back));
+    assert_memory_equal(back.data, image.data, 37 * 29 * 3 * sizeof(float)); /* lossless */
+    sherf_image_free(&back);
+    float soft[16 * 16 * 4];
+    for (int i = 0; i < 16 * 16 * 4; i++) soft[i] = (float)(i % 4 == 3 ? i / 64 : 8) / 16; /* alpha by row */
+    sherf_image rgba = {16, 16, 4, soft}, grey = {16, 16, 1, soft};
+    image_u8 four;
+    assert_ok(c, sherf_image_write(c, webp, &rgba));
+    assert_ok(c, image_read(c, webp, 4, &four));
+    assert_int_equal(four.data[4 * 200 + 3], float_to_u8(12 / 16.f));
+    mem_free(four.data);
+    const char *jpg = test_path("p.jpg");
+    assert_int_equal(sherf_image_write(c, jpg, &rgba), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "no transparency"));
+    for (int i = 0; i < 256; i++) soft[i] = 0.25f + 0.002f * (float)i;
+    assert_ok(c, sherf_image_write(c, jpg, &grey));
+    assert_ok(c, sherf_image_read(c, jpg, &back));
+    for (int i = 0; i < 256 * 3; i++) assert_float_equal(back.data[i], soft[i / 3], 0.02);
+    sherf_image_free(&back);
     sherf_image_free(&image);
     assert_int_equal(sherf_image_read(c, test_path("missing.png"), &image), SHERF_NO_FILE);
     assert_int_equal(sherf_image_read(c, sample_path("values.json"), &image), SHERF_BAD_FILE);
@@ -275,14 +320,11 @@ static void test_to_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_as_opencv),
-                                       cmocka_unit_test(test_sixteen_bits),
-                                       cmocka_unit_test(test_alpha),
-                                       cmocka_unit_test(test_mask),
-                                       cmocka_unit_test(test_write),
-                                       cmocka_unit_test(test_public),
-                                       cmocka_unit_test(test_too_large),
-                                       cmocka_unit_test(test_to_memory),
-                                       cmocka_unit_test(test_writing_without_memory)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_as_opencv), cmocka_unit_test(test_sixteen_bits),
+        cmocka_unit_test(test_alpha),     cmocka_unit_test(test_mask),
+        cmocka_unit_test(test_write),     cmocka_unit_test(test_outputs),
+        cmocka_unit_test(test_public),    cmocka_unit_test(test_too_large),
+        cmocka_unit_test(test_to_memory), cmocka_unit_test(test_writing_without_memory)};
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -1,6 +1,7 @@
 /* Videos: written, opened again through FFmpeg, right number and size of frames, colours near. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
+#include <libavutil/pixdesc.h>
 #include <math.h>
 #include <stdlib.h>
 
@@ -58,6 +59,16 @@ static void decode(const char *path, enum AVCodecID id, const char *decoder, int
                 const uint8_t *p = frame->data[0] + y * frame->linesize[0] + at * (bytes4 ? 4 : 1);
                 out->luma[k] = bytes4 ? p[1] : p[0]; /* green, in its place */
                 if (bytes4) out->alpha[k] = p[3];
+                const AVPixFmtDescriptor *form = av_pix_fmt_desc_get(frame->format);
+                if (form->comp[0].depth > 8) { /* 10 or 12 bits */
+                    const uint16_t *wide =
+                        (const uint16_t *)(const void *)(frame->data[0] + y * frame->linesize[0]);
+                    out->luma[k] = wide[at] >> (form->comp[0].depth - 8);
+                    if (form->nb_components == 4) {
+                        wide = (const uint16_t *)(const void *)(frame->data[3] + y * frame->linesize[3]);
+                        out->alpha[k] = wide[at] >> (form->comp[3].depth - 8);
+                    }
+                }
                 if (frame->format == AV_PIX_FMT_YUVA420P)
                     out->alpha[k] = frame->data[3][y * frame->linesize[3] + at];
             }
@@ -93,14 +104,16 @@ static void test_video(void **state) {
     free(image.data);
 }
 
-/* WebM and GIF, with and without alpha: the left half is there, the right half is not. */
+/* WebM, GIF and MOV, with and without alpha: the left half is there, the right half is not. */
 static void test_alpha(void **state) {
     context *c = *state;
     static const struct {
         const char *name, *decoder;
         enum AVCodecID id;
         int width, height;
-    } kind[] = {{"v.webm", "libvpx-vp9", AV_CODEC_ID_VP9, 62, 46}, {"v.gif", NULL, AV_CODEC_ID_GIF, 61, 45}};
+    } kind[] = {{"v.webm", "libvpx-vp9", AV_CODEC_ID_VP9, 62, 46},
+                {"v.gif", NULL, AV_CODEC_ID_GIF, 61, 45},
+                {"v.mov", NULL, AV_CODEC_ID_PRORES, 62, 46}};
     for (size_t n = 0; n < 2 * COUNT_OF(kind); n++) {
         const char *path = test_path(kind[n / 2].name);
         bool alpha = n % 2;

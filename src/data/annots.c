@@ -70,44 +70,46 @@ static sherf_status annots_pose(context *c, const value *ims, int pose, person_r
     return SHERF_OK;
 }
 
-sherf_status annots_read(context *c, const char *folder, double unit_m, person_record *r) {
-    char path[PATH_LENGTH];
-    document *d = NULL;
-    sherf_status status = path_join(c, path, sizeof path, folder, "annots.npy");
-    if (status || (status = parse_file(c, path, &d, NULL))) return status;
-    const value *root = value_unwrapped(d->root), *ims = value_get(root, "ims");
-    size_t poses = value_count(ims);
-    if (!value_get(root, "cams") || !poses || poses > DATASET_POSES_MAX)
-        status = failure(c, SHERF_BAD_FILE, "expected a dict of cams and ims");
-    else
-        status = annots_cameras(c, unit_m, value_get(root, "cams"), r);
-    if (!status) {
-        r->number = mem_zero(c, poses, sizeof *r->number);
-        r->image = mem_zero(c, poses * (size_t)r->views, sizeof *r->image);
-        if (!r->number || !r->image) {
-            status = SHERF_NO_MEMORY;
-            goto done;
-        }
-        r->poses = (int)poses;
-        for (int p = 0; p < r->poses && !status; p++) status = annots_pose(c, value_at(ims, (size_t)p), p, r);
-    }
-done:
-    if (status) failure_prefix(c, status, "%s", path);
-    document_free(d);
+static sherf_status annots_listed(context *c, const value *ims, person_record *r) {
+    const size_t poses = value_count(ims);
+    if (poses > DATASET_POSES_MAX) return failure(c, SHERF_BAD_FILE, "ims: %zu are too many", poses);
+    r->number = mem_zero(c, poses, sizeof *r->number);
+    r->image = mem_zero(c, poses * (size_t)r->views, sizeof *r->image);
+    if (!r->number || !r->image) return SHERF_NO_MEMORY;
+    r->poses = (int)poses;
+    sherf_status status = SHERF_OK;
+    for (int p = 0; p < r->poses && !status; p++) status = annots_pose(c, value_at(ims, (size_t)p), p, r);
     return status;
 }
 
-/* The mask that belongs to a picture of annots.npy: mask_cihp/<path>.png, or mask/<path>.png. */
-static sherf_status annots_mask(context *c, const char *folder, const char *image, char out[PATH_LENGTH]) {
+/* annots.npy, or annots_new.npy of refined releases. */
+static sherf_status annots_path(context *c, const char *folder, char out[PATH_LENGTH]) {
     char other[PATH_LENGTH];
-    const char *name = strrchr(image, '/'), *dot = strrchr(image, '.');
-    int stem = dot && (!name || dot > name) ? (int)(dot - image) : (int)strlen(image);
-    int n = snprintf(out, PATH_LENGTH, "%s/mask_cihp/%.*s.png", folder, stem, image);
-    int m = snprintf(other, PATH_LENGTH, "%s/mask/%.*s.png", folder, stem, image);
-    if (n < 0 || n >= PATH_LENGTH || m < 0 || m >= PATH_LENGTH)
-        return failure(c, SHERF_BAD_FILE, "%.200s/%.200s: path too long", folder, image);
-    if (!path_is_file(out) && path_is_file(other)) memcpy(out, other, sizeof other);
-    return SHERF_OK;
+    sherf_status status = path_join(c, out, PATH_LENGTH, folder, "annots.npy");
+    if (status || path_is_file(out)) return status;
+    status = path_join(c, other, sizeof other, folder, "annots_new.npy");
+    if (!status && path_is_file(other)) memcpy(out, other, sizeof other);
+    return status;
+}
+
+bool annots_are_in(const char *folder) {
+    return dataset_has(folder, "annots.npy") || dataset_has(folder, "annots_new.npy");
+}
+
+sherf_status annots_read(context *c, const char *folder, double unit_m, person_record *r) {
+    char path[PATH_LENGTH];
+    document *d = NULL;
+    sherf_status status = annots_path(c, folder, path);
+    if (status || (status = parse_file(c, path, &d, NULL))) return status;
+    const value *root = value_unwrapped(d->root), *ims = value_get(root, "ims");
+    if (!value_get(root, "cams"))
+        status = failure(c, SHERF_BAD_FILE, "expected a dict of cams and ims");
+    else
+        status = annots_cameras(c, unit_m, value_get(root, "cams"), r);
+    if (!status) status = value_count(ims) ? annots_listed(c, ims, r) : annots_from_folders(c, folder, r);
+    if (status) failure_prefix(c, status, "%s", path);
+    document_free(d);
+    return status;
 }
 
 sherf_status annots_picture(context *c, const person_record *r, const char *folder, int pose, int view,
@@ -115,16 +117,22 @@ sherf_status annots_picture(context *c, const person_record *r, const char *fold
     const char *relative = r->image[(int64_t)pose * r->views + view];
     if (!relative)
         return failure(c, SHERF_BAD_FILE, "%s: annots.npy lists no view %d of pose %d", folder, view, pose);
-    sherf_status status = path_join(c, image, PATH_LENGTH, folder, relative);
+    sherf_status status = annots_image(c, folder, relative, image);
     return status ? status : annots_mask(c, folder, relative, mask);
 }
 
-sherf_status annots_pose_files(context *c, const person_record *r, const char *folder, const char *kind,
-                               int pose, char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]) {
-    char name[64];
+sherf_status annots_pose_files(context *c, const person_record *r, const char *folder,
+                               const char *const *kinds, int pose, char parameters[PATH_LENGTH],
+                               char vertices[PATH_LENGTH]) {
+    char name[64], other[PATH_LENGTH];
     snprintf(name, sizeof name, "new_vertices/%d.npy", r->number[pose]);
     sherf_status status = path_join(c, vertices, PATH_LENGTH, folder, name);
-    if (status) return status;
-    snprintf(name, sizeof name, "%.32s/%d.npy", kind, r->number[pose]);
-    return path_join(c, parameters, PATH_LENGTH, folder, name);
+    for (int i = 0; kinds[i] && !status; i++) { /* the first where none is there */
+        snprintf(name, sizeof name, "%.32s/%d.npy", kinds[i], r->number[pose]);
+        status = path_join(c, other, sizeof other, folder, name);
+        if (!status && i && !path_is_file(other)) continue;
+        if (!status) memcpy(parameters, other, sizeof other);
+        if (!status && path_is_file(other)) break;
+    }
+    return status;
 }

@@ -35,6 +35,22 @@ static sherf_status body_array(context *c, const value *root, const char *key, i
     return value_doubles(c, v, key, count, *out);
 }
 
+/* (V, 3, 207), or as smplx's package keeps it: (V * 3, 207) or (207, V * 3). */
+static sherf_status posedirs_array(context *c, const value *root, int64_t vertices, double **out) {
+    const value *v = value_get(root, "posedirs");
+    const int64_t rows = vertices * 3, features = BODY_POSE_FEATURES;
+    int64_t whole[3] = {vertices, 3, features}, flat[3] = {rows, features}, turned[3] = {features, rows};
+    if (v->kind != VALUE_ARRAY || v->array.rank != 2) return body_array(c, root, "posedirs", 3, whole, out);
+    if (v->array.dim[0] != features) return body_array(c, root, "posedirs", 2, flat, out);
+    double *columns = NULL;
+    sherf_status status = body_array(c, root, "posedirs", 2, turned, &columns);
+    if (!status && !(*out = mem_alloc(c, (size_t)(rows * features), sizeof **out))) status = SHERF_NO_MEMORY;
+    for (int64_t i = 0; i < rows && !status; i++)
+        for (int64_t k = 0; k < features; k++) (*out)[i * features + k] = columns[k * rows + i];
+    mem_free(columns);
+    return status;
+}
+
 /* Whole numbers; 2^32 - 1 (the root's parent, as unsigned) and anything else out of range becomes -1. */
 static sherf_status to_indices(context *c, const double *from, size_t count, int64_t **out) {
     int64_t *index = mem_alloc(c, count, sizeof *index);
@@ -60,9 +76,8 @@ static sherf_status body_from_document(context *c, const document *d, body_model
                          BODY_VERTICES_MAX);
         goto done;
     }
-    int64_t weight_dim[3] = {V, 0}, shape_dim[3] = {V, 3, 0}, pose_dim[3] = {V, 3, BODY_POSE_FEATURES},
-            regressor_dim[3] = {BODY_JOINTS, V}, face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS},
-            volume_dim[3] = {BODY_JOINTS};
+    int64_t weight_dim[3] = {V, 0}, shape_dim[3] = {V, 3, 0}, regressor_dim[3] = {BODY_JOINTS, V},
+            face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS}, volume_dim[3] = {BODY_JOINTS};
     if ((status = body_array(c, root, "weights", 2, weight_dim, &weights))) goto done;
     if (weight_dim[1] != BODY_JOINTS) {
         status = failure(c, SHERF_UNSUPPORTED, "a body of %lld joints%s; sherf takes SMPL bodies (24 joints)",
@@ -73,7 +88,7 @@ static sherf_status body_from_document(context *c, const document *d, body_model
         goto done;
     }
     if ((status = body_array(c, root, "shapedirs", 3, shape_dim, &shapedirs)) ||
-        (value_get(root, "posedirs") && (status = body_array(c, root, "posedirs", 3, pose_dim, &posedirs))) ||
+        (value_get(root, "posedirs") && (status = posedirs_array(c, root, V, &posedirs))) ||
         (value_get(root, "pose_volume") &&
          (status = body_array(c, root, "pose_volume", 1, volume_dim, &volume))) ||
         (status = body_array(c, root, "J_regressor", 2, regressor_dim, &regressor)) ||

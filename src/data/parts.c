@@ -102,7 +102,7 @@ static bool is_idle(const char *key) {
     small[n] = 0;
     for (size_t i = 0; i < COUNT_OF(idle_words); i++)
         if (strstr(small, idle_words[i])) return true;
-    return !strcmp(small, "id");
+    return !strcmp(small, "id") || !strcmp(small, "mask") || !strcmp(small, "camera"); /* an observation's */
 }
 
 /* Keys met so far, "a, b, c"; what no longer fits is counted. */

@@ -2,7 +2,7 @@
 #include "data/annots.h"
 
 static bool recognise(const char *folder) {
-    return dataset_has(folder, "annots.npy") && dataset_has(folder, "new_params_neutral");
+    return annots_are_in(folder) && dataset_has(folder, "new_params_neutral");
 }
 
 static sherf_status record(context *c, const char *folder, person_record *r) {
@@ -11,7 +11,8 @@ static sherf_status record(context *c, const char *folder, person_record *r) {
 
 static sherf_status pose_files(context *c, const person_record *r, const char *folder, int pose,
                                char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]) {
-    return annots_pose_files(c, r, folder, "new_params_neutral", pose, parameters, vertices);
+    static const char *const kinds[] = {"new_params_neutral", "new_params", NULL};
+    return annots_pose_files(c, r, folder, kinds, pose, parameters, vertices);
 }
 
 const dataset_reader dataset_thuman = {

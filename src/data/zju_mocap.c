@@ -8,7 +8,7 @@ static const char *const training_people[] = {"CoreView_386", "CoreView_387", "C
 static const char *const test_people[] = {"CoreView_377", "CoreView_313", "CoreView_315"};
 
 static bool recognise(const char *folder) {
-    return dataset_has(folder, "annots.npy") && !dataset_has(folder, "new_params_neutral");
+    return annots_are_in(folder) && !dataset_has(folder, "new_params_neutral");
 }
 
 static sherf_status record(context *c, const char *folder, person_record *r) {
@@ -17,7 +17,8 @@ static sherf_status record(context *c, const char *folder, person_record *r) {
 
 static sherf_status pose_files(context *c, const person_record *r, const char *folder, int pose,
                                char parameters[PATH_LENGTH], char vertices[PATH_LENGTH]) {
-    return annots_pose_files(c, r, folder, "new_params", pose, parameters, vertices);
+    static const char *const kinds[] = {"new_params", NULL};
+    return annots_pose_files(c, r, folder, kinds, pose, parameters, vertices);
 }
 
 static void split(context *c, const sherf_dataset *d, bool training, int *index, int *count) {

@@ -200,11 +200,37 @@ static sherf_status parse_legacy(context *c, const unsigned char *data, size_t b
     return build_finish(&b, pickle_finish(&b, torch_legacy_build(&b, data, bytes, 0)), out);
 }
 
+static bool npz_is(zip_t *zip) {
+    const zip_int64_t count = zip_get_num_entries(zip, 0);
+    for (zip_int64_t i = 0; i < count; i++) {
+        const char *name = zip_get_name(zip, (zip_uint64_t)i, 0);
+        if (name && path_ends(name, ".npy")) return true;
+    }
+    return count < 1; /* npz of nothing */
+}
+
+/* A zip as it was downloaded: what may be meant is named. */
+static value *zip_of_files(builder *b, zip_t *zip) {
+    const zip_int64_t count = zip_get_num_entries(zip, 0);
+    const char *named = zip_get_name(zip, 0, 0);
+    for (zip_int64_t i = 0; i < count; i++) {
+        const char *name = zip_get_name(zip, (zip_uint64_t)i, 0);
+        if (name && (path_ends(name, ".pkl") || path_ends(name, ".npz") || path_ends(name, ".pt")))
+            named = name;
+    }
+    return build_fail(b, SHERF_UNSUPPORTED,
+                      "a ZIP archive of %lld files (%.100s, ...): unpack it, and name one", (long long)count,
+                      named ? named : "?");
+}
+
 /* Either kind of zip file. */
 static value *zip_build(builder *b, zip_t *zip, const char **kind) {
     uint64_t member;
     bool torch = zip && torch_zip_is(zip, &member);
-    value *root = !zip ? NULL : torch ? torch_zip_build(b, zip) : npz_build(b, zip);
+    value *root = !zip          ? NULL
+                  : torch       ? torch_zip_build(b, zip)
+                  : npz_is(zip) ? npz_build(b, zip)
+                                : zip_of_files(b, zip);
     if (zip) zip_discard(zip);
     *kind = torch ? "torch" : "npz";
     return root;

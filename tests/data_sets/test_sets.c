@@ -121,6 +121,79 @@ static void thuman_is_read(void **state) {
     sherf_context_free(c);
 }
 
+/* Names that releases and their repackings have in place of the usual ones; pictures that nothing lists. */
+static void other_names_are_read(void **state) {
+    context *c = test_context();
+    char person[PATH_LENGTH], name[256];
+    const char *root = fresh_root("other_names");
+    snprintf(person, sizeof person, "%s", join(root, "someone"));
+    made_annots a = plain_annots(); /* which lists .png */
+    make_annots(c, join(person, "annots_new.npy"), &a);
+    for (int i = 0; i < 4; i++) {
+        const int number = i / 2 ? 7 : 3;
+        snprintf(name, sizeof name, "view%02d/%06d.%s", i % 2, number, i ? "png" : "jpg");
+        make_picture(c, join(person, name), i, MADE_WIDTH, MADE_HEIGHT);
+        snprintf(name, sizeof name, "masks/view%02d/%06d.png", i % 2, number);
+        make_mask(c, join(person, name), MADE_WIDTH, MADE_HEIGHT, 0, 1);
+        snprintf(name, sizeof name, "new_params/%d.npy", number);
+        make_parameters(c, join(person, name), number, false);
+    }
+    snprintf(name, sizeof name, "thuman:%.200s", root);
+    sherf_dataset *d = opened(c, name);
+    data_view *v = NULL;
+    assert_ok(c, dataset_view(c, d, 0, 0, 0, 0, &v)); /* a JPEG: its mask is whole, its colours near */
+    for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++)
+        assert_int_equal(v->mask[i], made_person(i % MADE_WIDTH, i / MADE_WIDTH));
+    sherf_observation_free(v);
+    for (int i = 1; i < 4; i++) {
+        assert_ok(c, dataset_view(c, d, 0, i / 2, i % 2, 0, &v));
+        assert_made_picture(v, i);
+        assert_pose(&v->pose, i / 2 ? 7 : 3, false);
+        sherf_observation_free(v);
+    }
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+}
+
+static void unlisted_pictures_are_found(void **state) {
+    static const char *const folders[] = {"Camera_B1", "images/2"};
+    context *c = test_context();
+    for (int form = 0; form < 2; form++) { /* cameras numbered from 1, as many as there are; below images/ */
+        char person[PATH_LENGTH], name[256];
+        const char *root = fresh_root(form ? "unlisted_images" : "unlisted");
+        snprintf(person, sizeof person, "%s", join(root, "someone"));
+        made_annots a = {.poses = 0, .views = 2, .unit = 1000};
+        make_annots(c, join(person, "annots.npy"), &a);
+        for (int i = 0; i < 4; i++) {
+            const int number = i / 2 ? 7 : 3;
+            snprintf(name, sizeof name, "%.*s%d/%06d.png", (int)strlen(folders[form]) - 1, folders[form],
+                     i % 2 + 1, number);
+            make_picture(c, join(person, name), i, MADE_WIDTH, MADE_HEIGHT);
+            snprintf(name, sizeof name, "mask/%s%d/%06d.png", form ? "" : "Camera_B", i % 2 + 1, number);
+            make_mask(c, join(person, name), MADE_WIDTH, MADE_HEIGHT, 0, 1);
+            snprintf(name, sizeof name, "new_params_neutral/%d.npy", number);
+            make_parameters(c, join(person, name), number, false);
+        }
+        snprintf(name, sizeof name, "thuman:%.200s", root);
+        sherf_dataset *d = opened(c, name);
+        assert_int_equal(sherf_dataset_pose_count(d, 0), 2);
+        for (int i = 0; i < 4; i++) {
+            data_view *v = NULL;
+            if (dataset_view(c, d, 0, i / 2, i % 2, 0, &v)) fail_msg("%s", c->message);
+            assert_made_picture(v, i);
+            assert_pose(&v->pose, i / 2 ? 7 : 3, false);
+            sherf_observation_free(v);
+        }
+        sherf_dataset_free(d);
+        make_picture(c, join(person, form ? "images/9/000003.png" : "Camera_B9/000003.png"), 0, 4, 4);
+        assert_ok(c, sherf_dataset_open(c, name, &d)); /* one folder more than there are cameras */
+        data_view *v = NULL;
+        assert_fails(c, dataset_view(c, d, 0, 0, 0, 0, &v), SHERF_BAD_FILE, "3 folders of pictures");
+        sherf_dataset_free(d);
+    }
+    sherf_context_free(c);
+}
+
 /* The picture as OpenCV would undistort it, black where the undistorted mask is 0. */
 static void distortion_is_taken_out(void **state) {
     context *c = test_context();
@@ -583,6 +656,8 @@ static void memory_runs_out(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(thuman_is_read),
+        cmocka_unit_test(other_names_are_read),
+        cmocka_unit_test(unlisted_pictures_are_found),
         cmocka_unit_test(distortion_is_taken_out),
         cmocka_unit_test(zju_is_read),
         cmocka_unit_test(renderpeople_is_read),

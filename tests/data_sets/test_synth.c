@@ -326,6 +326,42 @@ static sherf_status load_tiny(context *c, const tiny_body *b, int joints, int sh
     return sherf_body_load(c, test_path("tiny.npz"), out);
 }
 
+/* Pose blendshapes as smplx's package keeps them, either way round. */
+static void flat_pose_blendshapes(void **state) {
+    context *c = test_context();
+    static tiny_body b;
+    static float turned[207 * TINY * 3];
+    make_tiny(&b);
+    for (int i = 0; i < TINY * 3; i++)
+        for (int k = 0; k < 207; k++) turned[k * TINY * 3 + i] = b.posedirs[i * 207 + k];
+    for (int form = 0; form < 2; form++) {
+        body_model *m = NULL;
+        npz_member all[] = {
+            {"v_template", 2, {TINY, 3}, b.v_template},
+            {"shapedirs", 3, {TINY, 3, 10}, b.shapedirs},
+            {"posedirs", 2, {form ? 207 : TINY * 3, form ? TINY * 3 : 207}, form ? turned : b.posedirs},
+            {"weights", 2, {TINY, 24}, b.weights},
+            {"J_regressor", 2, {24, TINY}, b.regressor},
+            {"f", 2, {6, 3}, b.face},
+            {"kintree_table", 2, {2, 24}, b.tree}};
+        assert_ok(c, npz_write(c, test_path("flat.npz"), COUNT_OF(all), all));
+        assert_ok(c, sherf_body_load(c, test_path("flat.npz"), &m));
+        for (int k = 0; k < 207; k++)
+            for (int i = 0; i < TINY * 3; i++)
+                assert_float_equal(m->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
+        sherf_body_free(m);
+    }
+    /* the archive that was downloaded */
+    body_model *m = NULL;
+    char zip[PATH_LENGTH];
+    snprintf(zip, sizeof zip, "%s", test_path("SMPL.zip"));
+    const char *files[] = {test_path("flat.npz"), test_path("flat.npz")};
+    make_zip(zip, 2, (const char *const[]){"LICENSE.txt", "models/body.pkl"}, files);
+    assert_fails(c, sherf_body_load(c, zip, &m), SHERF_UNSUPPORTED,
+                 "2 files (models/body.pkl, ...): unpack it");
+    sherf_context_free(c);
+}
+
 static void body_files(void **state) {
     context *c = test_context();
     static tiny_body b;
@@ -390,6 +426,7 @@ int main(void) {
         cmocka_unit_test(a_body_outside_makes_no_avatar),
         cmocka_unit_test(check_finds_faults),
         cmocka_unit_test(info_describes),
+        cmocka_unit_test(flat_pose_blendshapes),
         cmocka_unit_test(body_files),
     };
     return cmocka_run_group_tests(tests, make_people, NULL);

@@ -204,7 +204,7 @@ static int run_video(session *s, const char *video) {
 }
 
 static int run(session *s, int count, char **argument) {
-    const bool motion = ends(set.output, ".npz");
+    const bool motion = ends(set.output, ".npz") || ends(set.output, ".bvh");
     for (int i = 0; i < count; i++)
         if ((motion && count > 1) || (!motion && is_video(argument[i])))
             return usage_error(s->verb_name, "%s: one video goes into a motion, -o FILE.npz", argument[i]);
@@ -212,7 +212,8 @@ static int run(session *s, int count, char **argument) {
         return usage_error(s->verb_name, "%s is a photo, not a video: it goes into a folder, -o FOLDER",
                            argument[0]);
     if (!motion && sherf_output_kind(set.output) != SHERF_OUTPUT_FOLDER)
-        return usage_error(s->verb_name, "--output %s: photos go into a folder (%s/), a video into a .npz",
+        return usage_error(s->verb_name,
+                           "--output %s: photos go into a folder (%s/), a video into a .npz or .bvh",
                            set.output, set.output);
     return motion ? run_video(s, argument[0]) : run_photos(s, count, argument);
 }

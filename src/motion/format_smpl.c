@@ -226,6 +226,26 @@ static sherf_status read_turns(context *c, const body_parts *p, const sherf_moti
     return status;
 }
 
+/* R or Rh of EasyMocap, a row a frame or one for all: x = R x_smpl + Th, so the pelvis comes to R J0 + Th. */
+static sherf_status read_world(context *c, const named_value *turn, source *s) {
+    const int64_t frames = s->clip.frames, n = value_numbers(turn->item);
+    const bool rows = frames > 1 && parse_rows(turn->item) == frames && n >= 3 * frames;
+    const double unit_m = s->unit_m > 0 ? s->unit_m : 1;
+    for (int i = 0; i < frames; i++) {
+        const value own = rows ? parse_row_of(turn->item, (size_t)i) : *turn->item;
+        float world[1][4];
+        double J0[3];
+        sherf_status status =
+            rotation_frame(c, turn->name, &own, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, world);
+        if (status) return status;
+        quaternion_multiply(world[0], s->clip.turn[i][0], s->clip.turn[i][0]);
+        quaternion_rotate(world[0], s->skeleton.rest_m[0], J0);
+        for (int a = 0; a < 3; a++)
+            s->clip.pelvis_m[i][a] += (float)((J0[a] - s->skeleton.rest_m[0][a]) / unit_m);
+    }
+    return SHERF_OK;
+}
+
 /* AIST++: its vertices are SMPL's times the scaling plus the translation. */
 static sherf_status read_scaling(context *c, const value *root, source *s) {
     const value *v = value_get(root, "smpl_scaling");
@@ -295,6 +315,7 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     if (!status) status = read_turns(c, &p, o, &s->clip);
     if (!status && place->item) status = read_places(c, place, &s->clip);
     if (!status) status = read_scaling(c, root, s);
+    if (!status && p.part[PART_TURN].item) status = read_world(c, &p.part[PART_TURN], s);
     if (!status) status = read_frame_numbers(c, root, s);
     return status ? status : drop_unseen(c, mask.item, s);
 }

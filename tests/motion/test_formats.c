@@ -342,6 +342,22 @@ static void other_dicts(void **state) {
                               {"trans", 2, {WALK_FRAMES, 3}, up.trans[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(aitviewer), aitviewer));
     assert_walk(f, path, NULL, 30, "aitviewer", "y up");
+    static float whole[WALK_FRAMES][72],
+        Th[WALK_FRAMES][3]; /* EasyMocap's: the root apart, about the origin */
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        float R[9];
+        const double *J0 = f->walk.skeleton.rest_m[0];
+        memcpy(whole[i] + 3, up.body[i], sizeof up.body[i]);
+        rodrigues(up.root[i], R);
+        for (int k = 0; k < 3; k++)
+            Th[i][k] = (float)(up.trans[i][k] + J0[k] -
+                               (R[3 * k] * J0[0] + R[3 * k + 1] * J0[1] + R[3 * k + 2] * J0[2]));
+    }
+    npz_member mocap[] = {{"poses", 2, {WALK_FRAMES, 72}, whole[0]},
+                          {"Rh", 2, {WALK_FRAMES, 3}, up.root[0]},
+                          {"Th", 2, {WALK_FRAMES, 3}, Th[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(mocap), mocap));
+    assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
     npz_member batch[] = {{"smpl_params_global/body_pose", 3, {1, WALK_FRAMES, 63}, body[1][0]},
                           {"smpl_params_global/global_orient", 3, {1, WALK_FRAMES, 3}, up.root[0]},
                           {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.trans[0]}};
@@ -904,6 +920,10 @@ static void saved(void **state) {
     sherf_motion *m;
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
     assert_ok(f->c, sherf_motion_save(f->c, m, npz));
+    const char *text = test_path("saved.bvh");
+    assert_ok(f->c, sherf_motion_save(f->c, m, text));
+    assert_walk(f, text, NULL, 20, "names of SMPL", "a unit is 0.01 m");
+    assert_int_equal(sherf_motion_save(f->c, m, test_path("saved.fbx")), SHERF_BAD_ARGUMENT);
     sherf_motion_free(m);
     assert_walk(f, npz, NULL, 20, "AMASS, SMPL", "z up");
     document *d;

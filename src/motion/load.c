@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/path.h"
+#include "io/scene_clip.h"
 #include "io/utf16.h"
 #include "motion/source.h"
 
@@ -210,30 +211,43 @@ sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, c
     return status;
 }
 
-/* Zip files are read piece by piece; the others come whole. */
+/* Scenes of other programs go the way of BVH. */
+static sherf_status load_scene(context *c, const char *path, const char *kind, const sherf_motion_options *o,
+                               source *s) {
+    bvh *b = NULL;
+    sherf_status status = scene_clip_read(c, path, &b);
+    if (!status) status = bvh_source_read(c, b, o, s);
+    s->format = kind;
+    bvh_free(b);
+    return status;
+}
+
 static sherf_status load_file(context *c, const char *path, const sherf_motion_options *o,
                               sherf_motion **out) {
-    unsigned char start[4] = {0}, *data = NULL;
+    static const size_t limit_bytes = (size_t)4 << 30;
+    unsigned char start[32] = {0}, *data = NULL;
     size_t bytes = 0;
-    FILE *f = fopen(path, "rb");
+    FILE *f = path_is_file(path) ? fopen(path, "rb") : NULL;
     if (f) bytes = fread(start, 1, sizeof start, f), fclose(f);
+    const char *scene = scene_clip_kind(start, bytes);
+    const bool zip = bytes >= 4 && !memcmp(start, "PK\3\4", 4);
+    source s = {0};
     sherf_status status;
-    if (bytes == 4 && !memcmp(start, "PK\3\4", 4)) {
+    if (zip) { /* read piece by piece */
         document *d = NULL;
-        source s = {0};
-        status = document_read(c, path, &d, NULL); /* names the file itself */
-        if (status) return status;
+        if ((status = document_read(c, path, &d, NULL))) return status; /* names the file itself */
         status = source_of_tree(c, d->root, o, &s);
         document_free(d);
-        if (!status) status = motion_finish(c, &s, o, out);
-        source_free(&s);
+    } else if (scene) {
+        status = load_scene(c, path, scene, o, &s);
     } else {
-        static const size_t limit_bytes = (size_t)4 << 30;
-        status = file_read(c, path, limit_bytes, &data, &bytes);
-        if (status) return status;
+        if ((status = file_read(c, path, limit_bytes, &data, &bytes))) return status;
         status = motion_parse(c, data, bytes, o, out);
         mem_free(data);
+        return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
     }
+    if (!status) status = motion_finish(c, &s, o, out);
+    source_free(&s);
     return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
 }
 

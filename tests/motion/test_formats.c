@@ -890,6 +890,26 @@ static void bvh_tangled_rest(void **state) {
     if (!(worst < 0.03)) fail_msg("a vertex is %g m off", worst);
 }
 
+/* What begins as a scene and is none, or has no animation. */
+static void broken_scenes(void **state) {
+    const walk_fixture *f = *state;
+    static const char *const begins[] = {"glTF\2\0\0\0\xff\xff\xff\xff", "Kaydara FBX Binary  ",
+                                         "; FBX 7.3.0 project file\n{"};
+    for (size_t i = 0; i < COUNT_OF(begins); i++) {
+        const char *path = test_path("broken.fbx");
+        FILE *out = fopen(path, "wb");
+        fwrite(begins[i], 1, i ? strlen(begins[i]) : 12, out);
+        fclose(out);
+        sherf_motion *m;
+        const sherf_status status = sherf_motion_load(f->c, path, NULL, &m);
+        assert_null(m);
+        assert_true(status == SHERF_BAD_FILE ||
+                    (status == SHERF_UNSUPPORTED && strstr(f->c->message, "libassimp")));
+        assert_non_null(strstr(f->c->message, "broken.fbx: "));
+        assert_null(strchr(f->c->message, '\n'));
+    }
+}
+
 /* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
 static void captured_clips(void **state) {
     const walk_fixture *f = *state;
@@ -1103,6 +1123,7 @@ int main(void) {
                                        cmocka_unit_test(lhm),
                                        cmocka_unit_test(bvh_files),
                                        cmocka_unit_test(bvh_rigs),
+                                       cmocka_unit_test(broken_scenes),
                                        cmocka_unit_test(bvh_joints_by_map),
                                        cmocka_unit_test(bvh_tangled_rest),
                                        cmocka_unit_test(captured_clips),

@@ -4,57 +4,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "io/image.h"
+#include "io/canvas.h"
 #include "train/history.h"
 
-enum { WIDTH = 960, HEIGHT = 600, LEFT = 92, RIGHT = 24, TOP = 44, BOTTOM = 60, LETTER = 3 };
+enum { WIDTH = 960, HEIGHT = 600, LEFT = 92, RIGHT = 24, TOP = 44, BOTTOM = 60 };
 
 typedef struct {
-    uint8_t *rgb;        /* HEIGHT x WIDTH x 3 */
+    canvas canvas;
     double x_max;        /* steps 1 .. x_max */
     double y_min, y_max; /* log10 of the loss */
 } chart;
 
-typedef uint32_t color; /* 0xRRGGBB */
 static const color ink = 0x202020, grid_color = 0xE2E2E2, pale = 0xB9C6DC;
 
-static void dot(chart *p, int x, int y, color v) {
-    if (x < 0 || y < 0 || x >= WIDTH || y >= HEIGHT) return;
-    uint8_t *to = p->rgb + 3 * ((size_t)y * WIDTH + (size_t)x);
-    to[0] = (uint8_t)(v >> 16), to[1] = (uint8_t)(v >> 8), to[2] = (uint8_t)v;
-}
-
 static void segment(chart *p, double x0, double y0, double x1, double y1, int thick, color v) {
-    int n = (int)fmax(fabs(x1 - x0), fabs(y1 - y0)) + 1;
-    for (int i = 0; i <= n; i++) {
-        int x = (int)lround(x0 + (x1 - x0) * i / n), y = (int)lround(y0 + (y1 - y0) * i / n);
-        for (int k = 0; k < thick * thick; k++) dot(p, x + k % thick, y + k / thick, v);
-    }
-}
-
-/* Letters of 3 x 5 pixels: five rows from the top, an octal digit each, its high bit on the left. */
-static int letter(char c) {
-    static const int digits[] = {075557, 026227, 071747, 071717, 055711,
-                                 074717, 074757, 071122, 075757, 075717};
-    static const int letters[] = {025755, 065656, 034443, 065556, 074647, 074644, 034553, 055755, 072227,
-                                  011152, 055655, 044447, 057755, 065555, 025552, 065644, 025573, 065655,
-                                  034216, 072222, 055557, 055552, 055775, 055255, 055222, 071247};
-    if (c >= '0' && c <= '9') return digits[c - '0'];
-    if (c >= 'a' && c <= 'z') return letters[c - 'a'];
-    return c == '.' ? 000002 : c == '-' ? 000700 : c == '+' ? 002720 : 0;
-}
-
-static int text_width(const char *text) {
-    return (int)strlen(text) * 4 * LETTER;
+    canvas_segment(&p->canvas, x0, y0, x1, y1, thick, v);
 }
 
 static void write_text(chart *p, int x, int y, const char *text, color v) {
-    for (; *text; text++, x += 4 * LETTER)
-        for (int i = 0; i < 15 * LETTER * LETTER; i++) {
-            int column = i % (3 * LETTER), row = i / (3 * LETTER);
-            if (letter(*text) >> (14 - (row / LETTER * 3 + column / LETTER)) & 1)
-                dot(p, x + column, y + row, v);
-        }
+    canvas_text(&p->canvas, x, y, text, v);
 }
 
 static double x_of(const chart *p, double step) {
@@ -146,7 +114,7 @@ static void draw_y_axis(chart *p) {
             segment(p, LEFT, y, WIDTH - RIGHT, y, 1, grid_color);
             if (k != 1 && (sparse || (k != 2 && k != 5))) continue;
             snprintf(text, sizeof text, "%.3g", v);
-            write_text(p, LEFT - 10 - text_width(text), (int)y - 7, text, ink);
+            write_text(p, LEFT - 10 - canvas_text_width(text), (int)y - 7, text, ink);
         }
 }
 
@@ -160,14 +128,14 @@ static void draw_x_axis(chart *p) {
         segment(p, at, TOP, at, HEIGHT - BOTTOM, 1, grid_color);
         snprintf(text, sizeof text, "%.0f", x);
         if (x >= 10000) snprintf(text, sizeof text, "%.5gk", x / 1000);
-        write_text(p, (int)at - text_width(text) / 2, HEIGHT - BOTTOM + 8, text, ink);
+        write_text(p, (int)at - canvas_text_width(text) / 2, HEIGHT - BOTTOM + 8, text, ink);
     }
 }
 
 static void draw_frame(chart *p) {
     segment(p, LEFT, TOP, LEFT, HEIGHT - BOTTOM, 1, ink);
     segment(p, LEFT, HEIGHT - BOTTOM, WIDTH - RIGHT, HEIGHT - BOTTOM, 1, ink);
-    write_text(p, (WIDTH - text_width("step")) / 2, HEIGHT - 24, "step", ink);
+    write_text(p, (WIDTH - canvas_text_width("step")) / 2, HEIGHT - 24, "step", ink);
 }
 
 static void draw_legend(chart *p, const history *h) {
@@ -178,14 +146,14 @@ static void draw_legend(chart *p, const history *h) {
         if (!any) continue;
         segment(p, x, 20, x + 24, 20, 3, curves[curve].color);
         write_text(p, x + 34, 14, curves[curve].name, ink);
-        x += 64 + text_width(curves[curve].name);
+        x += 64 + canvas_text_width(curves[curve].name);
     }
 }
 
 sherf_status history_plot(context *c, const history *h, const char *path) {
-    chart p = {.rgb = mem_alloc(c, (size_t)WIDTH * HEIGHT, 3)};
-    if (!p.rgb) return SHERF_NO_MEMORY;
-    memset(p.rgb, 255, (size_t)WIDTH * HEIGHT * 3);
+    chart p = {0};
+    sherf_status status = canvas_create(c, WIDTH, HEIGHT, &p.canvas);
+    if (status != SHERF_OK) return status;
     range_of(&p, h);
     draw_y_axis(&p);
     draw_x_axis(&p);
@@ -193,7 +161,7 @@ sherf_status history_plot(context *c, const history *h, const char *path) {
     for (int curve = CURVES - 1; curve >= 0; curve--) draw_curve(&p, h, curve, true);
     draw_frame(&p);
     draw_legend(&p, h);
-    sherf_status status = png_write(c, path, WIDTH, HEIGHT, 3, p.rgb);
-    mem_free(p.rgb);
+    status = canvas_write(c, &p.canvas, path);
+    canvas_free(&p.canvas);
     return status;
 }

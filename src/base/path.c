@@ -1,5 +1,6 @@
 /* Files read at once, up to a limit; output that is called NAME.PID.part until it is committed; folders. */
 #include <errno.h>
+#include <ftw.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -100,6 +101,23 @@ void output_abort(output_file *out) {
     fclose(out->file);
     unlink(out->temporary);
     out->file = NULL;
+}
+
+sherf_status file_write(context *c, const char *path, const void *data, size_t bytes) {
+    output_file out = {0};
+    sherf_status status = output_open(c, path, &out);
+    if (status == SHERF_OK) status = output_write(c, &out, data, bytes);
+    if (status == SHERF_OK) status = output_commit(c, &out);
+    output_abort(&out);
+    return status;
+}
+
+static int remove_entry(const char *path, const struct stat *info, int type, struct FTW *ftw) {
+    return remove(path);
+}
+
+void folder_remove(const char *path) {
+    nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
 }
 
 sherf_status folder_make(context *c, const char *path) {

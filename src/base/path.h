@@ -22,8 +22,12 @@ sherf_status output_print(context *c, output_file *out, const char *format, ...)
 sherf_status output_commit(context *c,
                            output_file *out); /* flush, close, rename; on failure nothing is left */
 void output_abort(output_file *out);          /* close and remove; fine after a commit or on zeroes */
+/* A whole file at once. */
+sherf_status file_write(context *c, const char *path, const void *data, size_t bytes);
 
 sherf_status folder_make(context *c, const char *path); /* with parents; fine when it is there */
+void folder_remove(
+    const char *path); /* with all that is in it, links not followed; fine when it is not there */
 bool path_is_folder(const char *path);
 bool path_is_file(const char *path);
 bool path_ends(const char *path, const char *suffix); /* ignoring case */

@@ -1,7 +1,6 @@
 /* A person written in the layout of THuman. */
 #include "data/thuman_write.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <sys/stat.h>
 
@@ -117,12 +116,4 @@ sherf_status thuman_write_picture(context *c, const char *folder, int view, int 
     if (!status) status = png_write(c, path, width, height, 3, rgb);
     if (!status) status = thuman_picture_path(c, path, folder, "mask_cihp/", view, pose, ".png");
     return status ? status : png_write(c, path, width, height, 1, mask);
-}
-
-static int remove_entry(const char *path, const struct stat *info, int type, struct FTW *ftw) {
-    return remove(path);
-}
-
-void thuman_remove_folder(const char *path) {
-    nftw(path, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
 }

@@ -21,7 +21,5 @@ sherf_status thuman_write_annots(context *c, const char *folder, int poses, int 
 /* One mask and one picture; rgb is taken as it is (black outside the mask is the caller's). */
 sherf_status thuman_write_picture(context *c, const char *folder, int view, int pose, int width, int height,
                                   const uint8_t *rgb, const uint8_t *mask);
-/* Removes a folder of this program's own making with all that is in it; one that is not there is fine. */
-void thuman_remove_folder(const char *path);
 
 #endif

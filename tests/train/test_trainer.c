@@ -170,11 +170,11 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     assert_false(path_is_folder(path_of("bad")));
     o.preset = NULL; /* the checkpoint's */
     assert_ok(c, sherf_train(c, &o));
-    thuman_remove_folder(path_of("bad"));
+    folder_remove(path_of("bad"));
     o = options_for(path_of("bad"), 7);
     o.learning_rate = 1e30;
     assert_int_equal(sherf_train(c, &o), SHERF_OK); /* seven steps are too few to give up */
-    thuman_remove_folder(path_of("bad"));
+    folder_remove(path_of("bad"));
     o = options_for(path_of("bad"), 2);
     assert_ok(c, sherf_train(c, &o));
     o = options_for(path_of("bad"), 7);
@@ -305,7 +305,7 @@ static void an_empty_or_full_mask_ends_it(void **state) {
         assert_true(difference(c, path_of("masks_run/checkpoint.safetensors"),
                                path_of("masks_whole/checkpoint.safetensors")) == 0);
         o.output = path_of("masks_run");
-        thuman_remove_folder(path_of("masks_run"));
+        folder_remove(path_of("masks_run"));
     }
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);

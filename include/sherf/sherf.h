@@ -700,6 +700,38 @@ typedef struct {
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 
 typedef struct {
+    const char *data, *body; /* a spec, as in sherf_eval_options; a path */
+} sherf_experiment_data;
+typedef struct {
+    const char *preset; /* "quick" (NULL): small networks and pictures for a processor; "paper"; "smoke":
+                           toys, to see that all runs */
+    const char *output; /* folder; one that is there goes on, if it was made with the same options */
+    const sherf_experiment_data
+        *data; /* data_count of them, 7 at most; none: made people, drawn into output */
+    int data_count;
+    const char *train_people, *test_people; /* of data, as in the other options; NULL: the paper's splits */
+    const char *source, *body, *motions;    /* for made people, as in sherf_people_options */
+    const char *resnet18, *resnet34;        /* converted: the encoders start from them; or NULL */
+    const char *lpips, *perceptual;         /* as in sherf_train_options and sherf_eval_options */
+    const char *estimator; /* networks as sherf_estimator_load takes them, for estimated-body; or NULL */
+    int size_px,
+        people;     /* pictures' width; made training people, ten for each of the tests; 0: the preset's */
+    int seeds;      /* trainings of each method, where an experiment repeats them; 0: the preset's */
+    double minutes; /* a training: its steps are measured first and then counted; 0: the preset's */
+    int64_t steps;  /* a training, in place of minutes; 0: by minutes, or the preset's */
+    uint64_t seed;
+    int own;     /* rivals as their authors train them as well */
+    int dry_run; /* nothing is made: *text says what would be trained and scored, and about how long it takes
+                  */
+} sherf_experiment_options;
+/* The paper's comparisons: trains what is missing, scores it, and writes output/NAME with tables, plots and
+ * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". After any end the same call
+ * goes on. *text (may be NULL): the tables, or the plan; free with sherf_free. */
+SHERF_API sherf_status sherf_experiment(sherf_context *c, const char *name,
+                                        const sherf_experiment_options *options, char **text);
+SHERF_API const char *sherf_experiment_name(int i); /* from 0; NULL after the last */
+
+typedef struct {
     const char *preset; /* "paper" by default for render, see sherf bench --help */
     int size_px;        /* 512 */
     int repeats;        /* 0: as many as fit in a few seconds */

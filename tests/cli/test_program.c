@@ -3,8 +3,8 @@
 
 #include "base/path.h"
 
-static const char *const verbs[] = {"avatar", "estimate", "render",  "animate", "view", "export", "train",
-                                    "eval",   "synth",    "convert", "check",   "info", "bench"};
+static const char *const verbs[] = {"avatar", "estimate",   "render", "animate", "view",  "export", "train",
+                                    "eval",   "experiment", "synth",  "convert", "check", "info",   "bench"};
 
 /* ---- words ---- */
 static void version_and_help(void **state) {

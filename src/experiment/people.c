@@ -1,0 +1,312 @@
+/* Which people are trained on and tested, and which of their pictures a scoring looks at. */
+#include <stdio.h>
+#include <string.h>
+
+#include "data/dataset.h"
+#include "experiment/experiment.h"
+
+/* People of the tests wear what nobody below this number does (sherf_people_options). */
+enum { TRAIN_FIRST = 1000, TEST_FIRST = 900000, VIEWS = 24 };
+
+/* ---- data sets ---- */
+static sherf_status made_data(experiment_job *j, const char *label, bool tubes, experiment_data *d) {
+    const char *what = tubes ? "tubes" : "people";
+    char folder[PATH_LENGTH];
+    *d = (experiment_data){.made = true, .tubes = tubes, .only_crossed = tubes};
+    snprintf(d->label, sizeof d->label, "%s", label);
+    snprintf(d->key, sizeof d->key, "%s", what);
+    snprintf(d->train_people, sizeof d->train_people, "0-%d", j->set.people - 1);
+    snprintf(d->test_people, sizeof d->test_people, "0-%d", j->set.test_people - 1);
+    sherf_status status = job_path(j, folder, "people/%s-train", what);
+    if (status == SHERF_OK)
+        status = job_path(j, d->body, "people/%s-train/%s.safetensors", what, tubes ? "tubeman" : "body");
+    snprintf(d->train, sizeof d->train, "thuman:%s", folder);
+    if (status == SHERF_OK) status = job_path(j, folder, "people/%s-test", what);
+    snprintf(d->test, sizeof d->test, "thuman:%s", folder);
+    return status;
+}
+
+static bool named_before(const experiment_job *j, const char *key) {
+    for (int i = 0; i < j->data_count; i++)
+        if (!strcmp(j->data[i].key, key)) return true;
+    return false;
+}
+
+static sherf_status given_data(experiment_job *j, int i, experiment_data *d) {
+    const sherf_experiment_data *from = &j->options->data[i];
+    sherf_dataset *data = NULL;
+    if (!from->data || !from->body)
+        return failure(j->c, SHERF_BAD_ARGUMENT, "a data set and its body are needed");
+    sherf_status status = sherf_dataset_open(j->c, from->data, &data);
+    if (status != SHERF_OK) return status;
+    *d = (experiment_data){0};
+    snprintf(d->key, sizeof d->key, "%s", dataset_protocol(data)->name);
+    if (named_before(j, d->key))
+        snprintf(d->key, sizeof d->key, "%s-%d", dataset_protocol(data)->name, i + 1);
+    memcpy(d->label, d->key, sizeof d->label);
+    if (snprintf(d->train, sizeof d->train, "%s", from->data) >= (int)sizeof d->train ||
+        snprintf(d->body, sizeof d->body, "%s", from->body) >= (int)sizeof d->body)
+        status = failure(j->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", from->data);
+    memcpy(d->test, d->train, sizeof d->test);
+    sherf_dataset_free(data);
+    return status;
+}
+
+sherf_status data_choose(experiment_job *j) {
+    sherf_status status = SHERF_OK;
+    if (j->options->data_count > EXPERIMENT_DATA_MAX - 1 || j->options->data_count < 0)
+        return failure(j->c, SHERF_BAD_ARGUMENT, "at most %d data sets can be compared",
+                       EXPERIMENT_DATA_MAX - 1);
+    for (int i = 0; i < j->options->data_count && status == SHERF_OK; i++)
+        if ((status = given_data(j, i, &j->data[i])) == SHERF_OK) j->data_count++;
+    if (j->data_count || status != SHERF_OK) return status;
+    status = made_data(j, "made people", false, &j->data[0]);
+    if (status == SHERF_OK) status = made_data(j, "tube people", true, &j->data[1]);
+    j->data_count = 2;
+    return status;
+}
+
+const char *data_train_people(const experiment_job *j, const experiment_data *d) {
+    return *d->train_people ? d->train_people : j->options->train_people;
+}
+
+const char *data_test_people(const experiment_job *j, const experiment_data *d) {
+    return *d->test_people ? d->test_people : j->options->test_people;
+}
+
+/* ---- drawing them ---- */
+static sherf_status draw(experiment_job *j, const experiment_data *d, const char *folder, bool test) {
+    const experiment_settings *s = &j->set;
+    const int people = test ? s->test_people : s->people, poses = test ? s->test_poses : s->train_poses,
+              views = test ? VIEWS : s->train_views;
+    const uint64_t seed = test ? TEST_FIRST : TRAIN_FIRST;
+    log_line(j->c, SHERF_LOG_INFO, "drawing %d %s, %d poses and %d views of each: %s", people, d->label,
+             poses, views, folder);
+    if (d->tubes)
+        return sherf_synth_tube(j->c, folder, &(sherf_synth_options){people, poses, views, s->size_px, seed});
+    const sherf_people_options o = {.people = people,
+                                    .poses = poses,
+                                    .views = views,
+                                    .size_px = s->size_px,
+                                    .seed = seed,
+                                    .source = j->options->source,
+                                    .body = j->options->body,
+                                    .motions = j->options->motions};
+    return sherf_synth_people(j->c, folder, &o);
+}
+
+sherf_status data_make(experiment_job *j, const experiment_data *d) {
+    for (int test = 0; test < 2 && d->made; test++) {
+        const char *folder;
+        char list[PATH_LENGTH];
+        dataset_reader_named(test ? d->test : d->train, &folder);
+        if (snprintf(list, sizeof list, "%s/human_list.txt", folder) >= (int)sizeof list)
+            return failure(j->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+        if (path_is_file(list)) continue; /* it is written last */
+        sherf_status status = draw(j, d, folder, test != 0);
+        if (status != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
+/* ---- what is scored ---- */
+enum { POSES_MAX = 64, VIEWS_MAX = 64, PAIRS_MAX = 128, LOOKED_AT = 4, ANGLE_PEOPLE = 6 };
+/* As much of the protocol as the people have; of quick, fewer poses and every other view. */
+typedef struct {
+    const data_protocol *protocol;
+    int people, poses, views, angles, observed_views;
+    int pose[POSES_MAX], view[VIEWS_MAX], angle[VIEWS_MAX], observed_view[3];
+    bool whole;       /* the protocol as it is */
+    char names[2048]; /* of the first people, for galleries and angles */
+} picture_choice;
+
+typedef struct {
+    int observations, poses, views;
+    picture observation[PAIRS_MAX];
+    int pose[POSES_MAX], view[VIEWS_MAX];
+} picks;
+
+/* What made people will have, before they are drawn. */
+static void counts_made(const experiment_job *j, const data_protocol *p, picture_choice *out, int *poses,
+                        int *views) {
+    *poses = j->set.test_poses;
+    *views = VIEWS;
+    out->people = j->set.test_people;
+    out->protocol = p;
+}
+
+static void fill_choice(const experiment_job *j, bool made, int has_poses, int has_views,
+                        picture_choice *out) {
+    const data_protocol *p = out->protocol;
+    const int step = p->view_step > 0 ? p->view_step : 1, limit = has_views < p->views ? has_views : p->views;
+    const int most = j->set.scale == SCALE_PAPER ? p->pose_count : j->set.test_poses;
+    for (int i = 0; i < most && out->poses < POSES_MAX; i++) {
+        const int pose = made ? i : p->pose_first + i * p->pose_step;
+        if (pose < has_poses) out->pose[out->poses++] = pose;
+    }
+    for (int v = 0; v < limit && out->angles < VIEWS_MAX; v += step) {
+        out->angle[out->angles++] = v;
+        if (j->set.scale == SCALE_PAPER || v % (2 * step) == 0) out->view[out->views++] = v;
+    }
+    for (size_t i = 0; i < COUNT_OF(p->observation_views); i++)
+        if (p->observation_views[i] < has_views)
+            out->observed_view[out->observed_views++] = p->observation_views[i];
+    out->whole = j->set.scale == SCALE_PAPER && !made;
+}
+
+static sherf_status names_of(experiment_job *j, const sherf_dataset *data, const int *person, int count,
+                             picture_choice *out) {
+    size_t used = 0;
+    for (int i = 0; i < count && i < ANGLE_PEOPLE; i++) {
+        const char *name = sherf_dataset_person(data, person[i]);
+        const int n = snprintf(out->names + used, sizeof out->names - used, "%s%s", i ? "," : "", name);
+        if (n < 0 || (used += (size_t)n) >= sizeof out->names || strchr(name, ','))
+            return failure(j->c, SHERF_UNSUPPORTED, "%s: people with such names cannot be listed", name);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status choose(experiment_job *j, const experiment_data *d, picture_choice *out) {
+    sherf_dataset *data = NULL;
+    int *person = NULL, count = 0, poses, views;
+    const char *folder;
+    *out = (picture_choice){0};
+    const dataset_reader *reader = dataset_reader_named(d->test, &folder);
+    if (d->made && j->options->dry_run && !path_is_folder(folder)) {
+        counts_made(j, &reader->protocol, out, &poses, &views);
+        fill_choice(j, true, poses, views, out);
+        return SHERF_OK;
+    }
+    sherf_status status = sherf_dataset_open(j->c, d->test, &data);
+    if (status == SHERF_OK)
+        status = dataset_people(j->c, data, data_test_people(j, d), false, &person, &count);
+    if (status == SHERF_OK) {
+        out->protocol = dataset_protocol(data);
+        out->people = count;
+        fill_choice(j, d->made, sherf_dataset_pose_count(data, person[0]),
+                    sherf_dataset_view_count(data, person[0]), out);
+        status = names_of(j, data, person, count, out);
+    }
+    if (status == SHERF_OK && (!out->poses || !out->views))
+        status = failure(j->c, SHERF_BAD_ARGUMENT,
+                         "%s: the test people have none of the protocol's poses and views", d->test);
+    if (status == SHERF_OK && !out->observed_views) out->observed_view[out->observed_views++] = out->view[0];
+    mem_free(person);
+    sherf_dataset_free(data);
+    return status;
+}
+
+static void observe(picks *p, int pose, int view) {
+    if (p->observations < PAIRS_MAX) p->observation[p->observations++] = (picture){pose, view};
+}
+
+/* The names in order, cut behind the first `most`. */
+static void first_names(const char *names, int most, char out[2048]) {
+    snprintf(out, 2048, "%s", names);
+    for (char *p = out; *p; p++)
+        if (*p == ',' && !--most) *p = 0;
+}
+
+static void pick_protocol(const picture_choice *k, picks *p) {
+    for (int i = 0; i < k->observed_views; i++) observe(p, k->pose[0], k->observed_view[i]);
+    memcpy(p->pose, k->pose, sizeof p->pose);
+    memcpy(p->view, k->view, sizeof p->view);
+    p->poses = k->poses, p->views = k->views;
+}
+
+static void pick_front(const picture_choice *k, bool paper, picks *p) {
+    pick_protocol(k, p);
+    p->observations = 0;
+    for (int i = 0; i < (paper ? k->poses : 1); i++) observe(p, k->pose[i], k->protocol->front_view);
+}
+
+static void pick_angles(const picture_choice *k, int pose, picks *p) {
+    for (int i = 0; i < k->angles; i++) {
+        observe(p, k->pose[pose], k->angle[i]);
+        p->view[p->views++] = k->angle[i];
+    }
+    p->pose[p->poses++] = k->pose[pose];
+}
+
+/* Four pictures: of the observed pose, or of two others from two views (of one from four); the views spread
+ * evenly. */
+static void pick_looks(const picture_choice *k, bool poses, picks *p) {
+    const int seen = k->observed_view[0], most = poses && k->poses > 2 ? LOOKED_AT / 2 : LOOKED_AT;
+    int other[VIEWS_MAX], n = 0;
+    observe(p, k->pose[0], seen);
+    for (int i = 0; i < k->angles; i++)
+        if (poses || k->angle[i] != seen) other[n++] = k->angle[i];
+    for (int i = 0; i < most && i < n; i++) p->view[p->views++] = other[n > most ? i * n / most : i];
+    for (int i = poses ? 1 : 0; i < k->poses && p->poses < (poses ? 2 : 1); i++)
+        p->pose[p->poses++] = k->pose[i];
+}
+
+static int64_t pairs(const picks *p) {
+    int64_t n = 0;
+    for (int o = 0; o < p->observations; o++)
+        for (int i = 0; i < p->poses; i++)
+            for (int v = 0; v < p->views; v++)
+                n += p->pose[i] != p->observation[o].pose || p->view[v] != p->observation[o].view;
+    return n;
+}
+
+/* What the protocol itself comes to. */
+static int64_t protocol_pairs(const picture_choice *k) {
+    const int64_t observed = k->observed_views;
+    return k->poses * observed * (k->views - 1) + observed * (k->poses - 1) * k->views;
+}
+
+static bool list_text(const int *list, int n, char *out, size_t room) {
+    size_t used = 0;
+    for (int i = 0; i < n && used < room; i++)
+        used += (size_t)snprintf(out + used, room - used, "%s%d", i ? "," : "", list[i]);
+    return used < room;
+}
+
+static bool pairs_text(const picture *list, int n, char *out, size_t room) {
+    size_t used = 0;
+    for (int i = 0; i < n && used < room; i++)
+        used +=
+            (size_t)snprintf(out + used, room - used, "%s%d:%d", i ? "," : "", list[i].pose, list[i].view);
+    return used < room;
+}
+
+sherf_status scoring_select(experiment_job *j, const experiment_data *d, const scoring *s, int pose,
+                            scoring_selection *out) {
+    picture_choice k;
+    picks p = {0};
+    int people;
+    *out = (scoring_selection){.poses_observed = 1};
+    sherf_status status = choose(j, d, &k);
+    if (status != SHERF_OK) return status;
+    people = k.people;
+    const char *test = data_test_people(j, d);
+    snprintf(out->people, sizeof out->people, "%s", test ? test : "");
+    if (s->kind == SCORING_ANGLES) {
+        out->poses_observed = j->set.scale == SCALE_PAPER ? k.poses : 1;
+        pick_angles(&k, pose, &p);
+    } else if (s->kind == SCORING_FRONT) {
+        if (k.protocol->front_view >= (d->made ? VIEWS : k.protocol->views))
+            return failure(j->c, SHERF_BAD_ARGUMENT, "%s: there is no front view", d->test);
+        pick_front(&k, j->set.scale == SCALE_PAPER, &p);
+    } else if (s->kind == SCORING_VIEWS || s->kind == SCORING_POSES) {
+        pick_looks(&k, s->kind == SCORING_POSES, &p);
+        people = people < LOOKED_AT ? people : LOOKED_AT;
+        first_names(k.names, LOOKED_AT, out->people);
+    } else if (k.whole) {
+        out->pictures = people * protocol_pairs(&k);
+        return SHERF_OK;
+    } else {
+        pick_protocol(&k, &p);
+    }
+    if (s->kind == SCORING_ANGLES && j->set.scale != SCALE_PAPER) {
+        people = people < ANGLE_PEOPLE ? people : ANGLE_PEOPLE;
+        snprintf(out->people, sizeof out->people, "%s", k.names);
+    }
+    out->pictures = people * pairs(&p);
+    if (!list_text(p.pose, p.poses, out->poses, sizeof out->poses) ||
+        !list_text(p.view, p.views, out->views, sizeof out->views) ||
+        !pairs_text(p.observation, p.observations, out->observations, sizeof out->observations))
+        return failure(j->c, SHERF_UNSUPPORTED, "%s: too many poses and views to list", d->test);
+    return SHERF_OK;
+}

@@ -1,0 +1,278 @@
+/* Every experiment as a smoke test on tube people: what is trained and scored, going on, what is written. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "base/path.h"
+#include "eval/sheet.h"
+#include "io/image.h"
+#include "io/value.h"
+#include "support.h"
+
+static char root[512], spec[2][600], body[2][600];
+
+static int make_data(void **state) {
+    context *c = test_context();
+    int failed = 0;
+    snprintf(root, sizeof root, "%s", test_path("experiments"));
+    for (int i = 0; i < 2; i++) {
+        char folder[560];
+        snprintf(folder, sizeof folder, "%s/tubes%d", root, i);
+        snprintf(spec[i], sizeof spec[i], "thuman:%s", folder);
+        snprintf(body[i], sizeof body[i], "%s/tubeman.safetensors", folder);
+        const sherf_synth_options o = {
+            .people = 3, .poses = 3, .views = 24, .size_px = 32, .seed = 40 + (uint64_t)i};
+        failed |= sherf_synth_tube(c, folder, &o) != SHERF_OK;
+    }
+    sherf_context_free(c);
+    return failed;
+}
+
+/* Two data sets of tubes, toys of networks; into a folder of this name. */
+static sherf_experiment_options smoke(const char *folder) {
+    static sherf_experiment_data data[2];
+    static char path[4][600];
+    static int next;
+    for (int i = 0; i < 2; i++) data[i] = (sherf_experiment_data){spec[i], body[i]};
+    char *output = path[next++ % 4];
+    snprintf(output, sizeof path[0], "%s/%s", root, folder);
+    return (sherf_experiment_options){.preset = "smoke",
+                                      .output = output,
+                                      .data = data,
+                                      .data_count = 1,
+                                      .train_people = "0",
+                                      .test_people = "1-2",
+                                      .size_px = 32,
+                                      .seeds = 1,
+                                      .steps = 2};
+}
+
+static document *json_of(context *c, const char *folder, const char *name) {
+    char path[1400];
+    document *d;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    assert_ok(c, json_read(c, path, &d));
+    return d;
+}
+
+static double mean_of(const document *results, int table, int row, int column) {
+    const value *t = value_at(value_get(results->root, "tables"), (size_t)table),
+                *r = value_at(value_get(t, "rows"), (size_t)row),
+                *v = value_get(value_at(value_get(r, "values"), (size_t)column), "mean");
+    return v->kind == VALUE_REAL ? v->real : v->kind == VALUE_INTEGER ? (double)v->integer : NAN;
+}
+
+static void assert_same_file(context *c, const char *a, const char *b, const char *name) {
+    char path[2][1400];
+    unsigned char *data[2];
+    size_t bytes[2];
+    for (int i = 0; i < 2; i++) {
+        snprintf(path[i], sizeof path[i], "%s/%s", i ? b : a, name);
+        assert_ok(c, file_read(c, path[i], 1 << 24, &data[i], &bytes[i]));
+    }
+    assert_int_equal(bytes[0], bytes[1]);
+    assert_memory_equal(data[0], data[1], bytes[0]);
+    mem_free(data[0]);
+    mem_free(data[1]);
+}
+
+static const char *const main_scores[] = {
+    "runs/thuman/pixelnerf-1/scores/protocol/scores.json", "runs/thuman/nhp-1/scores/protocol/scores.json",
+    "runs/thuman/mps-nerf-1/scores/protocol/scores.json", "runs/thuman/sherf-1/scores/protocol/scores.json"};
+
+/* ---- the main table, cut off again and again ---- */
+/* Cancels at the n-th report of progress. */
+typedef struct {
+    context *c;
+    int left;
+} cutter;
+
+static void on_progress(void *user, const char *text, double done, double total) {
+    cutter *k = user;
+    if (k->left-- == 0) sherf_cancel(k->c);
+}
+
+static void main_goes_on_where_it_stopped(void **state) {
+    context *c = test_context();
+    const sherf_experiment_options whole = smoke("whole"), cut = smoke("cut");
+    cutter k = {.c = c};
+    char *text = NULL;
+    int stops = 0;
+    assert_ok(c, sherf_experiment(c, "main", &whole, &text));
+    assert_non_null(strstr(text, "| MPS-NeRF |"));
+    sherf_free(text);
+    c->progress = on_progress;
+    c->user = &k;
+    for (;; stops++) {
+        k.left = 3 + 37 * stops;
+        sherf_cancel_reset(c);
+        const sherf_status status = sherf_experiment(c, "main", &cut, NULL);
+        if (status == SHERF_OK) break;
+        assert_int_equal(status, SHERF_CANCELLED);
+    }
+    assert_true(stops >= 3);
+    for (size_t i = 0; i < COUNT_OF(main_scores); i++)
+        assert_same_file(c, whole.output, cut.output, main_scores[i]);
+    assert_same_file(c, whole.output, cut.output, "main/novel-view.png");
+    assert_same_file(c, whole.output, cut.output, "main/novel-pose.png");
+    sherf_context_free(c);
+}
+
+/* The table has what the scorings' files have, and the sheet a column a method. */
+static void main_shows_its_scores(void **state) {
+    context *c = test_context();
+    const sherf_experiment_options o = smoke("whole");
+    char path[1400];
+    int width, height, channels;
+    document *results = json_of(c, o.output, "main/results.json");
+    for (size_t i = 0; i < COUNT_OF(main_scores); i++) {
+        document *scored = json_of(c, o.output, main_scores[i]);
+        const value *view = value_get(value_get(scored->root, "novel_view"), "psnr"),
+                    *pose = value_get(value_get(scored->root, "novel_pose"), "psnr");
+        assert_true(fabs(mean_of(results, 0, (int)i, 0) - view->real) < 1e-9);
+        assert_true(i ? fabs(mean_of(results, 0, (int)i, 2) - pose->real) < 1e-9
+                      : isnan(mean_of(results, 0, 0, 2)));
+        if (i) /* SHERF less this one, in the second table */
+            assert_true(i == 3 || fabs(mean_of(results, 1, (int)i, 0) -
+                                       (mean_of(results, 0, 3, 0) - mean_of(results, 0, (int)i, 0))) < 1e-9);
+        document_free(scored);
+    }
+    assert_true(mean_of(results, 2, 3, 0) == 24.66); /* the paper's, in a table of its own */
+    document_free(results);
+    snprintf(path, sizeof path, "%s/main/novel-pose.png", o.output);
+    assert_ok(c, image_size(c, path, &width, &height, &channels));
+    assert_int_equal(width, (2 + 3) * SHEET_CELL_PX); /* PixelNeRF shows none */
+    assert_true(height > 4 * SHEET_CELL_PX);
+    sherf_context_free(c);
+}
+
+/* A finished run is looked at and left: nothing is written again. */
+static void finished_runs_stay(void **state) {
+    context *c = test_context();
+    const sherf_experiment_options o = smoke("whole");
+    char path[1400];
+    snprintf(path, sizeof path, "%s/runs/thuman/sherf-1/checkpoint.safetensors", o.output);
+    assert_int_equal(unlink(path), 0); /* a training would make it again */
+    assert_ok(c, sherf_experiment(c, "main", &o, NULL));
+    assert_false(path_is_file(path));
+    sherf_context_free(c);
+}
+
+/* ---- the others, which share its runs ---- */
+static void the_others(void **state) {
+    static const char *const plots[] = {"input-angle/input-angle", "angle-difference/angle-difference"};
+    context *c = test_context();
+    sherf_experiment_options o = smoke("others");
+    char path[1400];
+    o.data_count = 2;
+    static const char *const name[] = {"input-angle", "angle-difference", "front-view", "cross-data",
+                                       "runtime"};
+    for (size_t i = 0; i < COUNT_OF(name); i++) {
+        assert_ok(c, sherf_experiment(c, name[i], &o, NULL));
+        snprintf(path, sizeof path, "%s/%s/index.html", o.output, name[i]);
+        assert_true(path_is_file(path));
+    }
+    for (size_t i = 0; i < COUNT_OF(plots); i++) {
+        snprintf(path, sizeof path, "%s/%s.svg", o.output, plots[i]);
+        assert_true(path_is_file(path));
+    }
+    document *angles = json_of(c, o.output, "input-angle/results.json");
+    document *scored = json_of(c, o.output, "runs/thuman/sherf-1/scores/angles-0/scores.json");
+    const value *images = value_get(scored->root, "images");
+    assert_int_equal(value_count(images), 2 * 12 * 11);
+    double sum = 0; /* of the front view's pictures, column 5 of -150 ... 180 */
+    for (size_t i = 0; i < value_count(images); i++) {
+        const value *image = value_at(images, i);
+        if (value_at(value_get(image, "observation"), 1)->integer == 12)
+            sum += value_get(image, "psnr")->real / 22;
+    }
+    assert_true(fabs(mean_of(angles, 0, 2, 5) - sum) < 1e-6);
+    document_free(scored);
+    document_free(angles);
+    document *times = json_of(c, o.output, "runtime/results.json");
+    for (int row = 0; row < 4; row++)
+        assert_true(mean_of(times, 0, row, 1) > 0 && mean_of(times, 0, row, 2) > 0 &&
+                    mean_of(times, 0, row, 4) > 1000);
+    document_free(times);
+    sherf_context_free(c);
+}
+
+/* ---- plans and mistakes ---- */
+static void a_dry_run_makes_nothing(void **state) {
+    context *c = test_context();
+    sherf_experiment_options o = smoke("dry");
+    char *text;
+    o.dry_run = 1;
+    o.seeds = 2;
+    assert_ok(c, sherf_experiment(c, "main", &o, &text));
+    assert_non_null(strstr(text, "\n8 trainings, about "));
+    assert_false(path_is_folder(o.output));
+    sherf_free(text);
+    o = smoke("whole");
+    o.dry_run = 1;
+    assert_ok(c, sherf_experiment(c, "main", &o, &text));
+    assert_string_equal(text, "main\n0 trainings, about 0.0 hours\n");
+    sherf_free(text);
+    sherf_context_free(c);
+}
+
+static void mistakes_are_one_line(void **state) {
+    context *c = test_context();
+    sherf_experiment_options o = smoke("whole");
+    assert_fails(c, sherf_experiment(c, "dance", &o, NULL), SHERF_BAD_ARGUMENT,
+                 "'dance': should be main, ablation");
+    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_UNSUPPORTED, "it needs the model pifu");
+    assert_fails(c, sherf_experiment(c, "estimated-body", &o, NULL), SHERF_BAD_ARGUMENT,
+                 "the networks that see people");
+    assert_fails(c, sherf_experiment(c, "cross-data", &o, NULL), SHERF_BAD_ARGUMENT, "two data sets");
+    o.steps = 3;
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "made with other settings");
+    o = smoke("bad");
+    o.preset = "grand";
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "smoke, quick or paper");
+    o = smoke("bad");
+    o.minutes = 1;
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "not both");
+    o = smoke("bad");
+    o.people = 10;
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "made ones");
+    o = smoke("bad");
+    o.test_people = "7";
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "no people 7");
+    o = smoke("bad2");
+    o.data = &(sherf_experiment_data){"thuman:/nowhere", body[0]};
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_NO_FILE, "/nowhere: no such folder");
+    assert_false(path_is_folder(o.output));
+    sherf_context_free(c);
+}
+
+/* Weights of another method in a run's folder are refused by name, and stay. */
+static void weights_of_another_method(void **state) {
+    context *c = test_context();
+    const sherf_experiment_options o = smoke("others");
+    char from[1400], to[1400], folder[1400];
+    snprintf(from, sizeof from, "%s/runs/thuman/nhp-1/checkpoint.safetensors", o.output);
+    sherf_experiment_options foreign = smoke("foreign");
+    snprintf(folder, sizeof folder, "%s/foreign/runs/thuman/sherf-1", root);
+    snprintf(to, sizeof to, "%s/foreign/runs/thuman/sherf-1/checkpoint.safetensors", root);
+    assert_ok(c, folder_make(c, folder));
+    assert_int_equal(rename(from, to), 0);
+    assert_fails(c, sherf_experiment(c, "input-angle", &foreign, NULL), SHERF_MISMATCH,
+                 "checkpoint.safetensors");
+    assert_true(path_is_file(to));
+    sherf_context_free(c);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(main_goes_on_where_it_stopped),
+        cmocka_unit_test(main_shows_its_scores),
+        cmocka_unit_test(finished_runs_stay),
+        cmocka_unit_test(the_others),
+        cmocka_unit_test(a_dry_run_makes_nothing),
+        cmocka_unit_test(mistakes_are_one_line),
+        cmocka_unit_test(weights_of_another_method),
+    };
+    return cmocka_run_group_tests(tests, make_data, NULL);
+}

@@ -23,7 +23,10 @@ static const sherf_settings paper = {.encoder_width = 64,
                                      .position_frequencies = 6,
                                      .direction_frequencies = 4,
                                      .color_frequencies = 5,
-                                     .voxel_size_m = 0.005f};
+                                     .voxel_size_m = 0.005f,
+                                     .use_global = 1,
+                                     .use_point = 1,
+                                     .use_pixel = 1};
 enum { PAPER_SAMPLES = 48, PAPER_IMAGE_SIZE = 512 };
 
 const model_preset model_sherf_presets[] = {
@@ -59,6 +62,10 @@ const model_setting model_sherf_setting_list[] = {
     {"direction_frequencies", AT(direction_frequencies), 1, 16, 1},
     {"color_frequencies", AT(color_frequencies), 1, 16, 1},
     {"voxel_size_m", AT(voxel_size_m), 0.002, 0.1, 0},
+    {"use_global", AT(use_global), 0, 1, 1},
+    {"use_point", AT(use_point), 0, 1, 1},
+    {"use_pixel", AT(use_pixel), 0, 1, 1},
+    {"fusion", AT(fusion), FUSION_TRANSFORMER, FUSION_FAIR, 1},
     {0}};
 
 _Static_assert(sizeof(sherf_settings) <= MODEL_SETTINGS_ROOM, "settings of a model have this much room");
@@ -89,6 +96,10 @@ sherf_status model_sherf_check(context *c, const model_config *config) {
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting color_frequencies=%d: too few for %d values of a colour",
                        k->color_frequencies, 3 * k->token_width - k->feature_width);
+    if (!k->use_global && !k->use_point && !k->use_pixel)
+        return failure(
+            c, SHERF_BAD_ARGUMENT,
+            "model setting use_global=0: with use_point and use_pixel off there is no feature left");
     if (k->decoder_skip > k->decoder_depth - 2)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting decoder_skip=%d: must be below decoder_depth - 1", k->decoder_skip);
@@ -143,7 +154,9 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
 }
 
 bool model_sherf_is_fused(const model_config *config) {
-    return model_sherf_settings(config)->point_levels == POINT_LEVELS;
+    const sherf_settings *k = model_sherf_settings(config);
+    return k->point_levels == POINT_LEVELS && k->use_global && k->use_point && k->use_pixel &&
+           k->fusion == FUSION_TRANSFORMER;
 }
 
 void model_sherf_sizes(const model_config *config, radiance_sizes *out) {

@@ -12,9 +12,9 @@ const sherf_network *model_sherf_network(const model *m) {
 static void network_declare(declaration *d, const model_config *config, void *network) {
     sherf_network *n = network;
     const sherf_settings *k = model_sherf_settings(config);
-    global_declare(d, k, &n->global);
-    point_declare(d, k, &n->point);
-    pixel_declare(d, k, &n->pixel);
+    if (k->use_global) global_declare(d, k, &n->global);
+    if (k->use_point) point_declare(d, k, &n->point);
+    if (k->use_point || k->use_pixel) pixel_declare(d, k, &n->pixel); /* vertices read it too */
     fusion_declare(d, k, &n->fusion);
     decoder_declare(d, k, &n->decoder);
 }
@@ -62,24 +62,42 @@ void model_sherf_weights(const parameters *p, const model_config *config, radian
 }
 
 /* ---- forwards ---- */
+static void encode_global(tape *t, tape *work, const sherf_network *n, tensor *image, int64_t D,
+                          model_bank *bank, model_stages *stages) {
+    sherf_bank *own = bank->own;
+    own->latent = tape_keep(t, work, global_latent(work, &n->global, image));
+    own->style = global_style(t, &n->global, own->latent);
+    tensor *planes = tape_keep(t, work, global_planes(work, &n->global, own->style, stages));
+    for (int k = 0; k < 3; k++) bank->tensor[BANK_PLANE + k] = op_slice(t, planes, k * D, D);
+}
+
+/* In the place of tensors that no query reads: as small as they can be. */
+static void fill_absent(tape *t, const sherf_settings *k, model_bank *bank) {
+    for (int i = 0; i < 3 && !k->use_global; i++)
+        bank->tensor[BANK_PLANE + i] = tape_zeros(t, T_F32, 3, (int64_t[]){1, 1, k->token_width});
+    if (!k->use_point && !k->use_pixel)
+        bank->tensor[BANK_FEATURES] = tape_zeros(t, T_F32, 3, (int64_t[]){1, 1, k->feature_width});
+    for (int l = 0; l < k->point_levels && !k->use_point; l++)
+        bank->tensor[BANK_LEVEL + l] = tape_zeros(t, T_F32, 2, (int64_t[]){1, k->volume_channels[l]});
+}
+
 sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, model_bank *bank, model_stages *stages) {
     const sherf_network *n = model_sherf_network(m);
-    const int64_t D = model_sherf_settings(&m->config)->token_width;
+    const sherf_settings *k = model_sherf_settings(&m->config);
     sherf_bank *own = tape_alloc(t, 1, sizeof *own);
-    *bank = (model_bank){.count = BANK_LEVEL + n->point.levels, .own = own};
+    *bank = (model_bank){.count = BANK_LEVEL + k->point_levels, .own = own};
     if (!own) return tape_status(t);
     *own = (sherf_bank){0};
     tape *work = stages ? t : tape_for_parts(t);
     if (!work) return tape_status(t);
     tensor *image = tape_input(t, g->image, 3, (int64_t[]){g->height, g->width, 3});
     bank->tensor[BANK_IMAGE] = image;
-    bank->tensor[BANK_FEATURES] = tape_keep(t, work, pixel_features(work, &n->pixel, image));
-    own->latent = tape_keep(t, work, global_latent(work, &n->global, image));
-    own->style = global_style(t, &n->global, own->latent);
-    tensor *planes = tape_keep(t, work, global_planes(work, &n->global, own->style, stages));
-    for (int k = 0; k < 3; k++) bank->tensor[BANK_PLANE + k] = op_slice(t, planes, k * D, D);
-    return point_encode(t, &n->point, &n->pixel, g, bank);
+    fill_absent(t, k, bank);
+    if (k->use_point || k->use_pixel)
+        bank->tensor[BANK_FEATURES] = tape_keep(t, work, pixel_features(work, &n->pixel, image));
+    if (k->use_global) encode_global(t, work, n, image, k->token_width, bank, stages);
+    return k->use_point ? point_encode(t, &n->point, &n->pixel, g, bank) : tape_status(t);
 }
 
 static sherf_status encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
@@ -91,15 +109,16 @@ sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, const model_bank *bank,
                                 const point_set *points, int64_t begin, int64_t end, point_outputs *out) {
     const sherf_network *s = model_sherf_network(m);
+    const sherf_settings *k = model_sherf_settings(&m->config);
     const int64_t n = end - begin;
     const float *canonical = points->canonical + 3 * begin;
-    tensor *plane[3];
+    tensor *plane[3] = {NULL}, *pixel = NULL;
     *out = (point_outputs){0};
-    global_sample(t, body, bank, canonical, n, plane);
-    tensor *pixel = pixel_sample(t, &s->pixel, bank, points->observed_px + 2 * begin, n);
-    out->volume = point_sample(t, g, bank, canonical, n);
+    if (k->use_global) global_sample(t, body, bank, canonical, n, plane);
+    if (k->use_pixel) pixel = pixel_sample(t, &s->pixel, bank, points->observed_px + 2 * begin, n);
+    if (k->use_point) out->volume = point_sample(t, g, bank, canonical, n);
     out->fusion = fusion_forward(t, &s->fusion, plane, pixel, out->volume);
-    for (int k = 0; k < 3; k++) out->plane[k] = plane[k];
+    for (int i = 0; i < 3; i++) out->plane[i] = plane[i];
     decoder_forward(t, &s->decoder, out->fusion, canonical, points->direction_canonical + 3 * begin, n,
                     &out->sigma, &out->rgb);
     return tape_status(t);
@@ -122,7 +141,7 @@ static void bank_kept(const model_config *config, kept_bank *out) {
     static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value",
                                         "volume.4.value"};
     const sherf_settings *k = model_sherf_settings(config);
-    const int64_t R = k->plane_resolution;
+    const int64_t R = k->use_global ? k->plane_resolution : 1;
     *out = (kept_bank){.count = BANK_LEVEL + k->point_levels};
     for (int i = 0; i < 3; i++)
         out->array[BANK_PLANE + i] = (kept_array){plane[i], T_F32, 3, {R, R, k->token_width}};

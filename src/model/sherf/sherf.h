@@ -26,7 +26,16 @@ typedef struct {
     int decoder_width, decoder_depth, decoder_skip, view_width;         /* [128 8 4 64] */
     int position_frequencies, direction_frequencies, color_frequencies; /* of the encodings [6 4 5] */
     float voxel_size_m;                                                 /* [0.005] */
+    /* Variants of the paper's ablation; what is off is not there. */
+    int use_global, use_point, use_pixel; /* features [1] */
+    int fusion;                           /* a fusion_kind [FUSION_TRANSFORMER] */
 } sherf_settings;
+/* Without the transformer, what decoder and points read of the three projected tokens. */
+typedef enum {
+    FUSION_TRANSFORMER,
+    FUSION_NONE, /* density reads token 0, colour token 1: the release's switch, which loses token 2 */
+    FUSION_FAIR  /* a linear layer of all three gives what density and colour read */
+} fusion_kind;
 const sherf_settings *model_sherf_settings(const model_config *config);
 extern const model_preset model_sherf_presets[];
 extern const model_setting model_sherf_setting_list[];
@@ -132,13 +141,16 @@ tensor *point_sample(tape *t, const observation_geometry *g, const model_bank *b
 
 /* fusion.c: the feature fusion transformer. */
 typedef struct {
-    int token_width, heads, head_width;
-    linear_layer point_projection, token_projection, out, mlp[2];
+    int token_width, heads, head_width, parts; /* parts: features that are on */
+    fusion_kind kind;
+    linear_layer point_projection, token_projection, out, mlp[2],
+        fair; /* token_projection: of two parts or three */
     layer_norm norm[2];
     tensor *qkv;
 } fusion_stage;
 void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s);
-/* [P, 3 D]: the three tokens side by side. */
+/* [P, 3 D]: the three tokens side by side; [P, 2 D] of FUSION_FAIR. Features that are off are NULL, plane[0]
+ * among them. */
 tensor *fusion_forward(tape *t, const fusion_stage *s, tensor *const plane[3], tensor *pixel, tensor *volume);
 
 /* decoder.c: the NeRF decoder. */

@@ -23,10 +23,11 @@ typedef struct {
     const char *key;   /* of its folder */
     const char *label; /* in tables */
     const char *preset[SCALES];
-    int resnet[SCALES]; /* layers of the ResNet that its encoder can start from; 0: none */
-    bool front_view;    /* people are observed from the front alone */
-    bool own;           /* its authors' recipe: only where it is asked for */
-    bool one_pose;      /* it shows no novel poses */
+    int resnet[SCALES];   /* layers of the ResNet that its encoder can start from; 0: none */
+    const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
+    bool front_view;      /* people are observed from the front alone */
+    bool own;             /* its authors' recipe: only where it is asked for */
+    bool one_pose;        /* it shows no novel poses */
 } experiment_method;
 const experiment_method *experiment_method_find(const char *key);
 
@@ -58,6 +59,7 @@ typedef struct {
     bool all_data;     /* trained on each data set; otherwise on the first */
     bool both_ways;    /* trained on the first two */
     const char *lacks; /* what it still needs; NULL: it is whole */
+    const char *note;  /* for its page; or NULL */
 } experiment;
 const experiment *experiment_at(int i); /* from 0; NULL after the last */
 const experiment *experiment_find(const char *name);

@@ -165,14 +165,16 @@ static sherf_status steps_of(experiment_job *j, const run *r, int64_t *steps) {
     double step_s, known;
     *steps = j->set.steps;
     if (*steps) return SHERF_OK;
-    sherf_status status = job_path(j, path, "steps/%s-%s.json", r->data->key, r->method->key);
+    const experiment_method *of =
+        r->method->steps_of ? experiment_method_find(r->method->steps_of) : r->method;
+    sherf_status status = job_path(j, path, "steps/%s-%s.json", r->data->key, of->key);
     if (status != SHERF_OK) return status;
     if (path_is_file(path)) {
         if ((status = number_read(j->c, path, "steps", &known)) != SHERF_OK) return status;
         *steps = known >= 1 && known < 1e12 ? (int64_t)known : 0;
         return *steps ? SHERF_OK : failure(j->c, SHERF_BAD_FILE, "%s: steps are out of range", path);
     }
-    if ((status = step_measure(j, r, &step_s)) != SHERF_OK) return status;
+    if ((status = step_measure(j, &(run){of, r->data, 0}, &step_s)) != SHERF_OK) return status;
     *steps = (int64_t)fmax(1, 60 * j->set.minutes / step_s);
     snprintf(text, sizeof text, "{\"steps\": %" PRId64 ", \"step_s\": %.6g}\n", *steps, step_s);
     return file_write(j->c, path, text, strlen(text));
@@ -472,9 +474,18 @@ static sherf_status tell_scoring(experiment_job *j, const run *r, const scoring 
     return status;
 }
 
-static double training_hours(const experiment_job *j, double step_ms) {
-    if (j->set.minutes > 0) return j->set.minutes / 60;
-    return (double)j->set.steps * j->set.images * j->set.targets * step_ms / 3.6e6;
+/* Minutes are those of the method whose number of steps this one takes. */
+static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t, double step_ms,
+                                   double *hours) {
+    const experiment_settings *s = &j->set;
+    *hours = s->minutes / 60;
+    if (!(s->minutes > 0)) *hours = (double)s->steps * s->images * s->targets * step_ms / 3.6e6;
+    if (!(s->minutes > 0) || !r->method->steps_of) return SHERF_OK;
+    preset_time of;
+    sherf_status status =
+        preset_timed(j, experiment_method_find(r->method->steps_of)->preset[s->scale], t, &of);
+    *hours *= step_ms / of.step_ms;
+    return status;
 }
 
 /* One run's line: what it lacks. */
@@ -490,7 +501,9 @@ static sherf_status tell_run(experiment_job *j, const run *r, run_tally *t) {
         !path_is_file(path) && first_time(j->c, t, path + strlen(j->options->output), &status);
     if (status != SHERF_OK || (!trains && !state.pictures)) return status;
     if ((status = preset_timed(j, preset, t, &took)) != SHERF_OK) return status;
-    const double training = trains ? training_hours(j, took.step_ms) : 0;
+    double training = 0;
+    if (trains) status = training_hours(j, r, t, took.step_ms, &training);
+    if (status != SHERF_OK) return status;
     const double scoring_hours = (double)state.pictures * took.frame_ms / 3.6e6;
     text_add(&t->text, "  %s on %s, seed %d:", preset, r->data->label, r->seed + 1);
     if (trains)

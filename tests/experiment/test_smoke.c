@@ -166,8 +166,8 @@ static void the_others(void **state) {
     sherf_experiment_options o = smoke("others");
     char path[1400];
     o.data_count = 2;
-    static const char *const name[] = {"input-angle", "angle-difference", "front-view", "cross-data",
-                                       "runtime"};
+    static const char *const name[] = {"input-angle", "angle-difference", "ablation", "fusion",
+                                       "front-view",  "cross-data",       "runtime"};
     for (size_t i = 0; i < COUNT_OF(name); i++) {
         assert_ok(c, sherf_experiment(c, name[i], &o, NULL));
         snprintf(path, sizeof path, "%s/%s/index.html", o.output, name[i]);
@@ -190,6 +190,11 @@ static void the_others(void **state) {
     assert_true(fabs(mean_of(angles, 0, 2, 5) - sum) < 1e-6);
     document_free(scored);
     document_free(angles);
+    document *ablation = json_of(c, o.output, "ablation/results.json");
+    for (int row = 0; row < 6; row++)
+        assert_true(mean_of(ablation, 0, row, 0) > 1 && mean_of(ablation, 0, row, 2) > 1);
+    assert_true(mean_of(ablation, 0, 0, 0) != mean_of(ablation, 0, 5, 0));
+    document_free(ablation);
     document *times = json_of(c, o.output, "runtime/results.json");
     for (int row = 0; row < 4; row++)
         assert_true(mean_of(times, 0, row, 1) > 0 && mean_of(times, 0, row, 2) > 0 &&

@@ -152,10 +152,10 @@ sherf_status model_save(context *c, const model *m, const char *path) {
     return status;
 }
 
-/* The parameters named PREFIX... take the values, whole or not at all: not where the network has another
- * width
- * (*taken stays false). */
-static sherf_status take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken) {
+/* The parameters named PREFIX..., where there are any, take the values, whole or not at all: not where the
+ * network has another width (*other). */
+static sherf_status take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken,
+                                bool *other) {
     const size_t length = strlen(prefix);
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
@@ -164,7 +164,8 @@ static sherf_status take_resnet(context *c, model *m, const safetensors *s, cons
         const safetensor *t = safetensors_find(s, name);
         if (!t) return failure(c, SHERF_MISMATCH, "%s is missing: no ResNet-18, or not all of it", name);
         if (!same_values(&q->value, t)) {
-            if (!*taken && !strcmp(name, "conv1.weight")) return SHERF_OK;
+            *other = !*taken && !strcmp(name, "conv1.weight");
+            if (*other) return SHERF_OK;
             char want[64], got[64];
             tensor have = {.rank = t->rank};
             for (int k = 0; k < t->rank; k++) have.dim[k] = t->dim[k];
@@ -190,10 +191,10 @@ sherf_status model_load_resnet(context *c, model *m, const char *path) {
     sherf_status status = safetensors_read(c, path, &s);
     if (status != SHERF_OK) return status;
     for (const char *const *prefix = kind->resnets; *prefix && status == SHERF_OK; prefix++) {
-        bool taken = false;
-        status = take_resnet(c, m, s, *prefix, &taken);
+        bool taken = false, wider = false;
+        status = take_resnet(c, m, s, *prefix, &taken, &wider);
         any |= taken;
-        if (!taken) other = *prefix;
+        if (wider) other = *prefix;
     }
     safetensors_free(s);
     if (status == SHERF_OK && !any)

@@ -104,7 +104,7 @@ static inline double number(const cJSON *json, const char *name) {
     return n->valuedouble;
 }
 
-static inline void file_write(const char *path, const char *text) {
+static inline void text_write(const char *path, const char *text) {
     FILE *f = fopen(path, "wb");
     assert_non_null(f);
     fputs(text, f);

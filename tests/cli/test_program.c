@@ -173,7 +173,7 @@ static void what_is_missing_or_broken(void **state) {
     if (sherf_device_find(SHERF_DEVICE_CUDA, no_gpu, sizeof no_gpu) != SHERF_OK)
         assert_error(run("info x --device cuda"), 1, "sherf: --device cuda: ", no_gpu);
     const char *junk = test_path("junk.safetensors");
-    file_write(junk, "this is nothing that anybody knows");
+    text_write(junk, "this is nothing that anybody knows");
     assert_error(run("convert %s -o %s", junk, test_path("none")), 1, "sherf: ", "junk.safetensors");
     assert_error(run("render x -b %s -o y", junk), 1, "sherf: ", "junk.safetensors");
     assert_int_equal(file_size(test_path("none")), -1);
@@ -454,7 +454,7 @@ static void photos(void **state) {
     assert_int_equal(cJSON_GetArraySize(cJSON_GetObjectItem(said, "warnings")), 0);
     cJSON_Delete(json);
     assert_int_equal(run("check %s -b ../assets/body.safetensors", out)->status, 0);
-    file_write(text, "<!DOCTYPE html><html></html>");
+    text_write(text, "<!DOCTYPE html><html></html>");
     snprintf(folder, sizeof folder, "%s", test_path("many"));
     o = run("estimate %s %s -o %s", text, photo, folder);
     assert_int_equal(o->status, 1);

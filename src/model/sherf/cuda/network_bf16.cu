@@ -7,8 +7,8 @@
  * by asynchronous copies while the stage before is used (21 stages of four k-tiles, 344 KB a tile of 128
  * points); the fusion's weights and all biases to stay, 27 KB; encodings on their way into fragments, 8
  * x 1.75 KB. 89 KB in all; 104 KB are asked for. registers: sums of a layer 64, its input 32, the decoder's
- * first input (kept for the skip) 20, token 1 8; with addresses and weights on their way nvcc 13 takes 229 to
- * 242 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of
+ * first input (kept for the skip) 20, token 1 8; with addresses and weights on their way nvcc 13 takes 231 to
+ * 243 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of
  * weights is read by each warp for 16 points: 256 bytes a product of 2048, which keeps shared memory (128
  * bytes a clock) as busy as 8.0's tensor cores and twice as busy as half of 9.0's. More points a warp want
  * more registers than there are; wgmma, which reads weights from shared memory itself, is the way from there.
@@ -169,124 +169,50 @@ sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const
     return status;
 }
 
-template <int H> constexpr size_t bf16_shared() {
-    return (size_t)STAGES * STAGE_TILES * 2 * H * FRAGMENT * 4 + WARPS * TILE_POINTS * ENCODED_PITCH * 2 +
-           resident_max;
-}
+struct frame_task {
+    static constexpr bool KEEPS = false;
+    warp_points at;
+    network_points points;
+    float token_scale;
+    const uint16_t *sampled;
+    const float *colors;
 
-/* H: k-tiles of the decoder's width. */
+    __device__ void tokens(const network_warp &w, const float *token_b, sums (*token)[TOKEN_N]) const {
+        UNROLL
+        for (int r = 0; r < 2; r++) {
+            const uint16_t *from = sampled + at.place(w.g + 8 * r) * (3 * TOKEN);
+            UNROLL
+            for (int i = 0; i < 3 * TOKEN_N; i++) {
+                const uint32_t two = *(const uint32_t *)(from + 8 * i + 2 * w.t);
+                const float *b = token_b + 8 * i + 2 * w.t;
+                token[i / TOKEN_N][i % TOKEN_N].c[2 * r] = half_value((uint16_t)two) * token_scale + b[0];
+                token[i / TOKEN_N][i % TOKEN_N].c[2 * r + 1] =
+                    half_value((uint16_t)(two >> 16)) * token_scale + b[1];
+            }
+        }
+    }
+    __device__ float color(int p, int k) const { return colors[3 * at.place(p) + k]; }
+    __device__ float position(int p, int k) const { return points.canonical[3 * at.number(p) + k]; }
+    __device__ float direction(int p, int k) const { return points.direction[3 * at.number(p) + k]; }
+};
+
 template <int H>
 __global__ void __launch_bounds__(THREADS, 1)
     bf16_kernel(network_sizes s, bf16_layers layers, network_points points, float token_scale, int64_t base,
                 int64_t max, const uint16_t *tokens, const float *color) {
-    enum {
-        N = 2 * H,
-        STAGE_WORDS = STAGE_TILES * N * FRAGMENT,
-        ENCODED_BYTES = TILE_POINTS * ENCODED_PITCH * 2
-    };
-    WIDE_SHARED(shared, bf16_shared<H>());
-    uint32_t *ring = (uint32_t *)shared, *resident = ring + STAGES * STAGE_WORDS + WARPS * ENCODED_BYTES / 4;
-    const int lane = (int)threadIdx.x % WARP, warp = (int)threadIdx.x / WARP, g = lane / 4, t = lane % 4;
-    const resident_places at = resident_layout(s.heads, H, s.decoder_depth);
-    const network_warp w = {resident,
-                            (const float *)(resident + at.fragments * FRAGMENT),
-                            (uint16_t *)(ring + STAGES * STAGE_WORDS) + warp * (ENCODED_BYTES / 2),
-                            lane,
-                            g,
-                            t};
+    WIDE_SHARED(shared, decoder_shared<H>());
     const int64_t left = *points.count - base, end = left < max ? left : max;
-    const int64_t tiles = end > 0 ? (end + WARPS * TILE_POINTS - 1) / (WARPS * TILE_POINTS) : 0;
-    const int64_t own = tiles > blockIdx.x ? (tiles - blockIdx.x - 1) / gridDim.x + 1 : 0;
-    if (own == 0) return;
-    weight_stream<STAGE_WORDS> stream = {layers.stream, ring, layers.stages, 0, own * layers.stages, 0};
-    for (int i = (int)threadIdx.x; i < layers.resident_bytes / 16; i += THREADS)
-        ((uint4 *)resident)[i] = layers.resident[i];
-    stream.begin();
+    decoder_block<H> block;
+    if (!block.begin(s, layers, layers.stages, end, shared)) return;
     __syncthreads();
-
-    for (int64_t tile = blockIdx.x; tile < tiles; tile += gridDim.x) {
-        const int64_t first = (tile * WARPS + warp) * TILE_POINTS;
-        /* points beyond the end are the last one again, and not written */
-        const auto place = [&](int point) { return first + point < end ? first + point : end - 1; };
-        const auto number = [&](int point) { return (int64_t)points.list[base + place(point)]; };
-        input x[X_TILES], seen[TOKEN_TILES];
-        {
-            sums token[3][TOKEN_N];
-            UNROLL
-            for (int r = 0; r < 2; r++) {
-                const uint16_t *from = tokens + place(g + 8 * r) * (3 * TOKEN);
-                UNROLL
-                for (int i = 0; i < 3 * TOKEN_N; i++) {
-                    const uint32_t two = *(const uint32_t *)(from + 8 * i + 2 * t);
-                    const float *b = w.values + at.token_b + 8 * i + 2 * t;
-                    token[i / TOKEN_N][i % TOKEN_N].c[2 * r] = half_value((uint16_t)two) * token_scale + b[0];
-                    token[i / TOKEN_N][i % TOKEN_N].c[2 * r + 1] =
-                        half_value((uint16_t)(two >> 16)) * token_scale + b[1];
-                }
-            }
-            if (s.color_width) {
-                input encoded[COLOR_TILES];
-                w.template encode<COLOR_TILES>([&](int p, int k) { return color[3 * place(p) + k]; },
-                                               s.color_frequencies, s.color_width, encoded);
-                w.template product<COLOR_TILES, TOKEN_N>(encoded, at.color, token[2]);
-            }
-            w.transform(s, at, token);
-            UNROLL
-            for (int k = 0; k < TOKEN_TILES; k++) {
-                x[PLACE_TILES + k] = input_of(token[0][2 * k], token[0][2 * k + 1]);
-                seen[k] = input_of(token[1][2 * k], token[1][2 * k + 1]);
-            }
-        }
-        w.template encode<PLACE_TILES>([&](int p, int k) { return points.canonical[3 * number(p) + k]; },
-                                       s.position_frequencies, s.position_width, x);
-        input h[H];
-        for (int layer = 0; layer < s.decoder_depth; layer++) {
-            sums y[N];
-            const float *b = w.values + at.pts_b + 8 * N * layer;
-            UNROLL
-            for (int n = 0; n < N; n++) y[n] = bias_of(b, n, t);
-            if (layer == 0) {
-                stream.template layer<X_TILES, N>(lane, x, y);
-            } else if (layer == s.decoder_skip + 1) {
-                input both[X_TILES + H];
-                UNROLL
-                for (int k = 0; k < X_TILES + H; k++)
-                    both[k] = k < X_TILES ? x[k] : h[k < X_TILES ? 0 : k - X_TILES];
-                stream.template layer<X_TILES + H, N>(lane, both, y);
-            } else {
-                stream.template layer<H, N>(lane, h, y);
-            }
-            UNROLL
-            for (int k = 0; k < H; k++) h[k] = input_of(positive(y[2 * k]), positive(y[2 * k + 1]));
-        }
-        sums density = {}, rgb = {}, view[VIEW_N];
-        w.template product<H, 1>(h, at.alpha, &density);
-        {
-            input all[H + DIRECTION_TILES + TOKEN_TILES];
-            UNROLL
-            for (int k = 0; k < H; k++) all[k] = h[k];
-            w.template encode<DIRECTION_TILES>(
-                [&](int p, int k) { return points.direction[3 * number(p) + k]; }, s.direction_frequencies,
-                s.direction_width, all + H);
-            UNROLL
-            for (int k = 0; k < TOKEN_TILES; k++) all[H + DIRECTION_TILES + k] = seen[k];
-            UNROLL
-            for (int n = 0; n < VIEW_N; n++) view[n] = bias_of(w.values + at.views_b, n, t);
-            stream.template layer<H + DIRECTION_TILES + TOKEN_TILES, VIEW_N>(lane, all, view);
-        }
-        input shown[VIEW_TILES];
-        UNROLL
-        for (int k = 0; k < VIEW_TILES; k++)
-            shown[k] = input_of(positive(view[2 * k]), positive(view[2 * k + 1]));
-        w.template product<VIEW_TILES, 1>(shown, at.rgb, &rgb);
-        UNROLL
-        for (int r = 0; r < 2; r++) { /* lane t has colour t; lane 0 the density, too */
-            if (first + g + 8 * r >= end) continue;
-            float *to = (float *)(points.result + number(g + 8 * r));
-            const float y = rgb.c[2 * r] + rgb.c[2 * r + 1] + w.values[at.rgb_b + (t < 3 ? t : 0)];
-            if (t < 3) to[t] = 1.002f / (1.0f + expf(-y)) - 0.001f;
-            if (t == 0) to[3] = density.c[2 * r] + density.c[2 * r + 1] + w.values[at.rgb_b + 3];
-        }
+    for (int64_t tile = blockIdx.x; tile < block.tiles; tile += gridDim.x) {
+        const int64_t first = (tile * WARPS + block.warp) * TILE_POINTS;
+        const frame_task task = {{points.list, base, first, end}, points, token_scale, tokens, color};
+        input h[H], shown[VIEW_TILES];
+        block.forward(s, task, h, shown);
+        block.answer(task.at, h, shown, [&](int64_t number, int channel, float value) {
+            ((float *)(points.result + number))[channel] = value;
+        });
     }
     async_wait_but(0);
 }
@@ -294,12 +220,8 @@ __global__ void __launch_bounds__(THREADS, 1)
 template <int H>
 static void run_as(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                    const network_scratch *scratch) {
-    const int64_t tiles = divided_up(max, WARPS * TILE_POINTS);
-    const int blocks = multiprocessors();
-    if (tiles > 0)
-        launch_wide(bf16_kernel<H>, dim3((unsigned)(tiles < blocks ? tiles : blocks)), dim3(THREADS),
-                    bf16_shared<H>(), n->s, n->fragments, *points, 1 / n->bank.scale, base, max,
-                    (const uint16_t *)scratch->tokens, (const float *)scratch->color);
+    decoder_launch(bf16_kernel<H>, max, decoder_shared<H>(), n->s, n->fragments, *points, 1 / n->bank.scale,
+                   base, max, (const uint16_t *)scratch->tokens, (const float *)scratch->color);
 }
 
 void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,

@@ -342,5 +342,155 @@ template <int STAGE_WORDS> struct weight_stream {
 
 constexpr size_t resident_max = 40 << 10; /* bytes */
 
+/* ---- fusion and decoder, forwards ---- */
+template <int H> __host__ __device__ constexpr size_t decoder_shared() {
+    return (size_t)STAGES * STAGE_TILES * 2 * H * FRAGMENT * 4 + WARPS * TILE_POINTS * ENCODED_PITCH * 2 +
+           resident_max;
+}
+
+/* The points of a warp, list[base + first] on; those beyond the end are the last one again, and not written.
+ */
+struct warp_points {
+    const int32_t *list;
+    int64_t base, first, end;
+    __device__ int64_t place(int point) const { return first + point < end ? first + point : end - 1; }
+    __device__ int64_t number(int point) const { return list[base + place(point)]; }
+};
+
+/* What a block does tile by tile; H: k-tiles of the decoder's width. The start of `shared`,
+ * decoder_shared<H>() bytes: stages, encodings, the resident part. */
+template <int H> struct decoder_block {
+    enum {
+        N = 2 * H,
+        STAGE_WORDS = STAGE_TILES * N * FRAGMENT,
+        ENCODED_BYTES = TILE_POINTS * ENCODED_PITCH * 2
+    };
+    int warp;
+    int64_t tiles;
+    resident_places at;
+    network_warp w;
+    weight_stream<STAGE_WORDS> stream;
+
+    /* False where the block has none of the `end` points. */
+    __device__ bool begin(const network_sizes &s, const bf16_layers &layers, int stages, int64_t end,
+                          unsigned char *shared) {
+        uint32_t *ring = (uint32_t *)shared,
+                 *resident = ring + STAGES * STAGE_WORDS + WARPS * ENCODED_BYTES / 4;
+        const int lane = (int)threadIdx.x % WARP;
+        warp = (int)threadIdx.x / WARP;
+        at = resident_layout(s.heads, H, s.decoder_depth);
+        w = {resident,
+             (const float *)(resident + at.fragments * FRAGMENT),
+             (uint16_t *)(ring + STAGES * STAGE_WORDS) + warp * (ENCODED_BYTES / 2),
+             lane,
+             lane / 4,
+             lane % 4};
+        tiles = end > 0 ? (end + WARPS * TILE_POINTS - 1) / (WARPS * TILE_POINTS) : 0;
+        const int64_t own = tiles > blockIdx.x ? (tiles - blockIdx.x - 1) / gridDim.x + 1 : 0;
+        if (own == 0) return false;
+        stream = {layers.stream, ring, stages, 0, own * stages, 0};
+        for (int i = (int)threadIdx.x; i < layers.resident_bytes / 16; i += THREADS)
+            ((uint4 *)resident)[i] = layers.resident[i];
+        stream.begin();
+        return true;
+    }
+
+    /* The warp's points through fusion and decoder. h: what the last layer gives; shown: the view layer. The
+     * task reads the points, as p and k say, and, where it KEEPS
+     * something, sees what goes from layer to layer. */
+    template <typename T>
+    __device__ void forward(const network_sizes &s, const T &task, input *h, input *shown) {
+        const int t = w.t;
+        input x[X_TILES], seen[TOKEN_TILES];
+        {
+            sums token[3][TOKEN_N];
+            task.tokens(w, w.values + at.token_b, token);
+            if (s.color_width) {
+                input encoded[COLOR_TILES];
+                w.template encode<COLOR_TILES>([&](int p, int k) { return task.color(p, k); },
+                                               s.color_frequencies, s.color_width, encoded);
+                w.template product<COLOR_TILES, TOKEN_N>(encoded, at.color, token[2]);
+            }
+            w.transform(s, at, token);
+            UNROLL
+            for (int k = 0; k < TOKEN_TILES; k++) {
+                x[PLACE_TILES + k] = input_of(token[0][2 * k], token[0][2 * k + 1]);
+                seen[k] = input_of(token[1][2 * k], token[1][2 * k + 1]);
+            }
+        }
+        w.template encode<PLACE_TILES>([&](int p, int k) { return task.position(p, k); },
+                                       s.position_frequencies, s.position_width, x);
+        if constexpr (T::KEEPS) task.fused(w, x, seen);
+        for (int layer = 0; layer < s.decoder_depth; layer++) {
+            sums y[N];
+            const float *b = w.values + at.pts_b + 8 * N * layer;
+            UNROLL
+            for (int n = 0; n < N; n++) y[n] = bias_of(b, n, t);
+            if (layer == 0) {
+                stream.template layer<X_TILES, N>(w.lane, x, y);
+            } else if (layer == s.decoder_skip + 1) {
+                input both[X_TILES + H];
+                UNROLL
+                for (int k = 0; k < X_TILES + H; k++)
+                    both[k] = k < X_TILES ? x[k] : h[k < X_TILES ? 0 : k - X_TILES];
+                stream.template layer<X_TILES + H, N>(w.lane, both, y);
+            } else {
+                stream.template layer<H, N>(w.lane, h, y);
+            }
+            if constexpr (T::KEEPS) task.layer_sums(layer, y);
+            UNROLL
+            for (int k = 0; k < H; k++) {
+                h[k] = input_of(positive(y[2 * k]), positive(y[2 * k + 1]));
+                if constexpr (T::KEEPS) task.layer_result(w, layer, k, h[k]);
+            }
+        }
+        sums view[VIEW_N];
+        {
+            input all[H + DIRECTION_TILES + TOKEN_TILES];
+            UNROLL
+            for (int k = 0; k < H; k++) all[k] = h[k];
+            w.template encode<DIRECTION_TILES>([&](int p, int k) { return task.direction(p, k); },
+                                               s.direction_frequencies, s.direction_width, all + H);
+            UNROLL
+            for (int k = 0; k < TOKEN_TILES; k++) all[H + DIRECTION_TILES + k] = seen[k];
+            if constexpr (T::KEEPS) task.turned(w, all + H);
+            UNROLL
+            for (int n = 0; n < VIEW_N; n++) view[n] = bias_of(w.values + at.views_b, n, t);
+            stream.template layer<H + DIRECTION_TILES + TOKEN_TILES, VIEW_N>(w.lane, all, view);
+        }
+        if constexpr (T::KEEPS) task.view_sums(view);
+        UNROLL
+        for (int k = 0; k < VIEW_TILES; k++)
+            shown[k] = input_of(positive(view[2 * k]), positive(view[2 * k + 1]));
+    }
+
+    /* Colour and raw density of the points from what forward gave: put(number, channel, value). */
+    template <typename F>
+    __device__ void answer(const warp_points &points, const input *h, const input *shown, F put) const {
+        const int t = w.t;
+        sums density = {}, rgb = {};
+        w.template product<H, 1>(h, at.alpha, &density);
+        w.template product<VIEW_TILES, 1>(shown, at.rgb, &rgb);
+        UNROLL
+        for (int r = 0; r < 2; r++) { /* lane t has colour t; lane 0 the density, too */
+            if (points.first + w.g + 8 * r >= points.end) continue;
+            const int64_t number = points.number(w.g + 8 * r);
+            const float y = rgb.c[2 * r] + rgb.c[2 * r + 1] + w.values[at.rgb_b + (t < 3 ? t : 0)];
+            if (t < 3) put(number, t, 1.002f / (1.0f + expf(-y)) - 0.001f);
+            if (t == 0) put(number, 3, density.c[2 * r] + density.c[2 * r + 1] + w.values[at.rgb_b + 3]);
+        }
+    }
+};
+
+/* The kernel over so many points, a block on each multiprocessor. */
+template <typename K, typename... A>
+void decoder_launch(K kernel, int64_t points, size_t shared, A... arguments) {
+    const int64_t tiles = divided_up(points, WARPS * TILE_POINTS);
+    const int blocks = multiprocessors();
+    if (tiles > 0)
+        launch_wide(kernel, dim3((unsigned)(tiles < blocks ? tiles : blocks)), dim3(THREADS), shared,
+                    arguments...);
+}
+
 } // namespace cuda_backend
 #endif

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 typedef struct {
     const char *name;

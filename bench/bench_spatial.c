@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 static tensor *made(context *c, dtype type, int rank, const int64_t *dim) {
     tensor *t = tensor_create(c, type, rank, dim);

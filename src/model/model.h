@@ -9,7 +9,7 @@
 #include "io/safetensors.h"
 #include "nn/layers.h"
 #include "sampling/sampling.h"
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 typedef struct model_kind model_kind;
 typedef struct sherf_model model;

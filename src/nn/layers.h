@@ -4,7 +4,7 @@
 #define SHERF_LAYERS_H
 
 #include "nn/parameters.h"
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 /* Declares the parameters of one layer after another; a failure, which is want of memory, sticks. */
 typedef struct {

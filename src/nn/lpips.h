@@ -3,7 +3,7 @@
 #ifndef SHERF_LPIPS_H
 #define SHERF_LPIPS_H
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 enum { LPIPS_CONVOLUTIONS = 13, LPIPS_STAGES = 5, LPIPS_SIDE_MIN = 16 };
 

@@ -4,7 +4,7 @@
 #ifndef SHERF_RESNET50_H
 #define SHERF_RESNET50_H
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 enum { RESNET50_CONVOLUTIONS = 24, RESNET50_FEATURES = 3, RESNET50_SIDE_MIN = 16 };
 

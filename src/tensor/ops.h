@@ -1,13 +1,55 @@
-/* The ops. Each returns a new tensor on the tape, or NULL once the tape has failed (NULL inputs are then
- * passed on in silence, so model code needs no checks). dX is the gradient of X. R rows, C channels. */
+/* The ops: their list, of which every table is made, and their declarations; ref/ has each one's shape rule
+ * and definition, and every backend a kernel of the same name for each pass. Part of tensor.h. Each returns a
+ * new tensor on the tape, or NULL once the tape has failed (NULL inputs are then passed on in silence, so
+ * model code needs no checks). dX is the gradient of X. R rows, C channels. */
 #ifndef SHERF_OPS_H
 #define SHERF_OPS_H
 
-#include "tensor/tensor.h"
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
 
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+typedef struct tensor tensor;
+typedef struct tape tape;
+
+/* BOTH: forward and gradient. FORWARD: no gradient. SHARED: as BOTH, but small: the CPU takes the reference's
+ * kernels in float32. */
+#define OPS(BOTH, FORWARD, SHARED)                                                                           \
+    BOTH(linear)                                                                                             \
+    BOTH(conv2d)                                                                                             \
+    BOTH(conv2d_transpose)                                                                                   \
+    BOTH(fir_upsample)                                                                                       \
+    BOTH(demodulation)                                                                                       \
+    BOTH(scale_channels)                                                                                     \
+    SHARED(normalize_moment) /* a vector, once a picture */                                                  \
+    BOTH(batch_norm)                                                                                         \
+    BOTH(bias_act)                                                                                           \
+    BOTH(max_pool)                                                                                           \
+    BOTH(average_pool)                                                                                       \
+    BOTH(add)                                                                                                \
+    BOTH(scale)                                                                                              \
+    BOTH(concat)                                                                                             \
+    BOTH(slice)                                                                                              \
+    BOTH(mask_rows)                                                                                          \
+    BOTH(sample_bilinear)                                                                                    \
+    SHARED(scatter_mean) /* a body's vertices, once a step */                                                \
+    BOTH(sparse_conv)                                                                                        \
+    BOTH(sample_trilinear)                                                                                   \
+    BOTH(layer_norm)                                                                                         \
+    BOTH(token_attention)                                                                                    \
+    BOTH(gelu)                                                                                               \
+    BOTH(sigmoid)                                                                                            \
+    SHARED(softplus) /* a density a point */                                                                 \
+    FORWARD(positional_encode)                                                                               \
+    BOTH(composite)                                                                                          \
+    BOTH(mean_square)                                                                                        \
+    BOTH(ssim)                                                                                               \
+    BOTH(feature_distance)                                                                                   \
+    SHARED(shift_scale) /* three channels of a picture */
 
 /* y[R,O] = x[R,I] w[O,I]^T * gain + b[O] * bias_gain; b may be NULL. x may have any rank (rows x last dim); y
  * keeps x's leading dimensions. */

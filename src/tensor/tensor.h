@@ -9,7 +9,7 @@
 #define SHERF_TENSOR_H
 
 #include "base/base.h"
-#include "tensor/op_list.h"
+#include "tensor/ops.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -35,7 +35,6 @@ typedef struct {
     const struct block_groups *groups; /* sums over processes */
 } tensor_memory;
 
-typedef struct tensor tensor;
 struct tensor {
     dtype type;
     int rank;
@@ -79,7 +78,7 @@ void tensor_free(tensor *t); /* and its grad */
  * stays. */
 sherf_status tensor_place(context *c, tensor *t, const tensor_memory *memory);
 
-/* ---- ops by number: one line an op in op_list.h ---- */
+/* ---- ops by number ---- */
 typedef enum {
 #define OP_NUMBER(name) OP_##name,
     OPS(OP_NUMBER, OP_NUMBER, OP_NUMBER)
@@ -126,7 +125,6 @@ const backend *backend_of(const context *c); /* of the context's device */
 void backend_stand_in(const backend *gpu);   /* for tests: what contexts of a GPU compute with from now on */
 
 /* ---- the tape ---- */
-typedef struct tape tape;
 typedef struct {
     const backend *backend;
     bool record;   /* keep what the backward pass needs */
@@ -172,7 +170,7 @@ bool tape_own(tape *t, void *object, void (*release)(void *object));
  * memory lacks (the status of `t`). */
 tape *tape_nested(tape *t, bool record);
 
-/* Runs op's forward kernel and records it. For ops/x.c only. attr is copied. */
+/* Runs op's forward kernel and records it. For ref/rules.c only. attr is copied. */
 bool tape_call(tape *t, op_id op, int inputs, tensor *const *in, int outputs, tensor *const *out,
                const void *attr, size_t attr_bytes, size_t saved_bytes);
 /* Records a node of its own kind: `backward` is called in reverse order with `payload` (in the tape's arena);

@@ -4,7 +4,7 @@
 #define TEST_CASES_H
 
 #include "support.h"
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 typedef struct {
     int rank; /* -1: input not given */

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 static const backend *const backends[] = {&backend_ref_f32, &backend_cpu};
 

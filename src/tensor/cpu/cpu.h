@@ -2,7 +2,7 @@
 #ifndef SHERF_CPU_H
 #define SHERF_CPU_H
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 #define CPU_FORWARD(op) sherf_status cpu_##op##_forward(op_call *call);
 #define CPU_BOTH(op) CPU_FORWARD(op) sherf_status cpu_##op##_backward(op_call *call);

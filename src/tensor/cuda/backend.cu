@@ -1,4 +1,4 @@
-/* The CUDA backend's table, made from op_list.h. */
+/* The CUDA backend's table, made from the list in ops.h. */
 #include "tensor/cuda/cuda.h"
 
 static backend table() {

@@ -12,7 +12,7 @@
 #include <math.h>
 
 #include "tensor/block.h"
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 #ifdef CUDA_EMULATED
 #include <cuda_emulated.h>

@@ -1,9 +1,10 @@
-/* The reference kernels: plain C, each op's forward and right below it its backward rule, compiled twice
- * (ref_f32.c, ref_f64.c) with `real` and the name suffix set. Clarity before speed: they define the ops. */
+/* The reference: a file a family of ops, with their shape rules (rules.c) and their kernels, plain C, each
+ * op's forward and right below it its backward rule, compiled twice (ref_f32.c, ref_f64.c) with `real` and
+ * the name suffix set. Clarity before speed: they define the ops. */
 #ifndef SHERF_REF_H
 #define SHERF_REF_H
 
-#include "tensor/ops.h"
+#include "tensor/tensor.h"
 
 #define REF_NAME_(name, suffix) ref_##name##_##suffix
 #define REF_NAME(name, suffix) REF_NAME_(name, suffix)

@@ -1,9 +1,8 @@
-/* Shape rules' helpers, for ops/x.c only. */
-#ifndef SHERF_OPS_SHAPE_H
-#define SHERF_OPS_SHAPE_H
+/* The ops' shape rules and their places on the tape: the first parts of dense.inc's and spatial.inc's files.
+ */
+#include "tensor/tensor.h"
 
-#include "tensor/ops.h"
-
+#define RULES
 /* Leaves the op when an input is missing (an earlier op failed) or the rule does not hold. */
 #define NEED(x)                                                                                              \
     do {                                                                                                     \
@@ -31,4 +30,6 @@ static inline tensor *with_columns(tape *t, const tensor *x, int64_t columns) {
     dim[x->rank ? x->rank - 1 : 0] = columns;
     return tape_tensor(t, x->type, x->rank ? x->rank : 1, dim);
 }
-#endif
+
+#include "tensor/ref/dense.inc"
+#include "tensor/ref/spatial.inc"

@@ -5,12 +5,32 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* R and T of view v, or both in one matrix of 3 or 4 rows. */
+static sherf_status annots_place(context *c, const value *R, const value *T, const value *RT, size_t v,
+                                 parsed_camera *camera) {
+    if (R && T) {
+        sherf_status status = parse_row(c, R, v, "R", 9, camera->R);
+        return status ? status : parse_row(c, T, v, "T", 3, camera->T);
+    }
+    double m[16];
+    const value row = parse_row_of(RT, v);
+    sherf_status status = value_doubles(c, &row, "RT", value_numbers(&row) == 16 ? 16 : 12, m);
+    for (int i = 0; i < 12 && !status; i++)
+        if (i % 4 < 3)
+            camera->R[i / 4 * 3 + i % 4] = m[i];
+        else
+            camera->T[i / 4] = m[i];
+    return status;
+}
+
 static sherf_status annots_cameras(context *c, double unit_m, const value *cams, person_record *r) {
+    static const char *const matrices[] = {"RT", "extrinsic", "extrinsics", NULL};
     const value *K = value_get(cams, "K"), *D = value_get(cams, "D"), *R = value_get(cams, "R"),
-                *T = value_get(cams, "T");
-    int64_t views = parse_rows(K);
-    if (!K || !R || !T || views < 1 || views > DATASET_VIEWS_MAX || parse_rows(R) != views ||
-        parse_rows(T) != views || (D && parse_rows(D) != views))
+                *T = value_get(cams, "T"), *RT = value_first(cams, matrices).item;
+    const int64_t views = parse_rows(K);
+    const bool apart = parse_rows(R) == views && parse_rows(T) == views;
+    if (!K || views < 1 || views > DATASET_VIEWS_MAX || (!apart && parse_rows(RT) != views) ||
+        (D && parse_rows(D) != views))
         return failure(c, SHERF_BAD_FILE, "cams: K, R, T (and D) should have one entry a view");
     r->camera = mem_zero(c, (size_t)views, sizeof *r->camera);
     if (!r->camera) return SHERF_NO_MEMORY;
@@ -18,8 +38,7 @@ static sherf_status annots_cameras(context *c, double unit_m, const value *cams,
     for (int v = 0; v < r->views; v++) {
         parsed_camera *camera = &r->camera[v];
         sherf_status status = parse_row(c, K, (size_t)v, "K", 9, camera->K);
-        if (!status) status = parse_row(c, R, (size_t)v, "R", 9, camera->R);
-        if (!status) status = parse_row(c, T, (size_t)v, "T", 3, camera->T);
+        if (!status) status = annots_place(c, apart ? R : NULL, apart ? T : NULL, RT, (size_t)v, camera);
         if (!status && D) {
             const value row = parse_row_of(D, (size_t)v);
             status = parse_distortion(c, &row, camera->D);

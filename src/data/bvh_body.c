@@ -49,9 +49,41 @@ static void smallest_rotation(const double a[3], const double b[3], double R[9])
         }
 }
 
+/* Rows: left made upright to up, up, front. false: there is none. */
+static bool standing_frame(const double left[3], const double up[3], double F[9]) {
+    static const double none[3];
+    double across[3], along = 0;
+    if (!unit_vector(none, up, F + 3)) return false;
+    for (int k = 0; k < 3; k++) along += left[k] * F[3 + k];
+    for (int k = 0; k < 3; k++) across[k] = left[k] - along * F[3 + k];
+    if (!unit_vector(none, across, F)) return false;
+    for (int k = 0; k < 3; k++)
+        F[6 + k] = F[(k + 1) % 3] * F[3 + (k + 2) % 3] - F[(k + 2) % 3] * F[3 + (k + 1) % 3];
+    return true;
+}
+
+/* A rest pose that faces between two axes, by more than 30 degrees: G takes the body's own frame to it. */
+static bool turned_axes(const double left[3], const double up[3], const float rest[BODY_JOINTS][3],
+                        double G[9]) {
+    double own_left[3], own_up[3], own[9], theirs[9], near = 1;
+    for (int k = 0; k < 3; k++) {
+        own_left[k] = (double)rest[1][k] - rest[2][k];
+        own_up[k] = (double)rest[16][k] + rest[17][k] - rest[1][k] - rest[2][k];
+    }
+    if (!standing_frame(left, up, theirs) || !standing_frame(own_left, own_up, own)) return false;
+    for (int i = 0; i < 2; i++)
+        near = fmin(near, fmax(fabs(theirs[3 * i]), fmax(fabs(theirs[3 * i + 1]), fabs(theirs[3 * i + 2]))));
+    if (near > cos(30 * M_PI / 180)) return false;
+    for (int i = 0; i < 9; i++)
+        G[i] = theirs[i / 3] * own[i % 3] + theirs[3 + i / 3] * own[3 + i % 3] +
+               theirs[6 + i / 3] * own[6 + i % 3];
+    return true;
+}
+
 /* The file's rest pose may stand on other axes (z up, or facing x): G takes the body's left, up and front to
  * the axes nearest to the file's left (hip to hip) and up (hips to shoulders). */
-static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], double G[9]) {
+static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], const float rest[BODY_JOINTS][3],
+                      double G[9]) {
     double at[4][3], left[3], up[3];
     static const int8_t of[4] = {1, 2, 16, 17};
     int x = 0, y = 0;
@@ -62,6 +94,7 @@ static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], double G[9]) {
         if (fabs(left[k]) > fabs(left[x])) x = k;
         if (fabs(up[k]) > fabs(up[y])) y = k;
     }
+    if (turned_axes(left, up, rest, G)) return;
     memset(G, 0, 9 * sizeof *G);
     if (x == y) x = 0, y = 1, left[0] = up[1] = 1; /* nothing to go by */
     int z = 3 - x - y;
@@ -120,7 +153,7 @@ sherf_status bvh_body_match(context *c, const bvh *b, const value *given,
     sherf_status status = bvh_names_match(c, b, given, out->joint, &out->names);
     if (status) return status;
     double G[9];
-    rest_axes(b, out->joint, G);
+    rest_axes(b, out->joint, joints_rest, G);
     out->calibrated = !rest_stands(b, out, joints_rest, G);
     if (out->calibrated) return bvh_calibrate(c, b, joints_rest, out);
     align_standing(b, out, joints_rest, G);

@@ -394,22 +394,29 @@ static sherf_status check_overlap(checker *k, const sherf_dataset *d, int person
     return status;
 }
 
-/* Views besides the front one, spread over all, and the front one of the last pose: a camera may be wrong, or
- * pictures and poses may not go together. */
+/* Views besides the front one, and poses besides the first: a camera may be wrong, or pictures and poses may
+ * not go together. Of a few people all views are looked at, of many ones some that are spread over them. */
 static sherf_status check_others(checker *k, const sherf_dataset *d, int person, const person_record *r,
                                  int first, int front) {
-    enum { OTHERS = 4 };
-    int last = r->poses - 1, looked = 0, faults = k->out->errors + k->out->warnings;
+    enum { FEW_PEOPLE = 5, SOME_VIEWS = 4, SOME_POSES = 3 };
+    const int others = r->views - 1,
+              some = d->people > FEW_PEOPLE && others > SOME_VIEWS ? SOME_VIEWS : others;
+    const int faults = k->out->errors + k->out->warnings;
+    int poses = 0, last = first;
     sherf_status status = SHERF_OK;
-    while (r->present && last > first && !r->present[last]) last--;
-    for (int i = 1; i <= OTHERS && i < r->views && !status; i++, looked++) {
-        const int step = r->views - 1 < OTHERS ? i : (int)((int64_t)i * r->views / (OTHERS + 1));
-        status = check_overlap(k, d, person, first, (front + step) % r->views, true);
+    for (int i = 1; i <= some && !status; i++)
+        status = check_overlap(k, d, person, first,
+                               (front + (some == others ? i : i * r->views / (some + 1))) % r->views, true);
+    for (int i = 1; i <= SOME_POSES && !status; i++) {
+        int pose = first + (int)((int64_t)(r->poses - 1 - first) * i / SOME_POSES);
+        while (r->present && pose > last && !r->present[pose]) pose--;
+        if (pose <= last) continue;
+        status = check_overlap(k, d, person, pose, front, true);
+        last = pose, poses++;
     }
-    if (!status && last > first) status = check_overlap(k, d, person, last, front, true);
-    if (!status && k->body && looked && k->out->errors + k->out->warnings == faults)
-        finding(k, NOTE, "%s: and so it does in %d other view%s%s", d->name[person], looked,
-                looked == 1 ? "" : "s", last > first ? " and the last pose" : "");
+    if (!status && k->body && some + poses && k->out->errors + k->out->warnings == faults)
+        finding(k, NOTE, "%s: and so it does in %d other view%s and %d other pose%s", d->name[person], some,
+                some == 1 ? "" : "s", poses, poses == 1 ? "" : "s");
     return status;
 }
 

@@ -19,25 +19,26 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
-/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades and bright
- * ones: labels of the body's parts are few and dark, or in colours. */
-static bool mask_is_soft(const image_u8 *color) {
+/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades: labels of
+ * the body's parts are few, or in colours. Half of its brightest value, from which on it is the person; 0: it
+ * is not soft. */
+static int mask_half(const image_u8 *color) {
     enum { SHADES_MIN = 32, WHITE = 250 };
     const size_t n = (size_t)color->width * color->height;
     size_t count[256] = {0}, white = 0;
-    int shades = 0;
-    bool bright = false;
+    int shades = 0, brightest = 0;
     for (size_t i = 0; i < n; i++) {
         const uint8_t *p = color->data + 4 * i;
-        if (abs(p[0] - p[1]) > 2 || abs(p[1] - p[2]) > 2) return false;
+        if (abs(p[0] - p[1]) > 2 || abs(p[1] - p[2]) > 2) return 0;
         count[p[1]]++;
     }
     for (int v = 1; v < 256; v++) {
         shades += count[v] > 0;
         if (v >= WHITE) white += count[v];
-        bright |= v >= 128 && count[v];
+        if (count[v]) brightest = v;
     }
-    return 2 * white > n - count[0] || (shades >= SHADES_MIN && bright);
+    if (2 * white > n - count[0]) return 128;
+    return shades >= SHADES_MIN ? (brightest + 1) / 2 : 0;
 }
 
 /* Where the colours are not 0 anywhere, and transparency says what is the person. */
@@ -57,8 +58,9 @@ static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
     sherf_status status = image_read(c, path, 4, &color);
     if (status) return status;
     const size_t n = (size_t)mask->width * mask->height;
-    const int channel = mask_is_alpha(&color, mask) ? 3 : mask_is_soft(&color) ? 1 : -1;
-    for (size_t i = 0; i < n && channel >= 0; i++) mask->data[i] = color.data[4 * i + channel] >= 128;
+    const bool alpha = mask_is_alpha(&color, mask);
+    const int half = alpha ? 128 : mask_half(&color);
+    for (size_t i = 0; i < n && half; i++) mask->data[i] = color.data[4 * i + (alpha ? 3 : 1)] >= half;
     mem_free(color.data);
     return SHERF_OK;
 }

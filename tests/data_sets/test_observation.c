@@ -307,11 +307,13 @@ static void soft_masks(void **state) {
 static void mattes(void **state) {
     enum { N = MADE_WIDTH * MADE_HEIGHT };
     context *c = listening_context();
-    for (int form = 0; form < 3; form++) {
+    for (int form = 0; form < 4; form++) { /* the last one is the first one darker */
         uint8_t pixels[N * 4];
+        warned[0] = 0;
         sherf_observation *o = NULL;
         for (int i = 0; i < N; i++) {
             const int x = i % MADE_WIDTH, shade = 12 * (x < 20 ? x : 39 - x) + i / MADE_WIDTH % 7;
+            if (form == 3) pixels[i] = (uint8_t)(shade / 2);
             if (form == 0) pixels[i] = (uint8_t)shade; /* half of it from column 11 to 28 */
             for (int k = 0; k < 4 && form == 1; k++) pixels[4 * i + k] = (uint8_t)(k < 3 ? 255 : shade);
             if (form == 2) pixels[i] = made_person(x, i / MADE_WIDTH) ? 0 : 255; /* inverted */
@@ -321,7 +323,9 @@ static void mattes(void **state) {
         assert_ok(c, sherf_observation_load(c, json(c, "a.png", "matte.png", NULL, NULL), &o));
         for (int i = 0; i < N; i++) {
             const int x = i % MADE_WIDTH;
-            const bool is = form == 2 ? !made_person(x, i / MADE_WIDTH) : x >= 11 && x <= 28;
+            const int first =
+                form == 1 ? 11 : 10; /* an alpha counts from 128 on, a grey from half its most */
+            const bool is = form == 2 ? !made_person(x, i / MADE_WIDTH) : x >= first && x <= 39 - first;
             assert_int_equal(o->mask[i], is);
         }
         assert_int_equal(strstr(warned, "matte.png: the mask covers the border") != NULL, form == 2);

@@ -221,7 +221,7 @@ static void check_finds_faults(void **state) {
     assert_finding(c, broken, body, 0, "view 1: with R transposed");
     rewrite_cameras(c, broken, 1, false, -1);
     assert_finding(c, broken, body, 0, "covers the mask");
-    assert_finding(c, broken, body, 0, "and so it does in 3 other views and the last pose");
+    assert_finding(c, broken, body, 0, "and so it does in 3 other views and 1 other pose");
     make_mask(c, join(broken, "tube_000/mask_cihp/view01/000000.png"), 40, 30, 0, 1);
     assert_int_equal(unlink(join(broken, "tube_000/view03/000001.png")), 0);
     assert_finding(c, broken, body, 2, "a mask of 40 x 30 pixels for a picture of 64 x 64");

@@ -779,6 +779,10 @@ static void bvh_files(void **state) {
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0, about_y});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
+    static const double between[9] = {0.70710678118,  0, 0.70710678118, 0, 1, 0,
+                                      -0.70710678118, 0, 0.70710678118};
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0.3, between});
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
 }
 
 static void bvh_rigs(void **state) {

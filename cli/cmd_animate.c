@@ -212,5 +212,6 @@ const verb verb_animate = {
     .arguments_min = 0,
     .arguments_max = 1,
     .computes = true,
+    .many_kinds = true,
     .run = run,
 };

@@ -237,5 +237,6 @@ const verb verb_estimate = {
     .arguments_min = 1,
     .arguments_max = 1000,
     .computes = true,
+    .many_kinds = true,
     .run = run,
 };

@@ -75,7 +75,7 @@ static int experiment(session *s, const char *name, const sherf_experiment_data 
                                         .data_count = set.data.count,
                                         .train_people = set.train_people,
                                         .test_people = set.test_people,
-                                        .source = set.source ? set.source : PEOPLE_SOURCE,
+                                        .source = set.source ? set.source : session_people_source(),
                                         .body = body,
                                         .motions = set.motions,
                                         .resnet18 = set.resnet18,

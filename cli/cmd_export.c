@@ -165,5 +165,6 @@ const verb verb_export = {
     .arguments_min = 1,
     .arguments_max = 1,
     .computes = true,
+    .many_kinds = true,
     .run = run,
 };

@@ -302,5 +302,6 @@ const verb verb_render = {
     .arguments_max = 1,
     .computes = true,
     .to_stdout = true,
+    .many_kinds = true,
     .run = run,
 };

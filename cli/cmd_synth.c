@@ -1,5 +1,6 @@
 /* sherf synth: data sets of made people, tubes or clothed, and the open body. */
 #include <string.h>
+#include <unistd.h>
 
 #include "session.h"
 #include "verbs.h"
@@ -78,7 +79,7 @@ static int run_people(session *s) {
                               .views = (int)set.views,
                               .size_px = (int)set.size,
                               .seed = (uint64_t)common.seed,
-                              .source = set.source ? set.source : PEOPLE_SOURCE,
+                              .source = set.source ? set.source : session_people_source(),
                               .body = body,
                               .motions = set.motions,
                               .normals = set.normals,

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "sherf/sherf.h"
+
 common_options common;
 const option common_table[] = {
     {0, "device", OPTION_CHOICE, &common.device, "auto|cpu|cuda",
@@ -172,6 +174,11 @@ static int store(const verb *v, const option *o, const char *text) {
     if (!strcmp(o->name, "output") && !strcmp(text, "-") && !v->to_stdout)
         return usage_error(v->name,
                            "--output -: nothing goes to standard output here, name a file or folder");
+    /* .safetensors is no ending in the sense of sherf_output_kind: it is longer */
+    if (!strcmp(o->name, "output") && !v->many_kinds && sherf_output_kind(text) != SHERF_OUTPUT_FOLDER)
+        return usage_error(v->name, "--output %s: no %s is written here; %s", text, strrchr(text, '.'),
+                           !strcmp(o->argument, "FILE") ? "this becomes a .safetensors"
+                                                        : "for a folder of that name put / behind it");
     const char *wrong = value_store(o, text);
     if (!wrong) return EXIT_DONE;
     if (o->kind == OPTION_CHOICE)

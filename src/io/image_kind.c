@@ -133,3 +133,12 @@ const char *image_other_kind(const unsigned char *data, size_t n) {
     if (i == n) return "nothing but zeros, as a copy that broke off leaves";
     return text_kind(data, n);
 }
+
+void image_other_name(context *c, const unsigned char *data, size_t bytes) {
+    const size_t n = bytes < IMAGE_KIND_BYTES ? bytes : IMAGE_KIND_BYTES;
+    const char *picture = image_kind(data, n), *other = image_other_kind(data, n);
+    if (picture)
+        failure(c, SHERF_BAD_FILE, "a picture (%s)", picture);
+    else if (other && strcmp(other, "a text"))
+        failure(c, SHERF_BAD_FILE, "%s", other);
+}

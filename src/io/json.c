@@ -6,6 +6,7 @@
 
 #include "base/path.h"
 #include "io/build.h"
+#include "io/image.h"
 #include "io/utf16.h"
 
 /* cJSON takes up to 30 bytes for one of the text. Its memory is its own: its hooks are the whole process's.
@@ -122,6 +123,7 @@ sherf_status json_read(context *c, const char *path, document **out) {
     sherf_status status = file_read(c, path, json_bytes_max, &data, &bytes);
     if (status != SHERF_OK) return status;
     status = json_parse(c, (const char *)data, bytes, out);
+    if (status == SHERF_BAD_FILE && bytes && *data != '{' && *data != '[') image_other_name(c, data, bytes);
     mem_free(data);
     return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
 }

@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 
 #include "base/path.h"
+#include "io/image.h"
 #include "io/build.h"
 #include "io/half.h"
 #include "io/safetensors.h"
@@ -183,6 +184,15 @@ static sherf_status read_data(reader *r, FILE *f) {
     return SHERF_OK;
 }
 
+/* What is no safetensors file is named, where it is known. */
+static sherf_status not_one(context *c, FILE *f) {
+    unsigned char start[IMAGE_KIND_BYTES];
+    rewind(f);
+    const size_t n = fread(start, 1, sizeof start, f);
+    image_other_name(c, start, n);
+    return SHERF_BAD_FILE;
+}
+
 /* f at its beginning, `bytes` long. */
 static sherf_status load(context *c, FILE *f, uint64_t bytes, safetensors **out) {
     unsigned char start[8];
@@ -195,9 +205,11 @@ static sherf_status load(context *c, FILE *f, uint64_t bytes, safetensors **out)
     if (bytes < 8 || fread(start, 1, 8, f) != 8)
         return failure(c, SHERF_BAD_FILE, "not a safetensors file: too short");
     for (int i = 0; i < 8; i++) header |= (uint64_t)start[i] << 8 * i;
-    if (header < 2 || header > header_bytes_max || header > bytes - 8)
-        return failure(c, SHERF_BAD_FILE, "not a safetensors file, or truncated: a header of %llu bytes",
-                       (unsigned long long)header);
+    if (header < 2 || header > header_bytes_max || header > bytes - 8) {
+        failure(c, SHERF_BAD_FILE, "not a safetensors file, or truncated: a header of %llu bytes",
+                (unsigned long long)header);
+        return not_one(c, f);
+    }
     text = mem_alloc(c, (size_t)header + 1, 1);
     r.a = text ? arena_create(c) : NULL;
     r.s = r.a ? arena_alloc(c, r.a, 1, sizeof *r.s) : NULL;

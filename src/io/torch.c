@@ -331,16 +331,6 @@ static sherf_status parse_packed(context *c, bool zlib, const unsigned char *dat
     return status;
 }
 
-/* Of what is no data file, what it is. */
-static void name_other(context *c, const unsigned char *data, size_t bytes) {
-    const size_t n = bytes < IMAGE_KIND_BYTES ? bytes : IMAGE_KIND_BYTES;
-    const char *picture = image_kind(data, n), *other = image_other_kind(data, n);
-    if (picture)
-        failure(c, SHERF_BAD_FILE, "a picture (%s)", picture);
-    else if (other && strcmp(other, "a text"))
-        failure(c, SHERF_BAD_FILE, "%s", other);
-}
-
 sherf_status document_parse(context *c, const unsigned char *data, size_t bytes, document **out,
                             const char **kind) {
     form f = form_of(data, bytes < 64 ? bytes : 64);
@@ -369,7 +359,7 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
         break;
     case FORM_PICKLE:
         status = pickle_parse(c, data, bytes, out);
-        if (status == SHERF_BAD_FILE) name_other(c, data, bytes);
+        if (status == SHERF_BAD_FILE) image_other_name(c, data, bytes);
         break;
     }
     if (kind) *kind = status == SHERF_OK ? found : NULL;

@@ -118,6 +118,9 @@ static void outputs_are_checked(void **state) {
                  ".jpg has no transparency", ".png and .webp");
     assert_error(run("render a.safetensors -b b -o - --json"), 2, "standard output", "sherf render --help");
     assert_error(run("export a.safetensors -b b -o -"), 2, "standard output", "sherf export --help");
+    assert_error(run("avatar a -o b.png"), 2, "no .png is written here", ".safetensors");
+    assert_error(run("convert a -o b.pkl"), 2, "no .pkl is written here", ".safetensors");
+    assert_error(run("eval -d a -m b -b c -o d.json"), 2, "no .json is written here", "put / behind it");
     assert_error(run("estimate a.jpg -o b.png"), 2, "b.png/", "sherf estimate --help");
 }
 

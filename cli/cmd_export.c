@@ -6,7 +6,7 @@
 #include "verbs.h"
 
 static struct {
-    const char *model, *body, *output, *pose, *motion;
+    const char *model, *body, *output, *pose, *motion, *joints;
     int format, up;
     int64_t resolution, triangles, texture, splats, frame;
     double level, islands, fps;
@@ -25,6 +25,8 @@ static const option options[] = {
      "what the person does (rest: a T); a .glb's joints take it, its mesh is bound in the T"},
     {0, "frame", OPTION_INTEGER, &set.frame, "N", "which pose of a FILE of several, from 0 (0)", 0, 1000000},
     {0, "motion", OPTION_FILE, &set.motion, "FILE", "a motion (docs/motion.md) as the animation of a .glb"},
+    {0, "joints", OPTION_FILE, &set.joints, "MAP.json",
+     "names of the motion's joints, as for sherf animate (recognised)"},
     {0, "fps", OPTION_REAL, &set.fps, "X", "frames a second of the animation (the motion's own)", 0.1, 1000},
     {'r', "resolution", OPTION_INTEGER, &set.resolution, "N",
      "cells of the density along the body's longest side (256)", 16, 768},
@@ -81,7 +83,7 @@ static int motion_find(session *s, const sherf_avatar *avatar, const sherf_body 
     *out = NULL;
     if (!set.motion) return EXIT_DONE;
     const sherf_motion_options o = {
-        .fps = set.fps, .body = body, .shapes = sherf_avatar_pose(avatar)->shapes};
+        .fps = set.fps, .joints = set.joints, .body = body, .shapes = sherf_avatar_pose(avatar)->shapes};
     return session_status(s, sherf_motion_load(s->context, set.motion, &o, out));
 }
 
@@ -141,6 +143,7 @@ static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_avatar *avatar = NULL;
     if (set.fps > 0 && !set.motion) return usage_error(s->verb_name, "--fps needs --motion");
+    if (set.joints && !set.motion) return usage_error(s->verb_name, "--joints needs --motion");
     int status = session_person(s, argument[0], set.body, set.model, set.whole, &body, &avatar);
     if (!status) status = export_avatar(s, avatar, body);
     sherf_avatar_free(avatar);

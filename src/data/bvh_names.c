@@ -18,7 +18,7 @@ typedef struct {
     const char *limb[LIMB_JOINTS]; /* thigh, shin, foot, toes, collar, upper arm, forearm, hand, fingers */
 } family;
 static const family families[] = {
-    {"bones",
+    {"a common rig",
      {"upleg|upperleg|thigh|thighbend|uleg", "leg|lowerleg|lowleg|shin|calf", "foot|ankle",
       "toebase|toe|toes|ball|toe0", "shoulder|clavicle|collar", "arm|upperarm|uparm|uarm|shldr|shldrbend",
       "forearm|lowerarm|lowarm|farm|forearmbend", "hand|wrist", ""}},
@@ -35,7 +35,7 @@ static const struct {
     {"calf", "upperarm", "lowerarm", "Unreal"},  {"calf", "upperarm", "forearm", "Biped"},
     {"shin", "upperarm", "forearm", "Rigify"},   {"shin", "uarm", "farm", "OptiTrack"},
     {"lowleg", "uparm", "lowarm", "MHR"},        {"shin", "shldr", "forearm", "Poser"},
-    {"shin", "shldrbend", "forearmbend", "DAZ"},
+    {"shin", "shldrbend", "forearmbend", "DAZ"}, {"shin", "arm", "forearm", "Rokoko"},
 };
 
 static const int8_t needed[] = {1, 2, 4, 5, 16, 17, 18, 19}; /* from which the pelvis follows */
@@ -97,7 +97,7 @@ typedef struct {
 
 /* Words that say that it is a joint, of which rig, or in the middle. */
 static bool is_filler(const char *text) {
-    static const char *const filler[] = {"joint", "jnt", "bip", "c"};
+    static const char *const filler[] = {"joint", "jnt", "bip", "c", "x", "stretch"};
     for (size_t i = 0; i < COUNT_OF(filler); i++)
         if (!strcmp(text, filler[i])) return true;
     return false;
@@ -212,7 +212,8 @@ static void match_trunk(const bvh *b, const plain_name *name, int joint[BODY_JOI
     int chest = common_ancestor(b, joint[16], joint[17]);
     joint[0] = common_ancestor(b, common_ancestor(b, joint[1], joint[2]), chest);
     for (int i = 0; i < b->joints && head < 0; i++)
-        if (!b->joint[i].end && name[i].side == MIDDLE && !strcmp(name[i].key, "head")) head = i;
+        if (!b->joint[i].end && name[i].side == MIDDLE && is_one_of(name[i].key, "head|head1|head01"))
+            head = i;
     /* Biped's collars hang on the neck. */
     if (chest > 0 && begins_with(&name[chest], "neck") && b->joint[chest].parent >= 0)
         joint[12] = chest, chest = b->joint[chest].parent;
@@ -266,22 +267,31 @@ static const char *rig_of(const bvh *b, const plain_name *name, const family *f,
     return f->whose;
 }
 
+/* The joint that a text names; -1: none. */
+static int smpl_joint(const value *text) {
+    for (int j = 0; j < BODY_JOINTS; j++)
+        if (value_is_string(text, smpl_names[j])) return j;
+    return -1;
+}
+
 static sherf_status read_given(context *c, const bvh *b, const value *given, int joint[BODY_JOINTS]) {
     for (int j = 0; j < BODY_JOINTS; j++) joint[j] = -1;
     if (!given) return SHERF_OK;
     if (given->kind != VALUE_DICT)
         return failure(c, SHERF_BAD_FILE, "joints: a dict of SMPL's names and the file's is expected");
     for (size_t i = 0; i < given->dict.count; i++) {
-        const value *key = given->dict.pair[i].key, *item = given->dict.pair[i].item;
-        int j = 0;
-        while (j < BODY_JOINTS && !value_is_string(key, smpl_names[j])) j++;
-        if (j == BODY_JOINTS)
+        const value *smpl = given->dict.pair[i].key, *name = given->dict.pair[i].item;
+        if (smpl_joint(smpl) < 0 && smpl_joint(name) >= 0) /* written the other way round */
+            smpl = given->dict.pair[i].item, name = given->dict.pair[i].key;
+        const int j = smpl_joint(smpl);
+        const char *text = name->kind == VALUE_STRING ? name->string.text : "";
+        if (j < 0)
             return failure(c, SHERF_BAD_FILE, "joints: '%.60s' is no joint of SMPL (pelvis, left_hip, ...)",
-                           key->string.text);
-        joint[j] = item->kind == VALUE_STRING ? bvh_find(b, item->string.text) : -1;
+                           smpl->kind == VALUE_STRING ? smpl->string.text : "");
+        joint[j] = bvh_find(b, text);
         if (joint[j] < 0 || b->joint[joint[j]].end)
             return failure(c, SHERF_BAD_FILE, "joints: %s: the file has no joint '%.60s'", smpl_names[j],
-                           item->kind == VALUE_STRING ? item->string.text : "");
+                           text);
     }
     return SHERF_OK;
 }

@@ -834,6 +834,11 @@ static void bvh_joints_by_map(void **state) {
     fprintf(out, ", \"neck\": \"a12\"}");
     fclose(out);
     assert_walk(f, path, &o, 20, "names of the map", "y up");
+    out = fopen(map, "wb"); /* the other way round */
+    for (int j = 0; j < 22; j++) fprintf(out, "%s\"a%d\": \"%s\"", j ? ", " : "{", j, joint_name(j));
+    fprintf(out, "}");
+    fclose(out);
+    assert_walk(f, path, &o, 20, "names of the map", "y up");
     static const char *const wrong[][2] = {{"{\"left_hip\": \"zz\"}", "no joint 'zz'"},
                                            {"{\"leg\": \"a1\"}", "'leg' is no joint of SMPL"},
                                            {"[1]", "a dict of SMPL's names"},

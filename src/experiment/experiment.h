@@ -136,6 +136,25 @@ sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *
 const char *experiment_lack(const experiment_job *j, const experiment *e);
 /* Trains and scores what the experiment at hand lacks. */
 sherf_status runs_do(experiment_job *j);
+/* A line of the log: what is done for it, and how long all takes still. */
+void run_tell(experiment_job *j, const run *r, const char *what);
+/* Calls `once` for every scoring of a run, of each pose, that is not there yet. */
+typedef sherf_status scoring_function(experiment_job *j, const run *r, const scoring *s, int pose,
+                                      const scoring_selection *k, void *arg);
+sherf_status run_scorings(experiment_job *j, const run *r, scoring_function *once, void *arg);
+
+/* ---- training.c ---- */
+/* Measures, where trainings are so many minutes, how many steps those that are to come take. */
+sherf_status steps_ready(experiment_job *j);
+/* Unless it is finished. */
+sherf_status training_do(experiment_job *j, const run *r);
+/* What a finished one says of itself, for tables. */
+typedef struct {
+    double steps, pictures, minutes, step_ms, weights;
+} training_facts;
+sherf_status training_read(const experiment_job *j, const run *r, training_facts *out);
+
+/* ---- tally.c ---- */
 /* A step of one picture and a frame, as `sherf bench` measures them. */
 typedef struct {
     const char *preset;
@@ -153,12 +172,6 @@ typedef struct {
     preset_time timed[2 * EXPERIMENT_METHODS];
 } run_tally;
 sherf_status runs_tell(experiment_job *j, run_tally *t);
-/* What a finished training says of itself, for tables. */
-typedef struct {
-    double steps, pictures, minutes, step_ms, weights;
-} training_facts;
-sherf_status training_read(const experiment_job *j, const run *r, training_facts *out);
-
 /* ---- report.c ---- */
 sherf_status report_scores(experiment_job *j, page *out);
 sherf_status report_cross(experiment_job *j, page *out);

@@ -15,6 +15,10 @@ static int by_value(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
+void numbers_sort(int n, double *x) {
+    qsort(x, (size_t)n, sizeof *x, by_value);
+}
+
 static double mean_of(int n, const double *x) {
     double sum = 0;
     for (int i = 0; i < n; i++) sum += x[i];
@@ -44,7 +48,7 @@ sherf_status interval_bootstrap(context *c, int n, const double *x, uint64_t key
     if (known) out->mean = mean_of(known, values);
     for (int r = 0; r < RESAMPLES && known > 1; r++) means[r] = resample(known, values, key, r);
     if (known > 1) {
-        qsort(means, RESAMPLES, sizeof *means, by_value);
+        numbers_sort(RESAMPLES, means);
         out->low = percentile(RESAMPLES, means, 0.025);
         out->high = percentile(RESAMPLES, means, 0.975);
     }

@@ -12,6 +12,7 @@ typedef struct {
 } interval;
 static const interval interval_none = {(double)NAN, (double)NAN, (double)NAN};
 interval interval_of(double mean); /* without ends */
+void numbers_sort(int n, double *x);
 
 /* The mean of n numbers, one a person, with the 95 % interval of the percentile bootstrap over people (2000
  * resamples by `key`; the same key gives the same people, so differences are paired). NaNs are left out; one

@@ -1,6 +1,5 @@
 /* How long the methods take on this machine: an avatar and frames of one person, in turn, in one process. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "avatar/avatar.h"
@@ -140,15 +139,10 @@ static sherf_status time_all(runtime *t) {
 }
 
 /* ---- the page ---- */
-static int by_value(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* The median and the quartiles. */
 static interval quartiles(const runtime *t, double ms[REPEATS]) {
     const int n = t->repeats;
-    qsort(ms, (size_t)n, sizeof *ms, by_value);
+    numbers_sort(n, ms);
     return (interval){(ms[(n - 1) / 2] + ms[n / 2]) / 2, ms[n / 4], ms[3 * n / 4]};
 }
 

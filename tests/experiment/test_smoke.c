@@ -166,6 +166,7 @@ static void the_others(void **state) {
     sherf_experiment_options o = smoke("others");
     char path[1400];
     o.data_count = 2;
+    o.test_people = "1";
     static const char *const name[] = {"input-angle", "angle-difference", "ablation", "fusion",
                                        "front-view",  "cross-data",       "runtime"};
     for (size_t i = 0; i < COUNT_OF(name); i++) {
@@ -180,12 +181,12 @@ static void the_others(void **state) {
     document *angles = json_of(c, o.output, "input-angle/results.json");
     document *scored = json_of(c, o.output, "runs/thuman/sherf-1/scores/angles-0/scores.json");
     const value *images = value_get(scored->root, "images");
-    assert_int_equal(value_count(images), 2 * 12 * 11);
+    assert_int_equal(value_count(images), 12 * 11);
     double sum = 0; /* of the front view's pictures, column 5 of -150 ... 180 */
     for (size_t i = 0; i < value_count(images); i++) {
         const value *image = value_at(images, i);
         if (value_at(value_get(image, "observation"), 1)->integer == 12)
-            sum += value_get(image, "psnr")->real / 22;
+            sum += value_get(image, "psnr")->real / 11;
     }
     assert_true(fabs(mean_of(angles, 0, 2, 5) - sum) < 1e-6);
     document_free(scored);
@@ -200,6 +201,30 @@ static void the_others(void **state) {
         assert_true(mean_of(times, 0, row, 1) > 0 && mean_of(times, 0, row, 2) > 0 &&
                     mean_of(times, 0, row, 4) > 1000);
     document_free(times);
+    sherf_context_free(c);
+}
+
+/* Minutes become steps, which the trainings then take. */
+static void minutes_are_counted_in_steps(void **state) {
+    context *c = test_context();
+    sherf_experiment_options o = smoke("minutes");
+    int64_t steps;
+    o.steps = 0;
+    o.minutes = 0.01;
+    assert_ok(c, sherf_experiment(c, "main", &o, NULL));
+    document *measured = json_of(c, o.output, "steps/thuman-sherf.json");
+    assert_ok(c, value_integer(c, value_get(measured->root, "steps"), "steps", &steps));
+    const double step_s = value_get(measured->root, "step_s")->real;
+    assert_true(steps >= 1 && fabs((double)steps - fmax(1, floor(0.6 / step_s))) <= 1);
+    document *d = json_of(c, o.output, "runs/thuman/sherf-1/finished.json");
+    int64_t made;
+    assert_ok(c, value_integer(c, value_get(d->root, "steps"), "steps", &made));
+    assert_int_equal(made, steps);
+    document_free(d);
+    document_free(measured);
+    char path[1400];
+    snprintf(path, sizeof path, "%s/steps/pilot", o.output);
+    assert_false(path_is_folder(path));
     sherf_context_free(c);
 }
 
@@ -257,10 +282,10 @@ static void weights_of_another_method(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("others");
     char from[1400], to[1400], folder[1400];
-    snprintf(from, sizeof from, "%s/runs/thuman/nhp-1/checkpoint.safetensors", o.output);
+    snprintf(from, sizeof from, "%s/runs/thuman/sherf-1/checkpoint.safetensors", o.output);
     sherf_experiment_options foreign = smoke("foreign");
-    snprintf(folder, sizeof folder, "%s/foreign/runs/thuman/sherf-1", root);
-    snprintf(to, sizeof to, "%s/foreign/runs/thuman/sherf-1/checkpoint.safetensors", root);
+    snprintf(folder, sizeof folder, "%s/foreign/runs/thuman/nhp-1", root);
+    snprintf(to, sizeof to, "%s/foreign/runs/thuman/nhp-1/checkpoint.safetensors", root);
     assert_ok(c, folder_make(c, folder));
     assert_int_equal(rename(from, to), 0);
     assert_fails(c, sherf_experiment(c, "input-angle", &foreign, NULL), SHERF_MISMATCH,
@@ -275,6 +300,7 @@ int main(void) {
         cmocka_unit_test(main_shows_its_scores),
         cmocka_unit_test(finished_runs_stay),
         cmocka_unit_test(the_others),
+        cmocka_unit_test(minutes_are_counted_in_steps),
         cmocka_unit_test(a_dry_run_makes_nothing),
         cmocka_unit_test(mistakes_are_one_line),
         cmocka_unit_test(weights_of_another_method),

@@ -1,0 +1,72 @@
+/* sherf experiment, killed in the middle of a training, goes on. */
+#include "program.h"
+
+static char tubes[512], output[512];
+
+static int make_data(void **state) {
+    snprintf(tubes, sizeof tubes, "%s", test_path("tubes"));
+    snprintf(output, sizeof output, "%s", test_path("out"));
+    return run("synth tube -o %s --people 2 --poses 2 --views 24 --size 32 -q", tubes)->status;
+}
+
+static const char *words(void) {
+    static char line[2000];
+    snprintf(line, sizeof line,
+             "experiment input-angle -p smoke -d thuman:%s --train-people 0 --test-people 1 -s 32 -n 30 "
+             "--perceptual none -o %s",
+             tubes, output);
+    return line;
+}
+
+static bool is_there(const char *name) {
+    char path[1200];
+    snprintf(path, sizeof path, "%s/%s", output, name);
+    return access(path, F_OK) == 0;
+}
+
+static time_t written(const char *name) {
+    char path[1200];
+    struct stat info;
+    snprintf(path, sizeof path, "%s/%s", output, name);
+    assert_int_equal(stat(path, &info), 0);
+    return info.st_mtim.tv_sec * 1000 + info.st_mtim.tv_nsec / 1000000;
+}
+
+/* The second method has begun, the first is whole: killed, and the rest is done by the same words. */
+static void a_kill_is_gone_on_from(void **state) {
+    char out[4096], err[4096];
+    snprintf(out, sizeof out, "%s", test_path("stdout"));
+    snprintf(err, sizeof err, "%s", test_path("stderr"));
+    int status;
+    const pid_t child = start(words(), out, err);
+    for (int i = 0; i < 6000 && !is_there("runs/thuman/mps-nerf-1/log.jsonl"); i++) usleep(10000);
+    assert_int_equal(kill(child, SIGKILL), 0);
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSIGNALED(status)); /* it had not come to an end */
+    assert_true(is_there("runs/thuman/nhp-1/finished.json") &&
+                is_there("runs/thuman/nhp-1/scores/angles-0/scores.json"));
+    assert_false(is_there("runs/thuman/mps-nerf-1/finished.json"));
+    const time_t before = written("runs/thuman/nhp-1/model.safetensors");
+    const outcome *o = run("%s", words());
+    assert_int_equal(o->status, 0);
+    assert_contains(o->out, "| SHERF |");
+    assert_true(written("runs/thuman/nhp-1/model.safetensors") == before);
+    assert_true(is_there("input-angle/index.html") && is_there("input-angle/input-angle.svg") &&
+                is_there("index.html"));
+}
+
+static void words_that_are_wrong(void **state) {
+    assert_error(run("experiment dance -o x"), 2, "'dance' is none of main|ablation",
+                 "sherf experiment --help");
+    assert_error(run("experiment main"), 2, "--output FOLDER is missing", "sherf experiment --help");
+    assert_error(run("experiment pifu -q -d thuman:%s -o %s", tubes, output), 1,
+                 "experiment pifu is not there yet", "the model pifu");
+    assert_error(run("experiment main -q -n 31 -p smoke -d thuman:%s -o %s", tubes, output), 1,
+                 "made with other settings", "experiment.json");
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_kill_is_gone_on_from),
+                                       cmocka_unit_test(words_that_are_wrong)};
+    return cmocka_run_group_tests(tests, make_data, NULL);
+}

@@ -1,6 +1,5 @@
 /* sherf synth: data sets of made people, tubes or clothed, and the open body. */
 #include <string.h>
-#include <unistd.h>
 
 #include "session.h"
 #include "verbs.h"

@@ -90,26 +90,31 @@ static void json_or_null(text_builder *t, const char *key, const char *text) {
         text_add(t, "null");
 }
 
-/* All that decides what a folder's numbers come to. */
+/* Without its folders: assets may lie elsewhere the next time. */
+static const char *file_name(const char *path) {
+    const char *slash = path ? strrchr(path, '/') : NULL;
+    return slash ? slash + 1 : path;
+}
+
+/* All that decides what a run's numbers come to; how many seeds there are does not. */
 static char *settings_text(const experiment_job *j) {
     const experiment_settings *s = &j->set;
     const sherf_experiment_options *o = j->options;
     text_builder t = {.c = j->c};
     text_add(&t,
-             "{\"preset\": \"%s\", \"size\": %d, \"people\": %d, \"seeds\": %d, \"minutes\": %.9g, "
+             "{\"preset\": \"%s\", \"size\": %d, \"people\": %d, \"minutes\": %.9g, "
              "\"steps\": %" PRId64 ", \"seed\": %" PRIu64,
-             scale_name[s->scale], s->size_px, o->data_count ? 0 : s->people, s->seeds, s->minutes, s->steps,
-             o->seed);
+             scale_name[s->scale], s->size_px, o->data_count ? 0 : s->people, s->minutes, s->steps, o->seed);
     for (int i = 0; i < o->data_count; i++) {
         json_or_null(&t, "data", o->data[i].data);
         json_or_null(&t, "body", o->data[i].body);
     }
     json_or_null(&t, "train_people", o->train_people);
     json_or_null(&t, "test_people", o->test_people);
-    json_or_null(&t, "resnet18", o->resnet18);
-    json_or_null(&t, "resnet34", o->resnet34);
-    json_or_null(&t, "lpips", o->lpips);
-    json_or_null(&t, "perceptual", o->perceptual);
+    json_or_null(&t, "resnet18", file_name(o->resnet18));
+    json_or_null(&t, "resnet34", file_name(o->resnet34));
+    json_or_null(&t, "lpips", file_name(o->lpips));
+    json_or_null(&t, "perceptual", file_name(o->perceptual));
     text_add(&t, "}\n");
     return text_take(&t);
 }

@@ -149,6 +149,33 @@ static void pages_are_written(void **state) {
     page_free(&p);
 }
 
+/* Memory that runs out at any place is said, and nothing is left of it. */
+static void every_allocation_fails(void **state) {
+    context *c = *state;
+    page p;
+    scores s;
+    char folder[512];
+    snprintf(folder, sizeof folder, "%s", test_path("no memory"));
+    assert_ok(c, folder_make(c, folder));
+    page_make(c, &p);
+    scores_make(c, 24, &s);
+    scores_free(&s);
+    const char *path = test_path("scores.json");
+    for (int what = 0; what < 2; what++) {
+        const size_t live = mem_live();
+        sherf_status status = SHERF_NO_MEMORY;
+        for (long k = 0; status != SHERF_OK; k++) {
+            mem_fail_after(k);
+            status = what ? scores_read(c, path, &s) : page_write(c, &p, folder);
+            mem_fail_after(-1);
+            if (status == SHERF_OK && what) scores_free(&s);
+            assert_true(status == SHERF_OK || status == SHERF_NO_MEMORY);
+            assert_int_equal(mem_live(), live);
+        }
+    }
+    page_free(&p);
+}
+
 /* Every error bar of the SVG has the ends of its interval at the scale of the axis. */
 static void error_bars_are_to_scale(void **state) {
     context *c = *state;
@@ -328,12 +355,12 @@ static void published_numbers(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(intervals_cover),      cmocka_unit_test(intervals_of_little),
-        cmocka_unit_test(scores_of_a_file),     cmocka_unit_test(other_files_are_refused),
-        cmocka_unit_test(pages_are_written),    cmocka_unit_test(error_bars_are_to_scale),
-        cmocka_unit_test(canvas_letters),       cmocka_unit_test(angles_round_a_body),
-        cmocka_unit_test(disturbed_by_so_much), cmocka_unit_test(the_plan_holds_together),
-        cmocka_unit_test(published_numbers),
+        cmocka_unit_test(intervals_cover),         cmocka_unit_test(intervals_of_little),
+        cmocka_unit_test(scores_of_a_file),        cmocka_unit_test(other_files_are_refused),
+        cmocka_unit_test(pages_are_written),       cmocka_unit_test(every_allocation_fails),
+        cmocka_unit_test(error_bars_are_to_scale), cmocka_unit_test(canvas_letters),
+        cmocka_unit_test(angles_round_a_body),     cmocka_unit_test(disturbed_by_so_much),
+        cmocka_unit_test(the_plan_holds_together), cmocka_unit_test(published_numbers),
     };
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

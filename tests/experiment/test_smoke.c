@@ -117,6 +117,7 @@ static void main_goes_on_where_it_stopped(void **state) {
     assert_same_file(c, whole.output, cut.output, "main/novel-view.png");
     assert_same_file(c, whole.output, cut.output, "main/novel-pose.png");
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* The table has what the scorings' files have, and the sheet a column a method. */
@@ -145,6 +146,7 @@ static void main_shows_its_scores(void **state) {
     assert_int_equal(width, (2 + 3) * SHEET_CELL_PX); /* PixelNeRF shows none */
     assert_true(height > 4 * SHEET_CELL_PX);
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* A finished run is looked at and left: nothing is written again. */
@@ -157,6 +159,7 @@ static void finished_runs_stay(void **state) {
     assert_ok(c, sherf_experiment(c, "main", &o, NULL));
     assert_false(path_is_file(path));
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* ---- the others, which share its runs ---- */
@@ -202,6 +205,7 @@ static void the_others(void **state) {
                     mean_of(times, 0, row, 4) > 1000);
     document_free(times);
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* Minutes become steps, which the trainings then take. */
@@ -226,6 +230,7 @@ static void minutes_are_counted_in_steps(void **state) {
     snprintf(path, sizeof path, "%s/steps/pilot", o.output);
     assert_false(path_is_folder(path));
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* ---- plans and mistakes ---- */
@@ -245,6 +250,7 @@ static void a_dry_run_makes_nothing(void **state) {
     assert_string_equal(text, "main\n0 trainings, about 0.0 hours\n");
     sherf_free(text);
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 static void mistakes_are_one_line(void **state) {
@@ -275,6 +281,7 @@ static void mistakes_are_one_line(void **state) {
     assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_NO_FILE, "/nowhere: no such folder");
     assert_false(path_is_folder(o.output));
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* Weights of another method in a run's folder are refused by name, and stay. */
@@ -292,6 +299,7 @@ static void weights_of_another_method(void **state) {
                  "checkpoint.safetensors");
     assert_true(path_is_file(to));
     sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 int main(void) {

@@ -36,10 +36,10 @@ static sherf_status numbers_get(context *c, const float n[NUMBERS], sherf_avatar
 
 sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const char *path) {
     enum { OWN_ITEMS = 3 };
-    const size_t most = OWN_ITEMS + (size_t)a->kept.count + (size_t)a->weights->count;
+    const size_t max = OWN_ITEMS + (size_t)a->kept.count + (size_t)a->weights->count;
     float numbers[NUMBERS];
     char fingerprint[32], key[MODEL_KEY], *config = model_config_text(c, &a->config);
-    safetensor_item *item = mem_zero(c, most, sizeof *item);
+    safetensor_item *item = mem_zero(c, max, sizeof *item);
     sherf_status status = config && item ? SHERF_OK : SHERF_NO_MEMORY;
     size_t n = 0;
     if (status != SHERF_OK) goto done;

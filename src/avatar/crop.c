@@ -17,10 +17,10 @@ static const double margin_m = 0.15;
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
 static const double fine_min = 1.2;
 
-/* The square of the picture that holds the body, at least `least` wide, in whole pixels. False where a joint
- * lies behind the camera. */
+/* The square of the picture that holds the body, at least `side_min` wide, in whole pixels. False where a
+ * joint lies behind the camera. */
 static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *camera, double margin_px,
-                         double least, int *left, int *top, int *side) {
+                         double side_min, int *left, int *top, int *side) {
     double min[2] = {INFINITY, INFINITY}, max[2] = {-INFINITY, -INFINITY};
     for (int j = 0; j < BODY_JOINTS; j++) {
         const float *p = joint[j];
@@ -32,7 +32,7 @@ static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *
             max[i] = fmax(max[i], at + margin_px);
         }
     }
-    double s = ceil(fmax(least, fmax(max[0] - min[0], max[1] - min[1])));
+    double s = ceil(fmax(side_min, fmax(max[0] - min[0], max[1] - min[1])));
     double corner[2] = {floor((min[0] + max[0] - s) / 2), floor((min[1] + max[1] - s) / 2)};
     if (!(s <= IMAGE_SIDE_MAX && fabs(corner[0]) < 1e6 && fabs(corner[1]) < 1e6)) return false;
     *left = (int)corner[0];

@@ -39,7 +39,7 @@ static float facing_at(const detail_optics *o, const float *depth, int width, in
 /* The smallest value in a square of 2 r + 1, then the mean of one: edges fade inwards and hold none back. */
 static void fade_inwards(float *weight, float *room, int width, int height, int r) {
     for (int pass = 0; pass < 4; pass++) {
-        const bool across = pass % 2 == 0, least = pass < 2;
+        const bool across = pass % 2 == 0, min = pass < 2;
         for (int y = 0; y < height; y++)
             for (int x = 0; x < width; x++) {
                 float low = INFINITY, sum = 0;
@@ -50,7 +50,7 @@ static void fade_inwards(float *weight, float *room, int width, int height, int 
                     low = fminf(low, value);
                     sum += value;
                 }
-                room[(size_t)y * (size_t)width + (size_t)x] = least ? low : sum / (float)(2 * r + 1);
+                room[(size_t)y * (size_t)width + (size_t)x] = min ? low : sum / (float)(2 * r + 1);
             }
         memcpy(weight, room, (size_t)width * (size_t)height * sizeof *weight);
     }

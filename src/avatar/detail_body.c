@@ -18,14 +18,14 @@ enum { ROUNDS = 4, HOLE_ROUNDS = 6, HEAD = 15 };
 
 /* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
 static float body_depth(const raster *r, const float px[2]) {
-    float most = 0;
+    float max = 0;
     if (!(fabsf(px[0]) < 1e6f && fabsf(px[1]) < 1e6f)) return 0;
     const int x0 = (int)lrintf(px[0]), y0 = (int)lrintf(px[1]);
     for (int y = y0 - 1; y <= y0 + 1; y++)
         for (int x = x0 - 1; x <= x0 + 1; x++)
             if (x >= 0 && y >= 0 && x < r->width && y < r->height)
-                most = fmaxf(most, r->depth[(size_t)y * (size_t)r->width + (size_t)x]);
-    return most;
+                max = fmaxf(max, r->depth[(size_t)y * (size_t)r->width + (size_t)x]);
+    return max;
 }
 
 static float cosine_to(const sherf_camera *camera, const float world[3], const float normal[3]) {
@@ -160,8 +160,8 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
             const size_t n = (size_t)y * (size_t)j->drawn->width + (size_t)x;
             float *opacity = j->frame->opacity.data + n, *color = j->frame->color.data + 3 * n;
             if (!(*opacity > 0)) continue;
-            const float inside = inside_body(j->drawn, x, y), least = haze[0] - inside * firm[0];
-            const float share = (*opacity - least) / (haze[1] - inside * firm[1] - least);
+            const float inside = inside_body(j->drawn, x, y), min = haze[0] - inside * firm[0];
+            const float share = (*opacity - min) / (haze[1] - inside * firm[1] - min);
             const float is = fminf(fmaxf(share, 0), 1);
             for (int k = 0; k < 3; k++) {
                 const float own = color[k] - (1 - *opacity) * j->background[k];

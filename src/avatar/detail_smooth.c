@@ -23,7 +23,7 @@ void detail_optics_of(const sherf_camera *camera, detail_optics *out) {
         }
 }
 
-int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int most) {
+int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max) {
     float root[3], depth = camera->T_m[2];
     for (int k = 0; k < 3; k++) {
         const float *R = posed->R + 3 * k, *j = posed->joints_smpl[0];
@@ -32,17 +32,17 @@ int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, 
     }
     if (!(depth > 0.1f)) depth = 0.1f;
     const float wide = m * fabsf(camera->K[4]) / depth + 0.5f;
-    return wide < 1 ? 1 : wide < (float)most ? (int)wide : most;
+    return wide < 1 ? 1 : wide < (float)max ? (int)wide : max;
 }
 
 float detail_jump(const float *depth, int width, int height, int reach, int x, int y) {
     const size_t w = (size_t)width, n = (size_t)y * w + (size_t)x, r = (size_t)reach;
-    float most = 0;
-    if (x >= reach) most = fmaxf(most, fabsf(depth[n] - depth[n - r]));
-    if (y >= reach) most = fmaxf(most, fabsf(depth[n] - depth[n - r * w]));
-    if (x + reach < width) most = fmaxf(most, fabsf(depth[n] - depth[n + r]));
-    if (y + reach < height) most = fmaxf(most, fabsf(depth[n] - depth[n + r * w]));
-    return most;
+    float max = 0;
+    if (x >= reach) max = fmaxf(max, fabsf(depth[n] - depth[n - r]));
+    if (y >= reach) max = fmaxf(max, fabsf(depth[n] - depth[n - r * w]));
+    if (x + reach < width) max = fmaxf(max, fabsf(depth[n] - depth[n + r]));
+    if (y + reach < height) max = fmaxf(max, fabsf(depth[n] - depth[n + r * w]));
+    return max;
 }
 
 float detail_solid(float opacity, float jump) {

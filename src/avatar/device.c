@@ -30,13 +30,13 @@ bool avatar_takes_joints(const sherf_avatar *a) {
 
 /* As far as poses that were the same may differ after a way through files. */
 static bool same_pose(const sherf_pose *a, const sherf_pose *b) {
-    const float most = 1e-4f;
+    const float max = 1e-4f;
     float far = 0;
     for (int i = 0; i < 72; i++) far = fmaxf(far, fabsf(a->poses_rad[i] - b->poses_rad[i]));
     for (int i = 0; i < 10; i++) far = fmaxf(far, fabsf(a->shapes[i] - b->shapes[i]));
     for (int i = 0; i < 9; i++) far = fmaxf(far, fabsf(a->R[i] - b->R[i]));
     for (int i = 0; i < 3; i++) far = fmaxf(far, fabsf(a->Th_m[i] - b->Th_m[i]));
-    return far <= most;
+    return far <= max;
 }
 
 sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,

@@ -11,9 +11,9 @@ enum { SAMPLES_MAX = 1024 };
 static const float step_max_m = 0.012f;
 
 static float depth_max(const ray_bundle *r) {
-    float most = -INFINITY;
-    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++) most = fmaxf(most, r->far[i]);
-    return most;
+    float farthest = -INFINITY;
+    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++) farthest = fmaxf(farthest, r->far[i]);
+    return farthest;
 }
 
 /* The rays of a frame and how many depths they have; *farthest: the last depth of all in the box. */

@@ -200,14 +200,14 @@ static bool window_of(const source *n, const char *name, int64_t out[2]) {
 }
 
 /* Integers of a constant, or of a Pack of constants and of the number of pictures. -1: there are none. */
-static int integers_of(const work *w, int i, int most, int64_t *out) {
+static int integers_of(const work *w, int i, int max, int64_t *out) {
     const source *n = &w->node[i];
     if (n->batch) {
         out[0] = 1;
         return 1;
     }
     if (op_is(n, "Pack")) {
-        if (n->inputs > most) return -1;
+        if (n->inputs > max) return -1;
         for (int k = 0; k < n->inputs; k++)
             if (op_is(&w->node[n->input[k]], "Pack") || integers_of(w, n->input[k], 1, out + k) != 1)
                 return -1;
@@ -215,7 +215,7 @@ static int integers_of(const work *w, int i, int most, int64_t *out) {
     }
     if (!n->array || n->array->array.type != T_I32 || n->array->array.rank > 2) return -1;
     const int64_t count = build_count(n->array->array.rank, n->array->array.dim);
-    if (count < 1 || count > most) return -1;
+    if (count < 1 || count > max) return -1;
     for (int64_t k = 0; k < count; k++) out[k] = ((const int32_t *)n->array->array.data)[k];
     return (int)count;
 }

@@ -23,10 +23,10 @@ static uint64_t number(piece p, size_t *at, int count) {
     return v;
 }
 
-static void grow(uint32_t most[2], uint64_t width, uint64_t height) {
+static void grow(uint32_t max[2], uint64_t width, uint64_t height) {
     const uint64_t size[2] = {width, height};
     for (int k = 0; k < 2; k++)
-        if (size[k] > most[k]) most[k] = size[k] < UINT32_MAX ? (uint32_t)size[k] : UINT32_MAX;
+        if (size[k] > max[k]) max[k] = size[k] < UINT32_MAX ? (uint32_t)size[k] : UINT32_MAX;
 }
 
 /* ---- bits ---- */
@@ -158,10 +158,10 @@ static void av1_stream(piece p, av1_sequence *q, heif_sizes *out) {
 
 /* ---- H.265 ---- */
 static void hevc_sps(piece p, heif_sizes *out) {
-    enum { MOST = 512 }; /* what is needed lies in the first hundred bytes */
-    uint8_t plain[MOST];
+    enum { MAX = 512 }; /* what is needed lies in the first hundred bytes */
+    uint8_t plain[MAX];
     size_t n = 0, zeros = 0;
-    for (size_t i = 2; i < p.bytes && n < MOST; i++) {
+    for (size_t i = 2; i < p.bytes && n < MAX; i++) {
         const bool escape = zeros >= 2 && p.data[i] == 3;
         zeros = p.data[i] ? 0 : zeros + 1;
         if (!escape) plain[n++] = p.data[i];

@@ -91,13 +91,13 @@ static void mean_color(const palette *p, const box *b, uint8_t rgb[3]) {
     }
 }
 
-static void choose(palette *p, int most) {
+static void choose(palette *p, int max) {
     int entries = 0;
     for (int i = 0; i < BINS; i++)
         if (p->histogram[i]) p->list[entries++] = (entry){(uint16_t)i, p->histogram[i]};
     p->boxes[0] = (box){.end = entries};
     measure(p, &p->boxes[0]);
-    for (p->colors = 1; p->colors < most; p->colors++) {
+    for (p->colors = 1; p->colors < max; p->colors++) {
         int best = -1;
         for (int i = 0; i < p->colors; i++) /* many pixels over a long way */
             if (p->boxes[i].width && (best < 0 || p->boxes[i].count * (uint64_t)p->boxes[i].width >
@@ -113,14 +113,14 @@ static void choose(palette *p, int most) {
 static int nearest(palette *p, const int rgb[3]) {
     uint16_t *known = &p->nearest[bin_of(rgb)];
     if (*known != UNKNOWN) return *known;
-    int best = 0, least = INT32_MAX;
+    int best = 0, min = INT32_MAX;
     for (int i = 0; i < p->colors; i++) {
         int d = 0;
         for (int a = 0; a < 3; a++) {
             int middle = (rgb[a] & ~7) + 4 - p->rgb[i][a];
             d += middle * middle * (a == 1 ? 2 : 1); /* green is seen best */
         }
-        if (d < least) least = d, best = i;
+        if (d < min) min = d, best = i;
     }
     *known = (uint16_t)best;
     return best;

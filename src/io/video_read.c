@@ -122,11 +122,11 @@ static sherf_status check_size(context *c, const video_reader *v, int width, int
 }
 
 static sherf_status find_stream(context *c, video_reader *v, int pixels_max) {
-    char most[16];
+    char max[16];
     const unsigned streams = v->container->nb_streams;
-    snprintf(most, sizeof most, "%d", pixels_max);
+    snprintf(max, sizeof max, "%d", pixels_max);
     AVDictionary **options = streams ? av_calloc(streams, sizeof *options) : NULL;
-    for (unsigned i = 0; i < streams && options; i++) av_dict_set(&options[i], "max_pixels", most, 0);
+    for (unsigned i = 0; i < streams && options; i++) av_dict_set(&options[i], "max_pixels", max, 0);
     avformat_find_stream_info(v->container, options); /* what it finds is looked at below */
     for (unsigned i = 0; i < streams && options; i++) av_dict_free(&options[i]);
     av_free(options);

@@ -62,7 +62,7 @@ static double psnr(const sherf_frame *a, const sherf_frame *b, double *worst) {
 /* Pixels some 3 and 8 mm apart: with and without the chequerboard. */
 static void frames_are_close(void **state) {
     static const struct {
-        float larger, least_db, worst;
+        float larger, min_db, worst;
         int share; /* of the points that are asked at most: one in so many */
     } cases[] = {{3, 40, 0.4f, 7}, {1, 54, 0.15f, 2}};
     scene s;
@@ -73,7 +73,7 @@ static void frames_are_close(void **state) {
         render(&s, 224, cases[i].larger, 1, &exact);
         render(&s, 224, cases[i].larger, 0, &coarse);
         const double db = psnr(&exact, &coarse, &worst);
-        if (!(db > cases[i].least_db && worst < cases[i].worst))
+        if (!(db > cases[i].min_db && worst < cases[i].worst))
             fail_msg("%zu: %.1f dB, at most %.3f apart", i, db, worst);
         if (!(coarse.points > 0 && coarse.points * cases[i].share < exact.points))
             fail_msg("%zu: %lld of %lld points", i, (long long)coarse.points, (long long)exact.points);

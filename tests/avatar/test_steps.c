@@ -34,11 +34,11 @@ static void steps_are_short(void **state) {
     assert_ok(s.c, avatar_pose(s.c, s.avatar, s.body, rest(), &posed));
     body_world_box(s.body, posed, min, max);
     assert_ok(s.c, rays_create(s.c, &side, min, max, &plain));
-    for (int most = 60; most <= 1024; most += 964) {
+    for (int samples_max = 60; samples_max <= 1024; samples_max += 964) {
         assert_ok(s.c, rays_create(s.c, &side, min, max, &even));
-        const int count = rays_even_steps(even, 48, most, 0.012f);
-        const double bound = most == 60 ? 0.05 : 0.012;
-        assert_true(count > 48 && count <= most);
+        const int count = rays_even_steps(even, 48, samples_max, 0.012f);
+        const double bound = samples_max == 60 ? 0.05 : 0.012;
+        assert_true(count > 48 && count <= samples_max);
         int own = 0, cut = 0;
         for (int n = 0; n < 40 * 40; n++) {
             const float *d = even->direction + 3 * n;

@@ -38,7 +38,7 @@ static int value(const image_u8 *p, double u, double v, int channel) {
 }
 
 /* Reads all of it; counts repeated frames. shades (may be NULL): the middle of each frame. */
-static int read_all(context *c, video_reader *v, int *repeated, int *shades, int most) {
+static int read_all(context *c, video_reader *v, int *repeated, int *shades, int max) {
     const image_u8 *p;
     int count = 0;
     bool again;
@@ -47,7 +47,7 @@ static int read_all(context *c, video_reader *v, int *repeated, int *shades, int
         assert_ok(c, video_read_next(c, v, &p, &again));
         if (!p) break;
         *repeated += again;
-        if (shades && count < most) shades[count] = value(p, 0.6, 0.6, 1);
+        if (shades && count < max) shades[count] = value(p, 0.6, 0.6, 1);
     }
     return count;
 }

@@ -131,10 +131,12 @@ static sherf_status method_sums(const angle_source *s, const experiment_method *
 }
 
 static sherf_status bin_interval(context *c, const angle_sums *sums, int people, int bin, interval *out) {
-    double *x = mem_alloc(c, (size_t)people + 1, sizeof *x);
+    double *x = mem_alloc(c, (size_t)people + 1, 2 * sizeof *x), *weight = x + people;
     if (!x) return SHERF_NO_MEMORY;
+    for (int i = 0; i < people; i++) weight[i] = sums[i].count[bin];
     for (int i = 0; i < people; i++) x[i] = sums[i].count[bin] ? sums[i].sum[bin] / sums[i].count[bin] : NAN;
-    sherf_status status = interval_bootstrap(c, people, x, random_key(1, "experiment.people", 0), out);
+    sherf_status status =
+        interval_bootstrap(c, people, x, weight, random_key(1, "experiment.people", 0), out);
     mem_free(x);
     return status;
 }

@@ -19,12 +19,6 @@ void numbers_sort(int n, double *x) {
     qsort(x, (size_t)n, sizeof *x, by_value);
 }
 
-static double mean_of(int n, const double *x) {
-    double sum = 0;
-    for (int i = 0; i < n; i++) sum += x[i];
-    return sum / n;
-}
-
 /* Linear between the sorted values. */
 static double percentile(int n, const double *sorted, double share) {
     const double at = share * (n - 1);
@@ -32,26 +26,39 @@ static double percentile(int n, const double *sorted, double share) {
     return sorted[i] + (at - i) * (sorted[i + 1] - sorted[i]);
 }
 
-static double resample(int n, const double *x, uint64_t key, int r) {
-    double sum = 0;
-    for (int i = 0; i < n; i++) sum += x[random_below(key, (uint64_t)r * (uint64_t)n + (uint64_t)i, n)];
-    return sum / n;
+typedef struct {
+    double x, weight;
+} weighted;
+
+/* The mean of all, or of as many drawn by chance. */
+static double mean_of(int n, const weighted *v, const uint64_t *key, int round) {
+    double sum = 0, weight = 0;
+    for (int i = 0; i < n; i++) {
+        const int64_t at = key ? random_below(*key, (uint64_t)round * (uint64_t)n + (uint64_t)i, n) : i;
+        sum += v[at].weight * v[at].x;
+        weight += v[at].weight;
+    }
+    return sum / weight;
 }
 
-sherf_status interval_bootstrap(context *c, int n, const double *x, uint64_t key, interval *out) {
+sherf_status interval_bootstrap(context *c, int n, const double *x, const double *weight, uint64_t key,
+                                interval *out) {
     int known = 0;
     *out = interval_none;
-    double *values = mem_alloc(c, (size_t)n + RESAMPLES, sizeof *values), *means = values + n;
-    if (!values) return SHERF_NO_MEMORY;
-    for (int i = 0; i < n; i++)
-        if (!isnan(x[i])) values[known++] = x[i];
-    if (known) out->mean = mean_of(known, values);
-    for (int r = 0; r < RESAMPLES && known > 1; r++) means[r] = resample(known, values, key, r);
+    weighted *values = mem_alloc(c, (size_t)n + 1, sizeof *values);
+    double *means = mem_alloc(c, RESAMPLES, sizeof *means);
+    const bool room = values && means;
+    for (int i = 0; i < n && room; i++)
+        if (!isnan(x[i]) && (!weight || weight[i] > 0))
+            values[known++] = (weighted){x[i], weight ? weight[i] : 1};
+    if (known) out->mean = mean_of(known, values, NULL, 0);
+    for (int r = 0; r < RESAMPLES && known > 1; r++) means[r] = mean_of(known, values, &key, r);
     if (known > 1) {
         numbers_sort(RESAMPLES, means);
         out->low = percentile(RESAMPLES, means, 0.025);
         out->high = percentile(RESAMPLES, means, 0.975);
     }
     mem_free(values);
-    return SHERF_OK;
+    mem_free(means);
+    return room ? SHERF_OK : SHERF_NO_MEMORY;
 }

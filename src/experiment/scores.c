@@ -77,7 +77,8 @@ static sherf_status read_pictures(context *c, const value *list, scores *s) {
     for (size_t i = 0; i < n; i++) {
         sherf_status status = read_picture(c, value_at(list, i), s, &s->picture[s->pictures]);
         if (status != SHERF_OK) return status;
-        s->count[s->picture[s->pictures++].novel_pose]++;
+        const picture_scores *k = &s->picture[s->pictures++];
+        s->person[k->person].count[k->novel_pose]++;
     }
     return SHERF_OK;
 }
@@ -101,7 +102,6 @@ sherf_status scores_read(context *c, const char *path, scores *out) {
         status = failure(c, SHERF_BAD_FILE, "not the scores of an evaluation");
         goto done;
     }
-    read_means(d->root, out->mean);
     read_estimates(d->root, out);
     status = read_people(c, people, out);
     if (status == SHERF_OK) status = read_pictures(c, images, out);
@@ -124,24 +124,18 @@ static double person_mean(const scores *of, int count, const char *name, bool no
     return n ? sum / n : NAN;
 }
 
-static double whole_mean(const scores *of, int count, bool novel_pose, int metric) {
-    double sum = 0;
-    for (int i = 0; i < count; i++) sum += of[i].mean[novel_pose][metric];
-    return sum / count;
-}
-
 sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, bool novel_pose,
                              int metric, interval *out) {
     const int people = of->people;
-    double *x = mem_alloc(c, (size_t)people + 1, sizeof *x);
+    double *x = mem_alloc(c, (size_t)people + 1, 2 * sizeof *x), *weight = x + people;
     if (!x) return SHERF_NO_MEMORY;
     for (int i = 0; i < people; i++) {
+        weight[i] = of->person[i].count[novel_pose];
         x[i] = person_mean(of, count, of->person[i].name, novel_pose, metric);
         if (minus) x[i] -= person_mean(minus, count, of->person[i].name, novel_pose, metric);
     }
-    sherf_status status = interval_bootstrap(c, people, x, random_key(1, "experiment.people", 0), out);
-    if (status == SHERF_OK) out->mean = whole_mean(of, count, novel_pose, metric);
-    if (status == SHERF_OK && minus) out->mean -= whole_mean(minus, count, novel_pose, metric);
+    sherf_status status =
+        interval_bootstrap(c, people, x, weight, random_key(1, "experiment.people", 0), out);
     mem_free(x);
     return status;
 }

@@ -36,7 +36,7 @@ static void intervals_cover(void **state) {
     for (int i = 0; i < N; i++) sum += x[i] = 20 + 3 * random_normal(7, (uint64_t)i);
     for (int i = 0; i < N; i++) squares += pow(x[i] - sum / N, 2);
     const double error = sqrt(squares / N / N);
-    assert_ok(c, interval_bootstrap(c, N, x, 1, &v));
+    assert_ok(c, interval_bootstrap(c, N, x, NULL, 1, &v));
     assert_true(fabs(v.mean - sum / N) < 1e-12);
     assert_true(fabs((v.high - v.mean) / error - 1.96) < 0.15 &&
                 fabs((v.mean - v.low) / error - 1.96) < 0.15);
@@ -45,27 +45,33 @@ static void intervals_cover(void **state) {
 static void intervals_of_little(void **state) {
     context *c = *state;
     interval v;
-    assert_ok(c, interval_bootstrap(c, 1, (double[]){3}, 1, &v));
+    assert_ok(c, interval_bootstrap(c, 1, (double[]){3}, NULL, 1, &v));
     assert_true(v.mean == 3 && isnan(v.low) && isnan(v.high));
-    assert_ok(c, interval_bootstrap(c, 3, (double[]){2, NAN, 4}, 1, &v));
+    assert_ok(c, interval_bootstrap(c, 3, (double[]){2, NAN, 4}, NULL, 1, &v));
     assert_true(v.mean == 3 && v.low == 2 && v.high == 4);
-    assert_ok(c, interval_bootstrap(c, 1, (double[]){NAN}, 1, &v));
+    assert_ok(c, interval_bootstrap(c, 1, (double[]){NAN}, NULL, 1, &v));
     assert_true(isnan(v.mean));
+    /* Who has three times the pictures weighs three times as much; who has none, nothing. */
+    assert_ok(c, interval_bootstrap(c, 3, (double[]){2, 4, 9}, (double[]){3, 1, 0}, 1, &v));
+    assert_true(v.mean == 2.5 && v.low == 2 && v.high == 4);
 }
 
 /* ---- scores ---- */
 static const char two_people[] =
-    "{\"images\": [{\"person\": \"b\", \"observation\": [0, 4], \"pose\": 2, \"view\": 8, \"kind\": "
+    "{\"images\": [{\"person\": \"a\", \"observation\": [0, 4], \"pose\": 0, \"view\": 8, \"kind\": "
+    "\"novel_view\", \"psnr\": 20}, {\"person\": \"b\", \"observation\": [0, 4], \"pose\": 0, \"view\": 8, "
+    "\"kind\": \"novel_view\", \"psnr\": 20}, {\"person\": \"b\", \"observation\": [0, 4], \"pose\": 2, "
+    "\"view\": 8, \"kind\": "
     "\"novel_pose\", "
     "\"psnr\": 21}], \"people\": ["
     "{\"person\": \"a\", \"novel_view\": {\"psnr\": 20, \"ssim\": 0.5, \"lpips\": null, \"resnet50\": 0.25}, "
     "\"novel_pose\": {\"psnr\": 19}}, "
     "{\"person\": \"b\", \"novel_view\": {\"psnr\": %g}, \"novel_pose\": {\"psnr\": 18}}], "
-    "\"novel_view\": {\"psnr\": %g}, \"novel_pose\": {\"psnr\": 18.5}}";
+    "\"novel_view\": {\"psnr\": 22}, \"novel_pose\": {\"psnr\": 18.5}}";
 
 static void scores_make(context *c, double b, scores *out) {
     char text[2048];
-    snprintf(text, sizeof text, two_people, b, (20 + b) / 2);
+    snprintf(text, sizeof text, two_people, b);
     const char *path = test_path("scores.json");
     assert_ok(c, file_write(c, path, text, strlen(text)));
     assert_ok(c, scores_read(c, path, out));
@@ -79,9 +85,9 @@ static void scores_of_a_file(void **state) {
     scores_make(c, 28, &s[1]);
     scores_make(c, 21, &other);
     assert_int_equal(s->people, 2);
-    assert_int_equal(s->pictures, 1);
-    assert_true(s->picture->person == 1 && s->picture->novel_pose && s->picture->observed_view == 4 &&
-                s->picture->pose == 2 && s->picture->view == 8 && s->picture->psnr == 21);
+    assert_int_equal(s->pictures, 3);
+    assert_true(s->picture[2].person == 1 && s->picture[2].novel_pose && s->picture[2].observed_view == 4 &&
+                s->picture[2].pose == 2 && s->picture[2].view == 8 && s->picture[2].psnr == 21);
     assert_true(s->person[0].mean[0][METRIC_SSIM] == 0.5 && isnan(s->person[0].mean[0][METRIC_LPIPS]));
     assert_ok(c, scores_interval(c, s, NULL, 1, false, METRIC_PSNR, &v));
     assert_true(v.mean == 22 && v.low == 20 && v.high == 24);

@@ -18,13 +18,25 @@ static const char *const root_names[] = {"global_orient",      "root_orient",   
 static const char *const shapes_names[] = {"shapes",     "betas",      "shape",       "smpl_betas", "beta",
                                            "pred_betas", "pred_shape", "smplx_shape", NULL};
 static const char *const turn_names[] = {"R", "Rh", NULL};
-static const char *const place_names[] = {
-    "Th",          "transl",           "trans",      "smpl_trans", "translation",        "smplx_transl",
-    "smpl_transl", "root_translation", "root_trans", "pred_trans", "global_translation", NULL};
+static const char *const place_names[] = {"Th",
+                                          "transl",
+                                          "trans",
+                                          "smpl_trans",
+                                          "translation",
+                                          "smplx_transl",
+                                          "smpl_transl",
+                                          "root_translation",
+                                          "root_trans",
+                                          "root_transl",
+                                          "pred_transl",
+                                          "pred_trans",
+                                          "global_translation",
+                                          NULL};
 static const char *const camera_turn_names[] = {"camera_rotation", "cam_R", NULL};
 /* In the whole picture first: pred_cam_t may mean the crop that the network saw. */
-static const char *const camera_place_names[] = {"pred_cam_t_full",    "cam_t_full", "pred_cam_t", "cam_t",
-                                                 "camera_translation", "cam_trans",  "global_t",   NULL};
+static const char *const camera_place_names[] = {
+    "pred_cam_t_full", "cam_t_full", "pred_cam_t", "cam_t", "camera_translation", "cam_trans", "global_t",
+    "trans_cam",       "transl_cam", "cam_transl", NULL};
 
 static const char *const *const part_names[PARTS] = {
     [PART_POSES] = poses_names,

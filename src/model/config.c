@@ -48,6 +48,9 @@ sherf_status model_config_check(context *c, const model_config *config) {
                            "model setting %s=%.0f: must be %.0f to %.0f in steps of %d", s->name, v, s->low,
                            s->high, s->multiple);
     }
+    if (config->occlusion && !config->kind->reads_observed_px)
+        return failure(c, SHERF_BAD_ARGUMENT, "model setting occlusion=%d: model %s has no such way, only 0",
+                       config->occlusion, config->kind->name);
     return config->kind->check ? config->kind->check(c, config) : SHERF_OK;
 }
 

@@ -197,6 +197,8 @@ struct model_kind {
     /* A field of the observed moment's world: no other pose, no canonical space to look for nothing in or to
      * export. */
     bool one_pose;
+    /* What points read of the picture they read at point_set.observed_px, so that `occlusion` can move it. */
+    bool reads_observed_px;
     /* Points of the observed pose are all samples of the box; or NULL. */
     bool (*whole_box)(const model_config *config);
     /* The frame of model_frame where that is not one pass over target->points (model_pass); or NULL. */

@@ -105,6 +105,9 @@ static void settings_are_the_models_own(void **state) {
     assert_fails(c, model_config_parse(c, "plain:eight,width=5", &k), SHERF_BAD_ARGUMENT, "in steps of 4");
     assert_fails(c, model_config_parse(c, "plain:eight,density=101", &k), SHERF_BAD_ARGUMENT,
                  "must be 0 to 100");
+    assert_fails(c, model_config_parse(c, "nhp:own,occlusion=1", &k), SHERF_BAD_ARGUMENT,
+                 "model nhp has no such way");
+    assert_ok(c, model_config_parse(c, "mps-nerf:own,occlusion=1", &k));
     assert_fails(c, model_config_parse(c, "other:eight", &k), SHERF_UNSUPPORTED, "model 'other'");
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);

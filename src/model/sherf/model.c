@@ -220,6 +220,7 @@ const model_kind model_sherf = {
     .infer = model_sherf_infer,
     .network_bytes = sizeof(sherf_network),
     .declare = network_declare,
+    .reads_observed_px = true,
     .queried = (const char *const[]){"decoder.", "renderer.conv1d_", "renderer.transformer.",
                                      "renderer.fair.", NULL},
     .resnets = (const char *const[]){"encoder_2d.backbone.", "encoder_2d_feature.backbone.", NULL},

@@ -58,14 +58,14 @@ static sherf_status frame_coarse(context *c, const sherf_avatar *a, const body_m
     sherf_status status =
         coarse_points_create(c, body, posed, rays, samples, a->observed, &a->camera, coarse, &points);
     if (status != SHERF_OK) goto done;
-    const size_t asked = (size_t)points.asked->count;
-    rgb = mem_alloc(c, asked, 3 * sizeof *rgb);
-    sigma = mem_alloc(c, asked, sizeof *sigma);
-    status = rgb && sigma ? avatar_query(c, a, body, points.asked, rgb, sigma) : SHERF_NO_MEMORY;
+    const size_t queried = (size_t)points.queried->count;
+    rgb = mem_alloc(c, queried, 3 * sizeof *rgb);
+    sigma = mem_alloc(c, queried, sizeof *sigma);
+    status = rgb && sigma ? avatar_query(c, a, body, points.queried, rgb, sigma) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = coarse_points_answer(c, rays, rgb, sigma, &points);
     if (status == SHERF_OK)
         status = points_render(c, rays, &points.all, points.rgb, points.sigma, background, frame);
-    if (status == SHERF_OK) frame->points = points.asked->count;
+    if (status == SHERF_OK) frame->points = points.queried->count;
 done:
     mem_free(rgb);
     mem_free(sigma);

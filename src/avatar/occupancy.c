@@ -8,7 +8,7 @@
 #include "avatar/canonical.h"
 
 /* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
- * For that, cells below the skin are not asked for: they are full, or hidden. */
+ * For that, cells below the skin are not queried: they are full, or hidden. */
 static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
 enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 
@@ -22,7 +22,7 @@ typedef struct {
     const sherf_avatar *a;
     const body_model *m;
     lattice cells;
-    float lowest; /* the least height above the skin that is asked for */
+    float lowest; /* the least height above the skin that is queried */
     float (*value)[4];
     float *normal;    /* of the canonical vertices */
     int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not queried */
@@ -156,7 +156,8 @@ static sherf_status answers(context *c, empty_job *j) {
     return status;
 }
 
-/* values: of all cells near the body; NULL: those at its skin and outside are asked, and nothing is kept. */
+/* values: of all cells near the body; NULL: those at its skin and outside are queried, and nothing is kept.
+ */
 static sherf_status find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
                          coarse_field *values) {
     empty_job job = {.a = a, .m = m, .lowest = values ? -INFINITY : -below_m};

@@ -99,15 +99,15 @@ static bool align_carrier(calibration *k, int j, int left, int right, int middle
 /* Some rotation that takes the unit vector a to b. */
 static void any_rotation(const double a[3], const double b[3], double out[9]) {
     double spare[3] = {0}, own[9], to[9];
-    int least = 0;
+    int smallest = 0;
     for (int k = 1; k < 3; k++)
-        if (fabs(a[k]) < fabs(a[least])) least = k;
-    spare[least] = 1;
+        if (fabs(a[k]) < fabs(a[smallest])) smallest = k;
+    spare[smallest] = 1;
     frame_of(a, spare, own);
-    spare[least] = 0, least = 0;
+    spare[smallest] = 0, smallest = 0;
     for (int k = 1; k < 3; k++)
-        if (fabs(b[k]) < fabs(b[least])) least = k;
-    spare[least] = 1;
+        if (fabs(b[k]) < fabs(b[smallest])) smallest = k;
+    spare[smallest] = 1;
     frame_of(b, spare, to);
     across(to, own, out);
 }

@@ -13,8 +13,8 @@ void page_free(page *p) {
     *p = (page){0};
 }
 
-static void *full(context *c, const char *what, int most) {
-    failure(c, SHERF_BAD_ARGUMENT, "a page has at most %d %s", most, what);
+static void *full(context *c, const char *what, int max) {
+    failure(c, SHERF_BAD_ARGUMENT, "a page has at most %d %s", max, what);
     return NULL;
 }
 

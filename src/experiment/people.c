@@ -139,8 +139,8 @@ static void fill_choice(const experiment_job *j, bool made, int has_poses, int h
                         picture_choice *out) {
     const data_protocol *p = out->protocol;
     const int step = p->view_step > 0 ? p->view_step : 1, limit = has_views < p->views ? has_views : p->views;
-    const int most = j->set.scale == SCALE_PAPER ? p->pose_count : j->set.test_poses;
-    for (int i = 0; i < most && out->poses < POSES_MAX; i++) {
+    const int max = j->set.scale == SCALE_PAPER ? p->pose_count : j->set.test_poses;
+    for (int i = 0; i < max && out->poses < POSES_MAX; i++) {
         const int pose = made ? i : p->pose_first + i * p->pose_step;
         if (pose < has_poses) out->pose[out->poses++] = pose;
     }
@@ -200,11 +200,11 @@ static void observe(picks *p, int pose, int view) {
     if (p->observations < PAIRS_MAX) p->observation[p->observations++] = (picture){pose, view};
 }
 
-/* The names in order, cut behind the first `most`. */
-static void first_names(const char *names, int most, char out[2048]) {
+/* The names in order, cut behind the first `max`. */
+static void first_names(const char *names, int max, char out[2048]) {
     snprintf(out, 2048, "%s", names);
     for (char *p = out; *p; p++)
-        if (*p == ',' && !--most) *p = 0;
+        if (*p == ',' && !--max) *p = 0;
 }
 
 static void pick_protocol(const picture_choice *k, picks *p) {
@@ -231,12 +231,12 @@ static void pick_angles(const picture_choice *k, int pose, picks *p) {
 /* Four pictures: of the observed pose, or of two others from two views (of one from four); the views spread
  * evenly. */
 static void pick_looks(const picture_choice *k, bool poses, picks *p) {
-    const int seen = k->observed_view[0], most = poses && k->poses > 2 ? LOOKED_AT / 2 : LOOKED_AT;
+    const int seen = k->observed_view[0], max = poses && k->poses > 2 ? LOOKED_AT / 2 : LOOKED_AT;
     int other[VIEWS_MAX], n = 0;
     observe(p, k->pose[0], seen);
     for (int i = 0; i < k->angles; i++)
         if (poses || k->angle[i] != seen) other[n++] = k->angle[i];
-    for (int i = 0; i < most && i < n; i++) p->view[p->views++] = other[n > most ? i * n / most : i];
+    for (int i = 0; i < max && i < n; i++) p->view[p->views++] = other[n > max ? i * n / max : i];
     for (int i = poses ? 1 : 0; i < k->poses && p->poses < (poses ? 2 : 1); i++)
         p->pose[p->poses++] = k->pose[i];
 }

@@ -52,8 +52,8 @@ static void take_in(pen *p, const page_point *at) {
         if (!isnan(v[i])) p->y_min = fmin(p->y_min, v[i]), p->y_max = fmax(p->y_max, v[i]);
 }
 
-static void widen(double *low, double *high, double least) {
-    const double margin = fmax((*high - *low) * 0.06, least);
+static void widen(double *low, double *high, double margin_min) {
+    const double margin = fmax((*high - *low) * 0.06, margin_min);
     *low -= margin;
     *high += margin;
 }

@@ -73,12 +73,12 @@ static sherf_status read_number(reader *r, double *out) {
     return SHERF_OK;
 }
 
-static sherf_status read_count(reader *r, const char *what, int most, int *out) {
+static sherf_status read_count(reader *r, const char *what, int max, int *out) {
     double number;
     word here = {r->at, 0};
     sherf_status status = read_number(r, &number);
     if (status) return status;
-    if (!(number >= 0 && number <= most) || number != floor(number)) return expected(r, what, here);
+    if (!(number >= 0 && number <= max) || number != floor(number)) return expected(r, what, here);
     *out = (int)number;
     return SHERF_OK;
 }

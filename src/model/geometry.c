@@ -65,13 +65,13 @@ void observation_geometry_free(observation_geometry *g) {
 }
 
 static bool same_pose(const body_model *body, const posed_body *a, const posed_body *b) {
-    const float most = 1e-4f; /* metres, as after a way through files */
+    const float max = 1e-4f; /* metres, as after a way through files */
     float far = 0;
     for (int64_t i = 0; i < 3 * (int64_t)body->vertices; i++)
         far = fmaxf(far, fabsf(a->vertices_smpl[i] - b->vertices_smpl[i]));
     for (int k = 0; k < 9; k++) far = fmaxf(far, fabsf(a->R[k] - b->R[k]));
     for (int k = 0; k < 3; k++) far = fmaxf(far, fabsf(a->Th[k] - b->Th[k]));
-    return far <= most;
+    return far <= max;
 }
 
 sherf_status model_points_create(context *c, const model_config *config, const body_model *body,

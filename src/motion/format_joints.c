@@ -106,19 +106,19 @@ static double legs(const double at[][3]) {
 /* at: frames x JOINTS x 3. Legs that change their length are none. */
 static sherf_status joints_to_clip(context *c, const double (*at)[JOINTS][3], const sherf_motion_options *o,
                                    source *s) {
-    double least = INFINITY, most = 0;
+    double min = INFINITY, max = 0;
     s->is_pelvis = true;
     for (int i = 0; i < s->clip.frames; i++) {
         const double now = legs(at[i]);
-        least = fmin(least, now), most = fmax(most, now);
+        min = fmin(min, now), max = fmax(max, now);
         if (!turns_from_joints(&s->skeleton, at[i], s->clip.turn[i]))
             return failure(c, SHERF_BAD_FILE, "frame %d: joints of a body do not lie in one place", i);
         for (int k = 0; k < 3; k++) s->clip.pelvis_m[i][k] = (float)at[i][0][k];
     }
-    if (!(least > 1e-9 && most < 1.5 * least))
-        return failure(c, SHERF_BAD_FILE, "legs of %.3g to %.3g units: these are no joints of SMPL", least,
-                       most);
-    s->unit_m = o->scale > 0 ? o->scale : 2 * legs(s->skeleton.rest_m) / (least + most);
+    if (!(min > 1e-9 && max < 1.5 * min))
+        return failure(c, SHERF_BAD_FILE, "legs of %.3g to %.3g units: these are no joints of SMPL", min,
+                       max);
+    s->unit_m = o->scale > 0 ? o->scale : 2 * legs(s->skeleton.rest_m) / (min + max);
     snprintf(s->detail + strlen(s->detail), sizeof s->detail - strlen(s->detail),
              "%sfrom joints, a unit is %.3g m by the legs", *s->detail ? ", " : "", s->unit_m);
     return SHERF_OK;

@@ -7,7 +7,7 @@
 typedef struct {
     const ray_bundle *rays;
     coarse_points *p;
-    float (*moved)[4]; /* of what was asked: the model's density and colour minus the coarse field's */
+    float (*moved)[4]; /* of what was queried: the model's density and colour minus the coarse field's */
 } answer_job;
 
 /* A ray's samples, from the front. */
@@ -15,13 +15,14 @@ typedef struct {
     int32_t at, end;
 } ray_cursor;
 
-/* Adds what the sample was moved by, where this ray has it and it was asked; returns the weight that counts.
+/* Adds what the sample was moved by, where this ray has it and it was queried; returns the weight that
+ * counts.
  */
 static float add_moved(const answer_job *j, ray_cursor *ray, int32_t sample, float weight, float sum[4]) {
     const coarse_points *p = j->p;
     while (ray->at < ray->end && p->all.sample[ray->at] < sample) ray->at++;
-    if (ray->at == ray->end || p->all.sample[ray->at] != sample || p->asked_at[ray->at] < 0) return 0;
-    const float *moved = j->moved[p->asked_at[ray->at]];
+    if (ray->at == ray->end || p->all.sample[ray->at] != sample || p->queried_at[ray->at] < 0) return 0;
+    const float *moved = j->moved[p->queried_at[ray->at]];
     for (int k = 0; k < 4; k++) sum[k] += weight * moved[k];
     return weight;
 }
@@ -63,7 +64,7 @@ static void move_ray(const answer_job *j, int64_t n) {
     for (int k = 0; k < AROUND; k++)
         around[k] = other[k] < 0 ? (ray_cursor){0, 0} : (ray_cursor){first[other[k]], first[other[k] + 1]};
     for (int32_t i = first[n]; i < first[n + 1]; i++) {
-        if (p->asked_at[i] != COARSE_MOVED) continue;
+        if (p->queried_at[i] != COARSE_MOVED) continue;
         const int32_t sample = p->all.sample[i];
         float sum[4] = {0}, weights = 0;
         for (int k = 0; k < AROUND; k++) weights += add_moved(j, &around[k], sample, 1, sum);
@@ -84,10 +85,10 @@ static void move_rows(void *arg, int64_t begin, int64_t end, int thread) {
 
 sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
                                   coarse_points *p) {
-    answer_job job = {rays, p, mem_alloc(c, (size_t)p->asked->count + 1, sizeof *job.moved)};
+    answer_job job = {rays, p, mem_alloc(c, (size_t)p->queried->count + 1, sizeof *job.moved)};
     if (!job.moved) return SHERF_NO_MEMORY;
     for (int64_t i = 0; i < p->all.count; i++) {
-        const int32_t at = p->asked_at[i];
+        const int32_t at = p->queried_at[i];
         if (at < 0) continue;
         job.moved[at][0] = sigma[at] - p->sigma[i];
         for (int k = 0; k < 3; k++) job.moved[at][k + 1] = rgb[3 * at + k] - p->rgb[3 * i + k];
@@ -100,11 +101,11 @@ sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const floa
 }
 
 void coarse_points_free(coarse_points *p) {
-    points_free(p->asked);
+    points_free(p->queried);
     mem_free(p->all.first);
     mem_free(p->all.sample);
     mem_free(p->rgb);
     mem_free(p->sigma);
-    mem_free(p->asked_at);
+    mem_free(p->queried_at);
     *p = (coarse_points){0};
 }

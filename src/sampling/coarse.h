@@ -40,15 +40,15 @@ static inline void coarse_at(const coarse_field *f, const float canonical[3], fl
  */
 float rays_pitch(const ray_bundle *r);
 
-/* The samples near the body that have density in it and are not hidden, with its answers; `asked`: those of
+/* The samples near the body that have density in it and are not hidden, with its answers; `queried`: those of
  * them that the model is to answer instead. A frame is made of `all` by points_render. */
 typedef struct {
-    point_set *asked;
-    point_set all;      /* without places: first and sample */
-    float *rgb, *sigma; /* of `all`: [P, 3], [P] */
-    int32_t *asked_at;  /* of `all`: place in `asked`, or one of the two below */
+    point_set *queried;
+    point_set all;       /* without places: first and sample */
+    float *rgb, *sigma;  /* of `all`: [P, 3], [P] */
+    int32_t *queried_at; /* of `all`: place in `queried`, or one of the two below */
 } coarse_points;
-/* Where a sample weighs too little to be asked; where its neighbours' answers are to move it. */
+/* Where a sample weighs too little to be queried; where its neighbours' answers are to move it. */
 enum { COARSE_KEPT = -1, COARSE_MOVED = -2 };
 /* As points_create; free with coarse_points_free, whatever the answer. A ray asks for its heaviest samples,
  * so that the others weigh little, each and together; where pixels are close, for every other one of them, as
@@ -57,7 +57,7 @@ sherf_status coarse_points_create(context *c, const body_model *m, const posed_b
                                   const ray_bundle *rays, int samples, const posed_body *observation,
                                   const sherf_camera *observation_camera, const coarse_field *coarse,
                                   coarse_points *out);
-/* The model's answers to `asked`, rgb [P, 3] and raw density [P], into `all`; what the
+/* The model's answers to `queried`, rgb [P, 3] and raw density [P], into `all`; what the
  * chequerboard left out is moved as its neighbours are. */
 sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
                                   coarse_points *points);

@@ -24,12 +24,12 @@ typedef struct {
     const vertex_grid *grid;
     const vertex_shell *shell;
     const occupancy_grid *empty; /* or NULL */
-    /* coarse frames only: `out` has what is asked, `sample` the bits of all */
+    /* coarse frames only: `out` has what is queried, `sample` the bits of all */
     const coarse_field *coarse;
     coarse_points *answer;
-    float heavy_per_m;  /* what weighs more than that a metre of its ray is asked */
-    bool sparse;        /* every other sample is asked */
-    uint64_t *ask;      /* rays x words: bits of what is asked */
+    float heavy_per_m;  /* what weighs more than that a metre of its ray is queried */
+    bool sparse;        /* every other sample is queried */
+    uint64_t *query;    /* rays x words: bits of what is queried */
     float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
     float *fraction;    /* depth i = near + (far - near) * fraction[i] */
     uint64_t *sample;   /* rays x words: first the candidates, then the kept */
@@ -241,9 +241,9 @@ static void drop_empty(const points_job *job, int64_t chunk) {
 
 /* ---- coarse frames: pass 2 ---- */
 
-/* Light below which the rest of a ray is hidden; what may weigh that much together without being asked. */
+/* Light below which the rest of a ray is hidden; what may weigh that much together without being queried. */
 static const float hidden = 3e-3f, spared = 0.1f;
-/* Where pixels are closer together than that, every other sample is asked. */
+/* Where pixels are closer together than that, every other sample is queried. */
 static const float sparse_m = 0.005f;
 
 /* Samples of a ray that are near the body, from front to back. */
@@ -308,39 +308,41 @@ static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *
     }
 }
 
-/* The least weight that is asked, so that those below it are not more than `spared` together. */
-static float least_weight(const walk *k, float heavy) {
-    for (float least = heavy;; least *= 0.7f) {
+/* The weight from which on samples are queried, so that those below it are not more than `spared` together.
+ */
+static float weight_threshold(const walk *k, float heavy) {
+    for (float threshold = heavy;; threshold *= 0.7f) {
         float sum = 0;
-        for (int i = 0; i < k->count; i++) sum += k->weight[i] < least ? k->weight[i] : 0;
-        if (sum <= spared) return least;
+        for (int i = 0; i < k->count; i++) sum += k->weight[i] < threshold ? k->weight[i] : 0;
+        if (sum <= spared) return threshold;
     }
 }
 
 static void walk_rays(const points_job *job, int64_t chunk) {
-    int32_t *nearest = job->nearest + job->candidate[chunk], asked = 0;
+    int32_t *nearest = job->nearest + job->candidate[chunk], queried = 0;
     float(*value)[4] = job->value + job->candidate[chunk];
     walk k;
     for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
-        uint64_t *kept = job->sample + n * job->words, *ask = job->ask + n * job->words;
-        const int32_t before = asked;
+        uint64_t *kept = job->sample + n * job->words, *query = job->query + n * job->words;
+        const int32_t before = queried;
         const int place = (int)(n % job->rays->width + n / job->rays->width);
         walk_ray(job, n, value, &k);
         memset(kept, 0, (size_t)job->words * sizeof *kept);
-        const float least = least_weight(&k, job->heavy_per_m * step_of(job, n));
+        const float threshold = weight_threshold(&k, job->heavy_per_m * step_of(job, n));
         for (int i = 0; i < k.count; i++) {
             const uint64_t bit = (uint64_t)1 << (k.sample[i] % 64);
             kept[k.sample[i] / 64] |= bit;
-            value[i][0] = k.weight[i] < least ? value[i][0] : -value[i][0]; /* fill_coarse takes it back */
-            if (k.weight[i] < least || (job->sparse && (place + k.sample[i]) % 2)) continue;
-            ask[k.sample[i] / 64] |= bit;
-            nearest[asked++] = k.nearest[i];
+            value[i][0] =
+                k.weight[i] < threshold ? value[i][0] : -value[i][0]; /* fill_coarse takes it back */
+            if (k.weight[i] < threshold || (job->sparse && (place + k.sample[i]) % 2)) continue;
+            query[k.sample[i] / 64] |= bit;
+            nearest[queried++] = k.nearest[i];
         }
         value += k.count;
         job->answer->all.first[n + 1] = k.count;
-        job->out->first[n + 1] = asked - before;
+        job->out->first[n + 1] = queried - before;
     }
-    job->kept[chunk] = asked;
+    job->kept[chunk] = queried;
 }
 
 /* Pass 3 for all of them. */
@@ -348,15 +350,15 @@ static void fill_coarse(const points_job *job, int64_t chunk) {
     coarse_points *a = job->answer;
     const float(*value)[4] = (const float(*)[4])job->value + job->candidate[chunk];
     const int64_t begin = chunk * job->chunk;
-    int32_t at = a->all.first[begin], asked = job->out->first[begin];
+    int32_t at = a->all.first[begin], queried = job->out->first[begin];
     for (int64_t n = begin; n < chunk_end(job, chunk); n++)
         for (int w = 0; w < job->words; w++)
             for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1, at++, value++) {
                 a->all.sample[at] = 64 * w + __builtin_ctzll(bits);
                 a->sigma[at] = fabsf((*value)[0]);
                 for (int k = 0; k < 3; k++) a->rgb[3 * at + k] = (*value)[k + 1];
-                const bool heavy = (*value)[0] < 0, ask = job->ask[n * job->words + w] & bits & -bits;
-                a->asked_at[at] = ask ? asked++ : heavy ? COARSE_MOVED : COARSE_KEPT;
+                const bool heavy = (*value)[0] < 0, query = job->query[n * job->words + w] & bits & -bits;
+                a->queried_at[at] = query ? queried++ : heavy ? COARSE_MOVED : COARSE_KEPT;
             }
 }
 
@@ -367,7 +369,7 @@ static void fill_points(const points_job *job, int64_t chunk) {
     int64_t n0 = chunk * job->chunk, at = p->first[n0], total = job->kept[chunk];
     const int32_t *nearest = job->nearest + job->candidate[chunk];
     const float *R = job->target->R;
-    const uint64_t *sample = job->coarse ? job->ask : job->sample;
+    const uint64_t *sample = job->coarse ? job->query : job->sample;
     int64_t filled = at;
     for (int64_t n = n0; n < chunk_end(job, chunk); n++) {
         const float *d = job->rays->direction + 3 * n;
@@ -424,8 +426,8 @@ static sherf_status coarse_allocate(context *c, points_job *job) {
     all->sample = mem_alloc(c, n, sizeof *all->sample);
     a->rgb = mem_alloc(c, n, 3 * sizeof *a->rgb);
     a->sigma = mem_alloc(c, n, sizeof *a->sigma);
-    a->asked_at = mem_alloc(c, n, sizeof *a->asked_at);
-    return all->sample && a->rgb && a->sigma && a->asked_at ? SHERF_OK : SHERF_NO_MEMORY;
+    a->queried_at = mem_alloc(c, n, sizeof *a->queried_at);
+    return all->sample && a->rgb && a->sigma && a->queried_at ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
 /* Room for pass 1, and for pass 2 where its numbers do not depend on pass 1. */
@@ -438,10 +440,10 @@ static sherf_status rays_allocate(context *c, points_job *job, int64_t chunks) {
     p->first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
     if (!job->fraction || !job->sample || !job->candidate || !job->kept || !p->first) return SHERF_NO_MEMORY;
     if (!job->coarse) return SHERF_OK;
-    job->ask = mem_zero(c, (size_t)p->rays, (size_t)job->words * sizeof *job->ask);
+    job->query = mem_zero(c, (size_t)p->rays, (size_t)job->words * sizeof *job->query);
     job->answer->all = (point_set){.rays = p->rays, .samples = p->samples};
     job->answer->all.first = mem_zero(c, (size_t)p->rays + 1, sizeof *p->first);
-    return job->ask && job->answer->all.first ? SHERF_OK : SHERF_NO_MEMORY;
+    return job->query && job->answer->all.first ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
 static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
@@ -518,7 +520,7 @@ static sherf_status points_make(context *c, points_job *job, int samples, bool k
     vertex_grid_free(own);
     mem_free(job->fraction);
     mem_free(job->sample);
-    mem_free(job->ask);
+    mem_free(job->query);
     mem_free(job->candidate);
     mem_free(job->nearest);
     mem_free(job->value);
@@ -557,7 +559,7 @@ sherf_status coarse_points_create(context *c, const body_model *m, const posed_b
                       .sparse = fine,
                       .answer = out};
     *out = (coarse_points){0};
-    return points_make(c, &job, samples, false, &out->asked);
+    return points_make(c, &job, samples, false, &out->queried);
 }
 
 void points_free(point_set *p) {

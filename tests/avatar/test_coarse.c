@@ -155,11 +155,11 @@ static void samples_move_with_their_neighbours(void **state) {
     for (int i = 0; i < 7; i++) new_rgb[3 * i] = new_sigma[i] / 100;
     for (int i = 0; i < P; i++) sigma[i] = 10;
     point_set asked = {.count = 7};
-    coarse_points p = {.asked = &asked,
+    coarse_points p = {.queried = &asked,
                        .all = {.count = P, .rays = RAYS, .samples = 10, .first = first, .sample = sample},
                        .rgb = rgb,
                        .sigma = sigma,
-                       .asked_at = at};
+                       .queried_at = at};
     assert_ok(c, coarse_points_answer(c, &rays, new_rgb, new_sigma, &p));
     assert_true(sigma[0] == 100 && sigma[3] == 30 && sigma[5] == 40 && rgb[9] == 0.3f);
     assert_true(sigma[8] == 10 && sigma[10] == 10 && rgb[30] == 0); /* little weight */

@@ -96,13 +96,20 @@ static sherf_status views_match(context *c, int views, const name_list *found, i
     return SHERF_OK;
 }
 
+/* The pictures of a view, whose folder is `relative` below `folder`. */
+static sherf_status list_view(context *c, const char *folder, const char *inside, const char *name,
+                              char relative[PATH_LENGTH], name_list *pictures) {
+    char path[PATH_LENGTH];
+    snprintf(relative, PATH_LENGTH, "%s%s", inside, name);
+    sherf_status status = path_join(c, path, sizeof path, folder, relative);
+    return status ? status : list(c, path, false, pictures);
+}
+
 static sherf_status take_view(context *c, const char *folder, const char *inside, const char *name, int view,
                               person_record *r) {
-    char path[PATH_LENGTH], relative[PATH_LENGTH];
+    char relative[PATH_LENGTH];
     name_list pictures = {0};
-    snprintf(relative, sizeof relative, "%s%s", inside, name);
-    sherf_status status = path_join(c, path, sizeof path, folder, relative);
-    if (!status) status = list(c, path, false, &pictures);
+    sherf_status status = list_view(c, folder, inside, name, relative, &pictures);
     if (status) return status;
     for (int p = 0, i = 0; p < r->poses && i < pictures.count && !status; i++) {
         while (p < r->poses && r->number[p] < pictures.item[i].number) p++;
@@ -118,11 +125,9 @@ static sherf_status take_view(context *c, const char *folder, const char *inside
 /* The poses are those of the first view's pictures. */
 static sherf_status take_poses(context *c, const char *folder, const char *inside, const char *first,
                                person_record *r) {
-    char path[PATH_LENGTH], relative[PATH_LENGTH];
+    char relative[PATH_LENGTH];
     name_list pictures = {0};
-    snprintf(relative, sizeof relative, "%s%s", inside, first);
-    sherf_status status = path_join(c, path, sizeof path, folder, relative);
-    if (!status) status = list(c, path, false, &pictures);
+    sherf_status status = list_view(c, folder, inside, first, relative, &pictures);
     if (!status && (!pictures.count || pictures.count > DATASET_POSES_MAX))
         status = failure(c, SHERF_BAD_FILE, "no ims, and no numbered pictures in %s", relative);
     const size_t poses = status ? 0 : (size_t)pictures.count;

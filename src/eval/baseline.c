@@ -23,30 +23,21 @@ static bool sample_inside(const sherf_observation *o, float u, float v, float co
     return true;
 }
 
-/* Fills seen and, where it is 1, color. Hidden is what lies more than 2 cm behind the body's surface at the
- * nearest pixel: vertices next to a silhouette share their pixel with what is in front of them. */
+/* Fills seen and, where it is 1, color. */
 static sherf_status look(context *c, const body_model *body, const sherf_observation *o, baselines *y) {
-    const float slack_m = 0.02f;
     const size_t V = (size_t)body->vertices;
-    raster *r = NULL;
     float *world = mem_alloc(c, V, 3 * sizeof *world), *uv = mem_alloc(c, V, 2 * sizeof *uv);
-    float *depth = mem_alloc(c, V, sizeof *depth);
-    sherf_status status = world && uv && depth ? SHERF_OK : SHERF_NO_MEMORY;
+    uint8_t *shown = mem_alloc(c, V, sizeof *shown);
+    sherf_status status = world && uv && shown ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = sherf_body_pose(c, body, &o->pose, world, NULL);
-    if (status == SHERF_OK) status = vertices_visible(c, body, world, &o->camera, y->seen);
-    if (status == SHERF_OK)
-        status = raster_create(c, &o->camera, 1, body->vertices, world, body->faces, body->face, &r);
+    if (status == SHERF_OK) status = body_shown(c, body, world, &o->camera, NULL, 0, shown);
     if (status == SHERF_OK) {
-        camera_project(&o->camera, body->vertices, world, uv, depth);
-        for (size_t v = 0; v < V; v++) {
-            const float u = uv[2 * v], w = uv[2 * v + 1];
+        camera_project(&o->camera, body->vertices, world, uv, NULL);
+        for (size_t v = 0; v < V; v++)
             y->seen[v] =
-                y->seen[v] && depth[v] > 0 && sample_inside(o, u, w, y->color + 3 * v) &&
-                depth[v] < r->depth[(size_t)lrintf(w) * (size_t)r->width + (size_t)lrintf(u)] + slack_m;
-        }
+                shown[v] == SHOWN_SEEN && sample_inside(o, uv[2 * v], uv[2 * v + 1], y->color + 3 * v);
     }
-    raster_free(r);
-    mem_free(depth);
+    mem_free(shown);
     mem_free(uv);
     mem_free(world);
     return status;

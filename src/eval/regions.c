@@ -4,14 +4,14 @@
 #include "eval/regions.h"
 
 sherf_status regions_look(context *c, const body_model *body, const sherf_observation *o, uint8_t **shown) {
-    posed_body *p = NULL;
-    uint8_t *all = mem_alloc(c, (size_t)body->vertices, sizeof *all);
+    const size_t V = (size_t)body->vertices;
+    float *world = mem_alloc(c, V, 3 * sizeof *world);
+    uint8_t *all = mem_alloc(c, V, sizeof *all);
     *shown = NULL;
-    sherf_status status =
-        all ? posed_body_create(c, body, o->pose.poses_rad, o->pose.shapes, o->pose.R, o->pose.Th_m, &p)
-            : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_shown(c, body, p, &o->camera, o->image.data, 0, all);
-    posed_body_free(p);
+    sherf_status status = world && all ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = sherf_body_pose(c, body, &o->pose, world, NULL);
+    if (status == SHERF_OK) status = body_shown(c, body, world, &o->camera, o->image.data, 0, all);
+    mem_free(world);
     if (status == SHERF_OK)
         *shown = all;
     else

@@ -73,8 +73,8 @@ enum {
 };
 /* Of every vertex one of these. image: H x W x 3, black outside the person; NULL: all is person. beside_m: in
  * the picture a limb covers so much more than itself. */
-sherf_status body_shown(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
-                        const float *image, float beside_m, uint8_t *shown);
+sherf_status body_shown(context *c, const body_model *m, const float *vertices_world,
+                        const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown);
 /* Fills p->read_from and p->seen of an observed body before its camera. image: H x W x 3, black outside the
  * person, or NULL. mirror: what is not seen is read at its mirror image, where that is. */
 sherf_status body_read_picture(context *c, const body_model *m, const sherf_camera *camera,

@@ -19,12 +19,11 @@ typedef struct {
     const body_model *m;
     const sherf_camera *camera;
     const float *image; /* black outside the person; or NULL */
-    const posed_body *p;
     float beside_m;
     raster *drawn;
     uint8_t apart[BODY_JOINTS][BODY_JOINTS]; /* how many bones lie between two joints */
     uint8_t *joint;                          /* V: the heaviest */
-    float *world, *uv, *depth;               /* V */
+    float *uv, *depth;                       /* V x 2, V */
     int32_t *faces;                          /* V: it faces the camera */
     uint8_t *shown;                          /* V */
 } shown_job;
@@ -97,28 +96,25 @@ static void look_at(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t v = begin; v < end; v++) j->shown[v] = (uint8_t)shown_of(j, v);
 }
 
-sherf_status body_shown(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
-                        const float *image, float beside_m, uint8_t *shown) {
+sherf_status body_shown(context *c, const body_model *m, const float *vertices_world,
+                        const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown) {
     const size_t V = (size_t)m->vertices;
-    shown_job j = {.m = m, .camera = camera, .image = image, .p = p, .beside_m = beside_m, .shown = shown};
+    shown_job j = {.m = m, .camera = camera, .image = image, .beside_m = beside_m, .shown = shown};
     j.joint = mem_alloc(c, V, sizeof *j.joint);
-    j.world = mem_alloc(c, V, 3 * sizeof *j.world);
     j.uv = mem_alloc(c, V, 2 * sizeof *j.uv);
     j.depth = mem_alloc(c, V, sizeof *j.depth);
     j.faces = mem_alloc(c, V, sizeof *j.faces);
-    sherf_status status = j.joint && j.world && j.uv && j.depth && j.faces ? SHERF_OK : SHERF_NO_MEMORY;
+    sherf_status status = j.joint && j.uv && j.depth && j.faces ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
         find_parts(&j);
-        body_vertices_world(m, p, j.world);
-        camera_project(camera, (int64_t)V, j.world, j.uv, j.depth);
-        status = vertices_visible(c, m, j.world, camera, j.faces);
+        camera_project(camera, (int64_t)V, vertices_world, j.uv, j.depth);
+        status = vertices_visible(c, m, vertices_world, camera, j.faces);
     }
     if (status == SHERF_OK)
-        status = raster_create(c, camera, 1, m->vertices, j.world, m->faces, m->face, &j.drawn);
+        status = raster_create(c, camera, 1, m->vertices, vertices_world, m->faces, m->face, &j.drawn);
     if (status == SHERF_OK) parallel_for(c, (int64_t)V, 256, look_at, &j);
     raster_free(j.drawn);
     mem_free(j.joint);
-    mem_free(j.world);
     mem_free(j.uv);
     mem_free(j.depth);
     mem_free(j.faces);
@@ -162,33 +158,33 @@ static sherf_status find_places(context *c, read_job *j, bool mirror) {
     return status;
 }
 
-/* from(side x + shift) as a map; side -1: x mirrored at the plane x = middle. */
-static void map_from(const float from[12], bool mirror, float middle, const float shift[3], float out[12]) {
+/* The map of x's mirror image at the plane x = middle. */
+static void map_mirror(float map[12], float middle) {
     for (int r = 0; r < 3; r++) {
-        double by = from[4 * r + 3];
-        for (int k = 0; k < 3; k++) by += (double)from[4 * r + k] * shift[k];
-        memcpy(out + 4 * r, from + 4 * r, 3 * sizeof *out);
-        if (mirror) {
-            by += 2.0 * (double)middle * from[4 * r];
-            out[4 * r] = -out[4 * r];
-        }
-        out[4 * r + 3] = (float)by;
+        map[4 * r + 3] = (float)(map[4 * r + 3] + 2.0 * (double)middle * map[4 * r]);
+        map[4 * r] = -map[4 * r];
+    }
+}
+
+/* The map of x + to - from. */
+static void map_shift(float map[12], const float from[3], const float to[3]) {
+    for (int r = 0; r < 3; r++) {
+        double by = map[4 * r + 3];
+        for (int k = 0; k < 3; k++) by += (double)map[4 * r + k] * (to[k] - from[k]);
+        map[4 * r + 3] = (float)by;
     }
 }
 
 static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     const read_job *j = arg;
     const body_model *m = j->m;
-    const float *at = m->canonical->vertices_smpl, middle = m->mirror_x_m;
+    const float *at = m->canonical->vertices_smpl;
     for (int64_t v = begin; v < end; v++) {
-        const float none[3] = {0};
-        float moved[3] = {0}, *to = j->p->read_from + 12 * v;
+        float *map = j->p->read_from + 12 * v;
         const int64_t like = j->read[v] >= 0 ? j->read[v] : v, other = j->read[like];
-        const float *from = j->p->from_canonical + 12 * (other < 0 ? ~other : other);
-        map_from(from, other < 0, middle, none, to);
-        if (like == v) continue;
-        for (int k = 0; k < 3; k++) moved[k] = at[3 * like + k] - at[3 * v + k];
-        map_from(to, false, 0, moved, to);
+        memcpy(map, j->p->from_canonical + 12 * (other < 0 ? ~other : other), 12 * sizeof *map);
+        if (other < 0) map_mirror(map, m->mirror_x_m);
+        if (like != v) map_shift(map, at + 3 * v, at + 3 * like);
     }
 }
 
@@ -196,15 +192,20 @@ sherf_status body_read_picture(context *c, const body_model *m, const sherf_came
                                const float *image, bool mirror, posed_body *p) {
     const size_t V = (size_t)m->vertices;
     uint8_t *shown = mem_alloc(c, V, sizeof *shown);
+    float *world = mem_alloc(c, V, 3 * sizeof *world);
     read_job j = {m, p, shown, mem_alloc(c, V, sizeof *j.read)};
     p->read_from = mem_alloc(c, V, 12 * sizeof *p->read_from);
     p->seen = mem_alloc(c, V, sizeof *p->seen);
-    sherf_status status = shown && j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_shown(c, m, p, camera, image, margin_m, shown);
+    sherf_status status = shown && world && j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        body_vertices_world(m, p, world);
+        status = body_shown(c, m, world, camera, image, margin_m, shown);
+    }
     if (status == SHERF_OK) status = find_places(c, &j, mirror);
     if (status == SHERF_OK) parallel_for(c, (int64_t)V, 1024, make_maps, &j);
     for (size_t v = 0; v < V && status == SHERF_OK; v++) p->seen[v] = shown[v] == SHOWN_SEEN;
     mem_free(shown);
+    mem_free(world);
     mem_free(j.read);
     return status;
 }

@@ -88,7 +88,7 @@ static void what_is_seen_agrees_with_rays(void **state) {
     camera_position(&s.camera, eye);
     float *normal = mem_alloc(s.c, (size_t)s.m->vertices, 3 * sizeof *normal);
     assert_ok(s.c, body_normals(s.c, s.m, s.world, normal));
-    assert_ok(s.c, body_shown(s.c, s.m, s.p, &s.camera, NULL, 0, s.shown));
+    assert_ok(s.c, body_shown(s.c, s.m, s.world, &s.camera, NULL, 0, s.shown));
     for (int v = 0; v < s.m->vertices; v++) kinds[s.shown[v]]++;
     for (int v = 0; v < s.m->vertices; v += 13) {
         const double way = before(&s, v);
@@ -205,7 +205,7 @@ static void black_is_not_read(void **state) {
     float *uv = mem_alloc(s.c, (size_t)s.m->vertices, 2 * sizeof *uv);
     for (int i = 0; i < SIDE * SIDE; i++)
         if (i / SIDE < SIDE / 2) image[3 * i + 1] = 0.5f;
-    assert_ok(s.c, body_shown(s.c, s.m, s.p, &s.camera, image, 0, s.shown));
+    assert_ok(s.c, body_shown(s.c, s.m, s.world, &s.camera, image, 0, s.shown));
     for (int v = 0; v < s.m->vertices; v++) {
         const bool below = lrintf(s.uv[2 * v + 1]) >= SIDE / 2;
         assert_int_equal(s.shown[v] == SHOWN_OUTSIDE, below);

@@ -1,4 +1,4 @@
-/* sherf avatar: one picture of a person to the file that frames are rendered from. */
+/* sherf avatar: one picture of a person, or several, to the file that frames are rendered from. */
 #include <sys/stat.h>
 
 #include "photo.h"
@@ -38,27 +38,43 @@ static int report(session *s, double avatar_s) {
     return EXIT_DONE;
 }
 
+/* What is said of one photo cannot be true of several. */
+static int check_several(const session *s, int count) {
+    const char *single = photo_wanted.mask ? "--mask" : photo_wanted.overlay ? "--overlay" : "--person";
+    if (count == 1 || !(photo_wanted.mask || photo_wanted.overlay || photo_wanted.person)) return EXIT_DONE;
+    return usage_error(s->verb_name,
+                       "%s is for one photo: give it to sherf estimate, for each into a folder, and the "
+                       "folders here",
+                       single);
+}
+
 static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_model *model = NULL;
-    sherf_observation *observation = NULL;
+    sherf_observation *observation[SHERF_PICTURES_MAX] = {NULL};
+    const sherf_observation *given[SHERF_PICTURES_MAX];
     sherf_avatar *avatar = NULL;
     sherf_context *c = s->context;
     double begun_s = 0, avatar_s = 0;
+    if (check_several(s, count)) return EXIT_USAGE;
     const char *body_path = session_body(s, set.body, argument[0]);
     const char *model_path = body_path ? session_model(s, set.model) : NULL;
     if (!body_path || !model_path) return EXIT_USAGE;
     int status = session_status(s, sherf_body_load(c, body_path, &body));
     if (!status) status = session_status(s, sherf_model_load(c, model_path, &model));
-    if (!status) status = session_observation(s, argument[0], model, body, set.whole, &observation);
+    for (int i = 0; i < count && !status; i++) {
+        status = session_observation(s, argument[i], model, body, set.whole, &observation[i]);
+        given[i] = observation[i];
+    }
     begun_s = seconds_now();
     if (!status)
-        status = session_status_of(s, argument[0], sherf_avatar_create(c, model, body, observation, &avatar));
+        status = session_status_of(s, count > 1 ? "avatar of several pictures" : argument[0],
+                                   sherf_avatar_create_several(c, model, body, count, given, &avatar));
     avatar_s = seconds_now() - begun_s;
     if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
     if (!status) status = report(s, avatar_s);
     sherf_avatar_free(avatar);
-    sherf_observation_free(observation);
+    for (int i = 0; i < count; i++) sherf_observation_free(observation[i]);
     sherf_model_free(model);
     sherf_body_free(body);
     return status;
@@ -66,20 +82,22 @@ static int run(session *s, int count, char **argument) {
 
 const verb verb_avatar = {
     .name = "avatar",
-    .arguments = "OBSERVATION",
-    .summary = "make an avatar from one picture of a person",
+    .arguments = "OBSERVATION...",
+    .summary = "make an avatar from one picture of a person, or several",
     .description =
         "Encodes an observation (picture, mask, camera, body pose and shape) into an avatar: one "
         "file with everything that rendering the person needs. OBSERVATION is a photo, of which "
         "the rest is estimated (see sherf estimate), a folder or JSON file, or a picture of a data "
-        "set as DATA#PERSON/POSE/VIEW.",
+        "set as DATA#PERSON/POSE/VIEW. Of several (up to 8: the front, the back, a side), each in any "
+        "pose, every place of the body is taken from the picture that shows it best.",
     .example =
         "sherf avatar me.jpg -o me.safetensors\n"
+        "sherf avatar front.jpg back.jpg -o me.safetensors\n"
         "sherf avatar ann/ --model model.safetensors --body body.safetensors -o ann.safetensors\n"
         "sherf avatar thuman:people#0007/0/4 -m model.safetensors -b body.safetensors -o 7.safetensors",
     .options = options,
     .arguments_min = 1,
-    .arguments_max = 1,
+    .arguments_max = SHERF_PICTURES_MAX,
     .computes = true,
     .run = run,
 };

@@ -270,13 +270,22 @@ SHERF_API sherf_status sherf_observation_crop(sherf_context *c, const sherf_mode
 typedef struct sherf_avatar sherf_avatar;
 SHERF_API sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *model, const sherf_body *body,
                                            const sherf_observation *observation, sherf_avatar **out);
+/* From 1 to SHERF_PICTURES_MAX pictures of the same person, each in a pose of its own and from a camera of
+ * its own: every place of the body is read in the picture that shows it best. Pose, shape and camera of the
+ * avatar are the first one's. SHERF_UNSUPPORTED: the model reads one picture only. */
+enum { SHERF_PICTURES_MAX = 8 };
+SHERF_API sherf_status sherf_avatar_create_several(sherf_context *c, const sherf_model *model,
+                                                   const sherf_body *body, int count,
+                                                   const sherf_observation *const *observations,
+                                                   sherf_avatar **out);
 SHERF_API sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *avatar, const char *path);
 /* body must be the one the avatar was made with (a fingerprint is compared). */
 SHERF_API sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
                                          sherf_avatar **out);
 SHERF_API void sherf_avatar_free(sherf_avatar *avatar);
-SHERF_API const sherf_pose *sherf_avatar_pose(const sherf_avatar *avatar);     /* the observation's */
-SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* the observation's */
+SHERF_API const sherf_pose *
+sherf_avatar_pose(const sherf_avatar *avatar); /* the observation's, or the first's */
+SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* likewise */
 
 /* ---------------------------------------------------------------- frames ----------------------------- */
 /* For `samples` beside numbers from 1 to 1024, the same depths on every ray as in the paper. */

@@ -19,9 +19,12 @@ void sherf_avatar_free(sherf_avatar *a) {
     lazy_occupancy_free(a->occupancy);
     lazy_detail_free(a->detail);
     if (a->field_kind) a->field_kind->release(a->field);
-    mem_free(a->picture);
-    mem_free(a->image);
-    posed_body_free(a->observed);
+    for (int i = 0; i < OBSERVED_PICTURES_MAX; i++) {
+        mem_free(a->picture[i].image.data);
+        mem_free(a->fine[i].data);
+        posed_body_free(a->posed[i]);
+    }
+    observed_sheet_free(&a->sheet);
     parameters_free(a->weights);
     kept_free(&a->kept);
     mem_free(a);
@@ -45,42 +48,68 @@ sherf_status avatar_weights(context *c, const model *m, parameters **out) {
     return status;
 }
 
-static void *copy_of(context *c, const void *data, size_t count, size_t size) {
-    void *p = mem_alloc(c, count, size);
-    if (p) memcpy(p, data, count * size);
-    return p;
-}
-
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) {
     a->body_fingerprint = body->fingerprint;
-    if (!a->observed) {
-        sherf_status status =
-            observed_body_create(c, &a->config, body, &a->pose, &a->camera, a->image, &a->observed);
-        if (status != SHERF_OK) return status;
+    sherf_status status = SHERF_OK;
+    if (!a->sheet.body)
+        status = observed_sheet_create(c, &a->config, body, a->pictures, a->picture, &a->sheet);
+    for (int i = 0; i < a->pictures && a->pictures > 1 && status == SHERF_OK; i++) {
+        const sherf_pose *p = &a->picture[i].pose;
+        status = posed_body_create(c, body, p->poses_rad, p->shapes, p->R, p->Th_m, &a->posed[i]);
+        if (status == SHERF_OK) a->posed[i]->blend_m = a->sheet.body->blend_m;
     }
-    return avatar_place(c, body, a);
+    return status == SHERF_OK ? avatar_place(c, body, a) : status;
 }
 
-static sherf_status image_keep(context *c, const observation_geometry *g, sherf_avatar *a) {
-    a->image_width = g->width;
-    a->image_height = g->height;
-    a->image = copy_of(c, g->image, (size_t)g->width * (size_t)g->height * 3, sizeof(float));
-    return a->image ? SHERF_OK : SHERF_NO_MEMORY;
+const posed_body *avatar_posed_in(const sherf_avatar *a, int picture) {
+    return a->pictures > 1 ? a->posed[picture] : a->sheet.body;
 }
 
-static sherf_status picture_keep(context *c, const sherf_image *fine, sherf_avatar *a) {
-    const size_t n = (size_t)fine->width * (size_t)fine->height * 3;
-    if (!fine->data) return SHERF_OK;
-    a->picture = mem_alloc(c, n, 1);
-    if (!a->picture) return SHERF_NO_MEMORY;
-    a->picture_width = fine->width;
-    a->picture_height = fine->height;
-    for (size_t i = 0; i < n; i++) a->picture[i] = float_to_u8(fine->data[i]);
+static sherf_status picture_keep(context *c, const sherf_observation *o, observed_picture *out) {
+    const sherf_image *image = sherf_observation_image(o);
+    const size_t n = (size_t)image->width * (size_t)image->height * (size_t)image->channels;
+    *out = (observed_picture){*image, *sherf_observation_camera(o), *sherf_observation_pose(o)};
+    out->image.data = mem_alloc(c, n, sizeof(float));
+    if (!out->image.data) return SHERF_NO_MEMORY;
+    memcpy(out->image.data, image->data, n * sizeof(float));
     return SHERF_OK;
 }
 
-sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const sherf_body *body,
-                                 const sherf_observation *observation, sherf_avatar **out) {
+static sherf_status fine_keep(context *c, const sherf_image *fine, fine_picture *out) {
+    const size_t n = (size_t)fine->width * (size_t)fine->height * 3;
+    if (!fine->data) return SHERF_OK;
+    *out = (fine_picture){fine->width, fine->height, mem_alloc(c, n, 1)};
+    if (!out->data) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < n; i++) out->data[i] = float_to_u8(fine->data[i]);
+    return SHERF_OK;
+}
+
+static sherf_status pictures_keep(context *c, int count, const sherf_observation *const *observation,
+                                  sherf_avatar *a) {
+    sherf_status status = SHERF_OK;
+    a->pictures = count;
+    for (int i = 0; i < count && status == SHERF_OK; i++) {
+        status = picture_keep(c, observation[i], &a->picture[i]);
+        if (status == SHERF_OK) status = fine_keep(c, &observation[i]->fine, &a->fine[i]);
+    }
+    return status;
+}
+
+/* Whether the person is in each picture. */
+static sherf_status pictures_check(context *c, const body_model *body, const observation_geometry *g,
+                                   int count, const sherf_observation *const *observation) {
+    sherf_status status = SHERF_OK;
+    if (count == 1) return body_in_picture(c, body, g->body, &g->camera, observation[0]->mask);
+    for (int i = 0; i < count && status == SHERF_OK; i++) {
+        status = observation_check_body(c, observation[i], body);
+        if (status != SHERF_OK) failure_prefix(c, status, "picture %d", i + 1);
+    }
+    return status;
+}
+
+sherf_status sherf_avatar_create_several(sherf_context *c, const sherf_model *m, const sherf_body *body,
+                                         int count, const sherf_observation *const *observation,
+                                         sherf_avatar **out) {
     *out = NULL;
     observation_geometry *g = NULL;
     tape *t = NULL;
@@ -88,23 +117,24 @@ sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const s
     if (m->weights->memory != backend_of(c)->memory)
         return failure(c, SHERF_MISMATCH,
                        "the model was loaded for another device than that of this context");
+    if (count < 1 || count > OBSERVED_PICTURES_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "%d pictures of a person: 1 to %d can be read", count,
+                       OBSERVED_PICTURES_MAX);
     sherf_avatar *a = avatar_new(c);
     if (!a) return SHERF_NO_MEMORY;
     a->config = m->config;
-    a->pose = *sherf_observation_pose(observation);
-    a->camera = *sherf_observation_camera(observation);
-    sherf_status status = observation_geometry_create(
-        c, &m->config, body, sherf_observation_image(observation), &a->camera, &a->pose, false, &g);
-    if (status == SHERF_OK) status = body_in_picture(c, body, g->body, &a->camera, observation->mask);
+    sherf_status status = pictures_keep(c, count, observation, a);
+    if (status == SHERF_OK)
+        status = observation_geometry_of(c, &m->config, body, count, a->picture, false, &g);
+    if (status == SHERF_OK) status = pictures_check(c, body, g, count, observation);
     if (status != SHERF_OK) goto done;
     t = tape_create(c, (tape_options){backend_of(c), false, false, c->precision == SHERF_PRECISION_BF16});
     status = t ? model_encode(t, m, body, g, &bank) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = avatar_weights(c, m, &a->weights);
-    if (status == SHERF_OK) status = image_keep(c, g, a);
     if (status == SHERF_OK) status = kept_make(c, m, g, &bank, &a->kept);
-    if (status == SHERF_OK) status = picture_keep(c, &observation->fine, a);
     if (status != SHERF_OK) goto done;
-    a->observed = g->body;
+    a->sheet = (observed_sheet){g->width, g->height, g->image, g->camera, g->body};
+    g->image = NULL;
     g->body = NULL;
     status = avatar_finish(c, body, a);
 done:
@@ -117,9 +147,14 @@ done:
     return status;
 }
 
+sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const sherf_body *body,
+                                 const sherf_observation *observation, sherf_avatar **out) {
+    return sherf_avatar_create_several(c, m, body, 1, &observation, out);
+}
+
 const sherf_pose *sherf_avatar_pose(const sherf_avatar *a) {
-    return &a->pose;
+    return &a->picture[0].pose;
 }
 const sherf_camera *sherf_avatar_camera(const sherf_avatar *a) {
-    return &a->camera;
+    return &a->picture[0].camera;
 }

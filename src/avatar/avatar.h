@@ -8,18 +8,22 @@
 #include "model/field.h"
 #include "sampling/coarse.h"
 
+/* A picture with more pixels than its image, H x W x 3; data NULL: none. Owned. */
+typedef struct {
+    int width, height;
+    uint8_t *data;
+} fine_picture;
 struct sherf_avatar {
     model_config config;
-    sherf_pose pose; /* the observation's */
-    sherf_camera camera;
     uint64_t body_fingerprint;
-    parameters *weights;           /* what queries read, in the host's memory */
-    kept_bank kept;                /* of its bank */
-    int image_width, image_height; /* of the observation as it was encoded */
-    float *image;                  /* H x W x 3, black outside the mask */
-    uint8_t *picture;              /* the observation with more pixels than the image, RGB; NULL: none */
-    int picture_width, picture_height;
-    posed_body *observed; /* observation pose, for the pixel-aligned features */
+    parameters *weights;                             /* what queries read, in the host's memory */
+    kept_bank kept;                                  /* of its bank */
+    int pictures;                                    /* of the observation, at least 1 */
+    observed_picture picture[OBSERVED_PICTURES_MAX]; /* as they were encoded; images are owned */
+    fine_picture fine[OBSERVED_PICTURES_MAX];
+    posed_body
+        *posed[OBSERVED_PICTURES_MAX]; /* in the pose of each picture; with one it is the sheet's body */
+    observed_sheet sheet;              /* where features are read */
     const field_kind *field_kind;
     void *field; /* answers its points, for the context that it was made or loaded in */
     /* Made when a frame first needs them, under locks of their own: an avatar is for any thread. */
@@ -80,8 +84,10 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
 sherf_avatar *avatar_new(context *c); /* empty, NULL on lack; freed with sherf_avatar_free */
 /* The weights of a model that its queries read; parameters_free, whatever the answer. */
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
-/* What follows from what a file or an observation says: the observed body, and avatar_place. */
+/* What follows from what a file or an observation says: the sheet, the bodies, and avatar_place. */
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
+/* The body in the pose of a picture, counted from 0; the avatar's. */
+const posed_body *avatar_posed_in(const sherf_avatar *a, int picture);
 
 /* ---- avatar_file.c, render.c ---- */
 /* sherf_render of a body that avatar_pose posed, for many frames of one pose. */

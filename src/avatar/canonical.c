@@ -8,8 +8,8 @@ void canonical_observe(const sherf_avatar *a, const body_model *body, int64_t n,
     float world[3 * SOME];
     for (int64_t b = 0; b < n; b += SOME) {
         const int64_t count = n - b < SOME ? n - b : SOME;
-        deform_to_picture(body, a->observed, count, points_canonical + 3 * b, nearest + b, world);
-        camera_project(&a->camera, count, world, observed_px + 2 * b, NULL);
+        deform_to_picture(body, a->sheet.body, count, points_canonical + 3 * b, nearest + b, world);
+        camera_project(&a->sheet.camera, count, world, observed_px + 2 * b, NULL);
     }
 }
 

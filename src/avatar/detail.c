@@ -70,15 +70,15 @@ static bool at_mask_edge(const float *image, int width, int height, int x, int y
 }
 
 /* room: two floats a texel. */
-static void keep_difference(const context *c, avatar_detail *d, const sherf_avatar *a, const float *image,
-                            sherf_frame *own, float *room) {
+static void keep_difference(const context *c, detail_view *d, const float *image, sherf_frame *own,
+                            float *room) {
     const int width = d->width, height = d->height;
-    const int reach = detail_pixels(&d->camera, a->observed, 0.004f, FADE_MAX);
+    const int reach = detail_pixels(&d->camera, d->posed, 0.004f, FADE_MAX);
     const size_t pixels = (size_t)width * (size_t)height;
     float *weight = room + pixels, *depth = own->depth.data;
     detail_optics o;
     detail_optics_of(&d->camera, &o);
-    detail_smooth(c, &own->opacity, detail_pixels(&d->camera, a->observed, smooth_m, RADIUS_MAX), depth, NULL,
+    detail_smooth(c, &own->opacity, detail_pixels(&d->camera, d->posed, smooth_m, RADIUS_MAX), depth, NULL,
                   room);
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
@@ -87,7 +87,7 @@ static void keep_difference(const context *c, avatar_detail *d, const sherf_avat
                         detail_rise(facing_at(&o, depth, width, height, x, y), facing);
             if (weight[n] > 0 && at_mask_edge(image, width, height, x, y)) weight[n] = 0;
         }
-    fade_inwards(weight, room, width, height, detail_pixels(&d->camera, a->observed, fade_m, FADE_MAX));
+    fade_inwards(weight, room, width, height, detail_pixels(&d->camera, d->posed, fade_m, FADE_MAX));
     for (size_t n = 0; n < pixels; n++) {
         d->texel[n].weight = weight[n];
         d->texel[n].depth = depth[n];
@@ -97,44 +97,61 @@ static void keep_difference(const context *c, avatar_detail *d, const sherf_avat
 }
 
 void detail_free(avatar_detail *d) {
-    mem_free(d->texel);
-    mem_free(d->seen);
+    for (int i = 0; i < d->views; i++) {
+        mem_free(d->view[i].texel);
+        mem_free(d->view[i].seen);
+    }
     *d = (avatar_detail){0};
 }
 
-sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out) {
+/* The observation's picture number i as it is compared: its image, or the finer one. */
+static float *picture_of(context *c, const sherf_avatar *a, int i, detail_view *d) {
+    const observed_picture *p = &a->picture[i];
+    const fine_picture *fine = &a->fine[i];
+    *d = (detail_view){p->image.width, p->image.height, p->camera, avatar_posed_in(a, i)};
+    if (fine->data) {
+        d->width = fine->width;
+        d->height = fine->height;
+        camera_resize(&d->camera, d->width, d->height);
+    }
+    const size_t n = (size_t)d->width * (size_t)d->height * 3;
+    float *image = mem_alloc(c, n, sizeof *image);
+    for (size_t k = 0; image && k < n; k++) image[k] = fine->data ? fine->data[k] / 255.0f : p->image.data[k];
+    return image;
+}
+
+static sherf_status view_create(context *c, const sherf_avatar *a, const body_model *body, int i,
+                                detail_view *d) {
     const sherf_render_options plain = {.detail = SHERF_DETAIL_OFF};
     sherf_frame own = {0};
     posed_body *posed = NULL;
     raster *drawn = NULL;
-    float *room = NULL, *image = NULL;
-    *out = (avatar_detail){a->image_width, a->image_height, a->camera, NULL, NULL};
-    if (a->picture) {
-        out->width = a->picture_width;
-        out->height = a->picture_height;
-        camera_resize(&out->camera, out->width, out->height);
-    }
-    const size_t n = (size_t)out->width * (size_t)out->height;
-    sherf_status status = avatar_pose(c, a, body, &a->pose, &posed);
-    if (status == SHERF_OK) status = avatar_frame(c, a, body, posed, &out->camera, &plain, &own);
-    if (status == SHERF_OK) status = detail_draw_body(c, body, a->observed, &out->camera, &drawn);
+    float *image = picture_of(c, a, i, d);
+    const size_t n = (size_t)d->width * (size_t)d->height;
+    float *room = mem_alloc(c, 2 * n, sizeof *room);
+    d->texel = mem_alloc(c, n, sizeof *d->texel);
+    sherf_status status = image && room && d->texel ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = avatar_pose(c, a, body, &a->picture[i].pose, &posed);
+    if (status == SHERF_OK) status = avatar_frame(c, a, body, posed, &d->camera, &plain, &own);
+    if (status == SHERF_OK) status = detail_draw_body(c, body, d->posed, &d->camera, &drawn);
     if (status == SHERF_OK) detail_bound(drawn, own.depth.data);
-    if (status == SHERF_OK) status = detail_see_body(c, a, body, drawn, out);
-    if (status == SHERF_OK) {
-        out->texel = mem_alloc(c, n, sizeof *out->texel);
-        room = mem_alloc(c, 2 * n, sizeof *room);
-        image = mem_alloc(c, 3 * n, sizeof *image);
-        if (!out->texel || !room || !image) status = SHERF_NO_MEMORY;
-    }
-    if (status == SHERF_OK) {
-        for (size_t i = 0; i < 3 * n; i++) image[i] = a->picture ? a->picture[i] / 255.0f : a->image[i];
-        keep_difference(c, out, a, image, &own, room);
-    }
+    if (status == SHERF_OK) status = detail_see_body(c, body, drawn, d);
+    if (status == SHERF_OK) keep_difference(c, d, image, &own, room);
     mem_free(room);
     mem_free(image);
     raster_free(drawn);
     posed_body_free(posed);
     sherf_frame_free(&own);
+    return status;
+}
+
+sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out) {
+    sherf_status status = SHERF_OK;
+    *out = (avatar_detail){0};
+    while (out->views < a->pictures && status == SHERF_OK) {
+        const int i = out->views++;
+        status = view_create(c, a, body, i, &out->view[i]);
+    }
     if (status != SHERF_OK) detail_free(out);
     return status;
 }
@@ -157,7 +174,7 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
     lazy_detail *l = a->detail;
     sherf_status status = SHERF_OK;
     pthread_mutex_lock(&l->lock);
-    if (!l->made.texel) status = detail_create(c, a, body, &l->made);
+    if (!l->made.views) status = detail_create(c, a, body, &l->made);
     pthread_mutex_unlock(&l->lock);
     *out = &l->made;
     return status;
@@ -165,7 +182,7 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
 
 /* ---- looking up ---- */
 /* The mean over four texels. */
-static float texels_at(const avatar_detail *d, const float px[2], float depth, float add[3]) {
+static float texels_at(const detail_view *d, const float px[2], float depth, float add[3]) {
     float seen = 0;
     memset(add, 0, 3 * sizeof *add);
     if (!(px[0] >= 0 && px[1] >= 0 && px[0] < (float)(d->width - 1) && px[1] < (float)(d->height - 1)))
@@ -183,28 +200,55 @@ static float texels_at(const avatar_detail *d, const float px[2], float depth, f
     return seen;
 }
 
-void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *body, int64_t n,
-                    const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
-    enum { SOME = 64 };
+enum { SOME = 64 };
+static void look_up_in(const detail_view *d, const body_model *body, int64_t count,
+                       const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
     float world[3 * SOME], px[2 * SOME], depth[SOME];
+    deform_from_canonical(body, d->posed, count, points_canonical, nearest, world);
+    camera_project(&d->camera, count, world, px, depth);
+    for (int64_t i = 0; i < count; i++) {
+        memset(add + 3 * i, 0, 3 * sizeof *add);
+        seen[i] = 0;
+        if (nearest[i] >= 0 && depth[i] > 0)
+            seen[i] = texels_at(d, px + 2 * i, depth[i], add + 3 * i) *
+                      detail_seen_near(d, body, points_canonical + 3 * i, nearest[i]);
+    }
+}
+
+/* What several pictures say of a point: a mean in which the one that sees it best counts most. */
+static void look_up_all(const avatar_detail *d, const body_model *body, int64_t count,
+                        const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
+    float one[3 * SOME], one_seen[SOME], sum[SOME] = {0};
+    memset(add, 0, 3 * (size_t)count * sizeof *add);
+    memset(seen, 0, (size_t)count * sizeof *seen);
+    for (int k = 0; k < d->views; k++) {
+        look_up_in(&d->view[k], body, count, points_canonical, nearest, one, one_seen);
+        for (int64_t i = 0; i < count; i++) {
+            const float s = one_seen[i], weight = s * s;
+            sum[i] += weight;
+            seen[i] += weight * s;
+            for (int r = 0; r < 3; r++) add[3 * i + r] += weight * s * one[3 * i + r];
+        }
+    }
+    for (int64_t i = 0; i < count; i++) {
+        for (int r = 0; r < 3 && seen[i] > 0; r++) add[3 * i + r] /= seen[i];
+        if (sum[i] > 0) seen[i] /= sum[i];
+    }
+}
+
+void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, const float *points_canonical,
+                    const int32_t *nearest, float *add, float *seen) {
     for (int64_t b = 0; b < n; b += SOME) {
         const int64_t count = n - b < SOME ? n - b : SOME;
-        deform_from_canonical(body, a->observed, count, points_canonical + 3 * b, nearest + b, world);
-        camera_project(&d->camera, count, world, px, depth);
-        for (int64_t i = 0; i < count; i++) {
-            const int32_t v = nearest[b + i];
-            memset(add + 3 * (b + i), 0, 3 * sizeof *add);
-            seen[b + i] = 0;
-            if (v >= 0 && depth[i] > 0)
-                seen[b + i] = texels_at(d, px + 2 * i, depth[i], add + 3 * (b + i)) *
-                              detail_seen_near(d, body, points_canonical + 3 * (b + i), v);
-        }
+        if (d->views == 1)
+            look_up_in(d->view, body, count, points_canonical + 3 * b, nearest + b, add + 3 * b, seen + b);
+        else
+            look_up_all(d, body, count, points_canonical + 3 * b, nearest + b, add + 3 * b, seen + b);
     }
 }
 
 /* ---- once per frame ---- */
 typedef struct {
-    const sherf_avatar *a;
     const avatar_detail *d;
     const body_model *body;
     const posed_body *posed;
@@ -228,7 +272,7 @@ static void look_up_batch(const apply_job *j, batch *b) {
     for (int i = 0; i < b->count; i++)
         b->nearest[i] =
             vertex_grid_nearest_from(body_canonical_grid(j->body), b->point + 3 * i, b->nearest[i], NULL);
-    detail_look_up(j->d, j->a, j->body, b->count, b->point, b->nearest, b->add, b->seen);
+    detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->add, b->seen);
     for (int i = 0; i < b->count; i++) {
         j->weight[b->pixel[i]] = b->weight[i] * b->seen[i];
         memcpy(j->add + 3 * b->pixel[i], b->add + 3 * i, 3 * sizeof *b->add);
@@ -286,16 +330,15 @@ static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *body,
-                          const posed_body *posed, const sherf_camera *camera, const float background[3],
-                          sherf_frame *frame) {
+sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
+                          const sherf_camera *camera, const float background[3], sherf_frame *frame) {
     const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MAX);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
     raster *drawn = NULL;
     float *room = mem_alloc(c, pixels, 6 * sizeof *room);
     sherf_status status = room ? detail_draw_body(c, body, posed, camera, &drawn) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
-    apply_job job = {.a = a, .d = d, .body = body, .posed = posed, .frame = frame};
+    apply_job job = {.d = d, .body = body, .posed = posed, .frame = frame};
     job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MAX);
     job.depth = room + pixels;
     job.weight = job.depth + pixels;

@@ -13,11 +13,16 @@ typedef struct {
 typedef struct {
     int width, height;
     sherf_camera camera;
-    detail_texel *texel; /* NULL: none */
-    float *seen;         /* V: how much the observation sees of what is near the vertex, 0 to 1 */
+    const posed_body *posed; /* the avatar's, in the picture's pose */
+    detail_texel *texel;
+    float *seen; /* V: how much the observation sees of what is near the vertex, 0 to 1 */
+} detail_view;
+typedef struct {
+    int views; /* the observation's pictures; 0: nothing was made */
+    detail_view view[OBSERVED_PICTURES_MAX];
 } avatar_detail;
 
-/* The avatar's picture of the observed view rendered and compared. Free with detail_free. */
+/* The avatar's pictures of the observed views rendered and compared. Free with detail_free. */
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out);
 void detail_free(avatar_detail *d);
 typedef struct lazy_detail {
@@ -33,21 +38,19 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
 /* What the observation adds to the colour of `n` canonical points of the surface, [n, 3], as far as the
  * points' texels are to be trusted, and how much of each place it sees, [n], 0 to 1; nearest: each one's
  * nearest canonical vertex. */
-void detail_look_up(const avatar_detail *d, const sherf_avatar *a, const body_model *body, int64_t n,
-                    const float *points_canonical, const int32_t *nearest, float *add, float *seen);
+void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, const float *points_canonical,
+                    const int32_t *nearest, float *add, float *seen);
 /* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
  * (points_prepare). */
-sherf_status detail_apply(context *c, const sherf_avatar *a, const avatar_detail *d, const body_model *body,
-                          const posed_body *posed, const sherf_camera *camera, const float background[3],
-                          sherf_frame *frame);
+sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
+                          const sherf_camera *camera, const float background[3], sherf_frame *frame);
 
 /* ---- detail_body.c: what the body's mesh tells ---- */
 /* d->seen, from d->camera; drawn: the observed body in its picture. */
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *body, const raster *drawn,
-                             avatar_detail *d);
+sherf_status detail_see_body(context *c, const body_model *body, const raster *drawn, detail_view *d);
 /* How much the observation sees of what is near a canonical point: of its nearest vertex v and that one's
  * neighbours, as their maps are blended (deform_point.h). */
-float detail_seen_near(const avatar_detail *d, const body_model *body, const float x[3], int32_t v);
+float detail_seen_near(const detail_view *d, const body_model *body, const float x[3], int32_t v);
 /* The posed body in a picture; free with raster_free. */
 sherf_status detail_draw_body(context *c, const body_model *body, const posed_body *posed,
                               const sherf_camera *camera, raster **out);

@@ -71,15 +71,14 @@ static void close_holes(const body_model *body, float *seen, float *room) {
     }
 }
 
-sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model *body, const raster *drawn,
-                             avatar_detail *d) {
+sherf_status detail_see_body(context *c, const body_model *body, const raster *drawn, detail_view *d) {
     const size_t V = (size_t)body->vertices;
     float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
     float *room = mem_alloc(c, V, sizeof *room);
     d->seen = mem_alloc(c, V, sizeof *d->seen);
     sherf_status status = world && normal && room && d->seen ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
-        body_vertices_world(body, a->observed, world);
+        body_vertices_world(body, d->posed, world);
         status = body_normals(c, body, world, normal);
     }
     if (status == SHERF_OK) {
@@ -99,7 +98,7 @@ sherf_status detail_see_body(context *c, const sherf_avatar *a, const body_model
     return status;
 }
 
-float detail_seen_near(const avatar_detail *d, const body_model *body, const float x[3], int32_t v) {
+float detail_seen_near(const detail_view *d, const body_model *body, const float x[3], int32_t v) {
     const float *vertex = body->canonical->vertices_smpl;
     float sum = d->seen[v], weights = 1, own = 0;
     for (int k = 0; k < 3; k++) own += (x[k] - vertex[3 * v + k]) * (x[k] - vertex[3 * v + k]);

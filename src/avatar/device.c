@@ -4,9 +4,7 @@
 #include "avatar/avatar.h"
 
 sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a) {
-    const field_source source = {
-        &a->config, a->weights, &a->kept,   {a->image_width, a->image_height, 3, a->image},
-        &a->pose,   &a->camera, a->observed};
+    const field_source source = {&a->config, a->weights, &a->kept, &a->sheet, a->pictures, a->picture};
     const model_kind *kind = a->config.kind;
     const field_kind *own = kind->field ? kind->field(&a->config) : NULL;
     a->field_kind = own ? own : &field_of_ops;
@@ -44,7 +42,8 @@ sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *bo
     *out = NULL;
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
-    if (a->config.kind->one_pose && !same_pose(&a->pose, pose)) return model_needs_canonical(c, &a->config);
+    if (a->config.kind->one_pose && !same_pose(&a->picture[0].pose, pose))
+        return model_needs_canonical(c, &a->config);
     const bool joints = avatar_takes_joints(a);
     sherf_status status =
         joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)

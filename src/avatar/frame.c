@@ -56,7 +56,7 @@ static sherf_status frame_coarse(context *c, const sherf_avatar *a, const body_m
     coarse_points points;
     float *rgb = NULL, *sigma = NULL;
     sherf_status status =
-        coarse_points_create(c, body, posed, rays, samples, a->observed, &a->camera, coarse, &points);
+        coarse_points_create(c, body, posed, rays, samples, a->sheet.body, &a->sheet.camera, coarse, &points);
     if (status != SHERF_OK) goto done;
     const size_t queried = (size_t)points.queried->count;
     rgb = mem_alloc(c, queried, 3 * sizeof *rgb);
@@ -78,8 +78,8 @@ static sherf_status frame_of_points(context *c, const sherf_avatar *a, const bod
                                     const occupancy_grid *empty, const sherf_render_options *o,
                                     sherf_frame *frame) {
     point_set *points = NULL;
-    sherf_status status = model_points_create(c, &a->config, body, posed, rays, samples, a->observed,
-                                              &a->camera, empty, false, &points);
+    sherf_status status = model_points_create(c, &a->config, body, posed, rays, samples, a->sheet.body,
+                                              &a->sheet.camera, empty, false, &points);
     if (status == SHERF_OK)
         status = avatar_composite(c, a, body, rays, points, o->background, !o->exact, frame);
     if (status == SHERF_OK) frame->points = points->count;

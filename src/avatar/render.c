@@ -17,7 +17,7 @@ sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_mo
         if (status == SHERF_OK) status = points_prepare(c, body, whole);
     }
     if (status == SHERF_OK)
-        status = detail_apply(c, a, detail, body, j ? whole : posed, camera, background, frame);
+        status = detail_apply(c, detail, body, j ? whole : posed, camera, background, frame);
     posed_body_free(whole);
     return status;
 }

@@ -124,7 +124,6 @@ static sherf_status bake_batch(context *c, bake_job *j, float *rgb) {
 }
 
 typedef struct {
-    const sherf_avatar *a;
     const body_model *body;
     const avatar_detail *d;
     const float *position, *body_normal; /* of the canonical vertices */
@@ -148,7 +147,7 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
         memcpy(p, j->position + 3 * n, sizeof p);
         guess = vertex_grid_nearest_from(body_canonical_grid(j->body), p, guess, NULL);
         raise_to_body(j->body, guess, j->body_normal, p);
-        detail_look_up(j->d, j->a, j->body, 1, p, &guess, add, &seen);
+        detail_look_up(j->d, j->body, 1, p, &guess, add, &seen);
         for (int k = 0; k < 3; k++) j->rgb[3 * n + k] = fminf(fmaxf(j->rgb[3 * n + k] + seen * add[k], 0), 1);
     }
 }
@@ -156,7 +155,7 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
 static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                                 const float *positions_canonical, float *rgb) {
     float *normal = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normal);
-    detail_job j = {a, body, NULL, positions_canonical, normal, rgb};
+    detail_job j = {body, NULL, positions_canonical, normal, rgb};
     sherf_status status = normal ? avatar_detail_of(c, a, body, &j.d) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = body_normals(c, body, body->canonical->vertices_smpl, normal);
     if (status == SHERF_OK) parallel_for(c, n, 1024, detail_range, &j);

@@ -52,7 +52,7 @@ static sherf_status surface_pose(context *c, bake_steps *j, surface *posed) {
     const size_t V = (size_t)s->vertices;
     sherf_pose pose;
     sherf_pose_identity(&pose);
-    memcpy(pose.shapes, j->a->pose.shapes, sizeof pose.shapes);
+    memcpy(pose.shapes, sherf_avatar_pose(j->a)->shapes, sizeof pose.shapes);
     if (j->o->pose) pose = *j->o->pose;
     posed->position = mem_alloc(c, V, 3 * sizeof *posed->position);
     posed->normal = mem_alloc(c, V, 3 * sizeof *posed->normal);

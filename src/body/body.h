@@ -64,7 +64,7 @@ typedef struct posed_body {
     struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
     float blend_m;            /* points' maps are blended with those of the vertex's neighbours; 0: not */
     /* V x 12, as from_canonical, for features: canonical to where in the world a point is read in the picture
-     * (scene.h, body_read_picture). NULL: where it is. */
+     * (scene.h, body_read_pictures). NULL: where it is. */
     float *read_from;
     int32_t *seen;      /* V, with read_from: whether the picture shows the vertex */
     joint_pose *joints; /* posed_joints_create only, which leaves out all that is by vertex */
@@ -127,7 +127,7 @@ void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, 
                            const int32_t *nearest, float *points_world);
 
 /* The same, to where they are read in the picture: by read_from, where the body has it. Maps are blended with
- * those of their own side alone. */
+ * those alone that lead to the same place. */
 void deform_to_picture(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
                        const int32_t *nearest, float *points_world);
 

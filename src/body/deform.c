@@ -35,10 +35,10 @@ void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, co
     apply(&g, n, points_smpl, directions_smpl, nearest, points_canonical, directions_canonical);
 }
 
-static void from_canonical(const body_model *m, const float *maps, bool sides, float blend_m, int64_t n,
+static void from_canonical(const body_model *m, const float *maps, bool apart, float blend_m, int64_t n,
                            const float *points_canonical, const int32_t *nearest, float *points_world) {
     const vertex_mapping g = {m->canonical->vertices_smpl, maps,         blend_m,
-                              m->neighbour_first,          m->neighbour, sides};
+                              m->neighbour_first,          m->neighbour, apart};
     apply(&g, n, points_canonical, NULL, nearest, points_world, NULL);
 }
 

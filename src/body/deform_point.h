@@ -16,13 +16,31 @@ typedef struct {
     const float *vertex, *maps;
     float blend_m;
     const int32_t *neighbour_first, *neighbour;
-    bool sides; /* some maps mirror, and are not blended with the others */
+    bool apart; /* some lead to other places than their neighbours' (maps_part), and are not blended with
+                   those */
 } vertex_mapping;
 
 HOST_AND_DEVICE static inline bool map_mirrors(const float *m) {
     return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
                m[2] * (m[4] * m[9] - m[5] * m[8]) <
            0;
+}
+
+HOST_AND_DEVICE static inline void map_point(const float *map, const float x[3], float out[3]) {
+    map_rotate(map, x, out);
+    for (int k = 0; k < 3; k++) out[k] += map[4 * k + 3];
+}
+
+/* Whether two neighbours' maps, of which one mirrors or leads into another picture, are no two ways to one
+ * place. */
+HOST_AND_DEVICE static inline bool maps_part(const float *a, const float *b, const float x[3]) {
+    const float far_m = 0.2f; /* farther apart than limbs in one picture, closer than two pictures */
+    float to[3], other[3], d = 0;
+    if (map_mirrors(a) != map_mirrors(b)) return true;
+    map_point(a, x, to);
+    map_point(b, x, other);
+    for (int k = 0; k < 3; k++) d += (to[k] - other[k]) * (to[k] - other[k]);
+    return d > far_m * far_m;
 }
 
 /* The map at x of a point whose nearest vertex is v. */
@@ -39,7 +57,7 @@ HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, 
         float w = 1 - (d - d0) * reach;
         if (!(w > 0)) continue;
         const float *by = g->maps + 12 * (size_t)g->neighbour[i];
-        if (g->sides && map_mirrors(by) != map_mirrors(g->maps + 12 * v)) continue;
+        if (g->apart && maps_part(g->maps + 12 * v, by, x)) continue;
         if (w > 1) w = 1; /* `nearest` is not the nearest one */
         w *= w;
         sum += w;

@@ -73,8 +73,7 @@ static sherf_status create(context *c, const field_source *from, const body_mode
     f->kept = from->kept;
     sherf_status status = take_weights(c, from, &f->m);
     if (status == SHERF_OK)
-        status = observation_geometry_create(c, from->config, body, &from->image, from->camera, from->pose,
-                                             false, &f->g);
+        status = observation_geometry_of(c, from->config, body, from->pictures, from->picture, false, &f->g);
     if (status == SHERF_OK) status = restore(c, f);
     if (status == SHERF_OK)
         *out = f;

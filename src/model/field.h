@@ -10,10 +10,9 @@ typedef struct {
     const model_config *config;
     const parameters *weights; /* what queries read, in the host's memory */
     const kept_bank *kept;
-    sherf_image image; /* the observation's, H x W x 3, black outside the mask */
-    const sherf_pose *pose;
-    const sherf_camera *camera;
-    const posed_body *observed;
+    const observed_sheet *sheet; /* of the pictures */
+    int pictures;
+    const observed_picture *picture;
 } field_source;
 
 typedef struct field_kind {

@@ -4,56 +4,36 @@
 
 #include "model/model.h"
 
-sherf_status observed_body_create(context *c, const model_config *config, const body_model *body,
-                                  const sherf_pose *pose, const sherf_camera *camera, const float *image,
-                                  posed_body **out) {
-    sherf_status status = posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
-    if (status != SHERF_OK) return status;
-    (*out)->blend_m = (float)config->skin_blend_mm / 1000;
-    if (config->occlusion) status = body_read_picture(c, body, camera, image, config->occlusion > 1, *out);
-    if (status == SHERF_OK) return SHERF_OK;
-    posed_body_free(*out);
+sherf_status observation_geometry_of(context *c, const model_config *config, const body_model *body,
+                                     int count, const observed_picture *picture, bool training,
+                                     observation_geometry **out) {
+    observed_sheet sheet;
     *out = NULL;
+    observation_geometry *g = mem_zero(c, 1, sizeof *g);
+    if (!g) return SHERF_NO_MEMORY;
+    g->kind = config->kind;
+    g->vertices = body->vertices;
+    sherf_status status = observed_sheet_create(c, config, body, count, picture, &sheet);
+    if (status == SHERF_OK) {
+        g->width = sheet.width;
+        g->height = sheet.height;
+        g->image = sheet.image;
+        g->camera = sheet.camera;
+        g->body = sheet.body;
+        if (config->kind->observe) status = config->kind->observe(c, config, body, training, g);
+    }
+    if (status == SHERF_OK)
+        *out = g;
+    else
+        observation_geometry_free(g);
     return status;
 }
 
 sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out) {
-    *out = NULL;
-    sherf_status status = camera_check(c, camera);
-    if (status != SHERF_OK) return status;
-    if (image_rgb->channels != 3 || image_rgb->width != camera->width_px ||
-        image_rgb->height != camera->height_px)
-        return failure(c, SHERF_MISMATCH, "the picture is %d x %d x %d, the camera's is %d x %d x 3",
-                       image_rgb->width, image_rgb->height, image_rgb->channels, camera->width_px,
-                       camera->height_px);
-    if (image_rgb->width < 32 || image_rgb->height < 32)
-        return failure(c, SHERF_BAD_ARGUMENT, "the picture is %d x %d: at least 32 x 32 are needed",
-                       image_rgb->width, image_rgb->height);
-    observation_geometry *g = mem_zero(c, 1, sizeof *g);
-    if (!g) return SHERF_NO_MEMORY;
-    g->kind = config->kind;
-    g->width = image_rgb->width;
-    g->height = image_rgb->height;
-    g->camera = *camera;
-    g->vertices = body->vertices;
-    const size_t N = (size_t)g->width * (size_t)g->height * 3;
-    g->image = mem_alloc(c, N, sizeof(float));
-    if (!g->image) {
-        status = SHERF_NO_MEMORY;
-        goto done;
-    }
-    memcpy(g->image, image_rgb->data, N * sizeof(float));
-    status = observed_body_create(c, config, body, pose, camera, g->image, &g->body);
-    if (status != SHERF_OK) goto done;
-    if (config->kind->observe) status = config->kind->observe(c, config, body, training, g);
-done:
-    if (status == SHERF_OK)
-        *out = g;
-    else
-        observation_geometry_free(g);
-    return status;
+    const observed_picture one = {*image_rgb, *camera, *pose};
+    return observation_geometry_of(c, config, body, 1, &one, training, out);
 }
 
 void observation_geometry_free(observation_geometry *g) {

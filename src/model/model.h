@@ -28,7 +28,7 @@ typedef struct {
     int skin_blend_mm;
     /* What the observed picture does not show is read straight through the body, whatever limb is there (0,
      * the paper's way), or beside the limb that covers it (1), or at its mirror image too (2): scene.h,
-     * body_read_picture. */
+     * body_read_pictures. */
     int occlusion;
     union { /* the model's own, a struct of int and float */
         double alignment;
@@ -76,11 +76,31 @@ sherf_status observation_geometry_create(context *c, const model_config *config,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out);
 void observation_geometry_free(observation_geometry *g);
-/* The body of an observation, as the settings have it: its points' ways and where they are read in the
- * picture (image: H x W x 3, black outside the person). */
-sherf_status observed_body_create(context *c, const model_config *config, const body_model *body,
-                                  const sherf_pose *pose, const sherf_camera *camera, const float *image,
-                                  posed_body **out);
+
+/* ---- of several pictures (sheet.c) ---- */
+enum { OBSERVED_PICTURES_MAX = SHERF_PICTURES_MAX };
+/* The person in a pose of its own. image: H x W x 3, black outside the person; not owned. */
+typedef struct {
+    sherf_image image;
+    sherf_camera camera;
+    sherf_pose pose;
+} observed_picture;
+/* What models read of an observation. One picture: itself, its camera, its body. Several: side by side in one
+ * picture, before one camera; the first one's body, of which each vertex is read in the picture that shows it
+ * best. So nobody behind this needs to know of several. Owned. */
+typedef struct {
+    int width, height;
+    float *image; /* H x W x 3 */
+    sherf_camera camera;
+    posed_body *body;
+} observed_sheet;
+/* SHERF_UNSUPPORTED, in one line, where the model cannot read several. */
+sherf_status observed_sheet_create(context *c, const model_config *config, const body_model *body, int count,
+                                   const observed_picture *picture, observed_sheet *out);
+void observed_sheet_free(observed_sheet *s);
+sherf_status observation_geometry_of(context *c, const model_config *config, const body_model *body,
+                                     int count, const observed_picture *picture, bool training,
+                                     observation_geometry **out);
 
 /* ---- and once per target ---- */
 /* Some of a target's rays, for trainings of the kind. */

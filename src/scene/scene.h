@@ -75,10 +75,18 @@ enum {
  * the picture a limb covers so much more than itself. */
 sherf_status body_shown(context *c, const body_model *m, const float *vertices_world,
                         const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown);
-/* Fills p->read_from and p->seen of an observed body before its camera. image: H x W x 3, black outside the
- * person, or NULL. mirror: what is not seen is read at its mirror image, where that is. */
-sherf_status body_read_picture(context *c, const body_model *m, const sherf_camera *camera,
-                               const float *image, bool mirror, posed_body *p);
+/* A picture of the person in a pose of its own. image: H x W x 3, black outside the person; NULL: all is
+ * person. sheet: 12, from this picture's world to that in which points are read; NULL: the same. */
+typedef struct {
+    const posed_body *body;
+    const sherf_camera *camera;
+    const float *image, *sheet;
+} body_picture;
+/* Fills p->read_from and p->seen of an observed body: a vertex is read in the picture that shows it best.
+ * mirror: what none shows is read at its mirror image, where that is shown. `p` may be the body of a
+ * picture. */
+sherf_status body_read_pictures(context *c, const body_model *m, int count, const body_picture *picture,
+                                bool mirror, posed_body *p);
 
 /* ---- rasteriser: z-buffered triangles with interpolated attributes, for synth, check and overlays ---- */
 typedef struct {

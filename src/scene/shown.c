@@ -1,5 +1,6 @@
 /* What a picture shows of the body before its camera, and where features of the rest are read: at the mirror
  * image, or at the next place whose pixel is the body's own (network.md, "What the picture does not show").
+ * Of several pictures each vertex is read in one.
  */
 #include <math.h>
 #include <string.h>
@@ -121,11 +122,114 @@ sherf_status body_shown(context *c, const body_model *m, const float *vertices_w
     return status;
 }
 
+/* ---- which picture shows a vertex best ---- */
+enum { PICTURES_MAX = 127, EVEN_ROUNDS = 4 };
+/* A picture that most neighbours are read in is taken where it shows the vertex at least so well. */
+static const float nearly_as_well = 0.5f;
+
+typedef struct {
+    const body_model *m;
+    int count;
+    const body_picture *picture;
+    uint8_t *shown; /* count x V, then V: in the picture that is read */
+    float *well;  /* count x V: pixels a metre of the vertex's surface, as the picture has it foreshortened */
+    int8_t *in;   /* V: the picture that v is read in */
+    int8_t *room; /* V */
+} choice;
+
+/* Pixels a metre, and the cosine of the angle to the ray. */
+static float seen_well(const sherf_camera *camera, const float eye[3], const float at[3],
+                       const float normal[3]) {
+    float px[2], depth, dot = 0, length = 0;
+    camera_project(camera, 1, at, px, &depth);
+    for (int k = 0; k < 3; k++) {
+        dot += normal[k] * (eye[k] - at[k]);
+        length += (eye[k] - at[k]) * (eye[k] - at[k]);
+    }
+    return depth > 0 ? fabsf(dot) / sqrtf(length) * camera->K[0] / depth : 0;
+}
+
+static sherf_status look_at_picture(context *c, choice *j, int k, float *world, float *normal) {
+    const size_t V = (size_t)j->m->vertices;
+    const body_picture *from = &j->picture[k];
+    float eye[3];
+    body_vertices_world(j->m, from->body, world);
+    sherf_status status =
+        body_shown(c, j->m, world, from->camera, from->image, margin_m, j->shown + (size_t)k * V);
+    if (status != SHERF_OK || j->count == 1) return status;
+    status = body_normals(c, j->m, world, normal);
+    camera_position(from->camera, eye);
+    for (size_t v = 0; status == SHERF_OK && v < V; v++)
+        j->well[(size_t)k * V + v] = seen_well(from->camera, eye, world + 3 * v, normal + 3 * v);
+    return status;
+}
+
+static bool is_better(const choice *j, size_t v, int a, int b) {
+    const size_t V = (size_t)j->m->vertices, of_a = (size_t)a * V + v, of_b = (size_t)b * V + v;
+    if (j->shown[of_a] != j->shown[of_b]) return j->shown[of_a] < j->shown[of_b];
+    return j->well[of_a] > j->well[of_b];
+}
+
+/* The picture in which most of the seen vertices round v are read; -1: none is ahead. */
+static int majority(const choice *j, size_t v) {
+    int votes[PICTURES_MAX] = {0}, best = -1;
+    for (int32_t i = j->m->neighbour_first[v]; i < j->m->neighbour_first[v + 1]; i++) {
+        const int k = j->in[j->m->neighbour[i]];
+        if (++votes[k] > (best < 0 ? 0 : votes[best])) best = k;
+    }
+    return best >= 0 && votes[best] > votes[j->in[v]] ? best : -1;
+}
+
+/* Borders between pictures become short: each is another light, and another error of the body. */
+static void even_out(choice *j) {
+    const size_t V = (size_t)j->m->vertices;
+    for (int round = 0; round < EVEN_ROUNDS; round++) {
+        memcpy(j->room, j->in, V);
+        for (size_t v = 0; v < V; v++) {
+            const int k = majority(j, v);
+            if (k < 0 || j->shown[(size_t)k * V + v] != j->shown[(size_t)j->in[v] * V + v]) continue;
+            if (j->well[(size_t)k * V + v] >= nearly_as_well * j->well[(size_t)j->in[v] * V + v])
+                j->room[v] = (int8_t)k;
+        }
+        memcpy(j->in, j->room, V);
+    }
+}
+
+static sherf_status choose(context *c, choice *j) {
+    const size_t V = (size_t)j->m->vertices, n = (size_t)j->count;
+    float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
+    j->shown = mem_alloc(c, (n + 1) * V, sizeof *j->shown);
+    j->well = mem_zero(c, n * V, sizeof *j->well);
+    j->in = mem_zero(c, V, 1);
+    j->room = mem_alloc(c, V, 1);
+    sherf_status status =
+        world && normal && j->shown && j->well && j->in && j->room ? SHERF_OK : SHERF_NO_MEMORY;
+    for (int k = 0; k < j->count && status == SHERF_OK; k++) status = look_at_picture(c, j, k, world, normal);
+    for (size_t v = 0; v < V && status == SHERF_OK; v++)
+        for (int k = 1; k < j->count; k++)
+            if (is_better(j, v, k, j->in[v])) j->in[v] = (int8_t)k;
+    if (status == SHERF_OK && j->count > 1) even_out(j);
+    for (size_t v = 0; v < V && status == SHERF_OK; v++)
+        j->shown[n * V + v] = j->shown[(size_t)j->in[v] * V + v];
+    mem_free(world);
+    mem_free(normal);
+    return status;
+}
+
+static void choice_free(choice *j) {
+    mem_free(j->shown);
+    mem_free(j->well);
+    mem_free(j->in);
+    mem_free(j->room);
+}
+
 /* ---- where it is read ---- */
 typedef struct {
     const body_model *m;
+    const body_picture *picture;
     posed_body *p;
     const uint8_t *shown; /* V */
+    const int8_t *in;     /* V: the picture */
     int32_t *read;        /* V: the vertex beside which v is read, or ~ of it: mirrored */
 } read_job;
 
@@ -175,6 +279,17 @@ static void map_shift(float map[12], const float from[3], const float to[3]) {
     }
 }
 
+/* The map of x by `map`, and then by `on`. */
+static void map_follow(float map[12], const float on[12]) {
+    double out[12];
+    for (int r = 0; r < 3; r++)
+        for (int k = 0; k < 4; k++) {
+            out[4 * r + k] = k == 3 ? (double)on[4 * r + 3] : 0;
+            for (int i = 0; i < 3; i++) out[4 * r + k] += (double)on[4 * r + i] * (double)map[4 * i + k];
+        }
+    for (int i = 0; i < 12; i++) map[i] = (float)out[i];
+}
+
 static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     const read_job *j = arg;
     const body_model *m = j->m;
@@ -182,30 +297,32 @@ static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t v = begin; v < end; v++) {
         float *map = j->p->read_from + 12 * v;
         const int64_t like = j->read[v] >= 0 ? j->read[v] : v, other = j->read[like];
-        memcpy(map, j->p->from_canonical + 12 * (other < 0 ? ~other : other), 12 * sizeof *map);
+        const int64_t from = other < 0 ? ~other : other;
+        const body_picture *in = &j->picture[j->in[from]];
+        memcpy(map, in->body->from_canonical + 12 * from, 12 * sizeof *map);
         if (other < 0) map_mirror(map, m->mirror_x_m);
         if (like != v) map_shift(map, at + 3 * v, at + 3 * like);
+        if (in->sheet) map_follow(map, in->sheet);
     }
 }
 
-sherf_status body_read_picture(context *c, const body_model *m, const sherf_camera *camera,
-                               const float *image, bool mirror, posed_body *p) {
+sherf_status body_read_pictures(context *c, const body_model *m, int count, const body_picture *picture,
+                                bool mirror, posed_body *p) {
     const size_t V = (size_t)m->vertices;
-    uint8_t *shown = mem_alloc(c, V, sizeof *shown);
-    float *world = mem_alloc(c, V, 3 * sizeof *world);
-    read_job j = {m, p, shown, mem_alloc(c, V, sizeof *j.read)};
+    choice k = {.m = m, .count = count, .picture = picture};
+    read_job j = {m, picture, p, NULL, NULL, mem_alloc(c, V, sizeof *j.read)};
     p->read_from = mem_alloc(c, V, 12 * sizeof *p->read_from);
     p->seen = mem_alloc(c, V, sizeof *p->seen);
-    sherf_status status = shown && world && j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    sherf_status status = j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = choose(c, &k);
     if (status == SHERF_OK) {
-        body_vertices_world(m, p, world);
-        status = body_shown(c, m, world, camera, image, margin_m, shown);
+        j.shown = k.shown + (size_t)count * V;
+        j.in = k.in;
+        status = find_places(c, &j, mirror);
     }
-    if (status == SHERF_OK) status = find_places(c, &j, mirror);
     if (status == SHERF_OK) parallel_for(c, (int64_t)V, 1024, make_maps, &j);
-    for (size_t v = 0; v < V && status == SHERF_OK; v++) p->seen[v] = shown[v] == SHOWN_SEEN;
-    mem_free(shown);
-    mem_free(world);
+    for (size_t v = 0; v < V && status == SHERF_OK; v++) p->seen[v] = j.shown[v] == SHOWN_SEEN;
+    choice_free(&k);
     mem_free(j.read);
     return status;
 }

@@ -17,8 +17,8 @@ static cJSON *avatar_json(const sherf_viewer_avatar *a, int number) {
     cJSON *json = cJSON_CreateObject();
     snprintf(plain, sizeof plain, "avatar %d", number + 1);
     cJSON_AddStringToObject(json, "name", a->name ? a->name : plain);
-    cJSON_AddNumberToObject(json, "width", a->avatar->image_width);
-    cJSON_AddNumberToObject(json, "height", a->avatar->image_height);
+    cJSON_AddNumberToObject(json, "width", a->avatar->picture[0].image.width);
+    cJSON_AddNumberToObject(json, "height", a->avatar->picture[0].image.height);
     return json;
 }
 
@@ -109,7 +109,7 @@ bool request_fits(const viewer_scene *s, const viewer_request *r) {
 
 /* The pose of a motion's frame, with the avatar's own shape. */
 static sherf_pose pose_of(const viewer_scene *s, int avatar, int motion, int frame) {
-    const sherf_pose *own = &s->avatars[avatar].avatar->pose;
+    const sherf_pose *own = sherf_avatar_pose(s->avatars[avatar].avatar);
     sherf_pose pose = motion == 0 ? *own : s->motions[motion].poses[frame];
     memcpy(pose.shapes, own->shapes, sizeof pose.shapes);
     return pose;
@@ -281,12 +281,12 @@ sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, c
 }
 
 sherf_status scene_picture(context *c, const viewer_scene *s, int avatar, uint8_t **out, size_t *bytes) {
-    const sherf_avatar *b = s->avatars[avatar].avatar;
-    size_t n = (size_t)b->image_width * (size_t)b->image_height * 3;
+    const sherf_image *image = &s->avatars[avatar].avatar->picture[0].image;
+    size_t n = (size_t)image->width * (size_t)image->height * 3;
     uint8_t *rgb = mem_alloc(c, n, 1);
     if (!rgb) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < n; i++) rgb[i] = float_to_u8(b->image[i]);
-    sherf_status status = png_to_memory(c, b->image_width, b->image_height, 3, rgb, 4, out, bytes);
+    for (size_t i = 0; i < n; i++) rgb[i] = float_to_u8(image->data[i]);
+    sherf_status status = png_to_memory(c, image->width, image->height, 3, rgb, 4, out, bytes);
     mem_free(rgb);
     return status;
 }

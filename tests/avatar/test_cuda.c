@@ -42,7 +42,7 @@ static void avatar_write(context *c, const body_model *body, const char *path) {
     assert_ok(c, sherf_avatar_create(c, m, body, observation, &a));
     assert_ok(c, sherf_avatar_save(c, a, path));
     assert_ok(c, sherf_avatar_load(c, path, body, &loaded)); /* the file says where points are read */
-    assert_memory_equal(loaded->observed->read_from, a->observed->read_from,
+    assert_memory_equal(loaded->sheet.body->read_from, a->sheet.body->read_from,
                         (size_t)body->vertices * 12 * sizeof(float));
     sherf_avatar_free(loaded);
     sherf_avatar_free(a);

@@ -24,10 +24,10 @@ static void the_observed_view_is_the_observation(void **state) {
     sherf_frame before = {0}, off = {0}, on = {0};
     open_scene(&s, SHERF_PRECISION_AUTO);
     render(&s, &s.camera, SHERF_DETAIL_OFF, &before);
-    assert_null(s.avatar->detail->made.texel); /* not made for those who do not want it */
-    render(&s, &s.camera, 0, &on);             /* the default */
+    assert_int_equal(s.avatar->detail->made.views, 0); /* not made for those who do not want it */
+    render(&s, &s.camera, 0, &on);                     /* the default */
     render(&s, &s.camera, SHERF_DETAIL_OFF, &off);
-    assert_non_null(s.avatar->detail->made.texel);
+    assert_int_equal(s.avatar->detail->made.views, 1);
     assert_memory_equal(off.color.data, before.color.data, 3 * SIDE * SIDE * sizeof(float));
     assert_memory_equal(on.depth.data, off.depth.data, SIDE * SIDE * sizeof(float));
     assert_int_equal(on.points, off.points);
@@ -74,7 +74,7 @@ static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *ou
     const avatar_detail *d;
     detail_free(&s->avatar->detail->made);
     assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
-    for (int i = 0; i < d->width * d->height; i++) d->texel[i].weight = 0;
+    for (int i = 0; i < d->view[0].width * d->view[0].height; i++) d->view[0].texel[i].weight = 0;
     render(s, camera, SHERF_DETAIL_ON, out);
     detail_free(&s->avatar->detail->made);
 }
@@ -103,10 +103,10 @@ static void the_other_side_stays(void **state) {
 /* Drawn over the picture after the network has seen it, so that all of it is detail: stripes so many pixels
  * wide, of 255 and `dark`. */
 static void paint_picture(sherf_avatar *a, int wide, uint8_t dark) {
-    const int side = a->picture_width;
-    for (int y = 0; y < a->picture_height; y++)
+    const int side = a->fine[0].width;
+    for (int y = 0; y < a->fine[0].height; y++)
         for (int x = 0; x < side; x++) {
-            uint8_t *p = a->picture + 3 * ((size_t)y * (size_t)side + (size_t)x);
+            uint8_t *p = a->fine[0].data + 3 * ((size_t)y * (size_t)side + (size_t)x);
             if (p[0] + p[1] + p[2] == 0) continue;
             for (int k = 0; k < 3; k++) p[k] = y / wide % 2 ? 255 : dark;
         }
@@ -301,8 +301,8 @@ static void files_keep_the_finer_picture(void **state) {
     sherf_frame first = {0}, again = {0}, coarse = {0};
     const sherf_options one = {.threads = 1};
     open_scene(&s, SHERF_PRECISION_AUTO);
-    assert_int_equal(s.avatar->picture_width, 2 * SIDE);
-    assert_int_equal(s.avatar->picture_height, 2 * SIDE);
+    assert_int_equal(s.avatar->fine[0].width, 2 * SIDE);
+    assert_int_equal(s.avatar->fine[0].height, 2 * SIDE);
     render(&s, &s.camera, SHERF_DETAIL_ON, &first);
     assert_ok(s.c, sherf_avatar_save(s.c, s.avatar, test_path("avatar")));
     sherf_avatar_free(s.avatar);
@@ -313,12 +313,12 @@ static void files_keep_the_finer_picture(void **state) {
     assert_memory_equal(first.color.data, again.color.data, 3 * SIDE * SIDE * sizeof(float));
     sherf_avatar_free(s.avatar);
     assert_ok(s.c, sherf_avatar_load(s.c, test_path("avatar"), s.body, &s.avatar));
-    mem_free(s.avatar->picture); /* as an older file's */
-    s.avatar->picture = NULL;
+    mem_free(s.avatar->fine[0].data); /* as an older file's */
+    s.avatar->fine[0].data = NULL;
     assert_ok(s.c, sherf_avatar_save(s.c, s.avatar, test_path("older")));
     sherf_avatar_free(s.avatar);
     assert_ok(s.c, sherf_avatar_load(s.c, test_path("older"), s.body, &s.avatar));
-    assert_null(s.avatar->picture);
+    assert_null(s.avatar->fine[0].data);
     render(&s, &s.camera, SHERF_DETAIL_ON, &coarse);
     assert_true(difference(first.color.data, coarse.color.data) > 0.1);
     sherf_frame_free(&first);

@@ -18,8 +18,8 @@ static void points_of(const scene *s, const occupancy_grid *empty, point_set **o
               posed_body_create(s->c, s->body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &posed));
     body_world_box(s->body, posed, min, max);
     assert_ok(s->c, rays_create(s->c, &small, min, max, &rays));
-    assert_ok(s->c, points_create(s->c, s->body, posed, rays, 48, s->avatar->observed, &s->avatar->camera,
-                                  empty, true, out));
+    assert_ok(s->c, points_create(s->c, s->body, posed, rays, 48, s->avatar->sheet.body,
+                                  &s->avatar->sheet.camera, empty, true, out));
     rays_free(rays);
     posed_body_free(posed);
 }
@@ -78,8 +78,8 @@ static void frame_without_empty(const scene *s, sherf_frame *frame) {
     assert_ok(s->c, rays_create(s->c, camera, min, max, &rays));
     rays_repair(rays, min, max);
     const int samples = rays_even_steps(rays, s->avatar->config.samples, 1024, 0.012f);
-    assert_ok(s->c, points_create(s->c, s->body, posed, rays, samples, s->avatar->observed,
-                                  &s->avatar->camera, &s->avatar->occupancy->cells, false, &points));
+    assert_ok(s->c, points_create(s->c, s->body, posed, rays, samples, s->avatar->sheet.body,
+                                  &s->avatar->sheet.camera, &s->avatar->occupancy->cells, false, &points));
     assert_ok(s->c, avatar_composite(s->c, s->avatar, s->body, rays, points, black, false, frame));
     points_free(points);
     rays_free(rays);

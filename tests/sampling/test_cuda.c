@@ -57,7 +57,8 @@ static void scene_open(scene *s) {
     assert_ok(c, posed_body_create(c, s->body, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &s->seen));
     s->seen->blend_m = 0.02f;
     sherf_camera_orbit(pose.Th_m, 3, 0.3f, 0, 0.7f, 64, 48, &s->seen_by);
-    assert_ok(c, body_read_picture(c, s->body, &s->seen_by, NULL, true, s->seen));
+    assert_ok(c, body_read_pictures(c, s->body, 1, &(body_picture){s->seen, &s->seen_by, NULL, NULL}, true,
+                                    s->seen));
 }
 
 static void scene_close(scene *s) {

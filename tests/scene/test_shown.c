@@ -155,7 +155,8 @@ static void no_limb_is_read_for_what_it_covers(void **state) {
         int moved = 0, mirrored = 0;
         mem_free(s.p->read_from);
         mem_free(s.p->seen);
-        assert_ok(s.c, body_read_picture(s.c, s.m, &s.camera, NULL, mirror, s.p));
+        assert_ok(s.c,
+                  body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, mirror, s.p));
         const int now = prints(&s, uv);
         for (int v = 0; v < s.m->vertices; v++) {
             const bool stays =
@@ -178,7 +179,7 @@ static void mirrored_places_are_the_other_sides(void **state) {
     scene s;
     open_scene(&s, 1.2f);
     s.p->blend_m = 0.025f;
-    assert_ok(s.c, body_read_picture(s.c, s.m, &s.camera, NULL, true, s.p));
+    assert_ok(s.c, body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, true, s.p));
     int mirrored = 0;
     for (int32_t v = 0; v < s.m->vertices; v++) {
         float x[3], off = 0;
@@ -212,7 +213,7 @@ static void black_is_not_read(void **state) {
         outside += below;
     }
     assert_true(outside > 500);
-    assert_ok(s.c, body_read_picture(s.c, s.m, &s.camera, image, true, s.p));
+    assert_ok(s.c, body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, image, NULL}, true, s.p));
     prints(&s, uv);
     for (int v = 0; v < s.m->vertices; v++) assert_true(uv[2 * v + 1] < SIDE / 2);
     mem_free(image);

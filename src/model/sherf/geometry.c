@@ -72,7 +72,11 @@ sherf_status model_sherf_observe_at(context *c, const model_config *config, cons
     float *world = mem_alloc(c, V * 3, sizeof(float));
     sherf_status status = g->visible && g->vertex_px && world ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
-        body_vertices_world(body, observation->body, world);
+        if (observation->body->read_from)
+            deform_to_picture(body, observation->body, (int64_t)V, body->canonical->vertices_smpl, NULL,
+                              world);
+        else
+            body_vertices_world(body, observation->body, world);
         camera_project(&observation->camera, (int64_t)V, world, g->vertex_px, NULL);
         if (observation->body->seen)
             memcpy(g->visible, observation->body->seen, V * sizeof *g->visible);

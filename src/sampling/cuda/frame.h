@@ -96,12 +96,12 @@ void pose_fill(context *c, const tensor_memory *memory, const placed_body *b, co
 struct placed_camera { /* the observation's */
     float K[9], R[9], T[3];
 };
-/* Where canonical points are read: maps V x 12, from_canonical or read_from of its body (sides), with its
+/* Where canonical points are read: maps V x 12, from_canonical or read_from of its body (apart), with its
  * blend. */
 struct placed_observation {
     const float *maps;
     float blend_m;
-    bool sides;
+    bool apart;
     placed_camera camera;
 };
 

@@ -263,7 +263,7 @@ static void map_points(const placed_body &b, const placed_pose &pose, const plac
             p.direction_canonical[3 * at + k] = direction[k];
         }
         const vertex_mapping g = {b.canonical_vertices, seen.maps,   seen.blend_m,
-                                  b.neighbour_first,    b.neighbour, seen.sides};
+                                  b.neighbour_first,    b.neighbour, seen.apart};
         int32_t own = nearest_vertex(b.canonical, x, INFINITY, nearest);
         if (own < 0) own = 0;
         float blended[12], world[3];

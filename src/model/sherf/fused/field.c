@@ -65,9 +65,9 @@ static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b, 
     b->feature_width = (int)k[0].dim[1];
     b->planes = k[1].data;
     b->plane_size = model_sherf_settings(from->config)->plane_resolution;
-    b->image = from->image.data;
-    b->image_width = from->image.width;
-    b->image_height = from->image.height;
+    b->image = from->sheet->image;
+    b->image_width = from->sheet->width;
+    b->image_height = from->sheet->height;
     sherf_status status = SHERF_OK;
     for (int l = 0; l < POINT_LEVELS && status == SHERF_OK; l++)
         status = level_of(c, &k[2 + 2 * l], &k[3 + 2 * l], l, b, &grid[l]);
@@ -101,7 +101,7 @@ static sherf_status network_place(context *c, fused_field *f, const body_model *
     if (status == SHERF_OK) status = radiance_parts_create(c, &sizes, &weights, &bank, &parts);
     grids_free(grid);
     if (status != SHERF_OK) return status;
-    status = f->renderer->place(c, body, from->observed, from->camera, &parts,
+    status = f->renderer->place(c, body, from->sheet->body, &from->sheet->camera, &parts,
                                 c->precision == SHERF_PRECISION_BF16, &f->gpu);
     radiance_parts_free(&parts);
     return status;

@@ -7,8 +7,8 @@ static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
     bool npy, no_png, baselines, detail, estimated, own_pose;
-    int64_t size, samples;
-} set = {.samples = SHERF_SAMPLES_MODEL};
+    int64_t size, samples, pictures;
+} set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
 static const option options[] = {
     {'d', "data", OPTION_FILE, &set.data, "SPEC",
@@ -21,6 +21,11 @@ static const option options[] = {
      "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
     {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
      "what the network sees; each is evaluated; 'random': one a person, drawn with --seed (the paper's)"},
+    {0, "pictures", OPTION_INTEGER, &set.pictures, "N",
+     "pictures of each observation, in its pose: itself, and others from views evenly round the person, "
+     "which "
+     "are left out of the targets (1, the paper's)",
+     1, SHERF_PICTURES_MAX},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
     {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
     {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads; without it no LPIPS"},
@@ -97,6 +102,7 @@ static int run(session *s, int count, char **argument) {
                             .baselines = set.baselines,
                             .estimated = networks,
                             .own_pose = set.own_pose,
+                            .pictures = (int)set.pictures,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,

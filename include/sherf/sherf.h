@@ -644,6 +644,8 @@ typedef struct {
                                   prediction         and truth; or NULL */
     const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
                               masks are estimated from their pictures alone; NULL: they are the data's */
+    int pictures; /* 1 to SHERF_PICTURES_MAX of each observation, in its pose, the further ones from views
+                     evenly round the person, none of which is compared with; 0: 1, the paper's */
     int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
                      pose, as novel poses do */
 } sherf_eval_options;

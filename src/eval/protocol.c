@@ -63,6 +63,9 @@ static sherf_status evaluation_open(evaluation *e) {
     sherf_status status;
     if (!o->data || !o->body || !o->model)
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and a model are needed");
+    if (o->pictures < 0 || o->pictures > SHERF_PICTURES_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "%d pictures of an observation: 1 to %d", o->pictures,
+                       SHERF_PICTURES_MAX);
     if (o->size_px < 0) return failure(c, SHERF_BAD_ARGUMENT, "the pictures' size is out of range");
     if ((status = sherf_dataset_open(c, o->data, &e->data)) != SHERF_OK) return status;
     if ((status = sherf_body_load(c, o->body, &e->body)) != SHERF_OK) return status;
@@ -75,6 +78,7 @@ static sherf_status evaluation_open(evaluation *e) {
     if (status == SHERF_OK) status = resnet50_place(c, e->resnet50, tape_backend(e->tape)->memory);
     if (status != SHERF_OK) return status;
     e->report.baselines = o->baselines != 0;
+    e->report.pictures = o->pictures;
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
@@ -90,6 +94,11 @@ static sherf_status evaluation_open(evaluation *e) {
                                   &e->selection[i]);
         if (status != SHERF_OK) return status;
         e->selection[i].one_pose = one_pose;
+        e->selection[i].pictures = o->pictures;
+        if (o->pictures > e->selection[i].all_views)
+            return failure(
+                c, SHERF_BAD_ARGUMENT, "%s has %d views, which are no %d pictures of an observation",
+                sherf_dataset_person(e->data, e->people[i]), e->selection[i].all_views, o->pictures);
         e->total += selection_pairs(&e->selection[i]);
         observations += e->selection[i].observations;
     }
@@ -348,15 +357,15 @@ static int sheet_pair(const evaluation *e, int n, int count) {
 }
 
 /* Puts an estimate from the picture alone, as large as the protocol has it, in the observation's place, and
- * notes what it is off by; *o NULL where nobody was found. */
-static sherf_status estimate(evaluation *e, int person, picture from, sherf_observation **o) {
+ * notes what it is off by; *o NULL where nobody was found. first: targets are carried over to its world. */
+static sherf_status estimate(evaluation *e, int person, picture from, bool first, sherf_observation **o) {
     context *c = e->c;
     sherf_observation *truth = *o, *found = NULL;
     estimate_entry entry = {.person = person, .observation = from};
     sherf_status status =
         estimated_observation(c, e->estimator, e->data, person, from.pose, from.view, truth, &found);
     if (status == SHERF_OK && found) status = estimated_error(c, e->body, truth, found, &entry.error);
-    if (status == SHERF_OK && found) status = carried_create(c, e->body, truth, found, &e->carried);
+    if (status == SHERF_OK && found && first) status = carried_create(c, e->body, truth, found, &e->carried);
     if (status == SHERF_OK && found) status = estimate_list_add(c, &e->report.estimates, &entry);
     if (status == SHERF_OK && !found) {
         log_line(c, SHERF_LOG_WARNING, "%s: nobody was found in pose %d, view %d, which is left out",
@@ -369,28 +378,53 @@ static sherf_status estimate(evaluation *e, int person, picture from, sherf_obse
     return named(e, status, person, from);
 }
 
-static sherf_status evaluate_observation(evaluation *e, const selection *s, int i) {
+/* A picture of an observation, as the network is to have it: *out NULL where it was to be estimated and
+ * nobody was found. What it shows is added to e->shown. */
+static sherf_status observe(evaluation *e, int person, picture from, bool first, sherf_observation **out) {
     context *c = e->c;
-    sherf_observation *observation = NULL;
-    sherf_avatar *avatar = NULL;
-    picture from = s->observation[i];
+    uint8_t *shown = NULL;
     sherf_status status =
-        dataset_observation(c, e->data, s->person, from.pose, from.view, e->options->size_px, &observation);
+        dataset_observation(c, e->data, person, from.pose, from.view, e->options->size_px, out);
+    if (status == SHERF_OK) status = regions_look(c, e->body, *out, &shown);
+    if (status == SHERF_OK && e->estimator) status = estimate(e, person, from, first, out);
+    if (status == SHERF_OK && *out) regions_join(e->body, &shown, &e->shown);
+    mem_free(shown);
+    return status;
+}
+
+/* The pictures in which somebody was found; *count 0: not in the first one. */
+static sherf_status observe_all(evaluation *e, const selection *s, int i,
+                                sherf_observation *out[SHERF_PICTURES_MAX], int *count) {
+    sherf_status status = SHERF_OK;
     mem_free(e->shown);
     e->shown = NULL;
-    if (status == SHERF_OK) status = regions_look(c, e->body, observation, &e->shown);
-    if (status == SHERF_OK && e->estimator) status = estimate(e, s->person, from, &observation);
+    for (int k = 0; status == SHERF_OK && (!k || (k < s->pictures && *count)); k++) {
+        status = observe(e, s->person, selection_picture(s, i, k), !k, &out[*count]);
+        if (out[*count]) ++*count;
+    }
+    return status;
+}
+
+static sherf_status evaluate_observation(evaluation *e, const selection *s, int i) {
+    context *c = e->c;
+    sherf_observation *observation[SHERF_PICTURES_MAX] = {NULL};
+    sherf_avatar *avatar = NULL;
+    picture from = s->observation[i];
+    int pictures = 0;
+    sherf_status status = observe_all(e, s, i, observation, &pictures);
     if (status != SHERF_OK) goto done;
-    if (!observation) {
+    if (!pictures) {
         e->done += observation_targets(s, i);
         e->sheet_row++;
         goto done;
     }
     baselines_free(&e->baselines);
-    if (e->options->baselines) status = baselines_create(c, e->body, observation, &e->baselines);
-    if (status == SHERF_OK) status = sherf_avatar_create(c, e->model, e->body, observation, &avatar);
+    if (e->options->baselines) status = baselines_create(c, e->body, observation[0], &e->baselines);
+    if (status == SHERF_OK)
+        status = sherf_avatar_create_several(c, e->model, e->body, pictures,
+                                             (const sherf_observation *const *)observation, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
-    if (e->sheet.rgb && (status = show_observation(e, observation)) != SHERF_OK) goto done;
+    if (e->sheet.rgb && (status = show_observation(e, observation[0])) != SHERF_OK) goto done;
     const int targets = observation_targets(s, i);
     int target = 0;
     for (int p = 0; p < s->poses; p++)
@@ -406,7 +440,7 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     e->sheet_row++;
 done:
     sherf_avatar_free(avatar);
-    sherf_observation_free(observation);
+    for (int k = 0; k < pictures; k++) sherf_observation_free(observation[k]);
     return status;
 }
 

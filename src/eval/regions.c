@@ -19,6 +19,14 @@ sherf_status regions_look(context *c, const body_model *body, const sherf_observ
     return status;
 }
 
+void regions_join(const body_model *body, uint8_t **shown, uint8_t **to) {
+    for (int v = 0; *to && v < body->vertices; v++) /* SHOWN_SEEN is the least */
+        if ((*shown)[v] < (*to)[v]) (*to)[v] = (*shown)[v];
+    if (*to) return;
+    *to = *shown;
+    *shown = NULL;
+}
+
 static void add_pixel(region_errors *e, int region, double error) {
     e->error[region] += error;
     e->pixels[region]++;

@@ -26,6 +26,7 @@ typedef struct {
     report_entry *entry;
     bool baselines;          /* false: only SCORE_MODEL is filled in */
     estimate_list estimates; /* empty: bodies and cameras are the data set's */
+    int pictures;            /* of an observation; 0: 1 */
     bool plain_mean;         /* over all pictures alike: observations drawn by chance */
 } report;
 

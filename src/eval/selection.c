@@ -118,10 +118,17 @@ void selection_free(selection *s) {
     *s = (selection){0};
 }
 
+picture selection_picture(const selection *s, int i, int k) {
+    const picture first = s->observation[i];
+    return k ? (picture){first.pose, (first.view + k * s->all_views / s->pictures) % s->all_views} : first;
+}
+
 bool selection_target(const selection *s, int i, picture target, bool *novel_pose) {
     picture o = s->observation[i];
     *novel_pose = target.pose != o.pose;
     if (*novel_pose && s->one_pose) return false;
+    for (int k = 0; k < s->pictures && !*novel_pose; k++)
+        if (target.view == selection_picture(s, i, k).view) return false;
     return *novel_pose ? s->novel_pose[i] : target.view != o.view;
 }
 
@@ -208,7 +215,7 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
     int has_poses = sherf_dataset_pose_count(d, person), has_views = sherf_dataset_view_count(d, person);
     int missing = 0;
     const person_record *record;
-    *out = (selection){.person = person};
+    *out = (selection){.person = person, .all_views = has_views};
     sherf_status status =
         dataset_record(c, d, person, &record); /* what is wrong with it, if it has no poses */
     if (status != SHERF_OK) return status;

@@ -25,6 +25,8 @@ typedef struct {
     bool *novel_pose;
     int *pose, *view;
     bool one_pose; /* nothing is compared in a novel pose; the caller's to set */
+    int pictures;  /* of an observation, 0 as 1: further ones from views evenly round; the caller's to set */
+    int all_views; /* that the person has */
 } selection;
 
 /* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one
@@ -35,6 +37,8 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
                               const char *poses, const char *views, uint64_t seed, selection *out);
 bool selection_is_random(const char *observations);
 void selection_free(selection *s); /* its arrays; fine on zeroes */
+/* The picture number k of observation i, from 0. */
+picture selection_picture(const selection *s, int i, int k);
 /* Whether `target` is compared with observation i; *novel_pose says which score it belongs to. */
 bool selection_target(const selection *s, int i, picture target, bool *novel_pose);
 int64_t selection_pairs(const selection *s);

@@ -52,7 +52,6 @@ static int run(session *s, int count, char **argument) {
     sherf_body *body = NULL;
     sherf_model *model = NULL;
     sherf_observation *observation[SHERF_PICTURES_MAX] = {NULL};
-    const sherf_observation *given[SHERF_PICTURES_MAX];
     sherf_avatar *avatar = NULL;
     sherf_context *c = s->context;
     double begun_s = 0, avatar_s = 0;
@@ -62,14 +61,15 @@ static int run(session *s, int count, char **argument) {
     if (!body_path || !model_path) return EXIT_USAGE;
     int status = session_status(s, sherf_body_load(c, body_path, &body));
     if (!status) status = session_status(s, sherf_model_load(c, model_path, &model));
-    for (int i = 0; i < count && !status; i++) {
-        status = session_observation(s, argument[i], model, body, set.whole, &observation[i]);
-        given[i] = observation[i];
-    }
+    if (!status)
+        status = session_observations(s, count, (const char *const *)argument, model, body, set.whole,
+                                      observation);
     begun_s = seconds_now();
     if (!status)
         status = session_status_of(s, count > 1 ? "avatar of several pictures" : argument[0],
-                                   sherf_avatar_create_several(c, model, body, count, given, &avatar));
+                                   sherf_avatar_create_several(c, model, body, count,
+                                                               (const sherf_observation *const *)observation,
+                                                               &avatar));
     avatar_s = seconds_now() - begun_s;
     if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
     if (!status) status = report(s, avatar_s);

@@ -74,17 +74,26 @@ int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body,
     return status;
 }
 
-int photo_observation(session *s, const sherf_body *body, const char *path, sherf_observation **out) {
+/* The estimates of several photos of one person, with one shape; and the drawing that was asked for. */
+static int estimate_all(session *s, const sherf_body *body, int count, const char *const *path,
+                        sherf_estimate **e) {
     sherf_estimator *n = NULL;
-    sherf_estimate *e = NULL;
-    *out = NULL;
     int status = photo_estimator(s, &n);
-    if (!status) status = photo_estimate(s, n, body, path, &e);
+    for (int i = 0; i < count && !status; i++) status = photo_estimate(s, n, body, path[i], &e[i]);
+    if (!status) status = session_status(s, sherf_estimate_share_shape(s->context, body, count, e));
     if (!status && photo_wanted.overlay)
-        status = session_status(s, sherf_estimate_overlay(s->context, e, body, photo_wanted.overlay));
-    if (!status) status = session_status_of(s, path, sherf_estimate_observation(s->context, e, out));
-    sherf_estimate_free(e);
+        status = session_status(s, sherf_estimate_overlay(s->context, e[0], body, photo_wanted.overlay));
     sherf_estimator_free(n);
+    return status;
+}
+
+int photo_observations(session *s, const sherf_body *body, int count, const char *const *path,
+                       sherf_observation **out) {
+    sherf_estimate *e[SHERF_PICTURES_MAX] = {NULL};
+    int status = count ? estimate_all(s, body, count, path, e) : EXIT_DONE;
+    for (int i = 0; i < count && !status; i++)
+        status = session_status_of(s, path[i], sherf_estimate_observation(s->context, e[i], &out[i]));
+    for (int i = 0; i < count; i++) sherf_estimate_free(e[i]);
     return status;
 }
 

@@ -40,8 +40,10 @@ int photo_estimator(session *s, sherf_estimator **out);
 /* Estimates and says in a line what was found, and a line each warning. */
 int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
                    sherf_estimate **out);
-/* All of it, to an observation; with the drawing that was asked for. */
-int photo_observation(session *s, const sherf_body *body, const char *path, sherf_observation **out);
+/* All of it, to observations of one person, at most SHERF_PICTURES_MAX, of one shape; with the drawing that
+ * was asked for. out: NULLs; theirs to free, whatever the answer. */
+int photo_observations(session *s, const sherf_body *body, int count, const char *const *path,
+                       sherf_observation **out);
 /* What was found, for --json. */
 cJSON *photo_json(const char *path, const sherf_estimate_facts *f);
 

@@ -325,21 +325,34 @@ const char *session_model(const session *s, const char *given) {
     return asset;
 }
 
-int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
-                        bool whole, sherf_observation **out) {
-    sherf_observation *read;
+/* What photos do not have to be estimated from. */
+static int load_observation(session *s, const char *path, sherf_observation **out) {
     struct stat st;
-    *out = NULL;
     if (stat(path, &st) == 0 && !S_ISDIR(st.st_mode) && !S_ISREG(st.st_mode))
         return session_failure("%s: neither a file nor a folder", path);
-    int status = photo_is(path) ? photo_observation(s, body, path, &read)
-                                : session_status(s, sherf_observation_load(s->context, path, &read));
-    if (status || whole) {
-        *out = status ? NULL : read;
-        return status;
+    return photo_is(path) ? EXIT_DONE : session_status(s, sherf_observation_load(s->context, path, out));
+}
+
+int session_observations(session *s, int count, const char *const *path, const sherf_model *model,
+                         const sherf_body *body, bool whole, sherf_observation **out) {
+    const char *photo[SHERF_PICTURES_MAX] = {NULL};
+    sherf_observation *estimated[SHERF_PICTURES_MAX] = {NULL};
+    int photos = 0, status = EXIT_DONE;
+    for (int i = 0; i < count && !status; i++) {
+        if (photo_is(path[i])) photo[photos++] = path[i];
+        status = load_observation(s, path[i], &out[i]);
     }
-    status = session_status_of(s, path, sherf_observation_crop(s->context, model, body, read, out));
-    sherf_observation_free(read);
+    if (!status) status = photo_observations(s, body, photos, photo, estimated);
+    for (int i = count - 1; i >= 0 && !status; i--)
+        if (!out[i]) out[i] = estimated[--photos], estimated[photos] = NULL;
+    for (int i = 0; i < SHERF_PICTURES_MAX; i++) sherf_observation_free(estimated[i]);
+    for (int i = 0; i < count && !status && !whole; i++) {
+        sherf_observation *read = out[i];
+        out[i] = NULL;
+        status =
+            session_status_of(s, path[i], sherf_observation_crop(s->context, model, body, read, &out[i]));
+        sherf_observation_free(read);
+    }
     return status;
 }
 
@@ -356,7 +369,7 @@ int session_avatar(session *s, const char *input, const char *model, const sherf
     sherf_model *weights = NULL;
     sherf_observation *observation = NULL;
     int status = session_status(s, sherf_model_load(c, model, &weights));
-    if (!status) status = session_observation(s, input, weights, body, whole, &observation);
+    if (!status) status = session_observations(s, 1, &input, weights, body, whole, &observation);
     if (!status)
         status = session_status_of(s, input, sherf_avatar_create(c, weights, body, observation, out));
     sherf_observation_free(observation);

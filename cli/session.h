@@ -51,9 +51,10 @@ const char *session_body(const session *s, const char *given, const char *data);
  * that ships, with a remark. NULL, after one line on stderr: there is none. */
 const char *session_model(const session *s, const char *given);
 
-/* Loads an observation for this model: fitted to it (sherf_observation_crop) unless it is to stay whole. */
-int session_observation(session *s, const char *path, const sherf_model *model, const sherf_body *body,
-                        bool whole, sherf_observation **out);
+/* Loads the pictures of one observation, at most SHERF_PICTURES_MAX, for this model: fitted to it
+ * (sherf_observation_crop) unless they are to stay whole. out: NULLs; theirs to free, whatever the answer. */
+int session_observations(session *s, int count, const char *const *path, const sherf_model *model,
+                         const sherf_body *body, bool whole, sherf_observation **out);
 
 /* The avatar in `input`: an avatar file; or an observation (a photo, a folder, a .json, a picture of a data
  * set, or whatever `model` is given with), encoded by these weights or the ones that ship. */

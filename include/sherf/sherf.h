@@ -198,6 +198,11 @@ SHERF_API sherf_status sherf_estimate_picture(sherf_context *c, const sherf_esti
                                               const sherf_body *body, const sherf_image *photo,
                                               const sherf_image *mask, const sherf_estimate_options *options,
                                               sherf_estimate **out);
+/* Of photos of one person: one shape for all, the mean of theirs as far as each says something of it, and
+ * each body fitted anew with it. body: the one they were estimated with. After an error they are good for
+ * nothing but sherf_estimate_free. */
+SHERF_API sherf_status sherf_estimate_share_shape(sherf_context *c, const sherf_body *body, int count,
+                                                  sherf_estimate *const *estimates);
 SHERF_API void sherf_estimate_free(sherf_estimate *e);
 /* These are e's. The picture has its background, and the person's own colours at the person's rim. */
 SHERF_API const sherf_image *sherf_estimate_image(const sherf_estimate *e); /* H x W x 3 */

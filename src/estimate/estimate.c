@@ -156,7 +156,7 @@ static bool fits_the_photo(const sherf_estimate *e) {
     return e->fit.height_px < 7 * fmax(box[2] - box[0] + 1, box[3] - box[1] + 1);
 }
 
-static void describe(const person_mask_facts *mask, sherf_estimate *e) {
+static void describe(sherf_estimate *e) {
     const body_fit_result *fit = &e->fit;
     sherf_estimate_facts *f = &e->facts;
     find_box(&e->mask, f->box_px);
@@ -170,8 +170,25 @@ static void describe(const person_mask_facts *mask, sherf_estimate *e) {
     f->mask_covered = fit->mask_covered;
     f->body_inside = fit->body_inside;
     const bool warned[] = {fit->from_behind, fit->cut_feet, fit->cut_head, fit->small,
-                           fit->hidden_arms, fit->poor,     mask->over};
+                           fit->hidden_arms, fit->poor,     e->mask_over};
+    f->warnings = 0;
     for (size_t i = 0; i < COUNT_OF(warned); i++) f->warnings |= warned[i] ? 1u << i : 0;
+}
+
+/* The body of the person who was found, with this shape, or, for NULL, with one that is found too. */
+static sherf_status fit(context *c, const body_model *body, const float *shape, sherf_estimate *e) {
+    const double begun_s = time_seconds();
+    const body_fit_input input = {.person = &e->person,
+                                  .width_px = e->photo.width,
+                                  .height_px = e->photo.height,
+                                  .focal_px = e->focal_px,
+                                  .mask = &e->mask,
+                                  .shape = shape};
+    sherf_status status = body_fit(c, body, &input, &e->fit);
+    if (status) return status;
+    e->facts.fit_ms += 1e3 * (time_seconds() - begun_s);
+    describe(e);
+    return fits_the_photo(e) ? SHERF_OK : only_a_piece(c);
 }
 
 /* The photo, and perhaps the mask, are in e already. */
@@ -202,16 +219,11 @@ static sherf_status estimate(context *c, const sherf_estimator *n, const body_mo
     if (!status) status = mask_free_colors(c, &e->photo, &e->mask, &e->color);
     if (status) goto done;
     e->facts.mask_ms = 1e3 * (time_seconds() - begun_s);
-    begun_s = time_seconds();
+    e->person = people[chosen];
+    e->focal_px = focal_px;
+    e->mask_over = mask.over;
     if ((status = progress(c, "fitting the body", 2, STEPS))) goto done;
-    const body_fit_input input = {people + chosen, e->photo.width, e->photo.height, focal_px, &e->mask};
-    if ((status = body_fit(c, body, &input, &e->fit))) goto done;
-    e->facts.fit_ms = 1e3 * (time_seconds() - begun_s);
-    describe(&mask, e);
-    if (!fits_the_photo(e)) {
-        status = only_a_piece(c);
-        goto done;
-    }
+    if ((status = fit(c, body, NULL, e))) goto done;
     status = progress(c, "fitting the body", STEPS, STEPS);
 done:
     mem_free(people);
@@ -282,6 +294,32 @@ sherf_status sherf_estimate_picture(sherf_context *c, const sherf_estimator *n, 
     memcpy(e->photo.data, photo->data, pixels * 3 * sizeof(float));
     if (mask) memcpy(e->mask.data, mask->data, pixels * sizeof(float));
     return finish(c, estimate(c, n, body, o, o ? o->focal_px : 0, e), e, out);
+}
+
+/* How much an estimate says of the shape: little where the body lies badly or is cut off. */
+static double worth(const sherf_estimate *e) {
+    const unsigned partly = SHERF_ESTIMATE_CUT_FEET | SHERF_ESTIMATE_CUT_HEAD | SHERF_ESTIMATE_POOR;
+    return e->facts.warnings & partly ? 0.25 * e->fit.iou + 1e-3 : e->fit.iou + 1e-3;
+}
+
+sherf_status sherf_estimate_share_shape(sherf_context *c, const sherf_body *body, int count,
+                                        sherf_estimate *const *estimates) {
+    float shape[BODY_SHAPES];
+    double sum[BODY_SHAPES] = {0}, weights = 0;
+    sherf_status status = SHERF_OK;
+    if (count < 2) return SHERF_OK;
+    for (int i = 0; i < count; i++) {
+        const double w = worth(estimates[i]);
+        for (int b = 0; b < BODY_SHAPES; b++) sum[b] += w * (double)estimates[i]->fit.pose.shapes[b];
+        weights += w;
+    }
+    for (int b = 0; b < BODY_SHAPES; b++) shape[b] = (float)(sum[b] / weights);
+    for (int i = 0; i < count && status == SHERF_OK; i++) {
+        status = progress(c, "fitting one shape", i, count);
+        if (status == SHERF_OK) status = fit(c, body, shape, estimates[i]);
+        if (status != SHERF_OK) failure_prefix(c, status, "photo %d", i + 1);
+    }
+    return status == SHERF_OK ? progress(c, "fitting one shape", count, count) : status;
 }
 
 sherf_status sherf_estimate_observation(sherf_context *c, const sherf_estimate *e, sherf_observation **out) {

@@ -18,7 +18,10 @@ struct sherf_estimate {
     sherf_image photo; /* RGB, as it was estimated from */
     sherf_image color; /* the same with the person's own colours at the rim */
     sherf_image mask;  /* [H, W, 1], soft */
+    photo_person person;
+    double focal_px; /* that was given; 0: none */
     body_fit_result fit;
+    bool mask_over; /* of person_mask_facts */
     sherf_estimate_facts facts;
 };
 

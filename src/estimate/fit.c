@@ -277,8 +277,15 @@ static bool first_place(fit_problem *p, fit_state *s) {
     return s->body.pelvis_m[2] > 0.3 && s->body.pelvis_m[2] < 1e4;
 }
 
-static void keep_known(const body_fit_result *known, fit_state *s) {
-    for (int b = 0; b < BODY_SHAPES; b++) s->body.shape[b] = (double)known->pose.shapes[b];
+const float *fit_shape(const body_fit_input *in) {
+    return in->known ? in->known->pose.shapes : in->shape;
+}
+
+static void keep_known(const body_fit_input *in, fit_state *s) {
+    const body_fit_result *known = in->known;
+    const float *shape = fit_shape(in);
+    for (int b = 0; shape && b < BODY_SHAPES; b++) s->body.shape[b] = (double)shape[b];
+    if (!known) return;
     s->pitch = known->pitch_rad;
     s->roll = known->roll_rad;
     s->log_focal = log((double)known->camera.K[0]);
@@ -300,7 +307,7 @@ static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s,
             place[k] += (double)r->pose.shapes[b] * p->m->joint_shape[0][k][b];
     }
     for (int k = 0; k < 3; k++) s->body.pelvis_m[k] = dot(camera + 3 * k, place) + (double)r->camera.T_m[k];
-    keep_known(p->in->known, s);
+    keep_known(p->in, s);
     p->px_per_m = exp(s->log_focal) / s->body.pelvis_m[2];
     p->weight_2d = 1;
     p->weight_3d = 0.15; /* the frame before says more about depth */
@@ -320,7 +327,7 @@ static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations 
         memcpy(s->body.bend[j], fit_joints[j].usual, sizeof s->body.bend[j]);
     s->pitch = 0.12;
     s->log_focal = log(p->focal_guess_px);
-    if (p->in->known) keep_known(p->in->known, s);
+    keep_known(p->in, s);
     s->body.pelvis_m[2] = 4;
     p->weight_2d = p->weight_mask = 0;
     p->weight_3d = 1;

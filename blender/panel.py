@@ -1,0 +1,64 @@
+"""The panel (3D View, N, tab sherf), the menu's entry, the preferences."""
+import bpy
+from bpy.props import StringProperty
+
+from . import operators, rig
+
+
+class SherfPreferences(bpy.types.AddonPreferences):
+    bl_idname = __package__
+    program: StringProperty(name="Program", description="The program sherf (empty: on PATH, or beside the add-on)",
+                            subtype="FILE_PATH")
+    body: StringProperty(name="Body", description="The body model of the avatars (empty: the open body)",
+                         subtype="FILE_PATH")
+
+    def draw(self, context):
+        self.layout.prop(self, "program")
+        self.layout.prop(self, "body")
+        self.layout.operator("sherf.program", icon="VIEWZOOM")
+
+
+class VIEW3D_PT_sherf(bpy.types.Panel):
+    bl_label = "sherf"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "sherf"
+
+    def draw(self, context):
+        layout = self.layout
+        if operators.Busy.job:
+            layout.label(text=operators.Busy.text or "sherf")
+            layout.operator("sherf.cancel", icon="X")
+            return
+        column = layout.column()
+        column.operator_context = "INVOKE_DEFAULT"
+        column.operator("import_scene.sherf", text="Photo to avatar", icon="IMAGE_DATA").filter_glob = \
+            operators.PHOTO_GLOB
+        column.operator("import_scene.sherf", text="Import avatar", icon="IMPORT").filter_glob = "*.safetensors;*.glb"
+        self.person(layout, rig.find(context))
+
+    def person(self, layout, armature):
+        box = layout.box()
+        if armature is None:
+            box.label(text="Select an avatar", icon="INFO")
+            return
+        box.label(text=armature.name, icon="ARMATURE_DATA")
+        column = box.column()
+        column.operator_context = "INVOKE_DEFAULT"
+        column.operator("sherf.motion", icon="ANIM")
+        action = rig.action_of(armature)
+        if action:
+            first, last = action.frame_range
+            box.label(text=f"{action.name}: {first:.0f} to {last:.0f}")
+        row = box.row(align=True)
+        row.label(text="Rest pose")
+        for pose in "TA":
+            row.operator("sherf.rest_pose", text=pose,
+                         depress=armature.get("sherf_rest_pose", "T") == pose).pose = pose
+
+
+def menu(self, context):
+    self.layout.operator("import_scene.sherf", text="sherf avatar (.safetensors, .glb, photo)")
+
+
+CLASSES = (SherfPreferences, VIEW3D_PT_sherf)

@@ -1,0 +1,231 @@
+"""The program sherf: where it is, its command lines, what it says, and running it without waiting. Needs no Blender."""
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+
+PHOTOS = (".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif", ".avif")
+VIDEOS = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v")
+DETAIL = {"LOW": (128, 12000), "MEDIUM": (256, 50000), "HIGH": (384, 150000)}  # cells, triangles
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+class Failure(Exception):
+    """What went wrong, as one line for the user."""
+
+
+# ---- where it is ----
+def usual_places(folder=HERE):
+    """Where a program may lie that is not on PATH: beside the add-on, and where `make install` puts it."""
+    name = "sherf.exe" if os.name == "nt" else "sherf"
+    places = [os.path.join(folder, name), os.path.join(folder, "bin", name)]
+    if os.name != "nt":
+        places += ["/usr/local/bin/sherf", os.path.expanduser("~/.local/bin/sherf"), "/opt/sherf/bin/sherf"]
+    return places
+
+
+def is_program(path):
+    return os.path.isfile(path) and os.access(path, os.X_OK)
+
+
+def find_program(chosen="", folder=HERE):
+    """The path of the program: the one chosen in the preferences, or one on PATH, beside the add-on, installed."""
+    if chosen:
+        path = os.path.abspath(os.path.expanduser(chosen))
+        if is_program(path):
+            return path
+        raise Failure(f"{path}: no such program; correct the path in the preferences of the add-on sherf")
+    found = shutil.which("sherf")
+    if found:
+        return os.path.abspath(found)
+    for path in usual_places(folder):
+        if is_program(path):
+            return path
+    raise Failure("the program sherf was not found, neither on PATH nor beside the add-on "
+                  f"({folder}); build it (make program) and name it in the preferences of the add-on sherf")
+
+
+# ---- command lines ----
+def kind_of(path):
+    """What a file to import is taken for: "glb", "avatar", or "photo" (observations are taken as photos are)."""
+    if not os.path.exists(path):
+        raise Failure(f"{path}: no such file")
+    end = os.path.splitext(path)[1].lower()
+    if os.path.isdir(path) or end in PHOTOS + (".json",):
+        return "photo"
+    if end in (".glb", ".safetensors"):
+        return "glb" if end == ".glb" else "avatar"
+    raise Failure(f"{path}: neither an avatar (.safetensors), a .glb of sherf export, nor a photo "
+                  f"({', '.join(PHOTOS)})")
+
+
+def body_words(body, beside):
+    """--body: the one of the preferences, or one that lies beside the file, where the program would find it itself."""
+    if body:
+        return ["--body", os.path.abspath(body)]
+    folder = os.path.abspath(beside if os.path.isdir(beside) else os.path.dirname(os.path.abspath(beside)))
+    for name in ("body.safetensors", "tubeman.safetensors"):
+        path = os.path.join(folder, name)
+        if os.path.isfile(path):
+            return ["--body", path]
+    return []
+
+
+def avatar_command(program, photo, avatar, person=0, body=""):
+    words = [program, "avatar", os.path.abspath(photo), "--output", os.path.abspath(avatar)]
+    if person:
+        words += ["--person", str(person)]
+    return words + body_words(body, photo)
+
+
+def export_command(program, avatar, glb, detail="MEDIUM", texture_px=1024, observed=False, body=()):
+    cells, triangles = DETAIL[detail]
+    words = [program, "export", os.path.abspath(avatar), "--output", os.path.abspath(glb), "--lit", "--resolution",
+             str(cells), "--triangles", str(triangles), "--texture", str(texture_px)]
+    return words + (["--pose", "observation"] if observed else []) + list(body)
+
+
+def video_command(program, video, npz, person=0):
+    words = [program, "estimate", os.path.abspath(video), "--output", os.path.abspath(npz)]
+    return words + (["--person", str(person)] if person else [])
+
+
+def motion_command(program, avatar, motion, bvh, fps, body=(), root="kept", up="auto", track="", first=0, last=0,
+                   smooth_s=0.0, loop=False):
+    """The motion as BVH, in the file's own world; avatar "": for the mean body."""
+    words = [program, "animate"] + ([os.path.abspath(avatar)] if avatar else [])
+    words += ["--motion", os.path.abspath(motion), "--bvh", os.path.abspath(bvh), "--own-place", "--blend", "0"]
+    words += ["--fps", f"{fps:.9g}", "--root", root, "--up", up]
+    if track:
+        words += ["--track=" + track]
+    if first:
+        words += ["--first", str(first)]
+    if last:
+        words += ["--last", str(last)]
+    if smooth_s > 0:
+        words += ["--smooth", f"{smooth_s:.6g}"]
+    return words + (["--loop"] if loop else []) + list(body)
+
+
+def free_name(folder, stem, ending):
+    """FOLDER/STEM.ending, or STEM-2.ending and so on where that is taken."""
+    path, n = os.path.join(folder, stem + ending), 2
+    while os.path.lexists(path):
+        path, n = os.path.join(folder, f"{stem}-{n}{ending}"), n + 1
+    return path
+
+
+# ---- what it says ----
+def failure_line(log, code):
+    """The program's own line of what went wrong, without its name and the hint at --help."""
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    for line in reversed(lines):
+        match = re.match(r"sherf( [a-z]+)?: (?!warning: )(.*)", line)
+        if match:
+            return re.sub(r" \(see 'sherf[^']*'\)$", "", match.group(2))
+    if code < 0:
+        return f"the program sherf was ended by signal {-code}"
+    return f"the program sherf failed (status {code}){': ' + lines[-1] if lines else ''}"
+
+
+def remarks(log, photo=""):
+    """(warnings, what it found in the photo)."""
+    warning = "sherf: warning: "
+    lines = log.splitlines()
+    return ([line[len(warning):] for line in lines if line.startswith(warning)],
+            [line for line in lines if photo and line.startswith(os.path.abspath(photo) + ": ")])
+
+
+def percent(log):
+    """The last figure of progress, as (what, percent), or None."""
+    found = re.findall(r"^([^:\n]+): +(\d+)%", log, re.MULTILINE)
+    return (found[-1][0], int(found[-1][1])) if found else None
+
+
+def version(program):
+    """What `sherf --version` says."""
+    try:
+        done = subprocess.run([program, "--version"], stdin=subprocess.DEVNULL, capture_output=True, timeout=20,
+                              check=False)
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
+        raise Failure(f"{program}: cannot be run: {error}") from error
+    said = done.stdout.decode("utf-8", "replace").strip()
+    if done.returncode or not said.startswith("sherf "):
+        raise Failure(f"{program}: is not the program sherf")
+    return said.splitlines()[0]
+
+
+# ---- running it ----
+class Job:
+    """Commands one after another, in a folder of the job's own that goes with it. `steps` (set before the first poll)
+    is a list of (what is being done, words). Nothing here waits but cancel(), two seconds at most."""
+
+    def __init__(self):
+        self.folder = tempfile.mkdtemp(prefix="sherf-")
+        self.steps, self.at, self.process, self.log_file = [], -1, None, None
+        self.begun_s, self.logs, self.cancelled = time.monotonic(), [], False
+
+    def file(self, name):
+        return os.path.join(self.folder, name)
+
+    def log(self):
+        """What the running command, or the last one, has said."""
+        try:
+            with open(self.file("log"), encoding="utf-8", errors="surrogateescape") as f:
+                return f.read()
+        except OSError:
+            return ""
+
+    def _start(self):
+        self.at += 1
+        hidden = {"creationflags": subprocess.CREATE_NO_WINDOW} if os.name == "nt" else {}
+        try:
+            with open(self.file("log"), "wb") as log:
+                self.process = subprocess.Popen(self.steps[self.at][1], stdin=subprocess.DEVNULL,
+                                                stdout=subprocess.DEVNULL, stderr=log, cwd=self.folder, **hidden)
+        except (OSError, ValueError) as error:
+            raise Failure(f"{self.steps[self.at][1][0]}: cannot be run: {error}") from error
+
+    def poll(self):
+        """True when all is done; raises Failure when a command fails."""
+        if self.process is None:
+            if self.at + 1 >= len(self.steps):
+                return True
+            self._start()
+        code = self.process.poll()
+        if code is None:
+            return False
+        self.process = None
+        log = self.log()
+        self.logs.append(log)
+        if code:
+            raise Failure(failure_line(log, code))
+        return self.at + 1 >= len(self.steps)
+
+    def state(self):
+        """A line for the user, and how much of this command is done in percent (None: not known)."""
+        text = self.steps[max(self.at, 0)][0] if self.steps else "sherf"
+        done = percent(self.log())
+        figure = f", {done[0]} {done[1]} %" if done else ""
+        return (f"sherf: {text}{figure}, {time.monotonic() - self.begun_s:.0f} s",
+                done[1] if done else None)
+
+    def cancel(self):
+        """Ends the running command: it is asked first, and clears up itself."""
+        self.cancelled = True
+        process, self.process = self.process, None
+        if process is None or process.poll() is not None:
+            return
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(2)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def close(self):
+        self.cancel()
+        shutil.rmtree(self.folder, ignore_errors=True)

@@ -6,6 +6,7 @@
 #include <ctype.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 static const char *const poses_names[] = {
     "poses",    "pose",        "smpl_poses", "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
@@ -64,13 +65,22 @@ static const char *const inner_names[] = {"smpl_params_incam",
                                           "results",
                                           NULL};
 
-/* What other keys have in them, in small letters, that say nothing about pose, shape and place: faces and
- * fingers, which stay at rest, what was detected, and where it comes from. */
+/* Words of other keys that say nothing about pose, shape and place, whatever stands beside them: faces and
+ * fingers, which stay at rest, what was detected, and how sure that is. */
 static const char *const idle_words[] = {
-    "joint",   "keypoint",  "kp2d",  "kp3d",      "vert",   "face", "bbox",  "box",     "hand",
-    "eye",     "jaw",       "expr",  "img",       "image",  "conf", "score", "gender",  "frame",
-    "name",    "person_id", "track", "detection", "focal",  "time", "loss",  "version", "model",
-    "comment", "cam_int",   "fps",   "label",     "marker", "dmpl", "num_"};
+    "joint",     "keypoint",   "kp",        "vert", "vertices", "vertex", "face",       "facial",
+    "expr",      "expression", "jaw",       "eye",  "leye",     "reye",   "hand",       "lhand",
+    "rhand",     "lefthand",   "righthand", "bbox", "box",      "conf",   "confidence", "score",
+    "detection", "loss",       "dmpl",      "num",  "label",    "marker"};
+/* Those that say where it comes from: a key may have them beside a part, as "transl_frame", and is then
+ * named. */
+static const char *const origin_words[] = {
+    "img",   "image",     "imgname",   "imgpath", "filename", "frame",   "framerate", "fps",
+    "time",  "timestamp", "gender",    "name",    "track",    "tracked", "tracklet",  "id",
+    "focal", "int",       "intrinsic", "comment", "version",  "model"};
+/* Words of the parts. */
+static const char *const part_words[] = {"pose",  "theta", "beta", "shape",  "transl", "trans", "translation",
+                                         "place", "root",  "rot",  "orient", "rotmat", "th",    "rh"};
 
 named_value value_first(const value *dict, const char *const *names) {
     for (; *names; names++) {
@@ -107,14 +117,31 @@ static bool is_part(const char *key) {
     return among(key, inner_names);
 }
 
+/* The word or its plural. */
+static bool word_is(const char *text, size_t n, const char *word) {
+    const size_t m = strlen(word);
+    if (n < m || strncasecmp(text, word, m)) return false;
+    return n == m || (n == m + 1 && tolower((unsigned char)text[m]) == 's') ||
+           (n == m + 2 && !strncasecmp(text + m, "es", 2));
+}
+
+/* Whether one of the key's words is among these: letters in a row, a capital behind a small one being the
+ * next's. */
+static bool has_word(const char *key, const char *const *words, size_t count) {
+    for (size_t i = 0, n; key[i]; i += n ? n : 1) {
+        for (n = 0; isalpha((unsigned char)key[i + n]); n++)
+            if (n && isupper((unsigned char)key[i + n]) && islower((unsigned char)key[i + n - 1])) break;
+        for (size_t k = 0; k < count && n; k++)
+            if (word_is(key + i, n, words[k])) return true;
+    }
+    return false;
+}
+
 static bool is_idle(const char *key) {
-    char small[64];
-    size_t n = 0;
-    for (; key[n] && n + 1 < sizeof small; n++) small[n] = (char)tolower((unsigned char)key[n]);
-    small[n] = 0;
-    for (size_t i = 0; i < COUNT_OF(idle_words); i++)
-        if (strstr(small, idle_words[i])) return true;
-    return !strcmp(small, "id") || !strcmp(small, "mask") || !strcmp(small, "camera"); /* an observation's */
+    if (has_word(key, idle_words, COUNT_OF(idle_words))) return true;
+    if (has_word(key, origin_words, COUNT_OF(origin_words)))
+        return !has_word(key, part_words, COUNT_OF(part_words));
+    return !strcasecmp(key, "mask") || !strcasecmp(key, "camera"); /* an observation's */
 }
 
 /* Keys met so far, "a, b, c"; what no longer fits is counted. */

@@ -175,6 +175,12 @@ static void unknown_keys_are_named(void **state) {
         {CAMERA,
          "{\"body_pose\": %s, \"transl\": [1, 2, 3], \"moved_by\": [0, 0, 4], \"jaw_pose\": [0, 0, 0]}",
          "o.json: body: not read: moved_by\n"},
+        {CAMERA,
+         "{\"body_pose\": %s, \"transl_frame\": [1, 2, 3], \"outtime\": 3, \"frame_ids\": [0], "
+         "\"lhand_pose\": [0], "
+         "\"joints3d\": [0], \"bboxes\": [0], \"mocap_framerate\": 3, \"poseConfidence\": 1, \"num_betas\": "
+         "10}",
+         "o.json: body: not read: transl_frame, outtime; no translation"},
         {CAMERA, "{\"body_pose\": %s, \"pelvis_at\": [0, 0, 4]}",
          "o.json: body: not read: pelvis_at; no translation is among what is (transl, Th, cam_t, ...)\n"},
         {"{\"fov_deg\": 50, \"skew\": 1, \"zoom\": 2}", BODY, "o.json: camera: not read: skew, zoom\n"},

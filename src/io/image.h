@@ -54,7 +54,7 @@ const char *image_file_kind(const char *path); /* NULL also where the file canno
 /* Of what is not read, what it is, as "a GIF"; NULL when it is not known. */
 const char *image_other_kind(const unsigned char *data, size_t n);
 
-/* The same as the message of a failure that there is, where it is known; a text keeps its own. */
+/* The same as the message of a failure, where it is known; a text that may be a pickle keeps its own. */
 void image_other_name(context *c, const unsigned char *data, size_t bytes);
 
 /* ---- image_write.c ---- channels 1, 3 or 4; 8 bit. */

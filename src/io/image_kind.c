@@ -134,11 +134,37 @@ const char *image_other_kind(const unsigned char *data, size_t n) {
     return text_kind(data, n);
 }
 
+/* A pickle of protocol 0 is text: a mark, a class on a line of its own, a number or a quoted string. */
+static bool pickle_text_is(const unsigned char *data, size_t n) {
+    if (n < 2 || strchr("}])N", data[0])) return true;
+    if (data[0] == '(') return strchr("(dltcIFLNSV", data[1]) != NULL;
+    if (data[0] == 'S') return data[1] == '\'' || data[1] == '"';
+    if (strchr("IFL", data[0])) return isdigit(data[1]) || data[1] == '-';
+    size_t i = data[0] == 'c';
+    while (i && i < n && (isalnum(data[i]) || data[i] == '.' || data[i] == '_')) i++;
+    return i > 1 && i < n && (data[i] == '\n' || data[i] == '\r');
+}
+
+/* The first words of a text; what does not print is '?'. */
+static void text_beginning(const unsigned char *data, size_t n, char *out, size_t room) {
+    size_t from = 0, k = 0;
+    while (from < n && isspace(data[from])) from++;
+    for (; from < n && data[from] != '\n' && data[from] != '\r' && k + 1 < room; from++)
+        out[k++] = data[from] < 32 || data[from] > 126 ? '?' : (char)data[from];
+    out[k] = 0;
+}
+
 void image_other_name(context *c, const unsigned char *data, size_t bytes) {
     const size_t n = bytes < IMAGE_KIND_BYTES ? bytes : IMAGE_KIND_BYTES;
     const char *picture = image_kind(data, n), *other = image_other_kind(data, n);
-    if (picture)
+    const bool text = other && !strcmp(other, "a text");
+    char begins[41];
+    if (picture) {
         failure(c, SHERF_BAD_FILE, "a picture (%s)", picture);
-    else if (other && strcmp(other, "a text"))
+    } else if (other && !text) {
         failure(c, SHERF_BAD_FILE, "%s", other);
+    } else if (text && !pickle_text_is(data, n)) {
+        text_beginning(data, n, begins, sizeof begins);
+        failure(c, SHERF_BAD_FILE, "a text that is neither JSON nor a pickle; it begins \"%s\"", begins);
+    }
 }

@@ -1090,6 +1090,30 @@ static void damaged(void **state) {
     assert_int_equal(mem_live(), live);
 }
 
+/* A text is called one; what begins as a pickle's text keeps the pickle's message. */
+static void plain_texts(void **state) {
+    const walk_fixture *f = *state;
+    static const struct {
+        const char *text, *says;
+    } cases[] = {
+        {"frame,hip_x,hip_y\n0,1,2\n",
+         "a text that is neither JSON nor a pickle; it begins \"frame,hip_x,hip_y\""},
+        {"\n  # caf\xc3\xa9\r\n0 1 2\n", "begins \"# caf??\""},
+        {"count the frames\n", "begins \"count the frames\""},
+        {"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"},
+        {"cnumpy.core\nnothing", "pickle: "},
+        {"(dp0\nS'poses'\n", "pickle: "},
+    };
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        const char *path = test_path("plain.txt");
+        FILE *file = fopen(path, "wb");
+        assert_non_null(file);
+        assert_true(fputs(cases[i].text, file) >= 0);
+        assert_int_equal(fclose(file), 0);
+        refused(f, path, NULL, SHERF_BAD_FILE, cases[i].says);
+    }
+}
+
 /* Every allocation fails once: the status says so, and nothing stays. */
 static void without_memory(void **state) {
     const walk_fixture *f = *state;
@@ -1140,6 +1164,7 @@ int main(void) {
                                        cmocka_unit_test(options_together),
                                        cmocka_unit_test(wrong_numbers),
                                        cmocka_unit_test(damaged),
+                                       cmocka_unit_test(plain_texts),
                                        cmocka_unit_test(without_memory)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

@@ -38,20 +38,39 @@ sherf_status tiles_pack(context *c, const radiance_matrix *m, int row_tiles, int
     return SHERF_OK;
 }
 
-void slots_none(int *slot) {
+static void slots_none(int *slot) {
     for (int i = 0; i < SLOTS; i++) slot[i] = -1;
 }
 
 /* slots [at, at + count) read columns from `column` on */
-void slots_add(int *slot, int at, int column, int count) {
+static void slots_add(int *slot, int at, int column, int count) {
     for (int i = 0; i < count; i++) slot[at + i] = column + i;
 }
 
-/* [PE of width, the three low parts, token] */
-void slots_add_encoded(int *slot, int at, int column, int width) {
+/* [encoding of `width` values, the three low parts of its first ones, a token] */
+static void slots_add_encoded(int *slot, int at, int column, int width) {
     slots_add(slot, at, column, width);
     slots_add(slot, at + width, column, 3);
     slots_add(slot, at + width + 3, column + width, WIDTH);
+}
+
+void slots_plain(int *slot, int count) {
+    slots_none(slot);
+    slots_add(slot, 0, 0, count);
+}
+
+void slots_pts(const radiance_field *n, int i, int *slot) {
+    const bool first = i == 0, wide = !first && i == n->s.decoder_skip + 1;
+    slots_none(slot);
+    if (first || wide) slots_add_encoded(slot, 0, 0, n->position_width);
+    if (!first)
+        slots_add(slot, wide ? n->amx->x_blocks * 32 : 0, wide ? n->position_width + WIDTH : 0,
+                  n->s.decoder_width);
+}
+
+void slots_views(const radiance_field *n, int *slot) {
+    slots_plain(slot, n->s.decoder_width);
+    slots_add_encoded(slot, n->amx->h_blocks * 32, n->s.decoder_width, n->direction_width);
 }
 
 /* Twice the rows: what bf16 keeps of the weights, then what it drops. */
@@ -89,8 +108,7 @@ static sherf_status pack_attention_out(context *c, const radiance_matrix *m, int
             w[m->columns] = from_bf16(to_bf16(m->b[r]));
             w[m->columns + 1] = m->b[r] - w[m->columns];
         }
-        slots_none(slot);
-        slots_add(slot, 0, 0, wide.columns);
+        slots_plain(slot, wide.columns);
         status = tiles_pack(c, &wide, 2, blocks, slot, out);
     }
     mem_free(wide.w);
@@ -105,14 +123,12 @@ float radiance_q_scale(const radiance_field *n) {
 static sherf_status pack_fusion(context *c, const radiance_field *n, radiance_matrices *m, int *slot,
                                 radiance_amx *a) {
     sherf_status status = SHERF_OK;
-    slots_none(slot);
-    slots_add(slot, 0, 0, n->color_width);
+    slots_plain(slot, n->color_width);
     if (n->color_width)
         status = tiles_pack(c, &m->color, m->color.rows / 16, (n->color_width + 31) / 32, slot, &a->color);
     /* attention's scale and log2 e go into q */
     for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= radiance_q_scale(n);
-    slots_none(slot);
-    slots_add(slot, 0, 0, WIDTH);
+    slots_plain(slot, WIDTH);
     if (!status) status = tiles_pack(c, &m->qkv, (3 * n->attention_width + 15) / 16, 1, slot, &a->qkv);
     if (!status) status = tiles_pack(c, &m->mlp0, 2, 1, slot, &a->mlp0);
     if (!status) status = tiles_pack(c, &m->mlp1, 2, 1, slot, &a->mlp1);
@@ -124,24 +140,19 @@ static sherf_status pack_fusion(context *c, const radiance_field *n, radiance_ma
 
 static sherf_status pack_decoder(context *c, const radiance_field *n, const radiance_matrices *m, int *slot,
                                  radiance_amx *a) {
-    int h = n->s.decoder_width, x = n->position_width + WIDTH, h_tiles = 2 * a->h_blocks;
     sherf_status status = SHERF_OK;
     for (int i = 0; i < n->s.decoder_depth && !status; i++) {
-        bool first = i == 0, wide = i == n->s.decoder_skip + 1 && !first;
-        slots_none(slot);
-        if (first || wide) slots_add_encoded(slot, 0, 0, n->position_width);
-        if (!first) slots_add(slot, wide ? a->x_blocks * 32 : 0, wide ? x : 0, h);
+        const bool first = i == 0, wide = !first && i == n->s.decoder_skip + 1;
+        slots_pts(n, i, slot);
         int blocks = first ? a->x_blocks : a->h_blocks + (wide ? a->x_blocks : 0);
-        status = tiles_pack(c, &m->pts[i], h_tiles, blocks, slot, &a->pts[i]);
+        status = tiles_pack(c, &m->pts[i], 2 * a->h_blocks, blocks, slot, &a->pts[i]);
     }
-    slots_none(slot);
-    slots_add(slot, 0, 0, h);
+    slots_plain(slot, n->s.decoder_width);
     if (!status) status = pack_precise(c, &m->alpha, a->h_blocks, slot, &a->alpha);
-    slots_add_encoded(slot, a->h_blocks * 32, h, n->direction_width);
+    slots_views(n, slot);
     int view_tiles = round_up(n->s.view_width, 32) / 16;
     if (!status) status = tiles_pack(c, &m->views, view_tiles, a->h_blocks + a->v_blocks, slot, &a->views);
-    slots_none(slot);
-    slots_add(slot, 0, 0, n->s.view_width);
+    slots_plain(slot, n->s.view_width);
     if (!status) status = pack_precise(c, &m->rgb, view_tiles / 2, slot, &a->rgb);
     return status;
 }

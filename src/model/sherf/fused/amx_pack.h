@@ -41,12 +41,11 @@ typedef struct {
 
 /* The column of a matrix that each input of a packed layer has; -1: none. */
 enum { SLOTS = 8192 };
-void slots_none(int *slot);
-/* Inputs [at, at + count) read columns from `column` on. */
-void slots_add(int *slot, int at, int column, int count);
-/* [encoding of `width` values, the three low parts of its first ones, a token], columns without the low
- * parts. */
-void slots_add_encoded(int *slot, int at, int column, int width);
+void slots_plain(int *slot, int count); /* input i reads column i */
+/* The decoder's layer i, and views: where an encoding is read, the three low parts of its first values stand
+ * behind it and read the same columns. */
+void slots_pts(const radiance_field *n, int i, int *slot);
+void slots_views(const radiance_field *n, int *slot);
 
 sherf_status tiles_pack(context *c, const radiance_matrix *m, int row_tiles, int blocks, const int *slot,
                         tiles *out);

@@ -1,5 +1,4 @@
-/* The backward pass of the radiance field: the points that have a gradient, the loop over their tiles, and
- * what the ways of arithmetic share of what becomes of the sums. */
+/* The backward pass of the radiance field: the points that have a gradient and the loop over their tiles. */
 #include "model/sherf/fused/train.h"
 
 #include <stdatomic.h>
@@ -98,40 +97,6 @@ static int64_t list_points(const point_set *points, const float *drgb, const flo
     return count;
 }
 
-/* ---- gradients through the algebra before the points ---- */
-void radiance_give_views(const radiance_field *n, const radiance_weights *w, const radiance_gradients *g,
-                         const float *dm, const float *db) {
-    const int h = n->s.decoder_width, columns = h + n->direction_width + n->s.token_width;
-    float *dv = radiance_gradient(g, w->views_w), *df = radiance_gradient(g, w->feature_w),
-          *dbf = radiance_gradient(g, w->feature_b);
-    for (int o = 0; o < n->s.view_width; o++)
-        for (int f = 0; f < h; f++) {
-            const float v = w->views_w[(size_t)o * (size_t)columns + (size_t)f];
-            const float *row = w->feature_w + (size_t)f * (size_t)h, *d = dm + (size_t)o * (size_t)h;
-            float sum = 0;
-            for (int k = 0; k < h; k++) sum += d[k] * row[k];
-            for (int k = 0; k < h; k++) df[(size_t)f * (size_t)h + (size_t)k] += v * d[k];
-            dv[(size_t)o * (size_t)columns + (size_t)f] += sum + db[o] * w->feature_b[f];
-            dbf[f] += v * db[o];
-        }
-}
-
-void radiance_give_token_biases(const radiance_field *n, const radiance_weights *w,
-                                const radiance_gradients *g, const float *d) {
-    const int width = n->s.token_width;
-    float *dw = radiance_gradient(g, w->token_projection_w),
-          *db = radiance_gradient(g, w->token_projection_b),
-          *dv = radiance_gradient(g, w->volume_projection_b);
-    for (int r = 0; r < n->fused; r++) {
-        const size_t row = (size_t)(r % width) * (size_t)n->fused + 2 * (size_t)width;
-        db[r % width] += d[r];
-        for (int j = 0; j < width; j++) {
-            dw[row + (size_t)j] += d[r] * w->volume_projection_b[r / width * width + j];
-            dv[r / width * width + j] += d[r] * w->token_projection_w[row + (size_t)j];
-        }
-    }
-}
-
 /* ---- all of it ---- */
 static sherf_status trainer_make(context *c, const radiance_field *n, const radiance_weights *weights,
                                  radiance_trainer **out) {
@@ -179,7 +144,7 @@ sherf_status radiance_field_backward(tape *work, const radiance_field *n, const 
     back_work w = {c, t, points, rgb, drgb, dsigma, .index = index, .out = out};
     w.count = list_points(points, drgb, dsigma, index);
     status = go_back(work, &w);
-    if (!status) status = t->give(c, t, w.lane, weights, out);
+    if (!status) status = radiance_sums_give(c, t, w.lane, weights, out);
     t->release(t);
     return status;
 }

@@ -6,25 +6,15 @@
 #include "model/sherf/fused/amx_pack.h"
 #include "model/sherf/fused/train_inside.h"
 
-/* A matrix gradient in a lane's memory, in floats: tiles [pair of row tiles][pair of column
- * tiles][2][2][16][16] over outputs and inputs as packed (row_tiles and column_tiles even), and rows of
- * partial sums [outputs][16]. */
-typedef struct {
-    int row_tiles, column_tiles;
-    size_t w, b;
-} matrix_place;
-
-/* One backward pass. "Back" tiles are transposed weights. */
+/* One backward pass. "Back" tiles are transposed weights. Sums are tiles [pair of row tiles][pair of column
+ * tiles][2][2][16][16] over outputs and inputs as packed. */
 typedef struct {
     radiance_trainer base; /* first: what others know it as */
-    const radiance_field *n;
     struct {
         RADIANCE_BACK_MEMBERS(tiles)
     } back;
     int view_blocks, qkv_blocks, color_tokens;
-    RADIANCE_MEMBERS(matrix_place)                      /* views: and alpha, which has none of its own */
-    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
-    size_t lane_floats;
+    int *slot; /* of the layer whose sums are given: SLOTS */
 } amx_trainer;
 
 /* train_tile_amx.c */

@@ -16,27 +16,15 @@ typedef struct {
 } train_float_kernels;
 extern const train_float_kernels train_float_plain, train_float_avx2, train_float_avx512;
 
-/* A matrix gradient in a lane's memory, in floats: w [panel of `strip` inputs][outputs, in whole blocks of
- * `rows`][strip], b [outputs][lanes] of partial sums. */
-typedef struct {
-    int rows, columns, padded_rows;
-    size_t w, b;
-} float_place;
-
-/* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. The sums of alpha
- * are behind those of views. */
+/* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. Sums are [panel
+ * of `strip` inputs][outputs, in whole blocks of `rows`][strip]. */
 typedef struct {
     radiance_trainer base; /* first: what others know it as */
-    const radiance_field *n;
     const train_float_kernels *kernels;
     RADIANCE_MEMBERS(radiance_layer)
     struct {
         RADIANCE_BACK_MEMBERS(radiance_layer)
     } back;
-    struct {
-        RADIANCE_MEMBERS(float_place)
-    } sum;
-    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* [channel][lanes] */
 } float_trainer;
 
 enum { FLOAT_SCATTER_JOBS = POINT_LEVELS + 1 + 3 };

@@ -16,30 +16,61 @@ typedef struct {
     float *dtoken; /* [count][3 D]: the gradient of what was sampled, out */
 } train_tile;
 
-/* The layers' transposed weights, from the gradient of a result to that of inputs; views: with alpha; token0,
- * skip_token0, token1: to the tokens that the first layer, the one behind the skip and the view layer read.
- * The decoder's are an array `pts`, too. LAYER(with, name) */
-#define RADIANCE_BACK_LAYERS(LAYER, with)                                                                    \
-    LAYER(with, rgb)                                                                                         \
-    LAYER(with, views)                                                                                       \
-    LAYER(with, token1)                                                                                      \
-    LAYER(with, skip_token0)                                                                                 \
-    LAYER(with, token0) LAYER(with, mlp1) LAYER(with, mlp0) LAYER(with, attention_out) LAYER(with, qkv)
-#define RADIANCE_BACK_MEMBERS(type) RADIANCE_BACK_LAYERS(RADIANCE_MEMBER, type) type pts[POINT_DECODER_MAX];
+/* The layers' transposed weights, from the gradient of a result to that of inputs: BACK(with, name, matrix,
+ * first, count), whose inputs are `count` columns of a matrix from `first` on; matrices are `m` (and `both`:
+ * views with alpha), the field is `n`. token0, skip_token0, token1: to the tokens that the first layer, the
+ * one behind the skip and the view layer read. The decoder's others are an array `pts`. */
+#define RADIANCE_BACK_LAYERS(BACK, with)                                                                     \
+    BACK(with, rgb, &m->rgb, 0, m->rgb.columns)                                                              \
+    BACK(with, views, &both, 0, n->s.decoder_width)                                                          \
+    BACK(with, token1, &m->views, m->views.columns - n->s.token_width, n->s.token_width)                     \
+    BACK(with, skip_token0, n->s.decoder_skip < 0 ? NULL : &m->pts[n->s.decoder_skip + 1],                   \
+         n->position_width, n->s.token_width)                                                                \
+    BACK(with, token0, &m->pts[0], n->position_width, n->s.token_width)                                      \
+    BACK(with, mlp1, &m->mlp1, 0, m->mlp1.columns)                                                           \
+    BACK(with, mlp0, &m->mlp0, 0, m->mlp0.columns)                                                           \
+    BACK(with, attention_out, &m->attention_out, 0, m->attention_out.columns)                                \
+    BACK(with, qkv, &m->qkv, 0, m->qkv.columns)
+#define RADIANCE_BACK_MEMBER(type, name, ...) type name;
+#define RADIANCE_BACK_MEMBERS(type)                                                                          \
+    RADIANCE_BACK_LAYERS(RADIANCE_BACK_MEMBER, type) type pts[POINT_DECODER_MAX];
+/* The first column of pts[i], i > 0, that reads the layer before. */
+static inline int radiance_hidden_column(const radiance_field *n, int i) {
+    return i == n->s.decoder_skip + 1 ? n->position_width + n->s.token_width : 0;
+}
+
+/* A layer's gradient in a lane's memory, in floats: w as its way lays it out, b [outputs][row_lanes] of
+ * partial sums.
+ */
+typedef struct {
+    int rows, columns, padded_rows, padded_columns; /* as the layer has them; whole blocks */
+    size_t w, b;
+} sum_place;
+typedef struct {
+    int first, rows, from, columns;
+    float factor;
+} sum_block;
 
 /* One backward pass in one way of arithmetic. */
 typedef struct radiance_trainer radiance_trainer;
 struct radiance_trainer {
     const radiance_field *n;
     size_t lane_floats, scratch_bytes; /* of one lane's sums; of one thread, which starts as zeros */
+    struct {
+        RADIANCE_MEMBERS(sum_place) /* views: and alpha, which has none of its own */
+    } sum;
+    size_t norm0_w, norm0_b, norm1_w, norm1_b, token_b; /* rows of partial sums */
+    int row_block, column_block;                        /* sums are padded to these */
+    int row_lanes, alpha_row;                           /* partial sums a row; alpha's row in views' */
+    float q_scale;                                      /* q's weights were packed times this */
     int scatter_jobs;
     void (*tile)(const radiance_trainer *r, train_tile *t, float *lane, void *scratch);
     /* One part of the bank: adds dtoken [count][3 D] of the points index[] to its gradient. */
     void (*scatter)(const radiance_field *n, int job, const point_set *points, const int32_t *index,
                     int64_t count, const float *dtoken, const radiance_gradients *out);
-    /* A lane's sums are added to the weights' gradients. */
-    sherf_status (*give)(context *c, const radiance_trainer *r, const float *lane, const radiance_weights *w,
-                         const radiance_gradients *out);
+    /* out [rows][pitch] += the block's rows and columns of the sums p, times its factor. */
+    void (*add)(const radiance_trainer *r, const float *lane, const sum_place *p, const sum_block *b,
+                int pitch, float *out);
     void (*release)(radiance_trainer *r);
 };
 
@@ -56,13 +87,14 @@ static inline float *radiance_gradient(const radiance_gradients *g, const float 
     return g->grads + (p - g->values);
 }
 
-/* train.c: gradients through the algebra of radiance_matrices_make. */
-/* The merged layer's first h columns, M = V F (views times feature), and its bias V b_F + b_V: dm
- * [view_width][h] and db [view_width] -> those of V, F and b_F. */
-void radiance_give_views(const radiance_field *n, const radiance_weights *w, const radiance_gradients *g,
-                         const float *dm, const float *db);
-/* The tokens' biases: token i has b + W_v b_volume[i]; d [3 D]. */
-void radiance_give_token_biases(const radiance_field *n, const radiance_weights *w,
-                                const radiance_gradients *g, const float *d);
+/* train_give.c */
+/* Gives every layer its place; padded_columns that are set stay. */
+void radiance_sums_place(radiance_trainer *t, const radiance_matrices *m);
+/* A lane's sums are added to the weights' gradients, back through the algebra of radiance_matrices_make. */
+sherf_status radiance_sums_give(context *c, const radiance_trainer *t, const float *lane,
+                                const radiance_weights *w, const radiance_gradients *g);
+/* views' first h columns and, in row alpha_row, alpha's; b is NULL. Free w. */
+sherf_status radiance_views_and_alpha(context *c, const radiance_matrices *m, int alpha_row,
+                                      radiance_matrix *out);
 
 #endif

@@ -104,16 +104,15 @@ static void to_columns(const groups *g, int blocks, char *columns) {
 }
 
 /* The matrix's gradient in the lane += dy x^T over all groups; its bias' += dy's sums unless with_ones. */
-static void add_gradient(const space *s, float *lane, const matrix_place *m, const groups *dy,
-                         const groups *x) {
+static void add_gradient(const space *s, float *lane, const sum_place *m, const groups *dy, const groups *x) {
     const int chunks = dy->count / 2;
     const size_t strip = (size_t)chunks * TILE;
-    to_rows(dy, m->row_tiles / 2, s->rows, lane + m->b);
-    to_columns(x, m->column_tiles / 2, s->columns);
+    to_rows(dy, m->padded_rows / 32, s->rows, lane + m->b);
+    to_columns(x, m->padded_columns / 32, s->columns);
     ORDER();
     float *w = lane + m->w;
-    for (int o = 0; o < m->row_tiles; o += 2)
-        for (int i = 0; i < m->column_tiles; i += 2, w += 1024) {
+    for (int o = 0; o < m->padded_rows / 16; o += 2)
+        for (int i = 0; i < m->padded_columns / 16; i += 2, w += 1024) {
             const char *a = s->rows + (size_t)o * strip, *b = s->columns + (size_t)i * strip;
             tile_load(0, w, 64);
             tile_load(1, w + 256, 64);
@@ -168,7 +167,7 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
 
 /* ---- forwards, keeping what the way back needs ---- */
 static void forward(const amx_trainer *r, const train_tile *t, space *s) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const radiance_amx *a = n->amx;
     const size_t colors = (size_t)a->color.blocks * TILE, mixed = (size_t)a->mixed_blocks * TILE,
                  qkv = (size_t)a->qkv.row_tiles * 256;
@@ -250,7 +249,7 @@ static channels back(const tiles *l, channels dy, channels x, channels out, floa
 }
 
 static void decoder_back(const amx_trainer *r, const train_tile *t, space *s, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const int last = n->s.decoder_depth - 1, skip = n->s.decoder_skip;
     const channels drgb = {s->drgb, TILE};
     groups dy = groups_of(drgb), x = groups_of(s->views);
@@ -264,21 +263,21 @@ static void decoder_back(const amx_trainer *r, const train_tile *t, space *s, fl
                            pairs(_mm512_load_ps(d + 3 * TRAIN_POINTS), zero));
     }
     ORDER();
-    add_gradient(s, lane, &r->rgb, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.rgb, &dy, &x);
     /* views and alpha side by side; the buffer's groups lie as views' do */
     waiting w = {0};
     dense(&r->back.rgb, drgb, s->dviews, s->views.at - s->dviews.at, s->sums, &w);
     finish_all(&w);
     dy = groups_of(s->dviews);
     x = groups_of(s->v);
-    add_gradient(s, lane, &r->views, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.views, &dy, &x);
     token_sums(&r->back.token1, s->dviews, s->dtoken + ONE, false);
     channels dh = back(&r->back.views, s->dviews, s->h[last], s->dh[0], s->sums);
     for (int i = last; i >= 0; i--) {
         channels in = i == 0 || i - 1 == skip ? s->x : s->h[i - 1];
         dy = groups_of(dh);
         x = groups_of(in);
-        add_gradient(s, lane, &r->pts[i], &dy, &x);
+        add_gradient(s, lane, &r->base.sum.pts[i], &dy, &x);
         if (i - 1 == skip) token_sums(&r->back.skip_token0, dh, s->dtoken, false);
         if (i == 0)
             token_sums(&r->back.token0, dh, s->dtoken, skip >= 0);
@@ -399,7 +398,7 @@ static inline void pack_sums(const float *x, int rows, char *out) {
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
 static void transformer_back(const amx_trainer *r, space *s, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const size_t one = AMX_GROUPS * TILE, wide = (size_t)r->qkv_blocks * TILE,
                  qkv = (size_t)n->amx->qkv.row_tiles * 256;
     float *sums = s->sums;
@@ -416,7 +415,8 @@ static void transformer_back(const amx_trainer *r, space *s, float *lane) {
                                                                 gelu_slope(_mm512_load_ps(pre + c * GROUP))));
             pack_sums(sums, WIDTH, dpre);
             sums_of(&r->back.mlp0, dpre, sums);
-            norm_back(s->x1 + g * ALL + k * ONE, sums, n->norm1_w, d, lane + r->norm1_w, lane + r->norm1_b);
+            norm_back(s->x1 + g * ALL + k * ONE, sums, n->norm1_w, d, lane + r->base.norm1_w,
+                      lane + r->base.norm1_b);
             pack_sums(d, WIDTH, attended);
         }
     for (int g = 0; g < AMX_GROUPS; g++) {
@@ -430,28 +430,28 @@ static void transformer_back(const amx_trainer *r, space *s, float *lane) {
         for (int k = 0; k < 3; k++) {
             sums_of(&r->back.qkv, dqkv + (size_t)k * AMX_GROUPS * wide, sums);
             norm_back(s->x0 + g * ALL + k * ONE, sums, n->norm0_w, s->dtoken + g * ALL + k * ONE,
-                      lane + r->norm0_w, lane + r->norm0_b);
+                      lane + r->base.norm0_w, lane + r->base.norm0_b);
         }
     }
     const size_t mixed = (size_t)n->amx->mixed_blocks * TILE;
     groups dy = groups_of_tokens(s->dlast, 2, one, TILE), x = groups_of_tokens(s->gelu, 2, TILE, 2 * TILE);
-    add_gradient(s, lane, &r->mlp1, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.mlp1, &dy, &x);
     dy = groups_of_tokens(s->dpre, 2, one, TILE);
     x = groups_of_tokens(s->normed1, 2, TILE, 2 * TILE);
-    add_gradient(s, lane, &r->mlp0, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.mlp0, &dy, &x);
     dy = groups_of_tokens(s->dattended, 2, one, TILE);
     x = groups_of_tokens(s->mixed, 2, mixed, 2 * mixed);
-    add_gradient(s, lane, &r->attention_out, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.attention_out, &dy, &x);
     dy = groups_of_tokens(s->dqkv, 3, AMX_GROUPS * wide, wide);
     x = groups_of_tokens(s->normed0, 3, TILE, 3 * TILE);
-    add_gradient(s, lane, &r->qkv, &dy, &x);
+    add_gradient(s, lane, &r->base.sum.qkv, &dy, &x);
 }
 
 /* The sampled tokens' gradients: biases, the colour's layer, and as rows of points. */
 static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     for (int c = 0; c < 3 * WIDTH; c++) {
-        float *b = lane + r->token_b + c * 16;
+        float *b = lane + r->base.token_b + c * 16;
         __m512 sum = _mm512_load_ps(b);
         for (int g = 0; g < AMX_GROUPS; g++)
             sum = _mm512_add_ps(sum, _mm512_load_ps(s->dtoken + g * ALL + c * GROUP));
@@ -464,7 +464,7 @@ static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *l
                       s->dcolor + (size_t)g * blocks);
         groups dy = groups_of((channels){s->dcolor, blocks}),
                x = groups_of((channels){s->color, (size_t)n->amx->color.blocks * TILE});
-        add_gradient(s, lane, &r->color, &dy, &x);
+        add_gradient(s, lane, &r->base.sum.color, &dy, &x);
     }
     for (int g = 0; g < AMX_GROUPS && g * GROUP < t->count; g++)
         for (int c = 0; c < 3 * WIDTH; c += 16) {
@@ -499,7 +499,7 @@ static int larger(int a, int b) {
 }
 
 static void lay_out(const amx_trainer *t, room *r, space *s) {
-    const radiance_field *n = t->n;
+    const radiance_field *n = t->base.n;
     const radiance_amx *a = n->amx;
     const size_t G = AMX_GROUPS, tokens = G * ALL * sizeof(float);
     const int last = n->s.decoder_depth - 1, h = a->h_blocks;

@@ -152,7 +152,7 @@ static void add_sums(channels x, int count, float *sums) {
 
 /* The matrix' gradient in the lane, from the block of first_row on, += dy x^T; its bias' += dy's sums. room:
  * a panel of x. */
-static void add_gradient(const float_place *m, int first_row, channels dy, channels x, float *lane,
+static void add_gradient(const sum_place *m, int first_row, channels dy, channels x, float *lane,
                          float *room) {
     add_sums(dy, m->rows, lane + m->b);
     float *w = lane + m->w;
@@ -323,7 +323,7 @@ static void gelu(channels x, int width, channels y) {
 }
 
 static void transformer(const float_trainer *r, const space *s) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const int width = n->s.token_width, all = n->attention_width;
     const channels out[2] = {from_channel(s->x, n->position_width),
                              from_channel(s->v, n->s.decoder_width + n->direction_width)};
@@ -348,7 +348,7 @@ static void transformer(const float_trainer *r, const space *s) {
 }
 
 static void forward(const float_trainer *r, const point_tile *t, const space *s) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const channels color = from_channel(s->token, n->color_token * n->s.token_width);
     for (int k = 0; k < STRIPS; k++) {
         const float *at[3], *along[3];
@@ -372,20 +372,20 @@ static void forward(const float_trainer *r, const point_tile *t, const space *s)
 
 /* ---- backwards ---- */
 static void decoder_back(const float_trainer *r, const float *const dout[4], const space *s, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const int last = n->s.decoder_depth - 1, skip = n->s.decoder_skip;
     for (int k = 0; k < STRIPS; k++) {
         for (int i = 0; i < 3; i++) memcpy(row_of(s->drgb, k, i), dout[i] + k * STRIP, STRIP * sizeof(float));
         memcpy(row_of(s->dviews, k, n->s.view_width), dout[3] + k * STRIP, STRIP * sizeof(float));
     }
-    add_gradient(&r->sum.rgb, 0, s->drgb, s->views, lane, s->room);
+    add_gradient(&r->base.sum.rgb, 0, s->drgb, s->views, lane, s->room);
     product_masked(&r->back.rgb, s->drgb, s->dviews, s->views);
-    add_gradient(&r->sum.views, 0, s->dviews, s->v, lane, s->room);
+    add_gradient(&r->base.sum.views, 0, s->dviews, s->v, lane, s->room);
     product(&r->back.token1, 0, 0, s->dviews, from_channel(s->dtoken, n->s.token_width));
     product_masked(&r->back.views, s->dviews, s->dh[0], s->h[last]);
     for (int i = last; i >= 0; i--) {
         const channels dh = s->dh[(last - i) & 1], in = i == 0 || i - 1 == skip ? s->x : s->h[i - 1];
-        add_gradient(&r->sum.pts[i], 0, dh, in, lane, s->room);
+        add_gradient(&r->base.sum.pts[i], 0, dh, in, lane, s->room);
         if (i - 1 == skip) product(&r->back.skip_token0, 0, 0, dh, s->dtoken);
         if (i > 0)
             product_masked(&r->back.pts[i], dh, s->dh[(last - i + 1) & 1], s->h[i - 1]);
@@ -460,18 +460,18 @@ static void gelu_back(channels x, int width, channels d) {
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
 static void transformer_back(const float_trainer *r, const space *s, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const int width = n->s.token_width, all = n->attention_width;
     for (int i = 0; i < 2; i++) {
         const channels d = from_channel(s->dtoken, i * width);
-        add_gradient(&r->sum.mlp1, 0, d, from_channel(s->gelu, i * width), lane, s->room);
+        add_gradient(&r->base.sum.mlp1, 0, d, from_channel(s->gelu, i * width), lane, s->room);
         product(&r->back.mlp1, 0, 0, d, s->dhidden);
         gelu_back(from_channel(s->pre, i * width), width, s->dhidden);
-        add_gradient(&r->sum.mlp0, 0, s->dhidden, from_channel(s->normed1, i * width), lane, s->room);
+        add_gradient(&r->base.sum.mlp0, 0, s->dhidden, from_channel(s->normed1, i * width), lane, s->room);
         product(&r->back.mlp0, 0, 0, s->dhidden, s->dnorm);
-        norm_back(from_channel(s->x1, i * width), s->dnorm, width, n->norm1_w, d, lane + r->norm1_w,
-                  lane + r->norm1_b);
-        add_gradient(&r->sum.attention_out, 0, d, from_channel(s->mixed, i * all), lane, s->room);
+        norm_back(from_channel(s->x1, i * width), s->dnorm, width, n->norm1_w, d, lane + r->base.norm1_w,
+                  lane + r->base.norm1_b);
+        add_gradient(&r->base.sum.attention_out, 0, d, from_channel(s->mixed, i * all), lane, s->room);
         product(&r->back.attention_out, 0, 0, d, from_channel(s->dmixed, i * all));
     }
     for (int k = 0; k < STRIPS; k++) {
@@ -483,21 +483,21 @@ static void transformer_back(const float_trainer *r, const space *s, float *lane
     for (int i = 0; i < 3; i++) { /* the third's queries stay 0, as the scratch starts */
         const int first = i < 2 ? 0 : all;
         const channels d = from_channel(s->dqkv, i * 3 * all);
-        add_gradient(&r->sum.qkv, first, d, from_channel(s->normed0, i * width), lane, s->room);
+        add_gradient(&r->base.sum.qkv, first, d, from_channel(s->normed0, i * width), lane, s->room);
         product(&r->back.qkv, 0, first, d, s->dnorm);
         norm_back(from_channel(s->token, i * width), s->dnorm, width, n->norm0_w,
-                  from_channel(s->dtoken, i * width), lane + r->norm0_w, lane + r->norm0_b);
+                  from_channel(s->dtoken, i * width), lane + r->base.norm0_w, lane + r->base.norm0_b);
     }
 }
 
 /* The sampled tokens' gradients: biases, the colour's layer, and as rows of points. */
 static void sampled_back(const float_trainer *r, const space *s, int count, float *dtoken, float *lane) {
-    const radiance_field *n = r->n;
+    const radiance_field *n = r->base.n;
     const size_t fused = (size_t)n->fused;
-    add_sums(s->dtoken, n->fused, lane + r->token_b);
+    add_sums(s->dtoken, n->fused, lane + r->base.token_b);
     if (n->color_width)
-        add_gradient(&r->sum.color, 0, from_channel(s->dtoken, n->color_token * n->s.token_width), s->color,
-                     lane, s->room);
+        add_gradient(&r->base.sum.color, 0, from_channel(s->dtoken, n->color_token * n->s.token_width),
+                     s->color, lane, s->room);
     for (int k = 0; k < STRIPS && k * STRIP < count; k++) {
         const int left = count - k * STRIP;
         transpose((const float *)row_of(s->dtoken, k, 0), n->fused, STRIP, STRIP, s->sampled, fused);
@@ -510,7 +510,7 @@ static void sampled_back(const float_trainer *r, const space *s, int count, floa
 static void tile(const radiance_trainer *base, train_tile *t, float *lane, void *scratch) {
     const float_trainer *r = (const float_trainer *)base;
     space s;
-    lay_out(r->n, &(room){.base = scratch}, &s);
+    lay_out(r->base.n, &(room){.base = scratch}, &s);
     for (int k = 0; k < TRAIN_PARTS && t->part[k].count > 0; k++) {
         const int at = k * POINT_TILE;
         forward(r, &t->part[k], &s);
@@ -518,7 +518,7 @@ static void tile(const radiance_trainer *base, train_tile *t, float *lane, void 
             r, (const float *const[4]){t->dout[0] + at, t->dout[1] + at, t->dout[2] + at, t->dout[3] + at},
             &s, lane);
         transformer_back(r, &s, lane);
-        sampled_back(r, &s, t->part[k].count, t->dtoken + (size_t)at * (size_t)r->n->fused, lane);
+        sampled_back(r, &s, t->part[k].count, t->dtoken + (size_t)at * (size_t)r->base.n->fused, lane);
     }
 }
 

@@ -6,6 +6,7 @@
 
 #include "base/simd.h"
 #include "model/sherf/fused/float_sample.h"
+#include "model/sherf/fused/float_token.h"
 #include "model/sherf/fused/inside.h"
 
 enum { PARTS = POINT_TILE / LANES };
@@ -67,59 +68,22 @@ static void product(const radiance_layer *l, const float *x, float *y, bool relu
     product_from(l, 0, x, y, relu);
 }
 
-/* ---- PE: x, then sin(2^k x), cos(2^k x) over the three components; rows beyond `width` are dropped ---- */
+/* ---- encodings and the transformer, one token's rows at a time ---- */
 static void encode(const float x[3][POINT_TILE], int frequencies, int width, float *out) {
-    for (int i = 0; i < 3 && i < width; i++) memcpy(out + i * POINT_TILE, x[i], sizeof x[i]);
-    for (int k = 0; k < frequencies; k++)
-        for (int i = 0; i < 3; i++) {
-            int s_row = 3 + 6 * k + i, c_row = s_row + 3;
-            for (int v = 0; v < PARTS; v++) {
-                vf s, c;
-                sincos_tile(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
-                if (s_row < width) ((vf *)(out + s_row * POINT_TILE))[v] = s;
-                if (c_row < width) ((vf *)(out + c_row * POINT_TILE))[v] = c;
-            }
-        }
+    for (int i = 0; i < 3; i++)
+        for (int v = 0; v < PARTS; v++)
+            encode_component(((const vf *)x[i])[v], i, frequencies, width, (vf *)out + v, PARTS);
 }
 
-/* ---- the transformer, one token's rows at a time ---- */
 static void layer_norm(const float *x, int width, const float *weight, const float *bias, float *y) {
-    for (int v = 0; v < PARTS; v++) {
-        const vf *in = (const vf *)x + v;
-        vf *out = (vf *)y + v, mean = splat(0), variance = splat(0), scale;
-        for (int i = 0; i < width; i++) mean += in[i * PARTS];
-        mean /= (float)width;
-        for (int i = 0; i < width; i++) variance += (in[i * PARTS] - mean) * (in[i * PARTS] - mean);
-        variance = variance / (float)width + 1e-5f;
-        for (int i = 0; i < LANES; i++) scale[i] = 1.0f / sqrtf(variance[i]);
-        for (int i = 0; i < width; i++) out[i * PARTS] = (in[i * PARTS] - mean) * scale * weight[i] + bias[i];
-    }
+    for (int v = 0; v < PARTS; v++) norm_vector((const vf *)x + v, width, weight, bias, (vf *)y + v, PARTS);
 }
 
-/* qkv[3 tokens][q k v][heads][head_width] to out[2 tokens][heads][head_width]: the decoder reads tokens 0 and
- * 1 only, so that token 2 is key and value. */
 static void attention(const radiance_field *n, const float *qkv, float *out) {
-    int head = n->s.head_width, all = n->attention_width;
-    float scale = 1.0f / sqrtf((float)head);
     for (int h = 0; h < n->s.heads; h++)
         for (int v = 0; v < PARTS; v++) {
-            const vf *at = (const vf *)qkv + (size_t)(h * head) * PARTS + v;
-            size_t token = (size_t)(3 * all) * PARTS, part = (size_t)all * PARTS;
-            for (int i = 0; i < 2; i++) {
-                vf dot[3] = {splat(0), splat(0), splat(0)};
-                for (int d = 0; d < head; d++)
-                    for (int j = 0; j < 3; j++)
-                        dot[j] +=
-                            at[i * token + (size_t)d * PARTS] * at[j * token + part + (size_t)d * PARTS];
-                vf top = max_lanes(max_lanes(dot[0], dot[1]), dot[2]), sum = splat(0);
-                for (int j = 0; j < 3; j++) sum += dot[j] = exp_tile((dot[j] - top) * scale);
-                for (int j = 0; j < 3; j++) dot[j] /= sum;
-                vf *y = (vf *)out + (size_t)(i * all + h * head) * PARTS + v;
-                for (int d = 0; d < head; d++) {
-                    const vf *value = at + 2 * part + (size_t)d * PARTS;
-                    y[d * PARTS] = dot[0] * value[0] + dot[1] * value[token] + dot[2] * value[2 * token];
-                }
-            }
+            const size_t first = (size_t)(h * n->s.head_width) * PARTS + (size_t)v;
+            attention_head(n, (const vf *)qkv + first, NULL, (vf *)out + first, PARTS);
         }
 }
 

@@ -10,6 +10,7 @@
 
 #include "base/simd.h"
 #include "model/sherf/fused/float_sample.h"
+#include "model/sherf/fused/float_token.h"
 #include "model/sherf/fused/train_float.h"
 
 enum { STRIP = LANES * VECTORS, STRIPS = POINT_TILE / STRIP, SQUARE = LANES < 8 ? 4 : 8 };
@@ -241,19 +242,11 @@ static size_t scratch_bytes(const radiance_trainer *t) {
 }
 
 /* ---- forwards, keeping what the way back needs ---- */
-/* x, then sin(2^k x), cos(2^k x) over the three components, of one strip; rows beyond `width` are dropped. */
+/* Of one strip. */
 static void encode(const float *const x[3], int frequencies, int width, vf *out) {
-    for (int v = 0; v < VECTORS; v++) {
-        for (int i = 0; i < 3 && i < width; i++) out[i * VECTORS + v] = ((const vf *)x[i])[v];
-        for (int k = 0; k < frequencies; k++)
-            for (int i = 0; i < 3; i++) {
-                const int sine = 3 + 6 * k + i, cosine = sine + 3;
-                vf s, c;
-                sincos_tile(((const vf *)x[i])[v] * (float)(1 << k), &s, &c);
-                if (sine < width) out[sine * VECTORS + v] = s;
-                if (cosine < width) out[cosine * VECTORS + v] = c;
-            }
-    }
+    for (int i = 0; i < 3; i++)
+        for (int v = 0; v < VECTORS; v++)
+            encode_component(((const vf *)x[i])[v], i, frequencies, width, out + v, VECTORS);
 }
 
 static void sample_strip(const radiance_field *n, const point_tile *t, int strip, const space *s) {
@@ -271,50 +264,17 @@ static void sample_strip(const radiance_field *n, const point_tile *t, int strip
            row_of(s->color, strip, 0));
 }
 
-typedef struct {
-    vf mean, scale;
-} moments;
-
-INLINE moments moments_of(const vf *x, int width) {
-    moments m = {splat(0), splat(0)};
-    vf variance = splat(0);
-    for (int i = 0; i < width; i++) m.mean += x[i * VECTORS];
-    m.mean /= (float)width;
-    for (int i = 0; i < width; i++) variance += (x[i * VECTORS] - m.mean) * (x[i * VECTORS] - m.mean);
-    variance = variance / (float)width + 1e-5f;
-    for (int i = 0; i < LANES; i++) m.scale[i] = 1.0f / sqrtf(variance[i]);
-    return m;
-}
-
 static void norm(channels from, int width, const float *weight, const float *bias, channels to) {
     for (int s = 0; s < STRIPS; s++)
-        for (int v = 0; v < VECTORS; v++) {
-            const vf *x = row_of(from, s, 0) + v;
-            vf *y = row_of(to, s, 0) + v;
-            const moments m = moments_of(x, width);
-            for (int i = 0; i < width; i++)
-                y[i * VECTORS] = (x[i * VECTORS] - m.mean) * m.scale * weight[i] + bias[i];
-        }
+        for (int v = 0; v < VECTORS; v++)
+            norm_vector(row_of(from, s, 0) + v, width, weight, bias, row_of(to, s, 0) + v, VECTORS);
 }
 
-/* Of one vector of points: qkv [3 tokens][q k v][heads][head_width] -> chances and the values mixed. */
+/* Of one vector of points; chance [head][2][3]. */
 static void attention(const radiance_field *n, const vf *qkv, vf *chance, vf *mixed) {
-    const int head = n->s.head_width, all = n->attention_width, token = 3 * all * VECTORS,
-              part = all * VECTORS;
-    const float scale = 1.0f / sqrtf((float)head);
-    for (int h = 0; h < n->s.heads; h++, qkv += head * VECTORS, mixed += head * VECTORS)
-        for (int i = 0; i < 2; i++, chance += 3 * VECTORS) {
-            vf dot[3] = {splat(0), splat(0), splat(0)}, sum = splat(0);
-            for (int d = 0; d < head * VECTORS; d += VECTORS)
-                for (int j = 0; j < 3; j++) dot[j] += qkv[i * token + d] * qkv[j * token + part + d];
-            const vf top = max_lanes(max_lanes(dot[0], dot[1]), dot[2]);
-            for (int j = 0; j < 3; j++) sum += dot[j] = exp_tile((dot[j] - top) * scale);
-            for (int j = 0; j < 3; j++) chance[j * VECTORS] = dot[j] /= sum;
-            for (int d = 0; d < head * VECTORS; d += VECTORS) {
-                const vf *value = qkv + 2 * part + d;
-                mixed[i * part + d] = dot[0] * value[0] + dot[1] * value[token] + dot[2] * value[2 * token];
-            }
-        }
+    const int head = n->s.head_width * VECTORS;
+    for (int h = 0; h < n->s.heads; h++)
+        attention_head(n, qkv + h * head, chance + h * 6 * VECTORS, mixed + h * head, VECTORS);
 }
 
 static void gelu(channels x, int width, channels y) {
@@ -403,7 +363,7 @@ static void norm_back(channels from, channels dy, int width, const float *weight
         for (int v = 0; v < VECTORS; v++) {
             const vf *x = row_of(from, s, 0) + v, *d = row_of(dy, s, 0) + v;
             vf *to = row_of(dx, s, 0) + v, share = splat(0), along = splat(0);
-            const moments m = moments_of(x, width);
+            const moments m = moments_of(x, width, VECTORS);
             for (int i = 0; i < width; i++) {
                 const vf unit = (x[i * VECTORS] - m.mean) * m.scale, du = d[i * VECTORS] * weight[i];
                 share += du;

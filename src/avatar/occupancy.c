@@ -1,6 +1,6 @@
 /* What an avatar is in cells of canonical space. The density at a point depends on its place there alone,
  * whatever the pose and the camera, and the colour hardly on the direction. So the network is queried once on
- * a lattice: frames leave out what lies among empty cells, or (coarse fields) ask the network only for what
+ * a lattice: frames leave out what lies among empty cells, or (coarse fields) query the network only for what
  * weighs. */
 #include <math.h>
 #include <string.h>

@@ -196,7 +196,8 @@ static sherf_status notes_add(runtime *t, page *p) {
     if (status != SHERF_OK) return status;
     return page_add_note(
         c, p,
-        "As scored: each sample near the body is asked of the network, and the avatar is encoded for every "
+        "As scored: the network is queried for each sample near the body, and the avatar is encoded for "
+        "every "
         "frame, as the release's test loop does. As sherf render does: of an avatar that was encoded before, "
         "without the samples that lie in empty space.");
 }

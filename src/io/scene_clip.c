@@ -309,13 +309,13 @@ static sherf_status convert(context *c, const struct aiScene *scene, bvh **out) 
 }
 
 sherf_status scene_clip_read(context *c, const char *path, bvh **out) {
-    struct aiPropertyStore *wishes = aiCreatePropertyStore();
+    struct aiPropertyStore *settings = aiCreatePropertyStore();
     *out = NULL;
-    if (!wishes) return failure(c, SHERF_NO_MEMORY, "out of memory");
-    aiSetImportPropertyInteger(wishes, AI_CONFIG_IMPORT_FBX_PRESERVE_PIVOTS, 0);
-    aiSetImportPropertyInteger(wishes, AI_CONFIG_IMPORT_FBX_READ_TEXTURES, 0);
-    const struct aiScene *scene = aiImportFileExWithProperties(path, 0, NULL, wishes);
-    aiReleasePropertyStore(wishes);
+    if (!settings) return failure(c, SHERF_NO_MEMORY, "out of memory");
+    aiSetImportPropertyInteger(settings, AI_CONFIG_IMPORT_FBX_PRESERVE_PIVOTS, 0);
+    aiSetImportPropertyInteger(settings, AI_CONFIG_IMPORT_FBX_READ_TEXTURES, 0);
+    const struct aiScene *scene = aiImportFileExWithProperties(path, 0, NULL, settings);
+    aiReleasePropertyStore(settings);
     if (!scene) return failure(c, SHERF_BAD_FILE, "cannot be read: %.200s", aiGetErrorString());
     sherf_status status = convert(c, scene, out);
     aiReleaseImport(scene);

@@ -50,8 +50,8 @@ typedef struct {
 } coarse_points;
 /* Where a sample weighs too little to be queried; where its neighbours' answers are to move it. */
 enum { COARSE_KEPT = -1, COARSE_MOVED = -2 };
-/* As points_create; free with coarse_points_free, whatever the answer. A ray asks for its heaviest samples,
- * so that the others weigh little, each and together; where pixels are close, for every other one of them, as
+/* As points_create; free with coarse_points_free, whatever the answer. A ray queries its heaviest samples, so
+ * that the others weigh little, each and together; where pixels are close, every other one of them, as
  * on a chequerboard over columns, rows and depths. */
 sherf_status coarse_points_create(context *c, const body_model *m, const posed_body *target,
                                   const ray_bundle *rays, int samples, const posed_body *observation,

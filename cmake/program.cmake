@@ -1,7 +1,9 @@
 # What is installed: libsherf.so and libsherf.a, of which only the sherf_ names can be seen, the program,
-# the header, the pkg-config file, man pages and completion.
+# the header, what pkg-config and find_package read, man pages, completion and assets.
 add_library(sherf_shared SHARED ${SHERF_OBJECTS})
 set_target_properties(sherf_shared PROPERTIES OUTPUT_NAME sherf VERSION ${PROJECT_VERSION} SOVERSION 0)
+set_property(TARGET sherf_shared PROPERTY EXPORT_NAME sherf)
+target_include_directories(sherf_shared INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
 target_link_libraries(sherf_shared PRIVATE sherf_needs)
 target_link_options(sherf_shared PRIVATE LINKER:--no-undefined
                     LINKER:--version-script=${CMAKE_SOURCE_DIR}/cmake/sherf.map)
@@ -76,10 +78,25 @@ if(NOT IS_ABSOLUTE "${CMAKE_INSTALL_LIBDIR}")
   file(RELATIVE_PATH SHERF_PC_PREFIX "/${CMAKE_INSTALL_LIBDIR}/pkgconfig" /)
   string(REGEX REPLACE "/$" "" SHERF_PC_PREFIX "\${pcfiledir}/${SHERF_PC_PREFIX}")
 endif()
+set(SHERF_LIBS_PRIVATE "-ldnnl -lembree3 -lm ${SHERF_OPENMP}${SHERF_CUDA_LIBS}")
 configure_file(cmake/sherf.pc.in ${CMAKE_BINARY_DIR}/sherf.pc @ONLY)
 
+# find_package(sherf), counted from where it lies as well.
+include(CMakePackageConfigHelpers)
+set(SHERF_CMAKE_FOLDER ${CMAKE_INSTALL_LIBDIR}/cmake/sherf)
+set(SHERF_ASSETS ${CMAKE_INSTALL_DATADIR}/sherf)
+set(SHERF_PROGRAM ${CMAKE_INSTALL_BINDIR}/sherf)
+string(REPLACE " " ";" SHERF_STATIC_LIBS "${SHERF_LIBS_PRIVATE}")
+configure_package_config_file(
+  cmake/sherfConfig.cmake.in ${CMAKE_BINARY_DIR}/sherfConfig.cmake INSTALL_DESTINATION ${SHERF_CMAKE_FOLDER}
+  PATH_VARS SHERF_ASSETS SHERF_PROGRAM CMAKE_INSTALL_LIBDIR CMAKE_INSTALL_INCLUDEDIR)
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/sherfConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+
 install(TARGETS sherf RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-install(TARGETS sherf_shared LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS sherf_shared EXPORT sherfTargets LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(EXPORT sherfTargets NAMESPACE sherf:: DESTINATION ${SHERF_CMAKE_FOLDER})
+install(FILES ${CMAKE_BINARY_DIR}/sherfConfig.cmake ${CMAKE_BINARY_DIR}/sherfConfigVersion.cmake
+        DESTINATION ${SHERF_CMAKE_FOLDER})
 install(FILES ${SHERF_ARCHIVE} DESTINATION ${CMAKE_INSTALL_LIBDIR} RENAME libsherf.a)
 install(FILES include/sherf/sherf.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/sherf)
 install(FILES ${CMAKE_BINARY_DIR}/sherf.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)

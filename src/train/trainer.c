@@ -144,12 +144,43 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     return status;
 }
 
+/* Whether all of a model's tensors are another's, by name and shape; then with their values. */
+static bool take_values(const model *from, const model *to) {
+    if (from->config.kind != to->config.kind || from->weights->count != to->weights->count) return false;
+    for (int i = 0; i < to->weights->count; i++) {
+        parameter *p = to->weights->item[i];
+        const parameter *q = parameter_find(from->weights, p->name);
+        if (!q || q->value.rank != p->value.rank ||
+            memcmp(q->value.dim, p->value.dim, (size_t)p->value.rank * sizeof *q->value.dim))
+            return false;
+        memcpy(p->value.data, q->value.data, (size_t)tensor_count(&q->value) * sizeof(float));
+    }
+    return true;
+}
+
+/* Settings that have no weights may be others than those the weights were trained with. */
+static sherf_status change_settings(trainer *t, const char *preset) {
+    model_config wanted;
+    model *other = NULL;
+    sherf_status status = model_config_parse(t->c, preset, &wanted);
+    if (status == SHERF_OK) status = model_create(t->c, &wanted, t->state.seed, &other);
+    if (status == SHERF_OK && !take_values(t->model, other))
+        status = same_preset(t->c, t->options->start, preset, &t->model->config);
+    if (status == SHERF_OK) {
+        model_free(t->model);
+        t->model = other;
+        return SHERF_OK;
+    }
+    model_free(other);
+    return status;
+}
+
 /* The settings of the weights that a training begins with, which are new or those of another training. */
 static sherf_status config_new(trainer *t, model_config *config) {
     const sherf_train_options *o = t->options;
     if (!o->start) return model_config_parse(t->c, o->preset ? o->preset : "paper", config);
     sherf_status status = model_load(t->c, o->start, &t->model);
-    if (status == SHERF_OK && o->preset) status = same_preset(t->c, o->start, o->preset, &t->model->config);
+    if (status == SHERF_OK && o->preset) status = change_settings(t, o->preset);
     if (status == SHERF_OK) *config = t->model->config;
     return status;
 }

@@ -12,6 +12,7 @@
 #include "io/image.h"
 #include "io/safetensors.h"
 #include "io/value.h"
+#include "model/model.h"
 #include "tube_training.h"
 
 static char program[4096]; /* this one, started again under mpirun */
@@ -115,6 +116,14 @@ static void a_training_starts_from_weights(void **state) {
     assert_true(logged(c, run, 1, "loss") < 0.7 * logged(c, path_of("learn"), 1, "loss"));
     /* running statistics move */
     assert_true(difference(c, weights, path_of("tuned/model.safetensors")) < 0.5);
+    o.output = path_of("seeing"); /* other settings without weights of their own */
+    o.preset = TINY ",samples=16,occlusion=2";
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(difference(c, weights, path_of("seeing/model.safetensors")) < 0.5);
+    sherf_model *m;
+    assert_ok(c, sherf_model_load(c, path_of("seeing/model.safetensors"), &m));
+    assert_int_equal(m->config.occlusion, 2);
+    sherf_model_free(m);
     o.output = path_of("other");
     o.preset = "small";
     assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "not sherf:small");

@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo train-demo assets blender install check style format clean
+.PHONY: all program test demo train-demo assets blender install dist check style format clean
 
 all: program
 
@@ -41,6 +41,10 @@ blender:
 install: program
 	ninja -C $(BUILD) -j $(JOBS)
 	cmake --install $(BUILD)
+
+# The last commit as an archive, the same bytes every time.
+dist:
+	tools/dist.sh $(BUILD)/dist
 
 check: style
 	.ci/run

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "session.h"
+#include "shared.h"
 #include "sink.h"
 #include "verbs.h"
 
@@ -23,10 +24,8 @@ static const option options[] = {
      .needed = true},
     {'o', "output", OPTION_FILE, &set.output, "OUT",
      "OUT.mp4, .webm, .mov or .gif for a video, otherwise a folder of pictures"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "the body model the avatar was made with (one beside it, or else the open body)"},
-    {0, "model", OPTION_FILE, &set.model, "FILE",
-     "weights, where INPUT is an observation (the model that ships)"},
+    SHARED_BODY_OF_AVATAR(&set.body),
+    SHARED_WEIGHTS_OF_OBSERVATION(0, &set.model),
     {0, "npz", OPTION_FILE, &set.npz, "FILE",
      "write the motion, as it is played, in AMASS's form for Blender's SMPL add-on"},
     {0, "bvh", OPTION_FILE, &set.bvh, "FILE", "write the motion, as it is played, as BVH with SMPL's joints"},
@@ -70,16 +69,10 @@ static const option options[] = {
     {'s', "size", OPTION_TEXT, &set.size, "N|WxH", "size of the frames (512)"},
     {0, "background", OPTION_TEXT, &set.background, "COLOUR",
      "black, white, r,g,b in 0 to 1, or transparent (.webm, .mov, .gif, pictures)"},
-    {0, "samples", OPTION_INTEGER, &set.samples, "N",
-     "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024},
-    {0, "whole", OPTION_FLAG, &set.whole, NULL,
-     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
-    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
-     "the network's colours and haze as they are; otherwise what the picture shows is given back "
-     "where frames show it, and haze is cleared"},
-    {0, "exact", OPTION_FLAG, &set.exact, NULL,
-     "every point near the body is asked for; otherwise those that weigh, in bf16 those in front of "
-     "99.9 % opacity and not in empty space"},
+    SHARED_SAMPLES(&set.samples),
+    SHARED_WHOLE(&set.whole),
+    SHARED_NO_DETAIL(&set.no_detail),
+    SHARED_EXACT(&set.exact),
     {0},
 };
 

@@ -2,6 +2,7 @@
 #include <sys/stat.h>
 
 #include "photo.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -10,9 +11,8 @@ static struct {
 } set;
 
 static const option options[] = {
-    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights (the model that ships)"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
+    SHARED_WEIGHTS(&set.model),
+    SHARED_BODY_OF_DATA(&set.body),
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "encode the picture as it is, not cut out round the person and scaled to what the model knows"},

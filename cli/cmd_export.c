@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "session.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -14,10 +15,8 @@ static struct {
 } set;
 
 static const option options[] = {
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "the body model the avatar was made with (one beside it, or else the open body)"},
-    {'m', "model", OPTION_FILE, &set.model, "FILE",
-     "weights, where INPUT is an observation (the model that ships)"},
+    SHARED_BODY_OF_AVATAR(&set.body),
+    SHARED_WEIGHTS_OF_OBSERVATION('m', &set.model),
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the file: .glb, .obj or .ply", .needed = true},
     {'f', "format", OPTION_CHOICE, &set.format, "auto|glb|obj|ply|splats",
      "auto goes by the name; ply is a mesh, splats a .ply of 3D Gaussians"},
@@ -48,8 +47,7 @@ static const option options[] = {
      1e6},
     {0, "islands", OPTION_REAL, &set.islands, "SHARE",
      "leave out pieces with less than this share of the largest one's area (0.02)", 0, 1},
-    {0, "whole", OPTION_FLAG, &set.whole, NULL,
-     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
+    SHARED_WHOLE(&set.whole),
     {0},
 };
 

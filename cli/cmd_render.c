@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "session.h"
+#include "shared.h"
 #include "shots.h"
 #include "sink.h"
 #include "verbs.h"
@@ -20,10 +21,8 @@ static struct {
 } set = {.shots = {.fov_deg = 30}, .strip_frames = 8, .fps = 25, .background = "black"};
 
 static const option options[] = {
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "the body model the avatar was made with (one beside it, or else the open body)"},
-    {'m', "model", OPTION_FILE, &set.model, "FILE",
-     "weights, where INPUT is an observation (the model that ships)"},
+    SHARED_BODY_OF_AVATAR(&set.body),
+    SHARED_WEIGHTS_OF_OBSERVATION('m', &set.model),
     {'o', "output", OPTION_FILE, &set.output, "OUT",
      "OUT.mp4, .webm, .mov or .gif for a video, OUT.png, .jpg or .webp for one picture, - for a PNG on "
      "standard "
@@ -63,16 +62,10 @@ static const option options[] = {
     {0, "strip-frames", OPTION_INTEGER, &set.strip_frames, "N", "at most N of them, evenly spread (8)", 1,
      1000},
     {0, "fps", OPTION_REAL, &set.fps, "X", "frames a second of a video (25)", 0.1, 1000},
-    {0, "samples", OPTION_INTEGER, &set.samples, "N",
-     "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024},
-    {0, "whole", OPTION_FLAG, &set.whole, NULL,
-     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
-    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
-     "the network's colours and haze as they are; otherwise what the picture shows is given back "
-     "where frames show it, and haze is cleared"},
-    {0, "exact", OPTION_FLAG, &set.exact, NULL,
-     "every point near the body is asked for; otherwise those that weigh, in bf16 those in front of "
-     "99.9 % opacity and not in empty space"},
+    SHARED_SAMPLES(&set.samples),
+    SHARED_WHOLE(&set.whole),
+    SHARED_NO_DETAIL(&set.no_detail),
+    SHARED_EXACT(&set.exact),
     {0},
 };
 

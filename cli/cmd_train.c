@@ -1,6 +1,7 @@
 /* sherf train: hands its options to the library's training; with --json it names the model's file. */
 #include "photo.h"
 #include "session.h"
+#include "shared.h"
 #include "verbs.h"
 
 static struct {
@@ -12,13 +13,10 @@ static struct {
 } set;
 
 static const option options[] = {
-    {'d', "data", OPTION_FILE, &set.data, "SPEC",
-     "data set: thuman:, renderpeople:, zju: or humman: and its folder; without a kind it is recognised",
-     .needed = true},
+    SHARED_DATA(&set.data),
     {'P', "people", OPTION_TEXT, &set.people, "LIST",
      "names, or a range 0-89 of the data set's list (the paper's training people)"},
-    {'b', "body", OPTION_FILE, &set.body, "FILE",
-     "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"},
+    SHARED_BODY_OF_DATA(&set.body),
     {'o', "output", OPTION_FILE, &set.output, "FOLDER",
      "model, checkpoint, log.jsonl, loss.png, samples; a checkpoint that is there is continued",
      .needed = true},
@@ -26,10 +24,8 @@ static const option options[] = {
      "paper, base or small, with settings: small,plane_resolution=64; of another model: "
      "pixelnerf:own-small (paper)"},
     {0, "resnet", OPTION_FILE, &set.resnet, "FILE", "start the encoders from a converted ResNet-18 (34)"},
-    {0, "lpips", OPTION_FILE, &set.lpips, "FILE", "converted VGG16 with LPIPS heads, for the fourth loss"},
-    {0, "perceptual", OPTION_FILE, &set.perceptual, "FILE",
-     "converted ResNet-50 for the fourth loss where no --lpips is given; 'none' for three losses "
-     "(assets/resnet50.safetensors, if it is there)"},
+    SHARED_LPIPS(&set.lpips, ", for the fourth loss"),
+    SHARED_PERCEPTUAL(&set.perceptual, "the fourth loss where no --lpips is given", "three losses"),
     {0, "perceptual-weight", OPTION_REAL, &set.perceptual_weight, "X", "of that distance (0.3)", 0, 1e6},
     {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
     {0, "start", OPTION_FILE, &set.start, "FILE",
@@ -39,8 +35,7 @@ static const option options[] = {
     {0, "background", OPTION_TEXT, &set.background, "KIND",
      "black, the paper's, or random: greys drawn for every picture, so that dark people become opaque too"},
     {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
-    {'s', "size", OPTION_INTEGER, &set.size, "N", "pictures are scaled to N wide (the data set's protocol)",
-     0, 8192},
+    SHARED_WIDTH(&set.size, 8192),
     {0, "epochs", OPTION_REAL, &set.epochs, "X", "stop after X epochs (5)", 0, 1e6},
     {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 0, 1e12},
     {0, "seconds", OPTION_REAL, &set.seconds, "X", "stop after X seconds", 0, 1e9},
@@ -69,7 +64,7 @@ static int run(session *s, int count, char **argument) {
                              .preset = set.preset,
                              .resnet = set.resnet,
                              .lpips = set.lpips,
-                             .perceptual = session_asset(set.perceptual, "resnet50.safetensors"),
+                             .perceptual = session_perceptual(set.perceptual),
                              .perceptual_weight = set.perceptual_weight,
                              .resume = set.resume,
                              .start = set.start,

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "session.h"
+#include "shared.h"
 #include "verbs.h"
 
 enum { AVATARS_MAX = 64, MOTIONS_MAX = 256 };
@@ -24,11 +25,8 @@ static const option options[] = {
      "weights; all INPUTs are observations then (the model that ships)"},
     {'M', "motion", OPTION_FILES, &set.motions, "FILE",
      "a motion or poses to play, as sherf animate and --poses of sherf render take them; may be given again"},
-    {0, "whole", OPTION_FLAG, &set.whole, NULL,
-     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"},
-    {0, "no-detail", OPTION_FLAG, &set.no_detail, NULL,
-     "the network's colours and haze as they are; otherwise what the picture shows is given back "
-     "where it is seen, and haze is cleared"},
+    SHARED_WHOLE(&set.whole),
+    SHARED_NO_DETAIL(&set.no_detail),
     {0, "listen", OPTION_TEXT, &set.listen, "ADDR",
      "address to listen at (127.0.0.1, which only this machine reaches; 0.0.0.0: everybody who does)"},
     {0, "port", OPTION_INTEGER, &set.port, "N", "port to listen at (0: any that is free)", 0, 65535},

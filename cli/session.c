@@ -207,6 +207,17 @@ void session_json(cJSON *json) {
     cJSON_Delete(json);
 }
 
+void session_text(const char *what, const char *path, const char *text) {
+    if (!common.json) {
+        fputs(text, stdout);
+        return;
+    }
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddStringToObject(json, what, path);
+    cJSON_AddStringToObject(json, "text", text);
+    session_json(json);
+}
+
 /* The folder of the running program, "" where it cannot be told. */
 static const char *program_folder(void) {
     static char folder[4000];
@@ -248,6 +259,10 @@ const char *session_asset(const char *given, const char *name) {
             return path;
     }
     return NULL;
+}
+
+const char *session_perceptual(const char *given) {
+    return session_asset(given, "resnet50.safetensors");
 }
 
 const char *session_people_source(void) {

@@ -30,11 +30,15 @@ const char *session_precision(const session *s); /* what is used: "fp32" or "bf1
 const char *session_device(const session *s);    /* "cpu" or "cuda" */
 /* Prints and deletes `json`. */
 void session_json(cJSON *json);
+/* Prints a text, with --json as "text" beside `what` was made and where. */
+void session_text(const char *what, const char *path, const char *text);
 
 /* The file an option names: `given`, NULL for "none"; where nothing was given, the asset `name` from the
  * folder $SHERF_ASSETS, ./assets, beside the program (../assets where it was built, ../share/sherf where it
  * was moved), or that of the installation, NULL when it is in none of them. */
 const char *session_asset(const char *given, const char *name);
+/* The resnet50 distance's network, of --perceptual. */
+const char *session_perceptual(const char *given);
 /* The folders that it looks into, for messages. */
 const char *session_asset_places(void);
 

@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo train-demo assets blender install dist check style format clean
+.PHONY: all program test demo train-demo assets blender install dist wheel check style format clean
 
 all: program
 
@@ -45,6 +45,12 @@ install: program
 # The last commit as an archive, the same bytes every time.
 dist:
 	tools/dist.sh $(BUILD)/dist
+
+# The Python package, with the library and what ships inside.
+wheel: program
+	tools/install.sh wheel
+	ninja -C $(BUILD) -j $(JOBS) sherf_shared
+	tools/wheel.sh $(BUILD)
 
 check: style
 	.ci/run

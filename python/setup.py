@@ -1,0 +1,21 @@
+"""The wheel's version is the library's, and its tag says that it holds a library of this machine, for any Python 3."""
+
+import re
+from pathlib import Path
+
+from setuptools import setup
+from wheel.bdist_wheel import bdist_wheel
+
+source = (Path(__file__).parent / "sherf/_library.py").read_text(encoding="utf-8")
+
+
+class WithLibrary(bdist_wheel):
+    def finalize_options(self):
+        super().finalize_options()
+        self.root_is_pure = False
+
+    def get_tag(self):
+        return ("py3", "none", super().get_tag()[2])
+
+
+setup(version=re.search(r'^VERSION = "(.*?)"', source, re.M).group(1), cmdclass={"bdist_wheel": WithLibrary})

@@ -1,0 +1,115 @@
+"""NumPy arrays to what the library reads, and back. Whatever is wrong with an array is said before the library sees it."""
+
+from __future__ import annotations
+
+import operator
+from ctypes import POINTER, c_float
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._library import ImageStruct
+
+FloatArray = npt.NDArray[np.float32]
+UInt8Array = npt.NDArray[np.uint8]
+_FLOATS = POINTER(c_float)
+_LARGEST = 65535  # pixels on a side
+
+
+def _shape_text(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) if shape else "a single number"
+
+
+def numbers(value: Any, what: str) -> npt.NDArray[Any]:
+    """Any array of real numbers."""
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{what}: no array can be made of it ({error})") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{what}: numbers are wanted, not {array.dtype}")
+    return array
+
+
+def floats(value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
+    """A new float32 array of that shape (or flat), all of it finite."""
+    array = numbers(value, what)
+    if array.shape != shape and array.shape != (int(np.prod(shape)),):
+        raise ValueError(f"{what}: {_shape_text(shape)} numbers are wanted, not {_shape_text(array.shape)}")
+    with np.errstate(over="ignore"):
+        out = np.array(array, np.float32, order="C").reshape(shape)
+    if not np.isfinite(out).all():
+        raise ValueError(f"{what}: there are numbers in it that are not finite")
+    return out
+
+
+def picture(value: Any, channels: int, what: str) -> FloatArray:
+    """A picture, height x width (x channels), as float32 in [0, 1]: uint8 is divided by 255, bool is 0 or 1."""
+    array = numbers(value, what)
+    if channels == 1 and array.ndim == 2:
+        array = array[:, :, None]
+    if array.ndim != 3 or array.shape[2] != channels:
+        wanted = "height x width" + (f" x {channels}" if channels > 1 else "")
+        raise ValueError(f"{what}: {wanted} is wanted, not {_shape_text(array.shape)}")
+    if not 1 <= min(array.shape[:2]) <= max(array.shape[:2]) <= _LARGEST:
+        raise ValueError(f"{what}: {_shape_text(array.shape[:2])} pixels are none or too many")
+    if array.dtype == np.uint8:
+        return np.ascontiguousarray(array, np.float32) / np.float32(255)
+    if array.dtype.kind in "iu":
+        raise TypeError(f"{what}: uint8 (0 to 255), bool or floats (0 to 1) are wanted, not {array.dtype}")
+    with np.errstate(over="ignore"):
+        out = np.array(array, np.float32, order="C")
+    if not np.isfinite(out).all():
+        raise ValueError(f"{what}: there are numbers in it that are not finite")
+    if out.min() < 0 or out.max() > 1:
+        raise ValueError(f"{what}: floats are 0 to 1, and these are {out.min():g} to {out.max():g}")
+    return out
+
+
+def image_of(array: FloatArray) -> ImageStruct:
+    """The struct for an array of `picture`, which must outlive it."""
+    height, width, channels = array.shape
+    return ImageStruct(width, height, channels, array.ctypes.data_as(_FLOATS))
+
+
+def array_of(image: ImageStruct) -> FloatArray:
+    """A copy of a picture of the library; one channel gives height x width."""
+    shape = (image.height, image.width, image.channels)
+    out = np.ctypeslib.as_array(image.data, shape).astype(np.float32, copy=True)
+    return out[:, :, 0] if image.channels == 1 else out
+
+
+def to_uint8(array: FloatArray) -> UInt8Array:
+    """[0, 1] to 0 to 255."""
+    return (np.clip(array, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def whole(value: Any, low: int, high: int, what: str) -> int:
+    """An int in a range."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{what}: a whole number is wanted, not {value!r}") from None
+    if not low <= number <= high:
+        raise ValueError(f"{what}: {number} is not {low} to {high}")
+    return number
+
+
+def real(value: Any, what: str) -> float:
+    """A finite float."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{what}: a number is wanted, not {value!r}") from None
+    if not np.isfinite(number):
+        raise ValueError(f"{what}: {number} is not finite")
+    return number
+
+
+def size_of(value: Any, what: str = "size") -> tuple[int, int]:
+    """(width, height) of one number or two."""
+    pair = value if isinstance(value, (tuple, list)) else (value, value)
+    if len(pair) != 2:
+        raise ValueError(f"{what}: one number or (width, height) is wanted, not {value!r}")
+    return whole(pair[0], 1, _LARGEST, what), whole(pair[1], 1, _LARGEST, what)

@@ -1,0 +1,110 @@
+"""Objects of the library: each is freed once, and never while a call uses it."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, TypeVar
+
+from .errors import Closed
+
+
+class Handle:
+    """A pointer that the library owns, how many calls use it now, and the function that frees it."""
+
+    def __init__(self, pointer: int, free: Callable[[int], None], name: str) -> None:
+        self._pointer, self._free, self._name = pointer, free, name
+        self._lock = threading.Lock()
+        self._users = 0
+        self.closed = False
+
+    @contextmanager
+    def use(self) -> Iterator[int]:
+        with self._lock:
+            if self.closed:
+                raise Closed(f"this {self._name} is closed")
+            self._users += 1
+        try:
+            yield self._pointer
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        with self._lock:
+            self._users -= 1
+            last = self.closed and self._users == 0
+        if last:
+            self._free(self._pointer)
+
+    def close(self) -> None:
+        """Frees the object now, or when the last call that uses it has come back."""
+        with self._lock:
+            if self.closed:
+                return
+            self.closed = True
+            idle = self._users == 0
+        if idle:
+            self._free(self._pointer)
+
+
+_Self = TypeVar("_Self", bound="Object")
+
+
+class Object:
+    """Base of everything that holds memory of the library.
+
+    It is freed by ``close()``, at the end of a ``with`` block, or when nothing refers to it any more. After that every
+    use raises :class:`sherf.Closed`.
+    """
+
+    _handle: Handle
+
+    def __init__(self, *_: Any, **__: Any) -> None:
+        name = type(self).__name__
+        raise TypeError(f"{name}() makes nothing; see the class methods of {name}")
+
+    @classmethod
+    def _of(cls: type[_Self], pointer: int, free: Callable[[int], None]) -> _Self:
+        self = object.__new__(cls)
+        self._hold(pointer, free)
+        return self
+
+    def _hold(self, pointer: int, free: Callable[[int], None]) -> None:
+        self._handle = Handle(pointer, free, type(self).__name__)
+        weakref.finalize(self, self._handle.close)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the object was closed."""
+        return self._handle.closed
+
+    def close(self) -> None:
+        """Frees the memory. A second time does nothing."""
+        self._handle.close()
+
+    def __enter__(self: _Self) -> _Self:
+        with self._handle.use():
+            return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<sherf.{type(self).__name__}{', closed' if self.closed else ''}>"
+
+    def __reduce__(self) -> Any:
+        raise TypeError(f"sherf.{type(self).__name__} cannot be pickled or copied; save it to a file")
+
+
+@contextmanager
+def using(*objects: tuple[Object | None, type]) -> Iterator[list[int | None]]:
+    """The pointers of objects, each given with the class it must have; they stay alive inside the block."""
+    with ExitStack() as stack:
+        pointers: list[int | None] = []
+        for thing, kind in objects:
+            if thing is not None and not isinstance(thing, kind):
+                raise TypeError(f"a sherf.{kind.__name__} is wanted, not {type(thing).__name__}")
+            pointers.append(None if thing is None else stack.enter_context(thing._handle.use()))
+        yield pointers

@@ -1,0 +1,317 @@
+"""Avatars, their frames and files, and the motions that move them."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from ctypes import POINTER, byref, c_float, pointer
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ._arrays import FloatArray, UInt8Array, array_of, floats, real, size_of, to_uint8, whole
+from ._context import Context, choice, context_or_default, make, path_bytes
+from ._handle import Object, using
+from ._library import (CAMERA_PATHS, LIBRARY, ROOTS, ROTATIONS, UPS, AnimateOptions, AnimateResult, CameraStruct,
+                       ExportedStruct, ExportOptions, FrameStruct, MotionOptions, OrbitOptions, PoseStruct,
+                       RenderOptions)
+from .people import Body, Estimator, Model, Observation, fields_of, struct_of, text_bytes
+from .scene import Camera, Pose, write_image
+
+Color = Sequence[float]
+
+
+class Motion(Object):
+    """A motion file on the 24 joints: ``len(motion)`` frames, ``motion[i]`` the pose of one; it can be iterated."""
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, up: str = "auto", rotations: str = "auto", scale: float = 0,
+             source_fps: float = 0, fps: float = 0, fps_max: float = 0, track: str | None = None, first: int = 0,
+             last: int = 0, root: str = "kept", smooth_s: float = 0, loop: bool = False, start: Pose | None = None,
+             blend_s: float = 0, body: Body | None = None, shapes: Any = None, their_shape: bool = False,
+             joints: str | os.PathLike[str] | None = None, context: Context | None = None) -> Motion:
+        """A file or folder, recognised by its content (docs/motion.md): AMASS, AIST++, GVHMR, WHAM, BVH, FBX, ...
+
+        up: of the file, "auto", "y", "z" or "-y". rotations: "auto", "axis-angle", "matrix", "wxyz" or "xyzw". scale:
+        metres in the file's unit; 0: found. fps: wanted; 0: the source's. first, last: frames of the file, both
+        included; last 0: to the end. root: "kept", "dropped" or "grounded". start: where and facing which way it
+        begins (an avatar's pose). blend_s: seconds in which start turns into the first frame. body, shapes (10): who
+        moves. joints: JSON of a BVH's joints.
+        """
+        beginning = None if start is None else struct_of(start, Pose)
+        shape = None if shapes is None else floats(shapes, (10,), "shapes")
+        o = MotionOptions(choice(up, UPS, "up"), choice(rotations, ROTATIONS, "rotations"), real(scale, "scale"),
+                          real(source_fps, "source_fps"), real(fps, "fps"), real(fps_max, "fps_max"),
+                          text_bytes(track, "track"), whole(first, 0, 2**31 - 1, "first"),
+                          whole(last, 0, 2**31 - 1, "last"), choice(root, ROOTS, "root"), real(smooth_s, "smooth_s"),
+                          bool(loop))
+        o.blend_s, o.their_shape = real(blend_s, "blend_s"), bool(their_shape)
+        o.joints = None if joints is None else path_bytes(joints, "joints")
+        if beginning is not None:
+            o.start = pointer(beginning)
+        if shape is not None:
+            o.shapes = shape.ctypes.data_as(POINTER(c_float))
+        with using((body, Body)) as (o.body,):
+            return cls._of(make(context, "sherf_motion_load", path_bytes(path), byref(o)), LIBRARY.sherf_motion_free)
+
+    def __len__(self) -> int:
+        with self._handle.use() as motion:
+            return int(LIBRARY.sherf_motion_frame_count(motion))
+
+    def __getitem__(self, frame: int) -> Pose:
+        count = len(self)
+        frame = whole(frame, -(2**31), 2**31 - 1, "frame")
+        if not -count <= frame < count:
+            raise IndexError(f"frame {frame} of a motion of {count}")
+        out = PoseStruct()
+        with self._handle.use() as motion:
+            LIBRARY.sherf_motion_pose(motion, frame % count, byref(out))
+        return Pose.of_struct(out)
+
+    def at(self, seconds: float) -> Pose:
+        """The pose at any time, between frames; beyond the end a loop begins again, others stop."""
+        out = PoseStruct()
+        with self._handle.use() as motion:
+            LIBRARY.sherf_motion_pose_at(motion, real(seconds, "seconds"), byref(out))
+        return Pose.of_struct(out)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        with self._handle.use() as motion:
+            return float(LIBRARY.sherf_motion_fps(motion))
+
+    @property
+    def description(self) -> str:
+        """One line on what was recognised."""
+        with self._handle.use() as motion:
+            return str(LIBRARY.sherf_motion_description(motion).decode("utf-8", "replace"))
+
+    def save(self, path: str | os.PathLike[str], *, context: Context | None = None) -> None:
+        """Writes .npz (AMASS's form) or .bvh."""
+        with using((self, Motion)) as (motion,):
+            context_or_default(context).run("sherf_motion_save", motion, path_bytes(path))
+
+
+class Frame:
+    """A rendered picture. In a notebook it shows itself.
+
+    color: height x width x 3, float32 in [0, 1], over the background. opacity: height x width, in [0, 1]. depth: height x
+    width, metres along the camera's axis. points: samples that met the network.
+    """
+
+    def __init__(self, color: FloatArray, opacity: FloatArray, depth: FloatArray, points: int, black: bool) -> None:
+        self.color, self.opacity, self.depth, self.points, self._black = color, opacity, depth, points, black
+
+    def rgba(self) -> FloatArray:
+        """Height x width x 4, float32 in [0, 1], alpha not premultiplied. Only of a frame over black."""
+        if not self._black:
+            raise ValueError("alpha is of frames over black: render with background=(0, 0, 0)")
+        opacity = np.clip(self.opacity, 0, 1)[..., None]
+        color = np.where(opacity > 1e-4, np.minimum(self.color / np.maximum(opacity, 1e-4), 1), 0)
+        return np.concatenate([color, opacity], 2).astype(np.float32)
+
+    def uint8(self, alpha: bool = False) -> UInt8Array:
+        """Height x width x 3, or 4 with alpha, 0 to 255, as other packages take pictures."""
+        return to_uint8(self.rgba() if alpha else self.color)
+
+    def save(self, path: str | os.PathLike[str], alpha: bool = False, *, context: Context | None = None) -> None:
+        """Writes .png, .jpg or .webp."""
+        write_image(path, self.uint8(alpha), context=context)
+
+    def _repr_png_(self) -> bytes:
+        with tempfile.TemporaryDirectory() as folder:
+            self.save(Path(folder) / "frame.png")
+            return (Path(folder) / "frame.png").read_bytes()
+
+
+class ExportFacts(NamedTuple):
+    """What was exported."""
+
+    vertices: int
+    triangles: int
+    splats: int
+    level: float  # density of the surface, per metre
+    islands: int  # components that were left out
+    charts: int  # pieces of the texture
+    seconds: tuple[float, float, float, float]  # density and surface; reduction; skin and charts; colours
+
+
+class AnimateFacts(NamedTuple):
+    """What was animated."""
+
+    frames: int  # written
+    frame_ms: float
+    points: float
+
+
+def _render_options(background: Color, samples: int, exact: bool, detail: bool) -> RenderOptions:
+    out = RenderOptions(samples=whole(samples, -2, 1024, "samples"), exact=bool(exact), detail=1 if detail else -1)
+    color = floats(background, (3,), "background")
+    if color.min() < 0 or color.max() > 1:
+        raise ValueError("background: red, green and blue are 0 to 1")
+    out.background[:] = color.tolist()
+    return out
+
+
+class Avatar(Object):
+    """A person of one picture, to be rendered from any camera in any pose."""
+
+    body: Body  # that it was made with
+    _context: Context | None
+
+    @classmethod
+    def _made(cls, address: int, body: Body, context: Context | None) -> Avatar:
+        self = cls._of(address, LIBRARY.sherf_avatar_free)
+        self.body, self._context = body, context
+        return self
+
+    @classmethod
+    def from_photo(cls, photo: str | os.PathLike[str] | FloatArray | UInt8Array, *, body: Body | None = None,
+                   model: Model | None = None, estimator: Estimator | None = None, person: int = 0, focal_px: float = 0,
+                   mask: Any = None, context: Context | None = None) -> Avatar:
+        """Of a photo, as `Estimator.estimate` takes it; body, model and networks are those that ship."""
+        body = Body.load(context=context) if body is None else body
+        estimator = Estimator.load(context=context) if estimator is None else estimator
+        with estimator.estimate(photo, body, person=person, focal_px=focal_px, mask=mask, context=context) as found:
+            with found.observation(context=context) as observation:
+                return cls.from_observation(observation, body=body, model=model, context=context)
+
+    @classmethod
+    def from_observation(cls, observation: Observation, *, body: Body | None = None, model: Model | None = None,
+                         crop: bool = True, context: Context | None = None) -> Avatar:
+        """Of an observation. crop: cut it out round the person and scale it to what the model knows first."""
+        body = Body.load(context=context) if body is None else body
+        model = Model.load(context=context) if model is None else model
+        with using((model, Model), (body, Body), (observation, Observation)) as pointers:
+            if not crop:
+                return cls._made(make(context, "sherf_avatar_create", *pointers), body, context)
+        with observation.crop(model, body, context=context) as cut:
+            return cls.from_observation(cut, body=body, model=model, crop=False, context=context)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], body: Body | None = None, *, context: Context | None = None) -> Avatar:
+        """A file that `save` or `sherf avatar` wrote. body: the one it was made with; None: the open body."""
+        body = Body.load(context=context) if body is None else body
+        with using((body, Body)) as (address,):
+            return cls._made(make(context, "sherf_avatar_load", path_bytes(path), address), body, context)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the avatar as .safetensors."""
+        with using((self, Avatar)) as (avatar,):
+            context_or_default(self._context).run("sherf_avatar_save", avatar, path_bytes(path))
+
+    @property
+    def pose(self) -> Pose:
+        """The observation's pose and shape."""
+        with self._handle.use() as avatar:
+            return Pose.of_struct(LIBRARY.sherf_avatar_pose(avatar).contents)
+
+    @property
+    def camera(self) -> Camera:
+        """The observation's camera."""
+        with self._handle.use() as avatar:
+            return Camera.of_struct(LIBRARY.sherf_avatar_camera(avatar).contents)
+
+    def orbit(self, count: int = 1, pose: Pose | None = None, *, size: int | tuple[int, int] = 512,
+              azimuth_rad: float = 0, elevation_rad: float = 0, distance_m: float = 0, fov_rad: float = 0) -> list[Camera]:
+        """`count` cameras on a circle round the body; azimuth 0 of the first looks at its front.
+
+        distance_m 0: what shows all of the body. fov_rad: vertical; 0: 30 degrees. size: pixels, one number or (width,
+        height).
+        """
+        out = (CameraStruct * whole(count, 1, 100000, "count"))()
+        o = OrbitOptions(real(azimuth_rad, "azimuth_rad"), real(elevation_rad, "elevation_rad"),
+                         real(distance_m, "distance_m"), real(fov_rad, "fov_rad"), *size_of(size))
+        shown = struct_of(self.pose if pose is None else pose, Pose)
+        with using((self.body, Body)) as (body,):
+            context_or_default(self._context).run("sherf_cameras_orbit", body, byref(shown), 1, byref(o), count, out)
+        return [Camera.of_struct(camera) for camera in out]
+
+    def render(self, pose: Pose | None = None, camera: Camera | None = None, *, size: int | tuple[int, int] = 512,
+               azimuth_rad: float = 0, elevation_rad: float = 0, background: Color = (0, 0, 0), samples: int = 0,
+               exact: bool = False, detail: bool = True) -> Frame:
+        """A frame. pose: None is the observation's. camera: None shows the body whole, from azimuth and elevation.
+
+        background: red, green, blue in [0, 1]. samples: depths a ray; 0: the model's, and more where it helps. exact:
+        leave nothing out that hardly weighs. detail: give back what the picture shows and the network blurs.
+        """
+        shown = struct_of(self.pose if pose is None else pose, Pose)
+        if camera is None:
+            camera = self.orbit(1, pose, size=size, azimuth_rad=azimuth_rad, elevation_rad=elevation_rad)[0]
+        seen, options = struct_of(camera, Camera), _render_options(background, samples, exact, detail)
+        frame = FrameStruct()
+        try:
+            with using((self, Avatar), (self.body, Body)) as pointers:
+                context_or_default(self._context).run("sherf_render", *pointers, byref(shown), byref(seen),
+                                                      byref(options), byref(frame))
+            return Frame(array_of(frame.color), array_of(frame.opacity), array_of(frame.depth), frame.points,
+                         not any(options.background))
+        finally:
+            LIBRARY.sherf_frame_free(byref(frame))
+
+    def animate(self, motion: Motion, output: str | os.PathLike[str], *, camera: str = "fixed",
+                size: int | tuple[int, int] | None = None, azimuth_rad: float | None = None,
+                elevation_rad: float | None = None, distance_m: float = 0, fov_rad: float = 0, turn_s: float = 0,
+                transparent: bool = False, background: Color = (0, 0, 0), samples: int = 0, exact: bool = False,
+                detail: bool = True) -> AnimateFacts:
+        """Renders a motion to .mp4, .webm, .mov or .gif, or a folder of pictures.
+
+        camera: "fixed", "following", "orbiting" or "observation". Without azimuth and elevation it looks from where the
+        picture was taken. size: None is 512 wide. turn_s: of an orbit. transparent: not .mp4.
+        """
+        o = self._animate_options(camera, size, azimuth_rad, elevation_rad, distance_m, fov_rad, turn_s)
+        o.transparent, o.render = bool(transparent), _render_options(background, samples, exact, detail)
+        result = AnimateResult()
+        with using((self, Avatar), (self.body, Body), (motion, Motion)) as pointers:
+            context_or_default(self._context).run("sherf_animate", *pointers, byref(o), path_bytes(output, "output"),
+                                                  byref(result))
+        return AnimateFacts(**fields_of(result))
+
+    def frames(self, motion: Motion, *, camera: str = "fixed", size: int | tuple[int, int] | None = None,
+               azimuth_rad: float | None = None, elevation_rad: float | None = None, distance_m: float = 0,
+               fov_rad: float = 0, turn_s: float = 0, **options: Any) -> Iterator[Frame]:
+        """The frames of a motion one by one, by the cameras of `animate`; options as of `render`."""
+        o = self._animate_options(camera, size, azimuth_rad, elevation_rad, distance_m, fov_rad, turn_s)
+        out = (CameraStruct * len(motion))()
+        with using((self, Avatar), (self.body, Body), (motion, Motion)) as pointers:
+            context_or_default(self._context).run("sherf_animate_cameras", *pointers, byref(o), out)
+        for i, seen in enumerate(out):
+            yield self.render(motion[i], Camera.of_struct(seen), **options)
+
+    @staticmethod
+    def _animate_options(camera: str, size: Any, azimuth_rad: float | None, elevation_rad: float | None,
+                         distance_m: float, fov_rad: float, turn_s: float) -> AnimateOptions:
+        width, height = (0, 0) if size is None else size_of(size)
+        return AnimateOptions(choice(camera, CAMERA_PATHS, "camera"), width, height,
+                              azimuth_rad is not None or elevation_rad is not None,
+                              real(azimuth_rad or 0, "azimuth_rad"), real(elevation_rad or 0, "elevation_rad"),
+                              real(distance_m, "distance_m"), real(fov_rad, "fov_rad"), real(turn_s, "turn_s"))
+
+    def export(self, path: str | os.PathLike[str], *, format: str | None = None, resolution: int = 0, level: float = 0,
+               islands: float = 0, triangles: int = 0, texture_px: int = 0, splats: int = 0, pose: Pose | None = None,
+               motion: Motion | None = None, lit: bool = False, up: str = "auto", detail: bool = True) -> ExportFacts:
+        """Writes the person for other programs: .glb (rigged, textured), .obj, .ply, or Gaussian splats.
+
+        format: "glb", "obj", "ply" or "splats"; None: by the file's name. resolution: cells along the body, 16 to 768; 0:
+        256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours. splats:
+        0 is 100 000. pose: None is the T-pose. motion: the animation of a .glb. up: of .obj and .ply.
+        """
+        o = ExportOptions(text_bytes(format, "format"), _int(resolution, "resolution"), real(level, "level"),
+                          real(islands, "islands"), _int(triangles, "triangles"), _int(texture_px, "texture_px"),
+                          _int(splats, "splats"))
+        o.lit, o.up, o.detail = bool(lit), choice(up, UPS, "up"), 1 if detail else -1
+        standing = None if pose is None else struct_of(pose, Pose)
+        if standing is not None:
+            o.pose = pointer(standing)
+        exported = ExportedStruct()
+        with using((self, Avatar), (self.body, Body), (motion, Motion)) as (avatar, body, o.motion):
+            context_or_default(self._context).run("sherf_export", avatar, body, byref(o), path_bytes(path),
+                                                  byref(exported))
+        return ExportFacts(**fields_of(exported))
+
+
+def _int(value: Any, what: str) -> int:
+    return whole(value, -(2**31), 2**31 - 1, what)

@@ -1,0 +1,297 @@
+"""From a picture to an avatar: bodies, models, observations, estimates."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from ctypes import POINTER, Structure, byref, c_float
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ._arrays import FloatArray, UInt8Array, array_of, image_of, picture, real, whole
+from ._context import Context, context_or_default, make, path_bytes
+from ._handle import Object, using
+from ._library import LIBRARY, WARNINGS, ClipFactsStruct, ClipOptions, EstimateOptions, assets_folders
+from .errors import NoFile
+from .scene import Camera, Pose
+
+
+
+def asset(name: str) -> Path:
+    """Where what ships lies: "body.safetensors", "models/people.safetensors", "models/blazepose.safetensors"."""
+    folders = assets_folders()
+    for folder in folders:
+        if (folder / name).is_file():
+            return folder / name
+    raise NoFile(f"{name} is not among the assets (looked in {', '.join(map(str, folders))}; set SHERF_ASSETS)")
+
+
+def fields_of(struct: Structure) -> dict[str, Any]:
+    """A struct of numbers as Python's: arrays are tuples."""
+    values = ((name, getattr(struct, name)) for name, *_ in struct._fields_)
+    return {name: value if isinstance(value, (int, float)) else tuple(value) for name, value in values}
+
+
+class Body(Object):
+    """A body model: the open body that ships, or an SMPL file."""
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str] | None = None, *, context: Context | None = None) -> Body:
+        """An SMPL file (.pkl, .npz) or .safetensors; None is the open body that ships."""
+        path = asset("body.safetensors") if path is None else path
+        return cls._of(make(context, "sherf_body_load", path_bytes(path)), LIBRARY.sherf_body_free)
+
+    @property
+    def vertex_count(self) -> int:
+        """How many vertices the mesh has."""
+        with self._handle.use() as body:
+            return int(LIBRARY.sherf_body_vertex_count(body))
+
+    @property
+    def faces(self) -> npt.NDArray[np.uint32]:
+        """F x 3, the vertices of each triangle; a copy."""
+        with self._handle.use() as body:
+            count = LIBRARY.sherf_body_face_count(body)
+            return np.ctypeslib.as_array(LIBRARY.sherf_body_faces(body), (count, 3)).copy()
+
+    def pose(self, pose: Pose, *, context: Context | None = None) -> tuple[FloatArray, FloatArray]:
+        """The posed mesh in the world, metres: vertices V x 3 and joints 24 x 3."""
+        vertices, joints = np.empty((self.vertex_count, 3), np.float32), np.empty((24, 3), np.float32)
+        with using((self, Body)) as (body,):
+            context_or_default(context).run("sherf_body_pose", body, byref(struct_of(pose, Pose)), _data(vertices),
+                                            _data(joints))
+        return vertices, joints
+
+
+def _data(array: FloatArray) -> Any:
+    return array.ctypes.data_as(POINTER(c_float))
+
+
+def struct_of(thing: Any, kind: type[Pose] | type[Camera]) -> Any:
+    """The struct of a pose or camera."""
+    if not isinstance(thing, kind):
+        raise TypeError(f"a sherf.{kind.__name__} is wanted, not {type(thing).__name__}")
+    return thing.struct()
+
+
+class Model(Object):
+    """A network's weights: the model that ships, or a file that was trained or converted."""
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str] | None = None, *, context: Context | None = None) -> Model:
+        """Weights, .safetensors; None is the model that ships."""
+        path = asset("models/people.safetensors") if path is None else path
+        return cls._of(make(context, "sherf_model_load", path_bytes(path)), LIBRARY.sherf_model_free)
+
+    @classmethod
+    def create(cls, preset: str = "small", seed: int = 0, *, context: Context | None = None) -> Model:
+        """Random weights. preset: "paper", "base" or "small", with settings: "small,plane_resolution=64"."""
+        encoded = text_bytes(preset, "preset")
+        seed = whole(seed, 0, 2**64 - 1, "seed")
+        return cls._of(make(context, "sherf_model_create", encoded, seed), LIBRARY.sherf_model_free)
+
+    def save(self, path: str | os.PathLike[str], *, context: Context | None = None) -> None:
+        """Writes the weights as .safetensors."""
+        with using((self, Model)) as (model,):
+            context_or_default(context).run("sherf_model_save", model, path_bytes(path))
+
+    @property
+    def parameter_count(self) -> int:
+        """How many numbers the weights are."""
+        with self._handle.use() as model:
+            return int(LIBRARY.sherf_model_parameter_count(model))
+
+
+def text_bytes(text: str | None, what: str) -> bytes | None:
+    """A text as the library takes it."""
+    if text is None:
+        return None
+    if not isinstance(text, str) or "\0" in text:
+        raise TypeError(f"{what}: {text!r} is no text")
+    return text.encode()
+
+
+class _Pictured(Object):
+    """What has a picture, its camera and the body's pose."""
+
+    _image: Callable[..., Any]
+    _camera: Callable[..., Any]
+    _pose: Callable[..., Any]
+
+    @property
+    def image(self) -> FloatArray:
+        """The picture, height x width x 3, float32 in [0, 1]; a copy. An observation's is black outside the mask."""
+        with self._handle.use() as pointer:
+            return array_of(type(self)._image(pointer).contents)
+
+    @property
+    def camera(self) -> Camera:
+        """The picture's camera."""
+        with self._handle.use() as pointer:
+            return Camera.of_struct(type(self)._camera(pointer).contents)
+
+    @property
+    def pose(self) -> Pose:
+        """The body's pose and shape."""
+        with self._handle.use() as pointer:
+            return Pose.of_struct(type(self)._pose(pointer).contents)
+
+
+class Observation(_Pictured):
+    """One picture of a person: image, mask, camera, body pose and shape."""
+
+    _image, _camera, _pose = (LIBRARY.sherf_observation_image, LIBRARY.sherf_observation_camera,
+                              LIBRARY.sherf_observation_pose)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, context: Context | None = None) -> Observation:
+        """A folder or JSON file (docs/observation.md), or a data set's picture as "DATA#PERSON/POSE/VIEW"."""
+        return cls._of(make(context, "sherf_observation_load", path_bytes(path)), LIBRARY.sherf_observation_free)
+
+    @classmethod
+    def create(cls, image: FloatArray | UInt8Array, mask: npt.ArrayLike, camera: Camera, pose: Pose, *,
+               context: Context | None = None) -> Observation:
+        """Of arrays. image: height x width x 3, uint8 or floats in [0, 1], RGB. mask: height x width, not 0 is the person."""
+        pixels, inside = picture(image, 3, "image"), picture(mask, 1, "mask")
+        pointer = make(context, "sherf_observation_create", byref(image_of(pixels)), byref(image_of(inside)),
+                       byref(struct_of(camera, Camera)), byref(struct_of(pose, Pose)))
+        return cls._of(pointer, LIBRARY.sherf_observation_free)
+
+    def crop(self, model: Model, body: Body, *, context: Context | None = None) -> Observation:
+        """Cut out round the person and scaled to the size of people that the model knows."""
+        with using((model, Model), (body, Body), (self, Observation)) as pointers:
+            pointer = make(context, "sherf_observation_crop", *pointers)
+        return Observation._of(pointer, LIBRARY.sherf_observation_free)
+
+
+class EstimateFacts(NamedTuple):
+    """What was found in a photo; lengths in pixels of the estimate's picture."""
+
+    people: int  # that were found
+    person: int  # which was taken, from 1
+    warnings: tuple[str, ...]  # from_behind, cut_feet, cut_head, small, hidden_arms, poor, mask_cut
+    width_px: int
+    height_px: int
+    box_px: tuple[float, float, float, float]  # the person's left, top, right and bottom
+    person_px: float  # how high the person stands
+    focal_px: float
+    pitch_deg: float  # the camera looks down
+    lean_deg: float  # the trunk leans forward
+    landmarks_off: float  # mean distance of the landmarks from the body's, in person_px
+    mask_covered: float  # share of the mask that the body covers
+    body_inside: float  # share of the body in the mask
+    find_ms: float
+    mask_ms: float
+    fit_ms: float
+
+
+class Estimate(_Pictured):
+    """A person found in a photo: mask, camera, body pose and shape. Its `image` has its background."""
+
+    _image, _camera, _pose = (LIBRARY.sherf_estimate_image, LIBRARY.sherf_estimate_camera, LIBRARY.sherf_estimate_pose)
+    _body: Body
+
+    @property
+    def mask(self) -> FloatArray:
+        """How much of each pixel is the person: height x width in [0, 1]; a copy."""
+        with self._handle.use() as pointer:
+            return array_of(LIBRARY.sherf_estimate_mask(pointer).contents)
+
+    @property
+    def facts(self) -> EstimateFacts:
+        """What was found, and how well it fits."""
+        with self._handle.use() as pointer:
+            values = fields_of(LIBRARY.sherf_estimate_found(pointer).contents)
+        values["warnings"] = tuple(name for i, name in enumerate(WARNINGS) if values["warnings"] >> i & 1)
+        return EstimateFacts(**values)
+
+    def observation(self, *, context: Context | None = None) -> Observation:
+        """The observation to make an avatar of; the person is where the mask is at least a half."""
+        with using((self, Estimate)) as (estimate,):
+            pointer = make(context, "sherf_estimate_observation", estimate)
+        return Observation._of(pointer, LIBRARY.sherf_observation_free)
+
+    def save(self, folder: str | os.PathLike[str], *, context: Context | None = None) -> None:
+        """Writes a folder that is an observation, to look at and to correct (docs/photo.md)."""
+        self._write("sherf_estimate_save", folder, context)
+
+    def overlay(self, path: str | os.PathLike[str], *, context: Context | None = None) -> None:
+        """Writes a PNG of the body over the photo."""
+        self._write("sherf_estimate_overlay", path, context)
+
+    def _write(self, function: str, path: Any, context: Context | None) -> None:
+        with using((self, Estimate), (self._body, Body)) as pointers:
+            context_or_default(context).run(function, *pointers, path_bytes(path))
+
+
+class Estimator(Object):
+    """The networks that find people."""
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str] | None = None, *, context: Context | None = None) -> Estimator:
+        """blazepose.safetensors; None is the one that ships."""
+        path = asset("models/blazepose.safetensors") if path is None else path
+        return cls._of(make(context, "sherf_estimator_load", path_bytes(path)), LIBRARY.sherf_estimator_free)
+
+    def estimate(self, photo: str | os.PathLike[str] | FloatArray | UInt8Array, body: Body, *, person: int = 0,
+                 focal_px: float = 0, mask: Any = None, context: Context | None = None) -> Estimate:
+        """Finds the person in a photo. `sherf.Mismatch` when nobody is there.
+
+        photo: a file, or height x width x 3 of at most 2048 pixels on a side, uint8 or floats in [0, 1], RGB.
+        person: 1 the largest, 2 the next; 0 the largest, or the one that the mask shows. focal_px: of the photo at full
+        size; 0: the file's, or found. mask: where the person is, a file for a file and an array for an array.
+        """
+        options = EstimateOptions(whole(person, 0, 8, "person"), real(focal_px, "focal_px"))
+        with using((self, Estimator), (body, Body)) as pointers:
+            if isinstance(photo, (str, bytes, os.PathLike)):
+                options.mask = None if mask is None else path_bytes(mask, "mask")
+                pointer = make(context, "sherf_estimate_photo", *pointers, path_bytes(photo, "photo"), byref(options))
+            else:
+                pixels = picture(photo, 3, "photo")
+                cut = None if mask is None else picture(mask, 1, "mask")
+                pointer = make(context, "sherf_estimate_picture", *pointers, byref(image_of(pixels)),
+                               None if cut is None else byref(image_of(cut)), byref(options))
+        estimate = Estimate._of(pointer, LIBRARY.sherf_estimate_free)
+        estimate._body = body
+        return estimate
+
+
+class ClipFacts(NamedTuple):
+    """What was found in a video."""
+
+    frames: int  # of the motion
+    fps: float
+    people: int  # where anybody is seen first
+    filled: int  # frames in which the person was not found
+    filled_longest: int  # of them, the most that follow each other
+    repaired: int  # turned round, as the networks took front for back
+    left_out: int  # frames of the video before and after those that show the person
+    poor: int  # in which the body lies badly on the person
+    focal_px: float
+    pitch_rad: float
+    roll_rad: float
+    landmarks: float  # how far the body is from the landmarks, share of its height in the picture
+    shapes: tuple[float, ...]  # 10
+    seconds: tuple[float, float, float]  # frames and networks; fits; smoothing
+
+
+def estimate_clip(video: str | os.PathLike[str], output: str | os.PathLike[str], *, body: Body | None = None,
+                  person: int = 0, focal_px: float = 0, fps: float = 0, smooth: float = 0,
+                  networks: str | os.PathLike[str] | None = None, context: Context | None = None) -> ClipFacts:
+    """A video of one person, taken by a camera that stands still, to a motion file (.npz) for `sherf.Motion.load`.
+
+    fps: of the motion, at most 60; 0: the video's. smooth: 1 as usual, 2 half the band, negative not at all.
+    """
+    body = Body.load(context=context) if body is None else body
+    networks = asset("models/blazepose.safetensors") if networks is None else networks
+    options = ClipOptions(whole(person, 0, 8, "person"), real(focal_px, "focal_px"), real(fps, "fps"),
+                          real(smooth, "smooth"))
+    facts = ClipFactsStruct()
+    with using((body, Body)) as (pointer,):
+        context_or_default(context).run("sherf_estimate_clip", path_bytes(networks, "networks"), pointer,
+                                        path_bytes(video, "video"), byref(options), path_bytes(output, "output"),
+                                        byref(facts))
+    return ClipFacts(**fields_of(facts))

@@ -267,11 +267,10 @@ typedef struct {
     int32_t nearest[BATCH];
 } batch;
 
+/* A point is looked up by the vertex that it moves with in the frame: hair between head and shoulders would be
+ * torn where another one is nearest in canonical space. */
 static void look_up_batch(const apply_job *j, batch *b) {
     deform_to_canonical(j->body, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
-    for (int i = 0; i < b->count; i++)
-        b->nearest[i] =
-            vertex_grid_nearest_from(body_canonical_grid(j->body), b->point + 3 * i, b->nearest[i], NULL);
     detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->add, b->seen);
     for (int i = 0; i < b->count; i++) {
         j->weight[b->pixel[i]] = b->weight[i] * b->seen[i];

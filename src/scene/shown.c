@@ -15,6 +15,8 @@ static const float before_m = 0.03f;
  * ones are not quite where the person is. */
 static const float margin_m = 0.015f;
 enum { BESIDE_PX_MAX = 16, APART_MIN = 2 };
+/* Fewer vertices than this that hang together are not read at their mirror image: the open body has 13380. */
+enum { ISLAND_MIN = 600 };
 
 typedef struct {
     const body_model *m;
@@ -233,6 +235,34 @@ typedef struct {
     int32_t *read;        /* V: the vertex beside which v is read, or ~ of it: mirrored */
 } read_job;
 
+/* Mirrored vertices that hang together with v: their number; into list. met: all of them. */
+static int32_t island_of(const read_job *j, int32_t v, uint8_t *met, int32_t *list) {
+    int32_t count = 0;
+    list[count++] = v;
+    met[v] = 1;
+    for (int32_t i = 0; i < count; i++)
+        for (int32_t k = j->m->neighbour_first[list[i]]; k < j->m->neighbour_first[list[i] + 1]; k++) {
+            const int32_t other = j->m->neighbour[k];
+            if (met[other] || j->read[other] >= 0) continue;
+            met[other] = 1;
+            list[count++] = other;
+        }
+    return count;
+}
+
+/* A few unseen vertices among seen ones, as beside a nose, would be facets of the other side: they are read
+ * as those that have no other side. list: room for all vertices. */
+static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
+    uint8_t *met = mem_zero(c, (size_t)j->m->vertices, 1);
+    for (int32_t v = 0; met && v < j->m->vertices; v++) {
+        if (met[v] || j->read[v] >= 0) continue;
+        const int32_t count = island_of(j, v, met, list);
+        for (int32_t i = 0; i < count && count < ISLAND_MIN; i++) j->read[list[i]] = list[i];
+    }
+    mem_free(met);
+    return met ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
 /* Who is read where: seen vertices at themselves, others at their mirror image if that is seen, or straight
  * through the body if their pixel is its own. The rest as the nearest of all these. */
 static sherf_status find_places(context *c, read_job *j, bool mirror) {
@@ -246,7 +276,10 @@ static sherf_status find_places(context *c, read_job *j, bool mirror) {
         const int32_t other = mirror ? m->mirror[v] : -1;
         const bool mirrored = shown[v] != SHOWN_SEEN && other >= 0 && shown[other] == SHOWN_SEEN;
         j->read[v] = mirrored ? ~other : v;
-        if (!mirrored && shown[v] >= SHOWN_COVERED) continue;
+    }
+    if (status == SHERF_OK && mirror) status = drop_islands(c, j, index);
+    for (int32_t v = 0; status == SHERF_OK && v < m->vertices; v++) {
+        if (j->read[v] >= 0 && shown[v] >= SHOWN_COVERED) continue;
         memcpy(place + 3 * (size_t)settled, m->canonical->vertices_smpl + 3 * (size_t)v, 3 * sizeof *place);
         index[settled++] = v;
     }

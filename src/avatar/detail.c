@@ -267,8 +267,8 @@ typedef struct {
     int32_t nearest[BATCH];
 } batch;
 
-/* A point is looked up by the vertex that it moves with in the frame: hair between head and shoulders would be
- * torn where another one is nearest in canonical space. */
+/* A point is looked up by the vertex that it moves with in the frame: hair between head and shoulders would
+ * be torn where another one is nearest in canonical space. */
 static void look_up_batch(const apply_job *j, batch *b) {
     deform_to_canonical(j->body, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
     detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->add, b->seen);

@@ -16,7 +16,7 @@ static const float before_m = 0.03f;
 static const float margin_m = 0.015f;
 enum { BESIDE_PX_MAX = 16, APART_MIN = 2 };
 /* Fewer vertices than this that hang together are not read at their mirror image: the open body has 13380. */
-enum { ISLAND_MIN = 600 };
+enum { ISLAND_MIN = 64 };
 
 typedef struct {
     const body_model *m;
@@ -257,7 +257,8 @@ static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
     for (int32_t v = 0; met && v < j->m->vertices; v++) {
         if (met[v] || j->read[v] >= 0) continue;
         const int32_t count = island_of(j, v, met, list);
-        for (int32_t i = 0; i < count && count < ISLAND_MIN; i++) j->read[list[i]] = list[i];
+        for (int32_t i = 0; i < count && count < ISLAND_MIN; i++)
+            if (j->shown[list[i]] == SHOWN_BEHIND) j->read[list[i]] = list[i];
     }
     mem_free(met);
     return met ? SHERF_OK : SHERF_NO_MEMORY;

@@ -320,7 +320,7 @@ static void test_refused_by_name(void **state) {
         {"<!DOCTYPE html><html></html>", 28, "a web page (HTML), not the file it offers"},
         {"\x89PNG\r\n\x1a\n\0\0\0\0", 12, "a picture (PNG)"},
         {"%PDF-1.7", 8, "a PDF"},
-        {"some words", 10, "pickle: nothing on the stack"},
+        {"some words", 10, "a text that is neither JSON nor a pickle; it begins \"some words\""},
     };
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
         assert_int_equal(document_parse(c, (const unsigned char *)cases[i].data, cases[i].bytes, &d, NULL),

@@ -115,7 +115,7 @@ class Lines(Folder):
                  program.motion_command("s", "a", "m", "o", 24, ["--body", "b"], "kept", "z", "t", 1, 2, 0.1, True))
         for words in calls:
             text = ""
-            for name in ("cmd_" + words[1] + ".c", "photo.h"):
+            for name in ("cmd_" + words[1] + ".c", "photo.h", "shared.h"):
                 with open(os.path.join(ROOT, "cli", name), encoding="utf-8") as f:
                     text += f.read()
             for word in words:

@@ -44,7 +44,7 @@ run synth people -o "$out/ring" --people "$tuned_people" --poses 3 --views 6 --s
 run synth people -o "$out/photos" --people "$((tuned_people / 3 + 1))" --poses 3 --views 6 --size 256 --seed 420000 \
     --background scenes --cameras photo --source "$source"
 mkdir -p "$out/both"
-ln -sf "$out"/ring/* "$out"/photos/* "$out/both/"
+ln -sf "$out"/ring/person_* "$out"/photos/person_* "$out/ring/body.safetensors" "$out/both/"
 for stage in $tuned_stages; do
     IFS=: read -r steps rate estimated <<END
 $stage

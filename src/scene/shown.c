@@ -172,7 +172,7 @@ static bool is_better(const choice *j, size_t v, int a, int b) {
     return j->well[of_a] > j->well[of_b];
 }
 
-/* The picture in which most of the seen vertices round v are read; -1: none is ahead. */
+/* The picture in which most of the vertices round v are read; -1: none is ahead of its own. */
 static int majority(const choice *j, size_t v) {
     int votes[PICTURES_MAX] = {0}, best = -1;
     for (int32_t i = j->m->neighbour_first[v]; i < j->m->neighbour_first[v + 1]; i++) {

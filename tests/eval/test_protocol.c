@@ -107,6 +107,44 @@ static void listed_pictures(void **state) {
     sherf_context_free(c);
 }
 
+static double pixels_of(const document *d, const char *region) {
+    return number(value_get(value_get(value_get(d->root, "regions"), "novel_pose"), region), "pixels");
+}
+
+/* Two pictures of the person: fewer targets, another avatar, and more of the body seen. */
+static void several_pictures(void **state) {
+    context *c = test_context();
+    char folder[600], path[700];
+    sherf_scores s[2];
+    document *d[2];
+    snprintf(folder, sizeof folder, "%s/out/several", root);
+    snprintf(path, sizeof path, "%s/scores.json", folder);
+    for (int i = 0; i < 2; i++) { /* of six views 4, and 1 on the other side */
+        const sherf_eval_options o = {.data = people.spec,
+                                      .people = "0",
+                                      .body = people.body,
+                                      .model = people.weights,
+                                      .observations = "0:4",
+                                      .poses = "0,2",
+                                      .views = "0:1:4",
+                                      .pictures = i + 1,
+                                      .output = folder};
+        assert_ok(c, sherf_eval(c, &o, &s[i]));
+        assert_ok(c, json_read(c, path, &d[i]));
+        sherf_free(s[i].table);
+    }
+    assert_int_equal(s[0].novel_view.count, 4);
+    assert_int_equal(s[1].novel_view.count, 3);
+    assert_int_equal(s[1].novel_pose.count, s[0].novel_pose.count);
+    assert_null(value_get(d[0]->root, "pictures"));
+    assert_true(number(d[1]->root, "pictures") == 2);
+    assert_true(s[0].novel_pose.psnr != s[1].novel_pose.psnr);
+    assert_true(pixels_of(d[1], "seen") > 1.2 * pixels_of(d[0], "seen"));
+    assert_true(pixels_of(d[1], "not_seen") < pixels_of(d[0], "not_seen"));
+    for (int i = 0; i < 2; i++) document_free(d[i]);
+    sherf_context_free(c);
+}
+
 /* Of THuman's protocol the people have poses 0 and 2, views 0, 2, 4 and observation view 4. */
 static void the_protocol_as_far_as_it_goes(void **state) {
     context *c = test_context();
@@ -223,9 +261,11 @@ static void broken_people_are_named(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(weights_are_finite),
-        cmocka_unit_test(listed_pictures), cmocka_unit_test(the_protocol_as_far_as_it_goes),
-        cmocka_unit_test(mistakes_are_one_line)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(broken_people_are_named),
+                                       cmocka_unit_test(weights_are_finite),
+                                       cmocka_unit_test(listed_pictures),
+                                       cmocka_unit_test(several_pictures),
+                                       cmocka_unit_test(the_protocol_as_far_as_it_goes),
+                                       cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

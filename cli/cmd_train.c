@@ -8,7 +8,7 @@ static struct {
     const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background,
         *start;
     bool front_view;
-    int64_t size, steps, images, targets, halve_every, sample_every, save_every, workers;
+    int64_t size, steps, images, targets, pictures, halve_every, sample_every, save_every, workers;
     double epochs, seconds, learning_rate, perceptual_weight, estimated;
 } set;
 
@@ -42,6 +42,9 @@ static const option options[] = {
     {0, "images", OPTION_INTEGER, &set.images, "N", "images a step, over all processes (4)", 0, 4096},
     {0, "targets", OPTION_INTEGER, &set.targets, "N",
      "pictures rendered of each observed person (1, the paper's); the further ones in any pose", 0, 8},
+    {0, "pictures", OPTION_INTEGER, &set.pictures, "N",
+     "every other observation has 2 to N pictures, each from another view, in any pose (1)", 0,
+     SHERF_PICTURES_MAX},
     {0, "learning-rate", OPTION_REAL, &set.learning_rate, "X", "Adam's at the start (0.002)", 0, 10},
     {0, "halve-every", OPTION_INTEGER, &set.halve_every, "N", "steps after which it is halved (an epoch)", 0,
      1e12},
@@ -77,6 +80,7 @@ static int run(session *s, int count, char **argument) {
                              .seconds = set.seconds,
                              .images_per_step = (int)set.images,
                              .targets = (int)set.targets,
+                             .pictures = (int)set.pictures,
                              .learning_rate = set.learning_rate,
                              .halve_every = set.halve_every,
                              .sample_every = set.sample_every,

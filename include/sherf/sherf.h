@@ -697,7 +697,10 @@ typedef struct {
     int64_t steps;      /* 0: by epochs */
     double seconds;     /* stop after this many seconds; 0: no limit */
     int images_per_step; /* over all ranks; 0: 4 */
-    int targets; /* pictures rendered from each observation, 1 to 8; the further ones show any pose; 0: 1 */
+    int targets;  /* pictures rendered from each observation, 1 to 8; the further ones show any pose; 0: 1 */
+    int pictures; /* from 2 to SHERF_PICTURES_MAX: every other observation has 2 to so many pictures, from
+                     distinct views, each in any pose; observations by estimate have one. 0: 1, or the
+                     checkpoint's */
     double learning_rate; /* 0: 2e-3 */
     int64_t halve_every;  /* steps; 0: every epoch */
     int64_t sample_every; /* steps between sample renders; 0: 500 */

@@ -11,10 +11,11 @@
 #include "train/checkpoint.h"
 
 /* ---- the state as metadata ---- */
-enum { STATE_KEYS = 12 };
+enum { STATE_KEYS = 13 };
 static const char *const state_keys[STATE_KEYS] = {
     "step",       "skipped",       "updates",     "seed",    "images_per_step",   "size_px",
-    "front_view", "learning_rate", "halve_every", "targets", "random_background", "estimated"};
+    "front_view", "learning_rate", "halve_every", "targets", "random_background", "estimated",
+    "pictures"};
 
 static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
     snprintf(text[0], 32, "%" PRId64, s->step);
@@ -29,6 +30,7 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[9], 32, "%d", s->targets);
     snprintf(text[10], 32, "%d", s->random_background);
     snprintf(text[11], 32, "%.17g", s->estimated);
+    snprintf(text[12], 32, "%d", s->pictures);
 }
 
 enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
@@ -43,7 +45,7 @@ static bool integer(const safetensors *f, const char *key, int64_t low, int64_t 
 }
 
 static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
-    int64_t images, size, front, targets = 1, background = 0;
+    int64_t images, size, front, targets = 1, background = 0, pictures = 1;
     const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
     char *end;
     const int64_t max = (int64_t)1 << 50;
@@ -54,6 +56,8 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
         (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MAX, &targets)) ||
         (safetensors_metadata(f, "random_background") &&
          !integer(f, "random_background", 0, 1, &background)) ||
+        (safetensors_metadata(f, "pictures") &&
+         !integer(f, "pictures", 1, OBSERVED_PICTURES_MAX, &pictures)) ||
         !seed || !*seed || !rate || !*rate)
         return failure(c, SHERF_BAD_FILE, "the state of the training is missing or out of range");
     s->images_per_step = (int)images;
@@ -61,6 +65,7 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     s->front_view = (int)front;
     s->targets = (int)targets;
     s->random_background = (int)background;
+    s->pictures = (int)pictures;
     errno = 0;
     s->seed = strtoull(seed, &end, 10);
     if (*end || errno) return failure(c, SHERF_BAD_FILE, "seed is not a number");

@@ -10,7 +10,7 @@
 typedef struct {
     int64_t step, skipped; /* skipped: steps without an update, their gradients were not finite */
     uint64_t seed;
-    int images_per_step, size_px, front_view, targets, random_background;
+    int images_per_step, size_px, front_view, targets, random_background, pictures;
     double learning_rate, estimated;
     int64_t halve_every;
 } train_state;

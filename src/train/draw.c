@@ -75,6 +75,23 @@ int64_t permuted(uint64_t key, int64_t i, int64_t n) {
     return (int64_t)x;
 }
 
+/* Further pictures of the observation: other views than its own, one each, in a pose of their own. */
+static void draw_also(const sampling *s, int i, int64_t image, draw *d) {
+    const uint64_t key = random_key(s->seed, "train.pictures", (uint64_t)image);
+    const int64_t views = s->views[i];
+    const int max = s->pictures < views ? s->pictures : (int)views;
+    if (max < 2 || d->estimated || random_below(key, 0, 2)) return;
+    d->also = 1 + (int)random_below(key, 1, max - 1);
+    for (int k = 0, at = 0; k < d->also; at++) {
+        const int view = (int)permuted(splitmix64(key), at, views);
+        if (view == d->observed_view) continue;
+        d->also_of[k].view = view;
+        d->also_of[k].pose = (int)random_below(key, 2 + (uint64_t)k, s->poses[i]) * s->pose_step;
+        if (s->one_pose) d->also_of[k].pose = d->pose;
+        k++;
+    }
+}
+
 draw sampling_draw(const sampling *s, int64_t image) {
     const int64_t n = sampling_pictures(s);
     int64_t at = permuted(random_key(s->seed, "train.epoch", (uint64_t)(image / n)), image % n, n);
@@ -89,6 +106,7 @@ draw sampling_draw(const sampling *s, int64_t image) {
               .noise_key = splitmix64(key + 1) | 1};
     if (s->front_view < 0) d.observed_view = (int)random_below(key, 0, s->views[i]);
     d.estimated = random_uniform(random_key(s->seed, "train.estimated", (uint64_t)image), 0) < s->estimated;
+    draw_also(s, i, image, &d);
     d.further = s->targets - 1;
     for (int k = 0; k < d.further; k++) {
         d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;

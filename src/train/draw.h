@@ -3,7 +3,7 @@
 #ifndef SHERF_DRAW_H
 #define SHERF_DRAW_H
 
-#include "data/data.h"
+#include "model/model.h"
 
 enum { TARGETS_MAX = 8 };
 
@@ -20,6 +20,8 @@ typedef struct {
     bool one_pose;          /* further targets keep the observation's pose */
     bool random_background; /* false: always black, the paper's */
     double estimated;       /* share of the images that are observed by estimate, 0 to 1 */
+    int pictures;           /* from 2 on, every other image that is not observed by estimate is observed in
+                               2 to so many pictures */
 } sampling;
 
 /* people: as in sherf_train_options. */
@@ -33,7 +35,11 @@ typedef struct {
     int person, pose, view; /* the target's */
     int observed_view;      /* of the same pose */
     bool estimated;         /* its camera, body and mask are estimated from its picture */
-    int further;            /* targets beside the first: any view of the person, and any pose */
+    int also;               /* pictures of an observation beside the first: of distinct views, in any pose */
+    struct {
+        int pose, view;
+    } also_of[OBSERVED_PICTURES_MAX - 1];
+    int further; /* targets beside the first: any view of the person, and any pose */
     struct {
         int pose, view;
     } more[TARGETS_MAX - 1];

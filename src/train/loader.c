@@ -73,6 +73,27 @@ static sherf_status observation_load(context *c, const sample_source *from, draw
     return status;
 }
 
+/* What the encoders read: the observation's picture o and the further ones beside it, which nobody needs
+ * afterwards. */
+static sherf_status geometry_load(context *c, const sample_source *from, const draw *drawn,
+                                  const data_view *o, observation_geometry **out) {
+    data_view *also[OBSERVED_PICTURES_MAX - 1] = {NULL};
+    observed_picture read[OBSERVED_PICTURES_MAX] = {{o->image, o->camera, o->pose}};
+    sherf_status status = SHERF_OK;
+    for (int k = 0; k < drawn->also && status == SHERF_OK; k++) {
+        status = dataset_person_view(c, from->data, drawn->person, drawn->also_of[k].pose,
+                                     drawn->also_of[k].view, from->width, &also[k]);
+        if (status == SHERF_OK)
+            read[k + 1] = (observed_picture){also[k]->image, also[k]->camera, also[k]->pose};
+    }
+    if (status == SHERF_OK)
+        status = observation_geometry_of(c, from->config, from->body, 1 + drawn->also, read, true, out);
+    for (int k = 0; k < drawn->also; k++) sherf_observation_free(also[k]);
+    if (status != SHERF_OK) return status;
+    if (!drawn->also) return body_in_picture(c, from->body, (*out)->body, &o->camera, o->mask);
+    return SHERF_OK;
+}
+
 sherf_status sample_load(context *c, const sample_source *from, draw drawn, sample *out) {
     const int targets = 1 + drawn.further;
     carried world;
@@ -82,10 +103,7 @@ sherf_status sample_load(context *c, const sample_source *from, draw drawn, samp
     if (status != SHERF_OK) goto fail;
     const data_view *o = out->observation;
     const carried *w = by_estimate ? &world : NULL;
-    status = observation_geometry_create(c, from->config, from->body, &o->image, &o->camera, &o->pose, true,
-                                         &out->observation_geometry);
-    if (status == SHERF_OK)
-        status = body_in_picture(c, from->body, out->observation_geometry->body, &o->camera, o->mask);
+    status = geometry_load(c, from, &drawn, o, &out->observation_geometry);
     named(c, status, from->data, drawn.person, drawn.pose, drawn.observed_view);
     if (status == SHERF_OK)
         status = target_load(c, from, w, drawn.person, drawn.pose, drawn.view, out->observation_geometry,

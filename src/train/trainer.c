@@ -70,7 +70,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
         o->images_per_step > IMAGES_MAX || o->targets < 0 || o->targets > TARGETS_MAX ||
         o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
-        o->workers < 0 || o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
+        o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 || o->workers > 1024 ||
+        !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
         !(o->estimated >= 0 && o->estimated <= 1) || !isfinite(o->learning_rate) || !isfinite(o->epochs) ||
         !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
@@ -214,6 +215,7 @@ static sherf_status begin_new(trainer *t) {
                              .random_background = o->background && !strcmp(o->background, "random"),
                              .targets = o->targets ? o->targets : 1,
                              .estimated = o->estimated,
+                             .pictures = o->pictures ? o->pictures : 1,
                              .learning_rate = o->learning_rate > 0 ? o->learning_rate
                                               : own                ? own->learning_rate
                                                                    : 2e-3};
@@ -243,12 +245,14 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->front_view) s->front_view = 1;
     if (o->background) s->random_background = !strcmp(o->background, "random");
     if (o->estimated > 0) s->estimated = o->estimated;
+    if (o->pictures) s->pictures = o->pictures;
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
     if (o->halve_every) s->halve_every = o->halve_every;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
         old.targets != s->targets || old.front_view != s->front_view ||
         old.random_background != s->random_background || old.estimated != s->estimated ||
-        old.learning_rate != s->learning_rate || old.halve_every != s->halve_every)
+        old.pictures != s->pictures || old.learning_rate != s->learning_rate ||
+        old.halve_every != s->halve_every)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
     status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
@@ -287,8 +291,12 @@ static sherf_status begin(trainer *t) {
     if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
+    if (t->state.pictures > 1 && !t->model->config.kind->reads_observed_px)
+        return failure(c, SHERF_UNSUPPORTED, "a %s takes one picture of a person, up to %d were asked for",
+                       t->model->config.kind->name, t->state.pictures);
     t->sampling.random_background = t->state.random_background;
     t->sampling.estimated = t->state.estimated;
+    t->sampling.pictures = t->state.pictures;
     t->sampling.one_pose = t->model->config.kind->one_pose;
     t->first_step = t->state.step;
     double epochs = o->epochs > 0 ? o->epochs : 5;

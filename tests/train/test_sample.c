@@ -131,9 +131,67 @@ static void a_share_is_estimated(void **state) {
     sherf_context_free(c);
 }
 
+/* One in two, and of those two to N alike; the views are distinct; other draws stay as they are. */
+static void every_other_has_several_pictures(void **state) {
+    context *c = test_context();
+    sampling s;
+    int count[5] = {0};
+    assert_ok(c, sampling_create(c, data, "0", false, 1, 7, &s));
+    for (int64_t n = 0; n < 2000; n++) {
+        s.pictures = 1;
+        const draw one = sampling_draw(&s, n);
+        s.pictures = 8; /* the person has four views */
+        const draw d = sampling_draw(&s, n);
+        int seen = 1 << d.observed_view;
+        assert_int_equal(one.also, 0);
+        assert_true(d.also <= 3);
+        assert_true(d.noise_key == one.noise_key && d.view == one.view &&
+                    d.observed_view == one.observed_view);
+        count[1 + d.also]++;
+        for (int k = 0; k < d.also; k++) {
+            assert_false(seen >> d.also_of[k].view & 1);
+            seen |= 1 << d.also_of[k].view;
+            assert_in_range(d.also_of[k].pose, 0, 1);
+        }
+    }
+    assert_in_range(count[1], 920, 1080);
+    for (int n = 2; n <= 4; n++) assert_in_range(count[n], 270, 400);
+    s.estimated = 1;
+    for (int64_t n = 0; n < 100; n++) assert_int_equal(sampling_draw(&s, n).also, 0);
+    sampling_free(&s);
+    sherf_context_free(c);
+}
+
+/* The encoders' picture is what an avatar of the same pictures reads. */
+static void pictures_come_in_a_sheet(void **state) {
+    context *c = test_context();
+    const sample_source from = {data, body, &config, NULL, 0};
+    const draw drawn = {.view = 2, .observed_view = 1, .also = 1, .also_of = {{1, 3}}, .noise_key = 1};
+    data_view *view[2];
+    observed_picture read[2];
+    observed_sheet sheet;
+    sample s;
+    assert_ok(c, dataset_person_view(c, data, 0, 0, 1, 0, &view[0]));
+    assert_ok(c, dataset_person_view(c, data, 0, 1, 3, 0, &view[1]));
+    for (int k = 0; k < 2; k++) read[k] = (observed_picture){view[k]->image, view[k]->camera, view[k]->pose};
+    assert_ok(c, observed_sheet_create(c, &config, body, 2, read, &sheet));
+    assert_ok(c, sample_load(c, &from, drawn, &s));
+    assert_int_equal(s.observation_geometry->width, sheet.width);
+    assert_true(sheet.width > 2 * SIDE);
+    assert_memory_equal(s.observation_geometry->image, sheet.image,
+                        (size_t)sheet.width * (size_t)sheet.height * 3 * sizeof(float));
+    assert_memory_equal(s.observation_geometry->body->R, sheet.body->R, sizeof sheet.body->R);
+    assert_true(s.target_geometry->points->count > 500);
+    sample_free(&s);
+    observed_sheet_free(&sheet);
+    for (int k = 0; k < 2; k++) sherf_observation_free(view[k]);
+    sherf_context_free(c);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(targets_are_carried_over),
-                                       cmocka_unit_test(what_is_not_found_is_observed_as_it_is),
-                                       cmocka_unit_test(a_share_is_estimated)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(targets_are_carried_over), cmocka_unit_test(what_is_not_found_is_observed_as_it_is),
+        cmocka_unit_test(a_share_is_estimated), cmocka_unit_test(every_other_has_several_pictures),
+        cmocka_unit_test(pictures_come_in_a_sheet)};
     return cmocka_run_group_tests(tests, make_data, free_data);
 }

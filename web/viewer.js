@@ -1,5 +1,6 @@
 // sherf view: requests pictures of the avatar from where the mouse has put the camera. While something moves the
-// pictures are small; a still view is requested again, larger each time. At most one request is under way, and a
+// page draws the baked surface itself (live.js), or where it cannot the pictures are small; a still view is then
+// requested, larger each time. At most one request is under way, and a
 // refinement under way is given up for a newer view by another request: the server drops the older one.
 "use strict";
 
@@ -26,12 +27,14 @@ let moving = 128;           // side of pictures while something moves
 let costMs = 0;             // milliseconds of a picture of side 1, lately
 let metresHigh = 0;         // what the height of the stage spans at zoom 1
 let retry = 0, broken = false, timer = 0;
+let drawing = 0;            // of the surface: the animation frame that is asked for
 const drawn = [];           // times of pictures while something moves
 
 function touch() {
   stamp++;
   changed = performance.now();
   schedule();
+  if (!drawing && about) drawing = requestAnimationFrame(drawLive);
 }
 
 const motion = () => about.motions[view.motion];
@@ -65,9 +68,30 @@ function query(width, height, more) {
   });
 }
 
+// Whether the page draws what moves by itself.
+const isLive = () => view.mode === "color" && live.ready(view.avatar, view.motion, frameNow(), motion().frames);
+
+function drawLive() {
+  drawing = 0;
+  if (!isLive() || got.stamp === stamp) return;
+  const ratio = Math.min(devicePixelRatio || 1, 2), color = ground(), none = color === "none";
+  const rgba = none ? [0, 0, 0, 0] : [0, 2, 4].map((k) => parseInt(color.slice(k, k + 2), 16) / 255).concat(1);
+  const size = live.draw(view, frameNow(), Math.max(stage.clientWidth * ratio, 1), Math.max(stage.clientHeight * ratio, 1), rgba);
+  metresHigh = size.metres * view.zoom;
+  stage.classList.toggle("checks", none);
+  showLive(true);
+  tellPace(`${size.width} × ${size.height} · surface`, performance.now());
+}
+
+function showLive(on) {
+  $("live").hidden = !on;
+  canvas.style.visibility = on ? "hidden" : "";
+}
+
 // The side to request next; 0: nothing to do, negative: not yet.
 function nextSide() {
   const full = fullSide();
+  if (got.stamp !== stamp && isLive()) return isMoving() ? -1 : full;
   if (got.stamp !== stamp) return Math.min(moving, full);
   if (got.side >= full) return 0;
   if (isMoving()) return -1;
@@ -81,8 +105,15 @@ function schedule() {
   if (!about || document.hidden || retry) return;
   if (pending && !(pending.stamp !== stamp && pending.side > 1.3 * moving)) return;
   const side = nextSide();
+  if (side < 0 && pending) dismiss();
   if (side > 0) request(side);
   else if (side < 0) timer = setTimeout(schedule, limits.stillMs);
+}
+
+// A picture that nobody waits for any more is given up for a tiny one.
+function dismiss() {
+  pending = null;
+  fetch("frame?" + query(16, 16, { client, n: ++sequence }), { cache: "no-store" }).catch(() => {});
 }
 
 async function request(side) {
@@ -101,7 +132,7 @@ async function request(side) {
     schedule(); // the next one is made while this one is drawn
     const bitmap = await createImageBitmap(blob);
     const ms = performance.now() - begun;
-    if (own.sequence > shown.sequence) draw(bitmap, own, Number(answer.headers.get("X-Scale")));
+    if (own.sequence > shown.sequence && !(own.stamp !== stamp && isLive())) draw(bitmap, own, Number(answer.headers.get("X-Scale")));
     bitmap.close();
     measure(side, ms, live, width, height);
     if (broken) { broken = false; lost.waited = 0; note(""); }
@@ -124,6 +155,7 @@ function draw(bitmap, own, scale) {
   paper.globalCompositeOperation = "copy";
   paper.drawImage(bitmap, 0, 0);
   shown = own;
+  showLive(false);
   if (scale > 0) metresHigh = scale * view.zoom;
   stage.classList.toggle("checks", ground() === "none");
 }
@@ -131,21 +163,27 @@ function draw(bitmap, own, scale) {
 function measure(side, ms, live, width, height) {
   costMs = costMs ? 0.8 * costMs + (0.2 * ms) / (side * side) : ms / (side * side);
   const now = performance.now();
-  let text = `${width} × ${height} · ${Math.round(ms)} ms`;
+  const text = `${width} × ${height} · ${Math.round(ms)} ms`;
   if (live && side <= limits.sideMost) {
     const wanted = clamp(Math.sqrt(limits.frameMs / (ms / (side * side))), limits.sideLeast, limits.sideMost);
     moving = Math.round((0.75 * moving + 0.25 * wanted) / 8) * 8;
-    drawn.push(now);
-    while (drawn[0] < now - 1000) drawn.shift();
-    if (now - measure.told < limits.tellMs) return;
-    if (drawn.length > 2) text += ` · ${(((drawn.length - 1) * 1000) / (now - drawn[0])).toFixed(0)} fps`;
-  } else {
-    drawn.length = 0;
+    return tellPace(text, now);
   }
-  measure.told = now;
+  drawn.length = 0;
+  tellPace.told = now;
   $("speed").textContent = text;
 }
-measure.told = 0; // when the line was written last
+
+// The line at the bottom while something moves, with pictures a second.
+function tellPace(text, now) {
+  drawn.push(now);
+  while (drawn[0] < now - 1000) drawn.shift();
+  if (now - tellPace.told < limits.tellMs) return;
+  tellPace.told = now;
+  if (drawn.length > 2) text += ` · ${(((drawn.length - 1) * 1000) / (now - drawn[0])).toFixed(0)} fps`;
+  $("speed").textContent = text;
+}
+tellPace.told = 0; // when the line was written last
 
 async function refusal(answer) {
   const error = new Error((await answer.text()).trim());
@@ -562,6 +600,7 @@ async function open() {
   $("version").textContent = "sherf " + about.version + ".";
   setPressed("loop", play.loop);
   connect();
+  live.open($("live"), schedule, location.hash === "#surface");
   setMode("color");
   setGround("page");
   setAvatar(0);

@@ -70,6 +70,7 @@ static sherf_status options_check(context *c, const sherf_viewer_options *o) {
 
 sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scene *s) {
     *s = (viewer_scene){0};
+    pthread_mutex_init(&s->framing_lock, NULL);
     sherf_status status = options_check(c, o);
     if (status != SHERF_OK) return status;
     s->avatar_count = o->avatar_count;
@@ -92,6 +93,7 @@ sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scen
 }
 
 void scene_free(viewer_scene *s) {
+    pthread_mutex_destroy(&s->framing_lock);
     for (int i = 0; i < VIEWER_POSED; i++) posed_body_free(s->posed[i].body);
     mem_free(s->avatars);
     mem_free(s->motions);
@@ -107,8 +109,7 @@ bool request_fits(const viewer_scene *s, const viewer_request *r) {
            r->height <= 2 * s->side_max;
 }
 
-/* The pose of a motion's frame, with the avatar's own shape. */
-static sherf_pose pose_of(const viewer_scene *s, int avatar, int motion, int frame) {
+sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame) {
     const sherf_pose *own = sherf_avatar_pose(s->avatars[avatar].avatar);
     sherf_pose pose = motion == 0 ? *own : s->motions[motion].poses[frame];
     memcpy(pose.shapes, own->shapes, sizeof pose.shapes);
@@ -164,12 +165,17 @@ static void root_way(const viewer_framing *f, const float root_m[3], float way[3
     for (int i = 0; i < 3; i++) way[i] = (float)((double)root_m[i] - f->root_m[i] - up * f->axes[3 * i + 1]);
 }
 
+void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]) {
+    float root[3];
+    root_world(p, root);
+    root_way(f, root, way);
+}
+
 /* Widens [low, high], along the axes and moving with the root, by the posed body. */
 static void extent_add(const viewer_framing *f, const body_model *m, const posed_body *p,
                        float *vertices_world, double low[3], double high[3]) {
-    float root[3], way[3];
-    root_world(p, root);
-    root_way(f, root, way);
+    float way[3];
+    scene_root_way(f, p, way);
     body_vertices_world(m, p, vertices_world);
     for (int v = 0; v < m->vertices; v++)
         for (int a = 0; a < 3; a++) {
@@ -181,18 +187,16 @@ static void extent_add(const viewer_framing *f, const body_model *m, const posed
         }
 }
 
-sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out) {
+static sherf_status framing_make(context *c, const viewer_scene *s, int avatar, int motion,
+                                 viewer_framing *f) {
     enum { LOOKED_AT = 12 };
-    viewer_framing *f = &s->framings[avatar * s->motion_count + motion];
-    *out = f;
-    if (f->known) return SHERF_OK;
     const body_model *m = s->avatars[avatar].body;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     int count = s->motions[motion].count, looks = count < LOOKED_AT ? count : LOOKED_AT;
     float *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
     sherf_status status = vertices ? SHERF_OK : SHERF_NO_MEMORY;
     for (int i = 0; i < looks && status == SHERF_OK; i++) {
-        sherf_pose pose = pose_of(s, avatar, motion, (int)((int64_t)i * count / looks));
+        sherf_pose pose = scene_pose(s, avatar, motion, (int)((int64_t)i * count / looks));
         posed_body *p = NULL;
         if (i == 0) body_axes(&pose, f->axes);
         status = posed_body_create(c, m, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p);
@@ -214,6 +218,15 @@ sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, 
     return SHERF_OK;
 }
 
+sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out) {
+    viewer_framing *f = &s->framings[avatar * s->motion_count + motion];
+    pthread_mutex_lock(&s->framing_lock);
+    sherf_status status = f->known ? SHERF_OK : framing_make(c, s, avatar, motion, f);
+    pthread_mutex_unlock(&s->framing_lock);
+    *out = f;
+    return status;
+}
+
 void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
                   sherf_camera *camera, float *scale_m) {
     const float origin[3] = {0, 0, 0};
@@ -229,9 +242,9 @@ void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_r
     /* x_camera = R B^T (x - centre - B offset - way) + T, with R and T in the body's axes. */
     float target[3], way[3] = {0, 0, 0};
     if (r->follow) {
-        const sherf_pose pose = pose_of(s, r->avatar, r->motion, r->frame);
+        const sherf_pose pose = scene_pose(s, r->avatar, r->motion, r->frame);
         /* the root joint of this frame: R J0 + Th, and J0 is that of the first */
-        const sherf_pose first = pose_of(s, r->avatar, r->motion, 0);
+        const sherf_pose first = scene_pose(s, r->avatar, r->motion, 0);
         float root[3], joint[3] = {0, 0, 0};
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++) joint[i] += first.R[3 * k + i] * (f->root_m[k] - first.Th_m[k]);
@@ -270,7 +283,7 @@ sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, c
         if (p->used < oldest->used) oldest = p;
     }
     const sherf_viewer_avatar *a = &s->avatars[r->avatar];
-    sherf_pose pose = pose_of(s, r->avatar, r->motion, r->frame);
+    sherf_pose pose = scene_pose(s, r->avatar, r->motion, r->frame);
     posed_body *body = NULL;
     sherf_status status = avatar_pose(c, a->avatar, a->body, &pose, &body);
     if (status != SHERF_OK) return status;

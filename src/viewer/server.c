@@ -227,6 +227,39 @@ static enum MHD_Result picture_send(http_request *r, struct MHD_Connection *conn
     return send_off(connection, MHD_HTTP_OK, of_memory(data, bytes, "image/png"));
 }
 
+/* ---- what the page draws by itself ---- */
+static enum MHD_Result surface_send(http_request *r, struct MHD_Connection *connection) {
+    viewer_query q;
+    const uint8_t *data;
+    size_t bytes;
+    if (!query_read(connection, r->server->v, &q))
+        return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such avatar");
+    switch (live_ask(r->server->v, q.request.avatar, &data, &bytes)) {
+    case LIVE_READY: {
+        const struct MHD_IoVec whole = {data, bytes};
+        struct MHD_Response *surface = MHD_create_response_from_iovec(&whole, 1, NULL, NULL);
+        return send_off(connection, MHD_HTTP_OK, with_headers(surface, "application/octet-stream"));
+    }
+    case LIVE_FAILED:
+        return say(connection, MHD_HTTP_NOT_FOUND, "this avatar has no surface");
+    default:
+        return say(connection, MHD_HTTP_ACCEPTED, "it is being made");
+    }
+}
+
+static enum MHD_Result moves_send(http_request *r, struct MHD_Connection *connection) {
+    context quiet = {.threads = 1};
+    viewer_query q;
+    uint8_t *data;
+    size_t bytes;
+    if (!query_read(connection, r->server->v, &q))
+        return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such frame");
+    if (live_moves(&quiet, &r->server->v->scene, q.request.avatar, q.request.motion, q.request.frame, &data,
+                   &bytes) != SHERF_OK)
+        return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, quiet.message);
+    return send_off(connection, MHD_HTTP_OK, of_memory(data, bytes, "application/octet-stream"));
+}
+
 /* ---- films ---- */
 static enum MHD_Result film_state_send(http_request *r, struct MHD_Connection *connection,
                                        const viewer_query *q) {
@@ -333,6 +366,8 @@ static enum MHD_Result route(http_request *r, struct MHD_Connection *connection,
     if (!get) return refuse(connection, MHD_HTTP_METHOD_NOT_ALLOWED, "not with this method");
     if (strcmp(rest, "/frame") == 0) return frame_handle(r, connection);
     if (strcmp(rest, "/picture") == 0) return picture_send(r, connection);
+    if (strcmp(rest, "/surface") == 0) return surface_send(r, connection);
+    if (strcmp(rest, "/moves") == 0) return moves_send(r, connection);
     if (strcmp(rest, "/film.mp4") == 0) return film_file_send(r, connection);
     if (strcmp(rest, "/about") == 0) {
         struct MHD_Response *about =

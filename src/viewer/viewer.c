@@ -13,6 +13,7 @@ sherf_status sherf_viewer_create(sherf_context *c, const sherf_viewer_options *o
     }
     sherf_status status = scene_create(c, options, &v->scene);
     if (status == SHERF_OK) status = token_make(c, v->token);
+    if (status == SHERF_OK) status = live_open(c, v);
     if (status == SHERF_OK) status = server_open(c, v, options->listen, options->port);
     if (status != SHERF_OK) {
         sherf_viewer_free(v);
@@ -30,6 +31,7 @@ void sherf_viewer_free(sherf_viewer *v) {
     if (!v) return;
     desk_close(&v->desk); /* the server stops only when no request is laid aside */
     server_close(v->server);
+    live_close(v);
     films_close(v);
     desk_finish(&v->desk);
     scene_free(&v->scene);

@@ -9,6 +9,8 @@
 
 #include "avatar/avatar.h"
 
+typedef struct sherf_viewer viewer;
+
 enum {
     VIEWER_TOKEN = 32,      /* letters of the token, 128 bits */
     VIEWER_CLIENTS = 10,    /* at the desk at a time */
@@ -96,6 +98,7 @@ typedef struct {
     sherf_pose rest;
     viewer_posed posed[VIEWER_POSED];
     uint64_t clock;
+    pthread_mutex_t framing_lock; /* of framings: any thread may want one */
     int side_max;
     bool detail;
     char *about; /* JSON */
@@ -103,8 +106,12 @@ typedef struct {
 sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scene *out);
 void scene_free(viewer_scene *s);
 bool request_fits(const viewer_scene *s, const viewer_request *r);
-/* The rest is for the thread that renders. */
+/* The pose of a motion's frame, with the avatar's own shape. */
+sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame);
 sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out);
+/* The way of the root joint along the ground since the motion's first frame; as it is in the world. */
+void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]);
+/* The rest is for the thread that renders. */
 sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, const posed_body **out);
 /* camera of r; *scale_m: metres a picture's height spans at the point looked at. */
 void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
@@ -204,10 +211,54 @@ void desk_done(viewer_desk *d, viewer_job *job, job_state state);
 viewer_job *job_create(context *c, const viewer_request *r);
 void job_free(viewer_job *job);
 
+/* ---- what the page draws by itself (live.c) ----
+ * Answers in the machine's byte order, which is little-endian wherever this runs. Each begins with LIVE_HEAD
+ * numbers of 32 bits.
+ * A surface: LIVE_SURFACE, C corners, T triangles, bytes of the PNG; C x 3 float, the rest pose of the
+ * avatar's shape, metres; C x 2 16-bit shares of the texture, from its upper left corner; C x 4 bytes,
+ * joints; C x 4 bytes, their weights, which sum to 255; T x 3 corners, 32 bits; the texture, PNG. Frames of a
+ * motion: LIVE_MOVES, the first one, how many, 0; LIVE_FRAMING float: axes (3 x 3), centre, half size,
+ * distance of viewer_framing; and for each frame LIVE_FRAME float: the way of the root joint that a camera
+ * follows, and 24 matrices (3 x 4) from the rest pose to the world. */
+enum {
+    LIVE_HEAD = 4,
+    LIVE_SURFACE = 0x31464c53, /* "SLF1" */
+    LIVE_MOVES = 0x314d4c53,   /* "SLM1" */
+    LIVE_CORNER_BYTES = 12 + 4 + 4 + 4,
+    LIVE_FRAMING = 16,
+    LIVE_FRAME = 3 + 12 * BODY_JOINTS,
+    LIVE_FRAMES = 128 /* in an answer */
+};
+typedef enum { LIVE_NONE, LIVE_ASKED, LIVE_BAKING, LIVE_READY, LIVE_FAILED } live_state;
+typedef struct {
+    live_state state;
+    uint64_t asked; /* which question it was */
+    uint8_t *data;
+    size_t bytes;
+} live_surface;
+typedef struct {
+    bool open, started, closed;
+    pthread_mutex_t lock;
+    pthread_cond_t news;
+    pthread_t thread;
+    context *c; /* the thread's own; NULL: nothing can be baked */
+    uint64_t asked;
+    int resolution; /* of what is baked, cells along the body; tests lower it */
+    live_surface surface[VIEWER_AVATARS];
+} viewer_live;
+sherf_status live_open(context *c, viewer *v);
+void live_close(viewer *v); /* when nobody can ask any more */
+/* The surface of an avatar, which is made now where it was not yet; data is the viewer's. */
+live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes);
+/* Up to LIVE_FRAMES from `frame` on. Freed with mem_free. */
+sherf_status live_moves(context *c, viewer_scene *s, int avatar, int motion, int frame, uint8_t **out,
+                        size_t *bytes);
+
 /* ---- the viewer ---- */
 struct sherf_viewer {
     viewer_scene scene;
     viewer_desk desk;
+    viewer_live live;
     char token[VIEWER_TOKEN + 1];
     char address[160];
     char folder[64]; /* of films being written; empty: not made yet */
@@ -216,7 +267,6 @@ struct sherf_viewer {
     sherf_frame band;
     double pixel_s[VIEWER_AVATARS]; /* seconds a pixel, lately; 0: not known */
 };
-typedef struct sherf_viewer viewer;
 
 /* ---- rendering (studio.c) ---- */
 /* A band of the job's picture; *complete when that was the last. */

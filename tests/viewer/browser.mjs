@@ -58,13 +58,13 @@ const ready = (page) => page.waitForFunction(() => document.getElementById("spee
 // Refined: the full side is on the screen and nothing is under way.
 const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !pending, null, { timeout: patience, polling: 50 });
 // A small copy of the canvas's pixels.
-const pixels = (page) => page.evaluate(() => {
+const pixels = (page, canvas = "canvas") => page.evaluate((canvas) => {
   const c = document.createElement("canvas");
   c.width = c.height = 64;
   const p = c.getContext("2d");
-  p.drawImage(document.getElementById("canvas"), 0, 0, 64, 64);
+  p.drawImage(document.getElementById(canvas), 0, 0, 64, 64);
   return [...p.getImageData(0, 0, 64, 64).data];
-});
+}, canvas);
 const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
 const colours = (a) => new Set(a.map((x, i) => (i % 4 ? -1 : (x << 16) | (a[i + 1] << 8) | a[i + 2]))).size;
 
@@ -106,7 +106,7 @@ const folder = mkdtempSync(path.join(tmpdir(), "sherf-browser-"));
 let server = serve(0), browser;
 try {
   const address = await server.address;
-  browser = await chromium.launch({ executablePath: browserPath, args: ["--no-sandbox", "--disable-gpu"] });
+  browser = await chromium.launch({ executablePath: browserPath, args: ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"] });
   const desktop = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true });
   desktop.setDefaultTimeout(patience);
   const page = await desktop.newPage();
@@ -243,6 +243,30 @@ try {
     check(difference(one, await pixels(page)) > 1, "another avatar");
     await page.selectOption("#avatar", "0");
   }
+
+  // the surface that the page draws by itself, which without a graphics card it does only here
+  check(await page.evaluate(() => !live.ready(0, 0, 0, 1)), "without a graphics card the page asks for pictures");
+  const surface = await desktop.newPage();
+  surface.on("pageerror", (e) => problems.push(e.message));
+  await surface.goto(address + "#surface");
+  await ready(surface);
+  await surface.evaluate(() => setPlaying(false));
+  await surface.selectOption("#motion", "0");
+  await surface.waitForFunction(() => isLive(), null, { timeout: patience });
+  await still(surface);
+  await surface.evaluate(() => turn(40, 0));
+  await surface.waitForFunction(() => !$("live").hidden, null, { timeout: patience });
+  const drawnHere = await pixels(surface, "live");
+  check(colours(drawnHere) > 50, `what moves is drawn by the page (${await text(surface)})`);
+  await shot(surface, "surface");
+  await still(surface);
+  check(await surface.evaluate(() => $("live").hidden), "a still view is the network's picture");
+  const apart = difference(drawnHere, await pixels(surface));
+  await surface.evaluate(() => turn(80, 0));
+  await still(surface);
+  const turned = difference(drawnHere, await pixels(surface));
+  check(apart < 3 && apart < 0.6 * turned, `both are of the same view (${apart.toFixed(2)} apart, another view ${turned.toFixed(2)})`);
+  await surface.close();
 
   // two clients, the second one a phone
   const phone = await browser.newContext({ viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true });

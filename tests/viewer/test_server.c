@@ -190,6 +190,119 @@ static void pictures(void **state) {
     mem_free(p.data);
 }
 
+/* ---- what the page draws by itself ---- */
+
+/* The bounds of what is opaque in the frame of a query, in pixels. */
+static void opaque_bounds(const char *query, int side, float low[2], float high[2]) {
+    image_u8 p = picture_of(get("%s&w=%d&h=%d&mode=opacity&png=1", query, side, side), "image/png", 1);
+    for (int k = 0; k < 2; k++) low[k] = (float)side, high[k] = 0;
+    for (int i = 0; i < side * side; i++)
+        for (int k = 0; k < 2 && p.data[i] > 127; k++) {
+            const float x = (float)(k ? i / side : i % side);
+            low[k] = fminf(low[k], x);
+            high[k] = fmaxf(high[k], x + 1);
+        }
+    mem_free(p.data);
+}
+
+/* Where the answers' bytes put a corner of the surface in a frame. */
+static void corner_world(const uint8_t *surface, const float *frame, uint32_t corners, uint32_t i,
+                         float out[3]) {
+    float p[4] = {0, 0, 0, 1};
+    const uint8_t *joint = surface + 16 + 16 * (size_t)corners + 4 * i, *weight = joint + 4 * (size_t)corners;
+    int sum = 0;
+    memcpy(p, surface + 16 + 12 * (size_t)i, 12);
+    for (int k = 0; k < 3; k++) out[k] = 0;
+    for (int j = 0; j < 4; j++) {
+        assert_true(joint[j] < BODY_JOINTS);
+        sum += weight[j];
+        for (int k = 0; k < 12; k++)
+            out[k / 4] += (float)weight[j] / 255 * frame[3 + 12 * joint[j] + k] * p[k % 4];
+    }
+    assert_int_equal(sum, 255);
+}
+
+/* The surface, put into a frame by the bytes that the page gets, is where the network's picture has the body.
+ */
+static void surface_stands_in_the_picture(void **state) {
+    enum { SIDE = 128 };
+    static const char query[] = "/frame?client=lena&n=1&motion=2&frame=4&az=0.7&el=0.2";
+    viewer *v = all.viewer;
+    v->live.resolution = 64;
+    const answer *a = get("/surface?avatar=0");
+    for (int i = 0; i < 2000 && a->status == 202; i++, a = get("/surface?avatar=0")) usleep(50000);
+    assert_status(a, 200);
+    assert_true(has(a, "application/octet-stream"));
+    uint32_t head[4], moves[4];
+    memcpy(head, a->body, sizeof head);
+    const uint32_t corners = head[1], triangles = head[2];
+    assert_int_equal(head[0], LIVE_SURFACE);
+    assert_true(corners > 200 && triangles > 200);
+    assert_int_equal(a->bytes, 16 + 24 * (size_t)corners + 12 * (size_t)triangles + head[3]);
+    uint8_t *surface = mem_alloc(all.c, a->bytes, 1);
+    memcpy(surface, a->body, a->bytes);
+    for (uint32_t i = 0, index; i < 3 * triangles; i++) {
+        memcpy(&index, surface + 16 + 24 * (size_t)corners + 4 * (size_t)i, sizeof index);
+        assert_true(index < corners);
+    }
+    image_u8 texture;
+    assert_ok(all.c, image_parse(all.c, surface + a->bytes - head[3], head[3], 3, &texture));
+    assert_int_equal(texture.width, texture.height);
+    mem_free(texture.data);
+
+    assert_status(a = get("/moves?motion=2&frame=3"), 200);
+    memcpy(moves, a->body, sizeof moves);
+    assert_true(moves[0] == LIVE_MOVES && moves[1] == 3 && moves[2] == POSES - 3);
+    assert_int_equal(a->bytes, 16 + 4 * (LIVE_FRAMING + (POSES - 3) * (size_t)LIVE_FRAME));
+    float frame[LIVE_FRAME];
+    memcpy(frame, a->body + 16 + 4 * (LIVE_FRAMING + LIVE_FRAME), sizeof frame); /* the second: frame 4 */
+    assert_true(fabsf(frame[0] - 2) < 1e-4f);                                    /* half a metre a frame */
+
+    viewer_query q;
+    const viewer_framing *f;
+    sherf_camera camera;
+    float scale, low[2], high[2], found_low[2] = {SIDE, SIDE}, found_high[2] = {0, 0};
+    query_start(&q);
+    q.request = (viewer_request){.motion = 2,
+                                 .frame = 4,
+                                 .width = SIDE,
+                                 .height = SIDE,
+                                 .azimuth_rad = 0.7f,
+                                 .elevation_rad = 0.2f,
+                                 .zoom = 1,
+                                 .follow = true};
+    assert_ok(all.c, scene_framing(all.c, &v->scene, 0, 2, &f));
+    scene_camera(&v->scene, f, &q.request, &camera, &scale);
+    for (uint32_t i = 0; i < corners; i++) {
+        float x[3], y[3];
+        corner_world(surface, frame, corners, i, x);
+        for (int r = 0; r < 3; r++)
+            y[r] = camera.R[3 * r] * x[0] + camera.R[3 * r + 1] * x[1] + camera.R[3 * r + 2] * x[2] +
+                   camera.T_m[r];
+        for (int k = 0; k < 2; k++) {
+            const float px = camera.K[4 * k] * y[k] / y[2] + camera.K[3 * k + 2];
+            found_low[k] = fminf(found_low[k], px);
+            found_high[k] = fmaxf(found_high[k], px);
+        }
+    }
+    mem_free(surface);
+    opaque_bounds(query, SIDE, low, high);
+    for (int k = 0; k < 2; k++) {
+        if (fabsf(low[k] - found_low[k]) > 3 || fabsf(high[k] - found_high[k]) > 3)
+            fail_msg("along %d: the surface from %g to %g, the picture from %g to %g", k,
+                     (double)found_low[k], (double)found_high[k], (double)low[k], (double)high[k]);
+    }
+}
+
+static void surfaces_and_moves_there_are_not(void **state) {
+    static const char *const wrong[] = {"/surface?avatar=1", "/surface?avatar=-1",      "/surface?avatar=x",
+                                        "/moves?motion=3",   "/moves?motion=2&frame=6", "/moves?frame=1",
+                                        "/moves?avatar=64"};
+    for (size_t i = 0; i < COUNT_OF(wrong); i++) assert_status(get("%s", wrong[i]), 400);
+    assert_status(get("/moves"), 200); /* the picture's own pose */
+    assert_alive();
+}
+
 /* A picture made in bands is the one made at once; following the body keeps it in the middle. */
 static void bands_and_following(void **state) {
     viewer *v = all.viewer;
@@ -562,6 +675,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(page),
                                        cmocka_unit_test(about),
                                        cmocka_unit_test(pictures),
+                                       cmocka_unit_test(surface_stands_in_the_picture),
+                                       cmocka_unit_test(surfaces_and_moves_there_are_not),
                                        cmocka_unit_test(bands_and_following),
                                        cmocka_unit_test(strangers),
                                        cmocka_unit_test(nonsense),

@@ -152,8 +152,8 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
-                                const float *positions_canonical, float *rgb) {
+sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
+                         const float *positions_canonical, float *rgb) {
     float *normal = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normal);
     detail_job j = {body, NULL, positions_canonical, normal, rgb};
     sherf_status status = normal ? avatar_detail_of(c, a, body, &j.d) : SHERF_NO_MEMORY;
@@ -163,7 +163,7 @@ static sherf_status bake_detail(context *c, const sherf_avatar *a, const body_mo
     return status;
 }
 
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, bool detail, int64_t n,
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb) {
     bake_job *j = mem_zero(c, 1, sizeof *j);
     if (!j) return SHERF_NO_MEMORY;
@@ -179,6 +179,5 @@ sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *bo
     }
     job_free(j);
     mem_free(j);
-    if (status == SHERF_OK && detail) status = bake_detail(c, a, body, n, positions_canonical, rgb);
     return status;
 }

@@ -87,9 +87,12 @@ sherf_status surface_normals(context *c, surface *s, const field_grid *g);
 sherf_status surface_reduce(context *c, surface *s, int64_t triangles);
 
 /* ---- bake.c ---- */
-/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame would have them,
- * with the observation's detail or without. */
-sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, bool detail, int64_t n,
+/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame without detail would
+ * have them. */
+sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb);
+/* Adds the observation's detail to colours of places on the surface. */
+sherf_status bake_detail(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
+                         const float *positions_canonical, float *rgb);
 
 #endif

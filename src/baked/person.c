@@ -1,6 +1,8 @@
 /* The way from an avatar to a posed surface with its colours, or to splats. */
 #include "baked/person.h"
 
+#include "baked/texels.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -86,6 +88,38 @@ static void texel_places(const surface *s, const atlas *a, float *position, floa
     }
 }
 
+/* The colours of places, with detail where it is asked for. */
+static sherf_status places_color(context *c, const bake_steps *j, int64_t n, const float *position,
+                                 const float *normal, float *rgb) {
+    sherf_status status = bake_colors(c, j->a, j->body, n, position, normal, rgb);
+    if (status == SHERF_OK && j->o->detail) status = bake_detail(c, j->a, j->body, n, position, rgb);
+    return status;
+}
+
+/* Colours of an atlas's texels. The network's pictures are softer than texels are small: where its four
+ * neighbours (texel_mean) are there, a texel takes their mean, and only the detail is its own. */
+static sherf_status texels_color(context *c, const bake_steps *j, const float *position, const float *normal,
+                                 float *rgb) {
+    const atlas *a = &j->out->atlas;
+    texel_mesh mesh;
+    sherf_status status = texel_mesh_make(c, a, position, &mesh);
+    float *some = mem_alloc(c, (size_t)a->texels, 9 * sizeof *some);
+    if (status == SHERF_OK && !some) status = SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        float *some_normal = some + 3 * mesh.count, *some_rgb = some + 6 * mesh.count;
+        for (int64_t i = 0; i < mesh.count; i++) {
+            memcpy(some + 3 * i, position + 3 * (size_t)mesh.texel[i], 3 * sizeof *some);
+            memcpy(some_normal + 3 * i, normal + 3 * (size_t)mesh.texel[i], 3 * sizeof *some);
+        }
+        status = bake_colors(c, j->a, j->body, mesh.count, some, some_normal, some_rgb);
+        if (status == SHERF_OK) texel_mesh_spread(a, &mesh, some_rgb, rgb);
+    }
+    mem_free(some);
+    texel_mesh_free(&mesh);
+    if (status == SHERF_OK && j->o->detail) status = bake_detail(c, j->a, j->body, a->texels, position, rgb);
+    return status;
+}
+
 static sherf_status texture_make(context *c, bake_steps *j) {
     baked_person *p = j->out;
     atlas *a = &p->atlas;
@@ -101,7 +135,7 @@ static sherf_status texture_make(context *c, bake_steps *j) {
     status = position && normal && rgb && p->picture ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) {
         texel_places(&p->surface, a, position, normal);
-        status = bake_colors(c, j->a, j->body, j->o->detail, a->texels, position, normal, rgb);
+        status = texels_color(c, j, position, normal, rgb);
     }
     if (status == SHERF_OK) status = atlas_paint(c, a, rgb, p->picture);
     mem_free(position);
@@ -118,14 +152,13 @@ static sherf_status splats_color(context *c, bake_steps *j) {
     if (status != SHERF_OK) return status;
     j->out->report.splats = p->count;
     splats_place(s, s->position, s->normal, p);
-    return bake_colors(c, j->a, j->body, j->o->detail, p->count, p->position, p->normal, p->rgb);
+    return places_color(c, j, p->count, p->position, p->normal, p->rgb);
 }
 
 static sherf_status vertices_color(context *c, bake_steps *j) {
     const surface *s = &j->out->surface;
     float *rgb = j->out->rgb = mem_alloc(c, (size_t)s->vertices, 3 * sizeof *rgb);
-    return rgb ? bake_colors(c, j->a, j->body, j->o->detail, s->vertices, s->position, s->normal, rgb)
-               : SHERF_NO_MEMORY;
+    return rgb ? places_color(c, j, s->vertices, s->position, s->normal, rgb) : SHERF_NO_MEMORY;
 }
 
 sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *body,

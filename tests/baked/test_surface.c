@@ -4,6 +4,7 @@
 
 #include "closed.h"
 #include "baked/atlas.h"
+#include "baked/texels.h"
 #include "baked/splats.h"
 
 static double ball(const float p[3], void *user) {
@@ -258,6 +259,43 @@ static void assert_apart(const surface *s, const atlas *a, double slack) {
     assert_float_equal(area, (double)a->texels, slack * area);
 }
 
+/* Places of texels come back from every other texel's, to a part of a texel's side, also beside another
+ * chart. */
+static void assert_spread(context *c, const surface *s, const atlas *a, double sides_max) {
+    float *place = malloc((size_t)a->texels * 3 * sizeof *place),
+          *some = malloc((size_t)a->texels * 3 * sizeof *some),
+          *all = malloc((size_t)a->texels * 3 * sizeof *all);
+    texel_mesh mesh;
+    double side = 0, worst = 0;
+    int64_t pairs = 0;
+    for (int64_t i = 0; i < a->texels; i++) {
+        const uint32_t *t = s->triangle + 3 * (size_t)a->face[i];
+        const float b1 = a->barycentric[2 * i], b2 = a->barycentric[2 * i + 1];
+        for (size_t k = 0; k < 3; k++)
+            place[3 * (size_t)i + k] = (1 - b1 - b2) * s->position[3 * (size_t)t[0] + k] +
+                                       b1 * s->position[3 * (size_t)t[1] + k] +
+                                       b2 * s->position[3 * (size_t)t[2] + k];
+    }
+    for (int64_t i = 0; i + 1 < a->texels; i++)
+        if (a->texel[i + 1] == a->texel[i] + 1 && a->face[i] == a->face[i + 1]) {
+            double sum = 0;
+            for (int k = 0; k < 3; k++) sum += pow((double)place[3 * i + 3 + k] - place[3 * i + k], 2);
+            side += sqrt(sum);
+            pairs++;
+        }
+    assert_ok(c, texel_mesh_make(c, a, place, &mesh));
+    assert_true((double)mesh.count < 0.45 * (double)a->texels);
+    for (int64_t i = 0; i < mesh.count; i++)
+        memcpy(some + 3 * i, place + 3 * (size_t)mesh.texel[i], 3 * sizeof *some);
+    texel_mesh_spread(a, &mesh, some, all);
+    for (int64_t i = 0; i < 3 * a->texels; i++) worst = fmax(worst, fabs((double)all[i] - place[i]));
+    if (!(worst < sides_max * side / (double)pairs))
+        fail_msg("%g of a texel's side apart, %g of the texels", worst * (double)pairs / side,
+                 (double)mesh.count / (double)a->texels);
+    texel_mesh_free(&mesh);
+    free(place), free(some), free(all);
+}
+
 static void atlas_is_an_atlas(void **state) {
     context *c = test_context();
     surface s;
@@ -270,6 +308,7 @@ static void atlas_is_an_atlas(void **state) {
     assert_texels(&s, &a);
     assert_apart(&s, &a, 0.05);
     assert_true((double)a.texels > 0.35 * 256 * 256); /* and it fills the picture */
+    assert_spread(c, &s, &a, 0.5);
     float *rgb = malloc((size_t)a.texels * 3 * sizeof *rgb);
     uint8_t *picture = malloc(256 * 256 * 3);
     for (int64_t i = 0; i < 3 * a.texels; i++) rgb[i] = i % 3 ? 0.25f : 1;
@@ -297,6 +336,7 @@ static void atlas_of_noise(void **state) {
     assert_ok(c, atlas_make(c, &s, 1024, &a));
     assert_texels(&s, &a);
     assert_apart(&s, &a, 0.1);
+    assert_spread(c, &s, &a, 4.3);
     atlas_free(&a);
     assert_int_equal(atlas_make(c, &s, 64, &a), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(c->message, "too small"));

@@ -30,18 +30,18 @@ static int run(session *s, int count, char **argument) {
 
 const verb verb_bench = {
     .name = "bench",
-    .arguments = "render|train",
-    .summary = "time rendering or training",
+    .arguments = "render|train|bake",
+    .summary = "time rendering, training or baking",
     .description =
         "Times the network with made-up weights on a built-in tube person. render gives avatar_ms, frame_ms, "
         "points (samples that met the network), precision, device and peak_rss_mb; train gives step_ms, "
         "device "
-        "and peak_rss_mb.",
+        "and peak_rss_mb; bake gives bake_ms and baked_frame_ms.",
     .example = "sherf bench render --size 512 --json\nsherf bench train --preset small --size 256 --json",
     .options = options,
     .arguments_min = 1,
     .arguments_max = 1,
-    .words = "render|train",
+    .words = "render|train|bake",
     .computes = true,
     .run = run,
 };

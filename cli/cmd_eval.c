@@ -7,7 +7,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool npy, no_png, baselines, detail, estimated, own_pose;
+    bool baked, npy, no_png, baselines, detail, estimated, own_pose;
     int64_t size, samples, pictures;
 } set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
@@ -24,6 +24,8 @@ static const option options[] = {
      "which "
      "are left out of the targets (1, the paper's)",
      1, SHERF_PICTURES_MAX},
+    {0, "baked", OPTION_FLAG, &set.baked, NULL,
+     "bake each avatar (sherf bake) and score its frames in the place of the network's"},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
     {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
     SHARED_LPIPS(&set.lpips, "; without it no LPIPS"),
@@ -98,6 +100,7 @@ static int run(session *s, int count, char **argument) {
                             .estimated = networks,
                             .own_pose = set.own_pose,
                             .pictures = (int)set.pictures,
+                            .baked = set.baked,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,

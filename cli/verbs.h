@@ -9,7 +9,8 @@
     X(avatar)                                                                                                \
     X(estimate)                                                                                              \
     X(render)                                                                                                \
-    X(animate) X(view) X(export) X(train) X(eval) X(experiment) X(synth) X(convert) X(check) X(info) X(bench)
+    X(animate)                                                                                               \
+    X(bake) X(view) X(export) X(train) X(eval) X(experiment) X(synth) X(convert) X(check) X(info) X(bench)
 #define VERB_DECLARE(name) extern const verb verb_##name;
 VERBS(VERB_DECLARE)
 

@@ -288,6 +288,20 @@ SHERF_API sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a
 SHERF_API sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
                                          sherf_avatar **out);
 SHERF_API void sherf_avatar_free(sherf_avatar *avatar);
+
+/* An avatar in another form: a skinned surface with a texture, which is drawn in milliseconds without the
+ * network. sherf_render, sherf_animate and sherf_avatar_save take it as any avatar, sherf_avatar_load reads
+ * its file. Exact frames, sherf_export and the viewer need the avatar that it was baked of, and say so. The
+ * surface keeps the person's shape, and does not have what a body's vertices move with its pose beside the
+ * joints (SMPL's blend shapes). body: as given to sherf_avatar_create. options may be NULL. */
+typedef struct {
+    int resolution; /* cells of the density along the body's longest side; 0: 256 */
+    int triangles;  /* 0: 40000 */
+    int texture_px; /* side, a multiple of 8; 0: 1024 */
+    int detail;     /* as in sherf_render_options, for the colours */
+} sherf_bake_options;
+SHERF_API sherf_status sherf_avatar_bake(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
+                                         const sherf_bake_options *options, sherf_avatar **out);
 SHERF_API const sherf_pose *
 sherf_avatar_pose(const sherf_avatar *avatar); /* the observation's, or the first's */
 SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* likewise */
@@ -649,6 +663,7 @@ typedef struct {
                                   prediction         and truth; or NULL */
     const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
                               masks are estimated from their pictures alone; NULL: they are the data's */
+    int baked; /* non-zero: frames of the baked avatars (sherf_avatar_bake) in the place of the network's */
     int pictures; /* 1 to SHERF_PICTURES_MAX of each observation, in its pose, the further ones from views
                      evenly round the person, none of which is compared with; 0: 1, the paper's */
     int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
@@ -756,7 +771,7 @@ typedef struct {
     int repeats;        /* 0: as many as fit in a few seconds */
     int json;
 } sherf_bench_options;
-/* what: "render" or "train". Free *text with sherf_free. */
+/* what: "render", "train" or "bake". Free *text with sherf_free. */
 SHERF_API sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_options *options,
                                    char **text);
 

@@ -77,6 +77,10 @@ class ExportOptions(Structure):
                 ("motion", c_void_p), ("lit", c_int), ("up", c_int), ("detail", c_int)]
 
 
+class BakeOptions(Structure):
+    _fields_ = [("resolution", c_int), ("triangles", c_int), ("texture_px", c_int), ("detail", c_int)]
+
+
 class ExportedStruct(Structure):
     _fields_ = [("vertices", c_int64), ("triangles", c_int64), ("splats", c_int64), ("level", c_double),
                 ("islands", c_int), ("charts", c_int), ("seconds", c_double * 4)]
@@ -103,7 +107,7 @@ STRUCTS = {"sherf_options": Options, "sherf_camera": CameraStruct, "sherf_pose":
            "sherf_estimate_facts": EstimateFactsStruct, "sherf_clip_options": ClipOptions,
            "sherf_clip_facts": ClipFactsStruct, "sherf_render_options": RenderOptions, "sherf_frame": FrameStruct,
            "sherf_motion_options": MotionOptions, "sherf_export_options": ExportOptions,
-           "sherf_exported": ExportedStruct, "sherf_orbit_options": OrbitOptions,
+           "sherf_bake_options": BakeOptions, "sherf_exported": ExportedStruct, "sherf_orbit_options": OrbitOptions,
            "sherf_animate_options": AnimateOptions, "sherf_animate_result": AnimateResult}
 
 # Names of the enumerations' values, in the header's order.
@@ -193,6 +197,7 @@ FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "sherf_motion_pose_at": (None, [_OBJECT, c_double, _POSE]),
     "sherf_motion_description": (c_char_p, [_OBJECT]),
     "sherf_motion_save": (c_int, [_OBJECT, _OBJECT, _PATH]),
+    "sherf_avatar_bake": (c_int, [_OBJECT, _OBJECT, _OBJECT, POINTER(BakeOptions), _OUT]),
     "sherf_export": (c_int, [_OBJECT, _OBJECT, _OBJECT, POINTER(ExportOptions), _PATH, POINTER(ExportedStruct)]),
     "sherf_cameras_orbit": (c_int, [_OBJECT, _OBJECT, _POSE, c_int, POINTER(OrbitOptions), c_int, _CAMERA]),
     "sherf_animate_cameras": (c_int, [_OBJECT, _OBJECT, _OBJECT, _OBJECT, POINTER(AnimateOptions), _CAMERA]),

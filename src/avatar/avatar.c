@@ -16,6 +16,7 @@ sherf_avatar *avatar_new(context *c) {
 
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
+    if (a->form) a->form->release(a->formed);
     lazy_occupancy_free(a->occupancy);
     lazy_detail_free(a->detail);
     if (a->field_kind) a->field_kind->release(a->field);

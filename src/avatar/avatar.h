@@ -13,7 +13,19 @@ typedef struct {
     int width, height;
     uint8_t *data;
 } fine_picture;
+/* An avatar that is not drawn by its network (baked/): what a frame, a file and an end are there. */
+typedef struct {
+    const char *name;
+    sherf_status (*render)(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                           const sherf_camera *camera, const sherf_render_options *options,
+                           sherf_frame *frame);
+    sherf_status (*save)(context *c, const sherf_avatar *a, const char *path);
+    void (*release)(void *form);
+} avatar_form;
 struct sherf_avatar {
+    const avatar_form *form; /* NULL: the network's. Otherwise only what `form` says, the body's fingerprint,
+                                and pose and camera of the first picture are there */
+    void *formed;
     model_config config;
     uint64_t body_fingerprint;
     parameters *weights;                             /* what queries read, in the host's memory */
@@ -90,6 +102,10 @@ sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
 const posed_body *avatar_posed_in(const sherf_avatar *a, int picture);
 
 /* ---- avatar_file.c, render.c ---- */
+/* Of a file that safetensors_read read; sherf_avatar_load (baked/form_file.c) is for people. */
+sherf_status avatar_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
+/* SHERF_UNSUPPORTED, in one line, where `what` needs the network and this avatar has another form. */
+sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what);
 /* sherf_render of a body that avatar_pose posed, for many frames of one pose. */
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,

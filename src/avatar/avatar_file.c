@@ -62,6 +62,7 @@ static size_t picture_put(const sherf_avatar *a, int i, picture_items *room, saf
 }
 
 sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const char *path) {
+    if (a->form) return a->form->save(c, a, path);
     const size_t max = 3 * OBSERVED_PICTURES_MAX + (size_t)a->kept.count + (size_t)a->weights->count;
     picture_items pictures[OBSERVED_PICTURES_MAX];
     char fingerprint[32], key[MODEL_KEY], *config = model_config_text(c, &a->config);
@@ -145,15 +146,11 @@ static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar 
     return status;
 }
 
-sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
-                               sherf_avatar **out) {
-    *out = NULL;
-    safetensors *s = NULL;
-    sherf_status status = safetensors_read(c, path, &s);
-    if (status != SHERF_OK) return status;
+sherf_status avatar_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out) {
     sherf_avatar *a = avatar_new(c);
     const char *format = safetensors_metadata(s, "format");
     const char *fingerprint = safetensors_metadata(s, "body");
+    sherf_status status = SHERF_OK;
     if (!a)
         status = SHERF_NO_MEMORY;
     else if (!format || (strcmp(format, format_one) && strcmp(format, format_several)) || !fingerprint)
@@ -166,11 +163,9 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
     if (status == SHERF_OK) status = kept_read(c, s, &a->config, &a->kept);
     if (status == SHERF_OK) status = weights_load(c, s, a);
     if (status == SHERF_OK) status = avatar_finish(c, body, a);
-    safetensors_free(s);
-    if (status == SHERF_OK) {
+    if (status == SHERF_OK)
         *out = a;
-        return SHERF_OK;
-    }
-    sherf_avatar_free(a);
-    return failure_prefix(c, status, "%s", path);
+    else
+        sherf_avatar_free(a);
+    return status;
 }

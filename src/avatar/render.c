@@ -37,10 +37,18 @@ sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_b
                           const sherf_pose *pose, const sherf_camera *camera,
                           const sherf_render_options *options, sherf_frame *frame) {
     posed_body *posed = NULL;
+    if (a->form) return a->form->render(c, a, body, pose, camera, options, frame);
     sherf_status status = avatar_pose(c, a, body, pose, &posed);
     if (status == SHERF_OK) status = avatar_render(c, a, body, posed, camera, options, frame);
     posed_body_free(posed);
     return status;
+}
+
+sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what) {
+    if (!a->form) return SHERF_OK;
+    return failure(c, SHERF_UNSUPPORTED,
+                   "a %s avatar has no network: %s needs the avatar that it was made of", a->form->name,
+                   what);
 }
 
 void sherf_frame_free(sherf_frame *frame) {

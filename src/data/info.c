@@ -64,6 +64,7 @@ static const char *format_says(const char *format) {
         {"sherf-model", "model weights"},
         {"sherf-avatar", "an avatar"},
         {"sherf-avatar-of-several", "an avatar of several pictures"},
+        {"sherf-baked-avatar", "a baked avatar"},
         {"sherf-checkpoint", "a training checkpoint"},
         {"sherf-body", "a body model"},
         {"resnet18", "ResNet-18 weights"},

@@ -312,7 +312,7 @@ static sherf_status evaluate_picture(evaluation *e, const sherf_avatar *avatar, 
         sherf_frame_free(&e->frame);
     const sherf_render_options how = {.samples =
                                           e->options->samples ? e->options->samples : SHERF_SAMPLES_MODEL,
-                                      .exact = c->precision == SHERF_PRECISION_FP32,
+                                      .exact = c->precision == SHERF_PRECISION_FP32 && !e->options->baked,
                                       .detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
     status = sherf_render(c, avatar, e->body, &pose, &camera, &how, &e->frame);
     if ((status = named(e, status, entry.person, entry.target)) != SHERF_OK) goto done;
@@ -405,6 +405,16 @@ static sherf_status observe_all(evaluation *e, const selection *s, int i,
     return status;
 }
 
+/* Puts the baked avatar in its place. */
+static sherf_status bake(evaluation *e, sherf_avatar **avatar) {
+    const sherf_bake_options how = {.detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
+    sherf_avatar *baked = NULL;
+    sherf_status status = sherf_avatar_bake(e->c, *avatar, e->body, &how, &baked);
+    sherf_avatar_free(*avatar);
+    *avatar = baked;
+    return status;
+}
+
 static sherf_status evaluate_observation(evaluation *e, const selection *s, int i) {
     context *c = e->c;
     sherf_observation *observation[SHERF_PICTURES_MAX] = {NULL};
@@ -423,6 +433,7 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     if (status == SHERF_OK)
         status = sherf_avatar_create_several(c, e->model, e->body, pictures,
                                              (const sherf_observation *const *)observation, &avatar);
+    if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation[0])) != SHERF_OK) goto done;
     const int targets = observation_targets(s, i);

@@ -223,6 +223,42 @@ static sherf_status bench_render(bench *b, int json, char **text) {
     return status;
 }
 
+/* ---- bake ---- */
+/* As dense as a person's surface wherever made-up weights would be a haze. */
+static void make_dense(model *m) {
+    parameter *bias = parameter_find(m->weights, "decoder.alpha_linear.bias");
+    if (bias) *tensor_f32(&bias->value) = 100;
+}
+
+static sherf_status bench_bake(bench *b, int json, char **text) {
+    context *c = b->c;
+    frame_job job = {0};
+    sherf_avatar *avatar = NULL;
+    double frame_ms = 0;
+    make_dense(b->model);
+    sherf_status status = sherf_avatar_create(c, b->model, b->body, b->observation, &avatar);
+    const double begun_s = time_seconds();
+    if (status == SHERF_OK) status = sherf_avatar_bake(c, avatar, b->body, NULL, &job.avatar);
+    const double bake_ms = 1e3 * (time_seconds() - begun_s); /* once: it is seconds */
+    if (status == SHERF_OK) status = timed(b, frame_once, &job, &frame_ms);
+    if (status == SHERF_OK) {
+        *text = json ? mem_format(c,
+                                  "{\"what\": \"bake\", \"preset\": \"%s\", \"size\": %d, \"bake_ms\": %.1f, "
+                                  "\"baked_frame_ms\": %.3f, \"precision\": \"%s\", \"isa\": \"%s\", "
+                                  "\"threads\": %d, \"peak_%s_mb\": %.1f}\n",
+                                  b->preset, b->size, bake_ms, frame_ms, precision_name(c),
+                                  isa_name(isa_best()), c->threads, peak_name(c), peak_mb(c))
+                     : mem_format(c, "%s, %d px: baked in %.2f s, a frame %.2f ms, %s on %s, %d threads\n",
+                                  b->preset, b->size, bake_ms / 1e3, frame_ms, precision_name(c),
+                                  isa_name(isa_best()), c->threads);
+        if (!*text) status = SHERF_NO_MEMORY;
+    }
+    sherf_frame_free(&job.frame);
+    sherf_avatar_free(job.avatar);
+    sherf_avatar_free(avatar);
+    return status;
+}
+
 /* ---- train ---- */
 typedef struct {
     sample sample;
@@ -375,15 +411,19 @@ sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_o
                .preset = options->preset ? options->preset : "paper",
                .size = options->size_px ? options->size_px : 512,
                .repeats = options->repeats};
-    bool render = what && !strcmp(what, "render");
-    if (!render && (!what || strcmp(what, "train")))
-        return failure(c, SHERF_BAD_ARGUMENT, "bench: \"render\" or \"train\" is expected");
+    static const struct {
+        const char *name;
+        sherf_status (*run)(bench *b, int json, char **text);
+    } known[] = {{"render", bench_render}, {"train", bench_train}, {"bake", bench_bake}};
+    size_t k = 0;
+    while (k < COUNT_OF(known) && (!what || strcmp(what, known[k].name))) k++;
+    if (k == COUNT_OF(known))
+        return failure(c, SHERF_BAD_ARGUMENT, "bench: \"render\", \"train\" or \"bake\" is expected");
     if (b.size < 16 || b.size > SIDE_MAX || b.repeats < 0 || b.repeats > REPEATS_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "bench: sizes are 16 to %d pixels, repeats at most %d",
                        SIDE_MAX, REPEATS_MAX);
     sherf_status status = bench_open(&b);
-    if (status == SHERF_OK)
-        status = render ? bench_render(&b, options->json, text) : bench_train(&b, options->json, text);
+    if (status == SHERF_OK) status = known[k].run(&b, options->json, text);
     bench_free(&b);
     return status;
 }

@@ -5,12 +5,11 @@
 #include <string.h>
 #include <sys/resource.h>
 
-#include "baked/person.h"
-#include "io/image.h"
+#include "baked/form.h"
 #include "scene/scene.h"
 #include "viewer/viewer.h"
 
-enum { RESOLUTION = 256, TRIANGLES = 40000, TEXTURE = 1024, NICE = 5 };
+enum { RESOLUTION = 256, NICE = 5 };
 
 /* ---- a surface as bytes ---- */
 
@@ -29,52 +28,32 @@ static uint8_t *put(uint8_t *to, const void *from, size_t bytes) {
     return to + bytes;
 }
 
-static uint8_t *put_corners(uint8_t *to, const baked_person *p) {
-    const atlas *a = &p->atlas;
-    const size_t n = (size_t)a->corners;
-    for (size_t i = 0; i < n; i++) to = put(to, p->surface.position + 3 * (size_t)a->vertex[i], 12);
+static sherf_status pack(context *c, const baked_form *f, uint8_t **out, size_t *bytes) {
+    const size_t n = (size_t)f->corners, triangles = (size_t)f->triangles;
+    const uint32_t head[LIVE_HEAD] = {LIVE_SURFACE, (uint32_t)n, (uint32_t)triangles, (uint32_t)f->png_bytes};
+    *bytes = sizeof head + n * LIVE_CORNER_BYTES + triangles * 12 + f->png_bytes;
+    uint8_t *to = *out = mem_alloc(c, *bytes, 1);
+    if (!to) return SHERF_NO_MEMORY;
+    to = put(put(to, head, sizeof head), f->rest, n * 12);
     for (size_t i = 0; i < 2 * n; i++) {
-        const float at = (a->uv[i] + 0.5f) / (float)a->side_px;
+        const float at = (f->uv[i] + 0.5f) / (float)f->side_px;
         const uint16_t share = (uint16_t)(65535 * fminf(fmaxf(at, 0), 1) + 0.5f);
         to = put(to, &share, sizeof share);
     }
-    for (size_t i = 0; i < n; i++) to = put(to, p->skin.joint + 4 * (size_t)a->vertex[i], 4);
-    for (size_t i = 0; i < n; i++, to += 4) weights_to_bytes(p->skin.weight + 4 * (size_t)a->vertex[i], to);
-    return to;
-}
-
-static sherf_status pack(context *c, const baked_person *p, uint8_t **out, size_t *bytes) {
-    const atlas *a = &p->atlas;
-    const size_t n = (size_t)a->corners, triangles = (size_t)p->surface.triangles;
-    uint8_t *png = NULL;
-    size_t png_bytes = 0;
-    sherf_status status = png_to_memory(c, a->side_px, a->side_px, 3, p->picture, 3, &png, &png_bytes);
-    if (status != SHERF_OK) return status;
-    const uint32_t head[LIVE_HEAD] = {LIVE_SURFACE, (uint32_t)n, (uint32_t)triangles, (uint32_t)png_bytes};
-    *bytes = sizeof head + n * LIVE_CORNER_BYTES + triangles * 12 + png_bytes;
-    *out = mem_alloc(c, *bytes, 1);
-    if (*out) {
-        uint8_t *to = put_corners(put(*out, head, sizeof head), p);
-        put(put(to, a->triangle, triangles * 12), png, png_bytes);
-    }
-    mem_free(png);
-    return *out ? SHERF_OK : SHERF_NO_MEMORY;
+    to = put(to, f->joint, 4 * n);
+    for (size_t i = 0; i < n; i++, to += 4) weights_to_bytes(f->weight + 4 * i, to);
+    put(put(to, f->triangle, triangles * 12), f->png, f->png_bytes);
+    return SHERF_OK;
 }
 
 /* ---- the thread ---- */
 
-static sherf_status bake(context *c, const viewer *v, int avatar, uint8_t **out, size_t *bytes) {
+static sherf_status bake(context *c, const viewer *v, int avatar, live_surface *out) {
     const sherf_viewer_avatar *a = &v->scene.avatars[avatar];
-    const baked_options o = {.resolution = v->live.resolution,
-                             .islands = 0.02,
-                             .triangles = TRIANGLES,
-                             .texture_px = TEXTURE,
-                             .detail = v->scene.detail};
-    baked_person p;
-    sherf_status status = baked_person_make(c, a->avatar, a->body, &o, &p);
-    if (status == SHERF_OK) status = pack(c, &p, out, bytes);
-    baked_person_free(&p);
-    return status;
+    const sherf_bake_options o = {.resolution = v->live.resolution,
+                                  .detail = v->scene.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF};
+    sherf_status status = sherf_avatar_bake(c, a->avatar, a->body, &o, &out->avatar);
+    return status == SHERF_OK ? pack(c, out->avatar->formed, &out->data, &out->bytes) : status;
 }
 
 /* The avatar that was asked for last, which is looked at now; -1: none. Under the lock. */
@@ -100,7 +79,7 @@ static void *work(void *arg) {
         live_surface made = {.state = LIVE_BAKING};
         l->surface[i].state = LIVE_BAKING;
         pthread_mutex_unlock(&l->lock);
-        made.state = bake(l->c, v, i, &made.data, &made.bytes) == SHERF_OK ? LIVE_READY : LIVE_FAILED;
+        made.state = bake(l->c, v, i, &made) == SHERF_OK ? LIVE_READY : LIVE_FAILED;
         pthread_mutex_lock(&l->lock);
         l->surface[i] = made;
     }
@@ -130,7 +109,10 @@ void live_close(viewer *v) {
     pthread_cond_signal(&l->news);
     pthread_mutex_unlock(&l->lock);
     if (l->started) pthread_join(l->thread, NULL);
-    for (int i = 0; i < VIEWER_AVATARS; i++) mem_free(l->surface[i].data);
+    for (int i = 0; i < VIEWER_AVATARS; i++) {
+        mem_free(l->surface[i].data);
+        sherf_avatar_free(l->surface[i].avatar);
+    }
     if (l->c) sherf_context_free(l->c);
     pthread_cond_destroy(&l->news);
     pthread_mutex_destroy(&l->lock);
@@ -152,6 +134,12 @@ live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes) 
     *bytes = s->bytes;
     pthread_mutex_unlock(&l->lock);
     return state;
+}
+
+const sherf_avatar *live_avatar(viewer *v, int avatar) {
+    const uint8_t *data;
+    size_t bytes;
+    return live_ask(v, avatar, &data, &bytes) == LIVE_READY ? v->live.surface[avatar].avatar : NULL;
 }
 
 /* ---- motions ---- */

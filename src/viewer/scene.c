@@ -65,6 +65,10 @@ static sherf_status options_check(context *c, const sherf_viewer_options *o) {
     for (int i = 0; i < o->avatar_count; i++)
         if (o->avatars[i].body->fingerprint != o->avatars[i].avatar->body_fingerprint)
             return failure(c, SHERF_MISMATCH, "viewer: avatar %d was made with another body", i);
+    for (int i = 0; i < o->avatar_count; i++) {
+        sherf_status status = avatar_needs_network(c, o->avatars[i].avatar, "the viewer");
+        if (status != SHERF_OK) return status;
+    }
     return SHERF_OK;
 }
 

@@ -39,6 +39,7 @@ typedef struct {
     bool transparent, follow;
     bool lossless; /* PNG; otherwise JPEG where nothing is transparent */
     bool fine;     /* a picture to stay: encoded better */
+    bool quick;    /* of the baked surface, where there is one */
     float background[3];
 } viewer_request;
 
@@ -147,6 +148,7 @@ typedef struct {
     float scale_m;
     float *color, *opacity, *depth; /* in one piece, which begins at color */
     int rows_done;
+    bool baked; /* it is the baked surface's */
     double render_s;
     int64_t points;
     /* the answer */
@@ -232,7 +234,8 @@ enum {
 typedef enum { LIVE_NONE, LIVE_ASKED, LIVE_BAKING, LIVE_READY, LIVE_FAILED } live_state;
 typedef struct {
     live_state state;
-    uint64_t asked; /* which question it was */
+    uint64_t asked;       /* which question it was */
+    sherf_avatar *avatar; /* baked */
     uint8_t *data;
     size_t bytes;
 } live_surface;
@@ -250,6 +253,8 @@ sherf_status live_open(context *c, viewer *v);
 void live_close(viewer *v); /* when nobody can ask any more */
 /* The surface of an avatar, which is made now where it was not yet; data is the viewer's. */
 live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes);
+/* The baked avatar, for pictures that are drawn here; NULL: not yet, or there is none. */
+const sherf_avatar *live_avatar(viewer *v, int avatar);
 /* Up to LIVE_FRAMES from `frame` on. Freed with mem_free. */
 sherf_status live_moves(context *c, viewer_scene *s, int avatar, int motion, int frame, uint8_t **out,
                         size_t *bytes);

@@ -3,8 +3,9 @@
 
 #include "base/path.h"
 
-static const char *const verbs[] = {"avatar", "estimate",   "render", "animate", "view",  "export", "train",
-                                    "eval",   "experiment", "synth",  "convert", "check", "info",   "bench"};
+static const char *const verbs[] = {"avatar", "estimate", "render", "animate", "bake",
+                                    "view",   "export",   "train",  "eval",    "experiment",
+                                    "synth",  "convert",  "check",  "info",    "bench"};
 
 /* ---- words ---- */
 static void version_and_help(void **state) {
@@ -73,7 +74,7 @@ static void wrong_usage(void **state) {
     assert_error(run("info x --threads two"), 2, "--threads: 'two'", "sherf info --help");
     assert_error(run("info x --threads -1"), 2, "--threads: '-1'", "sherf info --help");
     assert_error(run("info x --threads 9999999999999999999999"), 2, "--threads", "sherf info --help");
-    assert_error(run("bench nothing"), 2, "'nothing' is none of render|train", "sherf bench --help");
+    assert_error(run("bench nothing"), 2, "'nothing' is none of render|train|bake", "sherf bench --help");
     assert_error(run("synth cube -o x"), 2, "'cube'", "sherf synth --help");
     assert_error(run("avatar a.jpg b.jpg -o c.safetensors --mask d.png"), 2, "--mask is for one photo",
                  "sherf avatar --help");
@@ -197,6 +198,9 @@ static void bench_answers(void **state) {
     cJSON_Delete(json);
     json = json_of(run("bench train --preset " TINY " --size 64 --repeats 1 --json"));
     assert_true(number(json, "step_ms") > 0);
+    cJSON_Delete(json);
+    json = json_of(run("bench bake --preset " TINY " --size 64 --repeats 1 --json"));
+    assert_true(number(json, "bake_ms") > 0 && number(json, "baked_frame_ms") > 0);
     cJSON_Delete(json);
 }
 

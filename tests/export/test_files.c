@@ -7,46 +7,17 @@
 
 #include "base/path.h"
 #include "closed.h"
-#include "data/data.h"
 #include "baked/skin.h"
 #include "io/image.h"
+#include "solid_avatar.h"
 
-enum { SIDE = 64 };
+enum { SIDE = SOLID_SIDE };
 static body_model *body;
 static sherf_avatar *avatar;
 
-/* A network that is 60 per metre dense wherever it is queried: the surface is the shell's, some 5 cm off the
- * body. */
 static int make_avatar(void **state) {
-    context *c = test_context();
-    char root[600], path[700];
-    sherf_dataset *data = NULL;
-    sherf_observation *observation = NULL;
-    sherf_model *m = NULL;
-    *state = c;
-    snprintf(root, sizeof root, "%s", test_path("people"));
-    snprintf(path, sizeof path, "%s/tubeman.safetensors", root);
-    const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 4, .size_px = SIDE, .seed = 5};
-    sherf_status status = sherf_synth_tube(c, root, &synth);
-    if (!status) status = body_load(c, path, &body);
-    snprintf(path, sizeof path, "thuman:%s", root);
-    if (!status) status = sherf_dataset_open(c, path, &data);
-    if (!status) status = sherf_dataset_observation(c, data, 0, 0, 0, &observation);
-    if (!status)
-        status = sherf_model_create(
-            c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m);
-    if (!status) {
-        tensor *w = model_tensor(m, "decoder.alpha_linear.weight"),
-               *b = model_tensor(m, "decoder.alpha_linear.bias");
-        memset(w->data, 0, (size_t)tensor_count(w) * sizeof(float));
-        *tensor_f32(b) = 60;
-        status = sherf_avatar_create(c, m, body, observation, &avatar);
-    }
-    if (status) fprintf(stderr, "%s\n", c->message);
-    sherf_model_free(m);
-    sherf_observation_free(observation);
-    sherf_dataset_free(data);
-    return status != SHERF_OK;
+    *state = test_context();
+    return solid_avatar_make(*state, &body, &avatar) != SHERF_OK;
 }
 
 static int free_avatar(void **state) {

@@ -117,6 +117,17 @@ class TestAvatar(Folder):
         self.assertEqual(len(frames), len(motion))
         self.assertEqual(people["avatar"].animate(motion, self.folder / "me.gif", size=(48, 48)).frames, len(motion))
 
+    def test_baked(self):
+        baked = people["avatar"].bake(resolution=48, triangles=2000, texture_px=64)
+        frame = baked.render(size=64)
+        self.assertGreater((frame.opacity == 1).sum(), 200)
+        baked.save(self.folder / "quick.safetensors")
+        again = sherf.Avatar.load(self.folder / "quick.safetensors", people["body"])
+        np.testing.assert_array_equal(again.render(size=64).color, frame.color)
+        self.assertIn("baked", sherf.info(self.folder / "quick.safetensors"))
+        with self.assertRaises(sherf.Unsupported):
+            baked.export(self.folder / "x.glb")
+
     def walk(self):
         poses = np.zeros((3, 72))
         poses[:, 48] = (0, 0.2, 0.4)

@@ -1,0 +1,137 @@
+/* Baked avatars: made of an avatar, drawn, freed. */
+#include "baked/form.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "baked/person.h"
+#include "io/image.h"
+
+enum { RESOLUTION = 256, TRIANGLES = 40000, TEXTURE = 1024 };
+
+void baked_form_free(baked_form *f) {
+    if (!f) return;
+    mem_free(f->rest);
+    mem_free(f->uv);
+    mem_free(f->joint);
+    mem_free(f->weight);
+    mem_free(f->triangle);
+    for (int i = 0; i < BAKED_LEVELS; i++) mem_free(f->texture[i]);
+    mem_free(f->png);
+    mem_free(f);
+}
+
+/* The mean of four texels each. */
+static void halve(const uint8_t *from, int side, uint8_t *to) {
+    const size_t row = 3 * (size_t)side;
+    for (int y = 0; y < side / 2; y++)
+        for (int x = 0; x < side / 2; x++)
+            for (size_t k = 0; k < 3; k++) {
+                const uint8_t *p = from + 2 * (size_t)y * row + 6 * (size_t)x + k;
+                to[3 * ((size_t)y * (size_t)(side / 2) + (size_t)x) + k] =
+                    (uint8_t)((p[0] + p[3] + p[row] + p[row + 3] + 2) / 4);
+            }
+}
+
+sherf_status baked_levels_make(context *c, baked_form *f) {
+    for (int i = 1, side = f->side_px / 2; i < BAKED_LEVELS; i++, side /= 2) {
+        if (!(f->texture[i] = mem_alloc(c, (size_t)side * (size_t)side, 3))) return SHERF_NO_MEMORY;
+        halve(f->texture[i - 1], 2 * side, f->texture[i]);
+    }
+    return SHERF_OK;
+}
+
+static void corners_fill(const baked_person *p, baked_form *f) {
+    const atlas *a = &p->atlas;
+    for (size_t i = 0; i < (size_t)f->corners; i++) {
+        const size_t v = a->vertex[i];
+        memcpy(f->rest + 3 * i, p->surface.position + 3 * v, 3 * sizeof(float));
+        memcpy(f->joint + 4 * i, p->skin.joint + 4 * v, 4);
+        memcpy(f->weight + 4 * i, p->skin.weight + 4 * v, 4 * sizeof(float));
+    }
+    memcpy(f->uv, a->uv, 2 * (size_t)f->corners * sizeof(float));
+    memcpy(f->triangle, a->triangle, 3 * (size_t)f->triangles * sizeof *f->triangle);
+}
+
+static sherf_status form_of(context *c, baked_person *p, baked_form *f) {
+    f->corners = p->atlas.corners;
+    f->triangles = p->surface.triangles;
+    f->side_px = p->atlas.side_px;
+    f->texture[0] = p->picture;
+    p->picture = NULL;
+    const size_t n = (size_t)f->corners;
+    f->rest = mem_alloc(c, n, 3 * sizeof(float));
+    f->uv = mem_alloc(c, n, 2 * sizeof(float));
+    f->joint = mem_alloc(c, n, 4);
+    f->weight = mem_alloc(c, n, 4 * sizeof(float));
+    f->triangle = mem_alloc(c, (size_t)f->triangles, 3 * sizeof *f->triangle);
+    if (!f->rest || !f->uv || !f->joint || !f->weight || !f->triangle) return SHERF_NO_MEMORY;
+    corners_fill(p, f);
+    sherf_status status = baked_levels_make(c, f);
+    if (status != SHERF_OK) return status;
+    return png_to_memory(c, f->side_px, f->side_px, 3, f->texture[0], 6, &f->png, &f->png_bytes);
+}
+
+static sherf_status options_check(context *c, const sherf_bake_options *o) {
+    if (o->resolution && (o->resolution < EXPORT_RESOLUTION_MIN || o->resolution > EXPORT_RESOLUTION_MAX))
+        return failure(c, SHERF_BAD_ARGUMENT, "bake: %d cells, must be %d to %d", o->resolution,
+                       EXPORT_RESOLUTION_MIN, EXPORT_RESOLUTION_MAX);
+    if (o->triangles && (o->triangles < 100 || o->triangles > 1000000))
+        return failure(c, SHERF_BAD_ARGUMENT, "bake: %d triangles, must be 100 to 1000000", o->triangles);
+    if (o->texture_px &&
+        (o->texture_px < BAKED_SIDE_MIN || o->texture_px > BAKED_SIDE_MAX || o->texture_px % 8))
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "bake: a texture of %d texels, must be %d to %d, a multiple of 8", o->texture_px,
+                       BAKED_SIDE_MIN, BAKED_SIDE_MAX);
+    return SHERF_OK;
+}
+
+sherf_status sherf_avatar_bake(sherf_context *c, const sherf_avatar *a, const sherf_body *body,
+                               const sherf_bake_options *options, sherf_avatar **out) {
+    const sherf_bake_options plain = {0}, *o = options ? options : &plain;
+    baked_person p = {0};
+    *out = NULL;
+    if (a->form) return failure(c, SHERF_UNSUPPORTED, "this avatar is baked already");
+    sherf_status status = options_check(c, o);
+    if (status != SHERF_OK) return status;
+    const baked_options how = {.resolution = o->resolution ? o->resolution : RESOLUTION,
+                               .islands = 0.02,
+                               .triangles = o->triangles ? o->triangles : TRIANGLES,
+                               .texture_px = o->texture_px ? o->texture_px : TEXTURE,
+                               .detail = o->detail != SHERF_DETAIL_OFF};
+    sherf_avatar *baked = avatar_new(c);
+    baked_form *f = mem_zero(c, 1, sizeof *f);
+    status = baked && f ? baked_person_make(c, a, body, &how, &p) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = form_of(c, &p, f);
+    baked_person_free(&p);
+    if (status != SHERF_OK) {
+        baked_form_free(f);
+        sherf_avatar_free(baked);
+        return status;
+    }
+    baked->form = &baked_avatar_form;
+    baked->formed = f;
+    baked->body_fingerprint = a->body_fingerprint;
+    baked->picture[0].pose = a->picture[0].pose;
+    baked->picture[0].camera = a->picture[0].camera;
+    *out = baked;
+    return SHERF_OK;
+}
+
+static sherf_status render(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
+                           const sherf_camera *camera, const sherf_render_options *o, sherf_frame *frame) {
+    static const float black[3] = {0, 0, 0};
+    if (o && o->exact)
+        return failure(c, SHERF_UNSUPPORTED,
+                       "a baked avatar has no network: exact frames need the avatar that it was baked of");
+    if (body->fingerprint != a->body_fingerprint)
+        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    return baked_draw(c, a->formed, body, pose, camera, o ? o->background : black, frame);
+}
+
+static void release(void *form) {
+    baked_form_free(form);
+}
+
+const avatar_form baked_avatar_form = {
+    .name = "baked", .render = render, .save = baked_save, .release = release};

@@ -1,0 +1,36 @@
+/* form: a baked avatar, which is drawn without its network: a skinned surface with a texture, in the rest
+ * pose of the person's shape. It is a sherf_avatar whose form this is (avatar/avatar.h). */
+#ifndef SHERF_BAKED_FORM_H
+#define SHERF_BAKED_FORM_H
+
+#include "avatar/avatar.h"
+
+enum { BAKED_LEVELS = 4, BAKED_CORNERS_MAX = 1 << 22, BAKED_SIDE_MIN = 64, BAKED_SIDE_MAX = 4096 };
+
+/* Owned. */
+typedef struct {
+    int64_t corners, triangles;
+    float *rest;        /* C x 3, metres: where the surface is in the rest pose */
+    float *uv;          /* C x 2, in texels from the middle of the upper left one */
+    uint8_t *joint;     /* C x 4 */
+    float *weight;      /* C x 4, sum 1 */
+    uint32_t *triangle; /* T x 3 corners, counter-clockwise seen from outside */
+    int side_px;
+    uint8_t *texture[BAKED_LEVELS]; /* side x side x 3, and half as many texels a side from level to level */
+    uint8_t *png;                   /* of the texture, as files have it */
+    size_t png_bytes;
+} baked_form;
+void baked_form_free(baked_form *f); /* and f itself */
+/* The coarser levels from the first. */
+sherf_status baked_levels_make(context *c, baked_form *f);
+
+/* ---- draw.c ---- */
+/* A frame of the body in a pose. Deterministic, whatever the number of threads. */
+sherf_status baked_draw(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,
+                        const sherf_camera *camera, const float background[3], sherf_frame *frame);
+
+/* ---- form_file.c ---- */
+sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
+extern const avatar_form baked_avatar_form;
+
+#endif

@@ -1,0 +1,181 @@
+/* Files of avatars: sherf_avatar_load, and baked ones, which are safetensors with the surface and its
+ * texture. */
+#include "baked/form.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/image.h"
+#include "io/safetensors.h"
+
+enum { POSE_NUMBERS = 72 + 10 + 9 + 3, CAMERA_NUMBERS = 9 + 9 + 3 + 2 };
+static const char *const format_baked = "sherf-baked-avatar";
+
+/* ---- writing ---- */
+
+static void pose_put(const sherf_pose *p, const sherf_camera *k, float n[POSE_NUMBERS + CAMERA_NUMBERS]) {
+    memcpy(n, p->poses_rad, 72 * sizeof *n);
+    memcpy(n + 72, p->shapes, 10 * sizeof *n);
+    memcpy(n + 82, p->R, 9 * sizeof *n);
+    memcpy(n + 91, p->Th_m, 3 * sizeof *n);
+    memcpy(n + 94, k->K, 9 * sizeof *n);
+    memcpy(n + 103, k->R, 9 * sizeof *n);
+    memcpy(n + 112, k->T_m, 3 * sizeof *n);
+    n[115] = (float)k->width_px;
+    n[116] = (float)k->height_px;
+}
+
+sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
+    const baked_form *f = a->formed;
+    float numbers[POSE_NUMBERS + CAMERA_NUMBERS];
+    char fingerprint[32];
+    snprintf(fingerprint, sizeof fingerprint, "%016" PRIx64, a->body_fingerprint);
+    pose_put(&a->picture[0].pose, &a->picture[0].camera, numbers);
+    const safetensor_item item[] = {
+        {"observation", T_F32, 1, {POSE_NUMBERS + CAMERA_NUMBERS}, numbers},
+        {"rest", T_F32, 2, {f->corners, 3}, f->rest},
+        {"uv", T_F32, 2, {f->corners, 2}, f->uv},
+        {"weight", T_F32, 2, {f->corners, 4}, f->weight},
+        {"joint", T_U8, 2, {f->corners, 4}, f->joint},
+        {"triangle", T_I32, 2, {f->triangles, 3}, f->triangle},
+        {"texture.png", T_U8, 1, {(int64_t)f->png_bytes}, f->png},
+    };
+    const safetensor_metadata metadata[] = {
+        {"format", format_baked}, {"version", "1"}, {"body", fingerprint}};
+    return safetensors_write(c, path, COUNT_OF(item), item, COUNT_OF(metadata), metadata);
+}
+
+/* ---- reading ---- */
+
+/* A tensor of N x width with all its values finite, or none of this kind; *rows is what it has, or must have
+ * where it is not 0. */
+static sherf_status array_read(context *c, const safetensors *s, const char *name, dtype type, int64_t width,
+                               int64_t *rows, void **out) {
+    const safetensor *t = safetensors_find(s, name);
+    if (!t || t->type != type || t->rank != 2 || t->dim[1] != width || t->dim[0] < 3 ||
+        t->dim[0] > BAKED_CORNERS_MAX || (*rows && t->dim[0] != *rows))
+        return failure(c, SHERF_BAD_FILE, "tensor %s is missing or of the wrong shape", name);
+    *rows = t->dim[0];
+    const size_t n = (size_t)(t->dim[0] * width), size = type == T_U8 ? 1 : 4;
+    if (!(*out = mem_alloc(c, n, size))) return SHERF_NO_MEMORY;
+    memcpy(*out, t->data, n * size);
+    for (size_t i = 0; i < n && type == T_F32; i++) {
+        const float x = ((const float *)*out)[i];
+        if (!(fabsf(x) <= 1e4f))
+            return failure(c, SHERF_BAD_FILE, "tensor %s: number %zu is not finite or far too large", name,
+                           i);
+    }
+    return SHERF_OK;
+}
+
+/* Every index and share that a frame relies on. */
+static sherf_status form_check(context *c, const baked_form *f) {
+    for (int64_t i = 0; i < 4 * f->corners; i++)
+        if (f->joint[i] >= BODY_JOINTS)
+            return failure(c, SHERF_BAD_FILE, "tensor joint: corner %" PRId64 " moves with joint %d of %d",
+                           i / 4, f->joint[i], BODY_JOINTS);
+    for (int64_t i = 0; i < f->corners; i++) {
+        const float *w = f->weight + 4 * i, sum = w[0] + w[1] + w[2] + w[3];
+        if (!(w[0] >= 0 && w[1] >= 0 && w[2] >= 0 && w[3] >= 0 && fabsf(sum - 1) < 1e-3f))
+            return failure(c, SHERF_BAD_FILE, "tensor weight: those of corner %" PRId64 " do not sum to 1",
+                           i);
+    }
+    for (int64_t i = 0; i < 3 * f->triangles; i++)
+        if (f->triangle[i] >= f->corners)
+            return failure(c, SHERF_BAD_FILE,
+                           "tensor triangle: triangle %" PRId64 " has corner %" PRIu32 " of %" PRId64, i / 3,
+                           f->triangle[i], f->corners);
+    return SHERF_OK;
+}
+
+static sherf_status texture_read(context *c, const safetensors *s, baked_form *f) {
+    const safetensor *t = safetensors_find(s, "texture.png");
+    image_u8 picture = {0};
+    if (!t || t->type != T_U8 || t->rank != 1 || t->dim[0] < 8)
+        return failure(c, SHERF_BAD_FILE, "tensor texture.png is missing or of the wrong shape");
+    f->png_bytes = (size_t)t->dim[0];
+    if (!(f->png = mem_alloc(c, f->png_bytes, 1))) return SHERF_NO_MEMORY;
+    memcpy(f->png, t->data, f->png_bytes);
+    sherf_status status = image_parse(c, f->png, f->png_bytes, 0, &picture);
+    if (status == SHERF_OK && (picture.width != picture.height || picture.width < BAKED_SIDE_MIN ||
+                               picture.width > BAKED_SIDE_MAX || picture.width % 8))
+        status = failure(c, SHERF_BAD_FILE, "%d x %d texels: must be a square of %d to %d, a multiple of 8",
+                         picture.width, picture.height, BAKED_SIDE_MIN, BAKED_SIDE_MAX);
+    if (status == SHERF_OK) status = image_parse(c, f->png, f->png_bytes, 3, &picture);
+    if (status != SHERF_OK) return failure_prefix(c, status, "tensor texture.png");
+    f->side_px = picture.width;
+    f->texture[0] = picture.data;
+    return baked_levels_make(c, f);
+}
+
+static sherf_status observation_read(context *c, const safetensors *s, observed_picture *out) {
+    const int64_t dim[1] = {POSE_NUMBERS + CAMERA_NUMBERS};
+    float n[POSE_NUMBERS + CAMERA_NUMBERS];
+    sherf_status status = safetensors_floats(c, s, "observation", 1, dim, n);
+    if (status != SHERF_OK) return status;
+    for (size_t i = 0; i < COUNT_OF(n); i++)
+        if (!isfinite(n[i])) return failure(c, SHERF_BAD_FILE, "tensor observation: not a finite number");
+    if (!(n[115] >= 1 && n[115] <= 32768 && n[116] >= 1 && n[116] <= 32768))
+        return failure(c, SHERF_BAD_FILE, "tensor observation: a picture of %g x %g", (double)n[115],
+                       (double)n[116]);
+    memcpy(out->pose.poses_rad, n, 72 * sizeof *n);
+    memcpy(out->pose.shapes, n + 72, 10 * sizeof *n);
+    memcpy(out->pose.R, n + 82, 9 * sizeof *n);
+    memcpy(out->pose.Th_m, n + 91, 3 * sizeof *n);
+    memcpy(out->camera.K, n + 94, 9 * sizeof *n);
+    memcpy(out->camera.R, n + 103, 9 * sizeof *n);
+    memcpy(out->camera.T_m, n + 112, 3 * sizeof *n);
+    out->camera.width_px = (int)n[115];
+    out->camera.height_px = (int)n[116];
+    return camera_check(c, &out->camera);
+}
+
+static sherf_status form_read(context *c, const safetensors *s, baked_form *f) {
+    sherf_status status = array_read(c, s, "rest", T_F32, 3, &f->corners, (void **)&f->rest);
+    if (status == SHERF_OK) status = array_read(c, s, "uv", T_F32, 2, &f->corners, (void **)&f->uv);
+    if (status == SHERF_OK) status = array_read(c, s, "weight", T_F32, 4, &f->corners, (void **)&f->weight);
+    if (status == SHERF_OK) status = array_read(c, s, "joint", T_U8, 4, &f->corners, (void **)&f->joint);
+    if (status == SHERF_OK)
+        status = array_read(c, s, "triangle", T_I32, 3, &f->triangles, (void **)&f->triangle);
+    if (status == SHERF_OK) status = form_check(c, f);
+    return status == SHERF_OK ? texture_read(c, s, f) : status;
+}
+
+static sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out) {
+    const char *fingerprint = safetensors_metadata(s, "body"), *version = safetensors_metadata(s, "version");
+    if (!version || strcmp(version, "1"))
+        return failure(c, SHERF_UNSUPPORTED, "a baked avatar of version %.20s: this program reads version 1",
+                       version ? version : "?");
+    if (!fingerprint || strtoull(fingerprint, NULL, 16) != body->fingerprint)
+        return failure(c, SHERF_MISMATCH, "made with another body: give the body file it was made with");
+    sherf_avatar *a = avatar_new(c);
+    baked_form *f = mem_zero(c, 1, sizeof *f);
+    sherf_status status = a && f ? observation_read(c, s, &a->picture[0]) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = form_read(c, s, f);
+    if (status != SHERF_OK) {
+        baked_form_free(f);
+        sherf_avatar_free(a);
+        return status;
+    }
+    a->form = &baked_avatar_form;
+    a->formed = f;
+    a->body_fingerprint = body->fingerprint;
+    *out = a;
+    return SHERF_OK;
+}
+
+sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
+                               sherf_avatar **out) {
+    safetensors *s = NULL;
+    *out = NULL;
+    sherf_status status = safetensors_read(c, path, &s);
+    if (status != SHERF_OK) return status;
+    const char *format = safetensors_metadata(s, "format");
+    status =
+        format && !strcmp(format, format_baked) ? baked_read(c, s, body, out) : avatar_read(c, s, body, out);
+    safetensors_free(s);
+    return status == SHERF_OK ? SHERF_OK : failure_prefix(c, status, "%s", path);
+}

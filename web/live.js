@@ -168,8 +168,8 @@ const live = (() => {
     const near = 0.05, far = 4 * distance + 20, sx = (2 * focal) / width, sy = (-2 * focal) / height;
     const a = (far + near) / (far - near), b = (-2 * far * near) / (far - near), m = new Float32Array(16);
     for (let k = 0; k < 4; k++) {
-      m[4 * k] = sx * rows[0][k];
-      m[4 * k + 1] = sy * rows[1][k];
+      m[4 * k] = sx * rows[0][k] + rows[2][k] / width; // frames have their pixels' middles at whole numbers
+      m[4 * k + 1] = sy * rows[1][k] - rows[2][k] / height;
       m[4 * k + 2] = a * rows[2][k] + (k === 3 ? b : 0);
       m[4 * k + 3] = rows[2][k];
     }

@@ -10,7 +10,7 @@ const randomName = () => Array.from(crypto.getRandomValues(new Uint8Array(8)), (
 const client = randomName();
 const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
-const limits = { sideLeast: 96, sideMost: 288, frameMs: 45, stillMs: 130, stepMs: 250, tellMs: 120 };
+const limits = { quick: true, sideLeast: 96, sideMost: 288, frameMs: 45, stillMs: 130, stepMs: 250, tellMs: 120 };
 const start = { azimuth: 0, elevation: 0, zoom: 1 };
 const view = { avatar: 0, motion: 0, time: 0, ...start, offset: [0, 0, 0], mode: "color", ground: "page", follow: true };
 const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
@@ -93,8 +93,9 @@ function nextSide() {
   const full = fullSide();
   if (got.stamp !== stamp && isLive()) return isMoving() ? -1 : full;
   if (got.stamp !== stamp) return Math.min(moving, full);
-  if (got.side >= full) return 0;
+  if (got.side >= full && !got.baked) return 0;
   if (isMoving()) return -1;
+  if (got.baked) return full;
   if (costMs * full * full < limits.stepMs) return full;
   const next = Math.max(got.side * 2, 192);
   return next * 1.4 > full ? full : next;
@@ -103,7 +104,7 @@ function nextSide() {
 function schedule() {
   clearTimeout(timer);
   if (!about || document.hidden || retry) return;
-  if (pending && !(pending.stamp !== stamp && pending.side > 1.3 * moving)) return;
+  if (pending && !(pending.stamp !== stamp && (pending.fine || pending.side > 1.3 * moving))) return;
   const side = nextSide();
   if (side < 0 && pending) dismiss();
   if (side > 0) request(side);
@@ -118,15 +119,17 @@ function dismiss() {
 
 async function request(side) {
   const [width, height] = dimensions(side), live = isMoving();
-  const own = (pending = { stamp, side, sequence: ++sequence, mode: view.mode });
+  const own = (pending = { stamp, side, sequence: ++sequence, mode: view.mode, fine: !live && (got.baked || side > 1.3 * moving) });
   const begun = performance.now();
   try {
     const more = { client, n: own.sequence };
-    if (side > 1.3 * moving) more.fine = 1;
+    if (live && limits.quick) more.quick = 1; // drawn of the baked surface, where the program has it
+    else if (own.fine) more.fine = 1;
     const answer = await fetch("frame?" + query(width, height, more), { cache: "no-store" });
     if (answer.status === 204) return;
     if (!answer.ok) throw await refusal(answer);
     const blob = await answer.blob();
+    own.baked = answer.headers.has("X-Baked");
     if (own.sequence > got.sequence) got = own;
     if (pending === own) pending = null;
     schedule(); // the next one is made while this one is drawn
@@ -134,7 +137,7 @@ async function request(side) {
     const ms = performance.now() - begun;
     if (own.sequence > shown.sequence && !(own.stamp !== stamp && isLive())) draw(bitmap, own, Number(answer.headers.get("X-Scale")));
     bitmap.close();
-    measure(side, ms, live, width, height);
+    measure(side, ms, live, width, height, own.baked);
     if (broken) { broken = false; lost.waited = 0; note(""); }
   } catch (error) {
     if (got === own) got = shown; // it came, but cannot be seen
@@ -160,12 +163,13 @@ function draw(bitmap, own, scale) {
   stage.classList.toggle("checks", ground() === "none");
 }
 
-function measure(side, ms, live, width, height) {
-  costMs = costMs ? 0.8 * costMs + (0.2 * ms) / (side * side) : ms / (side * side);
+function measure(side, ms, live, width, height, baked) {
+  if (!baked) costMs = costMs ? 0.8 * costMs + (0.2 * ms) / (side * side) : ms / (side * side);
   const now = performance.now();
   const text = `${width} × ${height} · ${Math.round(ms)} ms`;
-  if (live && side <= limits.sideMost) {
-    const wanted = clamp(Math.sqrt(limits.frameMs / (ms / (side * side))), limits.sideLeast, limits.sideMost);
+  const sideMost = baked ? about.side : limits.sideMost;
+  if (live && side <= sideMost) {
+    const wanted = clamp(Math.sqrt(limits.frameMs / (ms / (side * side))), limits.sideLeast, sideMost);
     moving = Math.round((0.75 * moving + 0.25 * wanted) / 8) * 8;
     return tellPace(text, now);
   }

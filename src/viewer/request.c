@@ -71,9 +71,9 @@ static bool sequence(const char *text, uint64_t *out) {
 }
 
 bool query_take(viewer_query *q, const char *name, const char *value) {
-    static const char *const names[] = {"client", "n",      "avatar", "motion", "frame", "w",   "h",
-                                        "az",     "el",     "zoom",   "ox",     "oy",    "oz",  "mode",
-                                        "bg",     "follow", "png",    "fine",   "turn",  "fps", "speed"};
+    static const char *const names[] = {"client", "n",    "avatar", "motion", "frame", "w",    "h",  "az",
+                                        "el",     "zoom", "ox",     "oy",     "oz",    "mode", "bg", "follow",
+                                        "png",    "fine", "turn",   "fps",    "speed", "quick"};
     viewer_request *r = &q->request;
     size_t i = 0;
     while (i < COUNT_OF(names) && strcmp(name, names[i]) != 0) i++;
@@ -118,7 +118,9 @@ bool query_take(viewer_query *q, const char *name, const char *value) {
         return whole(value, 0, VIEWER_FILM_FRAMES, &q->film_frames);
     case 19:
         return real(value, 1, 120, &q->film_fps);
-    default:
+    case 20:
         return real(value, 0.05f, 20, &q->film_speed);
+    default:
+        return yes_or_no(value, &r->quick);
     }
 }

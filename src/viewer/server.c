@@ -183,6 +183,7 @@ static enum MHD_Result frame_send(http_request *r, struct MHD_Connection *connec
         header_number(response, "X-Render-Ms", 1e3 * job->render_s);
         header_number(response, "X-Points", (double)job->points);
         header_number(response, "X-Scale", job->scale_m);
+        if (job->baked) header_number(response, "X-Baked", 1);
         return send_off(connection, MHD_HTTP_OK, response);
     case JOB_REPLACED:
         response = with_headers(MHD_create_response_from_buffer(0, "", MHD_RESPMEM_PERSISTENT), "text/plain");

@@ -51,12 +51,35 @@ static sherf_status job_detail(context *c, viewer *v, viewer_job *job, const pos
     return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, black, &f);
 }
 
+/* All of the picture at once, of the baked surface. */
+static sherf_status job_draw(context *c, viewer *v, viewer_job *job, const sherf_avatar *baked) {
+    const viewer_request *r = &job->request;
+    const sherf_pose pose = scene_pose(&v->scene, r->avatar, r->motion, r->frame);
+    const size_t n = (size_t)r->width * (size_t)r->height;
+    sherf_status status =
+        sherf_render(c, baked, v->scene.avatars[r->avatar].body, &pose, &job->camera, NULL, &v->band);
+    if (status != SHERF_OK) return status;
+    memcpy(job->color, v->band.color.data, 3 * n * sizeof(float));
+    memcpy(job->opacity, v->band.opacity.data, n * sizeof(float));
+    memcpy(job->depth, v->band.depth.data, n * sizeof(float));
+    job->rows_done = r->height;
+    job->baked = true;
+    return SHERF_OK;
+}
+
 sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete) {
     const viewer_request *r = &job->request;
     const posed_body *posed;
     double begun = time_seconds();
     *complete = false;
     sherf_status status = job->framing ? SHERF_OK : job_begin(c, v, job);
+    const sherf_avatar *baked = r->quick && !job->rows_done ? live_avatar(v, r->avatar) : NULL;
+    if (status == SHERF_OK && baked) {
+        status = job_draw(c, v, job, baked);
+        *complete = status == SHERF_OK;
+        job->render_s += time_seconds() - begun;
+        return status;
+    }
     if (status == SHERF_OK) status = scene_posed(c, &v->scene, r, &posed);
     if (status != SHERF_OK) return status;
     double posed_s = time_seconds();

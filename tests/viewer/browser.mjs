@@ -56,7 +56,7 @@ const shot = async (page, name) => pictures && page.screenshot({ path: path.join
 const text = (page) => page.textContent("#speed");
 const ready = (page) => page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null, { timeout: patience });
 // Refined: the full side is on the screen and nothing is under way.
-const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !pending, null, { timeout: patience, polling: 50 });
+const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !shown.baked && !pending, null, { timeout: patience, polling: 50 });
 // A small copy of the canvas's pixels.
 const pixels = (page, canvas = "canvas") => page.evaluate((canvas) => {
   const c = document.createElement("canvas");
@@ -72,7 +72,7 @@ const colours = (a) => new Set(a.map((x, i) => (i % 4 ? -1 : (x << 16) | (a[i + 
 // chooses its sides itself otherwise.
 async function rate(page, plays, side = 128, seconds = 3) {
   await page.evaluate(([plays, side]) => {
-    Object.assign(limits, { sideLeast: side, sideMost: side });
+    Object.assign(limits, { quick: false, sideLeast: side, sideMost: side });
     moving = side;
     if (!plays) return;
     setMotion(2);
@@ -97,7 +97,7 @@ async function rate(page, plays, side = 128, seconds = 3) {
   }), [plays, side, seconds]);
   await page.evaluate(() => {
     setPlaying(false);
-    Object.assign(limits, { sideLeast: 96, sideMost: 288 });
+    Object.assign(limits, { quick: true, sideLeast: 96, sideMost: 288 });
   });
   console.log(`      while ${plays ? "playing" : "turning"}: ${result.fps.toFixed(1)} pictures a second of ${result.size}, ${result.ms.toFixed(0)} ms each from asking to seeing`);
 }

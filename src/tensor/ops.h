@@ -32,6 +32,8 @@ typedef struct tape tape;
     BOTH(average_pool)                                                                                       \
     BOTH(add)                                                                                                \
     BOTH(scale)                                                                                              \
+    SHARED(multiply) /* variants of the fusion alone, as is sine */                                          \
+    SHARED(sine)                                                                                             \
     BOTH(concat)                                                                                             \
     BOTH(slice)                                                                                              \
     BOTH(mask_rows)                                                                                          \
@@ -116,6 +118,8 @@ tensor *op_average_pool(tape *t, tensor *x);
 
 tensor *op_add(tape *t, tensor *a, tensor *b); /* same shape */
 tensor *op_scale(tape *t, tensor *x, float factor);
+tensor *op_multiply(tape *t, tensor *a, tensor *b); /* value by value; b same shape, or one column: a gate */
+tensor *op_sine(tape *t, tensor *x);
 /* Columns side by side: count (2 to 4) tensors with the same rows. */
 tensor *op_concat(tape *t, int count, tensor *const *x);
 /* Columns [begin, begin + width) of x: [R, width]. */

@@ -1,5 +1,5 @@
-/* bias_act, add, scale, mask_rows, shift_scale, gelu, sigmoid, softplus, positional_encode: every value of
- * the output depends on a few of the inputs. */
+/* bias_act, add, scale, multiply, sine, mask_rows, shift_scale, gelu, sigmoid, softplus, positional_encode:
+ * every value of the output depends on a few of the inputs. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {
@@ -64,6 +64,43 @@ sherf_status scale_backward(op_call *call) {
     const float factor = *(const float *)call->attr, *dy = values(call->dout[0]);
     float *dx = values(call->din[0]);
     each(tensor_count(call->out[0]), [=] __device__(int64_t i) { dx[i] += factor * dy[i]; });
+    return finished(call);
+}
+
+sherf_status multiply_forward(op_call *call) {
+    const int64_t C = tensor_columns(call->in[0]), step = tensor_columns(call->in[1]) == C ? 1 : C;
+    const float *a = values(call->in[0]), *b = values(call->in[1]);
+    float *y = values(call->out[0]);
+    each(tensor_count(call->out[0]), [=] __device__(int64_t i) { y[i] = a[i] * b[i / step]; });
+    return finished(call);
+}
+
+sherf_status multiply_backward(op_call *call) {
+    const int64_t C = tensor_columns(call->in[0]), step = tensor_columns(call->in[1]) == C ? 1 : C;
+    const float *a = values(call->in[0]), *b = values(call->in[1]), *dy = values(call->dout[0]);
+    float *da = values(call->din[0]), *db = values(call->din[1]);
+    /* one after the other: both may be one tensor */
+    if (da) each(tensor_count(call->out[0]), [=] __device__(int64_t i) { da[i] += dy[i] * b[i / step]; });
+    if (db)
+        each(tensor_count(call->in[1]), [=] __device__(int64_t k) {
+            float sum = 0;
+            for (int64_t i = k * step; i < (k + 1) * step; i++) sum += dy[i] * a[i];
+            db[k] += sum;
+        });
+    return finished(call);
+}
+
+sherf_status sine_forward(op_call *call) {
+    const float *x = values(call->in[0]);
+    float *y = values(call->out[0]);
+    each(tensor_count(call->out[0]), [=] __device__(int64_t i) { y[i] = sinf(x[i]); });
+    return finished(call);
+}
+
+sherf_status sine_backward(op_call *call) {
+    const float *x = values(call->in[0]), *dy = values(call->dout[0]);
+    float *dx = values(call->din[0]);
+    each(tensor_count(call->out[0]), [=] __device__(int64_t i) { dx[i] += dy[i] * cosf(x[i]); });
     return finished(call);
 }
 

@@ -44,6 +44,9 @@ static const experiment_method methods[] = {
     {"sherf-px", "point, pixel", SHERF(",use_global=0,fusion=1"), .steps_of = "sherf"},
     {"sherf-gpx", "global, point, pixel: concatenation", SHERF(",fusion=1"), .steps_of = "sherf"},
     {"sherf-fair", "the same, every token read", SHERF(",fusion=2"), .steps_of = "sherf"},
+    {"sherf-adain", "AdaIN", SHERF(",fusion=3"), .steps_of = "sherf"},
+    {"sherf-siren", "SIREN", SHERF(",fusion=4"), .steps_of = "sherf"},
+    {"sherf-film", "SIREN, low frequencies", SHERF(",fusion=5"), .steps_of = "sherf"},
 };
 
 const experiment_method *experiment_method_find(const char *key) {
@@ -80,12 +83,15 @@ static const experiment experiments[] = {
     {"fusion",
      "Fusion of the features",
      report_scores,
-     {"sherf-gpx", "sherf-fair", "sherf"},
+     {"sherf-gpx", "sherf-fair", "sherf-adain", "sherf-siren", "sherf-film", "sherf"},
      3,
      {{SCORING_PROTOCOL}, LOOK},
-     .note = "SHERF has the transformer. Without it the release's decoder never reads token 2; in the second "
-             "row a "
-             "linear layer of all three tokens gives what it reads. AdaIN and SIREN are not there yet."},
+     .note =
+         "SHERF has the transformer. Without it the release's decoder never reads token 2; in the other "
+         "rows a linear layer of all three tokens gives what it reads. Of AdaIN and SIREN the paper tells "
+         "the names alone; these are definitions of our own (docs/experiments.md): the global feature is "
+         "the style of the other two. Frequencies of 30 suit coordinates in [-1, 1], which features are "
+         "not: the row of low frequencies tells what that costs."},
     {"front-view",
      "Trained on front views",
      report_front,

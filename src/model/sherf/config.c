@@ -65,7 +65,7 @@ const model_setting model_sherf_setting_list[] = {
     {"use_global", AT(use_global), 0, 1, 1},
     {"use_point", AT(use_point), 0, 1, 1},
     {"use_pixel", AT(use_pixel), 0, 1, 1},
-    {"fusion", AT(fusion), FUSION_TRANSFORMER, FUSION_FAIR, 1},
+    {"fusion", AT(fusion), FUSION_TRANSFORMER, FUSIONS - 1, 1},
     {0}};
 
 _Static_assert(sizeof(sherf_settings) <= MODEL_SETTINGS_ROOM, "settings of a model have this much room");
@@ -100,6 +100,11 @@ sherf_status model_sherf_check(context *c, const model_config *config) {
         return failure(
             c, SHERF_BAD_ARGUMENT,
             "model setting use_global=0: with use_point and use_pixel off there is no feature left");
+    if (k->fusion >= FUSION_ADAIN && !(k->use_global && k->use_point && k->use_pixel))
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "model setting fusion=%d: takes the global feature as style of the other two: all "
+                       "three must be on",
+                       k->fusion);
     if (k->decoder_skip > k->decoder_depth - 2)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "model setting decoder_skip=%d: must be below decoder_depth - 1", k->decoder_skip);

@@ -222,7 +222,7 @@ const model_kind model_sherf = {
     .declare = network_declare,
     .reads_observed_px = true,
     .queried = (const char *const[]){"decoder.", "renderer.conv1d_", "renderer.transformer.",
-                                     "renderer.fair.", NULL},
+                                     "renderer.fair.", "renderer.adain.", "renderer.siren.", NULL},
     .resnets = (const char *const[]){"encoder_2d.backbone.", "encoder_2d_feature.backbone.", NULL},
     .observe = model_sherf_observe,
     .observed_free = model_sherf_geometry_free,

@@ -34,7 +34,13 @@ typedef struct {
 typedef enum {
     FUSION_TRANSFORMER,
     FUSION_NONE, /* density reads token 0, colour token 1: the release's switch, which loses token 2 */
-    FUSION_FAIR  /* a linear layer of all three gives what density and colour read */
+    FUSION_FAIR, /* a linear layer of all three gives what density and colour read */
+    /* Without the projection: the global token is the style of the other two; then a linear layer as FAIR's.
+     */
+    FUSION_ADAIN, /* scale and shift of their normalised mixture */
+    FUSION_SIREN, /* frequency and phase of two layers of sines, 15 f + 30 */
+    FUSION_FILM,  /* the same with f + 1 */
+    FUSIONS
 } fusion_kind;
 const sherf_settings *model_sherf_settings(const model_config *config);
 extern const model_preset model_sherf_presets[];
@@ -144,13 +150,14 @@ typedef struct {
     int token_width, heads, head_width, parts; /* parts: features that are on */
     fusion_kind kind;
     linear_layer point_projection, token_projection, out, mlp[2],
-        fair; /* token_projection: of two parts or three */
+        fair;                                /* token_projection: of two parts or three */
+    linear_layer content, style[2], sine[2]; /* AdaIN: style is scale and shift; SIREN: the mapping */
     layer_norm norm[2];
     tensor *qkv;
 } fusion_stage;
 void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s);
-/* [P, 3 D]: the three tokens side by side; [P, 2 D] of FUSION_FAIR. Features that are off are NULL, plane[0]
- * among them. */
+/* [P, 3 D]: the three tokens side by side; [P, 2 D] of FUSION_FAIR and behind. Features that are off are
+ * NULL, plane[0] among them. */
 tensor *fusion_forward(tape *t, const fusion_stage *s, tensor *const plane[3], tensor *pixel, tensor *volume);
 
 /* decoder.c: the NeRF decoder. */

@@ -112,7 +112,8 @@ const verb verb_experiment = {
         "table.tex, "
         "results.json, plots, sheets of pictures and index.html, the paper's own numbers beside. NAME is "
         "main, "
-        "ablation, fusion, front-view, input-angle, angle-difference, cross-data, estimated-body, runtime, "
+        "ablation, fusion, losses, front-view, input-angle, angle-difference, cross-data, estimated-body, "
+        "runtime, "
         "pifu, or "
         "all. Whatever is finished is kept, so the same command goes on after any end, and experiments share "
         "trainings. A folder holds runs of the same options; others are refused.",
@@ -123,7 +124,8 @@ const verb verb_experiment = {
     .options = options,
     .arguments_min = 1,
     .arguments_max = 1,
-    .words = "main|ablation|fusion|front-view|input-angle|angle-difference|cross-data|estimated-body|runtime|"
+    .words = "main|ablation|fusion|losses|front-view|input-angle|angle-difference|cross-data|estimated-body|"
+             "runtime|"
              "pifu|all",
     .computes = true,
     .run = run,

@@ -6,10 +6,10 @@
 
 static struct {
     const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background,
-        *start;
+        *start, *without;
     bool front_view;
     int64_t size, steps, images, targets, pictures, halve_every, sample_every, save_every, workers;
-    double epochs, seconds, learning_rate, perceptual_weight, estimated;
+    double epochs, seconds, learning_rate, perceptual_weight, estimated, beta2;
 } set;
 
 static const option options[] = {
@@ -27,6 +27,8 @@ static const option options[] = {
     SHARED_LPIPS(&set.lpips, ", for the fourth loss"),
     SHARED_PERCEPTUAL(&set.perceptual, "the fourth loss where no --lpips is given", "three losses"),
     {0, "perceptual-weight", OPTION_REAL, &set.perceptual_weight, "X", "of that distance (0.3)", 0, 1e6},
+    {0, "without", OPTION_TEXT, &set.without, "LIST",
+     "terms left out of the loss: color, mask, ssim, perceptual, with commas between"},
     {'r', "resume", OPTION_FILE, &set.resume, "FILE", "continue from this checkpoint"},
     {0, "start", OPTION_FILE, &set.start, "FILE",
      "begin with these weights, of any training, instead of new ones (fine-tuning)"},
@@ -46,6 +48,8 @@ static const option options[] = {
      "every other observation has 2 to N pictures, each from another view, in any pose (1)", 0,
      SHERF_PICTURES_MAX},
     {0, "learning-rate", OPTION_REAL, &set.learning_rate, "X", "Adam's at the start (0.002)", 0, 10},
+    {0, "beta2", OPTION_REAL, &set.beta2, "X", "Adam's, of the squared gradients (0.99; the release: 0.992)",
+     0, 0.999999},
     {0, "halve-every", OPTION_INTEGER, &set.halve_every, "N", "steps after which it is halved (an epoch)", 0,
      1e12},
     {0, "sample-every", OPTION_INTEGER, &set.sample_every, "N", "steps between sample pictures (500)", 0,
@@ -83,11 +87,13 @@ static int run(session *s, int count, char **argument) {
                              .pictures = (int)set.pictures,
                              .learning_rate = set.learning_rate,
                              .halve_every = set.halve_every,
+                             .beta2 = set.beta2,
                              .sample_every = set.sample_every,
                              .save_every = set.save_every,
                              .seed = (uint64_t)common.seed,
                              .workers = (int)set.workers,
-                             .background = set.background};
+                             .background = set.background,
+                             .without = set.without};
     int status = session_status(s, sherf_train(s->context, &o));
     if (status) return status;
     if (common.json && !common.silent) {

@@ -730,6 +730,9 @@ typedef struct {
     const char *background; /* "black", the paper's, or "random": people before greys drawn anew for every
                                picture, so that opacity is learned where they are dark; NULL: black, or what
                                the checkpoint says */
+    const char *without;    /* terms left out of SHERF's loss, "mask,ssim": color, mask, ssim, perceptual
+                               (LPIPS or the resnet50 distance); NULL: none, or the checkpoint's */
+    double beta2;           /* Adam's, of the squared gradients; 0: 0.99, or the model's own recipe's */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 

@@ -12,8 +12,8 @@ const char *sherf_experiment_name(int i) {
 }
 
 /* ---- settings ---- */
-/* The paper's are the release's: its rate is halved every 16,000 pictures, and behind 200,000 nothing moves.
- */
+/* The paper's are the release's: its rate is halved every 16,000 pictures, and behind 200,000 nothing moves;
+ * beta2 is 0.99^0.8. */
 static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48,
                                                                    .people = 4,
                                                                    .train_poses = 2,
@@ -40,7 +40,8 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
                                                                    .images = 4,
                                                                    .targets = 1,
                                                                    .steps = 50000,
-                                                                   .halve_every = 4000}};
+                                                                   .halve_every = 4000,
+                                                                   .beta2 = 0.992}};
 static const char *const scale_name[SCALES] = {"smoke", "quick", "paper"};
 enum { PEOPLE_MAX = 100000, MADE_PAPER_PX = 512 };
 

@@ -25,6 +25,7 @@ typedef struct {
     const char *preset[SCALES];
     int resnet[SCALES];   /* layers of the ResNet that its encoder can start from; 0: none */
     const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
+    const char *without;  /* terms left out of its loss, as in sherf_train_options */
     bool front_view;      /* people are observed from the front alone */
     bool own;             /* its authors' recipe: only where it is asked for */
     bool one_pose;        /* it shows no novel poses */
@@ -101,6 +102,7 @@ typedef struct {
     int size_px, people, test_people, train_poses, train_views, test_poses, seeds, images, targets;
     double minutes;             /* a training; 0: by steps */
     int64_t steps, halve_every; /* 0: by minutes; a fifth of the steps */
+    double beta2;               /* 0: the training's */
 } experiment_settings;
 struct experiment_job {
     context *c;

@@ -46,6 +46,11 @@ static const experiment_method methods[] = {
     {"sherf-fair", "the same, every token read", SHERF(",fusion=2"), .steps_of = "sherf"},
     {"sherf-adain", "AdaIN", SHERF(",fusion=3"), .steps_of = "sherf"},
     {"sherf-siren", "SIREN", SHERF(",fusion=4"), .steps_of = "sherf"},
+    {"sherf-no-color", "without colour", SHERF(""), .without = "color", .steps_of = "sherf"},
+    {"sherf-no-mask", "without mask", SHERF(""), .without = "mask", .steps_of = "sherf"},
+    {"sherf-no-ssim", "without SSIM", SHERF(""), .without = "ssim", .steps_of = "sherf"},
+    {"sherf-no-perceptual", "without LPIPS or resnet50", SHERF(""), .without = "perceptual",
+     .steps_of = "sherf"},
     {"sherf-film", "SIREN, low frequencies", SHERF(",fusion=5"), .steps_of = "sherf"},
 };
 
@@ -92,6 +97,16 @@ static const experiment experiments[] = {
          "the names alone; these are definitions of our own (docs/experiments.md): the global feature is "
          "the style of the other two. Frequencies of 30 suit coordinates in [-1, 1], which features are "
          "not: the row of low frequencies tells what that costs."},
+    {"losses",
+     "Without each loss",
+     report_scores,
+     {"sherf-no-color", "sherf-no-mask", "sherf-no-ssim", "sherf-no-perceptual", "sherf"},
+     3,
+     {{SCORING_PROTOCOL}, LOOK},
+     .note =
+         "Each row is trained without one of the four terms; SSIM and the distances are scores as well as "
+         "terms, so a row without one is not told by that column alone. Where neither LPIPS's weights "
+         "nor resnet50's were given, the fourth row is SHERF itself."},
     {"front-view",
      "Trained on front views",
      report_front,

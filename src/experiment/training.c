@@ -64,6 +64,8 @@ static sherf_train_options training_options(const experiment_job *j, const run *
                                  .images_per_step = own ? 0 : s->images,
                                  .targets = own ? 0 : s->targets,
                                  .halve_every = own ? 0 : halve,
+                                 .beta2 = own ? 0 : s->beta2,
+                                 .without = r->method->without,
                                  .sample_every = never,
                                  .seed = o->seed + (uint64_t)r->seed + 1};
 }

@@ -335,7 +335,7 @@ static sherf_status step_open(bench *b, step_job *job, lpips_network *lpips, res
     context *c = b->c;
     const backend *on = backend_of(c);
     sherf_status status = parameters_make_grads(c, b->model->weights);
-    if (status == SHERF_OK) status = adam_of_model(c, b->model, &job->adam);
+    if (status == SHERF_OK) status = adam_of_model(c, b->model, 0, &job->adam);
     if (status == SHERF_OK) status = adam_place(c, &job->adam, on->memory);
     if (status == SHERF_OK) status = model_create(c, &b->model->config, 1, &job->average);
     if (status == SHERF_OK) status = model_place(c, job->average);

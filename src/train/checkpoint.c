@@ -11,11 +11,11 @@
 #include "train/checkpoint.h"
 
 /* ---- the state as metadata ---- */
-enum { STATE_KEYS = 13 };
+enum { STATE_KEYS = 15 };
 static const char *const state_keys[STATE_KEYS] = {
     "step",       "skipped",       "updates",     "seed",    "images_per_step",   "size_px",
     "front_view", "learning_rate", "halve_every", "targets", "random_background", "estimated",
-    "pictures"};
+    "pictures",   "without",       "beta2"};
 
 static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
     snprintf(text[0], 32, "%" PRId64, s->step);
@@ -31,6 +31,8 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
     snprintf(text[10], 32, "%d", s->random_background);
     snprintf(text[11], 32, "%.17g", s->estimated);
     snprintf(text[12], 32, "%d", s->pictures);
+    snprintf(text[13], 32, "%u", s->without);
+    snprintf(text[14], 32, "%.17g", s->beta2);
 }
 
 enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
@@ -45,7 +47,7 @@ static bool integer(const safetensors *f, const char *key, int64_t low, int64_t 
 }
 
 static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
-    int64_t images, size, front, targets = 1, background = 0, pictures = 1;
+    int64_t images, size, front, targets = 1, background = 0, pictures = 1, without = 0;
     const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
     char *end;
     const int64_t max = (int64_t)1 << 50;
@@ -58,7 +60,8 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
          !integer(f, "random_background", 0, 1, &background)) ||
         (safetensors_metadata(f, "pictures") &&
          !integer(f, "pictures", 1, OBSERVED_PICTURES_MAX, &pictures)) ||
-        !seed || !*seed || !rate || !*rate)
+        (safetensors_metadata(f, "without") && !integer(f, "without", 0, LOSS_ALL - 1, &without)) || !seed ||
+        !*seed || !rate || !*rate)
         return failure(c, SHERF_BAD_FILE, "the state of the training is missing or out of range");
     s->images_per_step = (int)images;
     s->size_px = (int)size;
@@ -66,6 +69,7 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     s->targets = (int)targets;
     s->random_background = (int)background;
     s->pictures = (int)pictures;
+    s->without = (unsigned)without;
     errno = 0;
     s->seed = strtoull(seed, &end, 10);
     if (*end || errno) return failure(c, SHERF_BAD_FILE, "seed is not a number");
@@ -76,13 +80,19 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     s->estimated = share ? strtod(share, &end) : 0;
     if (share && (!*share || *end || !(s->estimated >= 0 && s->estimated <= 1)))
         return failure(c, SHERF_BAD_FILE, "estimated is not a share between 0 and 1");
+    const char *beta2 = safetensors_metadata(f, "beta2");
+    s->beta2 = beta2 ? strtod(beta2, &end) : 0;
+    if (beta2 && (!*beta2 || *end || !(s->beta2 >= 0 && s->beta2 < 1)))
+        return failure(c, SHERF_BAD_FILE, "beta2 is not between 0 and 1");
     return SHERF_OK;
 }
 
-sherf_status adam_of_model(context *c, const model *m, adam *out) {
+sherf_status adam_of_model(context *c, const model *m, double beta2, adam *out) {
     const training_recipe *r = model_recipe(&m->config);
     const int64_t n = m->weights->trained_floats;
-    return r ? adam_create_with(c, n, r->beta1, r->beta2, out) : adam_create(c, n, out);
+    sherf_status status = r ? adam_create_with(c, n, r->beta1, r->beta2, out) : adam_create(c, n, out);
+    if (beta2 > 0) out->beta2 = beta2;
+    return status;
 }
 
 /* ---- tensors: the same loop over the groups writes and reads ---- */
@@ -189,7 +199,7 @@ sherf_status checkpoint_read(context *c, const char *path, model **m, model **av
     if ((status = state_parse(c, f, state, &updates)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, m)) != SHERF_OK) goto done;
     if ((status = model_create(c, &config, 0, average)) != SHERF_OK) goto done;
-    if ((status = adam_of_model(c, *m, a)) != SHERF_OK) goto done;
+    if ((status = adam_of_model(c, *m, state->beta2, a)) != SHERF_OK) goto done;
     a->updates = updates;
     status = tensors_read(c, f, *m, *average, a);
 done:

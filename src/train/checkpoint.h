@@ -5,6 +5,7 @@
 #include "model/model.h"
 #include "train/adam.h"
 #include "train/draw.h"
+#include "train/losses.h"
 
 /* Steps made, and what has to be the same for the coming ones to be the same. */
 typedef struct {
@@ -13,10 +14,12 @@ typedef struct {
     int images_per_step, size_px, front_view, targets, random_background, pictures;
     double learning_rate, estimated;
     int64_t halve_every;
+    double beta2;     /* Adam's; 0: the model's */
+    unsigned without; /* terms of the loss that are left out, LOSS_COLOR and so on */
 } train_state;
 
-/* Adam as the model is trained (model_recipe), in the host's memory. */
-sherf_status adam_of_model(context *c, const model *m, adam *out);
+/* Adam as the model is trained (model_recipe), in the host's memory; beta2 0: that one's. */
+sherf_status adam_of_model(context *c, const model *m, double beta2, adam *out);
 /* The tensors: model.NAME, average.NAME (moving average), second.NAME and, where beta1 is
  * not 0, first.NAME (Adam's moments). The metadata:
  * format=sherf-checkpoint, config, and the state. The arrays may be in any memory; the file does not tell. */

@@ -58,7 +58,25 @@ static tensor *cropped(tape *t, const loss_target *g, tensor *rgb, tensor *known
 }
 
 static tensor *sum(tape *t, tensor *a, tensor *b, float factor) {
+    if (!a) return op_scale(t, b, factor);
     return op_add(t, a, factor == 1 ? b : op_scale(t, b, factor));
+}
+
+sherf_status losses_parse(context *c, const char *list, unsigned *out) {
+    static const char *const name[] = {"color", "mask", "ssim", "perceptual"};
+    *out = 0;
+    for (const char *p = list ? list : ""; *p;) {
+        const size_t length = strcspn(p, ",");
+        int k = 0;
+        while (k < (int)COUNT_OF(name) && (strlen(name[k]) != length || strncmp(name[k], p, length))) k++;
+        if (k == (int)COUNT_OF(name))
+            return failure(c, SHERF_BAD_ARGUMENT,
+                           "the losses are color, mask, ssim and perceptual, not '%.*s'", (int)length, p);
+        *out |= 1u << k;
+        p += length + (p[length] == ',');
+    }
+    if (*out != LOSS_ALL) return SHERF_OK;
+    return failure(c, SHERF_BAD_ARGUMENT, "'%s' leaves no loss to train with", list);
 }
 
 /* Mean squared colour of both passes, and mask. */
@@ -84,17 +102,19 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
             .total = total_of_recipe(t, g, color, mask, truth, rows), .color = color, .mask = mask};
         return tape_status(t);
     }
-    tensor *loss = sum(t, op_scale(t, color, weight_color), mask, weight_mask);
+    tensor *loss = NULL;
+    if (!(n->without & LOSS_COLOR)) loss = sum(t, loss, color, weight_color);
+    if (!(n->without & LOSS_MASK)) loss = sum(t, loss, mask, weight_mask);
     if (r.width >= SSIM_WINDOW && r.height >= SSIM_WINDOW) {
+        const bool perceptual = !(n->without & LOSS_PERCEPTUAL);
         tensor *known = g->unknown ? selected(t, g, false, &r) : NULL;
         tensor *a = cropped(t, g, rgb, known, &r), *b = cropped(t, g, truth, known, &r);
-        ssim = op_ssim(t, a, b);
-        loss = sum(t, loss, ssim, -1);
-        if (n->lpips && r.width >= LPIPS_SIDE_MIN && r.height >= LPIPS_SIDE_MIN) {
+        if (!(n->without & LOSS_SSIM)) loss = sum(t, loss, ssim = op_ssim(t, a, b), -1);
+        if (perceptual && n->lpips && r.width >= LPIPS_SIDE_MIN && r.height >= LPIPS_SIDE_MIN) {
             lpips = lpips_distance(t, n->lpips, a, b);
             loss = sum(t, loss, lpips, 1);
         }
-        if (n->resnet50 && r.width >= RESNET50_SIDE_MIN && r.height >= RESNET50_SIDE_MIN) {
+        if (perceptual && n->resnet50 && r.width >= RESNET50_SIDE_MIN && r.height >= RESNET50_SIDE_MIN) {
             resnet50 = resnet50_distance(t, n->resnet50, a, b);
             double weight = n->resnet50_weight > 0 ? n->resnet50_weight : losses_resnet50_weight;
             loss = sum(t, loss, resnet50, (float)weight);

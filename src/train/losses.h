@@ -19,11 +19,17 @@ typedef struct {
     tensor *coarse;                /* [N, 5] of a first pass, or NULL */
 } loss_target;
 
+/* Terms of SHERF's loss, as bits; PERCEPTUAL is LPIPS or the resnet50 distance. */
+enum { LOSS_COLOR = 1, LOSS_MASK = 2, LOSS_SSIM = 4, LOSS_PERCEPTUAL = 8, LOSS_ALL = 15 };
+/* Bits of "mask,ssim": color, mask, ssim, perceptual, and not all of them; "" and NULL: 0. */
+sherf_status losses_parse(context *c, const char *list, unsigned *out);
+
 /* Networks that losses look through; each may be NULL, and is then left out. */
 typedef struct {
     const lpips_network *lpips;
     const resnet50_network *resnet50;
     double resnet50_weight; /* 0: losses_resnet50_weight */
+    unsigned without;       /* terms that are left out; colour and mask are told all the same */
 } loss_networks;
 /* At the paper's 24.7 dB its LPIPS is 0.10, and the distance of people blurred, bent or tinted to that PSNR
  * is 0.14 to 0.55, 0.31 in the geometric mean: so both terms weigh about the same (docs/training.md). */

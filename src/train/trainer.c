@@ -72,8 +72,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
         o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
         o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 || o->workers > 1024 ||
         !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
-        !(o->estimated >= 0 && o->estimated <= 1) || !isfinite(o->learning_rate) || !isfinite(o->epochs) ||
-        !isfinite(o->seconds))
+        !(o->estimated >= 0 && o->estimated <= 1) || !(o->beta2 >= 0 && o->beta2 < 1) ||
+        !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
     if (o->background && strcmp(o->background, "black") && strcmp(o->background, "random"))
         return failure(c, SHERF_BAD_ARGUMENT, "a training's background is 'black' or 'random', not '%.100s'",
@@ -216,6 +216,7 @@ static sherf_status begin_new(trainer *t) {
                              .targets = o->targets ? o->targets : 1,
                              .estimated = o->estimated,
                              .pictures = o->pictures ? o->pictures : 1,
+                             .beta2 = o->beta2,
                              .learning_rate = o->learning_rate > 0 ? o->learning_rate
                                               : own                ? own->learning_rate
                                                                    : 2e-3};
@@ -226,7 +227,11 @@ static sherf_status begin_new(trainer *t) {
     if (own) epoch = own->halve_every > 0 ? (int64_t)own->halve_every : halve_never;
     t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
     if ((status = weights_new(t, &config)) != SHERF_OK) return status;
-    return adam_of_model(t->c, t->model, &t->adam);
+    if (own && o->without && *o->without)
+        return failure(t->c, SHERF_BAD_ARGUMENT,
+                       "a model that is trained by its authors' recipe has no loss to leave out");
+    status = losses_parse(t->c, o->without, &t->state.without);
+    return status == SHERF_OK ? adam_of_model(t->c, t->model, t->state.beta2, &t->adam) : status;
 }
 
 /* The checkpoint's state; what the options say otherwise is taken and told. */
@@ -248,11 +253,13 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->pictures) s->pictures = o->pictures;
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
     if (o->halve_every) s->halve_every = o->halve_every;
+    if (o->beta2 > 0) t->adam.beta2 = s->beta2 = o->beta2;
+    if (o->without && (status = losses_parse(t->c, o->without, &s->without)) != SHERF_OK) return status;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
         old.targets != s->targets || old.front_view != s->front_view ||
         old.random_background != s->random_background || old.estimated != s->estimated ||
         old.pictures != s->pictures || old.learning_rate != s->learning_rate ||
-        old.halve_every != s->halve_every)
+        old.halve_every != s->halve_every || old.beta2 != s->beta2 || old.without != s->without)
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
     status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
@@ -383,7 +390,7 @@ static void announce(trainer *t) {
 static sherf_status share(trainer *t) {
     context *c = t->c;
     const double scale = 1.0 / t->state.images_per_step;
-    const loss_networks networks = {t->lpips, t->resnet50, t->options->perceptual_weight};
+    const loss_networks networks = {t->lpips, t->resnet50, t->options->perceptual_weight, t->state.without};
     for (int i = t->total.begin; i < t->total.end; i++) {
         sample s;
         if (cancelled(c)) return failure(c, SHERF_CANCELLED, "cancelled");

@@ -170,8 +170,8 @@ static void the_others(void **state) {
     char path[1400];
     o.data_count = 2;
     o.test_people = "1";
-    static const char *const name[] = {"input-angle", "angle-difference", "ablation", "fusion",
-                                       "front-view",  "cross-data",       "runtime"};
+    static const char *const name[] = {"input-angle", "angle-difference", "ablation",   "fusion",
+                                       "losses",      "front-view",       "cross-data", "runtime"};
     for (size_t i = 0; i < COUNT_OF(name); i++) {
         assert_ok(c, sherf_experiment(c, name[i], &o, NULL));
         snprintf(path, sizeof path, "%s/%s/index.html", o.output, name[i]);
@@ -199,6 +199,10 @@ static void the_others(void **state) {
         assert_true(mean_of(ablation, 0, row, 0) > 1 && mean_of(ablation, 0, row, 2) > 1);
     assert_true(mean_of(ablation, 0, 0, 0) != mean_of(ablation, 0, 5, 0));
     document_free(ablation);
+    document *losses = json_of(c, o.output, "losses/results.json");
+    for (int row = 0; row < 3; row++) assert_true(mean_of(losses, 0, row, 0) != mean_of(losses, 0, 4, 0));
+    assert_true(mean_of(losses, 0, 3, 0) == mean_of(losses, 0, 4, 0)); /* there is no network here */
+    document_free(losses);
     document *times = json_of(c, o.output, "runtime/results.json");
     for (int row = 0; row < 4; row++)
         assert_true(mean_of(times, 0, row, 1) > 0 && mean_of(times, 0, row, 2) > 0 &&

@@ -150,6 +150,44 @@ static void resnet50_adds_its_distance(void **state) {
     sherf_context_free(c);
 }
 
+/* Without a term its gradient is not there, and the total is that of the others. */
+static void terms_are_left_out(void **state) {
+    static scene s;
+    make_scene(&s);
+    context *c = test_context();
+    tape *t = made_up_tape(c);
+    loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
+    for (unsigned without = 0; without < 8; without++) {
+        tape_reset(t);
+        tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
+        const loss_networks networks = {.without = without};
+        loss_values v;
+        if (without == (LOSS_COLOR | LOSS_MASK | LOSS_SSIM)) continue; /* nothing would be left here */
+        frame->needs_grad = true;
+        assert_ok(c, losses_of(t, &networks, frame, &g, &total, &v));
+        const double parts[] = {100 * v.color, 10 * v.mask, 1 - v.ssim};
+        double want = 0, opacity = 0, rgb = 0;
+        for (int k = 0; k < 3; k++) want += without & 1u << k ? 0 : parts[k];
+        assert_true(v.color > 0 && v.mask > 0 && !isnan(v.ssim) == !(without & LOSS_SSIM));
+        if (!(fabs(v.total - want) < 1e-4)) fail_msg("without %u: %g, not %g", without, v.total, want);
+        assert_ok(c, tape_backward(t, total, 1));
+        for (int i = 0; i < N; i++) opacity += fabs((double)tensor_f32(frame->grad)[5 * i + 3]);
+        for (int i = 0; i < N; i++) rgb += fabs((double)tensor_f32(frame->grad)[5 * i]);
+        assert_true((opacity > 0) == !(without & LOSS_MASK));
+        assert_true((rgb > 0) == ((without & (LOSS_COLOR | LOSS_SSIM)) != (LOSS_COLOR | LOSS_SSIM)));
+    }
+    unsigned bits;
+    assert_ok(c, losses_parse(c, "perceptual,mask", &bits));
+    assert_int_equal(bits, LOSS_MASK | LOSS_PERCEPTUAL);
+    assert_ok(c, losses_parse(c, NULL, &bits));
+    assert_int_equal(bits, 0);
+    assert_fails(c, losses_parse(c, "mask,lpip", &bits), SHERF_BAD_ARGUMENT, "not 'lpip'");
+    assert_fails(c, losses_parse(c, "mask,,ssim", &bits), SHERF_BAD_ARGUMENT, "not ''");
+    assert_fails(c, losses_parse(c, "color,mask,perceptual,ssim", &bits), SHERF_BAD_ARGUMENT, "no loss");
+    tape_free(t);
+    sherf_context_free(c);
+}
+
 static void nothing_at_the_box(void **state) {
     static scene s;
     make_scene(&s);
@@ -168,8 +206,8 @@ static void nothing_at_the_box(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(values_are_the_means), cmocka_unit_test(backgrounds_are_behind_the_person),
+        cmocka_unit_test(values_are_the_means),    cmocka_unit_test(backgrounds_are_behind_the_person),
         cmocka_unit_test(lpips_adds_its_distance), cmocka_unit_test(resnet50_adds_its_distance),
-        cmocka_unit_test(nothing_at_the_box)};
+        cmocka_unit_test(terms_are_left_out),      cmocka_unit_test(nothing_at_the_box)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -158,6 +158,37 @@ static void cancelling_saves(void **state) {
     sherf_context_free(c);
 }
 
+/* A checkpoint keeps what is left out of the loss, and Adam's beta2. */
+static void losses_and_beta2_are_kept(void **state) {
+    context *c = float_context(1);
+    const char *whole = path_of("less"), *parts = path_of("less_parts");
+    sherf_train_options o = options_for(whole, 5);
+    o.without = "mask,ssim";
+    o.beta2 = 0.992;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(isnan(logged(c, whole, 1, "ssim")));
+    assert_true(fabs(logged(c, whole, 1, "loss") - 100 * logged(c, whole, 1, "color")) < 1e-3);
+    o.output = parts;
+    o.steps = 2;
+    assert_ok(c, sherf_train(c, &o));
+    o = options_for(parts, 5); /* not said again */
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(difference(c, path_of("less/checkpoint.safetensors"),
+                           path_of("less_parts/checkpoint.safetensors")) == 0);
+    o = options_for(path_of("usual"), 5);
+    o.without = "mask,ssim";
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(
+        difference(c, path_of("less/checkpoint.safetensors"), path_of("usual/checkpoint.safetensors")) > 0);
+    o.output = path_of("refused");
+    o.without = "lpip";
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_ARGUMENT, "not 'lpip'");
+    o.without = NULL;
+    o.beta2 = 1;
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_ARGUMENT, "out of range");
+    sherf_context_free(c);
+}
+
 static void a_bad_checkpoint_is_one_line(void **state) {
     context *c = float_context(1);
     const size_t live = mem_live();
@@ -371,6 +402,7 @@ int main(int argc, char **argv) {
                                        cmocka_unit_test(resuming_gives_the_same_bits),
                                        cmocka_unit_test(a_training_starts_from_weights),
                                        cmocka_unit_test(cancelling_saves),
+                                       cmocka_unit_test(losses_and_beta2_are_kept),
                                        cmocka_unit_test(a_bad_checkpoint_is_one_line),
                                        cmocka_unit_test(broken_data_is_one_line),
                                        cmocka_unit_test(an_empty_or_full_mask_ends_it),

@@ -14,6 +14,8 @@
 
 enum { SUPER = 3, SAMPLES = SUPER * SUPER, BAND_ROWS = 8, SUBPIXEL = 256 };
 static const float near_m = 0.02f, far_px = 60000; /* what lies beyond is not drawn */
+/* At silhouettes the network's opacity rises over about twice this. */
+static const float rim_m = 0.010f;
 /* Samples of one pixel whose depths differ by more are of different surfaces. */
 static const float one_surface_m = 0.03f;
 
@@ -29,7 +31,7 @@ typedef struct {
 typedef struct {
     const baked_form *f;
     float joint[BODY_JOINTS][12]; /* rest pose to the camera */
-    float focal[2], centre[2], skew;
+    float focal[2], centre[2], skew, pelvis_z;
     int width, height, left, right, top, bottom; /* in pixels: the picture, and the person in it */
     corner *corner;
     span *span;
@@ -300,6 +302,20 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
     memset(d->frame->depth.data + first, 0, n * sizeof(float));
 }
 
+/* The rim's width at the pelvis' depth, over the person's rectangle and as much around. */
+static sherf_status soften(context *c, const drawing *d) {
+    const float z = d->pelvis_z > near_m ? d->pelvis_z : near_m;
+    const float radius = rim_m * sqrtf(fabsf(d->focal[0] * d->focal[1])) / z;
+    const int spare = (int)fminf(ceilf(radius), 32);
+    const baked_soft s = {.left = d->left > spare ? d->left - spare : 0,
+                          .right = d->right + spare < d->width ? d->right + spare : d->width,
+                          .top = d->top > spare ? d->top - spare : 0,
+                          .bottom = d->bottom + spare < d->height ? d->bottom + spare : d->height,
+                          .radius_px = radius,
+                          .background = d->background};
+    return baked_soften(c, &s, d->frame);
+}
+
 static sherf_status draw(context *c, const posed_body *p, const sherf_camera *camera, drawing *d) {
     const baked_form *f = d->f;
     const size_t threads = (size_t)(c->threads > 0 ? c->threads : 1);
@@ -308,6 +324,8 @@ static sherf_status draw(context *c, const posed_body *p, const sherf_camera *ca
     d->focal[0] = camera->K[0], d->focal[1] = camera->K[4], d->skew = camera->K[1];
     d->centre[0] = camera->K[2], d->centre[1] = camera->K[5];
     joints_to_camera(p, camera, d);
+    for (int k = 0; k < 3; k++) d->pelvis_z += d->joint[0][8 + k] * p->joints_rest[0][k];
+    d->pelvis_z += d->joint[0][11];
     d->corner = mem_alloc(c, (size_t)f->corners, sizeof *d->corner);
     d->span = mem_alloc(c, (size_t)f->triangles, sizeof *d->span);
     if (!d->corner || !d->span) return SHERF_NO_MEMORY;
@@ -324,7 +342,7 @@ static sherf_status draw(context *c, const posed_body *p, const sherf_camera *ca
     d->sample_face = mem_alloc(c, threads * room, sizeof *d->sample_face);
     if (!d->sample_z || !d->sample_face) return SHERF_NO_MEMORY;
     parallel_for(c, d->bands, 1, draw_bands, d);
-    return SHERF_OK;
+    return soften(c, d);
 }
 
 sherf_status baked_draw(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,

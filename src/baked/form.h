@@ -29,6 +29,15 @@ sherf_status baked_levels_make(context *c, baked_form *f);
 sherf_status baked_draw(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,
                         const sherf_camera *camera, const float background[3], sherf_frame *frame);
 
+/* ---- soften.c ---- */
+typedef struct {
+    int left, right, top, bottom; /* of the picture, in pixels: what is looked at */
+    float radius_px;              /* of the tent; up to 1: the frame stays as it is */
+    const float *background;
+} baked_soft;
+/* Makes opacity rise over twice the radius at silhouettes; over a background, colours follow. */
+sherf_status baked_soften(context *c, const baked_soft *s, sherf_frame *frame);
+
 /* ---- form_file.c ---- */
 sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
 extern const avatar_form baked_avatar_form;

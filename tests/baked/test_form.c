@@ -169,6 +169,36 @@ static void the_surface_has_no_gaps(void **state) {
     sherf_frame_free(&f);
 }
 
+/* An upright edge, cut off above and below: opacity rises by a tent's integral about the same middle, colours
+ * stay, what it gains outside has the colour beside it, and the picture's own rim cuts nothing. */
+static void rims_are_as_soft_as_told(void **state) {
+    enum { W = 24, H = 12, EDGE = 10 };
+    context *c = *state;
+    static const float background[3] = {0.25f, 1, 0};
+    const float rgb[3] = {1, 0.5f, 0.125f};
+    float color[3 * W * H], opacity[W * H], depth[W * H];
+    sherf_frame f = {{W, H, 3, color}, {W, H, 1, opacity}, {W, H, 1, depth}, 0};
+    baked_soft s = {0, W, 0, H, 0.9f, background};
+    for (int i = 0; i < W * H; i++) {
+        const float o = i % W < EDGE ? 1 : 0;
+        opacity[i] = o;
+        depth[i] = 2 * o;
+        for (int k = 0; k < 3; k++) color[3 * i + k] = o > 0 ? rgb[k] : background[k];
+    }
+    assert_ok(c, baked_soften(c, &s, &f)); /* less than a pixel: nothing */
+    for (int i = 0; i < W * H; i++) assert_true(opacity[i] == (i % W < EDGE));
+    s.radius_px = 3;
+    assert_ok(c, baked_soften(c, &s, &f));
+    static const float rise[6] = {1, 8 / 9.0f, 6 / 9.0f, 3 / 9.0f, 1 / 9.0f, 0};
+    for (int i = 0; i < W * H; i++) {
+        const int x = i % W, at = x < EDGE - 3 ? 0 : x > EDGE + 2 ? 5 : x - EDGE + 3;
+        assert_float_equal(opacity[i], rise[at], 1e-5);
+        assert_float_equal(depth[i], at < 5 ? 2 : 0, 1e-5);
+        for (int k = 0; k < 3; k++)
+            assert_float_equal(color[3 * i + k], rise[at] * rgb[k] + (1 - rise[at]) * background[k], 1e-5);
+    }
+}
+
 static void assert_same_frame(const sherf_frame *a, const sherf_frame *b) {
     const size_t n = (size_t)a->color.width * (size_t)a->color.height;
     assert_memory_equal(a->color.data, b->color.data, 3 * n * sizeof(float));
@@ -347,6 +377,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(stands_where_the_networks_frame_stands),
         cmocka_unit_test(the_surface_has_no_gaps),
+        cmocka_unit_test(rims_are_as_soft_as_told),
         cmocka_unit_test(threads_and_files_change_nothing),
         cmocka_unit_test(cameras_anywhere),
         cmocka_unit_test(files_that_are_not_right),

@@ -4,7 +4,7 @@ FLAGS ?=
 JOBS ?= $(shell nproc)
 CONFIGURE = cmake -G Ninja -S . -B $(BUILD) $(FLAGS)
 
-.PHONY: all program test demo train-demo assets blender install dist wheel check style format clean
+.PHONY: all program test demo train-demo assets blender install dist wheel deb check style format clean
 
 all: program
 
@@ -51,6 +51,11 @@ wheel: program
 	tools/install.sh wheel
 	ninja -C $(BUILD) -j $(JOBS) sherf_shared
 	tools/wheel.sh $(BUILD)
+
+# Debian's packages of the last commit (docs/packages.md).
+deb:
+	tools/install.sh build deb
+	tools/deb.sh $(BUILD)/deb
 
 check: style
 	.ci/run

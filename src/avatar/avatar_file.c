@@ -84,7 +84,8 @@ sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const ch
         memcpy(item[n++].dim, w->dim, sizeof w->dim);
     }
     model_metadata_key(a->config.kind, key);
-    safetensor_metadata metadata[] = {{"format", a->pictures > 1 ? format_several : format_one},
+    safetensor_metadata metadata[] = {SAFETENSORS_CHECKSUM,
+                                      {"format", a->pictures > 1 ? format_several : format_one},
                                       {"model", a->config.kind->name},
                                       {key, config},
                                       {"body", fingerprint}};

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <zlib.h>
 
 #include "base/path.h"
 #include "io/image.h"
@@ -42,6 +43,30 @@ static void shape_text(int rank, const int64_t *dim, char out[160]) {
     snprintf(out + n, 160 - n, "]");
 }
 
+/* ---------------------------------------------------------------- checksum --------------------------- */
+enum { CHECKSUM_DIGITS = 8 };
+static const char checksum_lead[] = "{\"__metadata__\":{\"crc32\":\"", checksum_none[] = "00000000";
+enum { CHECKSUM_AT = sizeof checksum_lead - 1 };
+
+static uint32_t sum_bytes(uint32_t sum, const void *data, size_t bytes) {
+    return (uint32_t)crc32_z(sum, data, bytes);
+}
+
+static void checksum_text(uint32_t sum, char text[CHECKSUM_DIGITS + 1]) {
+    snprintf(text, CHECKSUM_DIGITS + 1, "%08x", (unsigned)sum);
+}
+
+/* Whether a header has a checksum, and the sum of the file as far as its header. */
+static bool header_sum(const unsigned char start[8], const char *text, size_t n, uint32_t *sum) {
+    const size_t behind = CHECKSUM_AT + CHECKSUM_DIGITS;
+    if (n < behind || memcmp(text, checksum_lead, CHECKSUM_AT)) return false;
+    *sum = sum_bytes(0, start, 8);
+    *sum = sum_bytes(*sum, text, CHECKSUM_AT);
+    *sum = sum_bytes(*sum, checksum_none, CHECKSUM_DIGITS);
+    *sum = sum_bytes(*sum, text + behind, n - behind);
+    return true;
+}
+
 /* ---------------------------------------------------------------- reading ---------------------------- */
 typedef struct {
     safetensor *tensor;
@@ -53,6 +78,8 @@ typedef struct {
     arena *a;
     safetensors *s;
     span *spans;
+    bool summed; /* has a checksum */
+    uint32_t sum;
 } reader;
 
 static char *copy_text(reader *r, const value *v) {
@@ -176,12 +203,23 @@ static sherf_status read_data(reader *r, FILE *f) {
         size_t bytes = (size_t)(r->spans[i].end - r->spans[i].begin);
         if (bytes && fread(data, 1, bytes, f) != bytes)
             return failure(r->c, SHERF_BAD_FILE, "truncated in tensor %.200s", r->spans[i].tensor->name);
+        if (r->summed) r->sum = sum_bytes(r->sum, data, bytes);
         ordered[i] = *r->spans[i].tensor;
         ordered[i].data = data;
         data += (bytes + 63) / 64 * 64;
     }
     r->s->tensor = ordered;
     return SHERF_OK;
+}
+
+/* After read_data: the bytes give the checksum that `text`, the header, has, if it has one. */
+static sherf_status check_sum(const reader *r, const char *text) {
+    char digits[CHECKSUM_DIGITS + 1];
+    checksum_text(r->sum, digits);
+    if (!r->summed || !memcmp(text + CHECKSUM_AT, digits, CHECKSUM_DIGITS)) return SHERF_OK;
+    return failure(r->c, SHERF_BAD_FILE,
+                   "damaged: its bytes do not give its checksum; take another copy or make it anew (what was "
+                   "changed on purpose must not have crc32 in its metadata)");
 }
 
 /* What is no safetensors file is named, where it is known. */
@@ -219,9 +257,11 @@ static sherf_status load(context *c, FILE *f, uint64_t bytes, safetensors **out)
         status = failure(c, SHERF_BAD_FILE, "not a safetensors file: no header");
         goto done;
     }
+    r.summed = header_sum(start, text, (size_t)header, &r.sum);
     status = json_parse(c, text, (size_t)header, &d);
     if (status == SHERF_OK) status = read_header(&r, d->root, (int64_t)(bytes - 8 - header));
     if (status == SHERF_OK) status = read_data(&r, f);
+    if (status == SHERF_OK) status = check_sum(&r, text);
     r.s->memory_bytes = arena_peak(r.a);
 done:
     document_free(d);
@@ -393,7 +433,7 @@ static sherf_status write_header(context *c, text_buffer *t, size_t count, const
             add_text(t, i ? "," : "");
             add_quoted(t, metadata[i].key);
             add_text(t, ":");
-            add_quoted(t, metadata[i].value);
+            add_quoted(t, metadata[i].value ? metadata[i].value : checksum_none);
         }
         add_text(t, "}");
         comma = ",";
@@ -423,6 +463,22 @@ static sherf_status write_header(context *c, text_buffer *t, size_t count, const
     return t->failed ? SHERF_NO_MEMORY : SHERF_OK;
 }
 
+static size_t item_bytes(const safetensor_item *item) {
+    return (size_t)build_count(item->rank, item->dim) * dtype_size(item->type);
+}
+
+/* The checksum's digits into the header. */
+static void fill_sum(const unsigned char start[8], text_buffer *t, size_t count,
+                     const safetensor_item *item) {
+    char digits[CHECKSUM_DIGITS + 1];
+    uint32_t sum;
+    if (!header_sum(start, t->data, t->count, &sum)) return;
+    for (size_t i = 0; i < count; i++)
+        if (item_bytes(&item[i])) sum = sum_bytes(sum, item[i].data, item_bytes(&item[i]));
+    checksum_text(sum, digits);
+    memcpy(t->data + CHECKSUM_AT, digits, CHECKSUM_DIGITS);
+}
+
 sherf_status safetensors_write(context *c, const char *path, size_t count, const safetensor_item *item,
                                size_t metadata_count, const safetensor_metadata *metadata) {
     text_buffer t = {.c = c};
@@ -431,12 +487,12 @@ sherf_status safetensors_write(context *c, const char *path, size_t count, const
     sherf_status status = write_header(c, &t, count, item, metadata_count, metadata);
     if (status != SHERF_OK) goto done;
     for (int i = 0; i < 8; i++) start[i] = (unsigned char)((uint64_t)t.count >> 8 * i);
+    if (metadata_count && !metadata[0].value) fill_sum(start, &t, count, item);
     status = output_open(c, path, &file);
     if (status == SHERF_OK) status = output_write(c, &file, start, 8);
     if (status == SHERF_OK) status = output_write(c, &file, t.data, t.count);
     for (size_t i = 0; i < count && status == SHERF_OK; i++)
-        status = output_write(c, &file, item[i].data,
-                              (size_t)build_count(item[i].rank, item[i].dim) * dtype_size(item[i].type));
+        status = output_write(c, &file, item[i].data, item_bytes(&item[i]));
     if (status == SHERF_OK) status = output_commit(c, &file);
 done:
     output_abort(&file);

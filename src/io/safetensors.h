@@ -32,6 +32,11 @@ const char *safetensors_metadata(const safetensors *s, const char *key);
 sherf_status safetensors_floats(context *c, const safetensors *s, const char *name, int rank,
                                 const int64_t *dim, float *out);
 
+/* A file that begins with the piece of metadata "crc32" has the checksum of all its bytes there, its own
+ * eight digits taken as zeros; one whose bytes give another is refused when it is read. */
+#define SAFETENSORS_CHECKSUM                                                                                 \
+    { "crc32", NULL } /* as the first piece of metadata: filled in when the file is written */
+
 /* Writing: tensors in the order given; data start 64-byte aligned; whole or not at all. */
 typedef struct {
     const char *name;

@@ -134,7 +134,7 @@ sherf_status model_save_values(context *c, const model *m, const float *values, 
     model_metadata_key(m->config.kind, key);
     if (status == SHERF_OK) {
         safetensor_metadata metadata[] = {
-            {"format", "sherf-model"}, {"model", m->config.kind->name}, {key, text}};
+            SAFETENSORS_CHECKSUM, {"format", "sherf-model"}, {"model", m->config.kind->name}, {key, text}};
         status = safetensors_write(c, path, (size_t)m->weights->count, item, COUNT_OF(metadata), metadata);
     }
     mem_free(item);

@@ -127,8 +127,8 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     char text[STATE_KEYS][32];
     size_t n = 0;
     sherf_status status = SHERF_NO_MEMORY;
-    safetensor_metadata metadata[STATE_KEYS + 3] = {{"format", "sherf-checkpoint"},
-                                                    {"model", m->config.kind->name}};
+    safetensor_metadata metadata[STATE_KEYS + 4] = {
+        SAFETENSORS_CHECKSUM, {"format", "sherf-checkpoint"}, {"model", m->config.kind->name}};
     char *config = model_config_text(c, &m->config);
     char(*name)[288] = mem_alloc(c, max, sizeof *name);
     safetensor_item *item = mem_zero(c, max, sizeof *item);
@@ -136,9 +136,9 @@ sherf_status checkpoint_write(context *c, const char *path, const model *m, cons
     float *copies[GROUPS] = {NULL};
     if (!config || !name || !item) goto done;
     if ((status = blocks_read(c, m, average, a, block, copies)) != SHERF_OK) goto done;
-    metadata[2] = (safetensor_metadata){"config", config};
+    metadata[3] = (safetensor_metadata){"config", config};
     state_text(state, a->updates, text);
-    for (int i = 0; i < STATE_KEYS; i++) metadata[i + 3] = (safetensor_metadata){state_keys[i], text[i]};
+    for (int i = 0; i < STATE_KEYS; i++) metadata[i + 4] = (safetensor_metadata){state_keys[i], text[i]};
     for (int group = 0; group < GROUPS; group++)
         for (int i = 0; i < p->count; i++) {
             const parameter *q = p->item[i];

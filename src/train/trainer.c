@@ -1,8 +1,11 @@
 /* sherf_train: steps, checkpoints, and when to stop. */
+#include <errno.h>
+#include <fcntl.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include "base/path.h"
@@ -11,6 +14,8 @@
 #include "train/picture.h"
 #include "train/trainer.h"
 
+static const char *const checkpoint_now = "checkpoint.safetensors";
+static const char *const checkpoint_before = "checkpoint-before.safetensors";
 enum { SKIPS_IN_A_ROW = 20, IMAGES_MAX = 65536 };
 static const int64_t halve_never = (int64_t)1 << 40;
 /* Smaller people cannot be learned from: something is wrong with their cameras. */
@@ -39,6 +44,8 @@ typedef struct {
     int skips_in_a_row;
     bool resumed;
     bool folder_is_new;
+    int lock;           /* rank 0's hold on the output folder, or -1 */
+    int64_t saved_step; /* of the checkpoint that is there, or -1 where that one is not worth keeping */
 } trainer;
 
 static void trainer_free(trainer *t) {
@@ -55,11 +62,25 @@ static void trainer_free(trainer *t) {
     sherf_estimator_free(t->photos.networks);
     sherf_body_free(t->body);
     sherf_dataset_free(t->data);
+    if (t->lock >= 0) close(t->lock);
 }
 
 static sherf_status output_path(trainer *t, char path[PATH_LENGTH], const char *name) {
     if (snprintf(path, PATH_LENGTH, "%s/%s", t->options->output, name) < PATH_LENGTH) return SHERF_OK;
     return failure(t->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", t->options->output);
+}
+
+/* Two trainings in one folder would write over each other's files. The hold is the system's (flock), on the
+ * folder itself, and ends with the process however it ends: nothing that is left behind can be in the way.
+ * File systems that have none go without. */
+static sherf_status folder_hold(trainer *t) {
+    const char *folder = t->options->output;
+    if (t->ranks.rank || t->lock >= 0) return SHERF_OK;
+    t->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (t->lock < 0 || !flock(t->lock, LOCK_EX | LOCK_NB) || errno != EWOULDBLOCK) return SHERF_OK;
+    return failure(t->c, SHERF_BAD_ARGUMENT,
+                   "%s: another training is at work in this folder: wait for its end, or give another folder",
+                   folder);
 }
 
 /* ---- beginning ---- */
@@ -234,11 +255,36 @@ static sherf_status begin_new(trainer *t) {
     return status == SHERF_OK ? adam_of_model(t->c, t->model, t->state.beta2, &t->adam) : status;
 }
 
+/* The folder's own checkpoint, or the one before it where that one is damaged or not there. */
+static sherf_status folder_checkpoint(trainer *t, const char *path) {
+    char before[PATH_LENGTH], reason[sizeof t->c->message];
+    sherf_status status = output_path(t, before, checkpoint_before);
+    if (status != SHERF_OK) return status;
+    if (!path_is_file(path))
+        snprintf(reason, sizeof reason, "%s: not there", path);
+    else {
+        status = checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, &t->state);
+        t->saved_step = t->state.step;
+        if (status != SHERF_BAD_FILE || !path_is_file(before)) return status;
+        memcpy(reason, t->c->message, sizeof reason);
+    }
+    status = checkpoint_read(t->c, before, &t->model, &t->average, &t->adam, &t->state);
+    if (status != SHERF_OK)
+        return failure(t->c, status, "%.300s; nor can the one before it be read, %s", reason,
+                       checkpoint_before);
+    t->saved_step = -1;
+    if (!t->ranks.rank)
+        log_line(t->c, SHERF_LOG_WARNING, "%.300s: the one before it is taken, of step %" PRId64, reason,
+                 t->state.step);
+    return SHERF_OK;
+}
+
 /* The checkpoint's state; what the options say otherwise is taken and told. */
 static sherf_status begin_again(trainer *t, const char *path) {
     const sherf_train_options *o = t->options;
     train_state *s = &t->state;
-    sherf_status status = checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, s);
+    sherf_status status = o->resume ? checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, s)
+                                    : folder_checkpoint(t, path);
     if (status == SHERF_OK && o->preset) status = same_preset(t->c, path, o->preset, &t->model->config);
     if (status != SHERF_OK) return status;
     t->resumed = true;
@@ -282,19 +328,22 @@ static sherf_status photos_ready(trainer *t) {
 static sherf_status begin(trainer *t) {
     context *c = t->c;
     const sherf_train_options *o = t->options;
-    char path[PATH_LENGTH];
+    char path[PATH_LENGTH], before[PATH_LENGTH];
     sherf_status status = sherf_dataset_open(c, o->data, &t->data);
     if (status == SHERF_OK) status = sherf_body_load(c, o->body, &t->body);
     if (status == SHERF_OK && o->lpips)
         status = lpips_load(c, o->lpips, &t->lpips);
     else if (status == SHERF_OK && o->perceptual)
         status = resnet50_load(c, o->perceptual, &t->resnet50);
-    if (status == SHERF_OK) status = output_path(t, path, "checkpoint.safetensors");
+    if (status == SHERF_OK) status = output_path(t, path, checkpoint_now);
     if (status != SHERF_OK) return status;
+    if ((status = folder_hold(t)) != SHERF_OK ||
+        (status = output_path(t, before, checkpoint_before)) != SHERF_OK)
+        return status;
     if (o->resume)
         status = begin_again(t, o->resume);
     else
-        status = path_is_file(path) ? begin_again(t, path) : begin_new(t);
+        status = path_is_file(path) || path_is_file(before) ? begin_again(t, path) : begin_new(t);
     if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
@@ -355,6 +404,7 @@ static sherf_status prepare(trainer *t) {
     t->folder_is_new = !path_is_folder(o->output);
     if ((status = output_path(t, path, "samples")) != SHERF_OK) return status;
     if ((status = folder_make(c, path)) != SHERF_OK) return status;
+    if ((status = folder_hold(t)) != SHERF_OK) return status;
     if ((status = output_path(t, path, "log.jsonl")) != SHERF_OK) return status;
     return history_open(c, path, t->first_step, &t->history);
 }
@@ -474,12 +524,29 @@ static sherf_status lost_check(trainer *t) {
                    t->state.step);
 }
 
+/* The checkpoint under the other name as well, of which the next one takes the first: at no moment is there
+ * none. */
+static sherf_status keep_before(trainer *t, const char *path) {
+    char before[PATH_LENGTH], between[PATH_LENGTH];
+    sherf_status status = output_path(t, before, checkpoint_before);
+    if (status == SHERF_OK) status = output_path(t, between, ".checkpoint-between");
+    if (status != SHERF_OK || t->saved_step < 0 || t->saved_step == t->state.step || !path_is_file(path))
+        return status;
+    unlink(between);
+    /* Where a file cannot have two names it is moved; until the next is written the folder goes on from it.
+     */
+    if ((link(path, between) ? rename(path, before) : rename(between, before)) == 0) return SHERF_OK;
+    return failure(t->c, SHERF_WRITE_FAILED, "%s: %s", before, strerror(errno));
+}
+
 static sherf_status save(trainer *t) {
     char path[PATH_LENGTH];
     if (t->ranks.rank) return SHERF_OK;
     sherf_status status = lost_check(t);
-    if (status == SHERF_OK) status = output_path(t, path, "checkpoint.safetensors");
+    if (status == SHERF_OK) status = output_path(t, path, checkpoint_now);
+    if (status == SHERF_OK) status = keep_before(t, path);
     if (status == SHERF_OK) status = checkpoint_write(t->c, path, t->model, t->average, &t->adam, &t->state);
+    if (status == SHERF_OK) t->saved_step = t->state.step;
     if (status == SHERF_OK) status = output_path(t, path, "model.safetensors");
     if (status == SHERF_OK) status = sherf_model_save(t->c, t->average, path);
     if (status == SHERF_OK) status = output_path(t, path, "loss.png");
@@ -596,7 +663,7 @@ static sherf_status run(trainer *t) {
 }
 
 sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
-    trainer t = {.c = c, .options = options};
+    trainer t = {.c = c, .options = options, .lock = -1};
     const int threads = c->threads;
     sherf_status status = options_check(c, options);
     if (status == SHERF_OK) status = ranks_open(c, &t.ranks);

@@ -48,6 +48,40 @@ static void test_round(void **state) {
     document_free(d);
 }
 
+/* Whichever bit of a file with a checksum is flipped, the file is refused, or it was one of the checksum's
+ * name. */
+static void test_flipped(void **state) {
+    context *c = *state;
+    const float f[3] = {1, -2, 3.5f};
+    const safetensor_item item[] = {{"a", T_F32, 1, {3}, f}, {"none", T_F32, 1, {0}, NULL}};
+    const safetensor_metadata metadata[] = {SAFETENSORS_CHECKSUM, {"format", "x"}};
+    const char *path = test_path("flip.safetensors");
+    unsigned char *data;
+    size_t bytes, read = 0;
+    safetensors *s;
+    assert_ok(c, safetensors_write(c, path, COUNT_OF(item), item, COUNT_OF(metadata), metadata));
+    assert_ok(c, file_read(c, path, 4096, &data, &bytes));
+    assert_ok(c, safetensors_parse(c, data, bytes, &s));
+    assert_int_equal(strlen(safetensors_metadata(s, "crc32")), 8);
+    assert_string_not_equal(safetensors_metadata(s, "crc32"), "00000000");
+    safetensors_free(s);
+    for (size_t bit = 0; bit < 8 * bytes; bit++) {
+        data[bit / 8] ^= (unsigned char)(1 << bit % 8);
+        if (safetensors_parse(c, data, bytes, &s) == SHERF_OK) {
+            read++;
+            assert_true(bit / 8 >= 8 && bit / 8 < 8 + sizeof "{\"__metadata__\":{\"crc32\"");
+            assert_memory_equal(safetensors_find(s, "a")->data, f, sizeof f);
+            safetensors_free(s);
+        }
+        data[bit / 8] ^= (unsigned char)(1 << bit % 8);
+    }
+    assert_in_range(read, 1, 60); /* that the flips reach a file that is read */
+    data[bytes - 1] ^= 1;
+    assert_int_equal(safetensors_parse(c, data, bytes, &s), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "damaged"));
+    mem_free(data);
+}
+
 static sherf_status parse(context *c, const char *header, size_t data_bytes, safetensors **s) {
     unsigned char file[1024] = {0};
     size_t n = strlen(header);
@@ -144,7 +178,7 @@ static void test_hostile(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round), cmocka_unit_test(test_strict),
-                                       cmocka_unit_test(test_hostile)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_round), cmocka_unit_test(test_flipped),
+                                       cmocka_unit_test(test_strict), cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -1,9 +1,12 @@
 /* The whole trainer on a small made-up data set: the loss falls, a stopped training goes on with the same
  * bits, several processes equal one. */
+#include <fcntl.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -225,15 +228,80 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     assert_ok(c, sherf_train(c, &o));
     assert_true(
         difference(c, path_of("whole/checkpoint.safetensors"), path_of("bad/checkpoint.safetensors")) == 0);
-    FILE *f = fopen(path_of("bad/checkpoint.safetensors"), "r+b");
+    assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
+}
+
+static void flip_a_bit(const char *path) {
+    FILE *f = fopen(path, "r+b");
     assert_non_null(f);
     assert_int_equal(fseek(f, -4, SEEK_END), 0);
-    assert_int_equal(fwrite("\xff\xff\xff\xff", 1, 4, f), 4);
-    fclose(f);
+    const int byte = fgetc(f);
+    assert_int_equal(fseek(f, -4, SEEK_END), 0);
+    assert_true(fputc(byte ^ 1, f) != EOF);
+    assert_int_equal(fclose(f), 0);
+}
+
+/* Of seven steps with a checkpoint every two, 6 and 7 are kept. The one of 7 damaged, that of 6 is gone on
+ * from, and the end has the bits of a training that nothing happened to. */
+static void a_damaged_checkpoint_gives_way_to_the_one_before(void **state) {
+    context *c = float_context(1);
+    const size_t live = mem_live();
+    char now[4096], before[4096];
+    snprintf(now, sizeof now, "%s", path_of("kept/checkpoint.safetensors"));
+    snprintf(before, sizeof before, "%s", path_of("kept/checkpoint-before.safetensors"));
+    sherf_train_options o = options_for(path_of("kept"), 7);
+    o.save_every = 2;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(path_is_file(before));
+    assert_true(difference(c, now, before) > 0);
+    flip_a_bit(now);
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(difference(c, path_of("whole/checkpoint.safetensors"), now) == 0);
+    assert_true(difference(c, now, before) > 0); /* the damaged one did not take its place */
+    assert_int_equal(unlink(now), 0);
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(difference(c, path_of("whole/checkpoint.safetensors"), now) == 0);
+    flip_a_bit(now);
+    o.resume = now; /* asked for by name: no other is taken */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
-    assert_non_null(strstr(c->message, "bad/checkpoint.safetensors: tensor second."));
-    assert_non_null(strstr(c->message, "not finite"));
+    assert_non_null(strstr(c->message, "checkpoint.safetensors: damaged"));
+    o.resume = NULL;
+    flip_a_bit(before);
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "nor can the one before it be read"));
+    assert_null(strchr(c->message, '\n'));
     assert_int_equal(mem_live(), live);
+    sherf_context_free(c);
+}
+
+/* A process that holds the folder and then dies, as one that is killed does. */
+static void two_trainings_in_one_folder_are_refused(void **state) {
+    context *c = float_context(1);
+    sherf_train_options o = options_for(path_of("held"), 1);
+    assert_ok(c, folder_make(c, path_of("held")));
+    int ready[2];
+    char byte;
+    assert_int_equal(pipe(ready), 0);
+    const pid_t other = fork();
+    if (!other) {
+        const int folder = open(path_of("held"), O_RDONLY);
+        byte = folder >= 0 && !flock(folder, LOCK_EX | LOCK_NB);
+        if (write(ready[1], &byte, 1) == 1) pause();
+        _exit(0);
+    }
+    assert_true(other > 0);
+    assert_int_equal(read(ready[0], &byte, 1), 1);
+    assert_int_equal(byte, 1);
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
+    assert_non_null(strstr(c->message, "held: another training is at work in this folder"));
+    assert_false(path_is_file(path_of("held/log.jsonl")));
+    kill(other, SIGKILL);
+    assert_int_equal(waitpid(other, NULL, 0), other);
+    close(ready[0]);
+    close(ready[1]);
+    assert_ok(c, sherf_train(c, &o));
+    assert_ok(c, sherf_train(c, &o)); /* nor does a training hold it longer than it lasts */
     sherf_context_free(c);
 }
 
@@ -404,6 +472,8 @@ int main(int argc, char **argv) {
                                        cmocka_unit_test(cancelling_saves),
                                        cmocka_unit_test(losses_and_beta2_are_kept),
                                        cmocka_unit_test(a_bad_checkpoint_is_one_line),
+                                       cmocka_unit_test(a_damaged_checkpoint_gives_way_to_the_one_before),
+                                       cmocka_unit_test(two_trainings_in_one_folder_are_refused),
                                        cmocka_unit_test(broken_data_is_one_line),
                                        cmocka_unit_test(an_empty_or_full_mask_ends_it),
                                        cmocka_unit_test(processes_equal_one)};

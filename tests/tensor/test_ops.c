@@ -170,12 +170,12 @@ static void run_with_threads(context *c, const op_case *k, bool bf16, int thread
     if (differentiable[k->op]) seed_backward(*t, *y);
 }
 
-/* The spatial kernels give the same bits with any number of threads. */
+/* Kernels give the same bits with any number of threads. */
 static void threads_agree(void **state) {
     context *c = test_context();
     const int precisions = 1 + isa_has_bf16();
-    for (int i = 0; i < precisions * cases_spatial_count; i++) {
-        const op_case *k = &cases_spatial[i / precisions];
+    for (int i = 0; i < precisions * case_count(); i++) {
+        const op_case *k = case_at(i / precisions);
         const bool bf16 = i % precisions;
         tensor *one_in[OP_MAX_IN], *in[OP_MAX_IN], *one, *y;
         tape *one_tape, *t;

@@ -4,6 +4,7 @@
 #include "tensor/cpu/conv_rows.h"
 #include "tensor/cpu/conv_weights.h"
 #include "tensor/cpu/dnnl_conv.h"
+#include "tensor/cpu/linear.h"
 
 /* Fewer channels leave most of a tile empty (three colours: 3 of 32). */
 enum { FEW = 16 };
@@ -26,6 +27,11 @@ static conv_shape shape_of(const op_call *call, bool transpose) {
 
 static bool is_bf16(const op_call *call) {
     return call->bf16 && isa_has_bf16();
+}
+
+/* Each pixel by itself. */
+static bool is_linear(const conv_shape *s) {
+    return !s->transpose && s->k == 1 && s->stride == 1 && !s->pad;
 }
 
 static sherf_status forward(op_call *call, bool transpose) {
@@ -55,6 +61,10 @@ static sherf_status backward(op_call *call, bool transpose) {
     if (status != SHERF_OK || !call->din[1]) return status;
     if (amx && !few) return amx_conv_weights(call, &s, x, dy, call->din[1]->data);
     if (conv_weights_fits(&s)) return conv_weights_avx2(call, &s, x, dy, call->din[1]->data);
+    /* oneDNN's sums over pixels depend on the number of threads here */
+    if (is_linear(&s))
+        return linear_weights_add(call, &(linear_sizes){s.H * s.W, s.I, s.O, s.gain}, x, dy,
+                                  call->din[1]->data);
     return dnnl_conv_weights(call, transpose, is_bf16(call) && !few);
 }
 

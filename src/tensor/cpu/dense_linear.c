@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "tensor/cpu/amx_gemm.h"
+#include "tensor/cpu/linear.h"
 #include "tensor/cpu/rows.h"
 #include "tensor/cpu/sgemm.h"
 #include "tensor/cpu/variants.h"
@@ -27,6 +28,12 @@ static bool is_amx(const op_call *call, const linear_job *j) {
     return call->bf16 && isa_has_bf16() && j->I >= FEW;
 }
 
+/* Blocks fixed by the shape: at most 16, of at least 64 rows. */
+static void blocks_of(linear_job *j) {
+    j->block_rows = (j->R + 15) / 16 < 64 ? 64 : (j->R + 15) / 16;
+    j->blocks = (j->R + j->block_rows - 1) / j->block_rows;
+}
+
 static void linear_of(op_call *call, linear_job *j) {
     const tensor *x = call->in[0], *w = call->in[1], *b = call->in[2];
     const linear_attr *a = call->attr;
@@ -34,9 +41,7 @@ static void linear_of(op_call *call, linear_job *j) {
     j->R = tensor_count(x) / j->I;
     j->gain = a->gain;
     j->bias_gain = a->bias_gain;
-    /* blocks fixed by the shape: at most 16, of at least 64 rows */
-    j->block_rows = (j->R + 15) / 16 < 64 ? 64 : (j->R + 15) / 16;
-    j->blocks = (j->R + j->block_rows - 1) / j->block_rows;
+    blocks_of(j);
 }
 
 static int64_t block_end(const linear_job *j, int64_t block) {
@@ -182,8 +187,20 @@ static VARIANT_BODY void join(void *arg, int64_t begin, int64_t end, int thread)
 }
 VARIANTS(join)
 
-static sherf_status backward_weights(op_call *call, linear_job *j) {
+static sherf_status weights_float(op_call *call, linear_job *j, float *dw) {
     const int64_t n = j->O * j->I;
+    j->sums = dw;
+    if (j->blocks > 1) {
+        j->sums = arena_alloc(call->c, call->scratch, (size_t)(j->blocks * n), sizeof *j->sums);
+        if (!j->sums) return SHERF_NO_MEMORY;
+        memset(j->sums, 0, (size_t)(j->blocks * n) * sizeof *j->sums);
+    }
+    parallel_for(call->c, j->blocks, 1, is_small(j) ? small_weights_best() : large_weights, j);
+    if (j->blocks > 1) parallel_for(call->c, n, 1 << 13, join_best(), &(join_job){j->sums, dw, n, j->blocks});
+    return finished(call, j);
+}
+
+static sherf_status backward_weights(op_call *call, linear_job *j) {
     float *dw = call->din[1]->data;
     if (!is_small(j) && is_amx(call, j)) {
         amx_product p = {.M = j->O, .N = j->I, .K = j->R, .a = j->dy, .lda = j->O, .b = j->x, .ldb = j->I};
@@ -194,15 +211,14 @@ static sherf_status backward_weights(op_call *call, linear_job *j) {
         p.add = true;
         return amx_gemm_deep(call, &p);
     }
-    j->sums = dw;
-    if (j->blocks > 1) {
-        j->sums = arena_alloc(call->c, call->scratch, (size_t)(j->blocks * n), sizeof *j->sums);
-        if (!j->sums) return SHERF_NO_MEMORY;
-        memset(j->sums, 0, (size_t)(j->blocks * n) * sizeof *j->sums);
-    }
-    parallel_for(call->c, j->blocks, 1, is_small(j) ? small_weights_best() : large_weights, j);
-    if (j->blocks > 1) parallel_for(call->c, n, 1 << 13, join_best(), &(join_job){j->sums, dw, n, j->blocks});
-    return finished(call, j);
+    return weights_float(call, j, dw);
+}
+
+sherf_status linear_weights_add(op_call *call, const linear_sizes *n, const float *x, const float *dy,
+                                float *dw) {
+    linear_job j = {.R = n->R, .I = n->I, .O = n->O, .x = x, .dy = dy, .gain = n->gain};
+    blocks_of(&j);
+    return weights_float(call, &j, dw);
 }
 
 sherf_status cpu_linear_backward(op_call *call) {

@@ -773,8 +773,13 @@ typedef struct {
     int size_px;        /* 512 */
     int repeats;        /* 0: as many as fit in a few seconds */
     int json;
+    /* What people use, timed beside the preset with made-up weights: a model that ships, a body, a person's
+     * picture as sherf_observation_crop gives it. One NULL: without, and there is no "export". */
+    const sherf_model *model;
+    const sherf_body *body;
+    const sherf_observation *observation;
 } sherf_bench_options;
-/* what: "render", "train" or "bake". Free *text with sherf_free. */
+/* what: "render", "avatar", "train", "export" or "bake". Free *text with sherf_free. */
 SHERF_API sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_options *options,
                                    char **text);
 

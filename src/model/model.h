@@ -237,6 +237,8 @@ struct model_kind {
                             const model_bank *tensors, model_bank *bank);
     /* The same network as `query` for frames (field.h); NULL, or it gives NULL: op by op. */
     const struct field_kind *(*field)(const model_config *config);
+    /* Multiply-adds that a point takes in such a frame, for `sherf bench`; or NULL. */
+    double (*point_products)(const model_config *config);
 };
 
 /* name NULL: the table's first. */

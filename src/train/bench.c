@@ -1,5 +1,5 @@
 /* sherf bench: how long an avatar, a frame and a training step take, on the built-in tube person with made-up
- * weights. The medians of the repeats count. */
+ * weights, and what people meet (bench_real.c). The medians of the repeats count. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 
 #include "synth/tube/tubeman.h"
 #include "tensor/block.h"
-#include "train/trainer.h"
+#include "train/bench.h"
 
 enum { REPEATS_MAX = 1000, SIDE_MAX = 8192 };
 
@@ -85,16 +85,6 @@ done:
 }
 
 /* ---- timing ---- */
-typedef struct {
-    context *c;
-    const char *preset;
-    int size, repeats;
-    body_model *body;
-    sherf_observation *observation, *target;
-    model *model;
-    int64_t points;
-} bench;
-
 static void bench_free(bench *b) {
     model_free(b->model);
     sherf_observation_free(b->target);
@@ -123,8 +113,7 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* The median milliseconds of `once`: one run to warm up, then `repeats`, or what fits in some seconds. */
-static sherf_status timed(bench *b, sherf_status (*once)(bench *b, void *arg), void *arg, double *ms) {
+sherf_status bench_timed(bench *b, sherf_status (*once)(bench *b, void *arg), void *arg, double *ms) {
     const double budget_s = 5;
     static const int min = 5, max = 200;
     double *took = mem_alloc(b->c, REPEATS_MAX, sizeof *took);
@@ -160,12 +149,14 @@ static sherf_status avatar_once(bench *b, void *arg) {
 
 typedef struct {
     sherf_avatar *avatar;
+    bool exact;
     sherf_frame frame;
 } frame_job;
 
 static sherf_status frame_once(bench *b, void *arg) {
     frame_job *j = arg;
-    const sherf_render_options model_steps = {.samples = SHERF_SAMPLES_MODEL, .detail = SHERF_DETAIL_OFF};
+    const sherf_render_options model_steps = {
+        .samples = SHERF_SAMPLES_MODEL, .exact = j->exact, .detail = SHERF_DETAIL_OFF};
     return sherf_render(b->c, j->avatar, b->body, &b->target->pose, &b->target->camera, &model_steps,
                         &j->frame);
 }
@@ -195,32 +186,128 @@ static const char *peak_name(const context *c) {
     return c->device == SHERF_DEVICE_CUDA ? "gpu" : "rss";
 }
 
+/* Behind the measured: what they were measured with. Freed with mem_free. */
+static char *setting_json(const context *c, const bench_shares *shares) {
+    char *told = bench_shares_json((context *)c, shares);
+    char *text =
+        told ? mem_format((context *)c,
+                          "\"precision\": \"%s\", \"device\": \"%s\", \"isa\": \"%s\", \"threads\": %d, %s, "
+                          "\"peak_%s_mb\": %.1f}\n",
+                          precision_name(c), device_name(c), isa_name(isa_best()), c->threads, told,
+                          peak_name(c), peak_mb(c))
+             : NULL;
+    mem_free(told);
+    return text;
+}
+
+static char *setting_text(const context *c, const bench_shares *shares) {
+    char device[200];
+    char *told = bench_shares_text((context *)c, shares);
+    char *text = told ? mem_format((context *)c, "%s on %s, %d threads, at most %.0f MB; %s",
+                                   precision_name(c), device_text(c, device), c->threads, peak_mb(c), told)
+                      : NULL;
+    mem_free(told);
+    return text;
+}
+
+/* `begin` and the setting behind it; begin is freed. */
+static sherf_status tell(context *c, int json, const bench_shares *shares, char *begin, char **text) {
+    char *setting = json ? setting_json(c, shares) : setting_text(c, shares);
+    if (begin && setting) *text = mem_format(c, "%s%s", begin, setting);
+    mem_free(begin);
+    mem_free(setting);
+    return *text ? SHERF_OK : SHERF_NO_MEMORY;
+}
+
 static sherf_status bench_render(bench *b, int json, char **text) {
     context *c = b->c;
     frame_job job = {0};
-    double avatar_ms = 0, frame_ms = 0;
-    char device[200];
-    sherf_status status = timed(b, avatar_once, &job.avatar, &avatar_ms);
-    if (status == SHERF_OK) status = timed(b, frame_once, &job, &frame_ms);
-    if (status == SHERF_OK) {
-        const long long points = (long long)job.frame.points;
-        *text =
-            json ? mem_format(c,
-                              "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": %.3f, "
-                              "\"avatar_ms\": %.3f, \"points\": %lld, \"precision\": \"%s\", \"device\": "
-                              "\"%s\", \"isa\": \"%s\", \"threads\": %d, \"peak_%s_mb\": %.1f}\n",
-                              b->preset, b->size, frame_ms, avatar_ms, points, precision_name(c),
-                              device_name(c), isa_name(isa_best()), c->threads, peak_name(c), peak_mb(c))
-                 : mem_format(c,
-                              "%s, %d px: a frame %.1f ms, an avatar %.1f ms, %lld points, %s on %s, %d "
-                              "threads, at most %.0f MB\n",
-                              b->preset, b->size, frame_ms, avatar_ms, points, precision_name(c),
-                              device_text(c, device), c->threads, peak_mb(c));
-        if (!*text) status = SHERF_NO_MEMORY;
-    }
+    bench_real_times real = {0};
+    bench_shares shares = {0};
+    double avatar_ms = 0, frame_ms = 0, exact_ms = 0;
+    char *real_text = NULL;
+    sherf_status status = bench_timed(b, avatar_once, &job.avatar, &avatar_ms);
+    if (status == SHERF_OK) status = bench_timed(b, frame_once, &job, &frame_ms);
+    const long long points = (long long)job.frame.points;
+    job.exact = true;
+    if (status == SHERF_OK) status = bench_timed(b, frame_once, &job, &exact_ms);
+    if (status == SHERF_OK) status = bench_encode_shares(b, false, &shares);
+    if (status == SHERF_OK) status = bench_network_share(b, job.avatar, &shares);
+    if (status == SHERF_OK && bench_has_real(b)) status = bench_real_render(b, &real);
+    if (status != SHERF_OK) goto done;
+    real_text = !bench_has_real(b) ? mem_string(c, "")
+                : json
+                    ? mem_format(c,
+                                 "\"default_frame_ms\": %.3f, \"default_first_frame_ms\": %.3f, "
+                                 "\"default_avatar_ms\": %.3f, ",
+                                 real.frame_ms, real.first_frame_ms, real.avatar_ms)
+                    : mem_format(c,
+                                 "the model that ships, %d px, with detail: a frame %.1f ms, the first one "
+                                 "%.1f ms, an avatar %.1f ms\n",
+                                 b->size, real.frame_ms, real.first_frame_ms, real.avatar_ms);
+    status =
+        !real_text ? SHERF_NO_MEMORY
+        : json     ? tell(c, json, &shares,
+                          mem_format(c,
+                                     "{\"what\": \"render\", \"preset\": \"%s\", \"size\": %d, \"frame_ms\": "
+                                         "%.3f, \"exact_frame_ms\": %.3f, %s\"avatar_ms\": %.3f, \"points\": %lld, ",
+                                     b->preset, b->size, frame_ms, exact_ms, real_text, avatar_ms, points),
+                          text)
+                   : tell(c, json, &shares,
+                          mem_format(
+                              c, "%s, %d px: a frame %.1f ms (exact %.1f ms), an avatar %.1f ms, %lld points\n%s",
+                              b->preset, b->size, frame_ms, exact_ms, avatar_ms, points, real_text),
+                          text);
+done:
+    mem_free(real_text);
     sherf_frame_free(&job.frame);
     sherf_avatar_free(job.avatar);
     return status;
+}
+
+/* ---- avatar, export ---- */
+static sherf_status bench_avatar(bench *b, int json, char **text) {
+    context *c = b->c;
+    sherf_avatar *avatar = NULL;
+    bench_shares shares = {0};
+    double avatar_ms = 0, real_ms = 0;
+    sherf_status status = bench_timed(b, avatar_once, &avatar, &avatar_ms);
+    if (status == SHERF_OK) status = bench_encode_shares(b, false, &shares);
+    if (status == SHERF_OK && bench_has_real(b)) status = bench_real_avatar(b, &real_ms);
+    if (status == SHERF_OK)
+        status = tell(c, json, &shares,
+                      json ? mem_format(c,
+                                        "{\"what\": \"avatar\", \"preset\": \"%s\", \"size\": %d, "
+                                        "\"avatar_ms\": %.3f, \"default_avatar_ms\": %.3f, ",
+                                        b->preset, b->size, avatar_ms, real_ms)
+                           : mem_format(c, "%s, %d px: an avatar %.1f ms; the model that ships %.1f ms\n",
+                                        b->preset, b->size, avatar_ms, real_ms),
+                      text);
+    sherf_avatar_free(avatar);
+    return status;
+}
+
+static sherf_status bench_export(bench *b, int json, char **text) {
+    context *c = b->c;
+    const bench_shares shares = {0};
+    double ms = 0, part[4];
+    if (!bench_has_real(b))
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "bench: an export is of a person: model, body and observation "
+                       "are wanted");
+    const sherf_status status = bench_real_export(b, &ms, part);
+    if (status != SHERF_OK) return status;
+    return tell(
+        c, json, &shares,
+        json ? mem_format(c,
+                          "{\"what\": \"export\", \"export_ms\": %.1f, \"surface_ms\": %.1f, "
+                          "\"reduction_ms\": %.1f, \"skin_ms\": %.1f, \"colors_ms\": %.1f, ",
+                          ms, part[0], part[1], part[2], part[3])
+             : mem_format(c,
+                          "GLB of the model that ships: %.2f s (surface %.2f, reduction %.2f, skin and "
+                          "charts %.2f, colours %.2f)\n",
+                          ms / 1e3, part[0] / 1e3, part[1] / 1e3, part[2] / 1e3, part[3] / 1e3),
+        text);
 }
 
 /* ---- bake ---- */
@@ -234,25 +321,23 @@ static sherf_status bench_bake(bench *b, int json, char **text) {
     context *c = b->c;
     frame_job job = {0};
     sherf_avatar *avatar = NULL;
+    const bench_shares shares = {0};
     double frame_ms = 0;
     make_dense(b->model);
     sherf_status status = sherf_avatar_create(c, b->model, b->body, b->observation, &avatar);
     const double begun_s = time_seconds();
     if (status == SHERF_OK) status = sherf_avatar_bake(c, avatar, b->body, NULL, &job.avatar);
     const double bake_ms = 1e3 * (time_seconds() - begun_s); /* once: it is seconds */
-    if (status == SHERF_OK) status = timed(b, frame_once, &job, &frame_ms);
-    if (status == SHERF_OK) {
-        *text = json ? mem_format(c,
-                                  "{\"what\": \"bake\", \"preset\": \"%s\", \"size\": %d, \"bake_ms\": %.1f, "
-                                  "\"baked_frame_ms\": %.3f, \"precision\": \"%s\", \"isa\": \"%s\", "
-                                  "\"threads\": %d, \"peak_%s_mb\": %.1f}\n",
-                                  b->preset, b->size, bake_ms, frame_ms, precision_name(c),
-                                  isa_name(isa_best()), c->threads, peak_name(c), peak_mb(c))
-                     : mem_format(c, "%s, %d px: baked in %.2f s, a frame %.2f ms, %s on %s, %d threads\n",
-                                  b->preset, b->size, bake_ms / 1e3, frame_ms, precision_name(c),
-                                  isa_name(isa_best()), c->threads);
-        if (!*text) status = SHERF_NO_MEMORY;
-    }
+    if (status == SHERF_OK) status = bench_timed(b, frame_once, &job, &frame_ms);
+    if (status == SHERF_OK)
+        status = tell(c, json, &shares,
+                      json ? mem_format(c,
+                                        "{\"what\": \"bake\", \"preset\": \"%s\", \"size\": %d, \"bake_ms\": "
+                                        "%.1f, \"baked_frame_ms\": %.3f, ",
+                                        b->preset, b->size, bake_ms, frame_ms)
+                           : mem_format(c, "%s, %d px: baked in %.2f s, a frame %.2f ms\n", b->preset,
+                                        b->size, bake_ms / 1e3, frame_ms),
+                      text);
     sherf_frame_free(&job.frame);
     sherf_avatar_free(job.avatar);
     sherf_avatar_free(avatar);
@@ -361,40 +446,37 @@ static void step_close(bench *b, step_job *job) {
 
 static sherf_status bench_train(bench *b, int json, char **text) {
     context *c = b->c;
-    double prepare_ms = 0, step_ms = 0, lpips_ms = 0, resnet50_ms = 0, peak[2] = {0};
+    double prepare_ms = 0, step_ms = 0, lpips_ms = 0, resnet50_ms = 0, peak = 0;
+    bench_shares shares = {0};
     step_job job = {.sample = {.observation = b->observation, .target = b->target}};
     lpips_network *lpips = NULL;
     resnet50_network *perceptual = NULL;
-    char device[200];
-    sherf_status status = timed(b, prepare_once, &job, &prepare_ms);
+    sherf_status status = bench_timed(b, prepare_once, &job, &prepare_ms);
     if (status == SHERF_OK) status = made_up_lpips(c, &lpips);
     if (status == SHERF_OK) status = made_up_resnet50(c, &perceptual);
     if (status == SHERF_OK) status = step_open(b, &job, lpips, perceptual);
-    if (status == SHERF_OK) status = timed(b, step_once, &job, &step_ms);
-    peak[0] = peak_mb(c);
+    if (status == SHERF_OK) status = bench_timed(b, step_once, &job, &step_ms);
     job.networks = (loss_networks){.resnet50 = perceptual};
-    if (status == SHERF_OK) status = timed(b, step_once, &job, &resnet50_ms);
+    if (status == SHERF_OK) status = bench_timed(b, step_once, &job, &resnet50_ms);
     job.networks = (loss_networks){.lpips = lpips};
-    if (status == SHERF_OK) status = timed(b, step_once, &job, &lpips_ms);
-    peak[1] = peak_mb(c);
+    if (status == SHERF_OK) status = bench_timed(b, step_once, &job, &lpips_ms);
+    peak = peak_mb(c);
+    if (status == SHERF_OK) status = bench_encode_shares(b, true, &shares);
     if (status != SHERF_OK) goto done;
     const long long points = (long long)job.sample.target_geometry->points->count;
-    *text =
+    status = tell(
+        c, json, &shares,
         json ? mem_format(c,
                           "{\"what\": \"train\", \"preset\": \"%s\", \"size\": %d, \"step_ms\": %.3f, "
                           "\"step_resnet50_ms\": %.3f, \"step_lpips_ms\": %.3f, \"prepare_ms\": %.3f, "
-                          "\"points\": %lld, \"precision\": \"%s\", \"device\": \"%s\", \"isa\": \"%s\", "
-                          "\"threads\": %d, \"peak_%s_mb\": %.1f, \"peak_%s_lpips_mb\": %.1f}\n",
+                          "\"points\": %lld, \"peak_%s_lpips_mb\": %.1f, ",
                           b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms, points,
-                          precision_name(c), device_name(c), isa_name(isa_best()), c->threads, peak_name(c),
-                          peak[0], peak_name(c), peak[1])
+                          peak_name(c), peak)
              : mem_format(c,
                           "%s, %d px: a step of one picture %.1f ms (with resnet50 %.1f ms, with LPIPS %.1f "
-                          "ms), its preparation by a loading thread %.1f ms, %lld points, %s on %s, %d "
-                          "threads, at most %.0f MB (with LPIPS %.0f MB)\n",
-                          b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms, points,
-                          precision_name(c), device_text(c, device), c->threads, peak[0], peak[1]);
-    if (!*text) status = SHERF_NO_MEMORY;
+                          "ms), its preparation by a loading thread %.1f ms, %lld points\n",
+                          b->preset, b->size, step_ms, resnet50_ms, lpips_ms, prepare_ms, points),
+        text);
 done:
     step_close(b, &job);
     lpips_free(lpips);
@@ -410,15 +492,23 @@ sherf_status sherf_bench(sherf_context *c, const char *what, const sherf_bench_o
     bench b = {.c = c,
                .preset = options->preset ? options->preset : "paper",
                .size = options->size_px ? options->size_px : 512,
-               .repeats = options->repeats};
+               .repeats = options->repeats,
+               .real_model = options->model,
+               .real_body = options->body,
+               .real_observation = options->observation};
     static const struct {
         const char *name;
         sherf_status (*run)(bench *b, int json, char **text);
-    } known[] = {{"render", bench_render}, {"train", bench_train}, {"bake", bench_bake}};
+    } known[] = {{"render", bench_render},
+                 {"avatar", bench_avatar},
+                 {"train", bench_train},
+                 {"export", bench_export},
+                 {"bake", bench_bake}};
     size_t k = 0;
     while (k < COUNT_OF(known) && (!what || strcmp(what, known[k].name))) k++;
     if (k == COUNT_OF(known))
-        return failure(c, SHERF_BAD_ARGUMENT, "bench: \"render\", \"train\" or \"bake\" is expected");
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "bench: \"render\", \"avatar\", \"train\", \"export\" or \"bake\" is expected");
     if (b.size < 16 || b.size > SIDE_MAX || b.repeats < 0 || b.repeats > REPEATS_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "bench: sizes are 16 to %d pixels, repeats at most %d",
                        SIDE_MAX, REPEATS_MAX);

@@ -74,7 +74,8 @@ static void wrong_usage(void **state) {
     assert_error(run("info x --threads two"), 2, "--threads: 'two'", "sherf info --help");
     assert_error(run("info x --threads -1"), 2, "--threads: '-1'", "sherf info --help");
     assert_error(run("info x --threads 9999999999999999999999"), 2, "--threads", "sherf info --help");
-    assert_error(run("bench nothing"), 2, "'nothing' is none of render|train|bake", "sherf bench --help");
+    assert_error(run("bench nothing"), 2, "'nothing' is none of render|avatar|train|export|bake",
+                 "sherf bench --help");
     assert_error(run("synth cube -o x"), 2, "'cube'", "sherf synth --help");
     assert_error(run("avatar a.jpg b.jpg -o c.safetensors --mask d.png"), 2, "--mask is for one photo",
                  "sherf avatar --help");
@@ -191,8 +192,14 @@ static void what_is_missing_or_broken(void **state) {
 static void bench_answers(void **state) {
     cJSON *json = json_of(run("bench render --preset " TINY " --size 48 --repeats 1 --json"));
     assert_true(number(json, "frame_ms") > 0);
+    assert_true(number(json, "exact_frame_ms") > 0);
+    assert_true(number(json, "default_frame_ms") > 0);
     assert_true(number(json, "avatar_ms") > 0);
     assert_true(number(json, "points") > 0);
+    assert_true(number(json, "fma_gflops") > 0);
+    const cJSON *shares = cJSON_GetObjectItem(json, "share_of_peak");
+    assert_true(number(shares, "convolutions") > 0);
+    assert_true(number(shares, "network") > 0);
     assert_true(number(json, "peak_rss_mb") > 0);
     assert_true(cJSON_IsString(cJSON_GetObjectItem(json, "precision")));
     cJSON_Delete(json);

@@ -179,3 +179,13 @@ void model_sherf_sizes(const model_config *config, radiance_sizes *out) {
                             .color_frequencies = k->color_frequencies};
     memcpy(out->volume_channels, k->volume_channels, sizeof out->volume_channels);
 }
+
+double model_sherf_point_products(const model_config *config) {
+    const sherf_settings *k = model_sherf_settings(config);
+    const double D = k->token_width, W = k->decoder_width, inner = k->heads * k->head_width;
+    const double input = 3 + 6 * k->position_frequencies + D, view = W + 3 + 6 * k->direction_frequencies + D;
+    const double fusion = D * D + 3 * (D * 3 * inner + inner * D + 2 * D * D);
+    const double skip = k->decoder_skip >= 0 && k->decoder_skip < k->decoder_depth - 1 ? input * W : 0;
+    const double decoder = input * W + (k->decoder_depth - 1) * W * W + skip + W;
+    return fusion + decoder + (view + 3) * k->view_width;
+}

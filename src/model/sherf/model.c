@@ -231,4 +231,5 @@ const model_kind model_sherf = {
     .fused_training = &model_sherf_fused_training,
     .kept = kept,
     .keep = keep,
-    .field = field};
+    .field = field,
+    .point_products = model_sherf_point_products};

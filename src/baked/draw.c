@@ -31,6 +31,7 @@ typedef struct {
 typedef struct {
     const baked_form *f;
     float joint[BODY_JOINTS][12]; /* rest pose to the camera */
+    float bend[BODY_JOINTS][9];   /* -(F + F^T) / 2, see form.h */
     float focal[2], centre[2], skew, pelvis_z;
     int width, height, left, right, top, bottom; /* in pixels: the picture, and the person in it */
     corner *corner;
@@ -56,14 +57,31 @@ static void joints_to_camera(const posed_body *p, const sherf_camera *k, drawing
                 }
                 d->joint[j][4 * r + col] = (float)x;
             }
+    for (int j = 1; j < BODY_JOINTS; j++) {
+        const double *F = p->joints->feature + 9 * (j - 1);
+        for (int r = 0; r < 3; r++)
+            for (int col = 0; col < 3; col++)
+                d->bend[j][3 * r + col] = (float)(-0.5 * (F[3 * r + col] + F[3 * col + r]));
+    }
+}
+
+/* The corner in the rest pose, its volume kept. */
+static void rest_place(const drawing *d, int64_t i, float rest[3]) {
+    const baked_form *f = d->f;
+    memcpy(rest, f->rest + 3 * i, 3 * sizeof *rest);
+    for (int w = 0; w < 4 && f->fold; w++) {
+        const float *bend = d->bend[f->fold_joint[4 * i + w]], *fold = f->fold + 12 * i + 3 * w;
+        for (int r = 0; r < 3; r++)
+            rest[r] += bend[3 * r] * fold[0] + bend[3 * r + 1] * fold[1] + bend[3 * r + 2] * fold[2];
+    }
 }
 
 static void project(void *arg, int64_t begin, int64_t end, int thread) {
     const drawing *d = arg;
     const baked_form *f = d->f;
     for (int64_t i = begin; i < end; i++) {
-        float m[12] = {0}, x[3];
-        const float *rest = f->rest + 3 * i;
+        float m[12] = {0}, x[3], rest[3];
+        rest_place(d, i, rest);
         for (int w = 0; w < 4; w++) {
             const float weight = f->weight[4 * i + w], *joint = d->joint[f->joint[4 * i + w]];
             for (int k = 0; k < 12; k++) m[k] += weight * joint[k];

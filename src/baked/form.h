@@ -10,11 +10,15 @@ enum { BAKED_LEVELS = 4, BAKED_CORNERS_MAX = 1 << 22, BAKED_SIDE_MIN = 64, BAKED
 /* Owned. */
 typedef struct {
     int64_t corners, triangles;
-    float *rest;        /* C x 3, metres: where the surface is in the rest pose */
-    float *uv;          /* C x 2, in texels from the middle of the upper left one */
-    uint8_t *joint;     /* C x 4 */
-    float *weight;      /* C x 4, sum 1 */
-    uint32_t *triangle; /* T x 3 corners, counter-clockwise seen from outside */
+    float *rest;    /* C x 3, metres: where the surface is in the rest pose */
+    float *uv;      /* C x 2, in texels from the middle of the upper left one */
+    uint8_t *joint; /* C x 4 */
+    float *weight;  /* C x 4, sum 1 */
+    /* What the body keeps of its volume at bent joints (body.h, pose_volume), or NULL: a corner's rest place
+     * moves by -(F + F^T) / 2 fold for each of four joints, F its rotation less the identity. */
+    uint8_t *fold_joint; /* C x 4 */
+    float *fold;         /* C x 4 x 3, metres */
+    uint32_t *triangle;  /* T x 3 corners, counter-clockwise seen from outside */
     int side_px;
     uint8_t *texture[BAKED_LEVELS]; /* side x side x 3, and half as many texels a side from level to level */
     uint8_t *png;                   /* of the texture, as files have it */

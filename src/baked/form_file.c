@@ -34,7 +34,7 @@ sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
     char fingerprint[32];
     snprintf(fingerprint, sizeof fingerprint, "%016" PRIx64, a->body_fingerprint);
     pose_put(&a->picture[0].pose, &a->picture[0].camera, numbers);
-    const safetensor_item item[] = {
+    safetensor_item item[9] = {
         {"observation", T_F32, 1, {POSE_NUMBERS + CAMERA_NUMBERS}, numbers},
         {"rest", T_F32, 2, {f->corners, 3}, f->rest},
         {"uv", T_F32, 2, {f->corners, 2}, f->uv},
@@ -43,9 +43,14 @@ sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
         {"triangle", T_I32, 2, {f->triangles, 3}, f->triangle},
         {"texture.png", T_U8, 1, {(int64_t)f->png_bytes}, f->png},
     };
+    size_t items = 7;
+    if (f->fold) {
+        item[items++] = (safetensor_item){"fold", T_F32, 2, {f->corners, 12}, f->fold};
+        item[items++] = (safetensor_item){"fold_joint", T_U8, 2, {f->corners, 4}, f->fold_joint};
+    }
     const safetensor_metadata metadata[] = {
         {"format", format_baked}, {"version", "1"}, {"body", fingerprint}};
-    return safetensors_write(c, path, COUNT_OF(item), item, COUNT_OF(metadata), metadata);
+    return safetensors_write(c, path, items, item, COUNT_OF(metadata), metadata);
 }
 
 /* ---- reading ---- */
@@ -77,6 +82,11 @@ static sherf_status form_check(context *c, const baked_form *f) {
         if (f->joint[i] >= BODY_JOINTS)
             return failure(c, SHERF_BAD_FILE, "tensor joint: corner %" PRId64 " moves with joint %d of %d",
                            i / 4, f->joint[i], BODY_JOINTS);
+    for (int64_t i = 0; i < 4 * f->corners && f->fold; i++)
+        if (f->fold_joint[i] >= BODY_JOINTS)
+            return failure(c, SHERF_BAD_FILE,
+                           "tensor fold_joint: corner %" PRId64 " bends with joint %d of %d", i / 4,
+                           f->fold_joint[i], BODY_JOINTS);
     for (int64_t i = 0; i < f->corners; i++) {
         const float *w = f->weight + 4 * i, sum = w[0] + w[1] + w[2] + w[3];
         if (!(w[0] >= 0 && w[1] >= 0 && w[2] >= 0 && w[3] >= 0 && fabsf(sum - 1) < 1e-3f))
@@ -140,6 +150,11 @@ static sherf_status form_read(context *c, const safetensors *s, baked_form *f) {
     if (status == SHERF_OK) status = array_read(c, s, "joint", T_U8, 4, &f->corners, (void **)&f->joint);
     if (status == SHERF_OK)
         status = array_read(c, s, "triangle", T_I32, 3, &f->triangles, (void **)&f->triangle);
+    if (status == SHERF_OK && (safetensors_find(s, "fold") || safetensors_find(s, "fold_joint"))) {
+        status = array_read(c, s, "fold", T_F32, 12, &f->corners, (void **)&f->fold);
+        if (status == SHERF_OK)
+            status = array_read(c, s, "fold_joint", T_U8, 4, &f->corners, (void **)&f->fold_joint);
+    }
     if (status == SHERF_OK) status = form_check(c, f);
     return status == SHERF_OK ? texture_read(c, s, f) : status;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "baked/form.h"
+#include "baked/person.h"
 #include "io/safetensors.h"
 #include "scene/scene.h"
 #include "solid_avatar.h"
@@ -351,6 +352,69 @@ static void files_that_are_not_right(void **state) {
     assert_int_equal(load_changed(c, NULL, NULL, "format", "sherf-avatar"), SHERF_BAD_FILE);
 }
 
+/* Pixels that only one of the two has. */
+static int differing(const sherf_frame *f, const raster *r) {
+    int count = 0;
+    for (int i = 0; i < f->opacity.width * f->opacity.height; i++)
+        count += (f->opacity.data[i] > 0.5f) != (r->face[i] >= 0);
+    return count;
+}
+
+/* A body that keeps its volume at bent joints: the frame's outline is that of the surface as skin_pose has
+ * it, and not that of the joints alone. */
+static void volume_is_kept_at_bent_joints(void **state) {
+    enum { SIDE = 200 };
+    context *c = *state;
+    const sherf_bake_options quick = {.resolution = 96, .triangles = 8000, .texture_px = 256};
+    const baked_options same = {.resolution = 96, .islands = 0.02, .triangles = 8000, .texture_px = 256};
+    const sherf_pose pose = bent();
+    const sherf_camera camera = camera_at(0.7f, SIDE);
+    sherf_avatar *full = NULL;
+    baked_person person = {0};
+    posed_body *p = NULL;
+    sherf_frame f = {0};
+    raster *r[2] = {NULL, NULL};
+    float *posedirs = body->posedirs;
+    body->posedirs = NULL;
+    body->pose_volume = calloc((size_t)body->vertices * BODY_JOINTS, sizeof(float));
+    for (int i = 0; i < body->vertices * BODY_JOINTS; i++)
+        body->pose_volume[i] = i % BODY_JOINTS ? 4 * body->weights[i] * (1 - body->weights[i]) : 0;
+    assert_ok(c, sherf_avatar_bake(c, avatar, body, &quick, &full));
+    assert_ok(c, baked_person_make(c, avatar, body, &same, &person));
+    assert_ok(c, posed_body_create(c, body, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p));
+    const surface *s = &person.surface;
+    const baked_form *form = full->formed;
+    assert_non_null(form->fold);
+    float *world = malloc((size_t)s->vertices * 3 * sizeof *world),
+          *stiff = malloc((size_t)form->corners * 3 * sizeof *stiff);
+    skin_pose(c, body, &person.skin, p, NULL, world, NULL);
+    corners_world(c, form, &pose, stiff);
+    assert_ok(c, raster_create(c, &camera, 1, s->vertices, world, s->triangles, s->triangle, &r[0]));
+    assert_ok(c, raster_create(c, &camera, 1, form->corners, stiff, form->triangles, form->triangle, &r[1]));
+    assert_ok(c, sherf_render(c, full, body, &pose, &camera, NULL, &f));
+    const int kept = differing(&f, r[0]), lost = differing(&f, r[1]);
+    if (!(kept < 60 && lost > 2 * kept)) fail_msg("%d pixels differ, %d without", kept, lost);
+    sherf_avatar *const stiff_one = baked;
+    baked = full;
+    assert_ok(c, load_changed(c, NULL, NULL, NULL, NULL));
+    assert_int_equal(load_changed(c, "fold_joint", joint_beyond, NULL, NULL), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "bends with joint 24"));
+    assert_int_equal(load_changed(c, "fold_joint", renamed, NULL, NULL), SHERF_BAD_FILE);
+    assert_int_equal(load_changed(c, "fold", shorter, NULL, NULL), SHERF_BAD_FILE);
+    assert_int_equal(load_changed(c, "fold", infinite, NULL, NULL), SHERF_BAD_FILE);
+    baked = stiff_one;
+    for (int i = 0; i < 2; i++) raster_free(r[i]);
+    free(world);
+    free(stiff);
+    free(body->pose_volume);
+    body->pose_volume = NULL;
+    body->posedirs = posedirs;
+    posed_body_free(p);
+    baked_person_free(&person);
+    sherf_avatar_free(full);
+    sherf_frame_free(&f);
+}
+
 static void what_needs_the_network_is_refused(void **state) {
     context *c = *state;
     const sherf_pose *pose = sherf_avatar_pose(baked);
@@ -378,6 +442,7 @@ int main(void) {
         cmocka_unit_test(stands_where_the_networks_frame_stands),
         cmocka_unit_test(the_surface_has_no_gaps),
         cmocka_unit_test(rims_are_as_soft_as_told),
+        cmocka_unit_test(volume_is_kept_at_bent_joints),
         cmocka_unit_test(threads_and_files_change_nothing),
         cmocka_unit_test(cameras_anywhere),
         cmocka_unit_test(files_that_are_not_right),

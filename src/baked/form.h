@@ -4,6 +4,7 @@
 #define SHERF_BAKED_FORM_H
 
 #include "avatar/avatar.h"
+#include "io/safetensors.h"
 
 enum { BAKED_LEVELS = 4, BAKED_CORNERS_MAX = 1 << 22, BAKED_SIDE_MIN = 64, BAKED_SIDE_MAX = 4096 };
 
@@ -43,6 +44,8 @@ typedef struct {
 sherf_status baked_soften(context *c, const baked_soft *s, sherf_frame *frame);
 
 /* ---- form_file.c ---- */
+/* A baked avatar from its file's tensors, every size and index of which is checked. */
+sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
 sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
 extern const avatar_form baked_avatar_form;
 

@@ -159,7 +159,8 @@ static sherf_status form_read(context *c, const safetensors *s, baked_form *f) {
     return status == SHERF_OK ? texture_read(c, s, f) : status;
 }
 
-static sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out) {
+sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out) {
+    *out = NULL;
     const char *fingerprint = safetensors_metadata(s, "body"), *version = safetensors_metadata(s, "version");
     if (!version || strcmp(version, "1"))
         return failure(c, SHERF_UNSUPPORTED, "a baked avatar of version %.20s: this program reads version 1",

@@ -5,7 +5,7 @@ import shutil
 import time
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from . import motion, person, program, rig
@@ -125,7 +125,7 @@ class Working:
         finally:
             logs = "\n".join(self.job.logs)
             self.clear(context)
-        warnings, found = program.remarks(logs, getattr(self, "photo", ""))
+        warnings, found = program.remarks(logs, getattr(self, "photos", ()))
         for line in warnings:
             self.report({"WARNING"}, line)
         for line in found + [said]:
@@ -224,12 +224,13 @@ class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
 
 # ---- import ----
 class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
-    """A photo of a person, an avatar, or a .glb of sherf export as a rigged mesh"""
+    """A person's photo (or several, chosen together), an avatar, or a .glb of sherf export as a rigged mesh"""
     bl_idname = "import_scene.sherf"
     bl_label = "Import sherf avatar"
     bl_options = {"UNDO", "PRESET"}
     filename_ext = ""
     filter_glob: StringProperty(default=IMPORT_GLOB, options={"HIDDEN"}, maxlen=1024)
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     person: IntProperty(name="Person", description="Which person of the photo (0 or 1: the largest)", min=0, max=8)
     keep: BoolProperty(name="Keep the avatar", default=True,
                        description="Keep the photo's avatar as a .safetensors beside it; motions fit better with it")
@@ -255,22 +256,23 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
             self.draw_motion(box)
 
     def begin(self, context):
-        self.path = file_of(self.filepath)
-        self.kind, self.photo = program.kind_of(self.path), ""
+        chosen = program.photos_of(file_of(self.filepath), [file.name for file in self.files])
+        self.path = chosen[0]
+        self.kind, self.photos = program.kind_of(self.path), ()
         self.avatar = self.path if self.kind == "avatar" else ""
         if self.kind == "glb":
             self.glb, body = self.path, []
         else:
             self.glb = self.job.file("person.glb")
-            body = self.person_steps(context)
+            body = self.person_steps(context, chosen)
         if self.motion:
             self.motion_steps(context, self.job, self.motion, self.avatar, body)
 
-    def person_steps(self, context):
+    def person_steps(self, context, photos):
         tool, body = the_program(context), the_body(context)
         if self.kind == "photo":
-            self.photo, self.avatar = self.path, self.job.file("avatar.safetensors")
-            words = program.avatar_command(tool, self.path, self.avatar, self.person, body)
+            self.photos, self.avatar = photos, self.job.file("avatar.safetensors")
+            words = program.avatar_command(tool, photos, self.avatar, self.person, body)
             self.job.steps.append(("making the avatar", words))
         words = program.body_words(body, self.path)
         self.job.steps.append(("making the mesh", program.export_command(

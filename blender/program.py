@@ -62,6 +62,21 @@ def kind_of(path):
                   f"({', '.join(PHOTOS)})")
 
 
+def photos_of(path, chosen):
+    """The files to import: path, or all that were chosen beside it (names, as the file browser has them), path first.
+    Several are photos of one person."""
+    folder, shown = os.path.split(path)
+    names = sorted((name for name in chosen if name), key=lambda name: name != shown)
+    if len(names) < 2:
+        return [path]
+    paths = [os.path.join(folder, name) for name in names]
+    for other in paths:
+        if kind_of(other) != "photo":
+            raise Failure(f"{other}: no photo; several files at once are photos of one person, "
+                          "anything else comes alone")
+    return paths
+
+
 def body_words(body, beside):
     """--body: the one of the preferences, or one that lies beside the file, where the program would find it itself."""
     if body:
@@ -74,11 +89,12 @@ def body_words(body, beside):
     return []
 
 
-def avatar_command(program, photo, avatar, person=0, body=""):
-    words = [program, "avatar", os.path.abspath(photo), "--output", os.path.abspath(avatar)]
+def avatar_command(program, photos, avatar, person=0, body=""):
+    """The avatar of one person's photos."""
+    words = [program, "avatar"] + [os.path.abspath(photo) for photo in photos] + ["--output", os.path.abspath(avatar)]
     if person:
         words += ["--person", str(person)]
-    return words + body_words(body, photo)
+    return words + body_words(body, photos[0])
 
 
 def export_command(program, avatar, glb, detail="MEDIUM", texture_px=1024, observed=False, body=()):
@@ -131,12 +147,12 @@ def failure_line(log, code):
     return f"the program sherf failed (status {code}){': ' + lines[-1] if lines else ''}"
 
 
-def remarks(log, photo=""):
-    """(warnings, what it found in the photo)."""
+def remarks(log, photos=()):
+    """(warnings, what it found in the photos)."""
     warning = "sherf: warning: "
     lines = log.splitlines()
     return ([line[len(warning):] for line in lines if line.startswith(warning)],
-            [line for line in lines if photo and line.startswith(os.path.abspath(photo) + ": ")])
+            [line for line in lines if any(line.startswith(os.path.abspath(photo) + ": ") for photo in photos)])
 
 
 def percent(log):

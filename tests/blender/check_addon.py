@@ -340,7 +340,7 @@ def check_cancel(photo):
     """As Esc does it: without a window the operator's parts are called by hand."""
     module = sys.modules["sherf"]
     job = module.program.Job()
-    job.steps = [("making the avatar", module.program.avatar_command(SHERF, photo, job.file("a.safetensors")))]
+    job.steps = [("making the avatar", module.program.avatar_command(SHERF, [photo], job.file("a.safetensors")))]
     job.poll()
     process, before = job.process, counts()
     job.close()

@@ -92,12 +92,14 @@ class Finding(Folder):
 
 class Lines(Folder):
     def test_commands(self):
-        words = program.avatar_command("/p/sherf", "-x.jpg", "/o.safetensors", person=2)
+        words = program.avatar_command("/p/sherf", ["-x.jpg"], "/o.safetensors", person=2)
         self.assertEqual(words[:2] + words[5:], ["/p/sherf", "avatar", "--person", "2"])
         self.assertTrue(os.path.isabs(words[2]))  # a name that begins with - is no option
         body = self.path("body.safetensors")
         photo = self.path("me.jpg")
-        self.assertEqual(program.avatar_command("s", photo, "o")[-2:], ["--body", body])
+        self.assertEqual(program.avatar_command("s", [photo], "o")[-2:], ["--body", body])
+        words = program.avatar_command("s", [photo, "/p/-back.png"], "/o")
+        self.assertEqual(words[1:5], ["avatar", photo, "/p/-back.png", "--output"])
         self.assertEqual(program.body_words("/b.npz", photo), ["--body", "/b.npz"])
         words = program.export_command("s", "a", "g.glb", "LOW", 512, True, ["--body", "b"])
         self.assertEqual(words[words.index("--resolution") + 1], "128")
@@ -108,9 +110,23 @@ class Lines(Folder):
         for word in ("--track=-1", "--loop", "23.976", "--own-place"):
             self.assertIn(word, words)
 
+    def test_several_photos(self):
+        front, back = self.path("front.jpg"), self.path("back.png")
+        names = ["back.png", "front.jpg"]
+        self.assertEqual(program.photos_of(front, names), [front, back])  # the one shown comes first
+        self.assertEqual(program.photos_of(back, names), [back, front])
+        self.assertEqual(program.photos_of(front, ["front.jpg"]), [front])
+        self.assertEqual(program.photos_of(front, [""]), [front])  # as a script calls, or an empty choice
+        self.path("me.safetensors")
+        with self.assertRaisesRegex(program.Failure, "me.safetensors: no photo"):
+            program.photos_of(front, ["front.jpg", "me.safetensors"])
+        with self.assertRaisesRegex(program.Failure, "gone.jpg: no such file"):
+            program.photos_of(front, ["front.jpg", "gone.jpg"])
+
     def test_options_are_the_programs(self):
         """Every option that is given is in the program's tables."""
-        calls = (program.avatar_command("s", "p", "a", 1, "b"), program.export_command("s", "a", "g", observed=True),
+        calls = (program.avatar_command("s", ["p", "q"], "a", 1, "b"),
+                 program.export_command("s", "a", "g", observed=True),
                  program.video_command("s", "v", "n", 1),
                  program.motion_command("s", "a", "m", "o", 24, ["--body", "b"], "kept", "z", "t", 1, 2, 0.1, True))
         for words in calls:
@@ -132,7 +148,7 @@ class Lines(Folder):
         self.assertEqual(line("", 1), "the program sherf failed (status 1)")
         self.assertEqual(program.percent("colours:   3%  1:00 left\ncolours:  78%  0:53 left\n"), ("colours", 78))
         self.assertIsNone(program.percent("body: x, the open body\n"))
-        self.assertEqual(program.remarks("sherf: warning: w\n/a.jpg: one person\nother\n", "/a.jpg"),
+        self.assertEqual(program.remarks("sherf: warning: w\n/a.jpg: one person\nother\n", ["/a.jpg"]),
                          (["w"], ["/a.jpg: one person"]))
 
 

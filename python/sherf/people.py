@@ -154,7 +154,8 @@ class Observation(_Pictured):
     @classmethod
     def create(cls, image: FloatArray | UInt8Array, mask: npt.ArrayLike, camera: Camera, pose: Pose, *,
                context: Context | None = None) -> Observation:
-        """Of arrays. image: height x width x 3, uint8 or floats in [0, 1], RGB. mask: height x width, not 0 is the person."""
+        """Of arrays. image: height x width x 3, uint8 or floats in [0, 1], RGB. mask: height x width, not 0 is the
+        person."""
         pixels, inside = picture(image, 3, "image"), picture(mask, 1, "mask")
         pointer = make(context, "sherf_observation_create", byref(image_of(pixels)), byref(image_of(inside)),
                        byref(struct_of(camera, Camera)), byref(struct_of(pose, Pose)))

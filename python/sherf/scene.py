@@ -127,7 +127,8 @@ class Pose:
         return _load(cls.of_struct, PoseStruct, "sherf_poses_load", path, context)
 
 
-def _load(make: Callable[[Any], _Thing], struct: Any, function: str, path: Any, context: Context | None) -> list[_Thing]:
+def _load(make: Callable[[Any], _Thing], struct: Any, function: str, path: Any,
+          context: Context | None) -> list[_Thing]:
     """An array that the library makes, copied and freed."""
     array, count = POINTER(struct)(), c_int()
     try:
@@ -147,8 +148,11 @@ def read_image(path: str | os.PathLike[str], *, context: Context | None = None) 
         LIBRARY.sherf_image_free(byref(image))
 
 
-def write_image(path: str | os.PathLike[str], image: FloatArray | UInt8Array, *, context: Context | None = None) -> None:
-    """Writes height x width (x 3, or 4 with alpha, not premultiplied), uint8 or floats in [0, 1], to .png, .jpg or .webp."""
+def write_image(path: str | os.PathLike[str], image: FloatArray | UInt8Array, *,
+                context: Context | None = None) -> None:
+    """Writes height x width (x 3, or 4 with alpha, not premultiplied), uint8 or floats in [0, 1], to .png, .jpg
+    or .webp."""
     shape = numbers(image, "image").shape
-    array = picture(image, shape[2] if len(shape) == 3 and shape[2] in (1, 3, 4) else 1 if len(shape) == 2 else 3, "image")
+    channels = shape[2] if len(shape) == 3 and shape[2] in (1, 3, 4) else 1 if len(shape) == 2 else 3
+    array = picture(image, channels, "image")
     context_or_default(context).run("sherf_image_write", path_bytes(path), byref(image_of(array)))

@@ -209,8 +209,8 @@ def check_photo(photo):
     want(armature.name == "Jo Ünlü 1", "named by the photo")
     avatar = armature.get("sherf_avatar")
     want(avatar == os.path.splitext(photo)[0] + ".safetensors" and os.path.isfile(avatar), "the avatar lies beside it")
-    told = subprocess.run([SHERF, "export", avatar, "-o", os.path.join(FOLDER, "same.glb"), "--lit", "--resolution", "128",
-                           "--triangles", "12000", "--texture", "256", "--json", "--quiet"], check=True,
+    told = subprocess.run([SHERF, "export", avatar, "-o", os.path.join(FOLDER, "same.glb"), "--lit", "--resolution",
+                           "128", "--triangles", "12000", "--texture", "256", "--json", "--quiet"], check=True,
                           capture_output=True)
     check_person(armature, json.loads(told.stdout)["vertices"])
     picture("rest", armature)
@@ -330,7 +330,8 @@ def check_failures(photo, avatar):
     refuses(lambda: ops.sherf(filepath=hollow), "hollow.glb", "a .glb of wrong numbers")
     refuses(lambda: ops.sherf(filepath=os.path.join(FOLDER, "none.jpg")), "no such file", "no file")
     refuses(lambda: bpy.ops.sherf.motion(filepath=broken), "file.safetensors", "a motion that is none")
-    refuses(lambda: ops.sherf(filepath=avatar, motion=broken, detail="LOW"), "file.safetensors", "import with such a motion")
+    refuses(lambda: ops.sherf(filepath=avatar, motion=broken, detail="LOW"), "file.safetensors",
+            "import with such a motion")
     preferences.program = os.path.join(FOLDER, "no program")
     refuses(lambda: ops.sherf(filepath=photo), "no such program", "no program")
     preferences.program = SHERF

@@ -1,11 +1,12 @@
 #!/bin/sh
-# tests/cli/dist.sh: the source archive is the same bytes twice, whatever the time, the zone and the umask, holds every file
-# of the commit, and names nobody as the owner. 77: there is no git checkout.
+# tests/cli/dist.sh: the source archive is the same bytes twice, whatever the time, the zone and the umask, holds every
+# file of the commit, and names nobody as the owner. 77: there is no git checkout.
 set -eu
 here=$(cd "$(dirname "$0")/../.." && pwd)
 cd "$here"
 fail() { echo "dist.sh: $*" >&2; exit 1; }
-command -v git >/dev/null && [ -e .git ] && git rev-parse HEAD >/dev/null 2>&1 || { echo "skipped: there is no git checkout"; exit 77; }
+command -v git >/dev/null && [ -e .git ] && git rev-parse HEAD >/dev/null 2>&1 ||
+    { echo "skipped: there is no git checkout"; exit 77; }
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 

@@ -33,13 +33,15 @@ others=$(nm -g --defined-only "$lib/libsherf.a" | awk 'NF == 3 {print $3}' | gre
 eval "cc -std=c11 -Wall -Wextra -Werror '$here/docs/example.c' $(pkg-config --cflags --libs sherf) -o '$work/example'"
 # The archive with the shared libraries of others: --static would ask for theirs too.
 eval "cc -std=c11 '$here/docs/example.c' $(pkg-config --cflags sherf) '$lib/libsherf.a' \
-    $(pkg-config --libs $(pkg-config --print-requires-private sherf)) $(sed -n 's/^Libs.private: //p' "$lib/pkgconfig/sherf.pc") \
+    $(pkg-config --libs $(pkg-config --print-requires-private sherf)) \
+    $(sed -n 's/^Libs.private: //p' "$lib/pkgconfig/sherf.pc") \
     -o '$work/example-static'"
-eval "c++ -std=c++20 -Wall -x c++ '$here/docs/example.c' -x none $(pkg-config --cflags --libs sherf) -o '$work/example-cxx'"
+eval "c++ -std=c++20 -Wall -x c++ '$here/docs/example.c' -x none \
+    $(pkg-config --cflags --libs sherf) -o '$work/example-cxx'"
 # find_package: moved elsewhere first, since nothing in it may name the folder it was installed to.
 find_package() { # PREFIX VERSION
-    cmake -S "$here/tests/cli/find_package" -B "$work/found" -D EXAMPLE="$here/docs/example.c" -D CMAKE_PREFIX_PATH="$1" \
-        -D WANTED="$2" >"$work/cmake.log" 2>&1
+    cmake -S "$here/tests/cli/find_package" -B "$work/found" -D EXAMPLE="$here/docs/example.c" \
+        -D CMAKE_PREFIX_PATH="$1" -D WANTED="$2" >"$work/cmake.log" 2>&1
 }
 mv "$usr" "$usr moved"
 find_package "$usr moved" "$version" || fail "find_package(sherf $version) fails: $(cat "$work/cmake.log")"

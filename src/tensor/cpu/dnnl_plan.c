@@ -35,15 +35,23 @@ static void forget_all(void) {
     pthread_mutex_unlock(&lock);
 }
 
-/* Under the lock. SHERF_ISA binds oneDNN as it binds our own kernels; oneDNN takes the mask once, before its
- * first primitive. */
-static bool engine_ready(void) {
-    if (engine) return true;
+static void mask_set(void) {
     static const dnnl_cpu_isa_t isa[] = {[ISA_PLAIN] = dnnl_cpu_isa_sse41,
                                          [ISA_AVX2] = dnnl_cpu_isa_avx2,
                                          [ISA_AVX512] = dnnl_cpu_isa_avx512_core,
                                          [ISA_AMX] = dnnl_cpu_isa_avx512_core_amx};
     dnnl_set_max_cpu_isa(isa[isa_best()]);
+}
+
+void dnnl_mask(void) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, mask_set);
+}
+
+/* Under the lock. */
+static bool engine_ready(void) {
+    if (engine) return true;
+    dnnl_mask();
     if (dnnl_engine_create(&engine, dnnl_cpu, 0) != dnnl_success) {
         engine = NULL;
         return false;

@@ -34,6 +34,9 @@ typedef struct {
 sherf_status plan_acquire(context *c, const plan_key *key, plan **out);
 void plan_release(plan *p);
 
+/* Binds oneDNN to SHERF_ISA's instructions, as our own kernels are. Before any other call of oneDNN, which
+ * takes the mask once. */
+void dnnl_mask(void);
 /* oneDNN's engine on this processor, held to SHERF_ISA, until the process ends; NULL: none. */
 dnnl_engine_t plan_engine(void);
 

@@ -7,6 +7,7 @@
 
 bool sgemm(bool a_down, bool b_across, int64_t M, int64_t N, int64_t K, float alpha, const float *a,
            int64_t lda, const float *b, int64_t ldb, float beta, float *c, int64_t ldc) {
+    dnnl_mask();
     const int threads = omp_in_parallel() ? 0 : threads_set(1);
     const dnnl_status_t status =
         dnnl_sgemm(a_down ? 'T' : 'N', b_across ? 'T' : 'N', M, N, K, alpha, a, lda, b, ldb, beta, c, ldc);

@@ -129,7 +129,7 @@ typedef struct {
     double off_px;
 } fit_edge;
 /* Of the mask's outline whatever has such skin near it, at p->skin_place with p->skin_blend; at most
- * FIT_OUTLINE_MOST. */
+ * FIT_OUTLINE_MAX. */
 int fit_edges(fit_problem *p, double focal_px, fit_edge *edge);
 
 typedef struct {

@@ -6,7 +6,7 @@
 
 #include "eval/pose_error.h"
 
-static const double shape_deviation = 0.5, depth_share = 0.05, deviation_most = 1.5;
+static const double shape_deviation = 0.5, depth_share = 0.05, deviation_max = 1.5;
 
 /* A number that the true body alone decides. */
 static uint64_t key_of(const sherf_pose *p) {
@@ -90,7 +90,7 @@ static sherf_status mean_error_mm(context *c, const disturbance *d, int bodies, 
 
 sherf_status disturbance_for(context *c, const sherf_body *body, int bodies, const sherf_camera *camera,
                              const sherf_pose *truth, double aligned_mm, double *deviation_rad) {
-    double low = 0, high = deviation_most, mm;
+    double low = 0, high = deviation_max, mm;
     *deviation_rad = 0;
     if (!(aligned_mm > 0)) return SHERF_OK;
     for (int i = 0; i < 24; i++) {

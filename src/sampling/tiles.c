@@ -1,4 +1,4 @@
-/* Points in tiles, and compositing: network.md 6. */
+/* Points in tiles, and their compositing: the frames' fast form of tensor/ref/spatial_composite.inc. */
 #include "sampling/tiles.h"
 
 #include <math.h>

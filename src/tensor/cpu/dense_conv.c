@@ -54,7 +54,7 @@ static sherf_status dnnl_on(op_call *call, bool alone, sherf_status (*pass)(op_c
 }
 
 /* Of 1 x 1 kernels, in float32: those of a linear layer over the pixels that are read. oneDNN's sums over
- * pixels depend on the number of threads here. */
+ * pixels depend on the number of threads here, but for those of stride 2 on AVX-512. */
 static sherf_status pixel_weights(op_call *call, const conv_shape *s, const float *x, const float *dy,
                                   float *dw) {
     const linear_sizes n = {s->Ho * s->Wo, s->I, s->O, s->gain};
@@ -83,7 +83,8 @@ static sherf_status backward(op_call *call, bool transpose) {
     if (status != SHERF_OK || !call->din[1]) return status;
     if (amx && !few) return amx_conv_weights(call, &s, x, dy, call->din[1]->data);
     if (conv_weights_fits(&s)) return conv_weights_avx2(call, &s, x, dy, call->din[1]->data);
-    if (!transpose && s.k == 1 && !s.pad) return pixel_weights(call, &s, x, dy, call->din[1]->data);
+    if (!transpose && s.k == 1 && !s.pad && (s.stride == 1 || isa_best() <= ISA_AVX2))
+        return pixel_weights(call, &s, x, dy, call->din[1]->data);
     return dnnl_on(call, s.I < FEW && s.O < FEW, dnnl_conv_weights, transpose, is_bf16(call) && !few);
 }
 

@@ -43,21 +43,31 @@ void resnet_declare(declaration *d, const char *prefix, int depth, int64_t width
         }
 }
 
+/* The norm in the place of x, which is read no more. */
+static tensor *normed(tape *t, const batch_norm *n, tensor *x, bool relu) {
+    return tape_instead(t, batch_norm_forward(t, n, x, relu), x);
+}
+
 tensor *resnet_stem(tape *t, const resnet *r, tensor *image) {
-    return batch_norm_forward(t, &r->stem_norm, op_conv2d(t, image, r->stem, 2, 3, 1), true);
+    return normed(t, &r->stem_norm, op_conv2d(t, image, r->stem, 2, 3, 1), true);
 }
 
 /* relu(bn2(conv2(relu(bn1(conv1 x)))) + shortcut x) */
 static tensor *block_forward(tape *t, const resnet_block *b, tensor *x) {
-    tensor *y = batch_norm_forward(t, &b->norm[0], op_conv2d(t, x, b->conv[0], b->stride, 1, 1), true);
-    y = batch_norm_forward(t, &b->norm[1], op_conv2d(t, y, b->conv[1], 1, 1, 1), false);
-    if (b->shortcut)
-        x = batch_norm_forward(t, &b->shortcut_norm, op_conv2d(t, x, b->shortcut, b->stride, 0, 1), false);
-    return op_relu(t, op_add(t, y, x));
+    tensor *y = normed(t, &b->norm[0], op_conv2d(t, x, b->conv[0], b->stride, 1, 1), true);
+    y = normed(t, &b->norm[1], tape_instead(t, op_conv2d(t, y, b->conv[1], 1, 1, 1), y), false);
+    tensor *way = x;
+    if (b->shortcut) way = normed(t, &b->shortcut_norm, op_conv2d(t, x, b->shortcut, b->stride, 0, 1), false);
+    tensor *sum = tape_instead(t, op_add(t, y, way), y);
+    if (b->shortcut) tape_drop(t, way);
+    return tape_instead(t, op_relu(t, sum), sum);
 }
 
 tensor *resnet_stage(tape *t, const resnet *r, int stage, tensor *x) {
-    for (int block = 0; block < r->blocks[stage - 1]; block++)
-        x = block_forward(t, &r->block[stage - 1][block], x);
+    for (int block = 0; block < r->blocks[stage - 1]; block++) {
+        tensor *y = block_forward(t, &r->block[stage - 1][block], x);
+        if (block) tape_drop(t, x); /* the first one's is the caller's */
+        x = y;
+    }
     return x;
 }

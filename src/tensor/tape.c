@@ -27,6 +27,13 @@ struct owned {
     void (*release)(void *object);
 };
 
+/* Memory of dropped tensors, in the tape's. */
+enum { SPARES = 64 };
+typedef struct {
+    char *data;
+    size_t bytes;
+} spare;
+
 struct tape {
     context *c;
     tape_options options;
@@ -35,6 +42,8 @@ struct tape {
     arena *scratch; /* the backend's too; rewound after every kernel */
     node *newest;
     owned *owned;
+    int spares;
+    spare spare[SPARES];
     sherf_status status;
     tape *nested[2]; /* not recording, recording */
     tape_final_function on_final;
@@ -101,6 +110,7 @@ void tape_reset(tape *t) {
     if (t->data != t->memory) arena_reset(t->data);
     arena_reset(t->scratch);
     t->newest = NULL;
+    t->spares = 0;
     t->status = SHERF_OK;
 }
 
@@ -164,10 +174,74 @@ static tensor *tensor_shell(tape *t, dtype type, int rank, const int64_t *dim) {
     return x;
 }
 
+/* ---- memory that is free again ---- */
+static size_t room_bytes(const tensor *x) {
+    size_t bytes;
+    if (__builtin_mul_overflow((size_t)tensor_count(x), dtype_size(x->type), &bytes) || bytes > SIZE_MAX / 2)
+        return SIZE_MAX; /* which no spare has */
+    return bytes ? (bytes + 63) / 64 * 64 : 64;
+}
+
+static tensor *base_of(tensor *x) {
+    while (x && x->view_of) x = x->view_of;
+    return x;
+}
+
+/* The front of the smallest spare that is large enough; NULL: there is none. */
+static void *spare_take(tape *t, size_t bytes) {
+    spare *best = NULL;
+    for (int i = 0; i < t->spares; i++)
+        if (t->spare[i].bytes >= bytes && (!best || t->spare[i].bytes < best->bytes)) best = &t->spare[i];
+    if (!best) return NULL;
+    void *data = best->data;
+    best->data += bytes;
+    best->bytes -= bytes;
+    if (!best->bytes) *best = t->spare[--t->spares];
+    return data;
+}
+
+/* Joined with those that it touches; the smallest is forgotten where there is no place. */
+static void spare_give(tape *t, char *data, size_t bytes) {
+    for (int i = 0; i < t->spares;) {
+        const spare s = t->spare[i];
+        if (s.data + s.bytes != data && data + bytes != s.data) {
+            i++;
+            continue;
+        }
+        if (s.data < data) data = s.data;
+        bytes += s.bytes;
+        t->spare[i] = t->spare[--t->spares];
+        i = 0;
+    }
+    int at = t->spares;
+    if (at == SPARES) {
+        for (int i = at = 0; i < SPARES; i++)
+            if (t->spare[i].bytes < t->spare[at].bytes) at = i;
+        if (t->spare[at].bytes >= bytes) return;
+    } else
+        t->spares++;
+    t->spare[at] = (spare){data, bytes};
+}
+
+void tape_drop(tape *t, tensor *x) {
+    x = base_of(x);
+    if (!x || x->room != t || t->options.record || t->status != SHERF_OK) return;
+    spare_give(t, x->data, room_bytes(x));
+    x->data = NULL;
+    x->room = NULL;
+}
+
+tensor *tape_instead(tape *t, tensor *y, tensor *x) {
+    if (base_of(y) != base_of(x)) tape_drop(t, x);
+    return y;
+}
+
 tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim) {
     tensor *x = tensor_shell(t, type, rank, dim);
     if (!x) return NULL;
-    x->data = data_alloc(t, (size_t)tensor_count(x), dtype_size(type));
+    if (t->spares) x->data = spare_take(t, room_bytes(x));
+    if (!x->data) x->data = data_alloc(t, (size_t)tensor_count(x), dtype_size(type));
+    x->room = t;
     return x->data ? x : NULL;
 }
 

@@ -44,6 +44,7 @@ struct tensor {
     bool needs_grad;             /* a parameter, or computed from one while the tape records */
     tensor *grad;                /* same shape; NULL until something adds to it */
     tensor *view_of;             /* tape_reshape: the tensor whose data and gradient data this one shares */
+    const void *room;            /* the tape that its memory is of (tape_tensor); NULL: others' */
     const char *name;            /* parameters only, for messages */
     const void *first_use; /* parameters only, while a backward pass runs: the step behind which its gradient
                               is final; NULL: not known, or passed */
@@ -155,6 +156,11 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same 
 /* Values on the host that somebody else keeps at least until the reset: read in place where the backend can,
  * copied otherwise. No gradient. */
 tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data);
+/* x is read no more: where the tape does not record, later tensors take its memory, which is in the caches
+ * and has been cleared by the kernel once. Nothing for NULL and for what is not a tensor of this tape. */
+void tape_drop(tape *t, tensor *x);
+/* y, which was made of x; x is dropped. */
+tensor *tape_instead(tape *t, tensor *y, tensor *x);
 /* Where kernels take scratch, in the backend's memory: a node of its own kind rewinds it when it is done. */
 arena *tape_scratch(tape *t);
 void *tape_alloc(tape *t, size_t count, size_t size); /* plain memory of the host with the same life */

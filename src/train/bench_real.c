@@ -45,18 +45,22 @@ static sherf_status first_once(bench *b, frame_job *j, double *ms) {
     return status;
 }
 
+enum { FIRSTS = 3 };
+static double between(const double x[FIRSTS]) {
+    return fmax(fmin(x[0], x[1]), fmin(fmax(x[0], x[1]), x[2]));
+}
+
 sherf_status bench_real_render(bench *b, bench_real_times *out) {
-    enum { FIRSTS = 3 };
     const sherf_orbit_options orbit = {.azimuth_rad = 0.5, .width_px = b->size, .height_px = b->size};
     const sherf_pose *pose = sherf_observation_pose(b->real_observation);
+    const int firsts = b->repeats == 1 ? 1 : FIRSTS;
     frame_job job = {0};
     double first[FIRSTS];
     sherf_status status = sherf_cameras_orbit(b->c, b->real_body, pose, 1, &orbit, 1, &job.camera);
     if (status == SHERF_OK) status = bench_timed(b, avatar_once, &job.avatar, &out->avatar_ms);
-    for (int i = 0; i < FIRSTS && status == SHERF_OK; i++) status = first_once(b, &job, &first[i]);
+    for (int i = 0; i < firsts && status == SHERF_OK; i++) status = first_once(b, &job, &first[i]);
     if (status == SHERF_OK) {
-        out->first_frame_ms = first[0] + first[1] + first[2] - fmax(first[0], fmax(first[1], first[2])) -
-                              fmin(first[0], fmin(first[1], first[2])); /* the one between */
+        out->first_frame_ms = firsts < FIRSTS ? first[0] : between(first);
         status = bench_timed(b, frame_once, &job, &out->frame_ms);
     }
     sherf_frame_free(&job.frame);

@@ -225,10 +225,38 @@ static void errors_stick(void **state) {
     sherf_context_free(c);
 }
 
+/* Memory of dropped tensors is taken again, and only where nothing is recorded. */
+static void dropped_memory(void **state) {
+    context *c = test_context();
+    for (int record = 0; record < 2; record++) {
+        tape *t = tape_create(c, (tape_options){.backend = &backend_cpu, .record = record});
+        const int64_t small[] = {4, 16};
+        static float constant[64];
+        tensor *a = tape_zeros(t, T_F32, 2, small), *b = tape_zeros(t, T_F32, 2, small);
+        tensor *kept = tape_zeros(t, T_F32, 2, small), *other = tape_constant(t, T_F32, 2, small, constant);
+        void *first = b->data;
+        tape_drop(t, NULL);
+        tape_drop(t, other);
+        assert_ptr_equal(other->data, constant);
+        assert_non_null(tape_instead(t, tape_reshape(t, kept, 1, (int64_t[]){64}), kept)->data);
+        tape_drop(t, tape_reshape(t, b, 1, (int64_t[]){64}));
+        tape_drop(t, a);
+        tensor *y = tape_zeros(t, T_F32, 2, small);
+        assert_true((y->data == first) == !record);
+        assert_true((a->data == NULL) == !record);
+        tape_drop(t, y);
+        tape_reset(t);
+        assert_int_equal(tape_status(t), SHERF_OK);
+        tape_free(t);
+    }
+    sherf_context_free(c);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(gradients),    cmocka_unit_test(backends_agree),    cmocka_unit_test(bf16_agrees),
-        cmocka_unit_test(levels_agree), cmocka_unit_test(threads_agree),     cmocka_unit_test(fresh_agree),
-        cmocka_unit_test(fresh_twice),  cmocka_unit_test(nothing_forgotten), cmocka_unit_test(errors_stick)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients),     cmocka_unit_test(backends_agree),
+                                       cmocka_unit_test(bf16_agrees),   cmocka_unit_test(levels_agree),
+                                       cmocka_unit_test(threads_agree), cmocka_unit_test(fresh_agree),
+                                       cmocka_unit_test(fresh_twice),   cmocka_unit_test(nothing_forgotten),
+                                       cmocka_unit_test(errors_stick),  cmocka_unit_test(dropped_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -51,8 +51,10 @@ void global_declare(declaration *d, const sherf_settings *k, global_stage *s) {
 }
 
 tensor *global_latent(tape *t, const global_stage *s, tensor *image) {
-    tensor *x = op_max_pool(t, resnet_stem(t, &s->encoder, image), 3, 2, 1);
-    for (int stage = 1; stage <= s->encoder.stages; stage++) x = resnet_stage(t, &s->encoder, stage, x);
+    tensor *x = resnet_stem(t, &s->encoder, image);
+    x = tape_instead(t, op_max_pool(t, x, 3, 2, 1), x);
+    for (int stage = 1; stage <= s->encoder.stages; stage++)
+        x = tape_instead(t, resnet_stage(t, &s->encoder, stage, x), x);
     return op_average_pool(t, x);
 }
 
@@ -76,25 +78,38 @@ static tensor *modulated(tape *t, const global_stage *g, const modulated_layer *
                          bool up) {
     tensor *s = affine(t, g, l, style);
     x = op_scale_channels(t, x, s);
-    x = up ? op_fir_upsample(t, op_conv2d_transpose(t, x, l->w), 1, 1, 1, 4) : op_conv2d(t, x, l->w, 1, 1, 1);
-    x = op_scale_channels(t, x, op_demodulation(t, l->w, s));
-    return op_bias_act(t, x, l->b, leak, root_two, clamp_at);
+    x = tape_instead(t, up ? op_conv2d_transpose(t, x, l->w) : op_conv2d(t, x, l->w, 1, 1, 1), x);
+    if (up) x = tape_instead(t, op_fir_upsample(t, x, 1, 1, 1, 4), x);
+    x = tape_instead(t, op_scale_channels(t, x, op_demodulation(t, l->w, s)), x);
+    return tape_instead(t, op_bias_act(t, x, l->b, leak, root_two, clamp_at), x);
 }
 
 static tensor *to_planes(tape *t, const global_stage *g, const modulated_layer *l, tensor *x, tensor *style) {
     if (!x) return NULL;
     tensor *s = op_scale(t, affine(t, g, l, style), 1 / sqrtf((float)tensor_columns(x)));
     tensor *w = tape_reshape(t, l->w, 2, (int64_t[]){l->w->dim[0], l->w->dim[1]});
-    return op_bias_act(t, op_linear(t, op_scale_channels(t, x, s), w, NULL, 1, 1), l->b, 1, 1, clamp_at);
+    tensor *scaled = op_scale_channels(t, x, s);
+    tensor *y = tape_instead(t, op_linear(t, scaled, w, NULL, 1, 1), scaled);
+    return tape_instead(t, op_bias_act(t, y, l->b, 1, 1, clamp_at), y);
 }
 
 tensor *global_planes(tape *t, const global_stage *s, tensor *style, model_stages *stages) {
     tensor *x = s->constant, *image = NULL;
     for (int i = 0; i < s->blocks; i++) {
+        tensor *before = x, *below = image;
         if (i) x = modulated(t, s, &s->block[i].conv0, x, style, true);
+        if (i && !stages) tape_drop(t, before);
+        before = x;
         x = modulated(t, s, &s->block[i].conv1, x, style, false);
+        tape_drop(t, before);
         tensor *y = to_planes(t, s, &s->block[i].planes, x, style);
-        image = image ? op_add(t, op_fir_upsample(t, image, 2, 2, 1, 4), y) : y;
+        if (below) {
+            tensor *up = op_fir_upsample(t, below, 2, 2, 1, 4);
+            if (!stages) tape_drop(t, below);
+            image = tape_instead(t, op_add(t, up, y), up);
+            tape_drop(t, y);
+        } else
+            image = y;
         if (stages && stages->blocks < (int)COUNT_OF(stages->block_x)) {
             stages->block_x[stages->blocks] = x;
             stages->block_image[stages->blocks++] = image;

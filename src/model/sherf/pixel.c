@@ -9,7 +9,8 @@ void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s) {
 }
 
 tensor *pixel_features(tape *t, const pixel_stage *s, tensor *image) {
-    return resnet_stage(t, &s->encoder, 1, resnet_stem(t, &s->encoder, image)); /* no max pooling */
+    tensor *x = resnet_stem(t, &s->encoder, image); /* no max pooling */
+    return tape_instead(t, resnet_stage(t, &s->encoder, 1, x), x);
 }
 
 /* (u / W (W_f - 1), v / H (H_f - 1)) */

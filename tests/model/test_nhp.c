@@ -455,10 +455,12 @@ static void bad_voxels_are_refused(void **state) {
             int32_t *voxel = (int32_t *)(uintptr_t)x->data;
             voxel[1] = kind == 0 ? -1 : kind == 1 ? 1 << 30 : voxel[0];
         }
+        size_t kept = 0; /* all but the checksum, which is of what was there */
         for (size_t i = 0; i < s->metadata_count; i++)
-            metadata[i] = (safetensor_metadata){s->metadata_key[i], s->metadata_value[i]};
+            if (strcmp(s->metadata_key[i], "crc32"))
+                metadata[kept++] = (safetensor_metadata){s->metadata_key[i], s->metadata_value[i]};
         const char *other = test_path("bad.safetensors");
-        assert_ok(c, safetensors_write(c, other, s->count, item, s->metadata_count, metadata));
+        assert_ok(c, safetensors_write(c, other, s->count, item, kept, metadata));
         safetensors_free(s);
         assert_fails(c, sherf_avatar_load(c, other, body, &a), SHERF_BAD_FILE,
                      "tensor volume.2.voxel: a voxel outside the volume, or twice");

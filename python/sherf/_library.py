@@ -164,6 +164,7 @@ FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "sherf_estimator_free": (None, [_OBJECT]),
     "sherf_estimate_photo": (c_int, [_OBJECT, _OBJECT, _OBJECT, _PATH, POINTER(EstimateOptions), _OUT]),
     "sherf_estimate_picture": (c_int, [_OBJECT, _OBJECT, _OBJECT, _IMAGE, _IMAGE, POINTER(EstimateOptions), _OUT]),
+    "sherf_estimate_share_shape": (c_int, [_OBJECT, _OBJECT, c_int, _OUT]),
     "sherf_estimate_free": (None, [_OBJECT]),
     "sherf_estimate_image": (_IMAGE, [_OBJECT]),
     "sherf_estimate_mask": (_IMAGE, [_OBJECT]),
@@ -181,6 +182,7 @@ FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "sherf_model_free": (None, [_OBJECT]),
     "sherf_model_parameter_count": (c_int64, [_OBJECT]),
     "sherf_avatar_create": (c_int, [_OBJECT, _OBJECT, _OBJECT, _OBJECT, _OUT]),
+    "sherf_avatar_create_several": (c_int, [_OBJECT, _OBJECT, _OBJECT, c_int, _OUT, _OUT]),
     "sherf_avatar_save": (c_int, [_OBJECT, _OBJECT, _PATH]),
     "sherf_avatar_load": (c_int, [_OBJECT, _PATH, _OBJECT, _OUT]),
     "sherf_avatar_free": (None, [_OBJECT]),
@@ -217,12 +219,18 @@ def _candidates() -> list[str]:
     return [str(inside)] if inside.exists() else [SONAME]
 
 
-def _needed() -> str:
-    """What to install where the wheel's library does not find the libraries of others."""
+def _looked(path: str) -> str:
+    """Where the library was looked for, and what to do where it cannot be loaded."""
+    if os.environ.get("SHERF_LIBRARY"):
+        return ("SHERF_LIBRARY names it, so nothing else was looked at: name the libsherf.so.0 of a build or of "
+                "Debian's package libsherf0 there, or unset it")
+    if not (_HERE / "lib" / SONAME).exists():
+        return (f"looked for {_HERE / 'lib' / SONAME}, as in a wheel, and in the system's folders of libraries: install "
+                f"Debian's package libsherf0 or the wheel, or name the library in SHERF_LIBRARY")
     try:
         packages = (_HERE / "lib" / "needs.txt").read_text(encoding="utf-8").split()
     except OSError:
-        return "install Debian's package libsherf0, or name the library in SHERF_LIBRARY"
+        return "install the wheel again: its list of packages is missing"
     return "it needs these packages of Debian 12: " + " ".join(packages)
 
 
@@ -232,7 +240,7 @@ def load() -> CDLL:
     try:
         library = ctypes.CDLL(path)
     except OSError as error:
-        raise ImportError(f"sherf: {path} cannot be loaded ({error}); {_needed()}") from None
+        raise ImportError(f"sherf: {path} cannot be loaded ({error}); {_looked(path)}") from None
     try:
         for name, (result, arguments) in FUNCTIONS.items():
             function = getattr(library, name)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
-from ctypes import POINTER, byref, c_float, pointer
+from contextlib import ExitStack
+from ctypes import POINTER, byref, c_float, c_void_p, pointer
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,10 +18,11 @@ from ._handle import Object, using
 from ._library import (CAMERA_PATHS, LIBRARY, ROOTS, ROTATIONS, UPS, AnimateOptions, AnimateResult, CameraStruct,
                        BakeOptions, ExportedStruct, ExportOptions, FrameStruct, MotionOptions, OrbitOptions, PoseStruct,
                        RenderOptions)
-from .people import Body, Estimator, Model, Observation, fields_of, struct_of, text_bytes
+from .people import Body, Estimate, Estimator, Model, Observation, fields_of, struct_of, text_bytes
 from .scene import Camera, Pose, write_image
 
 Color = Sequence[float]
+PICTURES_MAX = 8  # of one avatar, SHERF_PICTURES_MAX
 
 
 class Motion(Object):
@@ -156,6 +158,17 @@ def _render_options(background: Color, samples: int, exact: bool, detail: bool) 
     return out
 
 
+def _several(items: Any, what: str) -> Sequence[Any]:
+    """From 1 to 8 of them."""
+    if isinstance(items, (str, bytes, os.PathLike)) or not hasattr(items, "__len__"):
+        raise TypeError(f"{what}: a list is expected, not {items!r}")
+    if not 1 <= len(items) <= PICTURES_MAX:
+        raise ValueError(f"{what}: from 1 to {PICTURES_MAX}, not {len(items)}")
+    if any(item is None for item in items):
+        raise TypeError(f"{what}: one of them is None")
+    return list(items)
+
+
 class Avatar(Object):
     """A person of one picture, to be rendered from any camera in any pose."""
 
@@ -190,6 +203,43 @@ class Avatar(Object):
                 return cls._made(make(context, "sherf_avatar_create", *pointers), body, context)
         with observation.crop(model, body, context=context) as cut:
             return cls.from_observation(cut, body=body, model=model, crop=False, context=context)
+
+    @classmethod
+    def from_photos(cls, photos: Sequence[str | os.PathLike[str] | FloatArray | UInt8Array], *,
+                    body: Body | None = None, model: Model | None = None, estimator: Estimator | None = None,
+                    focal_px: float = 0, context: Context | None = None) -> Avatar:
+        """Of up to 8 photos of one person, each in any pose: every place is taken from the photo that shows it best.
+
+        They get one shape for all. The avatar's pose and camera are the first one's. Of several people in a photo the
+        largest is taken; for another, use `Estimator.estimate` and `from_observations`.
+        """
+        body = Body.load(context=context) if body is None else body
+        estimator = Estimator.load(context=context) if estimator is None else estimator
+        with ExitStack() as stack:
+            found = [stack.enter_context(estimator.estimate(p, body, focal_px=focal_px, context=context))
+                     for p in _several(photos, "photos")]
+            with using((body, Body), *((f, Estimate) for f in found)) as (address, *pointers):
+                context_or_default(context).run("sherf_estimate_share_shape", address, len(found),
+                                                (c_void_p * len(found))(*pointers))
+            observations = [stack.enter_context(f.observation(context=context)) for f in found]
+            return cls.from_observations(observations, body=body, model=model, context=context)
+
+    @classmethod
+    def from_observations(cls, observations: Sequence[Observation], *, body: Body | None = None,
+                          model: Model | None = None, crop: bool = True, context: Context | None = None) -> Avatar:
+        """Of up to 8 observations of one person, as `from_photos`; crop as for `from_observation`."""
+        body = Body.load(context=context) if body is None else body
+        model = Model.load(context=context) if model is None else model
+        with ExitStack() as stack:
+            used = list(_several(observations, "observations"))
+            with using((model, Model), (body, Body), *((o, Observation) for o in used)):
+                pass  # that they are what they should be, before anything is made of them
+            if crop:
+                used = [stack.enter_context(o.crop(model, body, context=context)) for o in used]
+            with using((model, Model), (body, Body), *((o, Observation) for o in used)) as (weights, person, *pointers):
+                made = make(context, "sherf_avatar_create_several", weights, person, len(used),
+                            (c_void_p * len(used))(*pointers))
+                return cls._made(made, body, context)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], body: Body | None = None, *, context: Context | None = None) -> Avatar:

@@ -49,7 +49,7 @@ sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
         item[items++] = (safetensor_item){"fold_joint", T_U8, 2, {f->corners, 4}, f->fold_joint};
     }
     const safetensor_metadata metadata[] = {
-        {"format", format_baked}, {"version", "1"}, {"body", fingerprint}};
+        SAFETENSORS_CHECKSUM, {"format", format_baked}, {"version", "1"}, {"body", fingerprint}};
     return safetensors_write(c, path, items, item, COUNT_OF(metadata), metadata);
 }
 

@@ -7,7 +7,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from sherf import _library, errors
+from sherf import _library, avatars, errors
 
 HEADER = Path(__file__).resolve().parents[2] / "include"
 ENUMERATIONS = {"SHERF_PRECISION": _library.PRECISIONS, "SHERF_DEVICE": _library.DEVICES,
@@ -35,7 +35,8 @@ class TestLayout(unittest.TestCase):
         self.assertEqual(dict(zip(wanted, numbers_of_c(wanted))), wanted)
 
     def test_enumerations(self):
-        wanted = {"SHERF_UP_MINUS_Y": _library.UPS.index("-y"), "SHERF_UP_Z": _library.UPS.index("z")}
+        wanted = {"SHERF_PICTURES_MAX": avatars.PICTURES_MAX, "SHERF_UP_MINUS_Y": _library.UPS.index("-y"),
+                  "SHERF_UP_Z": _library.UPS.index("z")}
         for prefix, names in ENUMERATIONS.items():
             wanted.update({f"{prefix}_{n.upper().replace('-', '_')}": i for i, n in enumerate(names)})
         wanted.update({f"SHERF_ESTIMATE_{n.upper()}": 1 << i for i, n in enumerate(_library.WARNINGS)})

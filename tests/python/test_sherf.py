@@ -1,8 +1,12 @@
 """The Python package: photo to avatar to files, and that whatever is wrong raises and nothing crashes."""
 
+import ctypes.util
 import gc
 import logging
+import os
 import pickle
+import subprocess
+import sys
 import tempfile
 import threading
 import unittest
@@ -36,6 +40,47 @@ class Folder(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = Path(folder.name)
+
+
+class TestSeveral(Folder):
+    def test_two_photos(self):
+        known = {key: people[key] for key in ("body", "model", "estimator")}
+        both = sherf.Avatar.from_photos([PHOTO, ROOT / "assets/demo/photo-back.jpg"], **known)
+        one = sherf.Avatar.from_photos([PHOTO], **known)
+        np.testing.assert_array_equal(one.pose.poses, people["avatar"].pose.poses)
+        views = [[avatar.render(camera=camera).color for camera in avatar.orbit(2, size=SIZE)] for avatar in (both, one)]
+        self.assertGreater(np.abs(views[0][1] - views[1][1]).mean(), 0.002)  # the back is another
+        both.save(self.folder / "both.safetensors")
+        sherf.Avatar.load(self.folder / "both.safetensors", people["body"])
+
+    def test_what_is_no_list_of_them(self):
+        observation = people["estimate"].observation()
+        for wrong in ([], [observation] * 9):
+            with self.assertRaises(ValueError):
+                sherf.Avatar.from_observations(wrong, body=people["body"], model=people["model"])
+        for wrong in (observation, [None], [people["body"]]):
+            with self.assertRaises(TypeError):
+                sherf.Avatar.from_observations(wrong, body=people["body"], model=people["model"], crop=False)
+        with self.assertRaises(TypeError):
+            sherf.Avatar.from_photos(str(PHOTO))
+
+
+class TestMissing(Folder):
+    def load(self, **environment):
+        words = [sys.executable, "-c", "import sherf"]
+        kept = {k: v for k, v in os.environ.items() if k != "SHERF_LIBRARY"}
+        return subprocess.run(words, env={**kept, **environment}, capture_output=True, text=True).stderr.splitlines()[-1]
+
+    def test_library_that_is_not_there(self):
+        said = self.load(SHERF_LIBRARY=str(self.folder / "none.so"))
+        for part in ("ImportError", "none.so cannot be loaded", "SHERF_LIBRARY names it", "unset it"):
+            self.assertIn(part, said)
+
+    @unittest.skipIf(ctypes.util.find_library("sherf"), "the system has a libsherf")
+    def test_no_library_anywhere(self):
+        said = self.load()
+        for part in ("ImportError", "lib/libsherf.so.0", "libsherf0", "SHERF_LIBRARY"):
+            self.assertIn(part, said)
 
 
 class TestEstimate(Folder):

@@ -141,7 +141,7 @@ try {
   await page.mouse.up();
   const lifted = Date.now();
   console.log("      while turning: " + speeds.at(-1));
-  await page.waitForFunction(() => shown.stamp === stamp && shown.side > 1.3 * moving, null, { timeout: patience, polling: 10 });
+  await page.waitForFunction(() => shown.stamp === stamp && (shown.fine || shown.side > 1.3 * moving), null, { timeout: patience, polling: 10 });
   console.log(`      first refined picture after ${Date.now() - lifted} ms: ${await text(page)}`);
   await still(page);
   console.log(`      full size after ${Date.now() - lifted} ms: ${await text(page)}`);

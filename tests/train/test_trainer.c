@@ -192,6 +192,21 @@ static void losses_and_beta2_are_kept(void **state) {
     sherf_context_free(c);
 }
 
+/* A number that is not finite in the last tensor of a file without a checksum. */
+static void lose_a_number(context *c, const char *path) {
+    unsigned char *data;
+    size_t bytes;
+    assert_ok(c, file_read(c, path, (size_t)1 << 30, &data, &bytes));
+    unsigned char *sum = memmem(data, bytes, "\"crc32\"", 7);
+    assert_non_null(sum);
+    sum[1] = 'x'; /* another key */
+    memset(data + bytes - 4, 0xff, 4);
+    FILE *f = fopen(path, "wb");
+    assert_int_equal(fwrite(data, 1, bytes, f), bytes);
+    fclose(f);
+    mem_free(data);
+}
+
 static void a_bad_checkpoint_is_one_line(void **state) {
     context *c = float_context(1);
     const size_t live = mem_live();
@@ -228,6 +243,11 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     assert_ok(c, sherf_train(c, &o));
     assert_true(
         difference(c, path_of("whole/checkpoint.safetensors"), path_of("bad/checkpoint.safetensors")) == 0);
+    unlink(path_of("bad/checkpoint-before.safetensors"));
+    lose_a_number(c, path_of("bad/checkpoint.safetensors"));
+    assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
+    assert_non_null(strstr(c->message, "bad/checkpoint.safetensors: tensor second."));
+    assert_non_null(strstr(c->message, "not finite"));
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }

@@ -1,7 +1,8 @@
 /* The picture's own detail. The network's colours are soft; what its picture of the observed view lacks
  * against the observation is kept once per avatar and given back where frames and exported surfaces show what
- * the observation saw: a point goes to the observation's space, as samples do, and is looked up there. Beyond
- * the paper; the network is not queried, so it costs a point a pixel.
+ * the observation saw: a point goes to the observation's space, as samples do, and is looked up there. What
+ * it did not see is lent colour and pattern by what is opposite (detail_carry.c). Beyond the paper; the
+ * network is not queried, so it costs a point a pixel.
  *
  * What the observation saw is told twice. The body's mesh tells it smoothly and without haze: front from
  * back, and limbs before each other. The depths of the observed view, smoothed, tell it of the rest: hair,
@@ -13,9 +14,6 @@
 
 #include "avatar/detail.h"
 
-/* How far a point may lie behind the observed view's surface, and before it: from the first number on it
- * counts less, at the second not at all. */
-static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
 /* Cosines of the surface's angle to the ray. */
 static const float facing[2] = {0.1f, 0.45f};
 static const float smooth_m = 0.01f, fade_m = 0.006f;
@@ -100,7 +98,9 @@ void detail_free(avatar_detail *d) {
     for (int i = 0; i < d->views; i++) {
         mem_free(d->view[i].texel);
         mem_free(d->view[i].seen);
+        mem_free(d->view[i].patterned);
     }
+    carry_free(&d->carry);
     *d = (avatar_detail){0};
 }
 
@@ -136,7 +136,10 @@ static sherf_status view_create(context *c, const sherf_avatar *a, const body_mo
     if (status == SHERF_OK) status = detail_draw_body(c, body, d->posed, &d->camera, &drawn);
     if (status == SHERF_OK) detail_bound(drawn, own.depth.data);
     if (status == SHERF_OK) status = detail_see_body(c, body, drawn, d);
-    if (status == SHERF_OK) keep_difference(c, d, image, &own, room);
+    if (status == SHERF_OK) {
+        keep_difference(c, d, image, &own, room);
+        status = carry_pattern(c, body, d, image, &own, room);
+    }
     mem_free(room);
     mem_free(image);
     raster_free(drawn);
@@ -146,8 +149,8 @@ static sherf_status view_create(context *c, const sherf_avatar *a, const body_mo
 }
 
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out) {
-    sherf_status status = SHERF_OK;
     *out = (avatar_detail){0};
+    sherf_status status = carry_create(c, body, &out->carry);
     while (out->views < a->pictures && status == SHERF_OK) {
         const int i = out->views++;
         status = view_create(c, a, body, i, &out->view[i]);
@@ -180,73 +183,6 @@ sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_mode
     return status;
 }
 
-/* ---- looking up ---- */
-/* The mean over four texels. */
-static float texels_at(const detail_view *d, const float px[2], float depth, float add[3]) {
-    float seen = 0;
-    memset(add, 0, 3 * sizeof *add);
-    if (!(px[0] >= 0 && px[1] >= 0 && px[0] < (float)(d->width - 1) && px[1] < (float)(d->height - 1)))
-        return 0;
-    const int x = (int)px[0], y = (int)px[1];
-    const float fx = px[0] - (float)x, fy = px[1] - (float)y;
-    for (int i = 0; i < 4; i++) {
-        const detail_texel *t = d->texel + (size_t)(y + i / 2) * (size_t)d->width + (size_t)(x + i % 2);
-        const float share = (i % 2 ? fx : 1 - fx) * (i / 2 ? fy : 1 - fy);
-        for (int k = 0; k < 3; k++) add[k] += share * t->weight * t->difference[k];
-        if (t->weight > 0)
-            seen += share * (1 - detail_rise(depth - t->depth, behind_m)) *
-                    (1 - detail_rise(t->depth - depth, before_m));
-    }
-    return seen;
-}
-
-enum { SOME = 64 };
-static void look_up_in(const detail_view *d, const body_model *body, int64_t count,
-                       const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
-    float world[3 * SOME], px[2 * SOME], depth[SOME];
-    deform_from_canonical(body, d->posed, count, points_canonical, nearest, world);
-    camera_project(&d->camera, count, world, px, depth);
-    for (int64_t i = 0; i < count; i++) {
-        memset(add + 3 * i, 0, 3 * sizeof *add);
-        seen[i] = 0;
-        if (nearest[i] >= 0 && depth[i] > 0)
-            seen[i] = texels_at(d, px + 2 * i, depth[i], add + 3 * i) *
-                      detail_seen_near(d, body, points_canonical + 3 * i, nearest[i]);
-    }
-}
-
-/* What several pictures say of a point: a mean in which the one that sees it best counts most. */
-static void look_up_all(const avatar_detail *d, const body_model *body, int64_t count,
-                        const float *points_canonical, const int32_t *nearest, float *add, float *seen) {
-    float one[3 * SOME], one_seen[SOME], sum[SOME] = {0};
-    memset(add, 0, 3 * (size_t)count * sizeof *add);
-    memset(seen, 0, (size_t)count * sizeof *seen);
-    for (int k = 0; k < d->views; k++) {
-        look_up_in(&d->view[k], body, count, points_canonical, nearest, one, one_seen);
-        for (int64_t i = 0; i < count; i++) {
-            const float s = one_seen[i], weight = s * s;
-            sum[i] += weight;
-            seen[i] += weight * s;
-            for (int r = 0; r < 3; r++) add[3 * i + r] += weight * s * one[3 * i + r];
-        }
-    }
-    for (int64_t i = 0; i < count; i++) {
-        for (int r = 0; r < 3 && seen[i] > 0; r++) add[3 * i + r] /= seen[i];
-        if (sum[i] > 0) seen[i] /= sum[i];
-    }
-}
-
-void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, const float *points_canonical,
-                    const int32_t *nearest, float *add, float *seen) {
-    for (int64_t b = 0; b < n; b += SOME) {
-        const int64_t count = n - b < SOME ? n - b : SOME;
-        if (d->views == 1)
-            look_up_in(d->view, body, count, points_canonical + 3 * b, nearest + b, add + 3 * b, seen + b);
-        else
-            look_up_all(d, body, count, points_canonical + 3 * b, nearest + b, add + 3 * b, seen + b);
-    }
-}
-
 /* ---- once per frame ---- */
 typedef struct {
     const avatar_detail *d;
@@ -254,7 +190,8 @@ typedef struct {
     const posed_body *posed;
     detail_optics optics;
     int reach;
-    float *depth, *weight, *add; /* of pixels: smoothed, to be smoothed */
+    float *depth, *seen, *lent; /* of pixels: smoothed, to be smoothed */
+    detail_gift *gift;
     sherf_frame *frame;
 } apply_job;
 
@@ -263,18 +200,20 @@ enum { BATCH = 256 };
 typedef struct {
     int count;
     size_t pixel[BATCH];
-    float weight[BATCH], point[3 * BATCH], add[3 * BATCH], seen[BATCH];
+    float weight[BATCH], point[3 * BATCH];
     int32_t nearest[BATCH];
+    detail_gift gift[BATCH];
 } batch;
 
 /* A point is looked up by the vertex that it moves with in the frame: hair between head and shoulders would
  * be torn where another one is nearest in canonical space. */
 static void look_up_batch(const apply_job *j, batch *b) {
     deform_to_canonical(j->body, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
-    detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->add, b->seen);
+    detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->gift);
     for (int i = 0; i < b->count; i++) {
-        j->weight[b->pixel[i]] = b->weight[i] * b->seen[i];
-        memcpy(j->add + 3 * b->pixel[i], b->add + 3 * i, 3 * sizeof *b->add);
+        j->seen[b->pixel[i]] = b->weight[i] * b->gift[i].seen;
+        j->lent[b->pixel[i]] = b->weight[i] * b->gift[i].lent;
+        j->gift[b->pixel[i]] = b->gift[i];
     }
     b->count = 0;
 }
@@ -304,8 +243,8 @@ static void look_up_rows(void *arg, int64_t begin, int64_t end, int thread) {
         for (int x = 0; x < width; x++) {
             const size_t n = (size_t)y * (size_t)width + (size_t)x;
             const float opacity = j->frame->opacity.data[n];
-            j->weight[n] = 0;
-            memset(j->add + 3 * n, 0, 3 * sizeof *j->add);
+            j->seen[n] = j->lent[n] = 0;
+            j->gift[n] = (detail_gift){0};
             if (!(detail_solid(opacity, 0) > 0)) continue;
             const float solid = detail_solid(opacity, detail_jump(j->depth, width, height, j->reach, x, y));
             const int32_t found = find_surface(j, x, y, guess, b.point + 3 * b.count);
@@ -321,12 +260,9 @@ static void look_up_rows(void *arg, int64_t begin, int64_t end, int thread) {
 static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const apply_job *j = arg;
     const int64_t width = j->frame->color.width;
-    float *color = j->frame->color.data;
-    for (int64_t n = begin * width; n < end * width; n++) {
-        if (!(j->weight[n] > 0)) continue;
-        for (int k = 0; k < 3; k++)
-            color[3 * n + k] = fminf(fmaxf(color[3 * n + k] + j->weight[n] * j->add[3 * n + k], 0), 1);
-    }
+    for (int64_t n = begin * width; n < end * width; n++)
+        if (j->seen[n] > 0 || j->lent[n] > 0)
+            detail_give(&j->gift[n], j->seen[n], j->lent[n], j->frame->color.data + 3 * n);
 }
 
 sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
@@ -334,25 +270,28 @@ sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *
     const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MAX);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
     raster *drawn = NULL;
-    float *room = mem_alloc(c, pixels, 6 * sizeof *room);
-    sherf_status status = room ? detail_draw_body(c, body, posed, camera, &drawn) : SHERF_NO_MEMORY;
+    float *room = mem_alloc(c, pixels, 4 * sizeof *room);
+    detail_gift *gift = mem_alloc(c, pixels, sizeof *gift);
+    sherf_status status = room && gift ? detail_draw_body(c, body, posed, camera, &drawn) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
-    apply_job job = {.d = d, .body = body, .posed = posed, .frame = frame};
+    apply_job job = {.d = d, .body = body, .posed = posed, .frame = frame, .gift = gift};
     job.reach = detail_pixels(camera, posed, 0.004f, RADIUS_MAX);
     job.depth = room + pixels;
-    job.weight = job.depth + pixels;
-    job.add = job.weight + pixels;
+    job.seen = job.depth + pixels;
+    job.lent = job.seen + pixels;
     detail_optics_of(camera, &job.optics);
     memcpy(job.depth, frame->depth.data, pixels * sizeof *job.depth);
     detail_bound(drawn, job.depth);
     detail_smooth(c, &frame->opacity, radius, job.depth, NULL, room);
     parallel_for(c, height, 8, look_up_rows, &job);
-    detail_smooth(c, &frame->opacity, radius, job.depth, job.weight, room);
+    detail_smooth(c, &frame->opacity, radius, job.depth, job.seen, room);
+    detail_smooth(c, &frame->opacity, radius, job.depth, job.lent, room);
     parallel_for(c, height, 8, add_rows, &job);
     detail_clear_haze(c, drawn, background, frame);
     status = detail_clear_islands(c, drawn, background, frame);
 done:
     raster_free(drawn);
+    mem_free(gift);
     mem_free(room);
     return status;
 }

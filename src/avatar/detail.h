@@ -6,20 +6,29 @@
 
 /* A texel is a pixel of the observed picture. */
 typedef struct {
-    float difference[3]; /* observation minus the avatar's own picture of that view */
-    float weight;        /* 0: not to be used; 1: seen well */
-    float depth;         /* metres along the camera's axis, of the avatar's own picture, smoothed */
+    float difference[3];        /* observation minus the avatar's own picture of that view */
+    float weight;               /* 0: not to be used; 1: seen well */
+    float depth;                /* metres along the camera's axis, of the avatar's own picture, smoothed */
+    float color[3], pattern[3]; /* of the observation: the mean of some 3 cm, and what it differs from that */
 } detail_texel;
 typedef struct {
     int width, height;
     sherf_camera camera;
     const posed_body *posed; /* the avatar's, in the picture's pose */
     detail_texel *texel;
-    float *seen; /* V: how much the observation sees of what is near the vertex, 0 to 1 */
+    float *seen;      /* V: how much the observation sees of what is near the vertex, 0 to 1 */
+    float *patterned; /* V: how much of the pattern there may go on elsewhere, 0 to 1 */
 } detail_view;
+/* What is opposite of what (detail_carry.c). */
+typedef struct {
+    int32_t *opposite; /* V: the vertex on the other side of trunk or limb, front to back; -1: none.
+                        * NULL: nothing is lent */
+    float *two_sides;  /* V: 0 where front and back are not alike (head, hands, feet), to 1 */
+} detail_carry;
 typedef struct {
     int views; /* the observation's pictures; 0: nothing was made */
     detail_view view[OBSERVED_PICTURES_MAX];
+    detail_carry carry;
 } avatar_detail;
 
 /* The avatar's pictures of the observed views rendered and compared. Free with detail_free. */
@@ -35,15 +44,39 @@ void lazy_detail_free(lazy_detail *l); /* NULL is fine */
 sherf_status avatar_detail_of(context *c, const sherf_avatar *a, const body_model *body,
                               const avatar_detail **out);
 
-/* What the observation adds to the colour of `n` canonical points of the surface, [n, 3], as far as the
- * points' texels are to be trusted, and how much of each place it sees, [n], 0 to 1; nearest: each one's
- * nearest canonical vertex. */
+/* What the observation gives to the colour of a point. */
+typedef struct {
+    float add[3], seen; /* how much of the place it sees, 0 to 1, and what it adds there */
+    /* How much of it is not seen, but what is opposite: that one's colour and pattern. */
+    float toward[3], pattern[3], lent;
+} detail_gift;
+/* To `n` canonical points of the surface, [n, 3], as far as the points' texels are to be trusted; nearest:
+ * each one's nearest canonical vertex. */
 void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, const float *points_canonical,
-                    const int32_t *nearest, float *add, float *seen);
+                    const int32_t *nearest, detail_gift *out);
+/* Into a colour; seen, lent: the gift's, or what they have been smoothed to. */
+void detail_give(const detail_gift *g, float seen, float lent, float rgb[3]);
 /* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
  * (points_prepare). */
 sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
                           const sherf_camera *camera, const float background[3], sherf_frame *frame);
+
+/* ---- detail_carry.c: what is opposite ---- */
+enum { CARRY_PLACES = 3, CARRY_RADIUS_MAX = 40 };
+typedef struct {
+    float x[3]; /* canonical */
+    int32_t nearest;
+    float sure; /* 0 to 1 */
+} carry_place;
+sherf_status carry_create(context *c, const body_model *body, detail_carry *out);
+void carry_free(detail_carry *d);
+/* Where something like the canonical point x may be seen. Returns how many. */
+int carry_places(const detail_carry *d, const body_model *body, const float x[3], int32_t nearest,
+                 carry_place out[CARRY_PLACES]);
+/* The texels' color and pattern, and d->patterned; after detail_see_body. own: the avatar's picture of the
+ * view; room: two floats a texel. */
+sherf_status carry_pattern(context *c, const body_model *body, detail_view *d, const float *image,
+                           const sherf_frame *own, float *room);
 
 /* ---- detail_body.c: what the body's mesh tells ---- */
 /* d->seen, from d->camera; drawn: the observed body in its picture. */

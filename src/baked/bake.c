@@ -143,12 +143,13 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
     const detail_job *j = arg;
     int32_t guess = -1;
     for (int64_t n = begin; n < end; n++) {
-        float p[3], add[3], seen;
+        float p[3];
+        detail_gift gift;
         memcpy(p, j->position + 3 * n, sizeof p);
         guess = vertex_grid_nearest_from(body_canonical_grid(j->body), p, guess, NULL);
         raise_to_body(j->body, guess, j->body_normal, p);
-        detail_look_up(j->d, j->body, 1, p, &guess, add, &seen);
-        for (int k = 0; k < 3; k++) j->rgb[3 * n + k] = fminf(fmaxf(j->rgb[3 * n + k] + seen * add[k], 0), 1);
+        detail_look_up(j->d, j->body, 1, p, &guess, &gift);
+        detail_give(&gift, gift.seen, gift.lent, j->rgb + 3 * n);
     }
 }
 

@@ -102,11 +102,19 @@ static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *ou
     detail_free(&s->avatar->detail->made);
 }
 
-/* How much the picture's detail makes frames from there differ. */
+/* Nothing that is not seen is lent what is opposite. */
+static void lend_nothing(scene *s) {
+    const avatar_detail *d;
+    assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
+    carry_free(&s->avatar->detail->made.carry);
+}
+
+/* How much the picture's detail, where it is seen, makes frames from there differ. */
 static double given(scene *s, double angle) {
     const sherf_camera k = turned_camera(s, angle);
     sherf_frame off = {0}, on = {0};
     render_plainly(s, &k, &off);
+    lend_nothing(s);
     render(s, &k, SHERF_DETAIL_ON, &on);
     const double sum = difference(on.color.data, off.color.data);
     sherf_frame_free(&off);
@@ -143,6 +151,54 @@ static void stripes_stay_on_their_side(void **state) {
     if (!(seen > 300 && hidden < 0.01 * seen))
         fail_msg("%g on the hidden side, %g on the seen one", hidden, seen);
     close_scene(&s);
+}
+
+/* A square on the chest, so many pixels of the finer picture wide. */
+static void paint_square(sherf_avatar *a, const float middle_px[2], int wide) {
+    for (int y = -wide / 2; y < wide / 2; y++)
+        for (int x = -wide / 2; x < wide / 2; x++)
+            memset(a->fine[0].data + 3 * (((int)middle_px[1] + y) * a->fine[0].width + (int)middle_px[0] + x),
+                   1, 3);
+}
+
+enum { PLAIN, STRIPES, SQUARE };
+static void render_painted(const char *observation, int what, double angle, sherf_frame *out) {
+    scene s;
+    float joints[72], px[2];
+    open_scene_of(&s, SHERF_PRECISION_AUTO, observation);
+    paint_picture(s.avatar, 12, what == STRIPES ? 1 : 255);
+    assert_ok(s.c, sherf_body_pose(s.c, s.body, sherf_avatar_pose(s.avatar), NULL, joints));
+    camera_project(&s.camera, 1, joints + 3 * 9, px, NULL);
+    for (int k = 0; k < 2; k++) px[k] *= 2;
+    if (what == SQUARE) paint_square(s.avatar, px, 24);
+    const sherf_camera k = turned_camera(&s, angle);
+    render(&s, &k, SHERF_DETAIL_ON, out);
+    close_scene(&s);
+}
+
+/* What is painted on the front, against a plain front: how much it changes the frame behind, as a part of how
+ * much it changes the one before. */
+static double goes_on(const char *observation, int what) {
+    double changed[2];
+    for (int behind = 0; behind < 2; behind++) {
+        sherf_frame plain = {0}, painted = {0};
+        render_painted(observation, PLAIN, behind ? M_PI : 0, &plain);
+        render_painted(observation, what, behind ? M_PI : 0, &painted);
+        changed[behind] = difference(painted.color.data, plain.color.data);
+        sherf_frame_free(&plain);
+        sherf_frame_free(&painted);
+    }
+    print_message("changed by %g before, %g behind\n", changed[0], changed[1]);
+    assert_true(changed[0] > 5);
+    return changed[1] / changed[0];
+}
+
+/* Stripes are a pattern, a print on the chest is none. */
+static void patterns_go_on_behind_and_prints_do_not(void **state) {
+    static const char front[] = "thuman:../assets/demo#person_900006/0/2";
+    const double stripes = goes_on(front, STRIPES), square = goes_on(front, SQUARE);
+    if (!(stripes > 0.15 && square < 0.6 * stripes))
+        fail_msg("%g of the stripes behind, %g of a square", stripes, square);
 }
 
 static int floats_order(const void *a, const void *b) {
@@ -355,6 +411,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_observed_view_is_the_observation),
                                        cmocka_unit_test(the_other_side_stays),
                                        cmocka_unit_test(stripes_stay_on_their_side),
+                                       cmocka_unit_test(patterns_go_on_behind_and_prints_do_not),
                                        cmocka_unit_test(hazy_surfaces_have_no_specks),
                                        cmocka_unit_test(faces_have_no_specks),
                                        cmocka_unit_test(faces_are_seen_whole),

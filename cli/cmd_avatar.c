@@ -1,13 +1,16 @@
 /* sherf avatar: one picture of a person, or several, to the file that frames are rendered from. */
+#include <string.h>
 #include <sys/stat.h>
 
 #include "photo.h"
 #include "shared.h"
+#include "variants.h"
 #include "verbs.h"
 
 static struct {
     const char *model, *body, *output;
     bool whole;
+    int64_t variant, variants;
 } set;
 
 static const option options[] = {
@@ -16,10 +19,32 @@ static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
      "encode the picture as it is, not cut out round the person and scaled to what the model knows"},
+    {0, "variant", OPTION_INTEGER, &set.variant, "N",
+     "what was not seen looks one of many plausible ways, the same for the same N (0, the best guess)", 0,
+     1e9},
+    {0, "variants", OPTION_INTEGER, &set.variants, "N",
+     "also draw a sheet of the best guess and variants 1 to N from behind, beside the avatar", 1,
+     VARIANTS_MAX},
     PHOTO_OPTIONS,
     {0, "overlay", OPTION_FILE, &photo_wanted.overlay, "FILE", "draw the estimated body over a photo, .png"},
     {0},
 };
+
+/* "me-variants.png" of me.safetensors. */
+static int draw_variants(session *s, sherf_avatar *avatar, const sherf_body *body) {
+    static const char end[] = "-variants.png";
+    const char *dot = strrchr(set.output, '.'), *slash = strrchr(set.output, '/');
+    const size_t stem = dot && (!slash || dot > slash) ? (size_t)(dot - set.output) : strlen(set.output);
+    char path[4096];
+    if (stem + sizeof end > sizeof path) return session_failure("%s: the name is too long", set.output);
+    memcpy(path, set.output, stem);
+    memcpy(path + stem, end, sizeof end);
+    const int status = variants_sheet(s, avatar, body, (int)set.variants, path);
+    if (!status)
+        session_remark("%s: the best guess, then variants 1 to %d, from behind; take one with --variant",
+                       path, (int)set.variants);
+    return status;
+}
 
 static int report(session *s, double avatar_s) {
     struct stat st;
@@ -71,7 +96,10 @@ static int run(session *s, int count, char **argument) {
                                                                (const sherf_observation *const *)observation,
                                                                &avatar));
     avatar_s = seconds_now() - begun_s;
+    if (!status && set.variant)
+        status = session_status(s, sherf_avatar_choose(c, avatar, (uint64_t)set.variant));
     if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
+    if (!status && set.variants) status = draw_variants(s, avatar, body);
     if (!status) status = report(s, avatar_s);
     sherf_avatar_free(avatar);
     for (int i = 0; i < count; i++) sherf_observation_free(observation[i]);
@@ -89,10 +117,12 @@ const verb verb_avatar = {
         "file with everything that rendering the person needs. OBSERVATION is a photo, of which "
         "the rest is estimated (see sherf estimate), a folder or JSON file, or a picture of a data "
         "set as DATA#PERSON/POSE/VIEW. Of several (up to 8: the front, the back, a side), each in any "
-        "pose, every place of the body is taken from the picture that shows it best.",
+        "pose, every place of the body is taken from the picture that shows it best. What none shows is "
+        "guessed; --variants shows other guesses, --variant takes one.",
     .example =
         "sherf avatar me.jpg -o me.safetensors\n"
         "sherf avatar front.jpg back.jpg -o me.safetensors\n"
+        "sherf avatar me.jpg -o me.safetensors --variants 8\n"
         "sherf avatar ann/ --model model.safetensors --body body.safetensors -o ann.safetensors\n"
         "sherf avatar thuman:people#0007/0/4 -m model.safetensors -b body.safetensors -o 7.safetensors",
     .options = options,

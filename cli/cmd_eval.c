@@ -8,7 +8,7 @@ static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
     bool baked, npy, no_png, baselines, detail, estimated, own_pose;
-    int64_t size, samples, pictures;
+    int64_t size, samples, pictures, variant;
 } set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
 static const option options[] = {
@@ -43,6 +43,9 @@ static const option options[] = {
     {0, "detail", OPTION_FLAG, &set.detail, NULL,
      "the observed picture's detail is given back to the frames and haze is cleared, which is not "
      "the paper's way"},
+    {0, "variant", OPTION_INTEGER, &set.variant, "N",
+     "with --detail, avatars' unseen sides are this variant (sherf avatar --variant), not the best guess", 0,
+     1e9},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG",
@@ -84,6 +87,7 @@ static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {
 
 static int run(session *s, int count, char **argument) {
     if (set.own_pose && !set.estimated) return usage_error(s->verb_name, "--own-pose needs --estimated");
+    if (set.variant && !set.detail) return usage_error(s->verb_name, "--variant needs --detail");
     if (set.npy && !set.output) return usage_error(s->verb_name, "--npy needs --output");
     const char *body = session_body(s, set.body, set.data);
     const char *model = body ? session_model(s, set.model) : NULL;
@@ -101,6 +105,7 @@ static int run(session *s, int count, char **argument) {
                             .own_pose = set.own_pose,
                             .pictures = (int)set.pictures,
                             .baked = set.baked,
+                            .variant = (uint64_t)set.variant,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,
                             .size_px = (int)set.size,

@@ -283,6 +283,12 @@ SHERF_API sherf_status sherf_avatar_create_several(sherf_context *c, const sherf
                                                    const sherf_body *body, int count,
                                                    const sherf_observation *const *observations,
                                                    sherf_avatar **out);
+/* What no picture shows may look in several ways. 0, the default, is the best single guess; every other seed
+ * is one of the plausible ones, always the same: brightness and pattern differ where nothing was seen, and
+ * what was seen is left alone. Frames with detail, baked forms and exports show it, and the avatar's file
+ * keeps it. Not while another thread uses the avatar. SHERF_UNSUPPORTED: it is baked; choose before. */
+SHERF_API sherf_status sherf_avatar_choose(sherf_context *c, sherf_avatar *avatar, uint64_t variant);
+SHERF_API uint64_t sherf_avatar_variant(const sherf_avatar *avatar);
 SHERF_API sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *avatar, const char *path);
 /* body must be the one the avatar was made with (a fingerprint is compared). */
 SHERF_API sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
@@ -664,8 +670,9 @@ typedef struct {
     const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
                               masks are estimated from their pictures alone; NULL: they are the data's */
     int baked; /* non-zero: frames of the baked avatars (sherf_avatar_bake) in the place of the network's */
-    int pictures; /* 1 to SHERF_PICTURES_MAX of each observation, in its pose, the further ones from views
-                     evenly round the person, none of which is compared with; 0: 1, the paper's */
+    int pictures;     /* 1 to SHERF_PICTURES_MAX of each observation, in its pose, the further ones from views
+                         evenly round the person, none of which is compared with; 0: 1, the paper's */
+    uint64_t variant; /* of the avatars, as sherf_avatar_choose */
     int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
                      pose, as novel poses do */
 } sherf_eval_options;

@@ -41,6 +41,7 @@ struct sherf_avatar {
     /* Made when a frame first needs them, under locks of their own: an avatar is for any thread. */
     struct lazy_occupancy *occupancy;
     struct lazy_detail *detail;
+    uint64_t variant; /* what was not seen, of several guesses (detail.h); 0: the best one */
 };
 
 /* ---- device.c: what answers its points, on the processor or on a GPU ---- */

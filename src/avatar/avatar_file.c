@@ -1,4 +1,5 @@
 /* An avatar's file: safetensors with the observation, what of its bank is kept, and the weights. */
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -65,12 +66,13 @@ sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const ch
     if (a->form) return a->form->save(c, a, path);
     const size_t max = 3 * OBSERVED_PICTURES_MAX + (size_t)a->kept.count + (size_t)a->weights->count;
     picture_items pictures[OBSERVED_PICTURES_MAX];
-    char fingerprint[32], key[MODEL_KEY], *config = model_config_text(c, &a->config);
+    char fingerprint[32], variant[32], key[MODEL_KEY], *config = model_config_text(c, &a->config);
     safetensor_item *item = mem_zero(c, max, sizeof *item);
     sherf_status status = config && item ? SHERF_OK : SHERF_NO_MEMORY;
     size_t n = 0;
     if (status != SHERF_OK) goto done;
     snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)a->body_fingerprint);
+    snprintf(variant, sizeof variant, "%llu", (unsigned long long)a->variant);
     for (int i = 0; i < a->pictures; i++) n += picture_put(a, i, &pictures[i], item + n);
     for (int i = 0; i < a->kept.count; i++) {
         const kept_array *k = &a->kept.array[i];
@@ -88,8 +90,10 @@ sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *a, const ch
                                       {"format", a->pictures > 1 ? format_several : format_one},
                                       {"model", a->config.kind->name},
                                       {key, config},
-                                      {"body", fingerprint}};
-    status = safetensors_write(c, path, n, item, COUNT_OF(metadata), metadata);
+                                      {"body", fingerprint},
+                                      {"variant", variant}};
+    const size_t metadata_count = COUNT_OF(metadata) - !a->variant;
+    status = safetensors_write(c, path, n, item, metadata_count, metadata);
 done:
     mem_free(item);
     mem_free(config);
@@ -135,6 +139,17 @@ static sherf_status pictures_load(context *c, const safetensors *s, bool several
     return status;
 }
 
+static sherf_status variant_load(context *c, const safetensors *s, sherf_avatar *a) {
+    const char *text = safetensors_metadata(s, "variant");
+    char *end;
+    if (!text) return SHERF_OK;
+    errno = 0;
+    a->variant = strtoull(text, &end, 10);
+    if (errno || *end || end == text || *text < '0' || *text > '9')
+        return failure(c, SHERF_BAD_FILE, "variant \"%.40s\" is no whole number", text);
+    return SHERF_OK;
+}
+
 static sherf_status weights_load(context *c, const safetensors *s, sherf_avatar *a) {
     model *shape = NULL; /* names and shapes of this configuration */
     sherf_status status = model_shape(c, &a->config, &shape);
@@ -162,6 +177,7 @@ sherf_status avatar_read(context *c, const safetensors *s, const body_model *bod
     if (status == SHERF_OK) status = model_config_of_file(c, s, NULL, false, &a->config);
     if (status == SHERF_OK) status = pictures_load(c, s, !strcmp(format, format_several), a);
     if (status == SHERF_OK) status = kept_read(c, s, &a->config, &a->kept);
+    if (status == SHERF_OK) status = variant_load(c, s, a);
     if (status == SHERF_OK) status = weights_load(c, s, a);
     if (status == SHERF_OK) status = avatar_finish(c, body, a);
     if (status == SHERF_OK)

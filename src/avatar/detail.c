@@ -149,7 +149,7 @@ static sherf_status view_create(context *c, const sherf_avatar *a, const body_mo
 }
 
 sherf_status detail_create(context *c, const sherf_avatar *a, const body_model *body, avatar_detail *out) {
-    *out = (avatar_detail){0};
+    *out = (avatar_detail){.variant = variant_draw(a->variant)};
     sherf_status status = carry_create(c, body, &out->carry);
     while (out->views < a->pictures && status == SHERF_OK) {
         const int i = out->views++;
@@ -190,7 +190,7 @@ typedef struct {
     const posed_body *posed;
     detail_optics optics;
     int reach;
-    float *depth, *seen, *lent; /* of pixels: smoothed, to be smoothed */
+    float *depth, *seen, *lent, *hidden; /* of pixels: smoothed, to be smoothed */
     detail_gift *gift;
     sherf_frame *frame;
 } apply_job;
@@ -213,6 +213,7 @@ static void look_up_batch(const apply_job *j, batch *b) {
     for (int i = 0; i < b->count; i++) {
         j->seen[b->pixel[i]] = b->weight[i] * b->gift[i].seen;
         j->lent[b->pixel[i]] = b->weight[i] * b->gift[i].lent;
+        j->hidden[b->pixel[i]] = b->weight[i] * (1 - b->gift[i].seen);
         j->gift[b->pixel[i]] = b->gift[i];
     }
     b->count = 0;
@@ -243,7 +244,7 @@ static void look_up_rows(void *arg, int64_t begin, int64_t end, int thread) {
         for (int x = 0; x < width; x++) {
             const size_t n = (size_t)y * (size_t)width + (size_t)x;
             const float opacity = j->frame->opacity.data[n];
-            j->seen[n] = j->lent[n] = 0;
+            j->seen[n] = j->lent[n] = j->hidden[n] = 0;
             j->gift[n] = (detail_gift){0};
             if (!(detail_solid(opacity, 0) > 0)) continue;
             const float solid = detail_solid(opacity, detail_jump(j->depth, width, height, j->reach, x, y));
@@ -261,8 +262,9 @@ static void add_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const apply_job *j = arg;
     const int64_t width = j->frame->color.width;
     for (int64_t n = begin * width; n < end * width; n++)
-        if (j->seen[n] > 0 || j->lent[n] > 0)
-            detail_give(&j->gift[n], j->seen[n], j->lent[n], j->frame->color.data + 3 * n);
+        if (j->seen[n] > 0 || j->hidden[n] > 0)
+            detail_give(j->d, &j->gift[n], j->seen[n], j->lent[n], j->hidden[n],
+                        j->frame->color.data + 3 * n);
 }
 
 sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
@@ -270,7 +272,7 @@ sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *
     const int height = frame->color.height, radius = detail_pixels(camera, posed, smooth_m, RADIUS_MAX);
     const size_t pixels = (size_t)frame->color.width * (size_t)height;
     raster *drawn = NULL;
-    float *room = mem_alloc(c, pixels, 4 * sizeof *room);
+    float *room = mem_alloc(c, pixels, 5 * sizeof *room);
     detail_gift *gift = mem_alloc(c, pixels, sizeof *gift);
     sherf_status status = room && gift ? detail_draw_body(c, body, posed, camera, &drawn) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
@@ -279,6 +281,7 @@ sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *
     job.depth = room + pixels;
     job.seen = job.depth + pixels;
     job.lent = job.seen + pixels;
+    job.hidden = job.lent + pixels;
     detail_optics_of(camera, &job.optics);
     memcpy(job.depth, frame->depth.data, pixels * sizeof *job.depth);
     detail_bound(drawn, job.depth);
@@ -286,6 +289,7 @@ sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *
     parallel_for(c, height, 8, look_up_rows, &job);
     detail_smooth(c, &frame->opacity, radius, job.depth, job.seen, room);
     detail_smooth(c, &frame->opacity, radius, job.depth, job.lent, room);
+    if (d->variant.light != 1) detail_smooth(c, &frame->opacity, radius, job.depth, job.hidden, room);
     parallel_for(c, height, 8, add_rows, &job);
     detail_clear_haze(c, drawn, background, frame);
     status = detail_clear_islands(c, drawn, background, frame);

@@ -25,10 +25,18 @@ typedef struct {
                         * NULL: nothing is lent */
     float *two_sides;  /* V: 0 where front and back are not alike (head, hands, feet), to 1 */
 } detail_carry;
+/* One of several ways in which what was not seen may look (variant.c). */
+typedef struct {
+    float light;   /* brightness of what was not seen; 1: as the network guesses it */
+    float pattern; /* contrast of what is lent; 1: as the best guess has it */
+    /* 0 to 1: how much a place at the other side counts, one through the body, and that one's other side. */
+    float beside, through, across;
+} detail_variant;
 typedef struct {
     int views; /* the observation's pictures; 0: nothing was made */
     detail_view view[OBSERVED_PICTURES_MAX];
     detail_carry carry;
+    detail_variant variant;
 } avatar_detail;
 
 /* The avatar's pictures of the observed views rendered and compared. Free with detail_free. */
@@ -54,8 +62,9 @@ typedef struct {
  * each one's nearest canonical vertex. */
 void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, const float *points_canonical,
                     const int32_t *nearest, detail_gift *out);
-/* Into a colour; seen, lent: the gift's, or what they have been smoothed to. */
-void detail_give(const detail_gift *g, float seen, float lent, float rgb[3]);
+/* Into a colour; seen, lent, hidden: the gift's (hidden: 1 - seen), or what they have been smoothed to. */
+void detail_give(const avatar_detail *d, const detail_gift *g, float seen, float lent, float hidden,
+                 float rgb[3]);
 /* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
  * (points_prepare). */
 sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
@@ -71,12 +80,16 @@ typedef struct {
 sherf_status carry_create(context *c, const body_model *body, detail_carry *out);
 void carry_free(detail_carry *d);
 /* Where something like the canonical point x may be seen. Returns how many. */
-int carry_places(const detail_carry *d, const body_model *body, const float x[3], int32_t nearest,
-                 carry_place out[CARRY_PLACES]);
+int carry_places(const detail_carry *d, const detail_variant *variant, const body_model *body,
+                 const float x[3], int32_t nearest, carry_place out[CARRY_PLACES]);
 /* The texels' color and pattern, and d->patterned; after detail_see_body. own: the avatar's picture of the
  * view; room: two floats a texel. */
 sherf_status carry_pattern(context *c, const body_model *body, detail_view *d, const float *image,
                            const sherf_frame *own, float *room);
+
+/* ---- variant.c ---- */
+/* Of a seed, the same for the same; 0: the best single guess. */
+detail_variant variant_draw(uint64_t seed);
 
 /* ---- detail_body.c: what the body's mesh tells ---- */
 /* d->seen, from d->camera; drawn: the observed body in its picture. */

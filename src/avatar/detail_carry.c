@@ -118,15 +118,15 @@ static carry_place mirrored(const body_model *body, const float x[3], int32_t u,
     return (carry_place){{2 * body->mirror_x_m - x[0], x[1], x[2]}, u, sure};
 }
 
-int carry_places(const detail_carry *d, const body_model *body, const float x[3], int32_t nearest,
-                 carry_place out[CARRY_PLACES]) {
+int carry_places(const detail_carry *d, const detail_variant *variant, const body_model *body,
+                 const float x[3], int32_t nearest, carry_place out[CARRY_PLACES]) {
     const int32_t v = nearest, other = body->mirror[v], across = d->opposite[v];
     int count = 0;
-    out[count++] = mirrored(body, x, other, 1);
+    out[count++] = mirrored(body, x, other, variant->beside);
     if (across >= 0 && d->two_sides[v] > 0) {
-        out[count++] = through(body, x, v, across, d->two_sides[v]);
+        out[count++] = through(body, x, v, across, d->two_sides[v] * variant->through);
         const carry_place *p = &out[count - 1];
-        out[count] = mirrored(body, p->x, body->mirror[across], p->sure);
+        out[count] = mirrored(body, p->x, body->mirror[across], d->two_sides[v] * variant->across);
         count++;
     }
     return count;

@@ -97,7 +97,7 @@ static void look_up_lent(const avatar_detail *d, const body_model *body, const f
                          detail_gift *out) {
     carry_place from[CARRY_PLACES];
     float sum = 0;
-    const int places = carry_places(&d->carry, body, x, nearest, from);
+    const int places = carry_places(&d->carry, &d->variant, body, x, nearest, from);
     for (int i = 0; i < places * d->views; i++) {
         const detail_view *view = &d->view[i / places];
         const carry_place *p = &from[i % places];
@@ -129,9 +129,12 @@ void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, c
             look_up_lent(d, body, points_canonical + 3 * i, nearest[i], &out[i]);
 }
 
-void detail_give(const detail_gift *g, float seen, float lent, float rgb[3]) {
+void detail_give(const avatar_detail *d, const detail_gift *g, float seen, float lent, float hidden,
+                 float rgb[3]) {
+    const float light = 1 + hidden * (d->variant.light - 1);
     for (int k = 0; k < 3; k++) {
-        const float take = toward_share * (g->toward[k] - rgb[k]) + pattern_share * g->pattern[k];
-        rgb[k] = fminf(fmaxf(rgb[k] + seen * g->add[k] + lent * take, 0), 1);
+        const float take =
+            toward_share * (g->toward[k] - rgb[k]) + pattern_share * d->variant.pattern * g->pattern[k];
+        rgb[k] = fminf(fmaxf(light * (rgb[k] + seen * g->add[k] + lent * take), 0), 1);
     }
 }

@@ -149,7 +149,7 @@ static void detail_range(void *arg, int64_t begin, int64_t end, int thread) {
         guess = vertex_grid_nearest_from(body_canonical_grid(j->body), p, guess, NULL);
         raise_to_body(j->body, guess, j->body_normal, p);
         detail_look_up(j->d, j->body, 1, p, &guess, &gift);
-        detail_give(&gift, gift.seen, gift.lent, j->rgb + 3 * n);
+        detail_give(j->d, &gift, gift.seen, gift.lent, 1 - gift.seen, j->rgb + 3 * n);
     }
 }
 

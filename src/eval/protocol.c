@@ -79,6 +79,7 @@ static sherf_status evaluation_open(evaluation *e) {
     if (status != SHERF_OK) return status;
     e->report.baselines = o->baselines != 0;
     e->report.pictures = o->pictures;
+    e->report.variant = o->variant;
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
@@ -433,6 +434,8 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     if (status == SHERF_OK)
         status = sherf_avatar_create_several(c, e->model, e->body, pictures,
                                              (const sherf_observation *const *)observation, &avatar);
+    if (status == SHERF_OK && e->options->variant)
+        status = sherf_avatar_choose(c, avatar, e->options->variant);
     if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation[0])) != SHERF_OK) goto done;

@@ -290,6 +290,7 @@ static bool add_estimates(cJSON *root, const estimate_list *l, const sherf_datas
 
 static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
     if (r->pictures > 1 && !cJSON_AddNumberToObject(root, "pictures", r->pictures)) return false;
+    if (r->variant && !cJSON_AddNumberToObject(root, "variant", (double)r->variant)) return false;
     cJSON *images = cJSON_AddArrayToObject(root, "images");
     if (!images) return false;
     for (int64_t i = 0; i < r->count; i++)

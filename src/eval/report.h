@@ -27,6 +27,7 @@ typedef struct {
     bool baselines;          /* false: only SCORE_MODEL is filled in */
     estimate_list estimates; /* empty: bodies and cameras are the data set's */
     int pictures;            /* of an observation; 0: 1 */
+    uint64_t variant;        /* of the avatars; 0: the best guess */
     bool plain_mean;         /* over all pictures alike: observations drawn by chance */
 } report;
 

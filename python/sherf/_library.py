@@ -183,6 +183,8 @@ FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "sherf_model_parameter_count": (c_int64, [_OBJECT]),
     "sherf_avatar_create": (c_int, [_OBJECT, _OBJECT, _OBJECT, _OBJECT, _OUT]),
     "sherf_avatar_create_several": (c_int, [_OBJECT, _OBJECT, _OBJECT, c_int, _OUT, _OUT]),
+    "sherf_avatar_choose": (c_int, [_OBJECT, _OBJECT, c_uint64]),
+    "sherf_avatar_variant": (c_uint64, [_OBJECT]),
     "sherf_avatar_save": (c_int, [_OBJECT, _OBJECT, _PATH]),
     "sherf_avatar_load": (c_int, [_OBJECT, _PATH, _OBJECT, _OUT]),
     "sherf_avatar_free": (None, [_OBJECT]),

@@ -254,6 +254,20 @@ class Avatar(Object):
             context_or_default(self._context).run("sherf_avatar_save", avatar, path_bytes(path))
 
     @property
+    def variant(self) -> int:
+        """Which guess of what no picture shows: 0, the best one, or the seed of another, which `save` keeps.
+
+        Not to be set while another thread uses the avatar.
+        """
+        with self._handle.use() as avatar:
+            return int(LIBRARY.sherf_avatar_variant(avatar))
+
+    @variant.setter
+    def variant(self, seed: int) -> None:
+        with using((self, Avatar)) as (avatar,):
+            context_or_default(self._context).run("sherf_avatar_choose", avatar, whole(seed, 0, 2**64 - 1, "variant"))
+
+    @property
     def pose(self) -> Pose:
         """The observation's pose and shape."""
         with self._handle.use() as avatar:

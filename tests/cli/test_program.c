@@ -292,7 +292,7 @@ static void assets_by_themselves(const char *folder, const char *model) {
 }
 
 static void from_data_to_frames(void **state) {
-    char folder[2048], model[2048], avatar[2048];
+    char folder[2048], model[2048], avatar[2048], sheet[2100];
     snprintf(folder, sizeof folder, "%s", test_path("tube"));
     snprintf(model, sizeof model, "%s", test_path("model.safetensors"));
     snprintf(avatar, sizeof avatar, "%s", test_path("avatar.safetensors"));
@@ -321,9 +321,12 @@ static void from_data_to_frames(void **state) {
     cJSON_Delete(json);
 
     /* without --body: the one in the data set's folder, with a remark */
-    const outcome *several = run("avatar thuman:%s#%s/0/1 thuman:%s#%s/1/0 -m %s -o %s.2", folder, person,
-                                 folder, person, model, avatar);
+    const outcome *several = run("avatar thuman:%s#%s/0/1 thuman:%s#%s/1/0 -m %s -o %s.2 --variants 1",
+                                 folder, person, folder, person, model, avatar);
     assert_int_equal(several->status, 0);
+    snprintf(sheet, sizeof sheet, "%s-variants.png", avatar);
+    assert_contains(several->err, sheet);
+    assert_true(file_size(sheet) > 1000);
     several = run("info %s.2", avatar);
     assert_contains(several->out, "an avatar of several pictures");
     several = run("render %s.2 -b %s/tubeman.safetensors -o %s.2.png -s 32", avatar, folder, avatar);

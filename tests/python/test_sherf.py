@@ -52,6 +52,15 @@ class TestSeveral(Folder):
         self.assertGreater(np.abs(views[0][1] - views[1][1]).mean(), 0.002)  # the back is another
         both.save(self.folder / "both.safetensors")
         sherf.Avatar.load(self.folder / "both.safetensors", people["body"])
+        self.assertEqual(one.variant, 0)
+        one.variant = 5
+        other = [one.render(camera=camera).color for camera in one.orbit(2, size=SIZE)]
+        self.assertGreater(np.abs(views[1][1] - other[1]).mean(), 10 * np.abs(views[1][0] - other[0]).mean())
+        one.save(self.folder / "one.safetensors")
+        self.assertEqual(sherf.Avatar.load(self.folder / "one.safetensors", people["body"]).variant, 5)
+        for wrong in (-1, 2**64, 0.5):
+            with self.assertRaises((TypeError, ValueError)):
+                one.variant = wrong
 
     def test_what_is_no_list_of_them(self):
         observation = people["estimate"].observation()

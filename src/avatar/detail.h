@@ -75,7 +75,7 @@ enum { CARRY_PLACES = 3, CARRY_RADIUS_MAX = 40 };
 typedef struct {
     float x[3]; /* canonical */
     int32_t nearest;
-    float sure; /* 0 to 1 */
+    float sure, prefer; /* 0 to 1: how alike it is; how much it counts beside others that are as alike */
 } carry_place;
 sherf_status carry_create(context *c, const body_model *body, detail_carry *out);
 void carry_free(detail_carry *d);

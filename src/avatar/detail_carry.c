@@ -109,27 +109,29 @@ void carry_free(detail_carry *d) {
 }
 
 /* Through the body: beside vertex u as x is beside v. */
-static carry_place through(const body_model *body, const float x[3], int32_t v, int32_t u, float sure) {
+static carry_place through(const body_model *body, const float x[3], int32_t v, int32_t u) {
     const float *at = body->canonical->vertices_smpl;
-    return (carry_place){{x[0], x[1], at[3 * u + 2] - (x[2] - at[3 * v + 2])}, u, sure};
+    return (carry_place){.x = {x[0], x[1], at[3 * u + 2] - (x[2] - at[3 * v + 2])}, .nearest = u};
 }
 
-static carry_place mirrored(const body_model *body, const float x[3], int32_t u, float sure) {
-    return (carry_place){{2 * body->mirror_x_m - x[0], x[1], x[2]}, u, sure};
+static carry_place mirrored(const body_model *body, const float x[3], int32_t u) {
+    return (carry_place){.x = {2 * body->mirror_x_m - x[0], x[1], x[2]}, .nearest = u};
+}
+
+static carry_place with(carry_place p, float sure, float prefer) {
+    p.sure = sure;
+    p.prefer = prefer;
+    return p;
 }
 
 int carry_places(const detail_carry *d, const detail_variant *variant, const body_model *body,
                  const float x[3], int32_t nearest, carry_place out[CARRY_PLACES]) {
-    const int32_t v = nearest, other = body->mirror[v], across = d->opposite[v];
-    int count = 0;
-    out[count++] = mirrored(body, x, other, variant->beside);
-    if (across >= 0 && d->two_sides[v] > 0) {
-        out[count++] = through(body, x, v, across, d->two_sides[v] * variant->through);
-        const carry_place *p = &out[count - 1];
-        out[count] = mirrored(body, p->x, body->mirror[across], d->two_sides[v] * variant->across);
-        count++;
-    }
-    return count;
+    const int32_t v = nearest, across = d->opposite[v];
+    out[0] = with(mirrored(body, x, body->mirror[v]), 1, variant->beside);
+    if (across < 0 || !(d->two_sides[v] > 0)) return 1;
+    out[1] = with(through(body, x, v, across), d->two_sides[v], variant->through);
+    out[2] = with(mirrored(body, out[1].x, body->mirror[across]), d->two_sides[v], variant->across);
+    return 3;
 }
 
 /* ---- patterns ---- */

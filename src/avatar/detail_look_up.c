@@ -106,7 +106,8 @@ static void look_up_lent(const avatar_detail *d, const body_model *body, const f
         camera_project(&view->camera, 1, world, px, &depth);
         const float trust = lent_at(view, px, depth, color, pattern);
         if (!(trust > 0)) continue;
-        const float s = trust * p->sure * detail_seen_near(view, body, p->x, p->nearest), weight = s * s;
+        const float s = trust * p->sure * detail_seen_near(view, body, p->x, p->nearest),
+                    weight = p->prefer * s * s;
         sum += weight;
         out->lent += weight * s;
         for (int k = 0; k < 3; k++) {

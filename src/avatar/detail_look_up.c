@@ -133,6 +133,7 @@ void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, c
 void detail_give(const avatar_detail *d, const detail_gift *g, float seen, float lent, float hidden,
                  float rgb[3]) {
     const float light = 1 + hidden * (d->variant.light - 1);
+    lent = fminf(lent, 2 * g->lent); /* smoothed over where there is no colour to go to */
     for (int k = 0; k < 3; k++) {
         const float take =
             toward_share * (g->toward[k] - rgb[k]) + pattern_share * d->variant.pattern * g->pattern[k];

@@ -267,6 +267,18 @@ static void faces_have_no_specks(void **state) {
     has_no_specks("thuman:../assets/demo#person_900006/0/2", 9, 3.5f, 32, -2, 0);
 }
 
+/* Weights are smoothed; where nothing is lent there is no colour to go to. */
+static void nothing_is_lent_by_smoothing(void **state) {
+    const avatar_detail d = {.variant = variant_draw(0)};
+    detail_gift g = {.pattern = {1, 1, 1}};
+    float rgb[3] = {0.5f, 0.6f, 0.7f};
+    detail_give(&d, &g, 0, 0.9f, 1, rgb);
+    for (int k = 0; k < 3; k++) assert_true(rgb[k] == 0.5f + 0.1f * (float)k);
+    g = (detail_gift){.toward = {1, 0, 0.7f}, .lent = 1};
+    detail_give(&d, &g, 0, 0.9f, 1, rgb);
+    assert_true(rgb[0] > 0.6f && rgb[1] < 0.5f && rgb[2] == 0.7f);
+}
+
 static void faces_are_seen_whole(void **state) {
     scene s;
     sherf_frame frame = {0};
@@ -414,6 +426,7 @@ int main(void) {
                                        cmocka_unit_test(patterns_go_on_behind_and_prints_do_not),
                                        cmocka_unit_test(hazy_surfaces_have_no_specks),
                                        cmocka_unit_test(faces_have_no_specks),
+                                       cmocka_unit_test(nothing_is_lent_by_smoothing),
                                        cmocka_unit_test(faces_are_seen_whole),
                                        cmocka_unit_test(haze_is_cleared),
                                        cmocka_unit_test(islands_are_cleared),

@@ -67,6 +67,9 @@ void mem_free(void *p); /* NULL is fine */
 void mem_fail_after(long n);
 long mem_count(void);  /* allocations so far in this process */
 size_t mem_live(void); /* allocations not freed yet */
+/* Whether the system would give so many bytes at once. To be asked before calls of libraries that crash where
+ * they get none. */
+bool mem_room(size_t bytes);
 
 /* An arena: bump allocation, reset in O(1). After a reset its blocks are merged into one of the size that
  * was needed, so a steady step allocates nothing. */
@@ -94,6 +97,9 @@ typedef void (*range_function)(void *arg, int64_t begin, int64_t end, int thread
  * thread count alone, so results are reproducible. */
 void parallel_for(const context *c, int64_t n, int64_t grain, range_function f, void *arg);
 int threads_available(void);
+/* Makes the calling thread's threads now, all n of them or as many as the system gives, and says how many:
+ * OpenMP ends the process where it cannot make one later. */
+int threads_make(int n);
 
 /* ---- random numbers (random.c): counter-based, so any stream can be entered anywhere ---- */
 uint64_t fnv1a64(const char *text);

@@ -21,6 +21,10 @@ sherf_status sherf_context_create(const sherf_options *options, sherf_context **
     }
     c->device = device;
     if (c->threads <= 0) c->threads = threads_available();
+    const int threads = threads_make(c->threads);
+    if (threads < c->threads)
+        log_line(c, SHERF_LOG_WARNING, "%d threads: the system gives no more than %d", c->threads, threads);
+    c->threads = threads;
     const sherf_precision wanted = c->precision;
     c->precision = precision_resolve(c, wanted);
     if (wanted == SHERF_PRECISION_BF16 && c->precision != wanted)

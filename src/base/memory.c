@@ -21,6 +21,13 @@ size_t mem_live(void) {
     return (size_t)atomic_load(&live);
 }
 
+bool mem_room(size_t bytes) {
+    void *p = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (p == MAP_FAILED) return false;
+    munmap(p, bytes);
+    return true;
+}
+
 static bool told_to_fail(void) {
     long n = atomic_load(&fail_countdown);
     while (n >= 0)

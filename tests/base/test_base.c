@@ -1,6 +1,10 @@
 #include "support.h"
 
+#include <stdio.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "base/path.h"
 
@@ -55,6 +59,53 @@ static void add_range(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t i = begin; i < end; i++) ((int *)arg)[i]++;
 }
 
+#if defined(__has_feature)
+#define SANITIZED (__has_feature(address_sanitizer) || __has_feature(thread_sanitizer))
+#elif defined(__SANITIZE_ADDRESS__)
+#define SANITIZED 1
+#else
+#define SANITIZED 0
+#endif
+
+/* Bytes of address space that this process has. */
+static size_t address_space(void) {
+    unsigned long pages = 0;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (!f || fscanf(f, "%lu", &pages) != 1) pages = 0;
+    if (f) fclose(f);
+    return (size_t)pages * (size_t)sysconf(_SC_PAGESIZE);
+}
+
+/* In a process with room for a few stacks of 8 MiB: 0 is good. */
+static int little_room(void) {
+    enum { WANTED = 40 };
+    int hits[WANTED] = {0};
+    const rlim_t limit = address_space() + ((size_t)100 << 20);
+    const struct rlimit room = {limit, limit};
+    if (!mem_room((size_t)1 << 30) || setrlimit(RLIMIT_AS, &room)) return 1;
+    if (mem_room((size_t)1 << 30) || !mem_room((size_t)1 << 20)) return 2;
+    const int threads = threads_make(WANTED);
+    if (threads < 2 || threads >= WANTED) return 3;
+    const context c = {.threads = threads};
+    parallel_for(&c, WANTED, 1, add_range, hits);
+    for (int i = 0; i < WANTED; i++)
+        if (hits[i] != 1) return 4;
+    return 0;
+}
+
+/* OpenMP would end the process. First of all tests: a fork has none of the threads that there were. */
+static void threads_that_memory_allows(void **state) {
+    if (SANITIZED) skip(); /* shadow memory is beyond any limit */
+    int status;
+    fflush(NULL);
+    const pid_t child = fork();
+    if (!child) _exit(little_room());
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFEXITED(status));
+    assert_int_equal(WEXITSTATUS(status), 0);
+    assert_int_equal(threads_make(3), 3);
+}
+
 static void parallel_covers_once(void **state) {
     context *c = test_context();
     int hits[1000] = {0};
@@ -87,8 +138,8 @@ static void outputs_are_files(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(hash_generator), cmocka_unit_test(arena_reuses_memory),
-        cmocka_unit_test(failures_are_told), cmocka_unit_test(parallel_covers_once),
-        cmocka_unit_test(outputs_are_files)};
+        cmocka_unit_test(threads_that_memory_allows), cmocka_unit_test(hash_generator),
+        cmocka_unit_test(arena_reuses_memory),        cmocka_unit_test(failures_are_told),
+        cmocka_unit_test(parallel_covers_once),       cmocka_unit_test(outputs_are_files)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

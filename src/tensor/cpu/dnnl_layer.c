@@ -132,6 +132,10 @@ sherf_status layer_create(context *c, const layer_shape *shape, const float *wei
     if (!engine) return failure(c, SHERF_NO_MEMORY, "oneDNN: no engine");
     layer *l = mem_zero(c, 1, sizeof *l);
     if (!l) return status;
+    if (!dnnl_room()) {
+        mem_free(l);
+        return failure(c, SHERF_NO_MEMORY, "out of memory: a convolution's plan");
+    }
     l->threads = c->threads;
     const int threads = threads_set(l->threads);
     dnnl_status_t built = build(l, shape, engine, bias != NULL);

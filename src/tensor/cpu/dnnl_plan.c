@@ -48,6 +48,10 @@ void dnnl_mask(void) {
     pthread_once(&once, mask_set);
 }
 
+bool dnnl_room(void) {
+    return mem_room((size_t)32 << 20); /* a primitive has dozens of kernels of up to 256 KiB */
+}
+
 /* Under the lock. */
 static bool engine_ready(void) {
     if (engine) return true;
@@ -86,7 +90,10 @@ static plan *plan_find(const plan_key *key) {
 
 static sherf_status plan_make(context *c, const plan_key *key, plan **out) {
     plan *p = calloc(1, sizeof *p); /* not the context's: the plan outlives it */
-    if (!p) return failure(c, SHERF_NO_MEMORY, "out of memory: a convolution's plan");
+    if (!p || !dnnl_room()) {
+        free(p);
+        return failure(c, SHERF_NO_MEMORY, "out of memory: a convolution's plan");
+    }
     p->key = *key;
     dnnl_status_t status = plan_build(p, engine);
     if (status == dnnl_success) {

@@ -37,6 +37,9 @@ void plan_release(plan *p);
 /* Binds oneDNN to SHERF_ISA's instructions, as our own kernels are. Before any other call of oneDNN, which
  * takes the mask once. */
 void dnnl_mask(void);
+/* Whether there is memory for the code that oneDNN is about to write: it writes through NULL where it gets
+ * none. */
+bool dnnl_room(void);
 /* oneDNN's engine on this processor, held to SHERF_ISA, until the process ends; NULL: none. */
 dnnl_engine_t plan_engine(void);
 

@@ -16,15 +16,7 @@ strip -g -o "$stage/sherf/lib/libsherf.so.0" "$library"
 cp assets/body.safetensors assets/LICENSES.md "$stage/sherf/assets"
 cp assets/models/people.safetensors assets/models/blazepose.safetensors "$stage/sherf/assets/models"
 
-# The packages of the libraries that it is linked with.
-needs() {
-    for name in $(readelf -d "$library" | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p'); do
-        file=$(ldconfig -p | sed -n "s|^[[:space:]]*$name .*x86-64.* => ||p; s|^[[:space:]]*$name .* => ||p" |
-            head -n 1)
-        dpkg -S "$file" 2>/dev/null || dpkg -S "/usr$file"
-    done | cut -d : -f 1 | sort -u
-}
-needs >"$stage/sherf/lib/needs.txt"
+tools/needs.sh "$library" >"$stage/sherf/lib/needs.txt"
 
 rm -f "$build"/wheel/*.whl
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || echo 1700000000)} \

@@ -1,34 +1,22 @@
 /* One file of MakeHuman's package is anything, the first byte says which; the others are whole. What opens is
  * shaped.
  */
-#include "fuzz.h"
-
-#include <unistd.h>
+#include "fuzz_folder.h"
 
 #include "../support/makehuman_small.h"
 #include "base/path.h"
 #include "synth/body/makehuman.h"
 
-static char folder[64] = "/tmp/fuzz_makehuman_XXXXXX";
-
-static void remove_folder(void) {
-    char command[128];
-    snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    if (system(command)) fprintf(stderr, "%s stays\n", folder);
-}
-
 static void package_make(context *c) {
     static bool made;
     char path[256];
     if (made) return;
-    if (!mkdtemp(folder)) abort();
-    atexit(remove_folder);
     for (size_t i = 0; i < COUNT_OF(makehuman_folders); i++) {
-        snprintf(path, sizeof path, "%s/%s", folder, makehuman_folders[i]);
+        snprintf(path, sizeof path, "%s/%s", fuzz_folder(), makehuman_folders[i]);
         if (folder_make(c, path) != SHERF_OK) abort();
     }
     for (int i = 0; i < FILES; i++)
-        if (!makehuman_small_restore(folder, i)) abort();
+        if (!makehuman_small_restore(fuzz_folder(), i)) abort();
     made = true;
 }
 
@@ -52,12 +40,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (!size) return 0;
     package_make(c);
     const int which = data[0] % FILES;
-    if (!makehuman_small_write(folder, which, data + 1, size - 1)) abort();
+    if (!makehuman_small_write(fuzz_folder(), which, data + 1, size - 1)) abort();
     size_t live = mem_live();
-    sherf_status status = makehuman_open(c, folder, &m);
+    sherf_status status = makehuman_open(c, fuzz_folder(), &m);
     if ((status == SHERF_OK) != (m != NULL)) abort();
     if (m) use(c, m);
     makehuman_close(m);
-    if (!makehuman_small_restore(folder, which)) abort();
+    if (!makehuman_small_restore(fuzz_folder(), which)) abort();
     return fuzz_end(c, status, live);
 }

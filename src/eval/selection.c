@@ -123,10 +123,17 @@ picture selection_picture(const selection *s, int i, int k) {
     return k ? (picture){first.pose, (first.view + k * s->all_views / s->pictures) % s->all_views} : first;
 }
 
+static bool contains(const int *list, int n, int v) {
+    for (int i = 0; i < n; i++)
+        if (list[i] == v) return true;
+    return false;
+}
+
 bool selection_target(const selection *s, int i, picture target, bool *novel_pose) {
     picture o = s->observation[i];
     *novel_pose = target.pose != o.pose;
-    if (*novel_pose && s->one_pose) return false;
+    if (*novel_pose && (s->one_pose || target.pose < s->novel_pose_first)) return false;
+    if (!*novel_pose && s->view_poses && !contains(s->pose, s->view_poses, target.pose)) return false;
     for (int k = 0; k < s->pictures && !*novel_pose; k++)
         if (target.view == selection_picture(s, i, k).view) return false;
     return *novel_pose ? s->novel_pose[i] : target.view != o.view;
@@ -155,29 +162,47 @@ static sherf_status sequence(context *c, int first, int step, int count, int lim
     return SHERF_OK;
 }
 
-static bool contains(const int *list, int n, int v) {
-    for (int i = 0; i < n; i++)
-        if (list[i] == v) return true;
-    return false;
+/* Behind the poses of novel view those that only novel poses have: RenderPeople's list of targets begins at
+ * the observed pose, the others' where novel view's begins. */
+static sherf_status protocol_novel_poses(context *c, const data_protocol *p, int has_poses, selection *s,
+                                         int *missing) {
+    const int from = p->observation_pose < has_poses ? p->observation_pose : 0;
+    int *all = mem_alloc(c, (size_t)s->poses + (size_t)p->pose_count, sizeof *all);
+    if (!all) return SHERF_NO_MEMORY;
+    memcpy(all, s->pose, (size_t)s->poses * sizeof *all);
+    mem_free(s->pose);
+    s->pose = all;
+    s->view_poses = s->poses;
+    s->novel_pose_first = from + p->pose_step;
+    for (int i = 1; i < p->pose_count; i++) {
+        const int pose = from + i * p->pose_step;
+        if (contains(s->pose, s->view_poses, pose)) continue;
+        if (pose < has_poses)
+            s->pose[s->poses++] = pose;
+        else if (pose >= p->pose_first + p->pose_count * p->pose_step)
+            ++*missing;
+    }
+    return SHERF_OK;
 }
 
 /* Every listed pose from every observation view of the protocol, and the pose that novel poses are made from.
  */
 static sherf_status protocol_observations(context *c, const data_protocol *p, int poses, int views,
                                           selection *s, int *missing) {
-    size_t limit = ((size_t)s->poses + 1) * COUNT_OF(p->observation_views);
+    const int viewed = s->view_poses ? s->view_poses : s->poses;
+    size_t limit = ((size_t)viewed + 1) * COUNT_OF(p->observation_views);
     s->observation = mem_alloc(c, limit, sizeof *s->observation);
     s->novel_pose = mem_zero(c, limit, sizeof *s->novel_pose);
     if (!s->observation || !s->novel_pose) return SHERF_NO_MEMORY;
     int from = p->observation_pose < poses ? p->observation_pose : 0;
-    bool extra = !contains(s->pose, s->poses, from);
+    bool extra = !contains(s->pose, viewed, from);
     for (size_t k = 0; k < COUNT_OF(p->observation_views); k++) {
         if (p->observation_views[k] >= views) {
             (*missing)++;
             continue;
         }
-        for (int i = 0; i < s->poses + extra; i++) {
-            int pose = i < s->poses ? s->pose[i] : from;
+        for (int i = 0; i < viewed + extra; i++) {
+            int pose = i < viewed ? s->pose[i] : from;
             s->novel_pose[s->observations] = pose == from;
             s->observation[s->observations++] = (picture){pose, p->observation_views[k]};
         }
@@ -227,6 +252,8 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
     status = views ? selection_list(c, views, "views", has_views, &out->view, &out->views)
                    : sequence(c, 0, step, (p->views + step - 1) / step, has_views, &out->view, &out->views,
                               &missing);
+    if (status != SHERF_OK) goto fail;
+    if (!poses && !observations) status = protocol_novel_poses(c, p, has_poses, out, &missing);
     if (status != SHERF_OK) goto fail;
     status = observations ? named_observations(c, d, observations, seed, out)
                           : protocol_observations(c, p, has_poses, has_views, out, &missing);

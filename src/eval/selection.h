@@ -16,15 +16,17 @@ sherf_status selection_pictures(context *c, const char *text, int poses, int vie
                                 int *count);
 
 /* One person's part of an evaluation. An observation (p, v) is compared with every view of pose p but v
- * (novel view) when p is among the poses, and with every view of the other poses (novel pose) when
- * its `novel_pose` is set. */
+ * (novel view) when p is among the first `view_poses` poses, and with every view of the other poses from
+ * `novel_pose_first` on (novel pose) when its `novel_pose` is set. */
 typedef struct {
     int person; /* of the data set */
     int observations, poses, views;
     picture *observation;
     bool *novel_pose;
     int *pose, *view;
-    bool one_pose; /* nothing is compared in a novel pose; the caller's to set */
+    int view_poses;       /* 0: all */
+    int novel_pose_first; /* a pose's number */
+    bool one_pose;        /* nothing is compared in a novel pose; the caller's to set */
     int pictures;  /* of an observation, 0 as 1: further ones from views evenly round; the caller's to set */
     int all_views; /* that the person has */
 } selection;
@@ -32,7 +34,8 @@ typedef struct {
 /* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one
  * of the person's listed poses from any view, and the same whoever else is evaluated. Where they are NULL the
  * paper's protocol stands: each of its poses is observed from each of its observation views, and novel poses
- * are made from one of them. What of it the person does not have is left out with a warning. */
+ * are made from one of them, the `pose_count` - 1 that follow it. What of it the person does not have is left
+ * out with a warning. */
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
                               const char *poses, const char *views, uint64_t seed, selection *out);
 bool selection_is_random(const char *observations);

@@ -1,6 +1,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "data/dataset.h"
 #include "eval/report.h"
 #include "support.h"
 
@@ -61,6 +62,69 @@ static void targets(void **state) {
     assert_int_equal(selection_pairs(&s), 2 + 3 + 2);
 }
 
+/* One person of so many poses and views, of whom nothing is read. */
+static void protocol_of(context *c, const dataset_reader *reader, int poses, int views, selection *s) {
+    person_record record = {.poses = poses, .views = views}, *records[] = {&record};
+    char *names[] = {"somebody"};
+    record_cache cache = {.record = records};
+    const sherf_dataset d = {
+        .reader = reader, .root = "nowhere", .people = 1, .name = names, .cache = &cache};
+    pthread_mutex_init(&cache.lock, NULL);
+    assert_ok(c, selection_create(c, &d, 0, NULL, NULL, NULL, 0, s));
+    pthread_mutex_destroy(&cache.lock);
+}
+
+/* The poses of all targets of one kind, each once, in order. */
+static int poses_of(const selection *s, bool novel_pose, int out[64]) {
+    int n = 0;
+    for (int p = 0; p < 1000; p++)
+        for (int i = 0; i < s->observations; i++) {
+            bool listed = false, novel;
+            for (int k = 0; k < s->poses; k++) listed |= s->pose[k] == p;
+            if (!listed || !selection_target(s, i, (picture){p, 1}, &novel) || novel != novel_pose) continue;
+            out[n++] = p;
+            break;
+        }
+    return n;
+}
+
+/* The release's: novel poses are those behind the observed one, which RenderPeople observes later. */
+static void poses_of_the_protocols(void **state) {
+    static const struct {
+        const dataset_reader *reader;
+        int views, first, step, count, novel_first, novel_count, from;
+        int64_t pairs; /* targets: poses x observed views x views, less those observed in novel view */
+    } all[] = {
+        {&dataset_thuman, 24, 0, 2, 5, 2, 4, 0, 5 * 3 * 11 + 4 * 3 * 12},
+        {&dataset_renderpeople, 36, 0, 2, 5, 4, 4, 2, 5 * (17 + 17 + 18) + 4 * 3 * 18},
+        {&dataset_zju_mocap, 20, 0, 20, 25, 20, 24, 0, 25 * 3 * 9 + 24 * 3 * 10},
+        {&dataset_humman, 10, 0, 6, 17, 6, 16, 0, 17 * 3 * 9 + 16 * 3 * 10},
+    };
+    context *c = test_context();
+    for (size_t k = 0; k < COUNT_OF(all); k++) {
+        selection s;
+        int pose[64];
+        protocol_of(c, all[k].reader, 500, all[k].views, &s);
+        assert_int_equal(poses_of(&s, false, pose), all[k].count);
+        for (int i = 0; i < all[k].count; i++) assert_int_equal(pose[i], all[k].first + i * all[k].step);
+        assert_int_equal(poses_of(&s, true, pose), all[k].novel_count);
+        for (int i = 0; i < all[k].novel_count; i++)
+            assert_int_equal(pose[i], all[k].novel_first + i * all[k].step);
+        for (int i = 0; i < s.observations; i++)
+            assert_true(s.novel_pose[i] == (s.observation[i].pose == all[k].from));
+        assert_int_equal(selection_pairs(&s), all[k].pairs);
+        selection_free(&s);
+    }
+    selection s;
+    int pose[64];
+    protocol_of(c, &dataset_renderpeople, 10, 36, &s); /* no pose 10 */
+    assert_int_equal(poses_of(&s, true, pose), 3);
+    assert_int_equal(pose[2], 8);
+    selection_free(&s);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 static void means_over_views_first(void **state) {
     context *c = test_context();
     report r = {0};
@@ -87,6 +151,7 @@ static void means_over_views_first(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(lists), cmocka_unit_test(targets),
+                                       cmocka_unit_test(poses_of_the_protocols),
                                        cmocka_unit_test(means_over_views_first)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -70,11 +70,27 @@ static sherf_status pose_files(context *c, const person_record *r, const char *f
     return status ? status : path_join(c, parameters, PATH_LENGTH, folder, name);
 }
 
-/* Without the official lists. */
+/* The official test list; everybody else is trained on. */
+static const char *const tested[] = {
+    "p000455_a000986", "p000456_a000396", "p000465_a000048", "p000465_a000701", "p000474_a000048",
+    "p000477_a000396", "p000482_a000793", "p000491_a005730", "p000503_a000064", "p000503_a000224",
+    "p000532_a005711", "p000538_a000978", "p000538_a000986", "p000542_a000048", "p000545_a000064",
+    "p000547_a000011", "p000547_a000145", "p000557_a000793", "p000582_a000048", "p100050_a001425",
+    "p100056_a000049", "p100074_a000048"};
+
+static bool is_tested(const char *name) {
+    for (size_t i = 0; i < COUNT_OF(tested); i++)
+        if (!strcmp(tested[i], name)) return true;
+    return false;
+}
+
+/* Without train.txt and test.txt. */
 static void split(context *c, const sherf_dataset *d, bool training, int *index, int *count) {
-    log_line(c, SHERF_LOG_WARNING,
-             "%s: no train.txt and test.txt (HuMMan's official lists), so everybody is taken", d->root);
-    for (int i = 0; i < d->people; i++) index[(*count)++] = i;
+    for (int i = 0; i < d->people; i++)
+        if (is_tested(d->name[i]) != training) index[(*count)++] = i;
+    if (!training && *count && *count < (int)COUNT_OF(tested))
+        log_line(c, SHERF_LOG_WARNING, "%s: %d of the %d sequences of HuMMan's test list", d->root, *count,
+                 (int)COUNT_OF(tested));
 }
 
 const dataset_reader dataset_humman = {

@@ -434,6 +434,31 @@ static void humman_is_read(void **state) {
     sherf_context_free(c);
 }
 
+/* Without lists of its own: the 22 sequences are tested, all others trained on. */
+static void hummans_test_list(void **state) {
+    context *c = test_context();
+    const char *root = fresh_root("humman_list");
+    char spec[PATH_LENGTH + 32];
+    int *index = NULL, count = 0;
+    make_text(c, join(root, "human_list.txt"),
+              "p000455_a000986\np000455_a000987\np000547_a000145\np100074_a000048\n");
+    snprintf(spec, sizeof spec, "humman:%s", root);
+    sherf_dataset *d = opened(c, spec);
+    assert_ok(c, dataset_people(c, d, NULL, false, &index, &count));
+    assert_true(count == 3 && index[0] == 0 && index[1] == 2 && index[2] == 3);
+    mem_free(index);
+    assert_ok(c, dataset_people(c, d, NULL, true, &index, &count));
+    assert_true(count == 1 && index[0] == 1);
+    mem_free(index);
+    sherf_dataset_free(d);
+    make_text(c, join(root, "human_list.txt"), "somebody\n");
+    d = opened(c, spec);
+    assert_fails(c, dataset_people(c, d, NULL, false, &index, &count), SHERF_BAD_ARGUMENT,
+                 "nobody of the paper's test split");
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+}
+
 /* network.md's table, by the lines of a list of 500 people. */
 static void the_papers_splits(void **state) {
     context *c = test_context();
@@ -662,6 +687,7 @@ int main(void) {
         cmocka_unit_test(zju_is_read),
         cmocka_unit_test(renderpeople_is_read),
         cmocka_unit_test(humman_is_read),
+        cmocka_unit_test(hummans_test_list),
         cmocka_unit_test(the_papers_splits),
         cmocka_unit_test(broken_sets_are_refused),
         cmocka_unit_test(poses_are_whole),

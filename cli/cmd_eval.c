@@ -7,7 +7,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool baked, npy, no_png, baselines, detail, estimated, own_pose;
+    bool baked, npy, no_png, baselines, detail, estimated, own_pose, batch_statistics, round_psnr;
     int64_t size, samples, pictures, variant;
 } set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
@@ -46,6 +46,10 @@ static const option options[] = {
     {0, "variant", OPTION_INTEGER, &set.variant, "N",
      "with --detail, avatars' unseen sides are this variant (sherf avatar --variant), not the best guess", 0,
      1e9},
+    {0, "batch-statistics", OPTION_FLAG, &set.batch_statistics, NULL,
+     "batch norms take the observed picture's own statistics, as the paper's release does"},
+    {0, "round-psnr", OPTION_FLAG, &set.round_psnr, NULL,
+     "a picture's PSNR is rounded to three decimals before the means, as there"},
     {'o', "output", OPTION_FILE, &set.output, "FOLDER", "scores.json and predictions beside the truth"},
     {0, "npy", OPTION_FLAG, &set.npy, NULL, "predictions also as H x W x 3 float32 .npy"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG",
@@ -103,6 +107,8 @@ static int run(session *s, int count, char **argument) {
                             .baselines = set.baselines,
                             .estimated = networks,
                             .own_pose = set.own_pose,
+                            .batch_statistics = set.batch_statistics,
+                            .round_psnr = set.round_psnr,
                             .pictures = (int)set.pictures,
                             .baked = set.baked,
                             .variant = (uint64_t)set.variant,

@@ -7,8 +7,9 @@
 static struct {
     const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background,
         *start, *without;
-    bool front_view;
-    int64_t size, steps, images, targets, pictures, halve_every, sample_every, save_every, workers;
+    bool front_view, last_weights;
+    int64_t size, steps, images, targets, pictures, halve_every, halve_pictures, sample_every, save_every,
+        workers;
     double epochs, seconds, learning_rate, perceptual_weight, estimated, beta2;
 } set;
 
@@ -52,6 +53,10 @@ static const option options[] = {
      0, 0.999999},
     {0, "halve-every", OPTION_INTEGER, &set.halve_every, "N", "steps after which it is halved (an epoch)", 0,
      1e12},
+    {0, "halve-pictures", OPTION_INTEGER, &set.halve_pictures, "N",
+     "the same by target pictures, over all steps (the release: 16000)", 0, 1e12},
+    {0, "last-weights", OPTION_FLAG, &set.last_weights, NULL,
+     "model.safetensors has the last step's weights, as the release evaluates, not their moving average"},
     {0, "sample-every", OPTION_INTEGER, &set.sample_every, "N", "steps between sample pictures (500)", 0,
      1e12},
     {0, "save-every", OPTION_INTEGER, &set.save_every, "N", "steps between checkpoints (500)", 0, 1e12},
@@ -87,6 +92,8 @@ static int run(session *s, int count, char **argument) {
                              .pictures = (int)set.pictures,
                              .learning_rate = set.learning_rate,
                              .halve_every = set.halve_every,
+                             .halve_pictures = set.halve_pictures,
+                             .last_weights = set.last_weights,
                              .beta2 = set.beta2,
                              .sample_every = set.sample_every,
                              .save_every = set.save_every,

@@ -675,6 +675,9 @@ typedef struct {
     uint64_t variant; /* of the avatars, as sherf_avatar_choose */
     int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
                      pose, as novel poses do */
+    int batch_statistics; /* batch norms take the observed picture's own statistics, as the paper's release
+                             does; 0: the running ones of the training */
+    int round_psnr;       /* a picture's PSNR is rounded to three decimals before means are taken, as there */
 } sherf_eval_options;
 
 typedef struct {
@@ -740,6 +743,10 @@ typedef struct {
     const char *without;    /* terms left out of SHERF's loss, "mask,ssim": color, mask, ssim, perceptual
                                (LPIPS or the resnet50 distance); NULL: none, or the checkpoint's */
     double beta2;           /* Adam's, of the squared gradients; 0: 0.99, or the model's own recipe's */
+    int64_t halve_pictures; /* the rate is halved after so many target pictures, in place of halve_every; 0:
+                               by steps */
+    int last_weights; /* model.safetensors has the last step's weights, as the paper's release evaluates; 0:
+                         their moving average */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 

@@ -108,9 +108,9 @@ static sherf_status pictures_check(context *c, const body_model *body, const obs
     return status;
 }
 
-sherf_status sherf_avatar_create_several(sherf_context *c, const sherf_model *m, const sherf_body *body,
-                                         int count, const sherf_observation *const *observation,
-                                         sherf_avatar **out) {
+sherf_status avatar_create(context *c, const model *m, const body_model *body, int count,
+                           const sherf_observation *const *observation, bool batch_statistics,
+                           sherf_avatar **out) {
     *out = NULL;
     observation_geometry *g = NULL;
     tape *t = NULL;
@@ -129,7 +129,9 @@ sherf_status sherf_avatar_create_several(sherf_context *c, const sherf_model *m,
         status = observation_geometry_of(c, &m->config, body, count, a->picture, false, &g);
     if (status == SHERF_OK) status = pictures_check(c, body, g, count, observation);
     if (status != SHERF_OK) goto done;
-    t = tape_create(c, (tape_options){backend_of(c), false, false, c->precision == SHERF_PRECISION_BF16});
+    t = tape_create(c, (tape_options){.backend = backend_of(c),
+                                      .bf16 = c->precision == SHERF_PRECISION_BF16,
+                                      .batch_statistics = batch_statistics});
     status = t ? model_encode(t, m, body, g, &bank) : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = avatar_weights(c, m, &a->weights);
     if (status == SHERF_OK) status = kept_make(c, m, g, &bank, &a->kept);
@@ -146,6 +148,12 @@ done:
     else
         sherf_avatar_free(a);
     return status;
+}
+
+sherf_status sherf_avatar_create_several(sherf_context *c, const sherf_model *m, const sherf_body *body,
+                                         int count, const sherf_observation *const *observation,
+                                         sherf_avatar **out) {
+    return avatar_create(c, m, body, count, observation, false, out);
 }
 
 sherf_status sherf_avatar_create(sherf_context *c, const sherf_model *m, const sherf_body *body,

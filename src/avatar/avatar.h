@@ -44,6 +44,12 @@ struct sherf_avatar {
     uint64_t variant; /* what was not seen, of several guesses (detail.h); 0: the best one */
 };
 
+/* ---- avatar.c ---- */
+/* sherf_avatar_create_several; batch_statistics: as in tape_options. */
+sherf_status avatar_create(context *c, const model *m, const body_model *body, int count,
+                           const sherf_observation *const *observation, bool batch_statistics,
+                           sherf_avatar **out);
+
 /* ---- device.c: what answers its points, on the processor or on a GPU ---- */
 /* The field for this context, from all the rest. */
 sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a);

@@ -4,6 +4,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "avatar/avatar.h"
 #include "base/path.h"
 #include "eval/lpips_file.h"
 #include "eval/metrics.h"
@@ -196,6 +197,7 @@ static sherf_status score(evaluation *e, comparison *k, const float *prediction,
     if (status == SHERF_OK) status = distance(e, k, true, &out->lpips);
     if (status == SHERF_OK) status = distance(e, k, false, &out->resnet50);
     out->psnr = metric_psnr((int64_t)width * height, prediction, truth->image.data, k->mask);
+    if (e->options->round_psnr) out->psnr = rint(out->psnr * 1000) / 1000;
     return status;
 }
 
@@ -432,8 +434,8 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     baselines_free(&e->baselines);
     if (e->options->baselines) status = baselines_create(c, e->body, observation[0], &e->baselines);
     if (status == SHERF_OK)
-        status = sherf_avatar_create_several(c, e->model, e->body, pictures,
-                                             (const sherf_observation *const *)observation, &avatar);
+        status = avatar_create(c, e->model, e->body, pictures, (const sherf_observation *const *)observation,
+                               e->options->batch_statistics != 0, &avatar);
     if (status == SHERF_OK && e->options->variant)
         status = sherf_avatar_choose(c, avatar, e->options->variant);
     if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);

@@ -1,10 +1,10 @@
 /* sherf_experiment: the settings of a folder, and its experiments one after another. */
 #include <cjson/cJSON.h>
-#include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "experiment/experiment.h"
+#include "train/adam.h"
 
 const char *sherf_experiment_name(int i) {
     const experiment *e = experiment_at(i);
@@ -40,7 +40,7 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
                                                                    .images = 4,
                                                                    .targets = 1,
                                                                    .steps = 50000,
-                                                                   .halve_every = 4000,
+                                                                   .halve_pictures = 16000,
                                                                    .beta2 = 0.992}};
 static const char *const scale_name[SCALES] = {"smoke", "quick", "paper"};
 enum { PEOPLE_MAX = 100000, MADE_PAPER_PX = 512 };
@@ -78,17 +78,9 @@ static void settings_take(const sherf_experiment_options *o, experiment_settings
     if (o->size_px) s->size_px = o->size_px;
     if (o->people) s->people = o->people;
     if (o->seeds) s->seeds = o->seeds;
-    if (o->minutes > 0) s->minutes = o->minutes, s->steps = s->halve_every = 0;
-    if (o->steps) s->steps = o->steps, s->minutes = 0, s->halve_every = 0;
+    if (o->minutes > 0) s->minutes = o->minutes, s->steps = s->halve_pictures = 0;
+    if (o->steps) s->steps = o->steps, s->minutes = 0, s->halve_pictures = 0;
     s->test_people = s->people / 10 < 2 ? 2 : s->people / 10 > 30 ? 30 : s->people / 10;
-}
-
-static void json_or_null(text_builder *t, const char *key, const char *text) {
-    text_add(t, ", \"%s\": ", key);
-    if (text)
-        text_add_json(t, text);
-    else
-        text_add(t, "null");
 }
 
 /* Without its folders: assets may lie elsewhere the next time. */
@@ -97,46 +89,102 @@ static const char *file_name(const char *path) {
     return slash ? slash + 1 : path;
 }
 
-/* All that decides what a run's numbers come to; how many seeds there are does not. */
-static char *settings_text(const experiment_job *j) {
-    const experiment_settings *s = &j->set;
-    const sherf_experiment_options *o = j->options;
-    text_builder t = {.c = j->c};
-    text_add(&t,
-             "{\"preset\": \"%s\", \"size\": %d, \"people\": %d, \"minutes\": %.9g, "
-             "\"steps\": %" PRId64 ", \"seed\": %" PRIu64,
-             scale_name[s->scale], s->size_px, o->data_count ? 0 : s->people, s->minutes, s->steps, o->seed);
-    for (int i = 0; i < o->data_count; i++) {
-        json_or_null(&t, "data", o->data[i].data);
-        json_or_null(&t, "body", o->data[i].body);
+static bool add_text(cJSON *to, const char *key, const char *text) {
+    return (text ? cJSON_AddStringToObject(to, key, text) : cJSON_AddNullToObject(to, key)) != NULL;
+}
+
+static bool add_number(cJSON *to, const char *key, double v) {
+    return cJSON_AddNumberToObject(to, key, v) != NULL;
+}
+
+static bool add_data(cJSON *to, const sherf_experiment_options *o) {
+    cJSON *data = cJSON_AddArrayToObject(to, "data"),
+          *body = data ? cJSON_AddArrayToObject(to, "body") : NULL;
+    for (int i = 0; i < o->data_count && body; i++) {
+        cJSON *spec = cJSON_CreateString(o->data[i].data), *path = cJSON_CreateString(o->data[i].body);
+        const bool added = spec && path && cJSON_AddItemToArray(data, spec);
+        if (!added) cJSON_Delete(spec);
+        if (!added || !cJSON_AddItemToArray(body, path)) {
+            cJSON_Delete(path);
+            return false;
+        }
     }
-    json_or_null(&t, "train_people", o->train_people);
-    json_or_null(&t, "test_people", o->test_people);
-    json_or_null(&t, "resnet18", file_name(o->resnet18));
-    json_or_null(&t, "resnet34", file_name(o->resnet34));
-    json_or_null(&t, "lpips", file_name(o->lpips));
-    json_or_null(&t, "perceptual", file_name(o->perceptual));
-    text_add(&t, "}\n");
-    return text_take(&t);
+    return body != NULL;
+}
+
+static bool add_recipe(cJSON *to, const experiment_job *j) {
+    const experiment_settings *s = &j->set;
+    const bool made = !j->options->data_count;
+    return add_text(to, "preset", scale_name[s->scale]) && add_number(to, "size", s->size_px) &&
+           add_number(to, "people", made ? s->people : 0) && add_number(to, "minutes", s->minutes) &&
+           add_number(to, "steps", (double)s->steps) && add_number(to, "seed", (double)j->options->seed) &&
+           add_number(to, "images", s->images) && add_number(to, "targets", s->targets) &&
+           add_number(to, "halve_pictures", (double)s->halve_pictures) &&
+           add_number(to, "beta2", s->beta2 > 0 ? s->beta2 : adam_beta2) &&
+           add_number(to, "test_poses", s->test_poses) &&
+           (!made ||
+            (add_number(to, "test_people", s->test_people) && add_number(to, "train_poses", s->train_poses) &&
+             add_number(to, "train_views", s->train_views)));
+}
+
+/* All that decides what a run's numbers come to; how many seeds there are does not. NULL: no memory. */
+static cJSON *settings_json(const experiment_job *j) {
+    const sherf_experiment_options *o = j->options;
+    cJSON *s = cJSON_CreateObject();
+    if (s && add_recipe(s, j) && add_data(s, o) && add_text(s, "train_people", o->train_people) &&
+        add_text(s, "test_people", o->test_people) && add_text(s, "motions", file_name(o->motions)) &&
+        add_text(s, "resnet18", file_name(o->resnet18)) && add_text(s, "resnet34", file_name(o->resnet34)) &&
+        add_text(s, "lpips", file_name(o->lpips)) && add_text(s, "perceptual", file_name(o->perceptual)) &&
+        add_text(s, "precision", j->c->precision == SHERF_PRECISION_BF16 ? "bf16" : "fp32"))
+        return s;
+    cJSON_Delete(s);
+    return NULL;
+}
+
+/* The name of what the file says otherwise, or NULL. Older programs wrote less. */
+static const char *settings_differ(const cJSON *now, const cJSON *old) {
+    const cJSON *item;
+    if (!cJSON_IsObject(old)) return "what it holds";
+    cJSON_ArrayForEach(item, now) {
+        const cJSON *before = cJSON_GetObjectItemCaseSensitive(old, item->string);
+        if (before && !cJSON_Compare(item, before, true)) return item->string;
+    }
+    cJSON_ArrayForEach(item, old) {
+        if (!cJSON_HasObjectItem(now, item->string)) return item->string;
+    }
+    return NULL;
+}
+
+static sherf_status settings_compare(const experiment_job *j, const cJSON *now, const char *path) {
+    unsigned char *text = NULL;
+    size_t bytes;
+    sherf_status status = file_read(j->c, path, (size_t)1 << 20, &text, &bytes);
+    if (status != SHERF_OK) return status;
+    cJSON *old = cJSON_ParseWithLength((const char *)text, bytes);
+    const char *what = settings_differ(now, old);
+    if (what)
+        status = failure(j->c, SHERF_MISMATCH,
+                         "%s: made with other settings (%s differs, see %s); choose another folder",
+                         j->options->output, what, path);
+    cJSON_Delete(old);
+    mem_free(text);
+    return status;
 }
 
 /* A folder's numbers belong together: the same settings, or it is refused. */
 static sherf_status settings_same(const experiment_job *j) {
-    char path[PATH_LENGTH], *text = settings_text(j);
-    unsigned char *old = NULL;
-    size_t bytes;
+    char path[PATH_LENGTH];
+    cJSON *now = settings_json(j);
+    char *text = now ? cJSON_Print(now) : NULL;
     sherf_status status = text ? job_path(j, path, "experiment.json") : SHERF_NO_MEMORY;
-    if (status == SHERF_OK && !path_is_file(path)) {
-        if (!j->options->dry_run) status = folder_make(j->c, j->options->output);
-        if (status == SHERF_OK && !j->options->dry_run) status = file_write(j->c, path, text, strlen(text));
-    } else if (status == SHERF_OK) {
-        status = file_read(j->c, path, (size_t)1 << 20, &old, &bytes);
-        if (status == SHERF_OK && strcmp((const char *)old, text))
-            status = failure(j->c, SHERF_MISMATCH, "%s: made with other settings (%s); choose another folder",
-                             j->options->output, path);
+    if (status == SHERF_OK && path_is_file(path))
+        status = settings_compare(j, now, path);
+    else if (status == SHERF_OK && !j->options->dry_run) {
+        status = folder_make(j->c, j->options->output);
+        if (status == SHERF_OK) status = file_write(j->c, path, text, strlen(text));
     }
-    mem_free(old);
-    mem_free(text);
+    cJSON_free(text);
+    cJSON_Delete(now);
     return status;
 }
 
@@ -172,12 +220,13 @@ static sherf_status trainings_json(const experiment_job *j, cJSON *made) {
 
 /* How the page came about. */
 static sherf_status made_json(const experiment_job *j, page *p) {
-    char *text = settings_text(j);
-    cJSON *settings = text ? cJSON_Parse(text) : NULL;
-    mem_free(text);
+    cJSON *settings = settings_json(j);
     p->made = cJSON_CreateObject();
-    if (!p->made || !settings || !cJSON_AddItemToObject(p->made, "settings", settings) ||
-        !cJSON_AddStringToObject(p->made, "version", SHERF_VERSION) ||
+    if (!p->made || !settings || !cJSON_AddItemToObject(p->made, "settings", settings)) {
+        cJSON_Delete(settings);
+        return failure(j->c, SHERF_NO_MEMORY, "out of memory: the results");
+    }
+    if (!cJSON_AddStringToObject(p->made, "version", SHERF_VERSION) ||
         !cJSON_AddNumberToObject(p->made, "threads", j->c->threads) ||
         !cJSON_AddStringToObject(p->made, "processor", isa_name(isa_best())))
         return failure(j->c, SHERF_NO_MEMORY, "out of memory: the results");

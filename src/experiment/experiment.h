@@ -100,9 +100,9 @@ enum { EXPERIMENT_DATA_MAX = 8 };
 typedef struct {
     experiment_scale scale;
     int size_px, people, test_people, train_poses, train_views, test_poses, seeds, images, targets;
-    double minutes;             /* a training; 0: by steps */
-    int64_t steps, halve_every; /* 0: by minutes; a fifth of the steps */
-    double beta2;               /* 0: the training's */
+    double minutes;                /* a training; 0: by steps */
+    int64_t steps, halve_pictures; /* 0: by minutes; the rate is halved after each fifth of the steps */
+    double beta2;                  /* 0: the training's */
 } experiment_settings;
 struct experiment_job {
     context *c;

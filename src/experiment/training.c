@@ -47,7 +47,7 @@ static sherf_train_options training_options(const experiment_job *j, const run *
     const experiment_settings *s = &j->set;
     const bool own = r->method->own;
     const int resnet = r->method->resnet[s->scale];
-    int64_t halve = s->halve_every ? s->halve_every : steps / 5 > 1 ? steps / 5 : 1;
+    const int64_t halve = s->halve_pictures ? 0 : steps / 5 > 1 ? steps / 5 : 1;
     return (sherf_train_options){.data = r->data->train,
                                  .people = data_train_people(j, r->data),
                                  .body = r->data->body,
@@ -64,6 +64,7 @@ static sherf_train_options training_options(const experiment_job *j, const run *
                                  .images_per_step = own ? 0 : s->images,
                                  .targets = own ? 0 : s->targets,
                                  .halve_every = own ? 0 : halve,
+                                 .halve_pictures = own ? 0 : s->halve_pictures,
                                  .beta2 = own ? 0 : s->beta2,
                                  .without = r->method->without,
                                  .sample_every = never,

@@ -77,7 +77,8 @@ batch_norm batch_norm_declare(declaration *d, const char *name, bool trained, in
 }
 
 tensor *batch_norm_forward(tape *t, const batch_norm *n, tensor *x, bool relu) {
-    return op_batch_norm(t, x, n->w, n->b, n->mean, n->var, n->eps, n->momentum, relu);
+    const float momentum = tape_settings(t).batch_statistics ? 0 : n->momentum;
+    return op_batch_norm(t, x, n->w, n->b, n->mean, n->var, n->eps, momentum, relu);
 }
 
 sparse_layer sparse_declare(declaration *d, const char *name, int index, bool trained, int64_t out,

@@ -344,7 +344,7 @@ static sherf_status run(tape *t, kernel k, op_call *call) {
     call->c = t->c;
     call->scratch = t->scratch;
     call->bf16 = t->options.bf16;
-    call->training = t->options.training;
+    call->training = t->options.training || t->options.batch_statistics;
     arena_mark mark = arena_position(t->scratch);
     sherf_status status = k(call);
     arena_rewind(t->scratch, mark);

@@ -131,6 +131,8 @@ typedef struct {
     bool record;   /* keep what the backward pass needs */
     bool training; /* batch norms */
     bool bf16;
+    bool batch_statistics; /* batch norms take those of what they see, as in training, and keep the running
+                              ones */
 } tape_options;
 tape *tape_create(context *c, tape_options options);
 void tape_free(tape *t);

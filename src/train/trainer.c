@@ -90,12 +90,14 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and an output folder are needed");
     if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
         o->images_per_step > IMAGES_MAX || o->targets < 0 || o->targets > TARGETS_MAX ||
-        o->learning_rate < 0 || o->halve_every < 0 || o->sample_every < 0 || o->save_every < 0 ||
-        o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 || o->workers > 1024 ||
-        !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
+        o->learning_rate < 0 || o->halve_every < 0 || o->halve_pictures < 0 || o->sample_every < 0 ||
+        o->save_every < 0 || o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 ||
+        o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
         !(o->estimated >= 0 && o->estimated <= 1) || !(o->beta2 >= 0 && o->beta2 < 1) ||
         !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
+    if (o->halve_every && o->halve_pictures)
+        return failure(c, SHERF_BAD_ARGUMENT, "the rate is halved after so many steps or pictures, not both");
     if (o->background && strcmp(o->background, "black") && strcmp(o->background, "random"))
         return failure(c, SHERF_BAD_ARGUMENT, "a training's background is 'black' or 'random', not '%.100s'",
                        o->background);
@@ -220,6 +222,13 @@ static sherf_status weights_new(trainer *t, model_config *config) {
     return status;
 }
 
+/* Steps after which the rate is halved, where the options say it; 0: they do not. */
+static int64_t halve_steps(const sherf_train_options *o, const train_state *s) {
+    const int64_t pictures = (int64_t)s->images_per_step * s->targets, n = o->halve_pictures;
+    if (!n) return o->halve_every;
+    return n > pictures ? (n + pictures / 2) / pictures : 1;
+}
+
 /* New weights, and the state as the options say. */
 static sherf_status begin_new(trainer *t) {
     const sherf_train_options *o = t->options;
@@ -246,7 +255,8 @@ static sherf_status begin_new(trainer *t) {
     if (status != SHERF_OK) return status;
     int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
     if (own) epoch = own->halve_every > 0 ? (int64_t)own->halve_every : halve_never;
-    t->state.halve_every = o->halve_every ? o->halve_every : epoch > 1 ? epoch : 1;
+    const int64_t halve = halve_steps(o, &t->state);
+    t->state.halve_every = halve ? halve : epoch > 1 ? epoch : 1;
     if ((status = weights_new(t, &config)) != SHERF_OK) return status;
     if (own && o->without && *o->without)
         return failure(t->c, SHERF_BAD_ARGUMENT,
@@ -298,7 +308,7 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (o->estimated > 0) s->estimated = o->estimated;
     if (o->pictures) s->pictures = o->pictures;
     if (o->learning_rate > 0) s->learning_rate = o->learning_rate;
-    if (o->halve_every) s->halve_every = o->halve_every;
+    if (halve_steps(o, s)) s->halve_every = halve_steps(o, s);
     if (o->beta2 > 0) t->adam.beta2 = s->beta2 = o->beta2;
     if (o->without && (status = losses_parse(t->c, o->without, &s->without)) != SHERF_OK) return status;
     if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
@@ -548,7 +558,8 @@ static sherf_status save(trainer *t) {
     if (status == SHERF_OK) status = checkpoint_write(t->c, path, t->model, t->average, &t->adam, &t->state);
     if (status == SHERF_OK) t->saved_step = t->state.step;
     if (status == SHERF_OK) status = output_path(t, path, "model.safetensors");
-    if (status == SHERF_OK) status = sherf_model_save(t->c, t->average, path);
+    if (status == SHERF_OK)
+        status = sherf_model_save(t->c, t->options->last_weights ? t->model : t->average, path);
     if (status == SHERF_OK) status = output_path(t, path, "loss.png");
     if (status == SHERF_OK) status = history_plot(t->c, &t->history, path);
     return status;

@@ -1,10 +1,12 @@
 /* sherf_eval on two small tube people and a made-up model: which pictures are scored, what is written. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "base/path.h"
+#include "model/model.h"
 #include "tube_people.h"
 
 static char root[512];
@@ -145,6 +147,86 @@ static void several_pictures(void **state) {
     sherf_context_free(c);
 }
 
+static float *copy_of_weights(const model *m) {
+    float *copy = malloc((size_t)m->weights->total_floats * sizeof *copy);
+    assert_non_null(copy);
+    return memcpy(copy, m->weights->values, (size_t)m->weights->total_floats * sizeof *copy);
+}
+
+/* The banks of two ways to take batch norms; the weights as they were before. */
+static bool banks_equal(context *c, const model *m, const body_model *body, const observation_geometry *g,
+                        tape_options a, tape_options b) {
+    tape *t[2] = {tape_create(c, a), tape_create(c, b)};
+    model_bank bank[2];
+    bool equal = true;
+    for (int i = 0; i < 2; i++) assert_ok(c, model_encode(t[i], m, body, g, &bank[i]));
+    for (int i = 0; i < bank[0].count; i++)
+        equal &= !memcmp(bank[0].tensor[i]->data, bank[1].tensor[i]->data,
+                         (size_t)tensor_count(bank[0].tensor[i]) * sizeof(float));
+    for (int i = 0; i < 2; i++) tape_free(t[i]);
+    return equal;
+}
+
+/* The statistics are those that a training's step takes, and the weights stay what they are. */
+static void batch_statistics_are_the_pictures(void **state) {
+    context *c = test_context();
+    sherf_dataset *data;
+    sherf_observation *o;
+    model *m;
+    body_model *body;
+    observation_geometry *g;
+    assert_ok(c, sherf_dataset_open(c, people.spec, &data));
+    assert_ok(c, dataset_observation(c, data, 0, 0, 4, 0, &o));
+    assert_ok(c, model_load(c, people.weights, &m));
+    assert_ok(c, body_load(c, people.body, &body));
+    assert_ok(c,
+              observation_geometry_create(c, &m->config, body, &o->image, &o->camera, &o->pose, false, &g));
+    const tape_options running = {.backend = backend_of(c)},
+                       batch = {.backend = backend_of(c), .batch_statistics = true},
+                       training = {.backend = backend_of(c), .training = true};
+    float *before = copy_of_weights(m);
+    const size_t bytes = (size_t)m->weights->total_floats * sizeof *before;
+    assert_true(banks_equal(c, m, body, g, batch, batch));
+    assert_false(banks_equal(c, m, body, g, running, batch));
+    assert_memory_equal(m->weights->values, before, bytes);
+    assert_true(banks_equal(c, m, body, g, batch, training));
+    assert_true(memcmp(m->weights->values, before, bytes) != 0); /* the training's are moved */
+    free(before);
+    observation_geometry_free(g);
+    sherf_body_free(body);
+    model_free(m);
+    sherf_observation_free(o);
+    sherf_dataset_free(data);
+    sherf_context_free(c);
+}
+
+static double psnr_of(context *c, const sherf_eval_options *o) {
+    sherf_scores s;
+    assert_ok(c, sherf_eval(c, o, &s));
+    sherf_free(s.table);
+    return s.novel_view.psnr;
+}
+
+/* As the release scores: with batch statistics, and a picture's PSNR rounded to three decimals. */
+static void scores_as_released(void **state) {
+    context *c = test_context();
+    sherf_eval_options o = {.data = people.spec,
+                            .people = "0",
+                            .body = people.body,
+                            .model = people.weights,
+                            .observations = "0:4",
+                            .poses = "0",
+                            .views = "0"};
+    const double psnr = psnr_of(c, &o);
+    o.round_psnr = 1;
+    assert_true(psnr_of(c, &o) == rint(psnr * 1000) / 1000);
+    assert_true(psnr != rint(psnr * 1000) / 1000);
+    o.round_psnr = 0;
+    o.batch_statistics = 1;
+    assert_true(fabs(psnr_of(c, &o) - psnr) > 1e-4);
+    sherf_context_free(c);
+}
+
 /* Of THuman's protocol the people have poses 0 and 2, views 0, 2, 4 and observation view 4. */
 static void the_protocol_as_far_as_it_goes(void **state) {
     context *c = test_context();
@@ -268,6 +350,8 @@ int main(void) {
                                        cmocka_unit_test(weights_are_finite),
                                        cmocka_unit_test(listed_pictures),
                                        cmocka_unit_test(several_pictures),
+                                       cmocka_unit_test(batch_statistics_are_the_pictures),
+                                       cmocka_unit_test(scores_as_released),
                                        cmocka_unit_test(the_protocol_as_far_as_it_goes),
                                        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);

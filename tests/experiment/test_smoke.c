@@ -237,6 +237,40 @@ static void minutes_are_counted_in_steps(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* A folder keeps all of the recipe, and is refused where the file says another. */
+static void the_recipe_is_kept(void **state) {
+    static const char *const key[] = {"beta2", "halve_pictures", "images", "targets", "test_poses", "steps"};
+    context *c = test_context();
+    sherf_experiment_options o = smoke("whole");
+    char path[700], *text;
+    unsigned char *kept;
+    size_t bytes;
+    document *d = json_of(c, o.output, "experiment.json");
+    for (size_t i = 0; i < COUNT_OF(key); i++) assert_non_null(value_get(d->root, key[i]));
+    assert_true(value_get(d->root, "beta2")->real == 0.99);
+    assert_true(value_is_string(value_get(d->root, "precision"), "fp32") ||
+                value_is_string(value_get(d->root, "precision"), "bf16"));
+    document_free(d);
+    snprintf(path, sizeof path, "%s/experiment.json", o.output);
+    assert_ok(c, file_read(c, path, 1 << 20, &kept, &bytes));
+    char *at = strstr((char *)kept, "0.99");
+    assert_non_null(at);
+    memcpy(at, "0.98", 4);
+    assert_ok(c, file_write(c, path, kept, bytes));
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(beta2 differs");
+    memcpy(at, "0.99", 4);
+    assert_ok(c, file_write(c, path, kept, bytes));
+    o.dry_run = 1;
+    assert_ok(c, sherf_experiment(c, "main", &o, &text));
+    sherf_free(text);
+    assert_ok(c, file_write(c, path, "{", 1));
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "what it holds differs");
+    assert_ok(c, file_write(c, path, kept, bytes));
+    mem_free(kept);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 /* ---- plans and mistakes ---- */
 static void a_dry_run_makes_nothing(void **state) {
     context *c = test_context();
@@ -267,7 +301,8 @@ static void mistakes_are_one_line(void **state) {
                  "the networks that see people");
     assert_fails(c, sherf_experiment(c, "cross-data", &o, NULL), SHERF_BAD_ARGUMENT, "two data sets");
     o.steps = 3;
-    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "made with other settings");
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH,
+                 "made with other settings (steps differs");
     o = smoke("bad");
     o.preset = "grand";
     assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "smoke, quick or paper");
@@ -313,6 +348,7 @@ int main(void) {
         cmocka_unit_test(finished_runs_stay),
         cmocka_unit_test(the_others),
         cmocka_unit_test(minutes_are_counted_in_steps),
+        cmocka_unit_test(the_recipe_is_kept),
         cmocka_unit_test(a_dry_run_makes_nothing),
         cmocka_unit_test(mistakes_are_one_line),
         cmocka_unit_test(weights_of_another_method),

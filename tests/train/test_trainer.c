@@ -192,6 +192,47 @@ static void losses_and_beta2_are_kept(void **state) {
     sherf_context_free(c);
 }
 
+static size_t tensor_bytes_of(const safetensor *t) {
+    size_t n = dtype_size(t->type);
+    for (int k = 0; k < t->rank; k++) n *= (size_t)t->dim[k];
+    return n;
+}
+
+/* The release's ways: the rate is halved by target pictures, and the last weights are written. */
+static void as_the_release_trains(void **state) {
+    context *c = float_context(1);
+    const char *run = path_of("released");
+    sherf_train_options o = options_for(run, 3);
+    o.halve_pictures = 17; /* of 8 a step: 2 steps */
+    o.last_weights = 1;
+    assert_ok(c, sherf_train(c, &o));
+    const double rate = logged(c, run, 1, "rate");
+    assert_true(logged(c, run, 2, "rate") == rate && logged(c, run, 3, "rate") == rate / 2);
+    safetensors *checkpoint, *weights;
+    assert_ok(c, safetensors_read(c, path_of("released/checkpoint.safetensors"), &checkpoint));
+    assert_ok(c, safetensors_read(c, path_of("released/model.safetensors"), &weights));
+    bool averaged = false;
+    for (size_t i = 0; i < weights->count; i++) {
+        const safetensor *w = &weights->tensor[i];
+        char name[300];
+        snprintf(name, sizeof name, "model.%s", w->name);
+        const safetensor *last = safetensors_find(checkpoint, name);
+        snprintf(name, sizeof name, "average.%s", w->name);
+        const safetensor *average = safetensors_find(checkpoint, name);
+        assert_non_null(last);
+        const size_t bytes = tensor_bytes_of(w);
+        assert_memory_equal(w->data, last->data, bytes);
+        averaged |= memcmp(average->data, last->data, bytes) != 0;
+    }
+    assert_true(averaged);
+    safetensors_free(checkpoint);
+    safetensors_free(weights);
+    o.output = path_of("refused");
+    o.halve_every = 2;
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_ARGUMENT, "not both");
+    sherf_context_free(c);
+}
+
 /* A number that is not finite in the last tensor of a file without a checksum. */
 static void lose_a_number(context *c, const char *path) {
     unsigned char *data;
@@ -491,6 +532,7 @@ int main(int argc, char **argv) {
                                        cmocka_unit_test(a_training_starts_from_weights),
                                        cmocka_unit_test(cancelling_saves),
                                        cmocka_unit_test(losses_and_beta2_are_kept),
+                                       cmocka_unit_test(as_the_release_trains),
                                        cmocka_unit_test(a_bad_checkpoint_is_one_line),
                                        cmocka_unit_test(a_damaged_checkpoint_gives_way_to_the_one_before),
                                        cmocka_unit_test(two_trainings_in_one_folder_are_refused),

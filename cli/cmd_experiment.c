@@ -13,7 +13,7 @@ static struct {
     option_files data;
     int64_t size, people, seeds, steps;
     double minutes;
-    bool own, dry_run;
+    bool own, dry_run, score;
 } set;
 
 static const option options[] = {
@@ -43,6 +43,8 @@ static const option options[] = {
     {0, "resnet34", OPTION_FILE, &set.resnet34, "FILE", "converted ResNet-34, for those that have one"},
     SHARED_LPIPS(&set.lpips, ", for losses and scores"),
     SHARED_PERCEPTUAL(&set.perceptual, "the resnet50 distance", "none"),
+    {0, "score", OPTION_FLAG, &set.score, NULL,
+     "preference: the ANSWERS, files of those who looked at the study, become scores; nothing else is made"},
     {0, "dry-run", OPTION_FLAG, &set.dry_run, NULL,
      "say what is missing and how long it takes, and make nothing"},
     {0},
@@ -62,9 +64,10 @@ static int data_take(session *s, sherf_experiment_data *out, char *body[DATA_MAX
     return EXIT_DONE;
 }
 
-static int experiment(session *s, const char *name, const sherf_experiment_data *data) {
-    const char *body = set.data.count ? NULL : session_body(s, set.body, NULL);
-    if (!set.data.count && !body) return EXIT_USAGE;
+static int experiment(session *s, int count, char **argument, const sherf_experiment_data *data) {
+    const bool made = !set.data.count && !set.score;
+    const char *body = made ? session_body(s, set.body, NULL) : NULL, *name = argument[0];
+    if (made && !body) return EXIT_USAGE;
     const sherf_experiment_options o = {.preset = set.preset,
                                         .output = set.output,
                                         .data = data,
@@ -86,6 +89,8 @@ static int experiment(session *s, const char *name, const sherf_experiment_data 
                                         .steps = set.steps,
                                         .seed = (uint64_t)common.seed,
                                         .own = set.own,
+                                        .answers = (const char *const *)(argument + 1),
+                                        .answer_count = count - 1,
                                         .dry_run = set.dry_run};
     char *text = NULL;
     int status = session_status(s, sherf_experiment(s->context, name, &o, &text));
@@ -97,36 +102,40 @@ static int experiment(session *s, const char *name, const sherf_experiment_data 
 static int run(session *s, int count, char **argument) {
     sherf_experiment_data data[DATA_MAX];
     char *body[DATA_MAX] = {NULL};
+    if (set.score && strcmp(argument[0], "preference"))
+        return usage_error(s->verb_name, "--score is of the experiment preference");
+    if (set.score && count < 2) return usage_error(s->verb_name, "--score: the files of answers are missing");
+    if (!set.score && count > 1)
+        return usage_error(s->verb_name, "'%s' is one argument too many", argument[1]);
     int status = data_take(s, data, body);
-    if (!status) status = experiment(s, argument[0], data);
+    if (!status) status = experiment(s, count, argument, data);
     for (int i = 0; i < DATA_MAX; i++) free(body[i]);
     return status;
 }
 
 const verb verb_experiment = {
     .name = "experiment",
-    .arguments = "NAME",
+    .arguments = "NAME [ANSWERS...]",
     .summary = "run the paper's comparisons: trainings, scores, tables, plots",
     .description =
         "Trains what an experiment of the paper lacks, scores it, and writes FOLDER/NAME: table.md, "
-        "table.tex, "
-        "results.json, plots, sheets of pictures and index.html, the paper's own numbers beside. NAME is "
-        "main, "
-        "ablation, fusion, losses, front-view, input-angle, angle-difference, cross-data, estimated-body, "
-        "runtime, "
-        "pifu, or "
-        "all. Whatever is finished is kept, so the same command goes on after any end, and experiments share "
-        "trainings. A folder holds runs of the same options; others are refused.",
+        "table.tex, results.json, plots, sheets of pictures and index.html, the paper's own numbers beside. "
+        "NAME is main, ablation, fusion, losses, front-view, input-angle, angle-difference, cross-data, "
+        "estimated-body, runtime, preference, pifu, or all. Whatever is finished is kept, so the same "
+        "command "
+        "goes on after any end, and experiments share trainings. A folder holds runs of the same options; "
+        "others are refused. preference makes a web page of blind pairs, FOLDER/preference/study.html; with "
+        "--score it turns the files that its raters saved into scores.",
     .example = "sherf experiment main -o quick --dry-run\n"
                "sherf experiment all -o quick\n"
+               "sherf experiment preference -o quick --score answers-*.json\n"
                "sherf experiment main --preset paper --data thuman:THuman/nerf_data_ --body body.safetensors "
                "-o paper",
     .options = options,
     .arguments_min = 1,
-    .arguments_max = 1,
+    .arguments_max = 10001,
     .words = "main|ablation|fusion|losses|front-view|input-angle|angle-difference|cross-data|estimated-body|"
-             "runtime|"
-             "pifu|all",
+             "runtime|preference|pifu|all",
     .computes = true,
     .run = run,
 };

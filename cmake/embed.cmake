@@ -1,10 +1,15 @@
-# The viewer's page, web/*, as arrays in a C file. The first file is the page itself.
-set(SHERF_EMBEDDED ${CMAKE_BINARY_DIR}/web_files.c)
-set(SHERF_WEB index.html viewer.css live.js viewer.js)
-list(TRANSFORM SHERF_WEB PREPEND ${CMAKE_SOURCE_DIR}/web/ OUTPUT_VARIABLE SHERF_WEB_PATHS)
-add_custom_command(
-  OUTPUT ${SHERF_EMBEDDED}
-  COMMAND ${CMAKE_COMMAND} -D OUTPUT=${SHERF_EMBEDDED} -D FOLDER=${CMAKE_SOURCE_DIR}/web "-DFILES=${SHERF_WEB}"
-          -P ${CMAKE_SOURCE_DIR}/cmake/embed_files.cmake
-  DEPENDS ${SHERF_WEB_PATHS} ${CMAKE_SOURCE_DIR}/cmake/embed_files.cmake
-  VERBATIM)
+# The pages of web/ as arrays in C files: the viewer's, of which the first file is the page itself, and the study's.
+set(SHERF_EMBEDDED "")
+function(embed_web name header)
+  set(output ${CMAKE_BINARY_DIR}/${name}s.c)
+  list(TRANSFORM ARGN PREPEND ${CMAKE_SOURCE_DIR}/web/ OUTPUT_VARIABLE paths)
+  add_custom_command(
+    OUTPUT ${output}
+    COMMAND ${CMAKE_COMMAND} -D OUTPUT=${output} -D NAME=${name} -D HEADER=${header} -D FOLDER=${CMAKE_SOURCE_DIR}/web
+            "-DFILES=${ARGN}" -P ${CMAKE_SOURCE_DIR}/cmake/embed_files.cmake
+    DEPENDS ${paths} ${CMAKE_SOURCE_DIR}/cmake/embed_files.cmake
+    VERBATIM)
+  set(SHERF_EMBEDDED ${SHERF_EMBEDDED} ${output} PARENT_SCOPE)
+endfunction()
+embed_web(viewer_file viewer/viewer.h index.html viewer.css live.js viewer.js)
+embed_web(study_file experiment/study.h study.html study.css study.js)

@@ -1,4 +1,5 @@
-# cmake -D OUTPUT=FILE.c -D FOLDER=... -D FILES=a;b -P embed_files.cmake: viewer_files of src/viewer/viewer.h.
+# cmake -D OUTPUT=FILE.c -D NAME=viewer_file -D HEADER=viewer/viewer.h -D FOLDER=... -D FILES=a;b -P embed_files.cmake:
+# viewer_files and viewer_file_count, as the header declares them.
 set(types_html "text/html; charset=utf-8")
 set(types_css "text/css; charset=utf-8")
 set(types_js "text/javascript; charset=utf-8")
@@ -16,10 +17,10 @@ foreach(file ${FILES})
   math(EXPR n "${n} + 1")
 endforeach()
 file(WRITE ${OUTPUT} "/* Made by cmake/embed_files.cmake. */
-#include \"viewer/viewer.h\"
+#include \"${HEADER}\"
 
 ${arrays}
-const viewer_file viewer_files[] = {
+const ${NAME} ${NAME}s[] = {
 ${table}};
-const int viewer_file_count = ${n};
+const int ${NAME}_count = ${n};
 ")

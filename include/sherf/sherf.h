@@ -774,6 +774,9 @@ typedef struct {
     int own;     /* rivals as their authors train them as well */
     int dry_run; /* nothing is made: *text says what would be trained and scored, and about how long it takes
                   */
+    const char *const *answers; /* answer_count files of a study's raters: experiment "preference" scores them
+                                   and makes nothing else; none: it makes the study */
+    int answer_count;
 } sherf_experiment_options;
 /* The paper's comparisons: trains what is missing, scores it, and writes output/NAME with tables, plots and
  * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". After any end the same call

@@ -341,6 +341,18 @@ static sherf_status dry_run(experiment_job *j, const char *name, text_builder *t
     return status;
 }
 
+/* Made and said, or only scored where there are answers. */
+static sherf_status make(experiment_job *j, const char *name, text_builder *text) {
+    sherf_status status;
+    if (j->options->answer_count && strcmp(name, "preference"))
+        return failure(j->c, SHERF_BAD_ARGUMENT, "answers are scored of experiment preference, not of %s",
+                       name);
+    if (j->options->answer_count) return preference_score(j, text);
+    if ((status = data_choose(j)) != SHERF_OK) return status;
+    if ((status = settings_same(j)) != SHERF_OK) return status;
+    return j->options->dry_run ? dry_run(j, name, text) : each(j, name, do_once, text);
+}
+
 sherf_status sherf_experiment(sherf_context *c, const char *name, const sherf_experiment_options *options,
                               char **text) {
     experiment_job *j = NULL;
@@ -357,9 +369,7 @@ sherf_status sherf_experiment(sherf_context *c, const char *name, const sherf_ex
     settings_take(options, &j->set);
     j->training_s = 60 * j->set.minutes;
     j->picture_s = 0.1;
-    status = data_choose(j);
-    if (status == SHERF_OK) status = settings_same(j);
-    if (status == SHERF_OK) status = options->dry_run ? dry_run(j, name, &t) : each(j, name, do_once, &t);
+    status = make(j, name, &t);
     char *made = text_take(&t);
     if (status == SHERF_OK && text) {
         *text = made;

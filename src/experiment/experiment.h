@@ -41,6 +41,7 @@ typedef enum {
     SCORING_DISTURBED, /* the protocol with bodies that are off by so many millimetres (disturb.h) */
     SCORING_VIEWS,     /* a few pictures to look at, in the observed pose */
     SCORING_POSES,     /* and in others */
+    SCORING_STUDY,     /* pictures for a study of preferences, kept as files */
     SCORING_KINDS
 } scoring_kind;
 typedef struct {
@@ -183,6 +184,11 @@ sherf_status report_estimated(experiment_job *j, page *out);
 sherf_status report_input_angle(experiment_job *j, page *out);
 sherf_status report_angle_difference(experiment_job *j, page *out);
 sherf_status report_runtime(experiment_job *j, page *out);
+/* preference.c: the page of a study (study.h) of what the methods made. */
+sherf_status report_preference(experiment_job *j, page *out);
+/* preference_score.c: the answers of job->options to tables in FOLDER/preference/answers, which are added to
+ * the text. */
+sherf_status preference_score(experiment_job *j, text_builder *text);
 /* The scores of all seeds of a method trained on `data`; *count of them, to be freed. */
 sherf_status report_read(experiment_job *j, const experiment_method *m, const experiment_data *data,
                          const scoring *s, int pose, scores out[SEEDS_MAX], int *count);

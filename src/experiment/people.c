@@ -110,14 +110,22 @@ sherf_status data_make(experiment_job *j, const experiment_data *d) {
 }
 
 /* ---- what is scored ---- */
-enum { POSES_MAX = 64, VIEWS_MAX = 64, PAIRS_MAX = 128, LOOKED_AT = 4, ANGLE_PEOPLE = 6 };
+enum {
+    POSES_MAX = 64,
+    VIEWS_MAX = 64,
+    PAIRS_MAX = 128,
+    LOOKED_AT = 4,
+    ANGLE_PEOPLE = 6,
+    STUDY_PEOPLE = 10,
+    STUDY_VIEWS = 6
+};
 /* As much of the protocol as the people have; of quick, fewer poses and every other view. */
 typedef struct {
     const data_protocol *protocol;
     int people, poses, views, angles, observed_views;
     int pose[POSES_MAX], view[VIEWS_MAX], angle[VIEWS_MAX], observed_view[3];
     bool whole;       /* the protocol as it is */
-    char names[2048]; /* of the first people, for galleries and angles */
+    char names[2048]; /* of the first people, for galleries, angles and studies */
 } picture_choice;
 
 typedef struct {
@@ -157,7 +165,7 @@ static void fill_choice(const experiment_job *j, bool made, int has_poses, int h
 static sherf_status names_of(experiment_job *j, const sherf_dataset *data, const int *person, int count,
                              picture_choice *out) {
     size_t used = 0;
-    for (int i = 0; i < count && i < ANGLE_PEOPLE; i++) {
+    for (int i = 0; i < count && i < STUDY_PEOPLE; i++) {
         const char *name = sherf_dataset_person(data, person[i]);
         const int n = snprintf(out->names + used, sizeof out->names - used, "%s%s", i ? "," : "", name);
         if (n < 0 || (used += (size_t)n) >= sizeof out->names || strchr(name, ','))
@@ -241,6 +249,14 @@ static void pick_looks(const picture_choice *k, bool poses, picks *p) {
         p->pose[p->poses++] = k->pose[i];
 }
 
+/* Six views evenly round the person, in the observed pose and in another. */
+static void pick_study(const picture_choice *k, picks *p) {
+    const int n = k->angles < STUDY_VIEWS ? k->angles : STUDY_VIEWS;
+    observe(p, k->pose[0], k->observed_view[0]);
+    for (int i = 0; i < n; i++) p->view[p->views++] = k->angle[i * k->angles / n];
+    for (int i = 0; i < k->poses && i < 2; i++) p->pose[p->poses++] = k->pose[i];
+}
+
 static int64_t pairs(const picks *p) {
     int64_t n = 0;
     for (int o = 0; o < p->observations; o++)
@@ -293,6 +309,10 @@ sherf_status scoring_select(experiment_job *j, const experiment_data *d, const s
         pick_looks(&k, s->kind == SCORING_POSES, &p);
         people = people < LOOKED_AT ? people : LOOKED_AT;
         first_names(k.names, LOOKED_AT, out->people);
+    } else if (s->kind == SCORING_STUDY) {
+        pick_study(&k, &p);
+        people = people < STUDY_PEOPLE ? people : STUDY_PEOPLE;
+        snprintf(out->people, sizeof out->people, "%s", k.names);
     } else if (k.whole) {
         out->pictures = people * protocol_pairs(&k);
         return SHERF_OK;
@@ -301,7 +321,7 @@ sherf_status scoring_select(experiment_job *j, const experiment_data *d, const s
     }
     if (s->kind == SCORING_ANGLES && j->set.scale != SCALE_PAPER) {
         people = people < ANGLE_PEOPLE ? people : ANGLE_PEOPLE;
-        snprintf(out->people, sizeof out->people, "%s", k.names);
+        first_names(k.names, ANGLE_PEOPLE, out->people);
     }
     out->pictures = people * pairs(&p);
     if (!list_text(p.pose, p.poses, out->poses, sizeof out->poses) ||

@@ -143,6 +143,12 @@ static const experiment experiments[] = {
       {SCORING_DISTURBED, 43},
       {SCORING_DISTURBED, 70}}},
     {"runtime", "Time", report_runtime, {"pixelnerf", "nhp", "mps-nerf", "sherf"}},
+    {"preference",
+     "Preference: a study",
+     report_preference,
+     {"nhp", "mps-nerf", "sherf"},
+     1,
+     {{SCORING_STUDY}}},
     {"pifu", "PIFu", NULL, .lacks = "the model pifu"},
 };
 

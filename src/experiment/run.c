@@ -56,7 +56,7 @@ sherf_status run_path(const experiment_job *j, const run *r, const char *name, c
 sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *s, int pose, const char *name,
                           char out[PATH_LENGTH]) {
     static const char *const kind[SCORING_KINDS] = {"protocol",  "front", "angles", "estimated",
-                                                    "disturbed", "views", "poses"};
+                                                    "disturbed", "views", "poses",  "study"};
     char part[200];
     size_t n = (size_t)snprintf(part, sizeof part, "scores/%s", kind[s->kind]);
     if (s->level) n += (size_t)snprintf(part + n, sizeof part - n, "-%d", s->level);
@@ -144,6 +144,7 @@ static sherf_status score(experiment_job *j, const run *r, const scoring *s, int
                                   .size_px = j->set.size_px,
                                   .seed = j->options->seed,
                                   .sheet = looks ? sheet : NULL,
+                                  .write_png = s->kind == SCORING_STUDY,
                                   .estimated = s->kind == SCORING_ESTIMATED ? j->options->estimator : NULL};
     run_tell(j, r, looks ? "pictures to look at" : "scoring");
     const double begun = time_seconds();

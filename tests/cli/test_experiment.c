@@ -59,6 +59,13 @@ static void words_that_are_wrong(void **state) {
     assert_error(run("experiment dance -o x"), 2, "'dance' is none of main|ablation",
                  "sherf experiment --help");
     assert_error(run("experiment main"), 2, "--output FOLDER is missing", "sherf experiment --help");
+    assert_error(run("experiment main --score -o %s x.json", output), 2,
+                 "--score is of the experiment preference", "sherf experiment --help");
+    assert_error(run("experiment preference --score -o %s", output), 2, "files of answers are missing",
+                 "sherf experiment --help");
+    assert_error(run("experiment preference -o %s x.json", output), 2, "'x.json' is one argument too many",
+                 "sherf experiment --help");
+    assert_error(run("experiment preference --score -q -o %s x.json", output), 1, "preference/key.json", "");
     assert_error(run("experiment pifu -q -d thuman:%s -o %s", tubes, output), 1,
                  "experiment pifu is not there yet", "the model pifu");
     assert_error(run("experiment main -q -n 31 -p smoke -d thuman:%s -o %s", tubes, output), 1,

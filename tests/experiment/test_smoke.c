@@ -170,8 +170,8 @@ static void the_others(void **state) {
     char path[1400];
     o.data_count = 2;
     o.test_people = "1";
-    static const char *const name[] = {"input-angle", "angle-difference", "ablation",   "fusion",
-                                       "losses",      "front-view",       "cross-data", "runtime"};
+    static const char *const name[] = {"input-angle", "angle-difference", "ablation", "fusion",    "losses",
+                                       "front-view",  "cross-data",       "runtime",  "preference"};
     for (size_t i = 0; i < COUNT_OF(name); i++) {
         assert_ok(c, sherf_experiment(c, name[i], &o, NULL));
         snprintf(path, sizeof path, "%s/%s/index.html", o.output, name[i]);
@@ -208,6 +208,65 @@ static void the_others(void **state) {
         assert_true(mean_of(times, 0, row, 1) > 0 && mean_of(times, 0, row, 2) > 0 &&
                     mean_of(times, 0, row, 4) > 1000);
     document_free(times);
+    snprintf(path, sizeof path, "%s/preference/study.html", o.output);
+    assert_true(path_is_file(path));
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* One answer to each pair of the study that the others left, all for the method that stands first. */
+static char *answers_for(context *c, const document *key) {
+    static char text[8192];
+    const value *trials = value_get(key->root, "trials");
+    size_t n = (size_t)snprintf(text, sizeof text,
+                                "{\"format\": \"sherf-preference-answers\", \"version\": 1, \"study\": "
+                                "\"%s\", \"rater\": \"r1\", \"consent\": true, \"trials\": [",
+                                value_get(key->root, "study")->string.text);
+    for (size_t i = 0; i < value_count(trials); i++) {
+        const value *t = value_at(trials, i), *blurred = value_get(t, "blurred");
+        const bool a =
+            blurred->kind == VALUE_STRING ? value_is_string(blurred, "b") : value_get(t, "a")->integer == 0;
+        n += (size_t)snprintf(text + n, sizeof text - n,
+                              "%s{\"trial\": %zu, \"left\": \"a\", \"chose\": \"%s\", \"ms\": 500, "
+                              "\"repeat\": false}",
+                              i ? "," : "", i, a ? "left" : "right");
+    }
+    snprintf(text + n, sizeof text - n, "]}");
+    return text;
+}
+
+/* The study's answers become scores, and a bad file is refused with nothing written. */
+static void a_study_is_scored(void **state) {
+    context *c = test_context();
+    sherf_experiment_options o = smoke("others");
+    char path[700], made[700], *text;
+    const char *answers[] = {path};
+    document *key = json_of(c, o.output, "preference/key.json");
+    assert_true(value_count(value_get(key->root, "trials")) >= 6); /* two rivals, three kinds */
+    snprintf(path, sizeof path, "%s/answers.json", root);
+    snprintf(made, sizeof made, "%s/preference/answers", o.output);
+    o.answers = answers;
+    o.answer_count = 1;
+    assert_ok(c, file_write(c, path, "{}", 2));
+    assert_fails(c, sherf_experiment(c, "preference", &o, NULL), SHERF_BAD_FILE,
+                 "answers.json: not the answers");
+    assert_false(path_is_folder(made));
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_BAD_ARGUMENT, "of experiment preference");
+    const char *all = answers_for(c, key);
+    assert_ok(c, file_write(c, path, all, strlen(all)));
+    assert_ok(c, sherf_experiment(c, "preference", &o, &text));
+    assert_non_null(strstr(text, "| SHERF against NHP | 100.0 ["));
+    sherf_free(text);
+    document *results = json_of(c, o.output, "preference/answers/results.json");
+    assert_true(mean_of(results, 0, 0, 0) == 100 && mean_of(results, 0, 0, 2) == 3);
+    assert_true(mean_of(results, 1, 0, 0) > mean_of(results, 1, 1, 0));
+    document_free(results);
+    document_free(key);
+    o = smoke("nowhere");
+    o.answers = answers;
+    o.answer_count = 1;
+    assert_fails(c, sherf_experiment(c, "preference", &o, NULL), SHERF_NO_FILE, "key.json");
+    assert_false(path_is_folder(o.output));
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
@@ -347,6 +406,7 @@ int main(void) {
         cmocka_unit_test(main_shows_its_scores),
         cmocka_unit_test(finished_runs_stay),
         cmocka_unit_test(the_others),
+        cmocka_unit_test(a_study_is_scored),
         cmocka_unit_test(minutes_are_counted_in_steps),
         cmocka_unit_test(the_recipe_is_kept),
         cmocka_unit_test(a_dry_run_makes_nothing),

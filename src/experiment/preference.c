@@ -1,0 +1,329 @@
+/* The study's material: pictures of the test people from near the observed camera, from far of it and in
+ * another pose, by every method, drawn before anybody looks at them. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "data/dataset.h"
+#include "experiment/angles.h"
+#include "experiment/experiment.h"
+#include "experiment/study.h"
+#include "io/value.h"
+
+static const double near_deg = 60.5, far_deg = 119.5; /* up to, and from */
+enum { PICTURES_MAX = 4096, CANDIDATES_MAX = 64 };
+
+typedef struct {
+    int person, observed[2], pose, view; /* of the study's people */
+    char file[256];
+} made_picture;
+typedef struct {
+    experiment_job *j;
+    sherf_dataset *data;
+    sherf_body *body;
+    int methods;
+    run run[STUDY_METHODS]; /* the subject first */
+    int count[STUDY_METHODS];
+    made_picture *made[STUDY_METHODS];
+    study s;
+    int pictures;
+    study_picture *picture; /* of the page */
+} material;
+
+static void material_free(material *m) {
+    for (int i = 0; i < STUDY_METHODS; i++) mem_free(m->made[i]);
+    for (int i = 0; i < m->pictures; i++) mem_free(m->picture[i].png);
+    mem_free(m->picture);
+    study_free(&m->s);
+    sherf_body_free(m->body);
+    sherf_dataset_free(m->data);
+}
+
+/* ---- what was rendered ---- */
+static int person_of(const study *s, const value *name) {
+    for (int i = 0; i < s->people; i++)
+        if (name && value_is_string(name, s->person[i])) return i;
+    return -1;
+}
+
+static bool whole(const value *v, int *out) {
+    if (!v || v->kind != VALUE_INTEGER || v->integer < 0 || v->integer > INT32_MAX) return false;
+    *out = (int)v->integer;
+    return true;
+}
+
+static bool read_picture(const value *o, const study *s, made_picture *out) {
+    const value *file = value_get(o, "png"), *seen = value_get(o, "observation");
+    *out = (made_picture){.person = person_of(s, value_get(o, "person"))};
+    if (!file || file->kind != VALUE_STRING || strchr(file->string.text, '/') || !seen) return false;
+    snprintf(out->file, sizeof out->file, "%s", file->string.text);
+    return out->person >= 0 && whole(value_at(seen, 0), &out->observed[0]) &&
+           whole(value_at(seen, 1), &out->observed[1]) && whole(value_get(o, "pose"), &out->pose) &&
+           whole(value_get(o, "view"), &out->view);
+}
+
+/* The people, by the first list that is read. */
+static sherf_status people_take(material *m, const value *root) {
+    const value *people = value_get(root, "people");
+    const size_t n = people ? value_count(people) : 0;
+    if (m->s.person) return SHERF_OK;
+    if (n < 1 || n > STUDY_TRIALS_MAX) return failure(m->j->c, SHERF_BAD_FILE, "not the scores of a study");
+    m->s.person = mem_zero(m->j->c, n, sizeof *m->s.person);
+    if (!m->s.person) return SHERF_NO_MEMORY;
+    for (; m->s.people < (int)n; m->s.people++) {
+        const value *name = value_get(value_at(people, (size_t)m->s.people), "person");
+        if (name && name->kind == VALUE_STRING)
+            snprintf(m->s.person[m->s.people], STUDY_NAME, "%s", name->string.text);
+    }
+    return SHERF_OK;
+}
+
+static sherf_status read_list(material *m, int method, const value *root) {
+    const value *images = value_get(root, "images");
+    const size_t n = images ? value_count(images) : 0;
+    if (n > PICTURES_MAX) return failure(m->j->c, SHERF_BAD_FILE, "not the scores of a study");
+    m->made[method] = mem_zero(m->j->c, n + 1, sizeof **m->made);
+    if (!m->made[method]) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < n; i++)
+        if (read_picture(value_at(images, i), &m->s, &m->made[method][m->count[method]])) m->count[method]++;
+    return SHERF_OK;
+}
+
+static sherf_status read_method(material *m, int method) {
+    char path[PATH_LENGTH];
+    document *d = NULL;
+    const scoring *s = &m->j->experiment->scoring[0];
+    sherf_status status = scoring_path(m->j, &m->run[method], s, 0, "scores.json", path);
+    if (status == SHERF_OK) status = json_read(m->j->c, path, &d);
+    if (status != SHERF_OK) return status;
+    status = people_take(m, d->root);
+    if (status == SHERF_OK) status = read_list(m, method, d->root);
+    document_free(d);
+    return status == SHERF_OK ? status : failure_prefix(m->j->c, status, "%s", path);
+}
+
+/* The subject is SHERF, wherever it stands among the methods. */
+static sherf_status methods_read(material *m) {
+    run r;
+    int other = 1;
+    for (int i = 0; run_at(m->j, i, &r) && other < STUDY_METHODS; i++)
+        m->run[!strcmp(r.method->key, "sherf") ? 0 : other++] = r;
+    m->methods = m->s.methods = other;
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < m->methods && status == SHERF_OK; i++) {
+        snprintf(m->s.method[i], STUDY_NAME, "%s", m->run[i].method->label);
+        status = read_method(m, i);
+    }
+    return status;
+}
+
+/* ---- which of it ---- */
+/* STUDY_STRATA: none of them. */
+static sherf_status stratum_of(const material *m, const made_picture *k, int *stratum) {
+    context *c = m->j->c;
+    sherf_camera seen, shown;
+    sherf_pose pose;
+    double degrees = 0;
+    *stratum = STUDY_POSE;
+    if (k->pose != k->observed[0]) return SHERF_OK;
+    const int person = dataset_find(m->data, m->s.person[k->person], strlen(m->s.person[k->person]));
+    if (person < 0)
+        return failure(c, SHERF_MISMATCH, "%s is not among the test people", m->s.person[k->person]);
+    sherf_status status = dataset_camera(c, m->data, person, k->observed[1], &seen);
+    if (status == SHERF_OK) status = dataset_camera(c, m->data, person, k->view, &shown);
+    if (status == SHERF_OK) status = dataset_pose(c, m->data, person, k->pose, &pose);
+    if (status == SHERF_OK) status = camera_angle(c, m->body, &pose, &seen, &shown, &degrees);
+    *stratum = fabs(degrees) <= near_deg ? STUDY_NEAR : fabs(degrees) >= far_deg ? STUDY_FAR : STUDY_STRATA;
+    return status;
+}
+
+/* One of a person's pictures, by chance; *out NULL: there is none. */
+static sherf_status choose(const material *m, int person, int stratum, const made_picture **out) {
+    const made_picture *candidate[CANDIDATES_MAX];
+    int n = 0;
+    *out = NULL;
+    for (int i = 0; i < m->count[0] && n < CANDIDATES_MAX; i++) {
+        const made_picture *k = &m->made[0][i];
+        int of;
+        if (k->person != person) continue;
+        sherf_status status = stratum_of(m, k, &of);
+        if (status != SHERF_OK) return status;
+        if (of == stratum) candidate[n++] = k;
+    }
+    const uint64_t key = random_key(m->j->options->seed, "study.choice", (uint64_t)person);
+    if (n) *out = candidate[random_below(key, (uint64_t)stratum, n)];
+    return SHERF_OK;
+}
+
+static const made_picture *same_picture(const material *m, int method, const made_picture *k) {
+    for (int i = 0; i < m->count[method]; i++) {
+        const made_picture *p = &m->made[method][i];
+        if (p->person == k->person && p->pose == k->pose && p->view == k->view) return p;
+    }
+    return NULL;
+}
+
+/* ---- onto the page ---- */
+/* *index: its number. */
+static sherf_status picture_add(material *m, const image_u8 *image, int *index) {
+    study_picture *p = &m->picture[m->pictures];
+    *index = m->pictures;
+    sherf_status status =
+        png_to_memory(m->j->c, image->width, image->height, 3, image->data, 6, &p->png, &p->bytes);
+    if (status == SHERF_OK) m->pictures++;
+    return status;
+}
+
+/* The left part of an evaluation's picture: what a method made. */
+static sherf_status result_read(const material *m, int method, const made_picture *k, image_u8 *out) {
+    char path[PATH_LENGTH];
+    *out = (image_u8){0};
+    sherf_status status =
+        scoring_path(m->j, &m->run[method], &m->j->experiment->scoring[0], 0, k->file, path);
+    if (status == SHERF_OK) status = image_read(m->j->c, path, 3, out);
+    if (status != SHERF_OK) return status;
+    const size_t whole_row = 3 * (size_t)out->width, row = 3 * (size_t)(out->width / 2);
+    for (int y = 0; y < out->height; y++)
+        memmove(out->data + (size_t)y * row, out->data + (size_t)y * whole_row, row);
+    out->width /= 2;
+    return SHERF_OK;
+}
+
+static sherf_status input_add(material *m, const made_picture *k, int *index) {
+    context *c = m->j->c;
+    sherf_observation *o = NULL;
+    image_u8 image = {0};
+    const int person = dataset_find(m->data, m->s.person[k->person], strlen(m->s.person[k->person]));
+    sherf_status status =
+        dataset_observation(c, m->data, person, k->observed[0], k->observed[1], m->j->set.size_px, &o);
+    if (status != SHERF_OK) return status;
+    const size_t n = 3 * (size_t)o->image.width * (size_t)o->image.height;
+    image = (image_u8){o->image.width, o->image.height, 3, mem_alloc(c, n, 1)};
+    for (size_t i = 0; image.data && i < n; i++) image.data[i] = float_to_u8(o->image.data[i]);
+    status = image.data ? picture_add(m, &image, index) : SHERF_NO_MEMORY;
+    mem_free(image.data);
+    sherf_observation_free(o);
+    return status;
+}
+
+/* A pair with its sides by chance. */
+static void trial_add(material *m, study_trial t) {
+    const uint64_t key = random_key(m->j->options->seed, "study.sides", (uint64_t)m->s.trials);
+    if (random_below(key, 0, 2)) {
+        const study_trial same = t;
+        for (int k = 0; k < 2; k++) t.method[k] = same.method[1 - k], t.picture[1 + k] = same.picture[2 - k];
+        t.blurred = !t.blurred;
+    }
+    m->s.trial[m->s.trials++] = t;
+}
+
+/* The subject against each other method that has the picture, and perhaps against its own blurred copy. */
+static sherf_status pairs_add(material *m, const made_picture *k, int input, int stratum, bool with_catch) {
+    context *c = m->j->c;
+    image_u8 image = {0}, blurred = {0};
+    int shown, index;
+    sherf_status status = result_read(m, 0, k, &image);
+    if (status == SHERF_OK) status = picture_add(m, &image, &shown);
+    if (status == SHERF_OK && with_catch) status = study_blur(c, &image, &blurred);
+    if (status == SHERF_OK && with_catch && (status = picture_add(m, &blurred, &index)) == SHERF_OK)
+        trial_add(m, (study_trial){.person = k->person,
+                                   .stratum = stratum,
+                                   .picture = {input, shown, index},
+                                   .is_catch = true,
+                                   .blurred = 1});
+    for (int i = 1; i < m->methods && status == SHERF_OK; i++) {
+        const made_picture *other = same_picture(m, i, k);
+        if (!other) continue;
+        mem_free(image.data);
+        status = result_read(m, i, other, &image);
+        if (status == SHERF_OK) status = picture_add(m, &image, &index);
+        if (status == SHERF_OK)
+            trial_add(m, (study_trial){.person = k->person,
+                                       .stratum = stratum,
+                                       .method = {0, i},
+                                       .picture = {input, shown, index}});
+    }
+    mem_free(image.data);
+    mem_free(blurred.data);
+    return status;
+}
+
+/* The first catch trials go to people in turn, one stratum after the other. */
+static bool has_catch(const material *m, int person, int stratum) {
+    const int at = stratum * m->s.people + (person + stratum) % m->s.people;
+    const int all = STUDY_STRATA * m->s.people;
+    return at * STUDY_CATCHES / all != (at + 1) * STUDY_CATCHES / all;
+}
+
+static sherf_status trials_make(material *m) {
+    const size_t most = (size_t)m->s.people * STUDY_STRATA * (STUDY_METHODS + 1);
+    m->s.trial = mem_zero(m->j->c, most, sizeof *m->s.trial);
+    m->picture = mem_zero(m->j->c, most + (size_t)m->s.people, sizeof *m->picture);
+    sherf_status status = m->s.trial && m->picture ? SHERF_OK : SHERF_NO_MEMORY;
+    for (int person = 0; person < m->s.people && status == SHERF_OK; person++)
+        for (int stratum = 0, input = -1; stratum < STUDY_STRATA && status == SHERF_OK; stratum++) {
+            const made_picture *k;
+            if ((status = choose(m, person, stratum, &k)) != SHERF_OK || !k) continue;
+            if (input < 0) status = input_add(m, k, &input);
+            if (status == SHERF_OK) status = pairs_add(m, k, input, stratum, has_catch(m, person, stratum));
+        }
+    return status;
+}
+
+/* ---- its page ---- */
+static sherf_status counts_table(const material *m, page *p) {
+    context *c = m->j->c;
+    page_table *t = page_add_table(c, p, "Trials");
+    sherf_status status = t ? SHERF_OK : SHERF_NO_MEMORY;
+    static const char *const name[] = {"near view", "far view", "novel pose"};
+    for (int k = 0; k < STUDY_STRATA && status == SHERF_OK; k++)
+        status = page_add_column(c, t, "", name[k], 0, 0);
+    for (int i = 1; i <= m->methods && status == SHERF_OK; i++) {
+        int count[STUDY_STRATA] = {0};
+        for (int k = 0; k < m->s.trials; k++) {
+            const study_trial *q = &m->s.trial[k];
+            count[q->stratum] += i == m->methods ? q->is_catch : q->method[0] + q->method[1] == i;
+        }
+        page_row *row = i == m->methods ? page_add_row(c, t, "catch trials")
+                                        : page_add_row(c, t, "SHERF against %s", m->s.method[i]);
+        for (int k = 0; row && k < STUDY_STRATA; k++) row->value[k] = interval_of(count[k]);
+        status = row ? SHERF_OK : SHERF_NO_MEMORY;
+    }
+    return status;
+}
+
+static sherf_status how_to(const material *m, page *p) {
+    context *c = m->j->c;
+    sherf_status status = page_add_note(
+        c, p,
+        "study.html is the study, whole in one file: put it on any web server, or open it as it is. key.json "
+        "says what is what and stays here. Each rater sees up to %d pairs, all catch trials (a result "
+        "against its blurred copy) and %d pairs again with sides exchanged, in an order of their own, and "
+        "saves a file of answers at the end.",
+        STUDY_DRAWN, STUDY_REPEATS);
+    if (status == SHERF_OK)
+        status = page_add_note(
+            c, p,
+            "sherf experiment preference --score -o FOLDER answers*.json turns these files into scores.");
+    return status;
+}
+
+sherf_status report_preference(experiment_job *j, page *p) {
+    material m = {.j = j};
+    char folder[PATH_LENGTH];
+    const experiment_data *d = &j->data[0];
+    sherf_status status = sherf_dataset_open(j->c, d->test, &m.data);
+    if (status == SHERF_OK) status = sherf_body_load(j->c, d->body, &m.body);
+    if (status == SHERF_OK) status = methods_read(&m);
+    if (status == SHERF_OK) status = trials_make(&m);
+    if (status == SHERF_OK && !m.s.trials)
+        status = failure(j->c, SHERF_BAD_ARGUMENT, "%s: no picture to show in a study", d->test);
+    if (status == SHERF_OK) status = job_path(j, folder, "%s", j->experiment->name);
+    if (status == SHERF_OK)
+        status =
+            study_write(j->c, &m.s, m.pictures, m.picture, random_key(j->options->seed, "study", 0), folder);
+    if (status == SHERF_OK) status = counts_table(&m, p);
+    if (status == SHERF_OK) status = how_to(&m, p);
+    material_free(&m);
+    return status;
+}

@@ -7,6 +7,7 @@
 #include <jpeglib.h>
 #include <webp/encode.h>
 
+#include "base/only_read.h"
 #include "base/path.h"
 #include "io/image.h"
 
@@ -211,7 +212,7 @@ static void jpeg_run(growing *g, int width, int height, const uint8_t *rgb, int 
     if (quality >= 90) j.comp_info[0].h_samp_factor = j.comp_info[0].v_samp_factor = 1; /* full colour */
     jpeg_start_compress(&j, TRUE);
     while (j.next_scanline < j.image_height) {
-        JSAMPROW row = (JSAMPROW)(rgb + (size_t)j.next_scanline * (size_t)width * 3);
+        JSAMPROW row = only_read(rgb + (size_t)j.next_scanline * (size_t)width * 3);
         jpeg_write_scanlines(&j, &row, 1);
     }
     jpeg_finish_compress(&j);

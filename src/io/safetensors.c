@@ -6,6 +6,7 @@
 #include <sys/stat.h>
 #include <zlib.h>
 
+#include "base/only_read.h"
 #include "base/path.h"
 #include "io/image.h"
 #include "io/build.h"
@@ -289,7 +290,7 @@ sherf_status safetensors_read(context *c, const char *path, safetensors **out) {
 
 sherf_status safetensors_parse(context *c, const void *data, size_t bytes, safetensors **out) {
     *out = NULL;
-    FILE *f = bytes ? fmemopen((void *)data, bytes, "rb") : NULL;
+    FILE *f = bytes ? fmemopen(only_read(data), bytes, "rb") : NULL;
     if (!f) return failure(c, SHERF_BAD_FILE, "not a safetensors file: too short");
     sherf_status status = load(c, f, bytes, out);
     fclose(f);

@@ -119,10 +119,10 @@ static void frame_fill(const float *y, const float background[3], sherf_frame *f
 static sherf_status render_whole(context *c, const ops_field *f, const body_model *body,
                                  const ray_bundle *rays, const point_set *points, const float background[3],
                                  sherf_frame *frame) {
-    target_geometry target = {.rays = (ray_bundle *)rays,
-                              .points = (point_set *)points,
-                              .depth_min = INFINITY,
-                              .depth_max = -INFINITY};
+    ray_bundle own_rays = *rays; /* not freed: the caller's memory */
+    point_set own_points = *points;
+    target_geometry target = {
+        .rays = &own_rays, .points = &own_points, .depth_min = INFINITY, .depth_max = -INFINITY};
     const int64_t n = points->rays;
     float *y = mem_alloc(c, (size_t)n, 5 * sizeof *y);
     tape *t = tape_of(c);

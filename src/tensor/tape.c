@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/only_read.h"
 #include "tensor/tensor.h"
 
 /* One recorded step, newest first. */
@@ -275,7 +276,7 @@ tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const v
         return x && done(t, tensor_upload(t->c, x, data)) ? x : NULL;
     }
     tensor *x = tensor_shell(t, type, rank, dim);
-    if (x) x->data = (void *)data; /* kernels do not write into inputs without gradient */
+    if (x) x->data = only_read(data); /* kernels do not write into inputs without gradient */
     return x;
 }
 

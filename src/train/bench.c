@@ -187,10 +187,10 @@ static const char *peak_name(const context *c) {
 }
 
 /* Behind the measured: what they were measured with. Freed with mem_free. */
-static char *setting_json(const context *c, const bench_shares *shares) {
-    char *told = bench_shares_json((context *)c, shares);
+static char *setting_json(context *c, const bench_shares *shares) {
+    char *told = bench_shares_json(c, shares);
     char *text =
-        told ? mem_format((context *)c,
+        told ? mem_format(c,
                           "\"precision\": \"%s\", \"device\": \"%s\", \"isa\": \"%s\", \"threads\": %d, %s, "
                           "\"peak_%s_mb\": %.1f}\n",
                           precision_name(c), device_name(c), isa_name(isa_best()), c->threads, told,
@@ -200,11 +200,11 @@ static char *setting_json(const context *c, const bench_shares *shares) {
     return text;
 }
 
-static char *setting_text(const context *c, const bench_shares *shares) {
+static char *setting_text(context *c, const bench_shares *shares) {
     char device[200];
-    char *told = bench_shares_text((context *)c, shares);
-    char *text = told ? mem_format((context *)c, "%s on %s, %d threads, at most %.0f MB; %s",
-                                   precision_name(c), device_text(c, device), c->threads, peak_mb(c), told)
+    char *told = bench_shares_text(c, shares);
+    char *text = told ? mem_format(c, "%s on %s, %d threads, at most %.0f MB; %s", precision_name(c),
+                                   device_text(c, device), c->threads, peak_mb(c), told)
                       : NULL;
     mem_free(told);
     return text;

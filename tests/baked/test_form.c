@@ -256,41 +256,49 @@ static void cameras_anywhere(void **state) {
 
 /* ---- files that are not right ---- */
 
-typedef void (*change)(safetensor *t);
-static void joint_beyond(safetensor *t) {
-    ((uint8_t *)t->data)[5] = 24;
+typedef void (*change)(safetensor *t, void *data);
+static void joint_beyond(safetensor *t, void *data) {
+    ((uint8_t *)data)[5] = 24;
 }
-static void weight_less(safetensor *t) {
-    ((float *)t->data)[4] -= 0.25f;
+static void weight_less(safetensor *t, void *data) {
+    ((float *)data)[4] -= 0.25f;
 }
-static void weight_negative(safetensor *t) {
-    ((float *)t->data)[0] = -1;
-    ((float *)t->data)[1] += 1;
+static void weight_negative(safetensor *t, void *data) {
+    ((float *)data)[0] = -1;
+    ((float *)data)[1] += 1;
 }
-static void corner_beyond(safetensor *t) {
-    ((uint32_t *)t->data)[7] = 1u << 30;
+static void corner_beyond(safetensor *t, void *data) {
+    ((uint32_t *)data)[7] = 1u << 30;
 }
-static void corner_negative(safetensor *t) {
-    ((int32_t *)t->data)[2] = -1;
+static void corner_negative(safetensor *t, void *data) {
+    ((int32_t *)data)[2] = -1;
 }
-static void infinite(safetensor *t) {
-    ((float *)t->data)[3] = INFINITY;
+static void infinite(safetensor *t, void *data) {
+    ((float *)data)[3] = INFINITY;
 }
-static void huge(safetensor *t) {
-    ((float *)t->data)[3] = 1e30f;
+static void huge(safetensor *t, void *data) {
+    ((float *)data)[3] = 1e30f;
 }
-static void garbage(safetensor *t) {
-    memset((uint8_t *)t->data + 4, 0x5a, 40);
+static void garbage(safetensor *t, void *data) {
+    memset((uint8_t *)data + 4, 0x5a, 40);
 }
-static void shorter(safetensor *t) {
+static void shorter(safetensor *t, void *data) {
     t->dim[0]--;
 }
-static void narrower(safetensor *t) {
+static void narrower(safetensor *t, void *data) {
     t->dim[0] *= t->dim[1];
     t->dim[1] = 1;
 }
-static void renamed(safetensor *t) {
+static void renamed(safetensor *t, void *data) {
     t->name[0] = 'x';
+}
+
+static void *copy_of(const safetensor *t) {
+    size_t bytes = dtype_size(t->type);
+    for (int k = 0; k < t->rank; k++) bytes *= (size_t)t->dim[k];
+    void *copy = malloc(bytes);
+    assert_non_null(copy);
+    return memcpy(copy, t->data, bytes);
 }
 
 static sherf_status load_changed(context *c, const char *name, change how, const char *key,
@@ -299,13 +307,20 @@ static sherf_status load_changed(context *c, const char *name, change how, const
     safetensor_item item[16];
     safetensor_metadata metadata[8];
     sherf_avatar *a = NULL;
+    void *copy = NULL; /* of the changed tensor */
     assert_ok(c, sherf_avatar_save(c, baked, test_path("good.safetensors")));
     assert_ok(c, safetensors_read(c, test_path("good.safetensors"), &s));
     assert_true(s->count <= COUNT_OF(item) && s->metadata_count <= COUNT_OF(metadata));
     for (size_t i = 0; i < s->count; i++) {
         safetensor *t = &s->tensor[i];
-        if (name && !strcmp(t->name, name)) how(t), name = NULL;
-        item[i] = (safetensor_item){.name = t->name, .type = t->type, .rank = t->rank, .data = t->data};
+        const bool changes = name && !strcmp(t->name, name);
+        const void *data = t->data;
+        if (changes) {
+            data = copy = copy_of(t);
+            how(t, copy);
+            name = NULL;
+        }
+        item[i] = (safetensor_item){.name = t->name, .type = t->type, .rank = t->rank, .data = data};
         memcpy(item[i].dim, t->dim, sizeof t->dim);
     }
     assert_null(name);
@@ -315,6 +330,7 @@ static sherf_status load_changed(context *c, const char *name, change how, const
             metadata[kept++] = (safetensor_metadata){
                 s->metadata_key[i], key && !strcmp(key, s->metadata_key[i]) ? says : s->metadata_value[i]};
     assert_ok(c, safetensors_write(c, test_path("bad.safetensors"), s->count, item, kept, metadata));
+    free(copy);
     safetensors_free(s);
     sherf_status status = sherf_avatar_load(c, test_path("bad.safetensors"), body, &a);
     assert_true((a == NULL) == (status != SHERF_OK));

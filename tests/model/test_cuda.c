@@ -64,10 +64,10 @@ typedef struct {
     float *values, *grads; /* running statistics are among the values */
 } result;
 
-static float *block_read(context *c, const parameters *p, const float *block, int64_t floats) {
+static float *block_read(context *c, const parameters *p, float *block, int64_t floats) {
     float *out = mem_alloc(c, (size_t)floats, sizeof *out);
     assert_non_null(out);
-    tensor whole = {.type = T_F32, .rank = 1, .dim = {floats}, .data = (void *)block, .memory = p->memory};
+    tensor whole = {.type = T_F32, .rank = 1, .dim = {floats}, .data = block, .memory = p->memory};
     assert_ok(c, tensor_download(c, &whole, out));
     return out;
 }

@@ -77,7 +77,7 @@ static void field(second *s, const char *net, const double code[42], const doubl
 }
 
 /* One sample of a ray: color and raw density. */
-static void sample(second *s, const char *net, const double *map, int ray, double depth, double out[4]) {
+static void sample(second *s, const char *net, double *map, int ray, double depth, double out[4]) {
     const ray_bundle *r = s->scene->target->rays;
     const sherf_camera *k = &s->scene->camera;
     double d[3], x[3], unit[3], code[42], pixel[3], feature[FEATURES];
@@ -103,7 +103,7 @@ static void sample(second *s, const char *net, const double *map, int ray, doubl
     }
     const double u = (k->K[0] * pixel[0] + k->K[1] * pixel[1] + k->K[2] * pixel[2]) / (pixel[2] + 1e-5);
     const double v = (k->K[4] * pixel[1] + k->K[5] * pixel[2]) / (pixel[2] + 1e-5);
-    const rival_map all = {SIDE / 2, SIDE / 2, FEATURES, (double *)map};
+    const rival_map all = {SIDE / 2, SIDE / 2, FEATURES, map};
     rival_bilinear(all, fmin(fmax(u / 2, 0), SIDE / 2 - 1), fmin(fmax(v / 2, 0), SIDE / 2 - 1), feature);
     field(s, net, code, feature, out);
 }

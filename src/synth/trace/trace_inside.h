@@ -101,6 +101,9 @@ static inline unsigned seen_mask(trace_seen seen) {
     return 1u << (16 + seen);
 }
 enum { SKY_STEPS = 256 };
+typedef struct { /* read and written by many threads */
+    _Atomic uint64_t word;
+} lit_word;
 struct trace_scene {
     RTCDevice device;
     RTCScene scene; /* NULL before the first pose */
@@ -109,8 +112,8 @@ struct trace_scene {
     scene_mesh *mesh;
     int64_t points;
     int top_layer;
-    _Atomic uint64_t *lit; /* 2 x points (front, back): visible_pack, 0: not traced yet */
-    trace_light light;     /* lamps normalised, defaults filled in */
+    lit_word *lit;     /* 2 x points (front, back): visible_pack, 0: not traced yet */
+    trace_light light; /* lamps normalised, defaults filled in */
     float lamp_u[TRACE_LAMPS][3], lamp_v[TRACE_LAMPS][3]; /* across the lamp, times its radius */
     float sky[SKY_STEPS + 1][3]; /* what a white surface shows under the open sky, by normal . up -1 .. 1 */
     float (*sky_sample)[2];      /* sky_rays points of the unit square, neighbours together */

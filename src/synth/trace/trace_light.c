@@ -140,7 +140,7 @@ sherf_status light_prepare(context *c, trace_scene *s, const trace_light *light)
 }
 
 void light_forget(trace_scene *s) {
-    memset((void *)s->lit, 0, 2 * (size_t)s->points * sizeof *s->lit);
+    memset(s->lit, 0, 2 * (size_t)s->points * sizeof *s->lit);
 }
 
 /* ---- tracing ---- */
@@ -302,7 +302,7 @@ static uint64_t guess_word(const trace_scene *s, const scene_mesh *m, uint32_t f
 
 static uint64_t light_word(const trace_scene *s, const scene_mesh *m, uint32_t face, const light_corner *at,
                            int side) {
-    _Atomic uint64_t *lit = &s->lit[2 * ((size_t)m->points_before + at->point) + (size_t)side];
+    _Atomic uint64_t *lit = &s->lit[2 * ((size_t)m->points_before + at->point) + (size_t)side].word;
     uint64_t word = atomic_load_explicit(lit, memory_order_relaxed);
     if (word) return word;
     if (at->kind != AT_VERTEX) word = guess_word(s, m, face, at, side);

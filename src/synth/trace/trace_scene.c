@@ -60,7 +60,7 @@ void trace_scene_free(trace_scene *s) {
     if (s->device) rtcReleaseDevice(s->device);
     for (int i = 0; i < s->meshes; i++) scene_mesh_free(&s->mesh[i]);
     mem_free(s->mesh);
-    mem_free((void *)s->lit);
+    mem_free(s->lit);
     mem_free(s->sky_sample);
     mem_free(s->lamp_sample);
     mem_free(s);

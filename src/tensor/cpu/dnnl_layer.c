@@ -2,6 +2,7 @@
  * once to the primitive's own form. */
 #include <string.h>
 
+#include "base/only_read.h"
 #include "tensor/cpu/dnnl_layer.h"
 #include "tensor/cpu/dnnl_plan.h"
 
@@ -115,7 +116,7 @@ static dnnl_status_t execute(dnnl_primitive_t primitive, dnnl_engine_t engine, i
 static dnnl_status_t pack(layer *l, dnnl_engine_t engine, const float *weight) {
     dnnl_primitive_desc_t desc = NULL;
     dnnl_primitive_t reorder = NULL;
-    const plan_arg args[] = {{DNNL_ARG_FROM, &l->w_plain, (void *)weight}, {DNNL_ARG_TO, l->w, l->weight}};
+    const plan_arg args[] = {{DNNL_ARG_FROM, &l->w_plain, only_read(weight)}, {DNNL_ARG_TO, l->w, l->weight}};
     TRY(dnnl_reorder_primitive_desc_create(&desc, &l->w_plain, engine, l->w, engine, NULL));
     dnnl_status_t status = dnnl_primitive_create(&reorder, desc);
     if (status == dnnl_success) status = execute(reorder, engine, 2, args);
@@ -166,7 +167,7 @@ done:
 
 sherf_status layer_run(context *c, const layer *l, const float *x, float *y, void *scratch) {
     plan_arg args[5] = {
-        {DNNL_ARG_SRC, l->x, (void *)x}, {DNNL_ARG_WEIGHTS, l->w, l->weight}, {DNNL_ARG_DST, l->y, y}};
+        {DNNL_ARG_SRC, l->x, only_read(x)}, {DNNL_ARG_WEIGHTS, l->w, l->weight}, {DNNL_ARG_DST, l->y, y}};
     int count = 3;
     if (l->bias) args[count++] = (plan_arg){DNNL_ARG_BIAS, &l->b, l->bias};
     if (layer_scratch_bytes(l)) args[count++] = (plan_arg){DNNL_ARG_SCRATCHPAD, l->scratch, scratch};

@@ -124,6 +124,19 @@ static sherf_status place_layers(context *c, arena *a, const tensor_memory *memo
     return SHERF_OK;
 }
 
+/* The layers' own place is given back when they are packed. */
+static sherf_status place_fragments(context *c, arena *a, const tensor_memory *memory,
+                                    const radiance_parts *p, placed_network *n) {
+    float_layers layers;
+    sherf_status status = bf16_room(c, a, n->s, &n->fragments);
+    if (status) return status;
+    const arena_mark mark = arena_position(a);
+    status = place_layers(c, a, memory, p, &layers);
+    if (!status) bf16_pack(layers, n->s, n->fragments);
+    arena_rewind(a, mark); /* in the stream's order */
+    return status;
+}
+
 network_sizes network_sizes_of(const radiance_field *n) {
     const radiance_sizes *s = &n->s;
     return {s->token_width,     n->fused,
@@ -144,7 +157,7 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
     n->s = network_sizes_of(p->n);
     n->bf16 = bf16 && bf16_fits(n->s);
     sherf_status status = place_bank(c, a, memory, p, n->bf16, &n->bank);
-    if (!status && n->bf16) status = bf16_place(c, a, memory, p, n->s, &n->fragments);
+    if (!status && n->bf16) status = place_fragments(c, a, memory, p, n);
     if (!status && !n->bf16) status = place_layers(c, a, memory, p, &n->layers);
     if (!status) status = finished_work(c, "placing a radiance field");
     if (status)

@@ -58,8 +58,8 @@ struct network_sizes {
 
 /* Weights as the tensor cores' fragments (network_bf16.cu). */
 struct bf16_layers {
-    const uint4 *stream;   /* of the decoder, by stages */
-    const uint4 *resident; /* what stays in shared memory: fusion's fragments, then all biases */
+    uint4 *stream;   /* of the decoder, by stages */
+    uint4 *resident; /* what stays in shared memory: fusion's fragments, then all biases */
     int stages, resident_bytes;
 };
 
@@ -71,7 +71,7 @@ struct placed_network {
     bf16_layers fragments;
 };
 
-/* tokens[i][fused] of the points list[base + i], 0 <= i < most; color[i][3]. Without token_b, times the
+/* tokens[i][fused] of the points list[base + i], 0 <= i < max; color[i][3]. Without token_b, times the
  * bank's scale. */
 void sample_tokens(const placed_network *n, const network_points *points, int64_t base, int64_t max,
                    void *tokens, float *color);
@@ -84,8 +84,9 @@ void float_run(const placed_network *n, const network_points *points, int64_t ba
 /* network_bf16.cu */
 network_sizes network_sizes_of(const radiance_field *n);
 bool bf16_fits(const network_sizes &s);
-sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
-                        const network_sizes &s, bf16_layers *out);
+/* Room for the layers, filled with zeros; and the layers into it, in the stream's order. */
+sherf_status bf16_room(context *c, arena *a, const network_sizes &s, bf16_layers *out);
+void bf16_pack(const float_layers &l, const network_sizes &s, const bf16_layers &to);
 void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,
               const network_scratch *scratch);
 

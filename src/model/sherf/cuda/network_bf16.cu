@@ -14,7 +14,7 @@
  * more registers than there are; wgmma, which reads weights from shared memory itself, is the way from there.
  *
  * The stream of stages and every barrier are the same for all warps, whether their points exist or not. */
-#include "model/sherf/cuda/network_bf16.h"
+#include "model/sherf/cuda/pack.h"
 
 namespace cuda_backend {
 
@@ -25,148 +25,51 @@ bool bf16_fits(const network_sizes &s) {
            (s.color_width == 0 || s.color_token == 2);
 }
 
-/* ---- packing, on the host ---- */
-static uint32_t host_bf16(float x) {
-    uint32_t u;
-    memcpy(&u, &x, sizeof u);
-    return (u + 0x7fff + (u >> 16 & 1)) >> 16;
-}
-static float host_rounded(float x) {
-    const uint32_t u = host_bf16(x) << 16;
-    memcpy(&x, &u, sizeof x);
-    return x;
+/* ---- packing ---- */
+static plain_matrix plain_of(const radiance_matrix &m) {
+    return {m.w, m.rows, m.columns, m.columns};
 }
 
-/* The fragment of inputs 16 k .. and outputs 8 n ..; value(output, input) is 0 where there is none. words:
- * two a lane, `step` apart from lane to lane. */
-template <typename F> static void pack_fragment(int k, int n, F value, uint32_t *words, int step) {
-    for (int lane = 0; lane < WARP; lane++) {
-        const int g = lane / 4, t = lane % 4;
-        for (int half = 0; half < 2; half++) {
-            const int input = 16 * k + 8 * half + 2 * t, output = 8 * n + g;
-            words[lane * step + half] = host_bf16(value(output, input)) | host_bf16(value(output, input + 1))
-                                                                              << 16;
-        }
+static forward_weights forward_of(const float_layers &l, const network_sizes &s) {
+    const radiance_matrices &m = l.m;
+    const int h = s.decoder_width, columns = m.views.columns;
+    forward_weights f = {};
+    f.color = plain_of(m.color);
+    f.qkv = plain_of(m.qkv);
+    f.attention_out = plain_of(m.attention_out);
+    f.mlp0 = plain_of(m.mlp0);
+    f.mlp1 = plain_of(m.mlp1);
+    f.alpha = plain_of(m.alpha);
+    f.rgb = plain_of(m.rgb);
+    f.views_h = {m.views.w, m.views.rows, h, columns};
+    f.views_rest = {m.views.w + h, m.views.rows, columns - h, columns};
+    f.token_b = l.token_b;
+    f.norm0_w = l.norm0_w, f.norm0_b = l.norm0_b, f.norm1_w = l.norm1_w, f.norm1_b = l.norm1_b;
+    f.attention_out_b = m.attention_out.b;
+    f.mlp0_b = m.mlp0.b, f.mlp1_b = m.mlp1.b, f.views_b = m.views.b;
+    f.rgb_b = m.rgb.b, f.alpha_b = m.alpha.b;
+    for (int i = 0; i < s.decoder_depth; i++) {
+        f.pts[i] = plain_of(m.pts[i]);
+        f.pts_b[i] = m.pts[i].b;
     }
+    return f;
 }
 
-template <typename F>
-static void pack_resident(uint32_t *fragments, int first, int k_tiles, int n_tiles, F value) {
-    for (int k = 0; k < k_tiles; k++)
-        for (int n = 0; n < n_tiles; n++)
-            pack_fragment(k, n, value, fragments + (first + k * n_tiles + n) * FRAGMENT, 2);
+sherf_status bf16_room(context *c, arena *a, const network_sizes &s, bf16_layers *out) {
+    const int h_tiles = h_tiles_of(s.decoder_width), stages = forward_stages(s, h_tiles);
+    const int64_t words = (int64_t)stages * stage_words(h_tiles);
+    const int64_t kept = resident_words(resident_layout(s.heads, h_tiles, s.decoder_depth));
+    uint32_t *stream = room<uint32_t>(c, a, words), *resident = room<uint32_t>(c, a, kept);
+    if (!stream || !resident) return SHERF_NO_MEMORY;
+    each(words, [=] __device__(int64_t i) { stream[i] = 0; });
+    each(kept, [=] __device__(int64_t i) { resident[i] = 0; });
+    *out = {(uint4 *)stream, (uint4 *)resident, stages, (int)(kept * 4)};
+    return SHERF_OK;
 }
 
-static float matrix_at(const radiance_matrix &m, int row, int column) {
-    return row >= 0 && row < m.rows && column >= 0 && column < m.columns
-               ? m.w[(size_t)row * m.columns + column]
-               : 0;
-}
-
-static void pack_heads(const radiance_parts *p, const resident_places &at, uint32_t *fragments) {
-    const int all = p->n->attention_width, width = p->n->s.head_width;
-    const float scale = 1.44269504f / sqrtf((float)width); /* attention's, and log2 e for exp2 */
-    for (int h = 0; h < p->n->s.heads; h++) {
-        const int first = at.heads + h * HEAD_EACH;
-        for (int part = 0; part < 3; part++) /* q, k, v */
-            pack_resident(fragments, first + 4 * part, TOKEN_TILES, 2, [=](int output, int input) {
-                const float w =
-                    output < width ? matrix_at(p->m.qkv, part * all + h * width + output, input) : 0;
-                return part == 0 ? w * scale : w;
-            });
-        pack_resident(fragments, first + HEAD_QKV, 1, TOKEN_N, [=](int output, int input) {
-            return input < width ? matrix_at(p->m.attention_out, output, h * width + input) : 0;
-        });
-    }
-}
-
-/* What bf16 keeps of a weight in the even columns, what it drops in the odd ones. */
-static float split(const radiance_matrix &m, int output, int input) {
-    const float w = matrix_at(m, output / 2, input), high = host_rounded(w);
-    return output % 2 ? w - high : high;
-}
-
-static void pack_floats(const radiance_parts *p, const resident_places &at, int h_tiles, float *to) {
-    const struct {
-        int at;
-        const float *from;
-        int count;
-    } all[] = {{at.token_b, p->n->token_b, 3 * TOKEN},
-               {at.norm0_w, p->n->norm0_w, TOKEN},
-               {at.norm0_b, p->n->norm0_b, TOKEN},
-               {at.norm1_w, p->n->norm1_w, TOKEN},
-               {at.norm1_b, p->n->norm1_b, TOKEN},
-               {at.out_b, p->m.attention_out.b, TOKEN},
-               {at.mlp0_b, p->m.mlp0.b, TOKEN},
-               {at.mlp1_b, p->m.mlp1.b, TOKEN},
-               {at.views_b, p->m.views.b, p->m.views.rows},
-               {at.rgb_b, p->m.rgb.b, 3},
-               {at.rgb_b + 3, p->m.alpha.b, 1}};
-    for (const auto &one : all) memcpy(to + one.at, one.from, (size_t)one.count * sizeof *to);
-    for (int i = 0; i < p->n->s.decoder_depth; i++)
-        memcpy(to + at.pts_b + 16 * h_tiles * i, p->m.pts[i].b, (size_t)p->m.pts[i].rows * sizeof *to);
-}
-
-/* Stages follow each other at the same distance, that of the widest: 16 bytes a lane are two neighbouring
- * n-tiles. */
-static int stage_words(int h_tiles) {
-    return STAGE_TILES * 2 * h_tiles * FRAGMENT;
-}
-
-template <typename F>
-static uint32_t *pack_stages(uint32_t *to, int each_words, int k_tiles, int n_tiles, F value) {
-    for (int k = 0; k < k_tiles; k++)
-        for (int n = 0; n < n_tiles; n++)
-            pack_fragment(k, n, value,
-                          to + k / STAGE_TILES * each_words +
-                              (k % STAGE_TILES * n_tiles / 2 + n / 2) * 2 * FRAGMENT + n % 2 * 2,
-                          4);
-    return to + tiles_stages(k_tiles) * each_words;
-}
-
-sherf_status bf16_place(context *c, arena *a, const tensor_memory *memory, const radiance_parts *p,
-                        const network_sizes &s, bf16_layers *out) {
-    const int h_tiles = h_tiles_of(p->n->s.decoder_width), each_words = stage_words(h_tiles);
-    const int views_tiles = h_tiles + DIRECTION_TILES + TOKEN_TILES, depth = p->n->s.decoder_depth;
-    const resident_places at = resident_layout(p->n->s.heads, h_tiles, depth);
-    int stages = tiles_stages(views_tiles);
-    for (int i = 0; i < depth; i++) stages += tiles_stages(layer_tiles(s, i, h_tiles));
-    const size_t words = (size_t)stages * each_words, kept = (size_t)resident_words(at);
-    uint32_t *stream = (uint32_t *)mem_zero(c, words, sizeof *stream);
-    uint32_t *resident = (uint32_t *)mem_zero(c, kept, sizeof *resident);
-    uint32_t *stream_there = room<uint32_t>(c, a, (int64_t)words),
-             *resident_there = room<uint32_t>(c, a, (int64_t)kept);
-    sherf_status status = stream && resident && stream_there && resident_there ? SHERF_OK : SHERF_NO_MEMORY;
-    if (!status) {
-        pack_resident(resident, at.color, COLOR_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->m.color, output, input); });
-        pack_heads(p, at, resident);
-        pack_resident(resident, at.mlp0, TOKEN_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->m.mlp0, output, input); });
-        pack_resident(resident, at.mlp1, TOKEN_TILES, TOKEN_N,
-                      [=](int output, int input) { return matrix_at(p->m.mlp1, output, input); });
-        pack_resident(resident, at.alpha, h_tiles, 1,
-                      [=](int output, int input) { return split(p->m.alpha, output, input); });
-        pack_resident(resident, at.rgb, VIEW_TILES, 1,
-                      [=](int output, int input) { return split(p->m.rgb, output, input); });
-        pack_floats(p, at, h_tiles, (float *)(resident + at.fragments * FRAGMENT));
-        uint32_t *to = stream;
-        for (int i = 0; i < depth; i++)
-            to = pack_stages(to, each_words, layer_tiles(s, i, h_tiles), 2 * h_tiles,
-                             [=](int output, int input) {
-                                 return matrix_at(p->m.pts[i], output, pts_column(s, i, input));
-                             });
-        pack_stages(to, each_words, views_tiles, VIEW_N, [=](int output, int input) {
-            return matrix_at(p->m.views, output, views_column(s, h_tiles, input));
-        });
-        status = memory->upload(c, stream_there, stream, words * sizeof *stream);
-    }
-    if (!status) status = memory->upload(c, resident_there, resident, kept * sizeof *resident);
-    *out = {(const uint4 *)stream_there, (const uint4 *)resident_there, stages,
-            (int)(kept * sizeof *resident)};
-    mem_free(stream);
-    mem_free(resident);
-    return status;
+void bf16_pack(const float_layers &l, const network_sizes &s, const bf16_layers &to) {
+    pack_forward(forward_of(l, s), s, h_tiles_of(s.decoder_width), (uint32_t *)to.stream,
+                 (uint32_t *)to.resident);
 }
 
 struct frame_task {

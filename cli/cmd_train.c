@@ -8,7 +8,7 @@ static struct {
     const char *data, *people, *body, *output, *preset, *resnet, *lpips, *perceptual, *resume, *background,
         *start, *without;
     bool front_view, last_weights;
-    int64_t size, steps, images, targets, pictures, halve_every, halve_pictures, sample_every, save_every,
+    int64_t size, steps, batch, targets, pictures, halve_every, halve_pictures, sample_every, save_every,
         workers;
     double epochs, seconds, learning_rate, perceptual_weight, estimated, beta2;
 } set;
@@ -42,7 +42,7 @@ static const option options[] = {
     {0, "epochs", OPTION_REAL, &set.epochs, "X", "stop after X epochs (5)", 0, 1e6},
     {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 0, 1e12},
     {0, "seconds", OPTION_REAL, &set.seconds, "X", "stop after X seconds", 0, 1e9},
-    {0, "images", OPTION_INTEGER, &set.images, "N", "images a step, over all processes (4)", 0, 4096},
+    {0, "batch", OPTION_INTEGER, &set.batch, "N", "samples a step, over all processes (4)", 0, 4096},
     {0, "targets", OPTION_INTEGER, &set.targets, "N",
      "pictures rendered of each observed person (1, the paper's); the further ones in any pose", 0, 8},
     {0, "pictures", OPTION_INTEGER, &set.pictures, "N",
@@ -87,7 +87,7 @@ static int run(session *s, int count, char **argument) {
                              .epochs = set.epochs,
                              .steps = set.steps,
                              .seconds = set.seconds,
-                             .images_per_step = (int)set.images,
+                             .images_per_step = (int)set.batch,
                              .targets = (int)set.targets,
                              .pictures = (int)set.pictures,
                              .learning_rate = set.learning_rate,
@@ -122,7 +122,7 @@ const verb verb_train = {
         "losses, Adam, a rate halved every "
         "epoch, a moving average of the weights. Ctrl-C saves a checkpoint; the same command goes on from "
         "it, "
-        "with the same result as if it had not stopped. Under mpirun the images of a step are shared out.",
+        "with the same result as if it had not stopped. Under mpirun the samples of a step are shared out.",
     .example =
         "sherf train --data thuman:people --people 0-2 --body people/tubeman.safetensors --preset small "
         "--size 256 --seconds 300 -o run\n"

@@ -245,10 +245,10 @@ static void asset_folders(const char *folder[ASSET_FOLDERS]) {
 }
 
 const char *session_asset(const char *given, const char *name) {
-    enum { ASKED_MAX = 16 }; /* answers that stay, of one run of a verb */
-    static char paths[ASKED_MAX][4096];
-    static int asked;
-    char *path = paths[asked++ % ASKED_MAX];
+    enum { PATHS_MAX = 16 }; /* answers that stay, of one run of a verb */
+    static char paths[PATHS_MAX][4096];
+    static int requests;
+    char *path = paths[requests++ % PATHS_MAX];
     const char *folder[ASSET_FOLDERS];
     if (given) return strcmp(given, "none") ? given : NULL;
     asset_folders(folder);

@@ -35,7 +35,7 @@ for stage in $stages; do
 $stage
 END
     # shellcheck disable=SC2086
-    run train --data "thuman:$out/train" --people "0-$((people - 1))" --preset "$preset" --size 256 --images 1 \
+    run train --data "thuman:$out/train" --people "0-$((people - 1))" --preset "$preset" --size 256 --batch 1 \
         --targets 4 --perceptual-weight "$weight" --background "$background" --halve-every 1000000 --steps "$steps" \
         --learning-rate "$rate" -o "$out/run" ${TRAIN:-}
 done
@@ -52,7 +52,7 @@ $stage
 END
     # shellcheck disable=SC2086
     run train --data "thuman:$out/both" --people "0-$((tuned_people + tuned_people / 3))" \
-        --start "$out/run/model.safetensors" --preset "$preset,occlusion=2" --size 256 --images 1 --targets 4 \
+        --start "$out/run/model.safetensors" --preset "$preset,occlusion=2" --size 256 --batch 1 --targets 4 \
         --perceptual-weight 0.3 --background random --estimated "$estimated" --halve-every 1000000 --steps "$steps" \
         --learning-rate "$rate" -o "$out/tuned" ${TRAIN:-}
 done

@@ -23,7 +23,7 @@ mkdir -p "$out"
 step "1. tube people" "8 of them in 6 poses, seen by 24 cameras"
 run synth tube -o "$people" --people 8 --poses 6 --views 24 --size 256
 step "2. training" "the preset small on people 0 to 6, for $seconds seconds"
-run train --data "thuman:$people" --people "0-$((last - 1))" --body "$body" --preset small --size 128 --images 1 \
+run train --data "thuman:$people" --people "0-$((last - 1))" --body "$body" --preset small --size 128 --batch 1 \
     --seconds "$seconds" -o "$out/run"
 step "3. avatar" "of $held_out, who was not in training, from one picture"
 run avatar "thuman:$people#$held_out/0/12" --model "$model" --body "$body" -o "$out/avatar.safetensors"

@@ -11,16 +11,16 @@ function joint(k, a, b,    w, x, y, z, s, angle) {
     if (s < 1e-9) s = 1
     pose[3 * k] = x / s * angle; pose[3 * k + 1] = y / s * angle; pose[3 * k + 2] = z / s * angle
 }
-function most(a, b) { return a > b ? a : b }
+function max(a, b) { return a > b ? a : b }
 BEGIN {
     print "{\"frames\": ["
     for (f = 0; f < frames; f++) {
         t = 6.2831853 * f / frames
         for (i = 0; i < 72; i++) pose[i] = 0
         joint(1, -0.55 * sin(t), 0); joint(2, 0.55 * sin(t), 0)                          # hips
-        joint(4, 0.15 + 0.8 * most(0, cos(t)), 0); joint(5, 0.15 + 0.8 * most(0, -cos(t)), 0) # knees
+        joint(4, 0.15 + 0.8 * max(0, cos(t)), 0); joint(5, 0.15 + 0.8 * max(0, -cos(t)), 0) # knees
         joint(16, 0.6 * sin(t), -1.15); joint(17, -0.6 * sin(t), 1.15)                   # shoulders
-        pose[3 * 18 + 1] = -0.3 - 0.3 * most(0, -sin(t)); pose[3 * 19 + 1] = 0.3 + 0.3 * most(0, sin(t)) # elbows
+        pose[3 * 18 + 1] = -0.3 - 0.3 * max(0, -sin(t)); pose[3 * 19 + 1] = 0.3 + 0.3 * max(0, sin(t)) # elbows
         pose[3 * 3 + 1] = 0.12 * sin(t); pose[3 * 6 + 1] = 0.12 * sin(t)                 # spine
         printf "{\"poses\": ["
         for (i = 0; i < 72; i++) printf "%s%.5f", i ? ", " : "", pose[i]

@@ -44,11 +44,11 @@ const isMoving = () => play.on || performance.now() - changed < limits.stillMs;
 
 // Width and height of a picture of this side: the stage's shape, the side being its height, or its width when
 // that is the shorter one.
-function dimensions(side, most = 2 * about.side) {
+function dimensions(side, largest = 2 * about.side) {
   const w = Math.max(stage.clientWidth, 1), h = Math.max(stage.clientHeight, 1);
   const height = w >= h ? side : (side * h) / w, width = (height * w) / h;
-  const scale = Math.min(1, most / Math.max(width, height));
-  return [clamp(Math.round(width * scale), 16, most), clamp(Math.round(height * scale), 16, most)];
+  const scale = Math.min(1, largest / Math.max(width, height));
+  return [clamp(Math.round(width * scale), 16, largest), clamp(Math.round(height * scale), 16, largest)];
 }
 
 const fullSide = () =>

@@ -117,7 +117,7 @@ static inline float detail_rise(float x, const float edge[2]) {
     const float t = (x - edge[0]) / (edge[1] - edge[0]), u = t < 0 ? 0 : t > 1 ? 1 : t;
     return u * u * (3 - 2 * u);
 }
-/* So many pixels are about `m` metres where the body's root is; 1 to most. */
+/* So many pixels are about `m` metres where the body's root is; 1 to max. */
 int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max);
 /* Means over neighbours within `radius` pixels, twice, weighted by opacity and by how near their depths are:
  * value (NULL: the depths themselves) is smoothed in place. room: as large as one of them. What is below an

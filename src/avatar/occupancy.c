@@ -1,7 +1,7 @@
 /* What an avatar is in cells of canonical space. The density at a point depends on its place there alone,
  * whatever the pose and the camera, and the colour hardly on the direction. So the network is queried once on
- * a lattice: frames leave out what lies among empty cells, or (coarse fields) query the network only for what
- * weighs. */
+ * a lattice, the occupancy grid: frames skip the space that is empty there, or (coarse fields) query the
+ * network only for what weighs. */
 #include <math.h>
 #include <string.h>
 
@@ -101,7 +101,9 @@ static sherf_status query_all(context *c, empty_job *j, int64_t count) {
     return status;
 }
 
-/* Bits of the empty cells without a full one around them; false where they are too few to be of use. */
+/* Bits of the cells that are empty and have no full one around them; false where they are too few to be of
+ * use.
+ */
 static bool mark(const empty_job *j, occupancy_grid *e) {
     const int X = e->cells[0], Y = e->cells[1], Z = e->cells[2];
     int64_t known = 0, empty = 0;
@@ -214,7 +216,7 @@ void lazy_occupancy_free(lazy_occupancy *l) {
     mem_free(l);
 }
 
-/* Where products are cheap, in bf16 and on a GPU, empty cells alone are left out. */
+/* Where products are cheap, in bf16 and on a GPU, only empty space is skipped. */
 static bool takes_coarse(const context *c, const sherf_avatar *a) {
     return c->precision == SHERF_PRECISION_FP32 && !avatar_takes_joints(a);
 }

@@ -245,9 +245,9 @@ static void shade(const drawing *d, int32_t n, float x, float y, float rgb[3]) {
                  w[2] * f->uv[2 * (size_t)t[2] + (size_t)k]) *
                 sum;
     const int level = d->span[n].level, side = f->side_px >> level;
-    const float size = 1 / (float)(1 << level), most = (float)(side - 1);
-    for (int k = 0; k < 2; k++) at[k] = fminf(fmaxf((at[k] + 0.5f) * size - 0.5f, 0), most);
-    const int column = (int)fminf(at[0], most - 1), row = (int)fminf(at[1], most - 1);
+    const float size = 1 / (float)(1 << level), last = (float)(side - 1);
+    for (int k = 0; k < 2; k++) at[k] = fminf(fmaxf((at[k] + 0.5f) * size - 0.5f, 0), last);
+    const int column = (int)fminf(at[0], last - 1), row = (int)fminf(at[1], last - 1);
     const float fx = at[0] - (float)column, fy = at[1] - (float)row;
     const uint8_t *p = f->texture[level] + 3 * ((size_t)row * (size_t)side + (size_t)column),
                   *q = p + 3 * side;

@@ -112,7 +112,7 @@ static void av1_sequence_header(piece p, av1_sequence *q, heif_sizes *out) {
 }
 
 /* A frame may have a size of its own, which no decoder holds to the sequence's. Where that is not read here,
- * it counts as the most that its bits can say. */
+ * it counts as the maximum of its bits. */
 static void av1_frame_header(piece p, const av1_sequence *q, heif_sizes *out) {
     enum { KEY = 0, SWITCH = 3 };
     bits b = {p, 0};

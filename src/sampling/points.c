@@ -207,7 +207,7 @@ static void keep_near(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
-/* After pass 2: what turns out to lie in an empty cell is kept no longer. */
+/* After pass 2: what the occupancy grid has as empty space is kept no longer. */
 static void drop_empty(const points_job *job, int64_t chunk) {
     enum { SOME = 64 };
     int32_t *nearest = job->nearest + job->candidate[chunk], total = 0;

@@ -385,7 +385,7 @@ static sherf_status step_once(bench *b, void *arg) {
     double squares;
     j->sample.drawn.noise_key = (uint64_t)++j->step;
     parameters_zero_grads(p);
-    sherf_status status = image_gradients(j->tape, b->model, b->body, &j->networks, &j->sample, 1, j->rows);
+    sherf_status status = sample_gradients(j->tape, b->model, b->body, &j->networks, &j->sample, 1, j->rows);
     if (status == SHERF_OK) status = gradients_square_sum(b->c, &j->adam, p->grads, &squares);
     if (status != SHERF_OK) return status;
     if (!isfinite(squares)) return failure(b->c, SHERF_BAD_ARGUMENT, "the step's gradients are not finite");

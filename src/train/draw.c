@@ -76,8 +76,8 @@ int64_t permuted(uint64_t key, int64_t i, int64_t n) {
 }
 
 /* Further pictures of the observation: other views than its own, one each, in a pose of their own. */
-static void draw_also(const sampling *s, int i, int64_t image, draw *d) {
-    const uint64_t key = random_key(s->seed, "train.pictures", (uint64_t)image);
+static void draw_also(const sampling *s, int i, int64_t number, draw *d) {
+    const uint64_t key = random_key(s->seed, "train.pictures", (uint64_t)number);
     const int64_t views = s->views[i];
     const int max = s->pictures < views ? s->pictures : (int)views;
     if (max < 2 || d->estimated || random_below(key, 0, 2)) return;
@@ -92,28 +92,28 @@ static void draw_also(const sampling *s, int i, int64_t image, draw *d) {
     }
 }
 
-draw sampling_draw(const sampling *s, int64_t image) {
+draw sampling_draw(const sampling *s, int64_t number) {
     const int64_t n = sampling_pictures(s);
-    int64_t at = permuted(random_key(s->seed, "train.epoch", (uint64_t)(image / n)), image % n, n);
+    int64_t at = permuted(random_key(s->seed, "train.epoch", (uint64_t)(number / n)), number % n, n);
     int i = 0;
     while (at >= s->before[i + 1]) i++;
     at -= s->before[i];
-    uint64_t key = random_key(s->seed, "train.image", (uint64_t)image);
+    uint64_t key = random_key(s->seed, "train.image", (uint64_t)number);
     draw d = {.person = s->person[i],
               .pose = (int)(at / s->views[i]) * s->pose_step,
               .view = (int)(at % s->views[i]),
               .observed_view = s->front_view,
               .noise_key = splitmix64(key + 1) | 1};
     if (s->front_view < 0) d.observed_view = (int)random_below(key, 0, s->views[i]);
-    d.estimated = random_uniform(random_key(s->seed, "train.estimated", (uint64_t)image), 0) < s->estimated;
-    draw_also(s, i, image, &d);
+    d.estimated = random_uniform(random_key(s->seed, "train.estimated", (uint64_t)number), 0) < s->estimated;
+    draw_also(s, i, number, &d);
     d.further = s->targets - 1;
     for (int k = 0; k < d.further; k++) {
         d.more[k].pose = (int)random_below(key, 2 + 2 * (uint64_t)k, s->poses[i]) * s->pose_step;
         if (s->one_pose) d.more[k].pose = d.pose;
         d.more[k].view = (int)random_below(key, 3 + 2 * (uint64_t)k, s->views[i]);
     }
-    const uint64_t ground = random_key(s->seed, "train.background", (uint64_t)image);
+    const uint64_t ground = random_key(s->seed, "train.background", (uint64_t)number);
     for (int k = 0; k <= d.further; k++)
         if (s->random_background && random_below(ground, 2 * (uint64_t)k, BLACK_ONE_IN))
             d.background[k] = (float)random_uniform(ground, 2 * (uint64_t)k + 1);

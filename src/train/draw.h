@@ -1,4 +1,4 @@
-/* sampling: which pictures each image of a step is made of. Image number n (counted from the start of the
+/* sampling: which pictures each sample of a step is made of. Sample number n (counted from the start of the
  * training, over all processes) is a pure function of the seed and n. */
 #ifndef SHERF_DRAW_H
 #define SHERF_DRAW_H
@@ -16,11 +16,11 @@ typedef struct {
     int64_t *before; /* people + 1: pictures of all people before this one; owned */
     int pose_step;
     int front_view;         /* -1: any view observes */
-    int targets;            /* of an image, 1 to TARGETS_MAX */
+    int targets;            /* of a sample, 1 to TARGETS_MAX */
     bool one_pose;          /* further targets keep the observation's pose */
     bool random_background; /* false: always black, the paper's */
-    double estimated;       /* share of the images that are observed by estimate, 0 to 1 */
-    int pictures;           /* from 2 on, every other image that is not observed by estimate is observed in
+    double estimated;       /* share of the samples that are observed by estimate, 0 to 1 */
+    int pictures;           /* from 2 on, every other sample that is not observed by estimate is observed in
                                2 to so many pictures */
 } sampling;
 
@@ -46,7 +46,7 @@ typedef struct {
     uint64_t noise_key;            /* never 0 */
     float background[TARGETS_MAX]; /* grey in [0, 1] behind the target and each further one */
 } draw;
-draw sampling_draw(const sampling *s, int64_t image);
+draw sampling_draw(const sampling *s, int64_t number);
 
 /* Position i of a permutation of [0, n) that `key` names, n >= 1. */
 int64_t permuted(uint64_t key, int64_t i, int64_t n);

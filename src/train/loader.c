@@ -120,7 +120,7 @@ fail:
     return sample_load(c, from, drawn, out);
 }
 
-/* A slot holds image number n of this loader, n % slots being its place. */
+/* A slot holds sample number n of this loader, n % slots being its place. */
 typedef struct {
     bool ready;
     sherf_status status;
@@ -132,7 +132,7 @@ struct loader {
     loader_options options;
     int slots, started;
     slot *slot;
-    int64_t claimed, taken; /* images given to workers, images handed out */
+    int64_t claimed, taken; /* samples given to workers, samples handed out */
     bool stop;
     double waited;
     pthread_mutex_t lock;

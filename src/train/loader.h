@@ -1,4 +1,4 @@
-/* loader: threads that read the pictures of the coming images and prepare their geometry, so that a step
+/* loader: threads that read the pictures of the coming samples and prepare their geometry, so that a step
  * never waits for files. */
 #ifndef SHERF_LOADER_H
 #define SHERF_LOADER_H
@@ -23,10 +23,10 @@ typedef struct {
     const sherf_dataset *data;
     const body_model *body;
     const model_config *config;
-    const eval_estimator *estimator; /* for images that are observed by estimate; used by many threads */
+    const eval_estimator *estimator; /* for samples that are observed by estimate; used by many threads */
     int width;                       /* 0: the protocol's */
 } sample_source;
-/* One image, here and now; sizes as in sherf_train_options. Where it is to be observed by estimate, the
+/* One sample, here and now; sizes as in sherf_train_options. Where it is to be observed by estimate, the
  * targets' cameras and poses are carried over to the estimate's world, as evaluation does; where nobody is
  * found, it is observed as the data set has it. */
 sherf_status sample_load(context *c, const sample_source *source, draw drawn, sample *out);
@@ -34,8 +34,8 @@ sherf_status sample_load(context *c, const sample_source *source, draw drawn, sa
 typedef struct {
     sample_source source;
     const sampling *sampling;
-    int64_t first_step;              /* images from this step on */
-    int images_per_step, begin, end; /* of each step, the images [begin, end) */
+    int64_t first_step;              /* samples from this step on */
+    int images_per_step, begin, end; /* of each step, the samples [begin, end) */
     int workers;                     /* at least 1 */
 } loader_options;
 
@@ -43,7 +43,7 @@ typedef struct loader loader;
 /* What options point to must outlive the loader. */
 sherf_status loader_create(context *c, const loader_options *options, loader **out);
 void loader_free(loader *l);
-/* The next image in order, whatever the number of workers; it is the caller's (sample_free). */
+/* The next sample in order, whatever the number of workers; it is the caller's (sample_free). */
 sherf_status loader_next(context *c, loader *l, sample *out);
 double loader_waited(const loader *l); /* seconds that loader_next stood still, in all */
 

@@ -23,8 +23,8 @@ static sherf_status target_losses(tape *t, const model *m, const body_model *bod
     return losses_forward(t, networks, frame, &target, losses);
 }
 
-sherf_status image_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
-                             const sample *s, double scale, float *rows) {
+sherf_status sample_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
+                              const sample *s, double scale, float *rows) {
     model_bank bank;
     tensor *total = NULL;
     tape_reset(t);

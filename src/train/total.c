@@ -18,20 +18,20 @@ void total_free(step_total *s) {
     *s = (step_total){0};
 }
 
-sherf_status total_create(context *c, parameters *weights, int images, int begin, int end, int targets,
+sherf_status total_create(context *c, parameters *weights, int samples, int begin, int end, int targets,
                           step_total *out) {
     const tensor_memory *memory = weights->memory;
     *out = (step_total){
-        .weights = weights, .images = images, .begin = begin, .end = end, .targets = targets, .levels = 1};
+        .weights = weights, .samples = samples, .begin = begin, .end = end, .targets = targets, .levels = 1};
     while ((end - begin) >> out->levels) out->levels++;
     out->buffers = weights->total_floats - weights->trained_floats;
     const size_t buffers = (size_t)out->buffers, row = (size_t)targets * LOSSES;
     out->branch = mem_zero(c, (size_t)out->levels, sizeof *out->branch);
     out->full = mem_zero(c, (size_t)out->levels, sizeof *out->full);
     out->before = block_take(c, memory, buffers, sizeof *out->before);
-    out->statistics = block_take(c, memory, (size_t)images, buffers * sizeof *out->statistics);
+    out->statistics = block_take(c, memory, (size_t)samples, buffers * sizeof *out->statistics);
     out->rows = block_take(c, memory, (size_t)(end - begin), row * sizeof *out->rows);
-    out->losses = mem_zero(c, (size_t)images, LOSSES * sizeof *out->losses);
+    out->losses = mem_zero(c, (size_t)samples, LOSSES * sizeof *out->losses);
     if (out->branch && out->full && out->before && out->statistics && out->rows && out->losses)
         return SHERF_OK;
     total_free(out);
@@ -65,10 +65,10 @@ sherf_status total_start(context *c, step_total *s) {
     parameters_zero_grads(s->weights);
     if (s->buckets) buckets_begin(s->buckets);
     memset(s->full, 0, (size_t)s->levels * sizeof *s->full);
-    memset(s->losses, 0, (size_t)s->images * LOSSES * sizeof *s->losses);
+    memset(s->losses, 0, (size_t)s->samples * LOSSES * sizeof *s->losses);
     sherf_status status = block_copy(c, memory, s->before, buffers(s), buffer_bytes(s));
     if (status == SHERF_OK)
-        status = block_clear(c, memory, s->statistics, (size_t)s->images * buffer_bytes(s));
+        status = block_clear(c, memory, s->statistics, (size_t)s->samples * buffer_bytes(s));
     return status == SHERF_OK ? rows_empty(c, s) : status;
 }
 
@@ -76,8 +76,8 @@ sherf_status total_undo(context *c, step_total *s) {
     return block_copy(c, s->weights->memory, buffers(s), s->before, buffer_bytes(s));
 }
 
-float *total_rows(const step_total *s, int image) {
-    return s->rows + (size_t)(image - s->begin) * (size_t)s->targets * LOSSES;
+float *total_rows(const step_total *s, int number) {
+    return s->rows + (size_t)(number - s->begin) * (size_t)s->targets * LOSSES;
 }
 
 /* ---- gradients ---- */
@@ -116,12 +116,12 @@ static sherf_status gather(context *c, step_total *s, int *level) {
     return status;
 }
 
-sherf_status total_add(context *c, step_total *s, int image) {
+sherf_status total_add(context *c, step_total *s, int number) {
     const tensor_memory *memory = s->weights->memory;
-    float *row = s->statistics + (size_t)image * (size_t)s->buffers;
+    float *row = s->statistics + (size_t)number * (size_t)s->buffers;
     int level;
     sherf_status status = block_copy(c, memory, row, buffers(s), buffer_bytes(s));
-    if (status != SHERF_OK || image + 1 == s->end) return status; /* the last one stays where it is */
+    if (status != SHERF_OK || number + 1 == s->end) return status; /* the last one stays where it is */
     if ((status = total_undo(c, s)) != SHERF_OK) return status;
     if ((status = gather(c, s, &level)) != SHERF_OK) return status;
     if (!s->branch[level]) {
@@ -134,7 +134,7 @@ sherf_status total_add(context *c, step_total *s, int image) {
     return status;
 }
 
-/* The last image's gradients are in a stretch of the block: the branches' come on top, smallest first. */
+/* The last sample's gradients are in a stretch of the block: the branches' come on top, smallest first. */
 static sherf_status branches_add(context *c, void *total, int64_t begin, int64_t n) {
     const step_total *s = total;
     sherf_status status = SHERF_OK;
@@ -148,12 +148,12 @@ sherf_status total_overlap(context *c, step_total *s, const ranks *r) {
     return buckets_create(c, s->weights, r, branches_add, s, &s->buckets);
 }
 
-void total_watch(step_total *s, tape *t, int image) {
-    const bool last = s->buckets && image + 1 == s->end;
+void total_watch(step_total *s, tape *t, int number) {
+    const bool last = s->buckets && number + 1 == s->end;
     tape_on_final(t, last ? buckets_final : NULL, s->buckets);
 }
 
-/* Over this process's images, and over the processes. */
+/* Over this process's samples, and over the processes. */
 static sherf_status sum_gradients(context *c, step_total *s, const ranks *r) {
     const parameters *p = s->weights;
     if (s->buckets) return buckets_finish(c, s->buckets);
@@ -162,15 +162,15 @@ static sherf_status sum_gradients(context *c, step_total *s, const ranks *r) {
 }
 
 /* ---- statistics ---- */
-/* In float32 where one image makes the step, so that it is the plain update. */
+/* In float32 where one sample makes the step, so that it is the plain update. */
 static sherf_status mean_statistics(context *c, step_total *s) {
     const tensor_memory *memory = s->weights->memory;
     float *to = buffers(s);
-    if (memory) return memory->blocks->mean_rows(c, s->images, s->buffers, s->statistics, to);
+    if (memory) return memory->blocks->mean_rows(c, s->samples, s->buffers, s->statistics, to);
     for (int64_t k = 0; k < s->buffers; k++) {
         double sum = 0;
-        for (int i = 0; i < s->images; i++) sum += s->statistics[(size_t)i * (size_t)s->buffers + (size_t)k];
-        to[k] = (float)(sum / s->images);
+        for (int i = 0; i < s->samples; i++) sum += s->statistics[(size_t)i * (size_t)s->buffers + (size_t)k];
+        to[k] = (float)(sum / s->samples);
     }
     return SHERF_OK;
 }
@@ -207,7 +207,7 @@ static sherf_status read_losses(context *c, step_total *s) {
 static double mean_loss(const step_total *s, int which) {
     double sum = 0;
     int n = 0;
-    for (int i = 0; i < s->images; i++) {
+    for (int i = 0; i < s->samples; i++) {
         double v = s->losses[(size_t)i * LOSSES + (size_t)which];
         if (isnan(v) && which >= 3) continue;
         sum += v;
@@ -219,10 +219,10 @@ static double mean_loss(const step_total *s, int which) {
 sherf_status total_finish(context *c, step_total *s, const ranks *r, loss_values *mean) {
     const parameters *p = s->weights;
     sherf_status status = sum_gradients(c, s, r);
-    if (status == SHERF_OK) status = ranks_sum(c, r, p->memory, s->buffers * s->images, s->statistics);
+    if (status == SHERF_OK) status = ranks_sum(c, r, p->memory, s->buffers * s->samples, s->statistics);
     if (status == SHERF_OK) status = mean_statistics(c, s);
     if (status == SHERF_OK) status = read_losses(c, s);
-    if (status == SHERF_OK) status = ranks_sum(c, r, NULL, (int64_t)LOSSES * s->images, s->losses);
+    if (status == SHERF_OK) status = ranks_sum(c, r, NULL, (int64_t)LOSSES * s->samples, s->losses);
     if (status != SHERF_OK) return status;
     *mean = (loss_values){mean_loss(s, 0), mean_loss(s, 1), mean_loss(s, 2),
                           mean_loss(s, 3), mean_loss(s, 4), mean_loss(s, 5)};

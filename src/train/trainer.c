@@ -427,7 +427,7 @@ static void announce(trainer *t) {
     if (t->ranks.rank) return;
     log_line(c, SHERF_LOG_INFO,
              "training %s:%s (%.1f million parameters) on %" PRId64
-             " pictures of %d people, %d images a step, "
+             " pictures of %d people, %d samples a step, "
              "steps %" PRId64 " to %" PRId64,
              config->kind->name, config->preset, (double)parameters_trained_count(t->model->weights) / 1e6,
              sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
@@ -458,7 +458,7 @@ static sherf_status share(trainer *t) {
         total_watch(&t->total, t->tape, i);
         if (status == SHERF_OK)
             status =
-                image_gradients(t->tape, t->model, t->body, &networks, &s, scale, total_rows(&t->total, i));
+                sample_gradients(t->tape, t->model, t->body, &networks, &s, scale, total_rows(&t->total, i));
         sample_free(&s);
         if (status == SHERF_OK) status = total_add(c, &t->total, i);
         if (status != SHERF_OK) return status;
@@ -688,7 +688,7 @@ sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
     status = ranks_agree(c, &t.ranks, status);
     if (status == SHERF_OK) status = run(&t);
     if (status == SHERF_NO_MEMORY && t.model)
-        failure_prefix(c, status, "training %s:%s on pictures %d wide, %d images a step",
+        failure_prefix(c, status, "training %s:%s on pictures %d wide, %d samples a step",
                        t.model->config.kind->name, t.model->config.preset,
                        t.state.size_px ? t.state.size_px : t.model->config.image_size,
                        t.state.images_per_step);

@@ -56,11 +56,12 @@ static sherf_status bake(context *c, const viewer *v, int avatar, live_surface *
     return status == SHERF_OK ? pack(c, out->avatar->formed, &out->data, &out->bytes) : status;
 }
 
-/* The avatar that was asked for last, which is looked at now; -1: none. Under the lock. */
+/* The avatar that was requested last, which is looked at now; -1: none. Under the lock. */
 static int wanted(const viewer_live *l) {
     int best = -1;
     for (int i = 0; i < VIEWER_AVATARS; i++)
-        if (l->surface[i].state == LIVE_ASKED && (best < 0 || l->surface[i].asked > l->surface[best].asked))
+        if (l->surface[i].state == LIVE_REQUESTED &&
+            (best < 0 || l->surface[i].request > l->surface[best].request))
             best = i;
     return best;
 }
@@ -124,9 +125,9 @@ live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes) 
     pthread_mutex_lock(&l->lock);
     if (!l->started && l->c) l->started = pthread_create(&l->thread, NULL, work, v) == 0;
     if (!l->started) s->state = LIVE_FAILED;
-    if (s->state == LIVE_NONE || s->state == LIVE_ASKED) {
-        s->state = LIVE_ASKED;
-        s->asked = ++l->asked;
+    if (s->state == LIVE_NONE || s->state == LIVE_REQUESTED) {
+        s->state = LIVE_REQUESTED;
+        s->request = ++l->request;
         pthread_cond_signal(&l->news);
     }
     const live_state state = s->state;

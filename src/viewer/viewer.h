@@ -231,10 +231,10 @@ enum {
     LIVE_FRAME = 3 + 12 * BODY_JOINTS,
     LIVE_FRAMES = 128 /* in an answer */
 };
-typedef enum { LIVE_NONE, LIVE_ASKED, LIVE_BAKING, LIVE_READY, LIVE_FAILED } live_state;
+typedef enum { LIVE_NONE, LIVE_REQUESTED, LIVE_BAKING, LIVE_READY, LIVE_FAILED } live_state;
 typedef struct {
     live_state state;
-    uint64_t asked;       /* which question it was */
+    uint64_t request;     /* its number */
     sherf_avatar *avatar; /* baked */
     uint8_t *data;
     size_t bytes;
@@ -244,9 +244,9 @@ typedef struct {
     pthread_mutex_t lock;
     pthread_cond_t news;
     pthread_t thread;
-    context *c; /* the thread's own; NULL: nothing can be baked */
-    uint64_t asked;
-    int resolution; /* of what is baked, cells along the body; tests lower it */
+    context *c;       /* the thread's own; NULL: nothing can be baked */
+    uint64_t request; /* the last one's number */
+    int resolution;   /* of what is baked, cells along the body; tests lower it */
     live_surface surface[VIEWER_AVATARS];
 } viewer_live;
 sherf_status live_open(context *c, viewer *v);

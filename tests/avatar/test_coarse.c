@@ -1,5 +1,5 @@
 /* Frames by a coarse field: how close they are to those of every point, and what moves the samples that were
- * not asked. */
+ * not queried. */
 #include <math.h>
 #include <string.h>
 
@@ -63,7 +63,7 @@ static double psnr(const sherf_frame *a, const sherf_frame *b, double *worst) {
 static void frames_are_close(void **state) {
     static const struct {
         float larger, min_db, worst;
-        int share; /* of the points that are asked at most: one in so many */
+        int share; /* of the points that are queried at most: one in so many */
     } cases[] = {{3, 40, 0.4f, 7}, {1, 54, 0.15f, 2}};
     scene s;
     open_scene(2, &s);
@@ -83,7 +83,7 @@ static void frames_are_close(void **state) {
     close_scene(&s);
 }
 
-/* A picture so small that its points are hardly more than the field's cells leaves out empty cells only. */
+/* A picture so small that its points are hardly more than the field's cells skips empty space only. */
 static void small_pictures_do_without(void **state) {
     scene s;
     double worst;
@@ -135,7 +135,7 @@ static void the_field_is_trilinear(void **state) {
 }
 
 /* Five rays in a cross: the middle one's sample is moved as those beside, before and behind it were; where
- * none of them was asked, and what weighs little, stays. */
+ * none of them was queried, and what weighs little, stays. */
 static void samples_move_with_their_neighbours(void **state) {
     enum { RAYS = 9, P = 11 };
     context *c;
@@ -154,8 +154,8 @@ static void samples_move_with_their_neighbours(void **state) {
     float rgb[3 * P] = {0}, sigma[P] = {0}, new_rgb[21] = {0}, new_sigma[7] = {100, 1, 2, 30, 40, 3, 50};
     for (int i = 0; i < 7; i++) new_rgb[3 * i] = new_sigma[i] / 100;
     for (int i = 0; i < P; i++) sigma[i] = 10;
-    point_set asked = {.count = 7};
-    coarse_points p = {.queried = &asked,
+    point_set queried = {.count = 7};
+    coarse_points p = {.queried = &queried,
                        .all = {.count = P, .rays = RAYS, .samples = 10, .first = first, .sample = sample},
                        .rgb = rgb,
                        .sigma = sigma,
@@ -163,7 +163,7 @@ static void samples_move_with_their_neighbours(void **state) {
     assert_ok(c, coarse_points_answer(c, &rays, new_rgb, new_sigma, &p));
     assert_true(sigma[0] == 100 && sigma[3] == 30 && sigma[5] == 40 && rgb[9] == 0.3f);
     assert_true(sigma[8] == 10 && sigma[10] == 10 && rgb[30] == 0); /* little weight */
-    assert_true(sigma[6] == 10);                                    /* nobody asked near it */
+    assert_true(sigma[6] == 10);                                    /* nothing near it was queried */
     /* pixels and samples are a decimetre apart: three beside (-9, -8, -7), before and behind (20, 30) */
     assert_float_equal(sigma[4], 10 + (-9 - 8 - 7 + 20 + 30) / 5.0f, 1e-2f);
     assert_float_equal(rgb[12], (0.01f + 0.02f + 0.03f + 0.3f + 0.4f) / 5, 1e-3f);

@@ -5,7 +5,7 @@
 
 #include "demo_scene.h"
 
-/* A frame's points with and without the empty cells, in the third pose's place. */
+/* A frame's points with and without empty space, in the third pose's place. */
 static void points_of(const scene *s, const occupancy_grid *empty, point_set **out) {
     const sherf_pose *pose = sherf_observation_pose(s->observation);
     const sherf_camera *camera = sherf_observation_camera(s->observation);
@@ -65,7 +65,7 @@ static void what_is_left_out_has_no_density(void **state) {
     close_scene(&s);
 }
 
-/* A frame in which the empty cells alone are left out, as frames in bf16 do (coarse fields are more). */
+/* A frame in which only empty space is skipped, as frames in bf16 do (coarse fields are more). */
 static void frame_without_empty(const scene *s, sherf_frame *frame) {
     static const float black[3];
     const sherf_camera *camera = sherf_observation_camera(s->observation);

@@ -439,7 +439,7 @@ static void interrupt_saves(void **state) {
     snprintf(words, sizeof words,
              "train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset " TINY
              " --size 64 --steps 100000 "
-             "--images 1 -o %s",
+             "--batch 1 -o %s",
              folder, folder, out);
     char steps[2100];
     snprintf(steps, sizeof steps, "%s/log.jsonl", out);

@@ -330,7 +330,7 @@ static void mattes(void **state) {
         for (int i = 0; i < N; i++) {
             const int x = i % MADE_WIDTH;
             const int first =
-                form == 1 ? 11 : 10; /* an alpha counts from 128 on, a grey from half its most */
+                form == 1 ? 11 : 10; /* an alpha counts from 128 on, a grey from half its maximum */
             const bool is = form == 2 ? !made_person(x, i / MADE_WIDTH) : x >= first && x <= 39 - first;
             assert_int_equal(o->mask[i], is);
         }

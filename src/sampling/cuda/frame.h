@@ -107,14 +107,14 @@ struct placed_observation {
 
 struct placed_points {
     int64_t rays, max; /* room for candidates and points */
-    int width, words;  /* of `bits` a ray: for the most samples that there may be */
+    int width, words;  /* of `bits` a ray: for the maximum of samples */
     frame_head *head;
     float origin[3];
     float *direction, *near, *far; /* N x 3, N, N */
     uint8_t *at_box;
     uint32_t *bits;                                                       /* N x words: the candidates */
     int32_t *first;                                                       /* N + 1: candidates, then points */
-    int32_t *candidate_ray, *candidate_sample, *candidate_nearest, *slot; /* slot: most + 1 */
+    int32_t *candidate_ray, *candidate_sample, *candidate_nearest, *slot; /* slot: max + 1 */
     int32_t *ray, *sample, *nearest;
     float *canonical, *direction_canonical, *observed_px;
     int32_t *sums; /* for scans */

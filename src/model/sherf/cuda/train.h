@@ -94,13 +94,13 @@ struct train_run {
     const uint4 *back; /* resident */
     record_places at;
     const float *canonical, *direction, *observed_px;
-    const int32_t *list, *count; /* points list[base + i], i < most, base + i < *count */
+    const int32_t *list, *count; /* points list[base + i], i < max, base + i < *count */
     int64_t base, max;
-    float *tokens, *color; /* sampled: most x TOKENS, most x 3 */
+    float *tokens, *color; /* sampled: max x TOKENS, max x 3 */
     float *rgb, *sigma;    /* of all points: written forwards, rgb read backwards */
     const float *drgb, *dsigma;
     uint4 *records;
-    float *dfused;  /* most x 2 TOKEN: gradients of fusion's result */
+    float *dfused;  /* max x 2 TOKEN: gradients of fusion's result */
     float *dtokens; /* [place in the list][TOKENS]: of what was sampled */
     float *vectors; /* FUSION_BLOCKS x VECTOR_SLOTS x THREADS */
 };

@@ -62,10 +62,6 @@ sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a) 
     return status == SHERF_OK ? avatar_place(c, body, a) : status;
 }
 
-const posed_body *avatar_posed_in(const sherf_avatar *a, int picture) {
-    return a->pictures > 1 ? a->posed[picture] : a->sheet.body;
-}
-
 static sherf_status picture_keep(context *c, const sherf_observation *o, observed_picture *out) {
     const sherf_image *image = sherf_observation_image(o);
     const size_t n = (size_t)image->width * (size_t)image->height * (size_t)image->channels;

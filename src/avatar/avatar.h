@@ -105,8 +105,6 @@ sherf_avatar *avatar_new(context *c); /* empty, NULL on lack; freed with sherf_a
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
 /* What follows from what a file or an observation says: the sheet, the bodies, and avatar_place. */
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
-/* The body in the pose of a picture, counted from 0; the avatar's. */
-const posed_body *avatar_posed_in(const sherf_avatar *a, int picture);
 
 /* ---- avatar_file.c, render.c ---- */
 /* Of a file that safetensors_read read; sherf_avatar_load (baked/form_file.c) is for people. */

@@ -104,11 +104,16 @@ void detail_free(avatar_detail *d) {
     *d = (avatar_detail){0};
 }
 
+/* The body in the pose of a picture, counted from 0; the avatar's. */
+static const posed_body *posed_in(const sherf_avatar *a, int picture) {
+    return a->pictures > 1 ? a->posed[picture] : a->sheet.body;
+}
+
 /* The observation's picture number i as it is compared: its image, or the finer one. */
 static float *picture_of(context *c, const sherf_avatar *a, int i, detail_view *d) {
     const observed_picture *p = &a->picture[i];
     const fine_picture *fine = &a->fine[i];
-    *d = (detail_view){p->image.width, p->image.height, p->camera, avatar_posed_in(a, i)};
+    *d = (detail_view){p->image.width, p->image.height, p->camera, posed_in(a, i)};
     if (fine->data) {
         d->width = fine->width;
         d->height = fine->height;

@@ -51,13 +51,6 @@ sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char 
                    what);
 }
 
-void sherf_frame_free(sherf_frame *frame) {
-    sherf_image_free(&frame->color);
-    sherf_image_free(&frame->opacity);
-    sherf_image_free(&frame->depth);
-    frame->points = 0;
-}
-
 /* Colour over black is colour times opacity. */
 sherf_status sherf_frame_rgba(sherf_context *c, const sherf_frame *frame, sherf_image *out) {
     const sherf_image *color = &frame->color;

@@ -33,19 +33,20 @@ typedef struct {
 void image_webp_decode(image_decoder *d);
 void image_heif_decode(image_decoder *d, const char *kind);
 
+/* ---- image_rows.c ---- */
 /* SHERF_BAD_FILE: what is said of a file whose data are wrong. */
 sherf_status image_broken(image_decoder *d, const char *kind, const char *why);
 /* Sets the size of d->out, or fails when it is beyond the limits. */
 sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height);
 /* Takes d->out.data, and d->row of row_bytes (0: none). */
 bool image_make_room(image_decoder *d, size_t row_bytes);
+/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
+void image_put_row(image_decoder *d, const uint8_t *row, int y, int from);
+
 /* ---- image_profile.c ---- */
 static const size_t profile_bytes_max = (size_t)4 << 20; /* longer ones are broken */
 /* Copies an ICC profile to d->profile where it is wanted; false, with d->status, without memory. */
 bool image_profile_take(image_decoder *d, const void *data, size_t bytes);
 /* Turns the colours of d->out to sRGB; a profile that cannot be read is left out. */
 void image_profile_apply(image_decoder *d);
-
-/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
-void image_put_row(image_decoder *d, const uint8_t *row, int y, int from);
 #endif

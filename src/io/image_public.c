@@ -11,6 +11,13 @@ void sherf_image_free(sherf_image *image) {
     *image = (sherf_image){0};
 }
 
+void sherf_frame_free(sherf_frame *frame) {
+    sherf_image_free(&frame->color);
+    sherf_image_free(&frame->opacity);
+    sherf_image_free(&frame->depth);
+    frame->points = 0;
+}
+
 sherf_status sherf_image_read(sherf_context *c, const char *path, sherf_image *out) {
     image_u8 picture;
     *out = (sherf_image){0};

@@ -1,3 +1,4 @@
+/* UTF-16 to UTF-8. */
 #include "io/utf16.h"
 
 #include <string.h>

@@ -27,17 +27,6 @@ static float add_moved(const answer_job *j, ray_cursor *ray, int32_t sample, flo
     return weight;
 }
 
-float rays_pitch(const ray_bundle *r) {
-    float apart = 0, near = INFINITY;
-    for (int k = 0; k < 3 && r->width > 1; k++) {
-        const float d = r->direction[3 + k] - r->direction[k];
-        apart += d * d;
-    }
-    for (size_t n = 0; n < (size_t)r->width * (size_t)r->height; n++)
-        if (r->at_box[n]) near = fminf(near, r->near[n]);
-    return r->width > 1 && near < INFINITY ? sqrtf(apart) * near : INFINITY;
-}
-
 /* How much a sample before or behind counts against one beside: the root of how much nearer that is
  * (measured; less would be left of what differs along a ray, more of what differs across). */
 static float behind_weight(const ray_bundle *r, int samples, int64_t n) {

@@ -36,10 +36,6 @@ static inline void coarse_at(const coarse_field *f, const float canonical[3], fl
     *(four *)out = near * (1 - z) + far * z;
 }
 
-/* Metres between two neighbouring pixels where the box is nearest; infinite where it is not in the picture.
- */
-float rays_pitch(const ray_bundle *r);
-
 /* The samples near the body that have density in it and are not hidden, with its answers; `queried`: those of
  * them that the model is to answer instead. A frame is made of `all` by points_render. */
 typedef struct {

@@ -18,6 +18,9 @@ typedef struct {
     float K_inverse[9], R[9], T_m[3], origin[3]; /* origin: of the rays, in the world */
 } ray_optics;
 void ray_optics_of(const sherf_camera *camera, ray_optics *out);
+/* Metres between two neighbouring pixels where the box is nearest; infinite where it is not in the picture.
+ */
+float rays_pitch(const ray_bundle *r);
 
 /* Depths of the two crossings of origin + t * direction with the box's faces; false unless exactly two. */
 HOST_AND_DEVICE static inline bool cross_box(const float origin[3], const float direction[3],

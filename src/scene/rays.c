@@ -227,3 +227,14 @@ void rays_free(ray_bundle *r) {
     mem_free(r->at_box);
     mem_free(r);
 }
+
+float rays_pitch(const ray_bundle *r) {
+    float apart = 0, near = INFINITY;
+    for (int k = 0; k < 3 && r->width > 1; k++) {
+        const float d = r->direction[3 + k] - r->direction[k];
+        apart += d * d;
+    }
+    for (size_t n = 0; n < (size_t)r->width * (size_t)r->height; n++)
+        if (r->at_box[n]) near = fminf(near, r->near[n]);
+    return r->width > 1 && near < INFINITY ? sqrtf(apart) * near : INFINITY;
+}

@@ -18,7 +18,9 @@ typedef struct {
     const sherf_observation *real_observation;
 } bench;
 
-/* The median milliseconds of `once`: one run to warm up, then b->repeats, or what fits in some seconds. */
+enum { REPEATS_MAX = 1000 };
+/* bench_time.c: the median milliseconds of `once`: one run to warm up, then b->repeats, or what fits in some
+ * seconds. */
 sherf_status bench_timed(bench *b, sherf_status (*once)(bench *b, void *arg), void *arg, double *ms);
 
 /* ---- bench_share.c: how near the processor's peak ---- */

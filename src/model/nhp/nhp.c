@@ -29,10 +29,6 @@ static const model_setting settings[] = {{"encoder_width", AT(encoder_width), 8,
                                          {"own", AT(own), 0, 1, 1},
                                          {0}};
 
-const nhp_settings *nhp_settings_of(const model_config *config) {
-    return (const nhp_settings *)config->own.bytes;
-}
-
 static void defaults(model_config *out) {
     const nhp_settings own = {.encoder_width = 64,
                               .width = 256,

@@ -18,7 +18,9 @@ typedef struct {
     float voxel_size_m;              /* [0.005] */
     int own;                         /* trained as its authors do, in the whole box; else as SHERF is [1] */
 } nhp_settings;
-const nhp_settings *nhp_settings_of(const model_config *config);
+static inline const nhp_settings *nhp_settings_of(const model_config *config) {
+    return (const nhp_settings *)config->own.bytes;
+}
 
 /* What the body and the camera decide: observation_geometry.own. */
 typedef struct {

@@ -123,7 +123,7 @@ static dnnl_status_t weights_build(plan *p, dnnl_engine_t engine, dnnl_primitive
     return dnnl_primitive_create(&p->weights, p->weights_desc);
 }
 
-dnnl_status_t plan_build(plan *p, dnnl_engine_t engine) {
+static dnnl_status_t convolution_build(plan *p, dnnl_engine_t engine) {
     static const dnnl_query_t what[PASS_COUNT][3] = {
         {dnnl_query_src_md, dnnl_query_weights_md, dnnl_query_dst_md},
         {dnnl_query_diff_src_md, dnnl_query_weights_md, dnnl_query_diff_dst_md},
@@ -162,10 +162,10 @@ static sherf_status plan_for(op_call *call, bool transpose, bool bf16, plan_pass
     key.gain = a->gain;
     key.bf16 = bf16;
     const int threads = threads_set(call->c->threads);
-    sherf_status status = plan_acquire(call->c, &key, out);
+    sherf_status status = plan_acquire(call->c, &key, convolution_build, out);
     if (status == SHERF_UNSUPPORTED && key.bf16) {
         key.bf16 = 0;
-        status = plan_acquire(call->c, &key, out);
+        status = plan_acquire(call->c, &key, convolution_build, out);
     }
     threads_set(threads);
     if (status == SHERF_UNSUPPORTED)

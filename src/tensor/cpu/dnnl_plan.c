@@ -88,14 +88,14 @@ static plan *plan_find(const plan_key *key) {
     return NULL;
 }
 
-static sherf_status plan_make(context *c, const plan_key *key, plan **out) {
+static sherf_status plan_make(context *c, const plan_key *key, plan_build *build, plan **out) {
     plan *p = calloc(1, sizeof *p); /* not the context's: the plan outlives it */
     if (!p || !dnnl_room()) {
         free(p);
         return failure(c, SHERF_NO_MEMORY, "out of memory: a convolution's plan");
     }
     p->key = *key;
-    dnnl_status_t status = plan_build(p, engine);
+    dnnl_status_t status = build(p, engine);
     if (status == dnnl_success) {
         *out = p;
         return SHERF_OK;
@@ -106,21 +106,21 @@ static sherf_status plan_make(context *c, const plan_key *key, plan **out) {
 }
 
 /* Under the lock. */
-static sherf_status plan_get(context *c, const plan_key *key, plan **out) {
+static sherf_status plan_get(context *c, const plan_key *key, plan_build *build, plan **out) {
     if (!engine_ready()) return failure(c, SHERF_NO_MEMORY, "oneDNN: no engine");
     if ((*out = plan_find(key))) return SHERF_OK;
     const int slot = slot_free();
     if (slot < 0) return failure(c, SHERF_NO_MEMORY, "more than %d convolutions at once", PLANS);
-    sherf_status status = plan_make(c, key, out);
+    sherf_status status = plan_make(c, key, build, out);
     if (status != SHERF_OK) return status;
     if (plans[slot]) plan_clear(plans[slot]);
     plans[slot] = *out;
     return SHERF_OK;
 }
 
-sherf_status plan_acquire(context *c, const plan_key *key, plan **out) {
+sherf_status plan_acquire(context *c, const plan_key *key, plan_build *build, plan **out) {
     pthread_mutex_lock(&lock);
-    sherf_status status = plan_get(c, key, out);
+    sherf_status status = plan_get(c, key, build, out);
     if (status == SHERF_OK) {
         (*out)->users++;
         (*out)->used = ++now;

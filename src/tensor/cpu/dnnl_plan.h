@@ -30,8 +30,10 @@ typedef struct {
     uint64_t used; /* the cache's clock at its last use; 0: the slot is free */
 } plan;
 
+/* Fills in the primitives of p for p->key. */
+typedef dnnl_status_t plan_build(plan *p, dnnl_engine_t engine);
 /* Finds or makes the plan. SHERF_UNSUPPORTED, without a message: oneDNN has no implementation. */
-sherf_status plan_acquire(context *c, const plan_key *key, plan **out);
+sherf_status plan_acquire(context *c, const plan_key *key, plan_build *build, plan **out);
 void plan_release(plan *p);
 
 /* Binds oneDNN to SHERF_ISA's instructions, as our own kernels are. Before any other call of oneDNN, which
@@ -45,9 +47,6 @@ dnnl_engine_t plan_engine(void);
 
 /* Sets the threads of the OpenMP regions that oneDNN opens from here; returns what was set before. */
 int threads_set(int n);
-
-/* Fills in the primitives of p for p->key (dnnl_conv.c). */
-dnnl_status_t plan_build(plan *p, dnnl_engine_t engine);
 
 /* One argument of a primitive: which, how it lies, where. */
 typedef struct {

@@ -1,3 +1,4 @@
+/* base: hashes, arenas, failures, threads, outputs. */
 #include "support.h"
 
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* PSNR and SSIM against their definitions; rectangles. */
 #include <math.h>
 
 #include "eval/metrics.h"

@@ -1,3 +1,4 @@
+/* Which pictures are scored: lists, targets, means. */
 #include <math.h>
 #include <string.h>
 

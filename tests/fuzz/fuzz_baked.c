@@ -1,3 +1,4 @@
+/* Fuzz target: baked avatars. */
 #include "baked/form.h"
 #include "fuzz.h"
 #include "synth/tube/tubeman.h"

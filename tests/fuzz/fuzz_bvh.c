@@ -1,3 +1,4 @@
+/* Fuzz target: BVH motions. */
 #include "fuzz.h"
 #include "io/bvh.h"
 

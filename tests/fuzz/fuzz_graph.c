@@ -1,3 +1,4 @@
+/* Fuzz target: graphs of networks. */
 #include "estimate/graph_file.h"
 #include "fuzz.h"
 

@@ -1,3 +1,4 @@
+/* Fuzz target: JPEG. */
 #include "fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

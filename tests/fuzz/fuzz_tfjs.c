@@ -1,3 +1,4 @@
+/* Fuzz target: TensorFlow.js's models. */
 #include <string.h>
 
 #include "fuzz.h"

@@ -1,3 +1,4 @@
+/* The reference network: its weights by rule, and what the file has (reference.h). */
 #include "reference.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* What tests of the models beside SHERF share (rival.h). */
 #include "rival.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* What several test programs need (support.h). */
 #include <ftw.h>
 #include <math.h>
 #include <stdio.h>

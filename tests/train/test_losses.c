@@ -1,3 +1,4 @@
+/* The losses of a frame against their definitions, and which are left out. */
 #include <math.h>
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* CUDA's language on the host: fibres, barriers, the device's memory (cuda_emulated.h). */
 #include <deque>
 #include <setjmp.h>
 #include <stdio.h>

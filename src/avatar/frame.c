@@ -4,6 +4,7 @@
 
 #include "avatar/avatar.h"
 #include "sampling/tiles.h"
+#include "scene/ray.h"
 
 /* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
  * does. The model learned with 8 to 15 mm a step where people stand upright. */

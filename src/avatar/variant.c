@@ -6,7 +6,7 @@
 
 #include "avatar/detail.h"
 
-static const float light_max = 0.1f, pattern_min = 0.9f, pattern_max = 1.6f, source_min = 0.05f;
+static const float light_max = 0.1f, pattern_min = 1.1f, pattern_max = 1.7f, source_min = 0.05f;
 
 /* Seeds that follow each other lie far apart: steps of the golden section round the unit interval. */
 static float spread_out(uint64_t seed) {

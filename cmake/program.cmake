@@ -45,17 +45,17 @@ file(GLOB verbs RELATIVE ${CMAKE_SOURCE_DIR}/cli CONFIGURE_DEPENDS cli/cmd_*.c)
 list(TRANSFORM verbs REPLACE "^cmd_(.*)\\.c$" "\\1")
 set(texts ${CMAKE_BINARY_DIR}/texts)
 set(pages ${texts}/sherf.1)
-set(commands COMMAND $<TARGET_FILE:sherf> --describe man > sherf.1)
+set(commands COMMAND sherf --describe man > sherf.1)
 foreach(verb ${verbs})
   list(APPEND pages ${texts}/sherf-${verb}.1)
-  list(APPEND commands COMMAND $<TARGET_FILE:sherf> --describe man-${verb} > sherf-${verb}.1)
+  list(APPEND commands COMMAND sherf --describe man-${verb} > sherf-${verb}.1)
 endforeach()
 file(MAKE_DIRECTORY ${texts})
 add_custom_command(
   OUTPUT ${pages} ${texts}/sherf.bash ${texts}/_sherf
   ${commands}
-  COMMAND $<TARGET_FILE:sherf> --describe bash > sherf.bash
-  COMMAND $<TARGET_FILE:sherf> --describe zsh > _sherf
+  COMMAND sherf --describe bash > sherf.bash
+  COMMAND sherf --describe zsh > _sherf
   WORKING_DIRECTORY ${texts}
   DEPENDS sherf)
 add_custom_target(sherf_texts ALL DEPENDS ${pages} ${texts}/sherf.bash ${texts}/_sherf)

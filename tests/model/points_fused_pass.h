@@ -50,7 +50,7 @@ static model *weights_in(context *c, const model_config *config, const tensor_me
     return m;
 }
 
-static void scene_open(scene *s, const char *config_text) {
+static inline void scene_open(scene *s, const char *config_text) {
     context *c = s->c = test_context();
     model_config config;
     assert_ok(c, model_config_parse(c, config_text, &config));
@@ -70,7 +70,7 @@ static void scene_open(scene *s, const char *config_text) {
     assert_ok(c, target_geometry_create(c, &config, s->body, &camera, &shown, s->g, false, &s->target));
 }
 
-static void scene_close(scene *s) {
+static inline void scene_close(scene *s) {
     target_geometry_free(s->target);
     observation_geometry_free(s->g);
     mem_free(s->image.data);
@@ -81,7 +81,8 @@ static void scene_close(scene *s) {
 
 /* One pass: the outputs of a fixed sum of the frame, and all gradients into `out` (the weights', then the
  * bank's). */
-static int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *frame_out, float **gradients) {
+static inline int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *frame_out,
+                           float **gradients) {
     context *c = s->c;
     tape *t = tape_create(c, (tape_options){with, true, true, bf16});
     assert_non_null(t);
@@ -185,7 +186,7 @@ static sherf_status linear_rounded_backward(op_call *call) {
     return status ? status : backend_cpu.backward[OP_linear](&k);
 }
 
-static void ops_round(backend *b) {
+static inline void ops_round(backend *b) {
     b->forward[OP_linear] = linear_rounded;
     b->backward[OP_linear] = linear_rounded_backward;
 }
@@ -211,8 +212,8 @@ static void no_worse(const char *name, const float *fused, const float *rounded,
 }
 
 /* Every gradient of what a point has. */
-static void no_worse_all(const scene *s, const float *fused, const float *rounded, const float *exact,
-                         int64_t n) {
+static inline void no_worse_all(const scene *s, const float *fused, const float *rounded, const float *exact,
+                                int64_t n) {
     const parameters *p = s->m->weights;
     int checked = 0;
     for (int i = 0; i < p->count; i++) {

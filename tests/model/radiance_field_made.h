@@ -30,7 +30,7 @@ static void *made_memory(made *m, size_t count, size_t size) {
     return m->owned[m->owned_count++] = p;
 }
 
-static void made_free(made *m) {
+static inline void made_free(made *m) {
     for (int i = 0; i < m->owned_count; i++) free(m->owned[i]);
     memset(m, 0, sizeof *m);
 }
@@ -197,8 +197,8 @@ static void made_points(made *m, int width, int height, int samples) {
     }
 }
 
-static void made_create(made *m, const radiance_sizes *s, int plane_size, int image, float voxel_m, int width,
-                        int height, int samples) {
+static inline void made_create(made *m, const radiance_sizes *s, int plane_size, int image, float voxel_m,
+                               int width, int height, int samples) {
     memset(m, 0, sizeof *m);
     m->s = *s;
     made_weights(m);

@@ -27,8 +27,8 @@ typedef struct {
 } half_job;
 
 static void to_half(void *arg, int64_t begin, int64_t end, int thread) {
-    const half_job *j = arg;
 #if defined(__x86_64__)
+    const half_job *j = arg;
     radiance_halve_amx(j->from + begin, j->scale, j->to + begin, end - begin); /* bf16 runs on AMX only */
 #endif
 }

@@ -1,13 +1,15 @@
-/* float32 to bf16 by AVX512-BF16's conversion, 32 values at a time. */
+/* float32 to bf16, to the nearest and even: by AVX512-BF16's conversion, 32 values at a time. */
 #include "tensor/cpu/bf16.h"
 
-#if defined(__x86_64__)
-#include <immintrin.h>
+#include <string.h>
 
 typedef struct {
     const float *from;
     uint16_t *to;
 } rounding;
+
+#if defined(__x86_64__)
+#include <immintrin.h>
 
 __attribute__((target("avx512f,avx512bw,avx512vl,avx512bf16"))) static void
 round_range(void *arg, int64_t begin, int64_t end, int thread) {
@@ -24,7 +26,18 @@ round_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
+#else
+static void round_range(void *arg, int64_t begin, int64_t end, int thread) {
+    const rounding *r = arg;
+    for (int64_t i = begin; i < end; i++) {
+        uint32_t bits;
+        memcpy(&bits, r->from + i, sizeof bits);
+        const bool nan = (bits & 0x7fffffff) > 0x7f800000;
+        r->to[i] = (uint16_t)(nan ? bits >> 16 | 0x40 : (bits + 0x7fff + (bits >> 16 & 1)) >> 16);
+    }
+}
+#endif
+
 void bf16_round(const context *c, const float *from, uint16_t *to, int64_t n) {
     parallel_for(c, n, 1 << 14, round_range, &(rounding){from, to});
 }
-#endif

@@ -9,7 +9,7 @@
 #include "verbs.h"
 
 static struct {
-    const char *avatar, *model, *body, *motion, *output, *npz, *bvh;
+    const char *avatar, *model, *body, *motion, *output, *npz, *bvh, *glb;
     int up, rotations, root, camera;
     double unit_m, source_fps, fps, smooth_s, blend_s;
     const char *track, *joints, *size, *background;
@@ -29,6 +29,8 @@ static const option options[] = {
     {0, "npz", OPTION_FILE, &set.npz, "FILE",
      "write the motion, as it is played, in AMASS's form for Blender's SMPL add-on"},
     {0, "bvh", OPTION_FILE, &set.bvh, "FILE", "write the motion, as it is played, as BVH with SMPL's joints"},
+    {0, "glb", OPTION_FILE, &set.glb, "FILE",
+     "the same as a binary glTF's animation of SMPL's joints, without a mesh"},
     /* the file */
     {0, "up", OPTION_CHOICE, &set.up, "auto|y|z|down", "what is up in the file; down: y points down"},
     {0, "rotations", OPTION_CHOICE, &set.rotations, "auto|axis-angle|matrix|wxyz|xyzw",
@@ -79,8 +81,8 @@ static const option options[] = {
 static int options_check(const char *input, sherf_animate_options *o) {
     const char *verb_name = "animate";
     background ground;
-    if (!set.output && !set.npz && !set.bvh)
-        return usage_error(verb_name, "--output OUT is missing (or --npz FILE, or --bvh FILE)");
+    if (!set.output && !set.npz && !set.bvh && !set.glb)
+        return usage_error(verb_name, "--output OUT is missing (or --npz FILE, --bvh FILE or --glb FILE)");
     if (set.output && !input) return usage_error(verb_name, "INPUT is missing, an avatar");
     if (set.size && !size_parse(set.size, &o->width_px, &o->height_px))
         return usage_error(verb_name, "--size: '%s' is not a size like 512 or 640x360", set.size);
@@ -141,6 +143,7 @@ static void report(session *s, const sherf_motion *motion, const sherf_animate_r
         const int all = sherf_motion_frame_count(motion);
         if (set.npz) session_remark("%s: %d frame%s", set.npz, all, all == 1 ? "" : "s");
         if (set.bvh) session_remark("%s: %d frame%s", set.bvh, all, all == 1 ? "" : "s");
+        if (set.glb) session_remark("%s: %d frame%s", set.glb, all, all == 1 ? "" : "s");
         if (set.output)
             session_remark("%s: %d frame%s, %.4g a second, %.0f ms each", set.output, result->frames,
                            result->frames == 1 ? "" : "s", fps, result->frame_ms);
@@ -150,6 +153,7 @@ static void report(session *s, const sherf_motion *motion, const sherf_animate_r
     cJSON_AddStringToObject(json, "motion", sherf_motion_description(motion));
     if (set.npz) cJSON_AddStringToObject(json, "npz", set.npz);
     if (set.bvh) cJSON_AddStringToObject(json, "bvh", set.bvh);
+    if (set.glb) cJSON_AddStringToObject(json, "glb", set.glb);
     cJSON_AddNumberToObject(json, "frames", sherf_motion_frame_count(motion));
     cJSON_AddNumberToObject(json, "fps", fps);
     if (set.output) {
@@ -174,6 +178,7 @@ static int run(session *s, int count, char **argument) {
     if (!status) status = motion_get(s, body, avatar, &motion);
     if (!status && set.npz) status = session_status(s, sherf_motion_save(s->context, motion, set.npz));
     if (!status && set.bvh) status = session_status(s, sherf_motion_save(s->context, motion, set.bvh));
+    if (!status && set.glb) status = session_status(s, sherf_motion_save(s->context, motion, set.glb));
     if (!status && set.output)
         status = session_status(s, sherf_animate(s->context, avatar, body, motion, &o, set.output, &result));
     if (!status) report(s, motion, &result);
@@ -194,7 +199,7 @@ const verb verb_animate = {
         "TRAM, SLAHMR, 3DPW, EMDB, Motion-X, HumanML3D, MDM, BVH of most rigs. The motion begins where the "
         "picture has the person. Ctrl-C leaves a whole "
         "file of the frames "
-        "so far. Without --output the motion alone is written, by --npz or --bvh.",
+        "so far. Without --output the motion alone is written, by --npz, --bvh or --glb.",
     .example = "sherf animate ann.safetensors --motion walk.npz -o walk.mp4\n"
                "sherf animate -a ann.safetensors -m 01_01.bvh --first 240 --last 960 --fps 30 -c follow -o "
                "climb.mp4\n"

@@ -204,7 +204,7 @@ static int run_video(session *s, const char *video) {
 }
 
 static int run(session *s, int count, char **argument) {
-    const bool motion = ends(set.output, ".npz") || ends(set.output, ".bvh");
+    const bool motion = ends(set.output, ".npz") || ends(set.output, ".bvh") || ends(set.output, ".glb");
     for (int i = 0; i < count; i++)
         if ((motion && count > 1) || (!motion && is_video(argument[i])))
             return usage_error(s->verb_name, "%s: one video goes into a motion, -o FILE.npz", argument[i]);
@@ -213,7 +213,7 @@ static int run(session *s, int count, char **argument) {
                            argument[0]);
     if (!motion && sherf_output_kind(set.output) != SHERF_OUTPUT_FOLDER)
         return usage_error(s->verb_name,
-                           "--output %s: photos go into a folder (%s/), a video into a .npz or .bvh",
+                           "--output %s: photos go into a folder (%s/), a video into a .npz, .bvh or .glb",
                            set.output, set.output);
     return motion ? run_video(s, argument[0]) : run_photos(s, count, argument);
 }

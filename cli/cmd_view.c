@@ -12,7 +12,7 @@
 enum { AVATARS_MAX = 64, MOTIONS_MAX = 256 };
 
 static struct {
-    const char *model, *body, *listen;
+    const char *model, *body, *listen, *joints;
     option_files motions;
     int64_t port, size;
     bool open, no_detail, whole;
@@ -25,6 +25,8 @@ static const option options[] = {
      "weights; all INPUTs are observations then (the model that ships)"},
     {'M', "motion", OPTION_FILES, &set.motions, "FILE",
      "a motion or poses to play, as sherf animate and --poses of sherf render take them; may be given again"},
+    {0, "joints", OPTION_FILE, &set.joints, "MAP.json",
+     "names of the motions' joints, as for sherf animate (recognised)"},
     SHARED_WHOLE(&set.whole),
     SHARED_NO_DETAIL(&set.no_detail),
     {0, "listen", OPTION_TEXT, &set.listen, "ADDR",
@@ -74,7 +76,8 @@ static int avatar_add(session *s, gallery *g, const char *input) {
 
 /* A motion file, or else a file of poses as sherf render takes them. */
 static int motion_add(session *s, gallery *g, const char *path) {
-    sherf_motion_options load = {.body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
+    sherf_motion_options load = {
+        .joints = set.joints, .body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
     sherf_motion *motion = NULL;
     sherf_pose *poses = NULL;
     int count = 0, said = EXIT_DONE;

@@ -445,7 +445,7 @@ SHERF_API const float *sherf_motion_shapes(const sherf_motion *motion);
 /* One line on what was recognised: "AMASS, SMPL+H: 240 frames, 120 a second, z up, metres". */
 SHERF_API const char *sherf_motion_description(const sherf_motion *motion);
 /* .npz with poses (F, 72), trans, betas, gender, mocap_frame_rate, z up: AMASS's form, which Blender's SMPL
- * add-on imports. .bvh: SMPL's 24 joints in T-pose at rest, centimetres, y up. */
+ * add-on imports. .bvh: SMPL's joints in T-pose at rest, centimetres, y up; .glb: the same in metres. */
 SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path);
 
 /* ---------------------------------------------------------------- export ----------------------------- */

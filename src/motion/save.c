@@ -113,5 +113,6 @@ static sherf_status save_bvh(context *c, const sherf_motion *m, const char *path
 sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *m, const char *path) {
     if (path_ends(path, ".bvh")) return save_bvh(c, m, path);
     if (path_ends(path, ".npz")) return save_npz(c, m, path);
-    return failure(c, SHERF_BAD_ARGUMENT, "%s: motions are written as .npz or .bvh", path);
+    if (path_ends(path, ".glb")) return motion_save_glb(c, m, path);
+    return failure(c, SHERF_BAD_ARGUMENT, "%s: motions are written as .npz, .bvh or .glb", path);
 }

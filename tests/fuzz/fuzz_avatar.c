@@ -1,5 +1,6 @@
 /* An avatar's file behind its safetensors reader (fuzz_safetensors): a tiny avatar of each model is made
  * once, and the input says what is changed of its tensors and of its settings. What is read is drawn. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -25,6 +26,44 @@ enum { KINDS = COUNT_OF(preset), SIDE = 32, FRAME = 12, TENSORS = 256, CHANGES =
 static sherf_body *body;
 static safetensors *whole[KINDS];
 
+/* Every STEP-th vertex of the tube body, without faces: what takes time is the vertices. A joint is its
+ * nearest vertex. */
+static sherf_status small_body_create(context *c, body_model **out) {
+    enum { STEP = 53 };
+    tubeman_arrays t;
+    sherf_status status = tubeman_arrays_create(c, &t);
+    if (status) return status;
+    body_arrays a = t.arrays;
+    const int all = a.vertices, vertices = a.vertices = (all + STEP - 1) / STEP;
+    double *regressor = calloc((size_t)(BODY_JOINTS * vertices), sizeof *regressor);
+    if (!regressor) abort();
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        double at[3] = {0}, best = INFINITY;
+        int nearest = 0;
+        for (int v = 0; v < all; v++)
+            for (int k = 0; k < 3; k++) at[k] += t.regressor[j * all + v] * t.v_template[3 * v + k];
+        for (int v = 0; v < vertices; v++) {
+            const double *p = t.v_template + 3 * STEP * v;
+            const double off = hypot(hypot(p[0] - at[0], p[1] - at[1]), p[2] - at[2]);
+            if (off < best) best = off, nearest = v;
+        }
+        regressor[j * vertices + nearest] = 1;
+    }
+    for (int v = 0; v < vertices; v++) { /* in place: the next one is never before */
+        const size_t from = (size_t)(STEP * v), to = (size_t)v;
+        memmove(t.v_template + 3 * to, t.v_template + 3 * from, 3 * sizeof(double));
+        memmove(t.shapedirs + 30 * to, t.shapedirs + 30 * from, 30 * sizeof(double));
+        memmove(t.posedirs + 621 * to, t.posedirs + 621 * from, 621 * sizeof(double));
+        memmove(t.weights + 24 * to, t.weights + 24 * from, 24 * sizeof(double));
+    }
+    a.regressor = regressor;
+    a.faces = 0;
+    status = body_create(c, &a, out);
+    free(regressor);
+    tubeman_arrays_free(&t);
+    return status;
+}
+
 static sherf_status observe(context *c, sherf_observation **out) {
     static float pixel[SIDE * SIDE * 3], mask[SIDE * SIDE];
     const float centre[3] = {0, -0.3f, 0};
@@ -46,7 +85,7 @@ static void make(context *c, int kind) {
     sherf_avatar *a = NULL;
     char path[128];
     snprintf(path, sizeof path, "%s/avatar", fuzz_folder());
-    sherf_status status = body ? SHERF_OK : tubeman_create(c, &body);
+    sherf_status status = body ? SHERF_OK : small_body_create(c, &body);
     if (!status) status = observe(c, &o);
     if (!status) status = sherf_model_create(c, preset[kind], 3, &m);
     if (!status) status = sherf_avatar_create(c, m, body, o, &a);

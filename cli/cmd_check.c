@@ -1,6 +1,7 @@
 /* sherf check: the library's findings about a body, an observation or a data set. Any error makes
  * the exit status 1. */
 #include <string.h>
+#include <sys/stat.h>
 
 #include "session.h"
 #include "verbs.h"
@@ -8,9 +9,9 @@
 static struct { const char *body, *overlay; } set;
 
 static const option options[] = {
-    {'b', "body", OPTION_FILE, &set.body, "FILE", "body model to check data and observations against"},
-    {'p', "overlay", OPTION_FILE, &set.overlay, "FILE",
-     "draw the body over the picture, .png (needs --body)"},
+    {'b', "body", OPTION_FILE, &set.body, "FILE",
+     "body model to check data and observations against (one beside them, or else the open body)"},
+    {'p', "overlay", OPTION_FILE, &set.overlay, "FILE", "draw the body over the picture, .png"},
     {0},
 };
 
@@ -36,7 +37,17 @@ static int report(const sherf_findings *f) {
     return f->errors ? EXIT_FAILED : EXIT_DONE;
 }
 
+/* Whether there is a body in what is checked: an observation or a data set, and not a body's own file. */
+static bool has_people(const char *path) {
+    struct stat info;
+    const char *end = strrchr(path, '.');
+    return strpbrk(path, ":#") || (stat(path, &info) == 0 && S_ISDIR(info.st_mode)) ||
+           (end && !strcmp(end, ".json"));
+}
+
 static int run(session *s, int count, char **argument) {
+    if (!set.body && has_people(argument[0]) && !(set.body = session_body(s, NULL, argument[0])))
+        return EXIT_USAGE;
     if (set.overlay && !set.body) return usage_error(s->verb_name, "--overlay needs --body");
     sherf_body *body = NULL;
     sherf_findings findings = {0};

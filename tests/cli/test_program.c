@@ -315,6 +315,8 @@ static void from_data_to_frames(void **state) {
     assert_int_equal(number(json, "errors"), 0);
     assert_true(cJSON_IsArray(cJSON_GetObjectItem(json, "findings")));
     cJSON_Delete(json);
+    assert_contains(run("check thuman:%s", folder)->out,
+                    "the body covers the mask"); /* the one that is there */
     json = json_of(run("avatar thuman:%s#%s/0/1 -m %s -b %s/tubeman.safetensors -o %s --json", folder, person,
                        model, folder, avatar));
     assert_true(number(json, "bytes") == file_size(avatar));

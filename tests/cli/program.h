@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -31,6 +32,15 @@ static inline void text_read(const char *path, char *text) {
     if (f) fclose(f);
 }
 
+/* Files that the program writes end here, as on a full disk; 0: they do not. */
+static rlim_t file_bytes_max;
+
+static inline void limit_files(void) {
+    if (!file_bytes_max) return;
+    signal(SIGXFSZ, SIG_IGN);
+    setrlimit(RLIMIT_FSIZE, &(struct rlimit){file_bytes_max, file_bytes_max});
+}
+
 static inline pid_t start(const char *words, const char *out, const char *err) {
     static char line[8192];
     char *argument[WORDS_MAX + 2], *rest = line;
@@ -43,6 +53,7 @@ static inline pid_t start(const char *words, const char *out, const char *err) {
     fflush(NULL);
     pid_t child = fork();
     if (child == 0) {
+        limit_files();
         int o = open(out, O_WRONLY | O_CREAT | O_TRUNC, 0600),
             e = open(err, O_WRONLY | O_CREAT | O_TRUNC, 0600);
         int i = open("/dev/null", O_RDONLY);

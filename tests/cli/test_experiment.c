@@ -1,4 +1,4 @@
-/* sherf experiment, killed in the middle of a training, goes on. */
+/* sherf experiment, killed in the middle of a training or before a full disk, goes on. */
 #include "program.h"
 
 static char tubes[512], output[512];
@@ -55,6 +55,44 @@ static void a_kill_is_gone_on_from(void **state) {
                 is_there("index.html"));
 }
 
+static void assert_there(const char *name, bool there) {
+    if (is_there(name) != there) fail_msg("%s is %sthere", name, there ? "not " : "");
+}
+
+/* A full disk in the middle of a training, of a scoring's page and of a study: a line, nothing half written,
+ * and what was whole stays. */
+static void a_full_disk_loses_nothing(void **state) {
+    char full[512];
+    snprintf(full, sizeof full, "%s", test_path("full"));
+    file_bytes_max = 60000; /* pictures and logs are smaller, checkpoints larger */
+    assert_error(
+        run("experiment main -q -p smoke -d thuman:%s --train-people 0 --test-people 1 -s 32 -n 2 --seeds 1 "
+            "--perceptual none -o %s",
+            tubes, full),
+        1, "checkpoint.safetensors: cannot be written", "");
+    file_bytes_max = 1000; /* what the first test made is there; the new page is too large */
+    assert_error(run("experiment angle-difference -q -p smoke -d thuman:%s --train-people 0 --test-people 1 "
+                     "-s 32 -n 30 "
+                     "--perceptual none -o %s",
+                     tubes, output),
+                 1, "cannot be written", "angle-difference");
+    file_bytes_max = 0;
+    assert_there("angle-difference/index.html", false);
+    assert_there("input-angle/index.html", true);
+    assert_there("runs/thuman/sherf-1/model.safetensors", true);
+    assert_int_equal(
+        run("experiment angle-difference -q -p smoke -d thuman:%s --train-people 0 --test-people 1 -s 32 "
+            "-n 30 --perceptual none -o %s",
+            tubes, output)
+            ->status,
+        0);
+    assert_there("angle-difference/index.html", true);
+    snprintf(output, sizeof output, "%s", full);
+    assert_there("runs/thuman/pixelnerf-1/checkpoint.safetensors", false);
+    assert_there("runs/thuman/pixelnerf-1/finished.json", false);
+    assert_there("main", false);
+}
+
 static void words_that_are_wrong(void **state) {
     assert_error(run("experiment dance -o x"), 2, "'dance' is none of main|ablation",
                  "sherf experiment --help");
@@ -74,6 +112,7 @@ static void words_that_are_wrong(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(a_kill_is_gone_on_from),
-                                       cmocka_unit_test(words_that_are_wrong)};
+                                       cmocka_unit_test(words_that_are_wrong),
+                                       cmocka_unit_test(a_full_disk_loses_nothing)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

@@ -121,26 +121,26 @@ double *rival_weight(const rival_weights *w, const char *format, ...) {
 }
 
 /* ---- layers ---- */
-static rival_map map_new(int height, int width, int channels) {
+rival_map rival_map_new(int height, int width, int channels) {
     rival_map m = {height, width, channels, calloc((size_t)(height * width * channels), sizeof *m.v)};
     return m;
 }
 
 rival_map rival_image(const sherf_observation *o, double factor, double offset) {
     const sherf_image *image = sherf_observation_image(o);
-    rival_map m = map_new(image->height, image->width, 3);
+    rival_map m = rival_map_new(image->height, image->width, 3);
     for (int i = 0; i < m.height * m.width * 3; i++) m.v[i] = factor * (double)image->data[i] + offset;
     return m;
 }
 
 rival_map rival_map_copy(rival_map x) {
-    rival_map m = map_new(x.height, x.width, x.channels);
+    rival_map m = rival_map_new(x.height, x.width, x.channels);
     memcpy(m.v, x.v, (size_t)(x.height * x.width * x.channels) * sizeof *m.v);
     return m;
 }
 
 /* Batch norm of one picture: mean and biased variance of each channel over its pixels. */
-static void norm(const rival_weights *w, const char *name, rival_map x, bool relu) {
+void rival_norm(const rival_weights *w, const char *name, rival_map x, bool relu) {
     const double *gain = rival_weight(w, "%s.weight", name), *bias = rival_weight(w, "%s.bias", name);
     const int n = x.height * x.width;
     for (int c = 0; c < x.channels; c++) {
@@ -155,13 +155,14 @@ static void norm(const rival_weights *w, const char *name, rival_map x, bool rel
     }
 }
 
-static rival_map convolved(const rival_weights *w, rival_map x, const char *conv, int stride, int pad) {
+rival_map rival_convolved(const rival_weights *w, rival_map x, const char *conv, int stride, int pad) {
     char name[128];
     snprintf(name, sizeof name, "%s.weight", conv);
     const int at = weight_at(w, name), out = (int)w->item[at].rows;
     const double *v = w->item[at].v;
     const int k = (int)lround(sqrt((double)w->item[at].floats / out / x.channels));
-    rival_map y = map_new((x.height + 2 * pad - k) / stride + 1, (x.width + 2 * pad - k) / stride + 1, out);
+    rival_map y =
+        rival_map_new((x.height + 2 * pad - k) / stride + 1, (x.width + 2 * pad - k) / stride + 1, out);
     for (int i = 0; i < y.height; i++)
         for (int j = 0; j < y.width; j++)
             for (int r = 0; r < k; r++)
@@ -179,14 +180,14 @@ static rival_map convolved(const rival_weights *w, rival_map x, const char *conv
 
 rival_map rival_conv_norm(const rival_weights *w, rival_map x, const char *conv, const char *name, int stride,
                           int pad, bool relu) {
-    rival_map y = convolved(w, x, conv, stride, pad);
+    rival_map y = rival_convolved(w, x, conv, stride, pad);
     free(x.v);
-    norm(w, name, y, relu);
+    rival_norm(w, name, y, relu);
     return y;
 }
 
 rival_map rival_max_pool(rival_map x) {
-    rival_map y = map_new((x.height - 1) / 2 + 1, (x.width - 1) / 2 + 1, x.channels);
+    rival_map y = rival_map_new((x.height - 1) / 2 + 1, (x.width - 1) / 2 + 1, x.channels);
     for (int i = 0; i < y.height; i++)
         for (int j = 0; j < y.width; j++)
             for (int c = 0; c < x.channels; c++) {
@@ -239,7 +240,7 @@ rival_map rival_side_by_side(int count, rival_map *stage) {
     const int h = stage[0].height, w = stage[0].width;
     int channels = 0;
     for (int i = 0; i < count; i++) channels += stage[i].channels;
-    rival_map all = map_new(h, w, channels);
+    rival_map all = rival_map_new(h, w, channels);
     for (int i = 0, at = 0; i < count; at += stage[i++].channels)
         for (int y = 0; y < h; y++)
             for (int x = 0; x < w; x++)

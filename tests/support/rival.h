@@ -50,7 +50,12 @@ typedef struct {
     double *v; /* malloc'd */
 } rival_map;
 rival_map rival_image(const sherf_observation *o, double factor, double offset);
+rival_map rival_map_new(int height, int width, int channels); /* zeroed */
 rival_map rival_map_copy(rival_map x);
+/* Batch norm of one picture, in place. */
+void rival_norm(const rival_weights *w, const char *name, rival_map x, bool relu);
+/* CONV.weight, square; x stays. */
+rival_map rival_convolved(const rival_weights *w, rival_map x, const char *conv, int stride, int pad);
 /* Those that take a map free it. */
 rival_map rival_conv_norm(const rival_weights *w, rival_map x, const char *conv, const char *norm, int stride,
                           int pad, bool relu);

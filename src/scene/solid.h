@@ -1,0 +1,45 @@
+/* solid: what is inside of triangles that need not be closed, and places on their surface. Clothes are open
+ * shells over a body of which hidden faces are missing, so rays cannot be counted: cells that a triangle
+ * touches are walls, and what cannot be reached from outside between walls is inside. */
+#ifndef SHERF_SOLID_H
+#define SHERF_SOLID_H
+
+#include "base/base.h"
+
+typedef struct {
+    int64_t vertices, triangles;
+    const float *vertex;      /* V x 3 */
+    const uint32_t *triangle; /* T x 3 */
+} solid_mesh;
+
+enum { SOLID_OUTSIDE, SOLID_WALL, SOLID_INSIDE };
+enum { SOLID_CELLS_MAX = 400000000 };
+/* Cell (x, y, z) is the cube at min + cell_m (x, y, z); cell[(z * size[1] + y) * size[0] + x]. Two layers of
+ * cells round the triangles are outside. */
+typedef struct {
+    int size[3];
+    float min[3], cell_m;
+    uint8_t *cell; /* SOLID_OUTSIDE and so on */
+} solid_grid;
+void solid_grid_free(solid_grid *g);
+/* SHERF_BAD_ARGUMENT for corners that are not there or not finite, no triangles, and more than
+ * SOLID_CELLS_MAX cells. */
+sherf_status solid_grid_create(context *c, int meshes, const solid_mesh *mesh, float cell_m, solid_grid *out);
+/* The kind of the cell at a place; beyond the grid it is outside. */
+int solid_at(const solid_grid *g, const float place[3]);
+/* Whether the place is in the solid: in an inner cell, or in a wall. Walls are a cell thick: half of it is.
+ */
+bool solid_contains(const solid_grid *g, const float place[3]);
+
+/* A place on a mesh: position = the corners' weighted sum. */
+typedef struct {
+    int mesh;
+    int64_t triangle;
+    float weight[3], position[3], normal[3]; /* unit, by the corners' order */
+} solid_point;
+/* `count` places, by area, of those triangles that are seen from outside: within one cell of it. Fewer where
+ * a hundred times as many tries do not find them; *found says how many. */
+sherf_status solid_points(context *c, const solid_grid *g, int meshes, const solid_mesh *mesh, uint64_t key,
+                          int64_t count, solid_point *out, int64_t *found);
+
+#endif

@@ -1,0 +1,174 @@
+/* Nearest places on triangles by Embree's point queries, and their means. */
+#include "eval/surfaces.h"
+
+#include <embree3/rtcore.h>
+#include <math.h>
+#include <string.h>
+
+typedef struct {
+    RTCDevice device;
+    RTCScene scene;
+    int meshes;
+    const solid_mesh *mesh;
+} tree;
+
+static void tree_free(tree *t) {
+    if (t->scene) rtcReleaseScene(t->scene);
+    if (t->device) rtcReleaseDevice(t->device);
+}
+
+static sherf_status tree_check(context *c, const tree *t, const char *what) {
+    const enum RTCError error = rtcGetDeviceError(t->device);
+    if (error == RTC_ERROR_NONE) return SHERF_OK;
+    return failure(c, error == RTC_ERROR_OUT_OF_MEMORY ? SHERF_NO_MEMORY : SHERF_UNSUPPORTED,
+                   "Embree: %s: error %d", what, (int)error);
+}
+
+static void mesh_attach(tree *t, const solid_mesh *m) {
+    const size_t vertices = (size_t)m->vertices, triangles = (size_t)m->triangles;
+    RTCGeometry g = rtcNewGeometry(t->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    float *vertex =
+        rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), vertices);
+    uint32_t *corner = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                               3 * sizeof(uint32_t), triangles);
+    if (vertex) memcpy(vertex, m->vertex, 3 * vertices * sizeof *vertex);
+    if (corner) memcpy(corner, m->triangle, 3 * triangles * sizeof *corner);
+    rtcCommitGeometry(g);
+    rtcAttachGeometry(t->scene, g);
+    rtcReleaseGeometry(g);
+}
+
+static sherf_status tree_create(context *c, int meshes, const solid_mesh *mesh, tree *out) {
+    *out = (tree){.meshes = meshes, .mesh = mesh};
+    out->device = rtcNewDevice("threads=1,set_affinity=0");
+    if (!out->device) return failure(c, SHERF_UNSUPPORTED, "Embree does not start");
+    out->scene = rtcNewScene(out->device);
+    for (int i = 0; i < meshes && out->scene; i++) mesh_attach(out, &mesh[i]);
+    if (out->scene) rtcCommitScene(out->scene);
+    return tree_check(c, out, "a surface");
+}
+
+/* ---- the nearest place ---- */
+static double dot(const double a[3], const double b[3]) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* The place on a - b that is nearest to p. */
+static void nearest_on_edge(const double a[3], const double b[3], const double p[3], double out[3]) {
+    double way[3], from[3];
+    for (int k = 0; k < 3; k++) way[k] = b[k] - a[k], from[k] = p[k] - a[k];
+    const double length = dot(way, way), at = length > 0 ? fmin(1, fmax(0, dot(from, way) / length)) : 0;
+    for (int k = 0; k < 3; k++) out[k] = a[k] + at * way[k];
+}
+
+static double square_distance(const double a[3], const double b[3]) {
+    double sum = 0;
+    for (int k = 0; k < 3; k++) sum += (a[k] - b[k]) * (a[k] - b[k]);
+    return sum;
+}
+
+/* The square of the distance to a triangle: to its plane where the foot lies inside, else to an edge. */
+static double triangle_distance(const double v[3][3], const double p[3], double normal[3]) {
+    double edge[2][3], from[3], foot[3], least = INFINITY;
+    for (int k = 0; k < 3; k++)
+        edge[0][k] = v[1][k] - v[0][k], edge[1][k] = v[2][k] - v[0][k], from[k] = p[k] - v[0][k];
+    for (int k = 0; k < 3; k++)
+        normal[k] = edge[0][(k + 1) % 3] * edge[1][(k + 2) % 3] - edge[0][(k + 2) % 3] * edge[1][(k + 1) % 3];
+    const double aa = dot(edge[0], edge[0]), ab = dot(edge[0], edge[1]), bb = dot(edge[1], edge[1]),
+                 a = dot(from, edge[0]), b = dot(from, edge[1]), area = dot(normal, normal);
+    const double u = area > 0 ? (bb * a - ab * b) / area : -1, w = area > 0 ? (aa * b - ab * a) / area : -1;
+    if (u >= 0 && w >= 0 && u + w <= 1) return dot(from, normal) * dot(from, normal) / area;
+    for (int i = 0; i < 3; i++) {
+        nearest_on_edge(v[i], v[(i + 1) % 3], p, foot);
+        least = fmin(least, square_distance(p, foot));
+    }
+    return least;
+}
+
+typedef struct {
+    const tree *tree;
+    double place[3], distance, normal[3];
+} nearest;
+
+static bool look(struct RTCPointQueryFunctionArguments *args) {
+    nearest *n = args->userPtr;
+    const solid_mesh *m = &n->tree->mesh[args->geomID];
+    double v[3][3], normal[3];
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            v[i][k] =
+                (double)m->vertex[3 * (size_t)m->triangle[3 * (size_t)args->primID + (size_t)i] + (size_t)k];
+    const double distance = sqrt(triangle_distance(v, n->place, normal));
+    if (!(distance < n->distance)) return false;
+    n->distance = distance;
+    memcpy(n->normal, normal, sizeof normal);
+    args->query->radius = nextafterf((float)distance, INFINITY);
+    return true;
+}
+
+/* ---- means ---- */
+/* The places' mean distance to the tree, and the mean angle of normals. */
+static void measure(const tree *to, int64_t count, const solid_point *place, double *distance_m,
+                    double *angle_deg) {
+    *distance_m = *angle_deg = 0;
+    for (int64_t i = 0; i < count; i++) {
+        nearest n = {.tree = to, .distance = INFINITY};
+        struct RTCPointQueryContext how;
+        struct RTCPointQuery query = {.x = place[i].position[0],
+                                      .y = place[i].position[1],
+                                      .z = place[i].position[2],
+                                      .radius = INFINITY};
+        double own[3];
+        for (int k = 0; k < 3; k++)
+            n.place[k] = (double)place[i].position[k], own[k] = (double)place[i].normal[k];
+        rtcInitPointQueryContext(&how);
+        rtcPointQuery(to->scene, &query, &how, look, &n);
+        const double length = sqrt(dot(n.normal, n.normal));
+        const double cosine = length > 0 ? dot(own, n.normal) / length : 0;
+        *distance_m += n.distance / (double)count;
+        *angle_deg += acos(fmin(1, fmax(-1, cosine))) * 180 / M_PI / (double)count;
+    }
+}
+
+/* Places on what is seen of a surface; *place is mem_free'd, whatever the answer. */
+static sherf_status places_draw(context *c, int64_t places, uint64_t key, float cell_m, int meshes,
+                                const solid_mesh *mesh, solid_point **place, int64_t *found) {
+    solid_grid g;
+    *place = mem_alloc(c, (size_t)places + 1, sizeof **place);
+    if (!*place) return SHERF_NO_MEMORY;
+    sherf_status status = solid_grid_create(c, meshes, mesh, cell_m, &g);
+    if (status == SHERF_OK) status = solid_points(c, &g, meshes, mesh, key, places, *place, found);
+    if (status == SHERF_OK && !*found)
+        status = failure(c, SHERF_BAD_ARGUMENT, "nothing of a surface is seen");
+    solid_grid_free(&g);
+    return status;
+}
+
+sherf_status surfaces_compare(context *c, int64_t places, uint64_t key, float cell_m, int meshes,
+                              const solid_mesh *prediction, int truth_meshes, const solid_mesh *truth,
+                              surface_scores *out) {
+    const int count[2] = {meshes, truth_meshes};
+    const solid_mesh *const mesh[2] = {prediction, truth};
+    solid_point *place[2] = {NULL, NULL};
+    tree t[2] = {{0}, {0}};
+    int64_t found[2];
+    double distance[2], angle[2];
+    sherf_status status = SHERF_OK;
+    *out = (surface_scores){0};
+    if (places < 1) return failure(c, SHERF_BAD_ARGUMENT, "surfaces are compared at one place or more");
+    for (int i = 0; i < 2 && status == SHERF_OK; i++) {
+        status = places_draw(c, places, random_key(key, "surfaces", (uint64_t)i), cell_m, count[i], mesh[i],
+                             &place[i], &found[i]);
+        if (status == SHERF_OK) status = tree_create(c, count[i], mesh[i], &t[i]);
+    }
+    for (int i = 0; i < 2 && status == SHERF_OK; i++)
+        measure(&t[1 - i], found[i], place[i], &distance[i], &angle[i]);
+    if (status == SHERF_OK)
+        *out = (surface_scores){distance[0], distance[1], (distance[0] + distance[1]) / 2,
+                                (angle[0] + angle[1]) / 2};
+    for (int i = 0; i < 2; i++) {
+        tree_free(&t[i]);
+        mem_free(place[i]);
+    }
+    return status;
+}

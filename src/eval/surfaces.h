@@ -1,0 +1,20 @@
+/* surfaces: how far one surface is from another, as reconstructions of people are scored. */
+#ifndef SHERF_SURFACES_H
+#define SHERF_SURFACES_H
+
+#include "scene/solid.h"
+
+/* Means over places by area of what is seen from outside of either surface. */
+typedef struct {
+    double to_truth_m;   /* from the prediction's places to the nearest of the truth: point to surface */
+    double from_truth_m; /* from the truth's to the nearest of the prediction */
+    double chamfer_m;    /* the mean of both */
+    double normal_deg;   /* between a place's normal and that of its nearest place, both ways */
+} surface_scores;
+/* `places` of each, drawn by `key`; cell_m: of the grids that tell what is seen (solid.h). Normals are those
+ * of the triangles, whichever side they were made from. SHERF_BAD_ARGUMENT where a surface has no outside. */
+sherf_status surfaces_compare(context *c, int64_t places, uint64_t key, float cell_m, int meshes,
+                              const solid_mesh *prediction, int truth_meshes, const solid_mesh *truth,
+                              surface_scores *out);
+
+#endif

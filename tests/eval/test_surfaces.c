@@ -1,0 +1,83 @@
+/* Distances of surfaces whose distances are known. */
+#include <stdlib.h>
+
+#include "ball.h"
+#include "eval/surfaces.h"
+#include "support.h"
+
+/* A ball in a larger one: 1 cm everywhere, normals alike. */
+static void a_ball_in_a_ball(void **state) {
+    static ball small, large;
+    context *c = test_context();
+    surface_scores s;
+    const float middle[3] = {0.3f, 0, -2};
+    ball_make(&small, middle, 0.19f, 0, RINGS);
+    ball_make(&large, middle, 0.2f, 0, RINGS);
+    assert_ok(c, surfaces_compare(c, 2000, 3, 0.005f, 1, &small.mesh, 1, &large.mesh, &s));
+    assert_true(fabs(s.to_truth_m - 0.01) < 2e-4 && fabs(s.from_truth_m - 0.01) < 2e-4);
+    assert_true(fabs(s.chamfer_m - (s.to_truth_m + s.from_truth_m) / 2) < 1e-12 && s.normal_deg < 3);
+    assert_ok(c, surfaces_compare(c, 500, 3, 0.005f, 1, &small.mesh, 1, &small.mesh, &s));
+    assert_true(s.chamfer_m < 1e-7 && s.normal_deg < 0.1);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* A half of the truth: all of it is on the truth, but the truth's other half is far from it. */
+static void half_a_ball(void **state) {
+    static ball half, all;
+    context *c = test_context();
+    surface_scores s;
+    const float middle[3] = {0, 0, 0};
+    ball_make(&half, middle, 0.2f, 0, RINGS / 2);
+    ball_make(&all, middle, 0.2f, 0, RINGS);
+    assert_ok(c, surfaces_compare(c, 4000, 4, 0.01f, 1, &half.mesh, 1, &all.mesh, &s));
+    assert_true(s.to_truth_m < 1e-7);
+    /* from an angle a below the rim to the rim, 2 r sin(a / 2), over half of the ball's area */
+    const double mean = 4 * 0.2 * (sqrt(2) - 1) / 3;
+    assert_true(fabs(s.from_truth_m - mean / 2) < 0.002);
+    sherf_context_free(c);
+}
+
+/* The exact distance of every kind of place: over the face, by an edge, by a corner. */
+static void places_by_a_triangle(void **state) {
+    static ball tiny;
+    context *c = test_context();
+    float v[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    uint32_t t[3] = {0, 1, 2};
+    const solid_mesh m = {3, 1, v, t};
+    static const struct {
+        float at[3];
+        double distance;
+    } some[] = {{{0.2f, 0.2f, 0.5f}, 0.5},
+                {{0.5f, -0.3f, 0.4f}, 0.5},
+                {{-0.3f, -0.4f, 0}, 0.5},
+                {{1, 1, 0}, 0.70710678}};
+    for (size_t i = 0; i < COUNT_OF(some); i++) {
+        surface_scores s;
+        ball_make(&tiny, some[i].at, 0.001f, 0, RINGS);
+        assert_ok(c, surfaces_compare(c, 400, 5, 0.05f, 1, &tiny.mesh, 1, &m, &s));
+        assert_true(fabs(s.to_truth_m - some[i].distance) < 2e-4);
+    }
+    sherf_context_free(c);
+}
+
+static void mistakes_are_one_line(void **state) {
+    static ball b;
+    context *c = test_context();
+    surface_scores s;
+    ball_make(&b, (float[]){0, 0, 0}, 0.2f, 0, RINGS);
+    const solid_mesh none = {0};
+    assert_fails(c, surfaces_compare(c, 10, 1, 0.01f, 1, &none, 1, &b.mesh, &s), SHERF_BAD_ARGUMENT,
+                 "no triangles");
+    assert_fails(c, surfaces_compare(c, 0, 1, 0.01f, 1, &b.mesh, 1, &b.mesh, &s), SHERF_BAD_ARGUMENT,
+                 "one place");
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_ball_in_a_ball), cmocka_unit_test(half_a_ball),
+                                       cmocka_unit_test(places_by_a_triangle),
+                                       cmocka_unit_test(mistakes_are_one_line)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

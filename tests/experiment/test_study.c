@@ -219,11 +219,46 @@ static void hostile_answers_are_refused(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* Writing, reading the key and answers, with memory running out at each allocation in turn. */
+static void memory_runs_out(void **state) {
+    char key[700], folder[512];
+    context *c = test_context();
+    study s, back;
+    snprintf(folder, sizeof folder, "%s", write_small(c, &s));
+    snprintf(answer_path, sizeof answer_path, "%s/answers.json", folder);
+    snprintf(key, sizeof key, "%s/key.json", folder);
+    const char *text = file_of(&s, "ab12", ANSWER("0", "a", "left", "false"));
+    assert_ok(c, file_write(c, answer_path, text, strlen(text)));
+    study_free(&s);
+    sherf_context_free(c);
+    sherf_status status = SHERF_NO_MEMORY;
+    for (long left = 0; status != SHERF_OK; left++) {
+        study_picture picture[3];
+        study_answers a = {0};
+        c = test_context();
+        small_study(c, &s, picture);
+        mem_fail_after(left);
+        status = study_write(c, &s, 3, picture, 7, folder);
+        back = (study){0};
+        if (status == SHERF_OK) status = study_read_key(c, key, &back);
+        if (status == SHERF_OK) status = study_read_answers(c, &back, answer_path, &a);
+        mem_fail_after(-1);
+        assert_true(status == SHERF_OK || status == SHERF_NO_MEMORY);
+        for (int i = 0; i < 3; i++) mem_free(picture[i].png);
+        study_answers_free(&a);
+        study_free(&back);
+        study_free(&s);
+        sherf_context_free(c);
+        assert_int_equal(mem_live(), 0);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(wilson_and_binomial), cmocka_unit_test(strengths_and_agreement),
         cmocka_unit_test(page_and_key),        cmocka_unit_test(blurring),
         cmocka_unit_test(answers_are_read),    cmocka_unit_test(hostile_answers_are_refused),
+        cmocka_unit_test(memory_runs_out),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -119,7 +119,8 @@ enum {
     STUDY_PEOPLE = 10,
     STUDY_VIEWS = 6
 };
-/* As much of the protocol as the people have; of quick, fewer poses and every other view. */
+/* As much of the protocol as the people have; of quick, fewer poses and every other view, of smoke every
+ * fourth. */
 typedef struct {
     const data_protocol *protocol;
     int people, poses, views, angles, observed_views;
@@ -148,13 +149,14 @@ static void fill_choice(const experiment_job *j, bool made, int has_poses, int h
     const data_protocol *p = out->protocol;
     const int step = p->view_step > 0 ? p->view_step : 1, limit = has_views < p->views ? has_views : p->views;
     const int max = j->set.scale == SCALE_PAPER ? p->pose_count : j->set.test_poses;
+    const int every = j->set.scale == SCALE_PAPER ? 1 : j->set.scale == SCALE_QUICK ? 2 : 4;
     for (int i = 0; i < max && out->poses < POSES_MAX; i++) {
         const int pose = made ? i : p->pose_first + i * p->pose_step;
         if (pose < has_poses) out->pose[out->poses++] = pose;
     }
     for (int v = 0; v < limit && out->angles < VIEWS_MAX; v += step) {
         out->angle[out->angles++] = v;
-        if (j->set.scale == SCALE_PAPER || v % (2 * step) == 0) out->view[out->views++] = v;
+        if (v % (every * step) == 0) out->view[out->views++] = v;
     }
     for (size_t i = 0; i < COUNT_OF(p->observation_views); i++)
         if (p->observation_views[i] < has_views)

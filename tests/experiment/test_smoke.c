@@ -8,6 +8,7 @@
 #include "eval/sheet.h"
 #include "io/image.h"
 #include "io/value.h"
+#include "study_page.h"
 #include "support.h"
 
 static char root[512], spec[2][600], body[2][600];
@@ -235,6 +236,51 @@ static char *answers_for(context *c, const document *key) {
     return text;
 }
 
+/* Whether a method has made this picture: it is the left half of one of its scoring's. */
+static bool made_by(context *c, const char *output, const char *label, const image_u8 *shown) {
+    const char *key = !strcmp(label, "SHERF") ? "sherf" : !strcmp(label, "NHP") ? "nhp" : "mps-nerf";
+    char folder[700], path[1400];
+    bool found = false;
+    snprintf(folder, sizeof folder, "%s/runs/thuman/%s-1/scores/study", output, key);
+    document *d = json_of(c, folder, "scores.json");
+    const value *images = value_get(d->root, "images");
+    for (size_t i = 0; i < value_count(images) && !found; i++) {
+        image_u8 both;
+        snprintf(path, sizeof path, "%s/%s", folder, value_get(value_at(images, i), "png")->string.text);
+        assert_ok(c, image_read(c, path, 3, &both));
+        found = both.width == 2 * shown->width && both.height == shown->height;
+        for (int y = 0; y < shown->height && found; y++)
+            found = !memcmp(both.data + 3 * (size_t)(y * both.width),
+                            shown->data + 3 * (size_t)(y * shown->width), 3 * (size_t)shown->width);
+        mem_free(both.data);
+    }
+    document_free(d);
+    return found;
+}
+
+/* What the key says of a pair is what the page shows. */
+static void pictures_are_their_methods(context *c, const char *output, const document *key) {
+    char folder[700], path[700];
+    snprintf(folder, sizeof folder, "%s/preference", output);
+    snprintf(path, sizeof path, "%s/shown.png", root);
+    document *page = study_page(c, folder);
+    const value *trials = value_get(key->root, "trials"), *methods = value_get(key->root, "methods");
+    for (size_t i = 0; i < value_count(trials); i++)
+        for (size_t k = 0; k < 2; k++) {
+            const value *t = value_at(trials, i), *blurred = value_get(t, "blurred");
+            const char *label = value_at(methods, (size_t)value_get(t, k ? "b" : "a")->integer)->string.text;
+            size_t bytes;
+            image_u8 shown;
+            const unsigned char *png = study_png(page, i, 1 + k, &bytes);
+            assert_ok(c, file_write(c, path, png, bytes));
+            assert_ok(c, image_read(c, path, 3, &shown));
+            const bool sharp = blurred->kind != VALUE_STRING || !value_is_string(blurred, k ? "b" : "a");
+            assert_int_equal(made_by(c, output, label, &shown), sharp);
+            mem_free(shown.data);
+        }
+    document_free(page);
+}
+
 /* The study's answers become scores, and a bad file is refused with nothing written. */
 static void a_study_is_scored(void **state) {
     context *c = test_context();
@@ -243,6 +289,7 @@ static void a_study_is_scored(void **state) {
     const char *answers[] = {path};
     document *key = json_of(c, o.output, "preference/key.json");
     assert_true(value_count(value_get(key->root, "trials")) >= 6); /* two rivals, three kinds */
+    pictures_are_their_methods(c, o.output, key);
     snprintf(path, sizeof path, "%s/answers.json", root);
     snprintf(made, sizeof made, "%s/preference/answers", o.output);
     o.answers = answers;

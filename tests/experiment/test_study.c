@@ -6,6 +6,7 @@
 
 #include "base/path.h"
 #include "experiment/study.h"
+#include "study_page.h"
 #include "support.h"
 
 /* ---- numbers ---- */
@@ -61,6 +62,15 @@ static const char *write_small(context *c, study *s) {
     assert_ok(c, folder_make(c, folder));
     small_study(c, s, picture);
     assert_ok(c, study_write(c, s, 3, picture, 7, folder));
+    document *page = study_page(c, folder);
+    for (size_t t = 0; t < (size_t)s->trials; t++)
+        for (size_t i = 0; i < 3; i++) { /* all trials have these three */
+            size_t bytes;
+            const unsigned char *png = study_png(page, t, i, &bytes);
+            assert_int_equal(bytes, picture[i].bytes);
+            assert_memory_equal(png, picture[i].png, bytes);
+        }
+    document_free(page);
     for (int i = 0; i < 3; i++) mem_free(picture[i].png);
     return folder;
 }

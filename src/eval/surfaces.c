@@ -136,7 +136,7 @@ static sherf_status places_draw(context *c, int64_t places, uint64_t key, float 
     solid_grid g;
     *place = mem_alloc(c, (size_t)places + 1, sizeof **place);
     if (!*place) return SHERF_NO_MEMORY;
-    sherf_status status = solid_grid_create(c, meshes, mesh, cell_m, &g);
+    sherf_status status = solid_grid_create(c, meshes, mesh, cell_m, 0, &g);
     if (status == SHERF_OK) status = solid_points(c, &g, meshes, mesh, key, places, *place, found);
     if (status == SHERF_OK && !*found)
         status = failure(c, SHERF_BAD_ARGUMENT, "nothing of a surface is seen");

@@ -28,8 +28,9 @@ static sherf_status mesh_check(context *c, const solid_mesh *m, float low[3], fl
     return SHERF_OK;
 }
 
-static sherf_status lay_out(context *c, int meshes, const solid_mesh *mesh, float cell_m, solid_grid *g) {
-    enum { MARGIN = 2 };
+static sherf_status lay_out(context *c, int meshes, const solid_mesh *mesh, float cell_m, int seal,
+                            solid_grid *g) {
+    const int margin = 2 + seal;
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     double cells = 1;
     sherf_status status = SHERF_OK;
@@ -39,12 +40,12 @@ static sherf_status lay_out(context *c, int meshes, const solid_mesh *mesh, floa
     if (!(cell_m > 0) || !(low[0] <= high[0]))
         return failure(c, SHERF_BAD_ARGUMENT, "no triangles, or no size of cells");
     for (int k = 0; k < 3; k++) {
-        const double n = ceil((double)(high[k] - low[k]) / (double)cell_m) + 1 + 2 * MARGIN;
+        const double n = ceil((double)(high[k] - low[k]) / (double)cell_m) + 1 + 2 * margin;
         cells *= n;
         if (!(cells <= SOLID_CELLS_MAX))
             return failure(c, SHERF_BAD_ARGUMENT, "a grid of more than %d cells", SOLID_CELLS_MAX);
         g->size[k] = (int)n;
-        g->min[k] = low[k] - (MARGIN + 0.5f) * cell_m;
+        g->min[k] = low[k] - ((float)margin + 0.5f) * cell_m;
     }
     g->cell = mem_alloc(c, (size_t)cells, 1);
     if (!g->cell) return SHERF_NO_MEMORY;
@@ -146,12 +147,45 @@ static sherf_status flood(context *c, solid_grid *g) {
     return count ? SHERF_NO_MEMORY : SHERF_OK;
 }
 
-sherf_status solid_grid_create(context *c, int meshes, const solid_mesh *mesh, float cell_m,
+/* ---- gaps ---- */
+enum { SEALED = SOLID_INSIDE + 1, MARKED };
+
+/* One layer: cells of the kind `of` that have a face in common with one of the kind `by` become `into`. */
+static void layer(solid_grid *g, int by, int of, int into) {
+    const size_t step[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]};
+    const size_t all = step[2] * (size_t)g->size[2];
+    for (int z = 1; z + 1 < g->size[2]; z++)
+        for (int y = 1; y + 1 < g->size[1]; y++)
+            for (int x = 1; x + 1 < g->size[0]; x++) {
+                const size_t at = cell_at(g, x, y, z);
+                for (int k = 0; k < 3 && g->cell[at] == of; k++)
+                    if (g->cell[at - step[k]] == by || g->cell[at + step[k]] == by) g->cell[at] = MARKED;
+            }
+    for (size_t i = 0; i < all; i++)
+        if (g->cell[i] == MARKED) g->cell[i] = (uint8_t)into;
+}
+
+/* Walls are `seal` cells thicker for the flood, which afterwards takes these cells back from where it is. */
+static sherf_status flood_sealed(context *c, solid_grid *g, int seal) {
+    const size_t all = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
+    for (int i = 0; i < seal; i++) layer(g, i ? SEALED : SOLID_WALL, SOLID_INSIDE, SEALED);
+    const sherf_status status = flood(c, g);
+    for (int i = 0; i < seal; i++) layer(g, SOLID_OUTSIDE, SEALED, SOLID_OUTSIDE);
+    for (size_t i = 0; i < all; i++)
+        if (g->cell[i] == SEALED) g->cell[i] = SOLID_INSIDE;
+    return status;
+}
+
+sherf_status solid_grid_create(context *c, int meshes, const solid_mesh *mesh, float cell_m, int seal,
                                solid_grid *out) {
-    sherf_status status = lay_out(c, meshes, mesh, cell_m, out);
+    *out = (solid_grid){0};
+    if (seal < 0 || seal > SOLID_SEAL_MAX)
+        return failure(c, SHERF_BAD_ARGUMENT, "gaps of %d cells: 0 to %d can be sealed", seal,
+                       SOLID_SEAL_MAX);
+    sherf_status status = lay_out(c, meshes, mesh, cell_m, seal, out);
     for (int i = 0; i < meshes && status == SHERF_OK; i++)
         for (int64_t t = 0; t < mesh[i].triangles; t++) wall_add(out, &mesh[i], t);
-    if (status == SHERF_OK) status = flood(c, out);
+    if (status == SHERF_OK) status = flood_sealed(c, out, seal);
     if (status != SHERF_OK) solid_grid_free(out);
     return status;
 }

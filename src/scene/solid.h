@@ -13,18 +13,20 @@ typedef struct {
 } solid_mesh;
 
 enum { SOLID_OUTSIDE, SOLID_WALL, SOLID_INSIDE };
-enum { SOLID_CELLS_MAX = 400000000 };
+enum { SOLID_CELLS_MAX = 400000000, SOLID_SEAL_MAX = 64 };
 /* Cell (x, y, z) is the cube at min + cell_m (x, y, z); cell[(z * size[1] + y) * size[0] + x]. Two layers of
- * cells round the triangles are outside. */
+ * cells and more round the triangles are outside. */
 typedef struct {
     int size[3];
     float min[3], cell_m;
     uint8_t *cell; /* SOLID_OUTSIDE and so on */
 } solid_grid;
 void solid_grid_free(solid_grid *g);
-/* SHERF_BAD_ARGUMENT for corners that are not there or not finite, no triangles, and more than
- * SOLID_CELLS_MAX cells. */
-sherf_status solid_grid_create(context *c, int meshes, const solid_mesh *mesh, float cell_m, solid_grid *out);
+/* seal: gaps of up to twice as many cells do not let the flood in, where shells end over a body (0: none do);
+ * crevices as narrow count as inside. SHERF_BAD_ARGUMENT for corners that are not there or not finite, no
+ * triangles, more than SOLID_CELLS_MAX cells, and a seal that is not 0 to SOLID_SEAL_MAX. */
+sherf_status solid_grid_create(context *c, int meshes, const solid_mesh *mesh, float cell_m, int seal,
+                               solid_grid *out);
 /* The kind of the cell at a place; beyond the grid it is outside. */
 int solid_at(const solid_grid *g, const float place[3]);
 /* Whether the place is in the solid: in an inner cell, or in a wall. Walls are a cell thick: half of it is.

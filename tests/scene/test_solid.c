@@ -12,7 +12,7 @@ static void a_closed_ball(void **state) {
     solid_grid g;
     double volume = 0;
     ball_make(&b, (float[]){1, 2, 3}, 0.25f, 0, RINGS);
-    assert_ok(c, solid_grid_create(c, 1, &b.mesh, 0.01f, &g));
+    assert_ok(c, solid_grid_create(c, 1, &b.mesh, 0.01f, 0, &g));
     for (int z = 0; z < g.size[2]; z++)
         for (int y = 0; y < g.size[1]; y++)
             for (int x = 0; x < g.size[0]; x++) {
@@ -40,14 +40,38 @@ static void a_cap_over_half_a_body(void **state) {
     ball_make(&body, middle, 0.2f, RINGS / 2 - 1, RINGS);
     ball_make(&cap, middle, 0.205f, 0, RINGS / 2);
     const solid_mesh both[2] = {body.mesh, cap.mesh};
-    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, &g));
+    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 0, &g));
     assert_true(solid_contains(&g, middle) && solid_contains(&g, (float[]){0, 0.18f, 0}));
     assert_true(solid_contains(&g, (float[]){0, -0.18f, 0}) && !solid_contains(&g, (float[]){0, 0.23f, 0}));
     solid_grid_free(&g);
-    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, &g)); /* a bowl alone holds nothing */
+    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 0, &g)); /* a bowl alone holds nothing */
     assert_false(solid_contains(&g, middle));
     solid_grid_free(&g);
     sherf_context_free(c);
+}
+
+/* A shirt's hem: the cap ends 3 cm away from the body below it, whose covered part is missing. Sealed it is
+ * solid, and a dent as wide as the gap only is lost. */
+static void a_gap_at_the_hem(void **state) {
+    static ball body, cap;
+    context *c = test_context();
+    solid_grid g;
+    ball_make(&body, (float[]){0, 0, 0}, 0.2f, RINGS / 2, RINGS);
+    ball_make(&cap, (float[]){0, 0, 0}, 0.23f, 0, RINGS / 2 + 1);
+    const solid_mesh both[2] = {body.mesh, cap.mesh};
+    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 0, &g));
+    assert_false(solid_contains(&g, (float[]){0, 0.1f, 0})); /* it has leaked */
+    solid_grid_free(&g);
+    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 2, &g));
+    assert_true(solid_contains(&g, (float[]){0, 0.1f, 0}) && solid_contains(&g, (float[]){0, -0.15f, 0}));
+    assert_false(solid_contains(&g, (float[]){0, 0.26f, 0}));
+    assert_false(solid_contains(&g, (float[]){0.15f, -0.2f, 0}));
+    solid_grid_free(&g);
+    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 2, &g)); /* the bowl is a bowl still */
+    assert_false(solid_contains(&g, (float[]){0, -0.1f, 0}));
+    solid_grid_free(&g);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 /* Points lie on the mesh, by area, point outwards, and not on what is hidden inside. */
@@ -62,7 +86,7 @@ static void points_of_what_is_seen(void **state) {
     ball_make(&outer, (float[]){0, 0, 0}, 0.2f, 0, RINGS);
     ball_make(&inner, (float[]){0, 0, 0}, 0.1f, 0, RINGS);
     const solid_mesh both[2] = {inner.mesh, outer.mesh};
-    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, &g));
+    assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 0, &g));
     assert_ok(c, solid_points(c, &g, 2, both, 5, COUNT, p, &found));
     assert_int_equal(found, COUNT);
     for (int i = 0; i < COUNT; i++) {
@@ -88,14 +112,15 @@ static void mistakes_are_one_line(void **state) {
     float v[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
     uint32_t t[3] = {0, 1, 2};
     const solid_mesh m = {3, 1, v, t}, none = {3, 0, v, t};
-    assert_fails(c, solid_grid_create(c, 1, &none, 0.1f, &g), SHERF_BAD_ARGUMENT, "no triangles");
-    assert_fails(c, solid_grid_create(c, 1, &m, 0, &g), SHERF_BAD_ARGUMENT, "no size");
-    assert_fails(c, solid_grid_create(c, 1, &m, 1e-6f, &g), SHERF_BAD_ARGUMENT, "more than");
+    assert_fails(c, solid_grid_create(c, 1, &none, 0.1f, 0, &g), SHERF_BAD_ARGUMENT, "no triangles");
+    assert_fails(c, solid_grid_create(c, 1, &m, 0, 0, &g), SHERF_BAD_ARGUMENT, "no size");
+    assert_fails(c, solid_grid_create(c, 1, &m, 1e-6f, 0, &g), SHERF_BAD_ARGUMENT, "more than");
+    assert_fails(c, solid_grid_create(c, 1, &m, 0.1f, 65, &g), SHERF_BAD_ARGUMENT, "0 to 64");
     t[1] = 3;
-    assert_fails(c, solid_grid_create(c, 1, &m, 0.1f, &g), SHERF_BAD_ARGUMENT, "not there");
+    assert_fails(c, solid_grid_create(c, 1, &m, 0.1f, 0, &g), SHERF_BAD_ARGUMENT, "not there");
     t[1] = 1;
     v[4] = NAN;
-    assert_fails(c, solid_grid_create(c, 1, &m, 0.1f, &g), SHERF_BAD_ARGUMENT, "not finite");
+    assert_fails(c, solid_grid_create(c, 1, &m, 0.1f, 0, &g), SHERF_BAD_ARGUMENT, "not finite");
     assert_null(g.cell);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
@@ -104,6 +129,7 @@ static void mistakes_are_one_line(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_closed_ball), cmocka_unit_test(a_cap_over_half_a_body),
-        cmocka_unit_test(points_of_what_is_seen), cmocka_unit_test(mistakes_are_one_line)};
+        cmocka_unit_test(a_gap_at_the_hem), cmocka_unit_test(points_of_what_is_seen),
+        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,0 +1,88 @@
+/* A person dressed once, and posed as often as somebody asks. */
+#include "synth/people/truth.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct people_truth {
+    studio *studio;
+    uint64_t number; /* of `dressed` */
+    dressed *dressed;
+    float *position[DRESSED_MAX];
+    people_surface surface;
+};
+
+static void person_clear(people_truth *t) {
+    for (int i = 0; i < DRESSED_MAX; i++) {
+        mem_free(t->position[i]);
+        t->position[i] = NULL;
+    }
+    dressed_free(t->dressed);
+    t->dressed = NULL;
+}
+
+void people_truth_close(people_truth *t) {
+    if (!t) return;
+    person_clear(t);
+    studio_close(t->studio);
+    mem_free(t);
+}
+
+sherf_status people_truth_open(context *c, const char *source, const char *body_path, people_truth **out) {
+    people_truth *t = *out = mem_zero(c, 1, sizeof *t);
+    if (!t) return SHERF_NO_MEMORY;
+    const sherf_status status = studio_open(c, source, body_path, &t->studio);
+    if (status == SHERF_OK) return status;
+    people_truth_close(t);
+    *out = NULL;
+    return status;
+}
+
+bool people_truth_number(const char *name, uint64_t *number) {
+    static const char before[] = "person_";
+    const size_t n = strlen(before);
+    if (strncmp(name, before, n) || strspn(name + n, "0123456789") != strlen(name + n) ||
+        strlen(name + n) < 6 || strlen(name + n) > 18)
+        return false;
+    *number = strtoull(name + n, NULL, 10);
+    return true;
+}
+
+static sherf_status person_take(context *c, people_truth *t, uint64_t number) {
+    person p;
+    if (t->dressed && t->number == number) return SHERF_OK;
+    person_clear(t);
+    person_draw(t->studio->m, number, &p);
+    sherf_status status = dressed_create(c, t->studio, &p, &t->dressed);
+    for (int i = 0; status == SHERF_OK && i < t->dressed->meshes; i++) {
+        t->position[i] = mem_alloc(c, (size_t)t->dressed->mesh[i].vertices, 3 * sizeof **t->position);
+        if (!t->position[i]) status = SHERF_NO_MEMORY;
+    }
+    t->number = number;
+    if (status != SHERF_OK) person_clear(t);
+    return status;
+}
+
+sherf_status people_truth_pose(context *c, people_truth *t, uint64_t number, const sherf_pose *p,
+                               const people_surface **out) {
+    posed_body *posed = NULL;
+    people_surface *s = &t->surface;
+    const makehuman *m = t->studio->m;
+    s->meshes = 0;
+    *out = s;
+    sherf_status status = person_take(c, t, number);
+    if (status == SHERF_OK)
+        status = posed_body_create(c, t->studio->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    for (int i = 0; status == SHERF_OK && i < t->dressed->meshes; i++) {
+        const dressed_mesh *d = &t->dressed->mesh[i];
+        if (d->material.alpha == TRACE_BLENDED) continue;
+        dressed_pose(t->studio, t->dressed, i, posed, t->position[i]);
+        s->drawn[s->meshes] = s->walls[s->meshes] =
+            (solid_mesh){d->vertices, d->triangles, t->position[i], d->triangle};
+        if (d->kind == WEAR_KINDS)
+            s->walls[s->meshes] = (solid_mesh){d->vertices, m->triangles, t->position[i], m->triangle};
+        s->meshes++;
+    }
+    posed_body_free(posed);
+    return status;
+}

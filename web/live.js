@@ -1,5 +1,6 @@
 // The avatar's baked surface, drawn here by WebGL 2 while something moves. The program sends the surface once, in the
-// rest pose, and a motion as matrices of the 24 joints (src/viewer/viewer.h has the bytes); the shader does the skinning.
+// rest pose, and a motion as matrices of the 24 joints (src/viewer/viewer.h has the bytes); the shader does the
+// skinning.
 "use strict";
 
 const live = (() => {
@@ -46,7 +47,8 @@ const live = (() => {
   function open(on, tell, forced) {
     canvas = on;
     told = tell;
-    gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true, failIfMajorPerformanceCaveat: !forced });
+    gl = canvas.getContext("webgl2", { antialias: true,
+      preserveDrawingBuffer: true, failIfMajorPerformanceCaveat: !forced });
     if (!gl || (!forced && isSoftware())) return false;
     canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); program = null; surfaces.clear(); });
     canvas.addEventListener("webglcontextrestored", () => { prepare(); told(); });
@@ -56,7 +58,8 @@ const live = (() => {
   // Not every browser calls that a major caveat.
   function isSoftware() {
     const info = gl.getExtension("WEBGL_debug_renderer_info");
-    return /swiftshader|llvmpipe|softpipe|software/i.test(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+    return /swiftshader|llvmpipe|softpipe|software/i.test(
+      gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
   }
 
   function prepare() {
@@ -94,7 +97,8 @@ const live = (() => {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, take(12 * triangles), gl.STATIC_DRAW);
     gl.bindVertexArray(null);
-    const picture = await createImageBitmap(new Blob([take(png)], { type: "image/png" }), { colorSpaceConversion: "none" });
+    const picture = await createImageBitmap(new Blob([take(png)], { type: "image/png" }),
+      { colorSpaceConversion: "none" });
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, gl.RGB, gl.UNSIGNED_BYTE, picture);
@@ -130,7 +134,8 @@ const live = (() => {
     chunks.set(key, null);
     try {
       const first = Math.floor(frame / FRAMES) * FRAMES;
-      const answer = await fetch("moves?" + new URLSearchParams({ avatar, motion, frame: first }), { cache: "no-store" });
+      const answer = await fetch("moves?" + new URLSearchParams({ avatar, motion, frame: first }),
+        { cache: "no-store" });
       if (!answer.ok) throw new Error(answer.status);
       chunks.set(key, new Float32Array(await answer.arrayBuffer(), HEAD));
       for (const old of chunks.keys()) if (chunks.size > CHUNKS_MOST && old !== key) chunks.delete(old);
@@ -161,7 +166,8 @@ const live = (() => {
     const target = [0, 1, 2].map((i) => centre[i] + (view.follow ? way[i] : 0) +
       axes[3 * i] * view.offset[0] + axes[3 * i + 1] * view.offset[1] + axes[3 * i + 2] * view.offset[2]);
     const rows = [0, 1, 2].map((r) => {
-      const row = [0, 1, 2].map((j) => upright[3 * r] * axes[3 * j] + upright[3 * r + 1] * axes[3 * j + 1] + upright[3 * r + 2] * axes[3 * j + 2]);
+      const row = [0, 1, 2].map((j) => upright[3 * r] * axes[3 * j] + upright[3 * r + 1] * axes[3 * j + 1] +
+        upright[3 * r + 2] * axes[3 * j + 2]);
       row.push((r === 2 ? distance : 0) - row[0] * target[0] - row[1] * target[1] - row[2] * target[2]);
       return row;
     });

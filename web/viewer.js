@@ -12,7 +12,8 @@ const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
 const limits = { quick: true, sideLeast: 96, sideMost: 288, frameMs: 45, stillMs: 130, stepMs: 250, tellMs: 120 };
 const start = { azimuth: 0, elevation: 0, zoom: 1 };
-const view = { avatar: 0, motion: 0, time: 0, ...start, offset: [0, 0, 0], mode: "color", ground: "page", follow: true };
+const view = { avatar: 0, motion: 0, time: 0, ...start,
+  offset: [0, 0, 0], mode: "color", ground: "page", follow: true };
 const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
 let about = null;
 
@@ -52,7 +53,8 @@ function dimensions(side, largest = 2 * about.side) {
 }
 
 const fullSide = () =>
-  clamp(Math.round(Math.min(stage.clientWidth, stage.clientHeight) * Math.min(devicePixelRatio || 1, 2)), 16, about.side);
+  clamp(Math.round(Math.min(stage.clientWidth, stage.clientHeight) * Math.min(devicePixelRatio || 1, 2)), 16,
+    about.side);
 
 function ground() {
   if (view.ground !== "page") return view.ground;
@@ -76,7 +78,8 @@ function drawLive() {
   if (!isLive() || got.stamp === stamp) return;
   const ratio = Math.min(devicePixelRatio || 1, 2), color = ground(), none = color === "none";
   const rgba = none ? [0, 0, 0, 0] : [0, 2, 4].map((k) => parseInt(color.slice(k, k + 2), 16) / 255).concat(1);
-  const size = live.draw(view, frameNow(), Math.max(stage.clientWidth * ratio, 1), Math.max(stage.clientHeight * ratio, 1), rgba);
+  const size = live.draw(view, frameNow(), Math.max(stage.clientWidth * ratio, 1),
+    Math.max(stage.clientHeight * ratio, 1), rgba);
   metresHigh = size.metres * view.zoom;
   stage.classList.toggle("checks", none);
   showLive(true);
@@ -119,7 +122,8 @@ function dismiss() {
 
 async function request(side) {
   const [width, height] = dimensions(side), live = isMoving();
-  const own = (pending = { stamp, side, sequence: ++sequence, mode: view.mode, fine: !live && (got.baked || side > 1.3 * moving) });
+  const own = (pending = { stamp, side, sequence: ++sequence, mode: view.mode,
+    fine: !live && (got.baked || side > 1.3 * moving) });
   const begun = performance.now();
   try {
     const more = { client, n: own.sequence };
@@ -135,7 +139,8 @@ async function request(side) {
     schedule(); // the next one is made while this one is drawn
     const bitmap = await createImageBitmap(blob);
     const ms = performance.now() - begun;
-    if (own.sequence > shown.sequence && !(own.stamp !== stamp && isLive())) draw(bitmap, own, Number(answer.headers.get("X-Scale")));
+    if (own.sequence > shown.sequence && !(own.stamp !== stamp && isLive()))
+      draw(bitmap, own, Number(answer.headers.get("X-Scale")));
     bitmap.close();
     measure(side, ms, live, width, height, own.baked);
     if (broken) { broken = false; lost.waited = 0; note(""); }
@@ -214,7 +219,8 @@ function lost(error) {
 
 // ---- the camera
 function axes() {
-  const ca = Math.cos(view.azimuth), sa = Math.sin(view.azimuth), ce = Math.cos(view.elevation), se = Math.sin(view.elevation);
+  const ca = Math.cos(view.azimuth), sa = Math.sin(view.azimuth),
+    ce = Math.cos(view.elevation), se = Math.sin(view.elevation);
   return { right: [ca, 0, -sa], down: [sa * se, -ce, ca * se] };
 }
 
@@ -264,7 +270,8 @@ stage.addEventListener("pointermove", (e) => {
     pushed ? shift(dx, dy) : turn(dx, dy);
   } else if (fingers.size === 2) {
     const other = [...fingers.entries()].find(([id]) => id !== e.pointerId)[1];
-    const before = Math.hypot(own.x - other.x, own.y - other.y), after = Math.hypot(e.clientX - other.x, e.clientY - other.y);
+    const before = Math.hypot(own.x - other.x, own.y - other.y),
+      after = Math.hypot(e.clientX - other.x, e.clientY - other.y);
     shift(dx / 2, dy / 2);
     if (before > 8 && after > 8) zoom(after / before, (e.clientX + other.x) / 2, (e.clientY + other.y) / 2);
   }
@@ -291,7 +298,8 @@ stage.addEventListener("wheel", (e) => {
 function showTime() {
   const m = motion(), n = frameNow();
   $("line").value = n;
-  $("time").textContent = m.fps ? `${view.time.toFixed(2)} / ${(m.frames / m.fps).toFixed(2)} s` : `pose ${n + 1} of ${m.frames}`;
+  $("time").textContent = m.fps ? `${view.time.toFixed(2)} / ${(m.frames / m.fps).toFixed(2)} s`
+    : `pose ${n + 1} of ${m.frames}`;
   $("line").setAttribute("aria-valuetext", $("time").textContent);
 }
 
@@ -448,7 +456,8 @@ function filmNote() {
   const fps = Number($("film-fps").value);
   const seconds = turns ? Number($("film-seconds").value) : motion().frames / motionFps() / play.rate;
   $("film-note").textContent = `${Math.ceil(seconds * fps)} frames, ${seconds.toFixed(1)} s, MP4` +
-    (turns ? "" : ` at ${play.rate}×`) + (ground() === "none" ? "; videos have no transparency: the background is black" : "");
+    (turns ? "" : ` at ${play.rate}×`) +
+      (ground() === "none" ? "; videos have no transparency: the background is black" : "");
 }
 
 function filmOpen() {
@@ -493,7 +502,8 @@ async function filmMake() {
       if (state.state !== "running") break;
       const left = state.done ? (((performance.now() - begun) / state.done) * (state.frames - state.done)) / 1000 : 0;
       $("film-meter").value = state.done / state.frames;
-      $("film-state").textContent = `${state.done} of ${state.frames} frames` + (left ? `, ${Math.ceil(left)} s left` : "");
+      $("film-state").textContent = `${state.done} of ${state.frames} frames` +
+        (left ? `, ${Math.ceil(left)} s left` : "");
     }
     if (!filming) return;
     if (state.state !== "done") throw new Error(state.message || "The video was not made.");
@@ -521,9 +531,12 @@ const keys = {
   " ": () => setPlaying(!play.on), "+": () => zoom(1.15), "=": () => zoom(1.15), "-": () => zoom(1 / 1.15),
   ",": () => step(-1), ".": () => step(1), 0: home, Home: home, l: toggleLoop, f: toggleFollow, i: toggleInput,
   1: () => setMode("color"), 2: () => setMode("opacity"), 3: () => setMode("depth"), 4: () => setMode("normal"),
-  b: () => { const all = ["page", "000000", "ffffff", "none"]; setGround(all[(all.indexOf(view.ground) + 1) % all.length]); },
-  a: () => setAvatar((view.avatar + 1) % about.avatars.length), m: () => setMotion((view.motion + 1) % about.motions.length),
-  p: savePicture, v: filmOpen, t: () => $("theme").click(), h: () => $("help-box").showModal(), "?": () => $("help-box").showModal(),
+  b: () => { const all = ["page", "000000", "ffffff", "none"];
+    setGround(all[(all.indexOf(view.ground) + 1) % all.length]); },
+  a: () => setAvatar((view.avatar + 1) % about.avatars.length),
+    m: () => setMotion((view.motion + 1) % about.motions.length),
+  p: savePicture, v: filmOpen, t: () => $("theme").click(),
+    h: () => $("help-box").showModal(), "?": () => $("help-box").showModal(),
 };
 const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
@@ -600,7 +613,8 @@ async function open() {
   fill($("motion"), about.motions);
   $("avatar").disabled = about.avatars.length < 2;
   const sides = [256, 384, 512, 768, 1024].filter((s) => s <= about.film_side);
-  for (const side of sides.length ? sides : [about.film_side]) $("film-size").add(new Option(side, side, side === 512, side === 512));
+  for (const side of sides.length ? sides : [about.film_side])
+    $("film-size").add(new Option(side, side, side === 512, side === 512));
   $("version").textContent = "sherf " + about.version + ".";
   setPressed("loop", play.loop);
   connect();

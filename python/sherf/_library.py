@@ -227,8 +227,8 @@ def _looked(path: str) -> str:
         return ("SHERF_LIBRARY names it, so nothing else was looked at: name the libsherf.so.0 of a build or of "
                 "Debian's package libsherf0 there, or unset it")
     if not (_HERE / "lib" / SONAME).exists():
-        return (f"looked for {_HERE / 'lib' / SONAME}, as in a wheel, and in the system's folders of libraries: install "
-                f"Debian's package libsherf0 or the wheel, or name the library in SHERF_LIBRARY")
+        return (f"looked for {_HERE / 'lib' / SONAME}, as in a wheel, and in the system's folders of libraries: "
+                f"install Debian's package libsherf0 or the wheel, or name the library in SHERF_LIBRARY")
     try:
         packages = (_HERE / "lib" / "needs.txt").read_text(encoding="utf-8").split()
     except OSError:

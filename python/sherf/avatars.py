@@ -100,8 +100,8 @@ class Motion(Object):
 class Frame:
     """A rendered picture. In a notebook it shows itself.
 
-    color: height x width x 3, float32 in [0, 1], over the background. opacity: height x width, in [0, 1]. depth: height x
-    width, metres along the camera's axis. points: samples that met the network.
+    color: height x width x 3, float32 in [0, 1], over the background. opacity: height x width, in [0, 1]. depth: height
+    x width, metres along the camera's axis. points: samples that met the network.
     """
 
     def __init__(self, color: FloatArray, opacity: FloatArray, depth: FloatArray, points: int, black: bool) -> None:
@@ -280,7 +280,8 @@ class Avatar(Object):
             return Camera.of_struct(LIBRARY.sherf_avatar_camera(avatar).contents)
 
     def orbit(self, count: int = 1, pose: Pose | None = None, *, size: int | tuple[int, int] = 512,
-              azimuth_rad: float = 0, elevation_rad: float = 0, distance_m: float = 0, fov_rad: float = 0) -> list[Camera]:
+              azimuth_rad: float = 0, elevation_rad: float = 0, distance_m: float = 0,
+              fov_rad: float = 0) -> list[Camera]:
         """`count` cameras on a circle round the body; azimuth 0 of the first looks at its front.
 
         distance_m 0: what shows all of the body. fov_rad: vertical; 0: 30 degrees. size: pixels, one number or (width,
@@ -370,8 +371,8 @@ class Avatar(Object):
                motion: Motion | None = None, lit: bool = False, up: str = "auto", detail: bool = True) -> ExportFacts:
         """Writes the person for other programs: .glb (rigged, textured), .obj, .ply, or Gaussian splats.
 
-        format: "glb", "obj", "ply" or "splats"; None: by the file's name. resolution: cells along the body, 16 to 768; 0:
-        256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours. splats:
+        format: "glb", "obj", "ply" or "splats"; None: by the file's name. resolution: cells along the body, 16 to 768;
+        0: 256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours. splats:
         0 is 100 000. pose: None is the T-pose. motion: the animation of a .glb. up: of .obj and .ply.
         """
         o = ExportOptions(text_bytes(format, "format"), _int(resolution, "resolution"), real(level, "level"),

@@ -21,7 +21,8 @@ def numbers_of_c(expressions):
     program = f'#include <sherf/sherf.h>\n#include <stdio.h>\nint main(void) {{{lines} return 0;}}\n'
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run(["cc", "-x", "c", "-", "-I", HEADER, "-o", folder + "/a"], input=program, text=True, check=True)
-        return [int(x) for x in subprocess.run([folder + "/a"], capture_output=True, text=True, check=True).stdout.split()]
+        return [int(x) for x in
+                subprocess.run([folder + "/a"], capture_output=True, text=True, check=True).stdout.split()]
 
 
 class TestLayout(unittest.TestCase):

@@ -48,7 +48,8 @@ class TestSeveral(Folder):
         both = sherf.Avatar.from_photos([PHOTO, ROOT / "assets/demo/photo-back.jpg"], **known)
         one = sherf.Avatar.from_photos([PHOTO], **known)
         np.testing.assert_array_equal(one.pose.poses, people["avatar"].pose.poses)
-        views = [[avatar.render(camera=camera).color for camera in avatar.orbit(2, size=SIZE)] for avatar in (both, one)]
+        views = [[avatar.render(camera=camera).color for camera in avatar.orbit(2, size=SIZE)]
+                 for avatar in (both, one)]
         self.assertGreater(np.abs(views[0][1] - views[1][1]).mean(), 0.002)  # the back is another
         both.save(self.folder / "both.safetensors")
         sherf.Avatar.load(self.folder / "both.safetensors", people["body"])
@@ -78,7 +79,8 @@ class TestMissing(Folder):
     def load(self, **environment):
         words = [sys.executable, "-c", "import sherf"]
         kept = {k: v for k, v in os.environ.items() if k != "SHERF_LIBRARY"}
-        return subprocess.run(words, env={**kept, **environment}, capture_output=True, text=True).stderr.splitlines()[-1]
+        done = subprocess.run(words, env={**kept, **environment}, capture_output=True, text=True)
+        return done.stderr.splitlines()[-1]
 
     def test_library_that_is_not_there(self):
         said = self.load(SHERF_LIBRARY=str(self.folder / "none.so"))

@@ -1,7 +1,8 @@
 // The viewer in a real browser: node tests/viewer/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
 // Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or PLAYWRIGHT_CORE=its folder).
 // $RATES=only: how many pictures a second it shows, and nothing else (10 seconds).
-// Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed, 1 failed, 77 cannot be run.
+// Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed,
+// 1 failed, 77 cannot be run.
 import { spawn } from "node:child_process";
 import { createRequire } from "node:module";
 import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -35,7 +36,8 @@ function check(good, what) {
 }
 
 function serve(port) {
-  const words = ["view", ...avatars, "-b", body, "--port", String(port), "--size", size, ...motions.flatMap((m) => ["--motion", m])];
+  const words = ["view", ...avatars, "-b", body, "--port", String(port), "--size", size,
+    ...motions.flatMap((m) => ["--motion", m])];
   const child = spawn(sherf, words, { stdio: ["ignore", "pipe", "pipe"] });
   let said = "";
   child.stderr.on("data", (d) => (said += d));
@@ -54,9 +56,13 @@ function serve(port) {
 
 const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, name + ".png") });
 const text = (page) => page.textContent("#speed");
-const ready = (page) => page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null, { timeout: patience });
+const ready = (page) =>
+  page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null,
+  { timeout: patience });
 // Refined: the full side is on the screen and nothing is under way.
-const still = (page) => page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !shown.baked && !pending, null, { timeout: patience, polling: 50 });
+const still = (page) =>
+  page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !shown.baked && !pending, null,
+  { timeout: patience, polling: 50 });
 // A small copy of the canvas's pixels.
 const pixels = (page, canvas = "canvas") => page.evaluate((canvas) => {
   const c = document.createElement("canvas");
@@ -89,7 +95,8 @@ async function rate(page, plays, side = 128, seconds = 3) {
         if (shown.side === side) size = `${canvas.width} x ${canvas.height}`;
       }
       sequence = shown.sequence;
-      if (now - begun > first + 1000 * seconds) return done({ fps: (1000 * pictures) / (now - from), size, ms: costMs * side * side });
+      if (now - begun > first + 1000 * seconds)
+        return done({ fps: (1000 * pictures) / (now - from), size, ms: costMs * side * side });
       if (!plays) turn(3, 0);
       requestAnimationFrame(step);
     };
@@ -99,14 +106,16 @@ async function rate(page, plays, side = 128, seconds = 3) {
     setPlaying(false);
     Object.assign(limits, { quick: true, sideLeast: 96, sideMost: 288 });
   });
-  console.log(`      while ${plays ? "playing" : "turning"}: ${result.fps.toFixed(1)} pictures a second of ${result.size}, ${result.ms.toFixed(0)} ms each from asking to seeing`);
+  console.log(`      while ${plays ? "playing" : "turning"}: ${result.fps.toFixed(1)} pictures a second of ${result.size}, ` +
+    `${result.ms.toFixed(0)} ms each from the request to the picture`);
 }
 
 const folder = mkdtempSync(path.join(tmpdir(), "sherf-browser-"));
 let server = serve(0), browser;
 try {
   const address = await server.address;
-  browser = await chromium.launch({ executablePath: browserPath, args: ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"] });
+  browser = await chromium.launch({ executablePath: browserPath,
+    args: ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"] });
   const desktop = await browser.newContext({ viewport: { width: 1280, height: 800 }, acceptDownloads: true });
   desktop.setDefaultTimeout(patience);
   const page = await desktop.newPage();
@@ -141,7 +150,8 @@ try {
   await page.mouse.up();
   const lifted = Date.now();
   console.log("      while turning: " + speeds.at(-1));
-  await page.waitForFunction(() => shown.stamp === stamp && (shown.fine || shown.side > 1.3 * moving), null, { timeout: patience, polling: 10 });
+  await page.waitForFunction(() => shown.stamp === stamp && (shown.fine || shown.side > 1.3 * moving), null,
+    { timeout: patience, polling: 10 });
   console.log(`      first refined picture after ${Date.now() - lifted} ms: ${await text(page)}`);
   await still(page);
   console.log(`      full size after ${Date.now() - lifted} ms: ${await text(page)}`);
@@ -196,7 +206,8 @@ try {
   const png = path.join(folder, "picture.png");
   await download.saveAs(png);
   const head = readFileSync(png);
-  check(head.subarray(1, 4).toString() === "PNG" && head.length > 5000, `a picture is saved: ${download.suggestedFilename()}, ${head.length} bytes`);
+  check(head.subarray(1, 4).toString() === "PNG" && head.length > 5000,
+    `a picture is saved: ${download.suggestedFilename()}, ${head.length} bytes`);
 
   // play
   if (motions.length) {
@@ -265,11 +276,13 @@ try {
   await surface.evaluate(() => turn(80, 0));
   await still(surface);
   const turned = difference(drawnHere, await pixels(surface));
-  check(apart < 3 && apart < 0.6 * turned, `both are of the same view (${apart.toFixed(2)} apart, another view ${turned.toFixed(2)})`);
+  check(apart < 3 && apart < 0.6 * turned,
+    `both are of the same view (${apart.toFixed(2)} apart, another view ${turned.toFixed(2)})`);
   await surface.close();
 
   // two clients, the second one a phone
-  const phone = await browser.newContext({ viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, isMobile: true, hasTouch: true });
+  const phone = await browser.newContext({ viewport: { width: 390, height: 844 },
+    deviceScaleFactor: 2, isMobile: true, hasTouch: true });
   phone.setDefaultTimeout(patience);
   const small = await phone.newPage();
   small.on("pageerror", (e) => problems.push(e.message));
@@ -288,7 +301,8 @@ try {
     now = await count();
   }
   await page.mouse.up();
-  check(now.every((n, k) => n >= before[k] + 5), `two clients are served side by side (${now.map((n, k) => n - before[k])})`);
+  check(now.every((n, k) => n >= before[k] + 5),
+    `two clients are served side by side (${now.map((n, k) => n - before[k])})`);
   await Promise.all([still(page), still(small)]);
   await small.evaluate(() => home());
   await still(small);
@@ -301,7 +315,8 @@ try {
   // a pinch, by two touches
   await small.evaluate(() => document.getElementById("help-box").close());
   const zoomed = await small.evaluate(() => {
-    const touch = (type, id, x, y) => stage.dispatchEvent(new PointerEvent(type, { pointerId: id, pointerType: "touch", clientX: x, clientY: y, bubbles: true }));
+    const touch = (type, id, x, y) => stage.dispatchEvent(
+      new PointerEvent(type, { pointerId: id, pointerType: "touch", clientX: x, clientY: y, bubbles: true }));
     stage.setPointerCapture = () => {};
     touch("pointerdown", 11, 150, 400);
     touch("pointerdown", 12, 250, 400);
@@ -334,11 +349,13 @@ try {
   server.child.kill("SIGINT");
   check((await server.ended) === 0, "Ctrl-C ends the program with status 0");
   await page.keyboard.press("ArrowLeft");
-  await page.waitForFunction(() => /does not answer/.test(document.getElementById("notice").textContent), null, { timeout: 60000 });
+  await page.waitForFunction(() => /does not answer/.test(document.getElementById("notice").textContent), null,
+    { timeout: 60000 });
   server = serve(port);
   const anew = await server.address;
   check(anew !== address, "another key after another start");
-  await page.waitForFunction(() => /anew/.test(document.getElementById("notice").textContent), null, { timeout: 60000 });
+  await page.waitForFunction(() => /anew/.test(document.getElementById("notice").textContent), null,
+    { timeout: 60000 });
   check(true, "the page says that the viewer was started anew");
   await page.goto(anew);
   await ready(page);

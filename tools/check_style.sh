@@ -7,7 +7,8 @@ cd "$(dirname "$0")/.."
 files=$(git ls-files '*.c' '*.h' '*.cu' '*.cpp')
 # shellcheck disable=SC2086
 clang-format-14 --dry-run -Werror $files
-texts=$(git ls-files '*.md' '*.sh' '*.py' '*.js' '*.mjs' '*.cmake' '*CMakeLists.txt' Makefile packages.txt .ci/run debian/rules)
+texts=$(git ls-files '*.md' '*.sh' '*.py' '*.js' '*.mjs' '*.cmake' '*CMakeLists.txt' Makefile packages.txt .ci/run \
+    debian/rules)
 # shellcheck disable=SC2086
 if LC_ALL=C.UTF-8 grep -HnE '^.{121,}$' $texts |
     grep -vE '^[^:]*\.md:[0-9]+:(\||!\[|    )|[0-9a-f]{128}'; then

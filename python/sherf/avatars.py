@@ -372,8 +372,8 @@ class Avatar(Object):
         """Writes the person for other programs: .glb (rigged, textured), .obj, .ply, or Gaussian splats.
 
         format: "glb", "obj", "ply" or "splats"; None: by the file's name. resolution: cells along the body, 16 to 768;
-        0: 256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours. splats:
-        0 is 100 000. pose: None is the T-pose. motion: the animation of a .glb. up: of .obj and .ply.
+        0: 256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours.
+        splats: 0 is 100 000. pose: None is the T-pose. motion: the animation of a .glb. up: of .obj and .ply.
         """
         o = ExportOptions(text_bytes(format, "format"), _int(resolution, "resolution"), real(level, "level"),
                           real(islands, "islands"), _int(triangles, "triangles"), _int(texture_px, "texture_px"),

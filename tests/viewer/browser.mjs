@@ -106,7 +106,8 @@ async function rate(page, plays, side = 128, seconds = 3) {
     setPlaying(false);
     Object.assign(limits, { quick: true, sideLeast: 96, sideMost: 288 });
   });
-  console.log(`      while ${plays ? "playing" : "turning"}: ${result.fps.toFixed(1)} pictures a second of ${result.size}, ` +
+  console.log(`      while ${plays ? "playing" : "turning"}: ` +
+    `${result.fps.toFixed(1)} pictures a second of ${result.size}, ` +
     `${result.ms.toFixed(0)} ms each from the request to the picture`);
 }
 

@@ -75,7 +75,7 @@ sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model 
 void occupancy_free(occupancy_grid *e);
 /* The same, with cells in the body too, and the avatar's answers in the middles of all within 6 cm of it;
  * what is further off has density 0. `f` has no values for a body of a size nobody has. Free both. */
-sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e,
                                coarse_field *f);
 void coarse_field_free(coarse_field *f);
 typedef struct lazy_occupancy {

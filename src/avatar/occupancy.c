@@ -130,11 +130,11 @@ void occupancy_free(occupancy_grid *e) {
 }
 
 /* False for a body of a size nobody has. */
-static bool lattice_of(const body_model *m, lattice *out) {
+static bool lattice_of(const body_model *body, lattice *out) {
     float max[3];
     double count = 1;
     out->per_m = 1 / cell_m;
-    body_canonical_bounds(m, out->min, max);
+    body_canonical_bounds(body, out->min, max);
     for (int k = 0; k < 3; k++) {
         const double cells = ceil(((double)max[k] - out->min[k]) * out->per_m) + 1;
         count *= cells;
@@ -160,11 +160,11 @@ static sherf_status answers(context *c, empty_job *j) {
 
 /* values: of all cells near the body; NULL: those at its skin and outside are queried, and nothing is kept.
  */
-static sherf_status find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+static sherf_status find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e,
                          coarse_field *values) {
-    empty_job job = {.a = a, .m = m, .lowest = values ? -INFINITY : -below_m};
+    empty_job job = {.a = a, .m = body, .lowest = values ? -INFINITY : -below_m};
     const lattice *l = &job.cells;
-    if (!lattice_of(m, &job.cells)) return SHERF_OK; /* nothing is left out */
+    if (!lattice_of(body, &job.cells)) return SHERF_OK; /* nothing is left out */
     *e = (occupancy_grid){.per_m = l->per_m, .words = (l->cells[0] + 31) / 32};
     memcpy(e->min, l->min, sizeof e->min);
     memcpy(e->cells, l->cells, sizeof e->cells);
@@ -185,16 +185,16 @@ static sherf_status find(context *c, const sherf_avatar *a, const body_model *m,
     return status;
 }
 
-sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e) {
+sherf_status occupancy_find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e) {
     *e = (occupancy_grid){0};
-    return find(c, a, m, e, NULL);
+    return find(c, a, body, e, NULL);
 }
 
-sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *m, occupancy_grid *e,
+sherf_status coarse_field_find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e,
                                coarse_field *f) {
     *e = (occupancy_grid){0};
     *f = (coarse_field){0};
-    return find(c, a, m, e, f);
+    return find(c, a, body, e, f);
 }
 
 void coarse_field_free(coarse_field *f) {

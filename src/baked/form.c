@@ -57,14 +57,14 @@ static void corners_fill(const baked_person *p, baked_form *f) {
 
 /* Sums, over the body's vertices that a surface's vertex moves with, of their pose_volume times the way from
  * the joint to them; the four largest count. */
-static void fold_of(const body_model *m, const skin *s, size_t v, uint8_t joint[4], float fold[12]) {
+static void fold_of(const body_model *body, const skin *s, size_t v, uint8_t joint[4], float fold[12]) {
     float sum[BODY_JOINTS][3] = {{0}}, size[BODY_JOINTS];
     for (size_t i = SKIN_NEAR * v; i < SKIN_NEAR * (v + 1); i++) {
         const size_t near = (size_t)s->near[i];
         for (int j = 1; j < BODY_JOINTS && s->share[i] > 0; j++) {
-            const float k = s->share[i] * m->pose_volume[near * BODY_JOINTS + (size_t)j];
+            const float k = s->share[i] * body->pose_volume[near * BODY_JOINTS + (size_t)j];
             for (size_t a = 0; a < 3; a++)
-                sum[j][a] += k * (m->v_template[3 * near + a] - (float)m->joint_template[j][a]);
+                sum[j][a] += k * (body->v_template[3 * near + a] - (float)body->joint_template[j][a]);
         }
     }
     for (int j = 0; j < BODY_JOINTS; j++)
@@ -79,17 +79,17 @@ static void fold_of(const body_model *m, const skin *s, size_t v, uint8_t joint[
     }
 }
 
-static sherf_status folds_make(context *c, const body_model *m, const baked_person *p, baked_form *f) {
-    if (!m->pose_volume) return SHERF_OK;
+static sherf_status folds_make(context *c, const body_model *body, const baked_person *p, baked_form *f) {
+    if (!body->pose_volume) return SHERF_OK;
     f->fold_joint = mem_alloc(c, (size_t)f->corners, 4);
     f->fold = mem_alloc(c, (size_t)f->corners, 12 * sizeof *f->fold);
     if (!f->fold_joint || !f->fold) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < (size_t)f->corners; i++)
-        fold_of(m, &p->skin, p->atlas.vertex[i], f->fold_joint + 4 * i, f->fold + 12 * i);
+        fold_of(body, &p->skin, p->atlas.vertex[i], f->fold_joint + 4 * i, f->fold + 12 * i);
     return SHERF_OK;
 }
 
-static sherf_status form_of(context *c, const body_model *m, baked_person *p, baked_form *f) {
+static sherf_status form_of(context *c, const body_model *body, baked_person *p, baked_form *f) {
     f->corners = p->atlas.corners;
     f->triangles = p->surface.triangles;
     f->side_px = p->atlas.side_px;
@@ -103,7 +103,7 @@ static sherf_status form_of(context *c, const body_model *m, baked_person *p, ba
     f->triangle = mem_alloc(c, (size_t)f->triangles, 3 * sizeof *f->triangle);
     if (!f->rest || !f->uv || !f->joint || !f->weight || !f->triangle) return SHERF_NO_MEMORY;
     corners_fill(p, f);
-    sherf_status status = folds_make(c, m, p, f);
+    sherf_status status = folds_make(c, body, p, f);
     if (status == SHERF_OK) status = baked_levels_make(c, f);
     if (status != SHERF_OK) return status;
     return png_to_memory(c, f->side_px, f->side_px, 3, f->texture[0], 6, &f->png, &f->png_bytes);

@@ -35,19 +35,19 @@ static sherf_status copy_weights(context *c, const body_arrays *a, float *out) {
     return SHERF_OK;
 }
 
-static sherf_status copy_indices(context *c, const body_arrays *a, body_model *m) {
+static sherf_status copy_indices(context *c, const body_arrays *a, body_model *body) {
     for (size_t i = 0; i < 3 * (size_t)a->faces; i++) {
         if (a->face[i] < 0 || a->face[i] >= a->vertices)
             return failure(c, SHERF_BAD_FILE, "body: face %zu names vertex %lld of %d", i / 3,
                            (long long)a->face[i], a->vertices);
-        m->face[i] = (uint32_t)a->face[i];
+        body->face[i] = (uint32_t)a->face[i];
     }
-    m->parent[0] = -1;
+    body->parent[0] = -1;
     for (int j = 1; j < BODY_JOINTS; j++) {
         if (a->parent[j] < 0 || a->parent[j] >= j)
             return failure(c, SHERF_BAD_FILE, "body: the parent of joint %d is %lld, which is not before it",
                            j, (long long)a->parent[j]);
-        m->parent[j] = (int)a->parent[j];
+        body->parent[j] = (int)a->parent[j];
     }
     return SHERF_OK;
 }
@@ -73,26 +73,26 @@ static sherf_status copy_posedirs(context *c, const body_arrays *a, float *out) 
  * I, and comes closer to the joint by |s R + (1 - s) I|: at a right angle sqrt(s^2 + (1 - s)^2). The offset
  * that makes up for it there is linear in R, as pose blend shapes are: for a turn by t about a, (F + F^T) / 2
  * = (cos t - 1)(I - a a^T). */
-static sherf_status make_volume(context *c, const body_arrays *a, body_model *m) {
+static sherf_status make_volume(context *c, const body_arrays *a, body_model *body) {
     bool any = false;
     for (int j = 1; j < BODY_JOINTS && a->volume; j++) {
         if (!(a->volume[j] >= 0 && a->volume[j] <= 2))
             return failure(c, SHERF_BAD_FILE, "body: pose_volume of joint %d is %g, must be 0 to 2", j,
                            a->volume[j]);
-        m->volume[j] = (float)a->volume[j];
-        any |= m->volume[j] > 0;
+        body->volume[j] = (float)a->volume[j];
+        any |= body->volume[j] > 0;
     }
     if (!any) return SHERF_OK;
-    m->pose_volume = mem_zero(c, (size_t)m->vertices * BODY_JOINTS, sizeof *m->pose_volume);
-    if (!m->pose_volume) return SHERF_NO_MEMORY;
-    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+    body->pose_volume = mem_zero(c, (size_t)body->vertices * BODY_JOINTS, sizeof *body->pose_volume);
+    if (!body->pose_volume) return SHERF_NO_MEMORY;
+    for (size_t v = 0; v < (size_t)body->vertices; v++) {
         double s[BODY_JOINTS];
-        for (int j = 0; j < BODY_JOINTS; j++) s[j] = m->weights[v * BODY_JOINTS + j];
-        for (int j = BODY_JOINTS - 1; j > 0; j--) s[m->parent[j]] += s[j]; /* children come behind */
+        for (int j = 0; j < BODY_JOINTS; j++) s[j] = body->weights[v * BODY_JOINTS + j];
+        for (int j = BODY_JOINTS - 1; j > 0; j--) s[body->parent[j]] += s[j]; /* children come behind */
         for (int j = 1; j < BODY_JOINTS; j++)
             if (s[j] > 0 && s[j] < 1)
-                m->pose_volume[v * BODY_JOINTS + j] =
-                    (float)(m->volume[j] * (1 / sqrt(s[j] * s[j] + (1 - s[j]) * (1 - s[j])) - 1));
+                body->pose_volume[v * BODY_JOINTS + j] =
+                    (float)(body->volume[j] * (1 / sqrt(s[j] * s[j] + (1 - s[j]) * (1 - s[j])) - 1));
     }
     return SHERF_OK;
 }
@@ -113,35 +113,35 @@ static uint64_t mix_floats(uint64_t hash, size_t n, const float *x) {
 }
 
 /* Of the float32 values, so that a body is the same whichever file format it came from. */
-static uint64_t fingerprint_of(const body_model *m) {
-    size_t n = (size_t)m->vertices;
-    uint64_t hash = mix(mix(fnv1a64("sherf-body"), (uint64_t)m->vertices), (uint64_t)m->faces);
-    hash = mix_floats(hash, 3 * n, m->v_template);
-    hash = mix_floats(hash, 3 * n * BODY_SHAPES, m->shapedirs);
-    if (m->posedirs) hash = mix_floats(hash, 3 * n * BODY_POSE_FEATURES, m->posedirs);
-    if (m->pose_volume) hash = mix_floats(hash, BODY_JOINTS, m->volume);
-    hash = mix_floats(hash, n * BODY_JOINTS, m->weights);
+static uint64_t fingerprint_of(const body_model *body) {
+    size_t n = (size_t)body->vertices;
+    uint64_t hash = mix(mix(fnv1a64("sherf-body"), (uint64_t)body->vertices), (uint64_t)body->faces);
+    hash = mix_floats(hash, 3 * n, body->v_template);
+    hash = mix_floats(hash, 3 * n * BODY_SHAPES, body->shapedirs);
+    if (body->posedirs) hash = mix_floats(hash, 3 * n * BODY_POSE_FEATURES, body->posedirs);
+    if (body->pose_volume) hash = mix_floats(hash, BODY_JOINTS, body->volume);
+    hash = mix_floats(hash, n * BODY_JOINTS, body->weights);
     for (size_t i = 0; i < n * BODY_JOINTS; i++) {
-        float value = (float)m->regressor[i];
+        float value = (float)body->regressor[i];
         hash = mix_floats(hash, 1, &value);
     }
-    for (size_t i = 0; i < 3 * (size_t)m->faces; i++) hash = mix(hash, m->face[i]);
-    for (int j = 0; j < BODY_JOINTS; j++) hash = mix(hash, (uint64_t)(m->parent[j] + 1));
+    for (size_t i = 0; i < 3 * (size_t)body->faces; i++) hash = mix(hash, body->face[i]);
+    for (int j = 0; j < BODY_JOINTS; j++) hash = mix(hash, (uint64_t)(body->parent[j] + 1));
     return hash;
 }
 
 /* J(shape) = regressor * (template + shapedirs * shape) is linear: its two parts. */
-static sherf_status regress_joints(context *c, body_model *m) {
+static sherf_status regress_joints(context *c, body_model *body) {
     for (int j = 0; j < BODY_JOINTS; j++) {
-        double(*shape)[BODY_SHAPES] = m->joint_shape[j], *rest = m->joint_template[j], sum = 0;
-        const double *row = m->regressor + (size_t)j * m->vertices;
-        for (size_t v = 0; v < (size_t)m->vertices; v++) {
+        double(*shape)[BODY_SHAPES] = body->joint_shape[j], *rest = body->joint_template[j], sum = 0;
+        const double *row = body->regressor + (size_t)j * body->vertices;
+        for (size_t v = 0; v < (size_t)body->vertices; v++) {
             sum += row[v];
             if (row[v] == 0) continue;
             for (size_t a = 0; a < 3; a++) {
-                rest[a] += row[v] * m->v_template[3 * v + a];
+                rest[a] += row[v] * body->v_template[3 * v + a];
                 for (size_t b = 0; b < BODY_SHAPES; b++)
-                    shape[a][b] += row[v] * m->shapedirs[(3 * v + a) * BODY_SHAPES + b];
+                    shape[a][b] += row[v] * body->shapedirs[(3 * v + a) * BODY_SHAPES + b];
             }
         }
         if (!isfinite(sum) || !isfinite(rest[0] + rest[1] + rest[2]))
@@ -150,16 +150,16 @@ static sherf_status regress_joints(context *c, body_model *m) {
     return SHERF_OK;
 }
 
-static sherf_status canonical_create(context *c, body_model *m) {
+static sherf_status canonical_create(context *c, body_model *body) {
     static const float shape[BODY_SHAPES], R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3];
-    m->canonical_inverse = mem_alloc(c, (size_t)m->vertices, 12 * sizeof *m->canonical_inverse);
-    m->canonical_blend = mem_alloc(c, (size_t)m->vertices, 12 * sizeof *m->canonical_blend);
-    if (!m->canonical_inverse || !m->canonical_blend) return SHERF_NO_MEMORY;
-    sherf_status status = posed_body_create(c, m, body_big_pose, shape, R, Th, &m->canonical);
+    body->canonical_inverse = mem_alloc(c, (size_t)body->vertices, 12 * sizeof *body->canonical_inverse);
+    body->canonical_blend = mem_alloc(c, (size_t)body->vertices, 12 * sizeof *body->canonical_blend);
+    if (!body->canonical_inverse || !body->canonical_blend) return SHERF_NO_MEMORY;
+    sherf_status status = posed_body_create(c, body, body_big_pose, shape, R, Th, &body->canonical);
     if (status != SHERF_OK) return failure_prefix(c, status, "body: canonical pose");
-    status = vertex_grid_create(c, m->vertices, m->canonical->vertices_smpl, 0, &m->canonical_grid);
+    status = vertex_grid_create(c, body->vertices, body->canonical->vertices_smpl, 0, &body->canonical_grid);
     /* points closer than 5 cm to a posed vertex are hardly ever farther from the canonical body */
-    if (status == SHERF_OK) status = vertex_grid_refine(c, m->canonical_grid, 0.06f, 0.02f);
+    if (status == SHERF_OK) status = vertex_grid_refine(c, body->canonical_grid, 0.06f, 0.02f);
     return status;
 }
 
@@ -167,21 +167,21 @@ static sherf_status canonical_create(context *c, body_model *m) {
 static const int pairs[][2] = {{1, 2},   {4, 5},   {7, 8},   {10, 11}, {13, 14},
                                {16, 17}, {18, 19}, {20, 21}, {22, 23}};
 
-static sherf_status find_mirror(context *c, body_model *m) {
-    const size_t V = (size_t)m->vertices;
+static sherf_status find_mirror(context *c, body_model *body) {
+    const size_t V = (size_t)body->vertices;
     double middle = 0;
     vertex_grid *grid = NULL;
     for (size_t i = 0; i < COUNT_OF(pairs); i++)
-        middle += m->joint_template[pairs[i][0]][0] + m->joint_template[pairs[i][1]][0];
-    m->mirror_x_m = (float)(middle / (2 * COUNT_OF(pairs)));
+        middle += body->joint_template[pairs[i][0]][0] + body->joint_template[pairs[i][1]][0];
+    body->mirror_x_m = (float)(middle / (2 * COUNT_OF(pairs)));
     float *mirrored = mem_alloc(c, V, 3 * sizeof *mirrored);
-    m->mirror = mem_alloc(c, V, sizeof *m->mirror);
-    sherf_status status = mirrored && m->mirror ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = vertex_grid_create(c, m->vertices, m->v_template, 0, &grid);
+    body->mirror = mem_alloc(c, V, sizeof *body->mirror);
+    sherf_status status = mirrored && body->mirror ? SHERF_OK : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) status = vertex_grid_create(c, body->vertices, body->v_template, 0, &grid);
     if (status == SHERF_OK) {
-        memcpy(mirrored, m->v_template, V * 3 * sizeof *mirrored);
-        for (size_t v = 0; v < V; v++) mirrored[3 * v] = 2 * m->mirror_x_m - mirrored[3 * v];
-        vertex_grid_nearest_many(c, grid, m->vertices, mirrored, m->mirror);
+        memcpy(mirrored, body->v_template, V * 3 * sizeof *mirrored);
+        for (size_t v = 0; v < V; v++) mirrored[3 * v] = 2 * body->mirror_x_m - mirrored[3 * v];
+        vertex_grid_nearest_many(c, grid, body->vertices, mirrored, body->mirror);
     }
     vertex_grid_free(grid);
     mem_free(mirrored);
@@ -189,22 +189,22 @@ static sherf_status find_mirror(context *c, body_model *m) {
 }
 
 /* Twice through the edges: first counted, then written; an edge of two faces once. */
-static sherf_status find_neighbours(context *c, body_model *m) {
+static sherf_status find_neighbours(context *c, body_model *body) {
     enum { MAX = 32 }; /* of a vertex: meshes have 6, files may say anything */
-    const size_t corners = 3 * (size_t)m->faces;
-    int32_t *first = m->neighbour_first = mem_zero(c, (size_t)m->vertices + 1, sizeof *first);
-    int32_t *list = m->neighbour = mem_alloc(c, 2 * corners + 1, sizeof *list);
+    const size_t corners = 3 * (size_t)body->faces;
+    int32_t *first = body->neighbour_first = mem_zero(c, (size_t)body->vertices + 1, sizeof *first);
+    int32_t *list = body->neighbour = mem_alloc(c, 2 * corners + 1, sizeof *list);
     if (!first || !list) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < corners; i++) first[m->face[i] + 1] += 2;
-    for (int v = 0; v < m->vertices; v++) first[v + 1] += first[v];
+    for (size_t i = 0; i < corners; i++) first[body->face[i] + 1] += 2;
+    for (int v = 0; v < body->vertices; v++) first[v + 1] += first[v];
     for (size_t i = corners; i-- > 0;) { /* first[v + 1] goes down to v's first */
         const size_t face = i / 3 * 3, corner = i % 3;
         for (size_t k = 1; k < 3; k++)
-            list[--first[m->face[i] + 1]] = (int32_t)m->face[face + (corner + k) % 3];
+            list[--first[body->face[i] + 1]] = (int32_t)body->face[face + (corner + k) % 3];
     }
     int32_t kept = 0, at = 0;
-    for (int v = 0; v < m->vertices; v++) {
-        const int32_t begin = kept, end = v + 1 < m->vertices ? first[v + 2] : (int32_t)(2 * corners);
+    for (int v = 0; v < body->vertices; v++) {
+        const int32_t begin = kept, end = v + 1 < body->vertices ? first[v + 2] : (int32_t)(2 * corners);
         for (; at < end; at++) {
             bool known = list[at] == v || kept - begin == MAX;
             for (int32_t k = begin; k < kept; k++) known = known || list[k] == list[at];
@@ -212,7 +212,7 @@ static sherf_status find_neighbours(context *c, body_model *m) {
         }
         first[v] = begin;
     }
-    first[m->vertices] = kept;
+    first[body->vertices] = kept;
     return SHERF_OK;
 }
 
@@ -270,56 +270,56 @@ fail:
     return status;
 }
 
-void sherf_body_free(sherf_body *m) {
-    if (!m) return;
-    mem_free(m->v_template);
-    mem_free(m->shapedirs);
-    mem_free(m->posedirs);
-    mem_free(m->pose_volume);
-    mem_free(m->weights);
-    mem_free(m->regressor);
-    mem_free(m->face);
-    posed_body_free(m->canonical);
-    mem_free(m->canonical_blend);
-    mem_free(m->canonical_inverse);
-    vertex_grid_free(m->canonical_grid);
-    mem_free(m->neighbour_first);
-    mem_free(m->neighbour);
-    mem_free(m->mirror);
-    mem_free(m);
+void sherf_body_free(sherf_body *body) {
+    if (!body) return;
+    mem_free(body->v_template);
+    mem_free(body->shapedirs);
+    mem_free(body->posedirs);
+    mem_free(body->pose_volume);
+    mem_free(body->weights);
+    mem_free(body->regressor);
+    mem_free(body->face);
+    posed_body_free(body->canonical);
+    mem_free(body->canonical_blend);
+    mem_free(body->canonical_inverse);
+    vertex_grid_free(body->canonical_grid);
+    mem_free(body->neighbour_first);
+    mem_free(body->neighbour);
+    mem_free(body->mirror);
+    mem_free(body);
 }
 
-int sherf_body_vertex_count(const sherf_body *m) {
-    return m->vertices;
+int sherf_body_vertex_count(const sherf_body *body) {
+    return body->vertices;
 }
-int sherf_body_face_count(const sherf_body *m) {
-    return m->faces;
+int sherf_body_face_count(const sherf_body *body) {
+    return body->faces;
 }
-const uint32_t *sherf_body_faces(const sherf_body *m) {
-    return m->face;
+const uint32_t *sherf_body_faces(const sherf_body *body) {
+    return body->face;
 }
-const vertex_grid *body_canonical_grid(const body_model *m) {
-    return m->canonical_grid;
+const vertex_grid *body_canonical_grid(const body_model *body) {
+    return body->canonical_grid;
 }
 
-void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]) {
+void body_canonical_bounds(const body_model *body, float min_canonical[3], float max_canonical[3]) {
     for (int k = 0; k < 3; k++) {
-        min_canonical[k] = m->canonical->min_smpl[k] - BODY_SHELL_M;
-        max_canonical[k] = m->canonical->max_smpl[k] + BODY_SHELL_M;
+        min_canonical[k] = body->canonical->min_smpl[k] - BODY_SHELL_M;
+        max_canonical[k] = body->canonical->max_smpl[k] + BODY_SHELL_M;
     }
 }
 
-void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float max_canonical[3]) {
-    body_canonical_bounds(m, min_canonical, max_canonical);
+void body_canonical_bounds_z(const body_model *body, float min_canonical[3], float max_canonical[3]) {
+    body_canonical_bounds(body, min_canonical, max_canonical);
     min_canonical[2] -= 0.1f;
     max_canonical[2] += 0.1f;
 }
 
-sherf_status body_normals(context *c, const body_model *m, const float *vertices, float *normals) {
-    double *sum = mem_zero(c, (size_t)m->vertices, 3 * sizeof *sum);
+sherf_status body_normals(context *c, const body_model *body, const float *vertices, float *normals) {
+    double *sum = mem_zero(c, (size_t)body->vertices, 3 * sizeof *sum);
     if (!sum) return SHERF_NO_MEMORY;
-    for (int f = 0; f < m->faces; f++) {
-        const uint32_t *i = m->face + 3 * (size_t)f;
+    for (int f = 0; f < body->faces; f++) {
+        const uint32_t *i = body->face + 3 * (size_t)f;
         const float *a = vertices + 3 * (size_t)i[0], *b = vertices + 3 * (size_t)i[1],
                     *d = vertices + 3 * (size_t)i[2];
         double u[3], w[3];
@@ -330,7 +330,7 @@ sherf_status body_normals(context *c, const body_model *m, const float *vertices
         for (int corner = 0; corner < 3; corner++)
             for (int k = 0; k < 3; k++) sum[3 * (size_t)i[corner] + k] += n[k] / length;
     }
-    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+    for (size_t v = 0; v < (size_t)body->vertices; v++) {
         const double *n = sum + 3 * v;
         double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
         for (int k = 0; k < 3; k++) normals[3 * v + k] = length > 0 ? (float)(n[k] / length) : 0;

@@ -90,26 +90,26 @@ sherf_status body_create(context *c, const body_arrays *arrays, body_model **out
 /* body_load: by content, .pkl .npz .safetensors, is in data/body_file.h (it needs io). */
 
 /* Refuses what is not finite and an R that is not a rotation. */
-sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
+sherf_status posed_body_create(context *c, const body_model *body, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out);
 /* For a GPU, which poses the vertices itself: no array by vertex, no bounds, no grid. */
-sherf_status posed_joints_create(context *c, const body_model *m, const float pose_rad[72],
+sherf_status posed_joints_create(context *c, const body_model *body, const float pose_rad[72],
                                  const float shape[10], const float R[9], const float Th[3],
                                  posed_body **out);
 void posed_body_free(posed_body *p);
-void body_vertices_world(const body_model *m, const posed_body *p, float *vertices_world); /* V x 3 */
+void body_vertices_world(const body_model *body, const posed_body *p, float *vertices_world); /* V x 3 */
 void rodrigues(const float axis_angle_rad[3], float R[9]);
 void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]);
 bool rotation_is_valid(const float R[9]); /* finite, orthonormal within 1e-2, right-handed */
 
 /* Canonical box (network.md): min/max of the canonical vertices -/+ BODY_SHELL_M, without and with the
  * further 0.1 in z. */
-void body_canonical_bounds(const body_model *m, float min_canonical[3], float max_canonical[3]);
-void body_canonical_bounds_z(const body_model *m, float min_canonical[3], float max_canonical[3]);
+void body_canonical_bounds(const body_model *body, float min_canonical[3], float max_canonical[3]);
+void body_canonical_bounds_z(const body_model *body, float min_canonical[3], float max_canonical[3]);
 
 /* Unit vertex normals: sum of the unit normals (b-a) x (c-a) of the faces at the vertex, normalised. V x 3.
  */
-sherf_status body_normals(context *c, const body_model *m, const float *vertices, float *normals);
+sherf_status body_normals(context *c, const body_model *body, const float *vertices, float *normals);
 
 /* ---- deformation (network.md: Target to canonical, Canonical to observation) ---- */
 /* Both ways: where the body's blend_m r is not 0 and `nearest` is given, the maps of the nearest vertex's
@@ -119,16 +119,16 @@ sherf_status body_normals(context *c, const body_model *m, const float *vertices
 /* Points of the posed body's SMPL space to canonical space by the inverse LBS of their nearest vertex.
  * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. nearest
  * NULL: point i belongs to vertex i. A negative nearest (a point that is not finite) counts as vertex 0. */
-void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_smpl,
+void deform_to_canonical(const body_model *body, const posed_body *p, int64_t n, const float *points_smpl,
                          const float *directions_smpl, const int32_t *nearest, float *points_canonical,
                          float *directions_canonical);
 /* Canonical points to the posed body's world space; nearest: nearest canonical vertex of each point. */
-void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
-                           const int32_t *nearest, float *points_world);
+void deform_from_canonical(const body_model *body, const posed_body *p, int64_t n,
+                           const float *points_canonical, const int32_t *nearest, float *points_world);
 
 /* The same, to where they are read in the picture: by read_from, where the body has it. Maps are blended with
  * those alone that lead to the same place. */
-void deform_to_picture(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
+void deform_to_picture(const body_model *body, const posed_body *p, int64_t n, const float *points_canonical,
                        const int32_t *nearest, float *points_world);
 
 /* ---- nearest vertex: exact, over a uniform grid ---- */
@@ -158,7 +158,7 @@ typedef struct {
 } vertex_shell;
 const vertex_shell *vertex_grid_shell(const vertex_grid *g); /* NULL before vertex_grid_refine */
 /* The body's canonical vertices have one grid, made with the body. */
-const vertex_grid *body_canonical_grid(const body_model *m);
+const vertex_grid *body_canonical_grid(const body_model *body);
 
 #ifdef __cplusplus
 }

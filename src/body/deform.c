@@ -27,28 +27,28 @@ static void apply(const vertex_mapping *g, int64_t n, const float *points, const
     }
 }
 
-void deform_to_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_smpl,
+void deform_to_canonical(const body_model *body, const posed_body *p, int64_t n, const float *points_smpl,
                          const float *directions_smpl, const int32_t *nearest, float *points_canonical,
                          float *directions_canonical) {
-    const vertex_mapping g = {p->vertices_smpl,   p->to_canonical, p->blend_m,
-                              m->neighbour_first, m->neighbour,    false};
+    const vertex_mapping g = {p->vertices_smpl,      p->to_canonical, p->blend_m,
+                              body->neighbour_first, body->neighbour, false};
     apply(&g, n, points_smpl, directions_smpl, nearest, points_canonical, directions_canonical);
 }
 
-static void from_canonical(const body_model *m, const float *maps, bool apart, float blend_m, int64_t n,
+static void from_canonical(const body_model *body, const float *maps, bool apart, float blend_m, int64_t n,
                            const float *points_canonical, const int32_t *nearest, float *points_world) {
-    const vertex_mapping g = {m->canonical->vertices_smpl, maps,         blend_m,
-                              m->neighbour_first,          m->neighbour, apart};
+    const vertex_mapping g = {
+        body->canonical->vertices_smpl, maps, blend_m, body->neighbour_first, body->neighbour, apart};
     apply(&g, n, points_canonical, NULL, nearest, points_world, NULL);
 }
 
-void deform_from_canonical(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
-                           const int32_t *nearest, float *points_world) {
-    from_canonical(m, p->from_canonical, false, p->blend_m, n, points_canonical, nearest, points_world);
+void deform_from_canonical(const body_model *body, const posed_body *p, int64_t n,
+                           const float *points_canonical, const int32_t *nearest, float *points_world) {
+    from_canonical(body, p->from_canonical, false, p->blend_m, n, points_canonical, nearest, points_world);
 }
 
-void deform_to_picture(const body_model *m, const posed_body *p, int64_t n, const float *points_canonical,
+void deform_to_picture(const body_model *body, const posed_body *p, int64_t n, const float *points_canonical,
                        const int32_t *nearest, float *points_world) {
-    from_canonical(m, p->read_from ? p->read_from : p->from_canonical, p->read_from != NULL, p->blend_m, n,
+    from_canonical(body, p->read_from ? p->read_from : p->from_canonical, p->read_from != NULL, p->blend_m, n,
                    points_canonical, nearest, points_world);
 }

@@ -112,14 +112,14 @@ static void pose_vertices(void *arg, int64_t begin, int64_t end, int thread) {
 }
 
 /* A_k: the chain of rotations about the joints, relative to the rest pose. */
-static void pose_joints(const body_model *m, const float pose_rad[72], joint_pose *job, posed_body *p) {
+static void pose_joints(const body_model *body, const float pose_rad[72], joint_pose *job, posed_body *p) {
     double rest[BODY_JOINTS][3], global[BODY_JOINTS][12];
     for (int j = 0; j < BODY_JOINTS; j++) {
-        int parent = m->parent[j];
+        int parent = body->parent[j];
         double R[9], local[12];
         for (int k = 0; k < 3; k++) {
-            rest[j][k] = m->joint_template[j][k];
-            for (int b = 0; b < BODY_SHAPES; b++) rest[j][k] += job->shape[b] * m->joint_shape[j][k][b];
+            rest[j][k] = body->joint_template[j][k];
+            for (int b = 0; b < BODY_SHAPES; b++) rest[j][k] += job->shape[b] * body->joint_shape[j][k][b];
         }
         rodrigues_double(pose_rad + 3 * j, R);
         for (int k = 0; k < 9 && j > 0; k++) job->feature[9 * (j - 1) + k] = R[k] - (k % 4 == 0);
@@ -184,7 +184,7 @@ static bool bounds_of(const posed_body *p, size_t vertices, float min[3], float 
     return finite;
 }
 
-static void joints_make(const body_model *m, const float pose_rad[72], const float shape[10],
+static void joints_make(const body_model *body, const float pose_rad[72], const float shape[10],
                         const float R[9], const float Th[3], joint_pose *j, posed_body *p) {
     memcpy(j->shape, shape, sizeof j->shape);
     memcpy(j->pose_rad, pose_rad, sizeof j->pose_rad);
@@ -194,10 +194,10 @@ static void joints_make(const body_model *m, const float pose_rad[72], const flo
         for (int k = 0; k < 3; k++) j->to_world[4 * r + k] = R[3 * r + k];
         j->to_world[4 * r + 3] = Th[r];
     }
-    pose_joints(m, pose_rad, j, p);
+    pose_joints(body, pose_rad, j, p);
 }
 
-sherf_status posed_joints_create(context *c, const body_model *m, const float pose_rad[72],
+sherf_status posed_joints_create(context *c, const body_model *body, const float pose_rad[72],
                                  const float shape[10], const float R[9], const float Th[3],
                                  posed_body **out) {
     *out = NULL;
@@ -209,17 +209,17 @@ sherf_status posed_joints_create(context *c, const body_model *m, const float po
         mem_free(p);
         return SHERF_NO_MEMORY;
     }
-    joints_make(m, pose_rad, shape, R, Th, p->joints, p);
+    joints_make(body, pose_rad, shape, R, Th, p->joints, p);
     *out = p;
     return SHERF_OK;
 }
 
-sherf_status posed_body_create(context *c, const body_model *m, const float pose_rad[72],
+sherf_status posed_body_create(context *c, const body_model *body, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out) {
     *out = NULL;
     sherf_status status = check_pose(c, pose_rad, shape, R, Th);
     if (status != SHERF_OK) return status;
-    size_t n = (size_t)m->vertices;
+    size_t n = (size_t)body->vertices;
     status = SHERF_NO_MEMORY;
     pose_job *job = mem_zero(c, 1, sizeof *job);
     posed_body *p = mem_zero(c, 1, sizeof *p);
@@ -231,10 +231,10 @@ sherf_status posed_body_create(context *c, const body_model *m, const float pose
     p->from_canonical = mem_alloc(c, 12 * n, sizeof *p->from_canonical);
     if (!p->vertices_smpl || !p->pose_offset || !p->shape_offset || !p->to_canonical || !p->from_canonical)
         goto fail;
-    job->m = m;
+    job->m = body;
     job->p = p;
-    joints_make(m, pose_rad, shape, R, Th, &job->j, p);
-    parallel_for(c, m->vertices, 1024, pose_vertices, job);
+    joints_make(body, pose_rad, shape, R, Th, &job->j, p);
+    parallel_for(c, body->vertices, 1024, pose_vertices, job);
     if (!bounds_of(p, n, p->min_smpl, p->max_smpl)) {
         status = failure(c, SHERF_BAD_ARGUMENT, "pose: shapes or pose put a vertex beyond 1000 km");
         goto fail;
@@ -262,8 +262,8 @@ void posed_body_free(posed_body *p) {
     mem_free(p);
 }
 
-void body_vertices_world(const body_model *m, const posed_body *p, float *vertices_world) {
-    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+void body_vertices_world(const body_model *body, const posed_body *p, float *vertices_world) {
+    for (size_t v = 0; v < (size_t)body->vertices; v++) {
         const float *x = p->vertices_smpl + 3 * v;
         float y[3];
         for (int k = 0; k < 3; k++)

@@ -41,10 +41,10 @@ static sherf_status format_find(context *c, const char *path, const char *name, 
 }
 
 /* The pose that is to be written must be one, whether or not vertices are moved to it. */
-static sherf_status pose_check(context *c, const body_model *m, const sherf_pose *p) {
+static sherf_status pose_check(context *c, const body_model *body, const sherf_pose *p) {
     posed_body *posed = NULL;
     if (!p) return SHERF_OK;
-    sherf_status status = posed_body_create(c, m, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
+    sherf_status status = posed_body_create(c, body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
     posed_body_free(posed);
     return status;
 }

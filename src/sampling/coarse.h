@@ -49,7 +49,7 @@ enum { COARSE_KEPT = -1, COARSE_MOVED = -2 };
 /* As points_create; free with coarse_points_free, whatever the answer. A ray queries its heaviest samples, so
  * that the others weigh little, each and together; where pixels are close, every other one of them, as
  * on a chequerboard over columns, rows and depths. */
-sherf_status coarse_points_create(context *c, const body_model *m, const posed_body *target,
+sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
                                   const ray_bundle *rays, int samples, const posed_body *observation,
                                   const sherf_camera *observation_camera, const coarse_field *coarse,
                                   coarse_points *out);

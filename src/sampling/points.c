@@ -483,8 +483,8 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     return SHERF_OK;
 }
 
-static sherf_status grid_create(context *c, const body_model *m, const posed_body *p, vertex_grid **out) {
-    sherf_status status = vertex_grid_create(c, m->vertices, p->vertices_smpl, BODY_SHELL_M, out);
+static sherf_status grid_create(context *c, const body_model *body, const posed_body *p, vertex_grid **out) {
+    sherf_status status = vertex_grid_create(c, body->vertices, p->vertices_smpl, BODY_SHELL_M, out);
     if (status == SHERF_OK) status = vertex_grid_refine(c, *out, BODY_SHELL_M, voxel_m);
     if (status == SHERF_OK) return SHERF_OK;
     vertex_grid_free(*out);
@@ -492,8 +492,8 @@ static sherf_status grid_create(context *c, const body_model *m, const posed_bod
     return status;
 }
 
-sherf_status points_prepare(context *c, const body_model *m, posed_body *target) {
-    return target->near ? SHERF_OK : grid_create(c, m, target, &target->near);
+sherf_status points_prepare(context *c, const body_model *body, posed_body *target) {
+    return target->near ? SHERF_OK : grid_create(c, body, target, &target->near);
 }
 
 /* The job's `out` is made here; it has the model's points. */
@@ -532,10 +532,11 @@ static sherf_status points_make(context *c, points_job *job, int samples, bool k
     return status;
 }
 
-sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
-                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const occupancy_grid *empty, bool keep_stages, point_set **out) {
-    points_job job = {.m = m,
+sherf_status points_create(context *c, const body_model *body, const posed_body *target,
+                           const ray_bundle *rays, int samples, const posed_body *observation,
+                           const sherf_camera *observation_camera, const occupancy_grid *empty,
+                           bool keep_stages, point_set **out) {
+    points_job job = {.m = body,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,
@@ -544,12 +545,12 @@ sherf_status points_create(context *c, const body_model *m, const posed_body *ta
     return points_make(c, &job, samples, keep_stages, out);
 }
 
-sherf_status coarse_points_create(context *c, const body_model *m, const posed_body *target,
+sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
                                   const ray_bundle *rays, int samples, const posed_body *observation,
                                   const sherf_camera *observation_camera, const coarse_field *coarse,
                                   coarse_points *out) {
     const bool fine = rays_pitch(rays) < sparse_m;
-    points_job job = {.m = m,
+    points_job job = {.m = body,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,

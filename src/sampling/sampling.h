@@ -49,9 +49,10 @@ enum { POINT_SAMPLES_MAX = 4096 }; /* of a ray */
 /* Exactly the samples whose nearest target vertex is closer than BODY_SHELL_M, without those in cells that
  * `empty` (or NULL) marks, in ray-major, then depth order. Samples far from the body are not visited.
  * observation and observation_camera may both be NULL. keep_stages: fills the stage arrays, for tests. */
-sherf_status points_create(context *c, const body_model *m, const posed_body *target, const ray_bundle *rays,
-                           int samples, const posed_body *observation, const sherf_camera *observation_camera,
-                           const occupancy_grid *empty, bool keep_stages, point_set **out);
+sherf_status points_create(context *c, const body_model *body, const posed_body *target,
+                           const ray_bundle *rays, int samples, const posed_body *observation,
+                           const sherf_camera *observation_camera, const occupancy_grid *empty,
+                           bool keep_stages, point_set **out);
 /* Every sample of the rays that meet the box, whatever is near: count, rays, first, ray, sample and `on`
  * alone are filled. For fields that live in the world and know of no body. */
 sherf_status points_of_box(context *c, const ray_bundle *rays, int samples, point_set **out);
@@ -61,7 +62,7 @@ float point_depth(const point_set *p, int64_t i);
 void point_world(const point_set *p, int64_t i, float out_world[3]);
 /* Makes what points_create needs of a posed body, once, for many pictures of one pose. Without it each call
  * makes its own. */
-sherf_status points_prepare(context *c, const body_model *m, posed_body *target);
+sherf_status points_prepare(context *c, const body_model *body, posed_body *target);
 
 /* Room for the three pictures of a frame, kept where it has that size. */
 sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);

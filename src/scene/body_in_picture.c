@@ -7,15 +7,15 @@
 /* Pixels; nothing is to be seen of who is smaller. */
 enum { SIDE_MIN = 2 };
 
-sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
-                             const uint8_t *mask) {
-    size_t V = (size_t)m->vertices, inside = 0, masked = 0;
+sherf_status body_in_picture(context *c, const body_model *body, const posed_body *p,
+                             const sherf_camera *camera, const uint8_t *mask) {
+    size_t V = (size_t)body->vertices, inside = 0, masked = 0;
     float min[2] = {INFINITY, INFINITY}, max[2] = {-INFINITY, -INFINITY};
     float *vertices = mem_alloc(c, V * 3, sizeof *vertices);
     float *uv = mem_alloc(c, V * 2, sizeof *uv), *depth = mem_alloc(c, V, sizeof *depth);
     sherf_status status = vertices && uv && depth ? SHERF_OK : SHERF_NO_MEMORY;
     if (!status) {
-        body_vertices_world(m, p, vertices);
+        body_vertices_world(body, p, vertices);
         camera_project(camera, (int64_t)V, vertices, uv, depth);
         for (size_t i = 0; i < V; i++) {
             float x = uv[2 * i], y = uv[2 * i + 1];

@@ -79,12 +79,12 @@ void sherf_camera_orbit(const float centre_m[3], float distance_m, float azimuth
     }
 }
 
-sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
+sherf_status vertices_visible(context *c, const body_model *body, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible) {
-    float *normals = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normals);
+    float *normals = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normals);
     if (!normals) return SHERF_NO_MEMORY;
-    sherf_status status = body_normals(c, m, vertices_world, normals);
-    for (int v = 0; v < m->vertices && status == SHERF_OK; v++) {
+    sherf_status status = body_normals(c, body, vertices_world, normals);
+    for (int v = 0; v < body->vertices && status == SHERF_OK; v++) {
         const float *x = vertices_world + 3 * (size_t)v, *n = normals + 3 * (size_t)v;
         float dot = 0;
         for (int r = 0; r < 3; r++) {

@@ -7,9 +7,9 @@
 
 #include "scene/ray.h"
 
-void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]) {
+void body_world_box(const body_model *body, const posed_body *p, float min_world[3], float max_world[3]) {
     for (int k = 0; k < 3; k++) min_world[k] = INFINITY, max_world[k] = -INFINITY;
-    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+    for (size_t v = 0; v < (size_t)body->vertices; v++) {
         const float *x = p->vertices_smpl + 3 * v;
         for (int k = 0; k < 3; k++) { /* as body_vertices_world */
             float y = p->R[3 * k] * x[0] + p->R[3 * k + 1] * x[1] + p->R[3 * k + 2] * x[2] + p->Th[k];

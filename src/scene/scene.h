@@ -17,8 +17,8 @@ sherf_status
 camera_check(context *c, const sherf_camera *camera); /* finite, K invertible, R a rotation, sizes in range */
 /* SHERF_MISMATCH when no vertex of the posed body falls into the camera's picture, when all of it is smaller
  * than two pixels, or, with a mask (1 byte a pixel), when no vertex falls where it is not 0. */
-sherf_status body_in_picture(context *c, const body_model *m, const posed_body *p, const sherf_camera *camera,
-                             const uint8_t *mask);
+sherf_status body_in_picture(context *c, const body_model *body, const posed_body *p,
+                             const sherf_camera *camera, const uint8_t *mask);
 /* Joints before the camera, metres. */
 sherf_status body_joints_camera(context *c, const body_model *body, const sherf_pose *pose,
                                 const sherf_camera *camera, float out[BODY_JOINTS][3]);
@@ -58,10 +58,10 @@ void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[
  * where nothing is. Nothing changes where no ray is too long. */
 int rays_even_steps(ray_bundle *r, int samples, int max, float step_m);
 /* min/max of the posed vertices -/+ BODY_SHELL_M. */
-void body_world_box(const body_model *m, const posed_body *p, float min_world[3], float max_world[3]);
+void body_world_box(const body_model *body, const posed_body *p, float min_world[3], float max_world[3]);
 
 /* ---- visibility of the observation's vertices: n_camera . x_camera < 0 ---- */
-sherf_status vertices_visible(context *c, const body_model *m, const float *vertices_world,
+sherf_status vertices_visible(context *c, const body_model *body, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible);
 
 /* ---- what the picture does not show (network.md) ---- */
@@ -73,7 +73,7 @@ enum {
 };
 /* Of every vertex one of these. image: H x W x 3, black outside the person; NULL: all is person. beside_m: in
  * the picture a limb covers so much more than itself. */
-sherf_status body_shown(context *c, const body_model *m, const float *vertices_world,
+sherf_status body_shown(context *c, const body_model *body, const float *vertices_world,
                         const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown);
 /* A picture of the person in a pose of its own. image: H x W x 3, black outside the person; NULL: all is
  * person. sheet: 12, from this picture's world to that in which points are read; NULL: the same. */
@@ -85,7 +85,7 @@ typedef struct {
 /* Fills p->read_from and p->seen of an observed body: a vertex is read in the picture that shows it best.
  * mirror: what none shows is read at its mirror image, where that is shown. `p` may be the body of a
  * picture. */
-sherf_status body_read_pictures(context *c, const body_model *m, int count, const body_picture *picture,
+sherf_status body_read_pictures(context *c, const body_model *body, int count, const body_picture *picture,
                                 bool mirror, posed_body *p);
 
 /* ---- rasteriser: z-buffered triangles with interpolated attributes, for synth, check and overlays ---- */

@@ -31,13 +31,13 @@ typedef struct {
     uint8_t *shown;                          /* V */
 } shown_job;
 
-static int bones_between(const body_model *m, int a, int b) {
+static int bones_between(const body_model *body, int a, int b) {
     int bones = 0;
     for (; a != b; bones++) { /* parents have smaller numbers */
         if (a > b)
-            a = m->parent[a];
+            a = body->parent[a];
         else
-            b = m->parent[b];
+            b = body->parent[b];
     }
     return bones;
 }
@@ -99,10 +99,10 @@ static void look_at(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t v = begin; v < end; v++) j->shown[v] = (uint8_t)shown_of(j, v);
 }
 
-sherf_status body_shown(context *c, const body_model *m, const float *vertices_world,
+sherf_status body_shown(context *c, const body_model *body, const float *vertices_world,
                         const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown) {
-    const size_t V = (size_t)m->vertices;
-    shown_job j = {.m = m, .camera = camera, .image = image, .beside_m = beside_m, .shown = shown};
+    const size_t V = (size_t)body->vertices;
+    shown_job j = {.m = body, .camera = camera, .image = image, .beside_m = beside_m, .shown = shown};
     j.joint = mem_alloc(c, V, sizeof *j.joint);
     j.uv = mem_alloc(c, V, 2 * sizeof *j.uv);
     j.depth = mem_alloc(c, V, sizeof *j.depth);
@@ -111,10 +111,11 @@ sherf_status body_shown(context *c, const body_model *m, const float *vertices_w
     if (status == SHERF_OK) {
         find_parts(&j);
         camera_project(camera, (int64_t)V, vertices_world, j.uv, j.depth);
-        status = vertices_visible(c, m, vertices_world, camera, j.faces);
+        status = vertices_visible(c, body, vertices_world, camera, j.faces);
     }
     if (status == SHERF_OK)
-        status = raster_create(c, camera, 1, m->vertices, vertices_world, m->faces, m->face, &j.drawn);
+        status =
+            raster_create(c, camera, 1, body->vertices, vertices_world, body->faces, body->face, &j.drawn);
     if (status == SHERF_OK) parallel_for(c, (int64_t)V, 256, look_at, &j);
     raster_free(j.drawn);
     mem_free(j.joint);
@@ -340,11 +341,11 @@ static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-sherf_status body_read_pictures(context *c, const body_model *m, int count, const body_picture *picture,
+sherf_status body_read_pictures(context *c, const body_model *body, int count, const body_picture *picture,
                                 bool mirror, posed_body *p) {
-    const size_t V = (size_t)m->vertices;
-    choice k = {.m = m, .count = count, .picture = picture};
-    read_job j = {m, picture, p, NULL, NULL, mem_alloc(c, V, sizeof *j.read)};
+    const size_t V = (size_t)body->vertices;
+    choice k = {.m = body, .count = count, .picture = picture};
+    read_job j = {body, picture, p, NULL, NULL, mem_alloc(c, V, sizeof *j.read)};
     p->read_from = mem_alloc(c, V, 12 * sizeof *p->read_from);
     p->seen = mem_alloc(c, V, sizeof *p->seen);
     sherf_status status = j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;

@@ -176,12 +176,12 @@ void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]) 
 }
 
 /* Widens [low, high], along the axes and moving with the root, by the posed body. */
-static void extent_add(const viewer_framing *f, const body_model *m, const posed_body *p,
+static void extent_add(const viewer_framing *f, const body_model *body, const posed_body *p,
                        float *vertices_world, double low[3], double high[3]) {
     float way[3];
     scene_root_way(f, p, way);
-    body_vertices_world(m, p, vertices_world);
-    for (int v = 0; v < m->vertices; v++)
+    body_vertices_world(body, p, vertices_world);
+    for (int v = 0; v < body->vertices; v++)
         for (int a = 0; a < 3; a++) {
             const float *x = vertices_world + 3 * (size_t)v;
             double along = 0;

@@ -81,7 +81,7 @@ struct placed_pose {
     vertex_cells cells;
 };
 
-sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *m,
+sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *body,
                         placed_body *out);
 /* Room for the cells of `vertices`. */
 sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_cells *out);

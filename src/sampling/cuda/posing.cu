@@ -156,34 +156,34 @@ void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_ce
 }
 
 /* ---- the body ---- */
-sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *m,
+sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *body,
                         placed_body *out) {
-    const int64_t V = m->vertices;
+    const int64_t V = body->vertices;
     *out = {};
-    out->vertices = m->vertices;
-    out->v_template = placed(c, a, memory, m->v_template, 3 * V);
-    out->shapedirs = placed(c, a, memory, m->shapedirs, 3 * V * BODY_SHAPES);
-    out->weights = placed(c, a, memory, m->weights, V * BODY_JOINTS);
-    out->canonical_blend = placed(c, a, memory, m->canonical_blend, 12 * V);
-    out->joint_template = placed(c, a, memory, &m->joint_template[0][0], 3 * BODY_JOINTS);
-    out->big_offset = placed(c, a, memory, m->canonical->pose_offset, 3 * V);
-    out->canonical_vertices = placed(c, a, memory, m->canonical->vertices_smpl, 3 * V);
-    out->neighbour_first = placed(c, a, memory, m->neighbour_first, V + 1);
-    out->neighbour = placed(c, a, memory, m->neighbour, m->neighbour_first[V]);
+    out->vertices = body->vertices;
+    out->v_template = placed(c, a, memory, body->v_template, 3 * V);
+    out->shapedirs = placed(c, a, memory, body->shapedirs, 3 * V * BODY_SHAPES);
+    out->weights = placed(c, a, memory, body->weights, V * BODY_JOINTS);
+    out->canonical_blend = placed(c, a, memory, body->canonical_blend, 12 * V);
+    out->joint_template = placed(c, a, memory, &body->joint_template[0][0], 3 * BODY_JOINTS);
+    out->big_offset = placed(c, a, memory, body->canonical->pose_offset, 3 * V);
+    out->canonical_vertices = placed(c, a, memory, body->canonical->vertices_smpl, 3 * V);
+    out->neighbour_first = placed(c, a, memory, body->neighbour_first, V + 1);
+    out->neighbour = placed(c, a, memory, body->neighbour, body->neighbour_first[V]);
     bool good = out->v_template && out->shapedirs && out->weights && out->canonical_blend &&
                 out->joint_template && out->big_offset && out->canonical_vertices && out->neighbour_first &&
                 out->neighbour;
-    if (good && m->posedirs)
-        good = (out->posedirs = placed(c, a, memory, m->posedirs, 3 * V * BODY_POSE_FEATURES)) != nullptr;
-    if (good && m->pose_volume)
-        good = (out->pose_volume = placed(c, a, memory, m->pose_volume, V * BODY_JOINTS)) != nullptr;
-    if (!good || cells_room(c, a, m->vertices, false, &out->canonical) != SHERF_OK) return SHERF_NO_MEMORY;
+    if (good && body->posedirs)
+        good = (out->posedirs = placed(c, a, memory, body->posedirs, 3 * V * BODY_POSE_FEATURES)) != nullptr;
+    if (good && body->pose_volume)
+        good = (out->pose_volume = placed(c, a, memory, body->pose_volume, V * BODY_JOINTS)) != nullptr;
+    if (!good || cells_room(c, a, body->vertices, false, &out->canonical) != SHERF_OK) return SHERF_NO_MEMORY;
     int32_t *scratch = room<int32_t>(c, a, CELLS_MAX + scan_sums(CELLS_MAX));
     if (!scratch) return SHERF_NO_MEMORY;
     out->canonical.vertex = out->canonical_vertices;
-    launch(bounds_kernel, dim3(1), dim3(BLOCK), m->vertices, (const float *)out->canonical_vertices, rigid{},
-           out->canonical.head, (frame_head *)nullptr);
-    cells_fill(c, memory, m->vertices, &out->canonical, scratch);
+    launch(bounds_kernel, dim3(1), dim3(BLOCK), body->vertices, (const float *)out->canonical_vertices,
+           rigid{}, out->canonical.head, (frame_head *)nullptr);
+    cells_fill(c, memory, body->vertices, &out->canonical, scratch);
     return finished_work(c, "placing a body");
 }
 

@@ -69,18 +69,20 @@ static void bent(sheet_pose *p) { /* elbows and knees at right angles, one arm a
     turn(p, 16, 0, -0.9, 0);
 }
 
-static sherf_status draw(context *c, const body_model *m, const sheet_pose *p, const float shape[BODY_SHAPES],
-                         double azimuth_rad, uint8_t *to, size_t stride) {
+static sherf_status draw(context *c, const body_model *body, const sheet_pose *p,
+                         const float shape[BODY_SHAPES], double azimuth_rad, uint8_t *to, size_t stride) {
     static const float R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3], centre[3] = {0, -0.28f, 0};
     posed_body *posed = NULL;
     raster *r = NULL;
     sherf_camera camera;
     sherf_camera_orbit(centre, 3.6f, (float)azimuth_rad, 0.1f, 0.62f, TILE_W, TILE_H, &camera);
-    float *normal = mem_alloc(c, (size_t)m->vertices * 3, sizeof *normal);
-    sherf_status status = normal ? posed_body_create(c, m, p->pose, shape, R, Th, &posed) : SHERF_NO_MEMORY;
-    if (!status) status = body_normals(c, m, posed->vertices_smpl, normal);
+    float *normal = mem_alloc(c, (size_t)body->vertices * 3, sizeof *normal);
+    sherf_status status =
+        normal ? posed_body_create(c, body, p->pose, shape, R, Th, &posed) : SHERF_NO_MEMORY;
+    if (!status) status = body_normals(c, body, posed->vertices_smpl, normal);
     if (!status)
-        status = raster_create(c, &camera, SAMPLES, m->vertices, posed->vertices_smpl, m->faces, m->face, &r);
+        status = raster_create(c, &camera, SAMPLES, body->vertices, posed->vertices_smpl, body->faces,
+                               body->face, &r);
     for (int y = 0; y < TILE_H && !status; y++)
         for (int x = 0; x < TILE_W; x++) {
             double sum[3] = {0};
@@ -92,7 +94,7 @@ static sherf_status draw(context *c, const body_model *m, const sheet_pose *p, c
                     for (int i = 0; i < 3; i++)
                         for (int k = 0; k < 3; k++)
                             n[k] += (double)(r->barycentric[3 * at + i] *
-                                             normal[3 * (size_t)m->face[3 * (size_t)r->face[at] + i] + k]);
+                                             normal[3 * (size_t)body->face[3 * (size_t)r->face[at] + i] + k]);
                     unit3(n);
                     const double lamp[3] = {0.35 * cos(azimuth_rad) + 0.6 * sin(azimuth_rad), 0.6,
                                             0.6 * cos(azimuth_rad) - 0.35 * sin(azimuth_rad)};

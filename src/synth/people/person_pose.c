@@ -376,18 +376,18 @@ void pose_draw_photo(const pose_library *l, uint64_t key, float pose[72]) {
     pose_clamp(pose);
 }
 
-float pose_imbalance(const body_model *m, const float *vertices) {
+float pose_imbalance(const body_model *body, const float *vertices) {
     const float sole_m = 0.04f, step_m = 0.08f;
     float lowest[2] = {INFINITY, INFINITY}, box[2][2] = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
     double weight[2] = {0, 0}; /* the middle, along the floor */
-    for (int v = 0; v < m->vertices; v++) {
-        const float *w = m->weights + (size_t)v * BODY_JOINTS, *p = vertices + 3 * (size_t)v;
+    for (int v = 0; v < body->vertices; v++) {
+        const float *w = body->weights + (size_t)v * BODY_JOINTS, *p = vertices + 3 * (size_t)v;
         for (int side = 0; side < 2; side++)
             if (w[7 + side] + w[10 + side] > 0.5f) lowest[side] = fminf(lowest[side], p[1]);
-        for (int k = 0; k < 2; k++) weight[k] += (double)p[2 * k] / m->vertices;
+        for (int k = 0; k < 2; k++) weight[k] += (double)p[2 * k] / body->vertices;
     }
     float floor = fminf(lowest[0], lowest[1]), apart = fabsf(lowest[0] - lowest[1]) - step_m;
-    for (int v = 0; v < m->vertices; v++) {
+    for (int v = 0; v < body->vertices; v++) {
         const float *p = vertices + 3 * (size_t)v;
         for (int k = 0; k < 2 && p[1] < floor + sole_m; k++) {
             box[0][k] = fminf(box[0][k], p[2 * k]);
@@ -467,19 +467,21 @@ done:
 static const int8_t region_of[BODY_JOINTS] = {0, -1, -1, 0, 1,  2,  0, 1, 2, 0, 1, 2,
                                               0, -1, -1, 0, -1, -1, 3, 4, 3, 4, 3, 4};
 
-sherf_status pose_overlap(context *c, const body_model *m, const float *vertices, float *share) {
-    size_t V = (size_t)m->vertices;
+sherf_status pose_overlap(context *c, const body_model *body, const float *vertices, float *share) {
+    size_t V = (size_t)body->vertices;
     *share = 0;
     float *normal = mem_alloc(c, V, 3 * sizeof *normal), *point = mem_alloc(c, V, 3 * sizeof *point);
     int8_t *region = mem_alloc(c, V, 1);
     int32_t *index = mem_alloc(c, V, sizeof *index);
     vertex_grid *grid = NULL;
     sherf_status status = SHERF_NO_MEMORY;
-    if (!normal || !point || !region || !index || (status = body_normals(c, m, vertices, normal))) goto done;
+    if (!normal || !point || !region || !index || (status = body_normals(c, body, vertices, normal)))
+        goto done;
     for (size_t v = 0; v < V; v++) {
         int heaviest = 0;
         for (int j = 1; j < BODY_JOINTS; j++)
-            if (m->weights[v * BODY_JOINTS + (size_t)j] > m->weights[v * BODY_JOINTS + (size_t)heaviest])
+            if (body->weights[v * BODY_JOINTS + (size_t)j] >
+                body->weights[v * BODY_JOINTS + (size_t)heaviest])
                 heaviest = j;
         region[v] = region_of[heaviest];
     }

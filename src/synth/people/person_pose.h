@@ -30,7 +30,7 @@ pose_kind pose_draw(const pose_library *l, uint64_t key, float pose_rad[72]);
 void pose_draw_photo(const pose_library *l, uint64_t key, float pose_rad[72]);
 /* Metres by which the body's weight lies outside its soles, and by which one foot hangs above the other
  * beyond what a step needs; 0: it stands. vertices: in the world, y up. */
-float pose_imbalance(const body_model *m, const float *vertices_world);
+float pose_imbalance(const body_model *body, const float *vertices_world);
 /* Phase 0 to 1 of one step of each leg. */
 void pose_walk(double phase, double vigour, float pose_rad[72]);
 
@@ -41,6 +41,6 @@ void pose_clamp(float pose_rad[72]);
 
 /* How deep arms lie in trunk and thighs or legs in each other: the share of the vertices of limbs that are
  * more than 2 cm inside. vertices: of the body in this pose, SMPL space. */
-sherf_status pose_overlap(context *c, const body_model *m, const float *vertices_smpl, float *share);
+sherf_status pose_overlap(context *c, const body_model *body, const float *vertices_smpl, float *share);
 
 #endif

@@ -174,7 +174,7 @@ static void avatar_release(gpu_avatar *a) {
     mem_free(a);
 }
 
-static sherf_status avatar_place(context *c, const body_model *m, const posed_body *observed,
+static sherf_status avatar_place(context *c, const body_model *body, const posed_body *observed,
                                  const sherf_camera *observed_camera, const radiance_parts *network,
                                  bool bf16, gpu_avatar **out) {
     *out = nullptr;
@@ -183,9 +183,9 @@ static sherf_status avatar_place(context *c, const body_model *m, const posed_bo
     if (!a) return SHERF_NO_MEMORY;
     a->own = arena_create_from(c, &device_memory.source);
     a->frame = arena_create_from(c, &device_memory.source);
-    const int64_t floats = 12 * (int64_t)m->vertices;
+    const int64_t floats = 12 * (int64_t)body->vertices;
     const float *from = observed->read_from ? observed->read_from : observed->from_canonical;
-    if (a->own && a->frame) status = body_place(c, a->own, &device_memory, m, &a->body);
+    if (a->own && a->frame) status = body_place(c, a->own, &device_memory, body, &a->body);
     float *maps = status ? nullptr : room<float>(c, a->own, floats);
     if (!status) status = maps ? SHERF_OK : SHERF_NO_MEMORY;
     if (!status) status = device_memory.upload(c, maps, from, (size_t)floats * sizeof *maps);

@@ -35,7 +35,7 @@ typedef struct {
 typedef struct {
     const tensor_memory *memory;
     /* The result keeps nothing of what it is given but `m`'s sizes. */
-    sherf_status (*place)(context *c, const body_model *m, const posed_body *observed,
+    sherf_status (*place)(context *c, const body_model *body, const posed_body *observed,
                           const sherf_camera *observed_camera, const radiance_parts *network, bool bf16,
                           gpu_avatar **out);
     void (*release)(gpu_avatar *a);       /* NULL is fine */

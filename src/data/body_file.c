@@ -61,73 +61,87 @@ static sherf_status to_indices(context *c, const double *from, size_t count, int
     return SHERF_OK;
 }
 
-static sherf_status body_from_document(context *c, const document *d, body_model **out) {
-    *out = NULL;
+/* A body's arrays as they are read, and their sizes. */
+typedef struct {
+    double *v_template, *shapedirs, *posedirs, *weights, *regressor, *volume, *face, *tree;
+    int64_t *face_index, *parent;
+    int64_t vertices, faces, shapes;
+} body_sources;
+
+static void sources_free(body_sources *p) {
+    double *const read[] = {p->v_template, p->shapedirs, p->posedirs, p->weights,
+                            p->regressor,  p->volume,    p->face,     p->tree};
+    for (size_t i = 0; i < COUNT_OF(read); i++) mem_free(read[i]);
+    mem_free(p->face_index);
+    mem_free(p->parent);
+}
+
+static sherf_status vertices_read(context *c, const value *root, body_sources *p) {
+    int64_t dim[3] = {0, 3};
+    sherf_status status = body_array(c, root, "v_template", 2, dim, &p->v_template);
+    p->vertices = dim[0];
+    if (status == SHERF_OK && (dim[0] < 4 || dim[0] > BODY_VERTICES_MAX))
+        return failure(c, SHERF_BAD_FILE, "v_template: %lld vertices, expected 4 to %d", (long long)dim[0],
+                       BODY_VERTICES_MAX);
+    return status;
+}
+
+static sherf_status weights_read(context *c, const value *root, body_sources *p) {
+    int64_t dim[3] = {p->vertices, 0};
+    sherf_status status = body_array(c, root, "weights", 2, dim, &p->weights);
+    if (status != SHERF_OK || dim[1] == BODY_JOINTS) return status;
+    return failure(c, SHERF_UNSUPPORTED, "a body of %lld joints%s; sherf takes SMPL bodies (24 joints)",
+                   (long long)dim[1],
+                   dim[1] == 52   ? " (SMPL-H)"
+                   : dim[1] == 55 ? " (SMPL-X)"
+                                  : "");
+}
+
+static sherf_status sources_read(context *c, const value *root, body_sources *p) {
     sherf_status status;
-    double *v_template = NULL, *shapedirs = NULL, *posedirs = NULL, *weights = NULL, *regressor = NULL,
-           *volume = NULL, *face = NULL, *tree = NULL;
-    int64_t *face_index = NULL, *parent = NULL;
-    const value *root = d->root;
-    int64_t vertices[3] = {0, 3};
-    if ((status = body_array(c, root, "v_template", 2, vertices, &v_template))) goto done;
-    int64_t V = vertices[0];
-    if (V < 4 || V > BODY_VERTICES_MAX) {
-        status = failure(c, SHERF_BAD_FILE, "v_template: %lld vertices, expected 4 to %d", (long long)V,
-                         BODY_VERTICES_MAX);
-        goto done;
-    }
-    int64_t weight_dim[3] = {V, 0}, shape_dim[3] = {V, 3, 0}, regressor_dim[3] = {BODY_JOINTS, V},
-            face_dim[3] = {0, 3}, tree_dim[3] = {2, BODY_JOINTS}, volume_dim[3] = {BODY_JOINTS};
-    if ((status = body_array(c, root, "weights", 2, weight_dim, &weights))) goto done;
-    if (weight_dim[1] != BODY_JOINTS) {
-        status = failure(c, SHERF_UNSUPPORTED, "a body of %lld joints%s; sherf takes SMPL bodies (24 joints)",
-                         (long long)weight_dim[1],
-                         weight_dim[1] == 52   ? " (SMPL-H)"
-                         : weight_dim[1] == 55 ? " (SMPL-X)"
-                                               : "");
-        goto done;
-    }
-    if ((status = body_array(c, root, "shapedirs", 3, shape_dim, &shapedirs)) ||
-        (value_get(root, "posedirs") && (status = posedirs_array(c, root, V, &posedirs))) ||
+    if ((status = vertices_read(c, root, p)) || (status = weights_read(c, root, p))) return status;
+    const int64_t V = p->vertices;
+    int64_t shape_dim[3] = {V, 3, 0}, regressor_dim[3] = {BODY_JOINTS, V}, face_dim[3] = {0, 3},
+            tree_dim[3] = {2, BODY_JOINTS}, volume_dim[3] = {BODY_JOINTS};
+    if ((status = body_array(c, root, "shapedirs", 3, shape_dim, &p->shapedirs)) ||
+        (value_get(root, "posedirs") && (status = posedirs_array(c, root, V, &p->posedirs))) ||
         (value_get(root, "pose_volume") &&
-         (status = body_array(c, root, "pose_volume", 1, volume_dim, &volume))) ||
-        (status = body_array(c, root, "J_regressor", 2, regressor_dim, &regressor)) ||
-        (status = body_array(c, root, "f", 2, face_dim, &face)) ||
-        (status = body_array(c, root, "kintree_table", 2, tree_dim, &tree)))
-        goto done;
-    if (face_dim[0] > 4 * (int64_t)BODY_VERTICES_MAX) {
-        status = failure(c, SHERF_BAD_FILE, "f: %lld faces are too many", (long long)face_dim[0]);
-        goto done;
-    }
-    if ((status = to_indices(c, face, (size_t)face_dim[0] * 3, &face_index)) ||
-        (status = to_indices(c, tree, BODY_JOINTS, &parent)))
-        goto done;
-    body_arrays arrays = {.vertices = (int)V,
-                          .faces = (int)face_dim[0],
-                          .shape_count = (int)shape_dim[2],
-                          .v_template = v_template,
-                          .shapedirs = shapedirs,
-                          .posedirs = posedirs,
-                          .weights = weights,
-                          .regressor = regressor,
-                          .volume = volume,
-                          .face = face_index,
-                          .parent = parent};
-    if (shape_dim[2] < 1 || shape_dim[2] > 4096)
-        status = failure(c, SHERF_BAD_FILE, "shapedirs: %lld shape components", (long long)shape_dim[2]);
-    else
+         (status = body_array(c, root, "pose_volume", 1, volume_dim, &p->volume))) ||
+        (status = body_array(c, root, "J_regressor", 2, regressor_dim, &p->regressor)) ||
+        (status = body_array(c, root, "f", 2, face_dim, &p->face)) ||
+        (status = body_array(c, root, "kintree_table", 2, tree_dim, &p->tree)))
+        return status;
+    p->faces = face_dim[0];
+    p->shapes = shape_dim[2];
+    if (p->faces > 4 * (int64_t)BODY_VERTICES_MAX)
+        return failure(c, SHERF_BAD_FILE, "f: %lld faces are too many", (long long)p->faces);
+    if ((status = to_indices(c, p->face, (size_t)p->faces * 3, &p->face_index)) ||
+        (status = to_indices(c, p->tree, BODY_JOINTS, &p->parent)))
+        return status;
+    if (p->shapes < 1 || p->shapes > 4096)
+        return failure(c, SHERF_BAD_FILE, "shapedirs: %lld shape components", (long long)p->shapes);
+    return SHERF_OK;
+}
+
+static sherf_status body_from_document(context *c, const document *d, body_model **out) {
+    body_sources p = {0};
+    *out = NULL;
+    sherf_status status = sources_read(c, d->root, &p);
+    if (status == SHERF_OK) {
+        const body_arrays arrays = {.vertices = (int)p.vertices,
+                                    .faces = (int)p.faces,
+                                    .shape_count = (int)p.shapes,
+                                    .v_template = p.v_template,
+                                    .shapedirs = p.shapedirs,
+                                    .posedirs = p.posedirs,
+                                    .weights = p.weights,
+                                    .regressor = p.regressor,
+                                    .volume = p.volume,
+                                    .face = p.face_index,
+                                    .parent = p.parent};
         status = body_create(c, &arrays, out);
-done:
-    mem_free(v_template);
-    mem_free(shapedirs);
-    mem_free(posedirs);
-    mem_free(weights);
-    mem_free(regressor);
-    mem_free(volume);
-    mem_free(face);
-    mem_free(tree);
-    mem_free(face_index);
-    mem_free(parent);
+    }
+    sources_free(&p);
     return status;
 }
 

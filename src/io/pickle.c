@@ -580,114 +580,9 @@ static bool do_persistent(machine *m, bool binary) {
     return id && push(m, pickle_persistent(m->b, id, m->source));
 }
 
-static bool step(machine *m, unsigned char op) {
-    builder *b = m->b;
-    uint64_t n;
+/* What was there before, and what is not read. */
+static bool step_memo(machine *m, unsigned char op) {
     switch (op) {
-    case 0x80: /* PROTO */
-        if (!number(m, 1, &n)) return false;
-        if (n > 5) return fail_at(m, "a newer protocol than 5") != NULL;
-        return true;
-    case 0x95: /* FRAME */
-        return number(m, 8, &n);
-    case '(':
-        return push_any(m, NULL);
-    case '0': /* POP; of a mark as well */
-        if (!m->depth) return fail_at(m, "nothing on the stack") != NULL;
-        m->depth--;
-        return true;
-    case '1': /* POP_MARK */ {
-        size_t first = above_mark(m);
-        if (first == SIZE_MAX) return false;
-        m->depth = first - 1;
-        return true;
-    }
-    case '2':
-        return push(m, top(m));
-    case 'N':
-        return push(m, build_none(b));
-    case 0x88:
-    case 0x89:
-        return push(m, build_bool(b, op == 0x88));
-    case 'I':
-    case 'L':
-    case 'F':
-        return push(m, text_number(m, op == 'F'));
-    case 'J':
-        return push_number(m, 4, true);
-    case 'K':
-        return push_number(m, 1, false);
-    case 'M':
-        return push_number(m, 2, false);
-    case 'G':
-        return push_float(m);
-    case 0x8a:
-        return push_long(m, 1);
-    case 0x8b:
-        return push_long(m, 4);
-    case 'S':
-        return push(m, escaped(m, pickle_quoted));
-    case 'V':
-        return push(m, escaped(m, pickle_unicode));
-    case 'T': /* BINSTRING, BINUNICODE, BINBYTES */
-    case 'X':
-    case 'B':
-        return push(m, borrowed(m, 4));
-    case 'U': /* their short forms */
-    case 'C':
-    case 0x8c:
-        return push(m, borrowed(m, 1));
-    case 0x8d: /* BINUNICODE8, BINBYTES8, BYTEARRAY8 */
-    case 0x8e:
-    case 0x96:
-        return push(m, borrowed(m, 8));
-    case ']':
-    case ')':
-    case 0x8f:
-        return push(m, build_value(b, VALUE_LIST));
-    case '}':
-        return push(m, build_value(b, VALUE_DICT));
-    case 'l':
-    case 't':
-    case 0x91:
-        return push(m, pop_marked_list(m));
-    case 'd':
-        return push(m, dict_marked(m));
-    case 0x85:
-    case 0x86:
-    case 0x87:
-        return push_tuple(m, (size_t)(op - 0x84));
-    case 'a': {
-        value *item = pop(m), *target = item ? top(m) : NULL;
-        return target && append(m, target, item);
-    }
-    case 'e':
-    case 0x90:
-        return append_marked(m);
-    case 's': {
-        value *item = pop(m), *key = item ? pop(m) : NULL, *target = key ? top(m) : NULL;
-        return target && set_pair(m, target, key, item);
-    }
-    case 'u':
-        return pairs_marked(m);
-    case 'c':
-        return push(m, global_lines(m));
-    case 0x93:
-        return push(m, stack_global(m));
-    case 'R':
-        return do_call(m, call);
-    case 0x81:
-        return do_call(m, new_object);
-    case 0x92:
-        return do_newobj_ex(m);
-    case 'o':
-    case 'i':
-        return do_old_object(m, op == 'i');
-    case 'b':
-        return set_state(m);
-    case 'P':
-    case 'Q':
-        return do_persistent(m, op == 'Q');
     case 'p':
         return put_or_get(m, 0, false);
     case 'q':
@@ -711,9 +606,154 @@ static bool step(machine *m, unsigned char op) {
         return fail_at(m, "a buffer outside the file") != NULL;
     default:
         m->pos--;
-        build_fail(b, SHERF_BAD_FILE, "not a pickle, or damaged: byte 0x%02x at %zu is no instruction", op,
+        build_fail(m->b, SHERF_BAD_FILE, "not a pickle, or damaged: byte 0x%02x at %zu is no instruction", op,
                    m->pos);
         return false;
+    }
+}
+
+/* Classes and objects. */
+static bool step_object(machine *m, unsigned char op) {
+    switch (op) {
+    case 'c':
+        return push(m, global_lines(m));
+    case 0x93:
+        return push(m, stack_global(m));
+    case 'R':
+        return do_call(m, call);
+    case 0x81:
+        return do_call(m, new_object);
+    case 0x92:
+        return do_newobj_ex(m);
+    case 'o':
+    case 'i':
+        return do_old_object(m, op == 'i');
+    case 'b':
+        return set_state(m);
+    case 'P':
+    case 'Q':
+        return do_persistent(m, op == 'Q');
+    default:
+        return step_memo(m, op);
+    }
+}
+
+/* Lists, tuples, dicts and sets. */
+static bool step_container(machine *m, unsigned char op) {
+    switch (op) {
+    case ']':
+    case ')':
+    case 0x8f:
+        return push(m, build_value(m->b, VALUE_LIST));
+    case '}':
+        return push(m, build_value(m->b, VALUE_DICT));
+    case 'l':
+    case 't':
+    case 0x91:
+        return push(m, pop_marked_list(m));
+    case 'd':
+        return push(m, dict_marked(m));
+    case 0x85:
+    case 0x86:
+    case 0x87:
+        return push_tuple(m, (size_t)(op - 0x84));
+    case 'a': {
+        value *item = pop(m), *target = item ? top(m) : NULL;
+        return target && append(m, target, item);
+    }
+    case 'e':
+    case 0x90:
+        return append_marked(m);
+    case 's': {
+        value *item = pop(m), *key = item ? pop(m) : NULL, *target = key ? top(m) : NULL;
+        return target && set_pair(m, target, key, item);
+    }
+    case 'u':
+        return pairs_marked(m);
+    default:
+        return step_object(m, op);
+    }
+}
+
+/* Texts and bytes. */
+static bool step_text(machine *m, unsigned char op) {
+    switch (op) {
+    case 'S':
+        return push(m, escaped(m, pickle_quoted));
+    case 'V':
+        return push(m, escaped(m, pickle_unicode));
+    case 'T': /* BINSTRING, BINUNICODE, BINBYTES */
+    case 'X':
+    case 'B':
+        return push(m, borrowed(m, 4));
+    case 'U': /* their short forms */
+    case 'C':
+    case 0x8c:
+        return push(m, borrowed(m, 1));
+    case 0x8d: /* BINUNICODE8, BINBYTES8, BYTEARRAY8 */
+    case 0x8e:
+    case 0x96:
+        return push(m, borrowed(m, 8));
+    default:
+        return step_container(m, op);
+    }
+}
+
+/* None, truth and numbers. */
+static bool step_number(machine *m, unsigned char op) {
+    switch (op) {
+    case 'N':
+        return push(m, build_none(m->b));
+    case 0x88:
+    case 0x89:
+        return push(m, build_bool(m->b, op == 0x88));
+    case 'I':
+    case 'L':
+    case 'F':
+        return push(m, text_number(m, op == 'F'));
+    case 'J':
+        return push_number(m, 4, true);
+    case 'K':
+        return push_number(m, 1, false);
+    case 'M':
+        return push_number(m, 2, false);
+    case 'G':
+        return push_float(m);
+    case 0x8a:
+        return push_long(m, 1);
+    case 0x8b:
+        return push_long(m, 4);
+    default:
+        return step_text(m, op);
+    }
+}
+
+/* Framing and the stack. */
+static bool step(machine *m, unsigned char op) {
+    uint64_t n;
+    switch (op) {
+    case 0x80: /* PROTO */
+        if (!number(m, 1, &n)) return false;
+        if (n > 5) return fail_at(m, "a newer protocol than 5") != NULL;
+        return true;
+    case 0x95: /* FRAME */
+        return number(m, 8, &n);
+    case '(':
+        return push_any(m, NULL);
+    case '0': /* POP; of a mark as well */
+        if (!m->depth) return fail_at(m, "nothing on the stack") != NULL;
+        m->depth--;
+        return true;
+    case '1': /* POP_MARK */ {
+        size_t first = above_mark(m);
+        if (first == SIZE_MAX) return false;
+        m->depth = first - 1;
+        return true;
+    }
+    case '2':
+        return push(m, top(m));
+    default:
+        return step_number(m, op);
     }
 }
 

@@ -93,33 +93,13 @@ static dnnl_status_t build(layer *l, const layer_shape *s, dnnl_engine_t engine,
     return status;
 }
 
-static dnnl_status_t execute(dnnl_primitive_t primitive, dnnl_engine_t engine, int count,
-                             const plan_arg *args) {
-    enum { MAX = 5 };
-    dnnl_exec_arg_t list[MAX];
-    dnnl_memory_t memory[MAX] = {NULL};
-    dnnl_stream_t stream = NULL;
-    dnnl_status_t status = dnnl_success;
-    for (int i = 0; i < count && status == dnnl_success; i++) {
-        status = dnnl_memory_create(&memory[i], args[i].desc, engine, args[i].data);
-        list[i] = (dnnl_exec_arg_t){args[i].arg, memory[i]};
-    }
-    if (status == dnnl_success) status = dnnl_stream_create(&stream, engine, dnnl_stream_default_flags);
-    if (status == dnnl_success) status = dnnl_primitive_execute(primitive, stream, count, list);
-    if (status == dnnl_success) status = dnnl_stream_wait(stream);
-    if (stream) dnnl_stream_destroy(stream);
-    for (int i = 0; i < count; i++)
-        if (memory[i]) dnnl_memory_destroy(memory[i]);
-    return status;
-}
-
 static dnnl_status_t pack(layer *l, dnnl_engine_t engine, const float *weight) {
     dnnl_primitive_desc_t desc = NULL;
     dnnl_primitive_t reorder = NULL;
     const plan_arg args[] = {{DNNL_ARG_FROM, &l->w_plain, only_read(weight)}, {DNNL_ARG_TO, l->w, l->weight}};
     TRY(dnnl_reorder_primitive_desc_create(&desc, &l->w_plain, engine, l->w, engine, NULL));
     dnnl_status_t status = dnnl_primitive_create(&reorder, desc);
-    if (status == dnnl_success) status = execute(reorder, engine, 2, args);
+    if (status == dnnl_success) status = plan_execute(reorder, engine, 2, args);
     if (reorder) dnnl_primitive_destroy(reorder);
     dnnl_primitive_desc_destroy(desc);
     return status;
@@ -172,7 +152,7 @@ sherf_status layer_run(context *c, const layer *l, const float *x, float *y, voi
     if (l->bias) args[count++] = (plan_arg){DNNL_ARG_BIAS, &l->b, l->bias};
     if (layer_scratch_bytes(l)) args[count++] = (plan_arg){DNNL_ARG_SCRATCHPAD, l->scratch, scratch};
     const int threads = threads_set(l->threads);
-    const dnnl_status_t status = execute(l->primitive, plan_engine(), count, args);
+    const dnnl_status_t status = plan_execute(l->primitive, plan_engine(), count, args);
     threads_set(threads);
     if (status == dnnl_success) return SHERF_OK;
     return failure(c, SHERF_NO_MEMORY, "oneDNN: status %d in a convolution", (int)status);

@@ -141,14 +141,27 @@ int threads_set(int n) {
     return before;
 }
 
-sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memory_desc_t *scratch, int count,
-                      const plan_arg *args) {
-    enum { MAX = 6 };
-    dnnl_exec_arg_t list[MAX];
-    dnnl_memory_t memory[MAX] = {NULL};
+dnnl_status_t plan_execute(dnnl_primitive_t primitive, dnnl_engine_t on, int count, const plan_arg *args) {
+    dnnl_exec_arg_t list[PLAN_ARGS];
+    dnnl_memory_t memory[PLAN_ARGS] = {NULL};
     dnnl_stream_t stream = NULL;
     dnnl_status_t status = dnnl_success;
-    plan_arg all[MAX];
+    for (int i = 0; i < count && status == dnnl_success; i++) {
+        status = dnnl_memory_create(&memory[i], args[i].desc, on, args[i].data);
+        list[i] = (dnnl_exec_arg_t){args[i].arg, memory[i]};
+    }
+    if (status == dnnl_success) status = dnnl_stream_create(&stream, on, dnnl_stream_default_flags);
+    if (status == dnnl_success) status = dnnl_primitive_execute(primitive, stream, count, list);
+    if (status == dnnl_success) status = dnnl_stream_wait(stream);
+    if (stream) dnnl_stream_destroy(stream);
+    for (int i = 0; i < count; i++)
+        if (memory[i]) dnnl_memory_destroy(memory[i]);
+    return status;
+}
+
+sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memory_desc_t *scratch, int count,
+                      const plan_arg *args) {
+    plan_arg all[PLAN_ARGS];
     memcpy(all, args, (size_t)count * sizeof *args);
     size_t bytes = scratch ? dnnl_memory_desc_get_size(scratch) : 0;
     if (bytes) {
@@ -157,16 +170,7 @@ sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memo
         all[count++] = (plan_arg){DNNL_ARG_SCRATCHPAD, scratch, space};
     }
     const int threads = threads_set(call->c->threads);
-    for (int i = 0; i < count && status == dnnl_success; i++) {
-        status = dnnl_memory_create(&memory[i], all[i].desc, engine, all[i].data);
-        list[i] = (dnnl_exec_arg_t){all[i].arg, memory[i]};
-    }
-    if (status == dnnl_success) status = dnnl_stream_create(&stream, engine, dnnl_stream_default_flags);
-    if (status == dnnl_success) status = dnnl_primitive_execute(primitive, stream, count, list);
-    if (status == dnnl_success) status = dnnl_stream_wait(stream);
-    if (stream) dnnl_stream_destroy(stream);
-    for (int i = 0; i < count; i++)
-        if (memory[i]) dnnl_memory_destroy(memory[i]);
+    const dnnl_status_t status = plan_execute(primitive, engine, count, all);
     threads_set(threads);
     if (status == dnnl_success) return SHERF_OK;
     return failure(call->c, SHERF_NO_MEMORY, "oneDNN: status %d in a convolution", (int)status);

@@ -54,6 +54,9 @@ typedef struct {
     const dnnl_memory_desc_t *desc;
     void *data;
 } plan_arg;
+enum { PLAN_ARGS = 6 }; /* a primitive's at most */
+/* Runs a primitive and waits for it. */
+dnnl_status_t plan_execute(dnnl_primitive_t primitive, dnnl_engine_t engine, int count, const plan_arg *args);
 /* Runs a primitive with its scratchpad taken from the call's scratch; waits for it. */
 sherf_status plan_run(op_call *call, dnnl_primitive_t primitive, const dnnl_memory_desc_t *scratch, int count,
                       const plan_arg *args);

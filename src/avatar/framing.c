@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "motion/motion.h"
 #include "scene/scene.h"
 
@@ -92,10 +93,6 @@ typedef struct {
     double height_range[2], radius; /* along and about the vertical, from the path */
 } view;
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static void view_aim(view *w, double azimuth, double elevation) {
     static const double none[3];
     sherf_camera k;
@@ -106,15 +103,15 @@ static void view_aim(view *w, double azimuth, double elevation) {
 /* Takes in a ball, its place relative to the path. */
 static void view_take(view *w, const double x[3], double r) {
     const double t[2] = {w->tx, w->ty}, up[3] = {w->B[1], w->B[4], w->B[7]};
-    double depth = dot(w->axis[2], x), rise = dot(up, x);
+    double depth = dot3(w->axis[2], x), rise = dot3(up, x);
     for (int i = 0; i < 2; i++) {
-        double a = dot(w->axis[i], x), s = r * sqrt(1 + t[i] * t[i]);
+        double a = dot3(w->axis[i], x), s = r * sqrt(1 + t[i] * t[i]);
         w->side[i][0] = fmax(w->side[i][0], a - t[i] * depth + s);
         w->side[i][1] = fmin(w->side[i][1], a + t[i] * depth - s);
     }
     w->height_range[0] = fmin(w->height_range[0], rise - r);
     w->height_range[1] = fmax(w->height_range[1], rise + r);
-    w->radius = fmax(w->radius, sqrt(fmax(0, dot(x, x) - rise * rise)) + r);
+    w->radius = fmax(w->radius, sqrt(fmax(0, dot3(x, x) - rise * rise)) + r);
 }
 
 static void view_take_clip(view *w, const sherf_motion *m, const float (*path)[3]) {
@@ -164,7 +161,7 @@ static void observed_aim(const sherf_avatar *avatar, const skeleton *s, double *
         own[i] = 0;
         for (int a = 0; a < 3; a++) own[i] += B[3 * a + i] * ((double)camera[a] - pelvis[a]);
     }
-    length = sqrt(dot(own, own));
+    length = sqrt(dot3(own, own));
     *azimuth = atan2(own[0], own[2]);
     *elevation = length > 0 ? asin(fmax(-0.99, fmin(0.99, own[1] / length))) : 0;
 }

@@ -5,36 +5,29 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "motion/source.h"
 
 enum { JOINTS = 22, FEATURES = 263, MOTION_X = 322, SIX = 6 };
 static const double humanml_fps = 20, motion_x_fps = 30;
 static const int whole_joints[] = {24, 22, 52, 55, 0};
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 static bool normalise(double v[3]) {
-    const double length = sqrt(dot(v, v));
+    const double length = sqrt(dot3(v, v));
     for (int k = 0; k < 3 && length > 1e-9; k++) v[k] /= length;
     return length > 1e-9;
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
 /* The smallest turn that takes the unit vector a to b. */
 static void turn_between(const double a[3], const double b[3], float q[4]) {
-    double axis[3], w = 1 + dot(a, b);
-    cross(a, b, axis);
+    double axis[3], w = 1 + dot3(a, b);
+    cross3(a, b, axis);
     if (w < 1e-9) { /* opposite: about any axis across */
         const double spare[3] = {a[1], a[2], a[0]};
-        cross(a, spare, axis);
+        cross3(a, spare, axis);
         w = 0;
     }
-    const double length = sqrt(w * w + dot(axis, axis));
+    const double length = sqrt(w * w + dot3(axis, axis));
     q[0] = (float)(w / length);
     for (int k = 0; k < 3; k++) q[k + 1] = (float)(axis[k] / length);
 }
@@ -44,9 +37,9 @@ static void turn_between(const double a[3], const double b[3], float q[4]) {
 /* Rows: left, up made upright to it, front. */
 static bool axes_of(const double left[3], const double up[3], double B[9]) {
     memcpy(B, left, 3 * sizeof *B);
-    cross(left, up, B + 6);
+    cross3(left, up, B + 6);
     if (!normalise(B) || !normalise(B + 6)) return false;
-    cross(B + 6, B, B + 3);
+    cross3(B + 6, B, B + 3);
     return true;
 }
 
@@ -98,7 +91,7 @@ static double legs(const double at[][3]) {
         if (j == 6) continue;
         double d[3];
         for (int k = 0; k < 3; k++) d[k] = at[j][k] - at[skeleton_parent[j]][k];
-        sum += sqrt(dot(d, d));
+        sum += sqrt(dot3(d, d));
     }
     return sum;
 }
@@ -221,10 +214,10 @@ static bool six_to_turn(const double six[SIX], float q[4]) {
     double R[9];
     memcpy(R, six, 6 * sizeof *R);
     if (!normalise(R)) return false;
-    const double along = dot(R, R + 3);
+    const double along = dot3(R, R + 3);
     for (int k = 0; k < 3; k++) R[3 + k] -= along * R[k];
     if (!normalise(R + 3)) return false;
-    cross(R, R + 3, R + 6);
+    cross3(R, R + 3, R + 6);
     quaternion_from_matrix(R, q);
     return true;
 }

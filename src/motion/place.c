@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "motion/motion.h"
 
 /* p' = q p + shift, for every frame. */
@@ -43,16 +44,12 @@ void clip_root(clip *k, const skeleton *s, sherf_root root) {
 
 /* ---- axes of a standing body ---- */
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Columns of B: left = up x front, up, front made upright to up. `spare` is taken where front is along up. */
 static void axes_from(const double up[3], const double front[3], const double spare[3], double B[9]) {
     double f[3];
     const double *candidate[3] = {front, spare, (const double[3]){up[1], up[2], up[0]}};
     for (int n = 0; n < 3; n++) {
-        double along = dot(candidate[n], up), length = 0;
+        double along = dot3(candidate[n], up), length = 0;
         for (int i = 0; i < 3; i++) f[i] = candidate[n][i] - along * up[i], length += f[i] * f[i];
         for (int i = 0; i < 3; i++) f[i] /= length > 0 ? sqrt(length) : 1;
         if (length > 1e-6) break;
@@ -103,7 +100,7 @@ void pose_to_turns(const sherf_pose *pose, const skeleton *s, float turn[BODY_JO
     for (int i = 0; i < 9; i++) R[i] = pose->R[i];
     quaternion_from_matrix(R, world);
     quaternion_multiply(world, turn[0], turn[0]);
-    for (int i = 0; i < 3; i++) pelvis_m[i] = (float)(dot(R + 3 * i, s->rest_m[0]) + pose->Th_m[i]);
+    for (int i = 0; i < 3; i++) pelvis_m[i] = (float)(dot3(R + 3 * i, s->rest_m[0]) + pose->Th_m[i]);
 }
 
 void clip_start_at(clip *k, const skeleton *s, const sherf_pose *pose) {
@@ -115,7 +112,7 @@ void clip_start_at(clip *k, const skeleton *s, const sherf_pose *pose) {
     columns(root, own);
     const double behind[3] = {-own[1][0], -own[1][1], -own[1][2]};
     axes_from(y, own[2], behind, from);
-    for (int i = 0; i < 9; i++) A[i] = dot(to + i / 3 * 3, from + i % 3 * 3); /* to from^T */
+    for (int i = 0; i < 9; i++) A[i] = dot3(to + i / 3 * 3, from + i % 3 * 3); /* to from^T */
     for (int i = 0; i < 3; i++) up[i] = to[3 * i + 1];
     quaternion_from_matrix(A, q);
     move(k, q, none);
@@ -125,7 +122,7 @@ void clip_start_at(clip *k, const skeleton *s, const sherf_pose *pose) {
                   skeleton_lowest(s, (const float(*)[4])k->turn[0], k->pelvis_m[0], up);
     double across[3], along = 0;
     for (int i = 0; i < 3; i++) across[i] = (double)pelvis[i] - k->pelvis_m[0][i];
-    along = dot(across, up);
+    along = dot3(across, up);
     for (int i = 0; i < 3; i++) shift[i] = across[i] + (rise - along) * up[i];
     move(k, (const float[4]){1, 0, 0, 0}, shift);
 }

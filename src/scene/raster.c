@@ -6,6 +6,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "scene/scene.h"
 
 enum { BAND = 16 }; /* rows of one piece of work */
@@ -70,19 +71,13 @@ static void bound_faces(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 static void draw_face(const raster_job *job, int64_t f, int row0, int row1) {
     raster *r = job->out;
     const double *q[3];
     double e[3][3];
     int column0, column1;
     face_corners(job, f, q);
-    for (int k = 0; k < 3; k++) cross(q[(k + 1) % 3], q[(k + 2) % 3], e[k]);
+    for (int k = 0; k < 3; k++) cross3(q[(k + 1) % 3], q[(k + 2) % 3], e[k]);
     double det = q[0][0] * e[0][0] + q[0][1] * e[0][1] + q[0][2] * e[0][2];
     if (!(fabs(det) > 0) || !isfinite(det)) return; /* seen from its edge, or not finite */
     pixel_range(q, 0, r->width, &column0, &column1);

@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "synth/tube/tubeman.h"
 
 enum { V = 6890, SEGMENTS = 10, RINGS = 689, TUBES = 25, FACES_MAX = 2 * V, JOINTS = BODY_JOINTS };
@@ -70,16 +71,6 @@ static const struct {
             {23, {6583, 6584, 6588, 6589, 6740, 6741, 6744, 6745, 6748, 6749,
                   6750, 6751, 6752, 6753, 6754, 6755, 6756, 6757, 6758, 6759}}};
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 static const double *tube_end(int t) {
     return tube[t].b >= 0 ? joint[tube[t].b] : tube[t].end;
 }
@@ -99,12 +90,12 @@ static void make_vertices(double *v, int64_t *face, int *faces) {
         const double *p = joint[tube[t].a], *end = tube_end(t);
         double along[3], d[3], u[3], w[3];
         for (int k = 0; k < 3; k++) along[k] = end[k] - p[k];
-        double length = sqrt(dot(along, along));
+        double length = sqrt(dot3(along, along));
         for (int k = 0; k < 3; k++) d[k] = along[k] / length;
-        cross(d, fabs(d[2]) < 0.9 ? (double[3]){0, 0, 1} : (double[3]){0, 1, 0}, u);
-        double norm = sqrt(dot(u, u));
+        cross3(d, fabs(d[2]) < 0.9 ? (double[3]){0, 0, 1} : (double[3]){0, 1, 0}, u);
+        double norm = sqrt(dot3(u, u));
         for (int k = 0; k < 3; k++) u[k] /= norm;
-        cross(d, u, w);
+        cross3(d, u, w);
         for (int r = 0; r < rings[t]; r++) {
             double s = (double)r / (rings[t] - 1);
             double radius = tube[t].radius_a + (tube[t].radius_b - tube[t].radius_a) * s;
@@ -136,10 +127,10 @@ static void make_weights(const double *v, double *weights) {
             const double *p = joint[tube[t].a], *end = tube_end(t);
             double along[3], to[3];
             for (int k = 0; k < 3; k++) along[k] = end[k] - p[k], to[k] = v[3 * i + k] - p[k];
-            double s = dot(to, along) / dot(along, along);
+            double s = dot3(to, along) / dot3(along, along);
             s = s < 0 ? 0 : s > 1 ? 1 : s;
             for (int k = 0; k < 3; k++) to[k] = v[3 * i + k] - (p[k] + s * along[k]);
-            double d = sqrt(dot(to, to));
+            double d = sqrt(dot3(to, to));
             if (d < distance[tube[t].a]) distance[tube[t].a] = d;
             if (d < min) min = d;
         }
@@ -165,7 +156,7 @@ static void make_regressor(const double *v, double *regressor) {
             for (int i = 0; i < V && !known; i++) {
                 double to[3] = {v[3 * i] - joint[j][0], v[3 * i + 1] - joint[j][1],
                                 v[3 * i + 2] - joint[j][2]};
-                double d = dot(to, to);
+                double d = dot3(to, to);
                 if (d < min && row[i] == 0) min = d, best = i;
             }
             row[known ? known[n] : best] = 1.0 / NEAREST;
@@ -210,7 +201,7 @@ static void make_pose_shapes(const double *v, double *posedirs) {
     for (int i = 0; i < V; i++)
         for (int j = 1; j < JOINTS; j++) {
             double to[3] = {v[3 * i] - joint[j][0], v[3 * i + 1] - joint[j][1], v[3 * i + 2] - joint[j][2]};
-            double fall = exp(-dot(to, to) / (2 * 0.08 * 0.08));
+            double fall = exp(-dot3(to, to) / (2 * 0.08 * 0.08));
             for (int a = 0; a < 3; a++)
                 for (int k = 9 * (j - 1); k < 9 * j; k++)
                     posedirs[((size_t)i * 3 + a) * BODY_POSE_FEATURES + k] = fall * amp[k][a];

@@ -1,8 +1,6 @@
 /* Vectors of LANES floats and elementary functions on them, for files that are compiled once per instruction
  * set: define LANES (4, 8, 16) before the inclusion. Compilers lower them to the instructions that the file
- * is compiled for. ISA_CHOICE (base.h) takes the file for a processor. The ops and the fused radiance field
- * have polynomials of their own, each with the error given: pictures and trainings are the same bits as those
- * that were measured. */
+ * is compiled for. ISA_CHOICE (base.h) takes the file for a processor. */
 #ifndef SHERF_SIMD_H
 #define SHERF_SIMD_H
 
@@ -84,66 +82,41 @@ INLINE vf round_lanes(vf x) {
 }
 
 /* ---- exp ---- */
-/* ln(2) in two parts, and exp(r) = 1 + r + r^2 P(r) for |r| <= ln(2) / 2. */
-typedef struct {
-    float high, low, c[5];
-} exp_fit;
-INLINE vf exp_by(vf x, const exp_fit *f) {
+/* Within 1.2 units in the last place for -87 <= x <= 88, clamped to those ends; not-a-number stays.
+ * x = n ln(2) + r with ln(2) in two parts, and exp(r) = 1 + r + r^2 P(r) for |r| <= ln(2) / 2. */
+INLINE vf exp_lanes(vf x) {
+    x = choose(x < -87.0f, splat(-87.0f), x);
+    x = choose(x > 88.0f, splat(88.0f), x);
     const vf n = round_lanes(x * 1.44269504f);
-    const vf r = (x - n * f->high) - n * f->low;
-    vf p = splat(f->c[0]);
-    for (int i = 1; i < 5; i++) p = p * r + f->c[i];
+    const vf r = (x - n * 0.693115234375f) - n * 3.19461833e-5f;
+    vf p = splat(0.0013836834f) * r + 0.00837482207f;
+    p = p * r + 0.0416682261f;
+    p = p * r + 0.166664201f;
+    p = p * r + 0.499999921f;
     p = p * (r * r) + r + 1.0f;
     const vi exponent = (__builtin_convertvector(n, vi) + 127) << 23;
     return p * (vf)exponent;
 }
 
-/* 2 units in the last place for -87 <= x <= 88, clamped to those ends; not-a-number stays. */
-INLINE vf exp_lanes(vf x) {
-    static const exp_fit fit = {0.693115234375f,
-                                3.19461833e-5f,
-                                {0.0013836834f, 0.00837482207f, 0.0416682261f, 0.166664201f, 0.499999921f}};
-    x = choose(x < -87.0f, splat(-87.0f), x);
-    x = choose(x > 88.0f, splat(88.0f), x);
-    return exp_by(x, &fit);
-}
-
-/* The same in the radiance field, where not-a-number becomes the lower end. */
-INLINE vf exp_tile(vf x) {
-    static const exp_fit fit = {0.693359375f,
-                                -2.12194440e-4f,
-                                {0.0013950243f, 0.0083688858f, 0.041666209f, 0.1666651887f, 0.5000000094f}};
-    return exp_by(min_lanes(max_lanes(x, splat(-87.0f)), splat(88.0f)), &fit);
-}
-
 /* ---- sine and cosine ---- */
-/* x = n pi/2 + r, |r| <= pi/4, with pi/2 in three parts; |x| < 8000. */
-INLINE vf quarter_turn(vf x, vi *n) {
+/* Both to 1e-7 for |x| < 8000, and no larger than 1 beyond; not-a-number stays. x = n pi/2 + r, |r| <= pi/4,
+ * with pi/2 in three parts. */
+INLINE void sincos_lanes(vf x, vf *sine, vf *cosine) {
+    x = choose(x < -1e5f, splat(-1e5f), x);
+    x = choose(x > 1e5f, splat(1e5f), x);
     const vf turns = round_lanes(x * 0.636619772f);
-    *n = __builtin_convertvector(turns, vi);
-    return ((x - turns * 1.5703125f) - turns * 4.83751297e-4f) - turns * 7.54978942e-8f;
-}
-
-/* sin to 1e-7 for |x| < 8000. */
-INLINE vf sin_lanes(vf x) {
-    vi n;
-    const vf r = quarter_turn(x, &n), u = r * r;
+    const vi n = __builtin_convertvector(turns, vi), odd = -(n & 1);
+    const vf r = ((x - turns * 1.5703125f) - turns * 4.83751297e-4f) - turns * 7.54978942e-8f, u = r * r;
     const vf s = r + r * u * ((splat(-0.00019501822f) * u + 0.00833201645f) * u - 0.166666502f);
-    const vf c = (((splat(2.43726786e-05f) * u - 0.00138865291f) * u + 0.0416666132f) * u - 0.499999996f) * u;
-    const vf v = choose(-(n & 1), c + 1.0f, s);
-    return (vf)((vi)v ^ ((n & 2) << 30));
-}
-
-/* sin and cos to 1e-7 for |x| < 1e4 in the radiance field. */
-INLINE void sincos_tile(vf x, vf *sine, vf *cosine) {
-    vi n;
-    const vf r = quarter_turn(min_lanes(max_lanes(x, splat(-1e5f)), splat(1e5f)), &n), u = r * r;
-    const vf s = r + r * u * ((splat(-0.0001949564f) * u + 0.0083319787f) * u - 0.1666665067f);
-    vf c = (splat(2.4438451404e-05f) * u - 1.3887367514e-03f) * u + 4.1666646866e-02f;
-    c = 1.0f - 0.5f * u + u * u * c;
-    const vi odd = -(n & 1);
+    vf c = (((splat(2.43726786e-05f) * u - 0.00138865291f) * u + 0.0416666132f) * u - 0.499999996f) * u;
+    c += 1.0f;
     *sine = (vf)((vi)choose(odd, c, s) ^ ((n & 2) << 30));
     *cosine = (vf)((vi)choose(odd, s, c) ^ (((n + 1) & 2) << 30));
+}
+INLINE vf sin_lanes(vf x) {
+    vf sine, cosine;
+    sincos_lanes(x, &sine, &cosine);
+    return sine;
 }
 
 /* ---- GELU, x Phi(x) ---- */
@@ -174,36 +147,14 @@ INLINE normal_tails normal_lanes(vf x) {
     return (normal_tails){0.5f * erfc_lanes(x * 0.707106781f, power), power};
 }
 
-/* The same in the radiance field, by Abramowitz and Stegun 7.1.26: absolute error 0.75e-7. */
-INLINE normal_tails normal_tile(vf x) {
-    const vf a = choose(x < 0.0f, -x, x), z = min_lanes(a * 0.707106781f, splat(9.0f));
-    const vf t = 1.0f / (1.0f + 0.3275911f * z);
-    vf p = splat(1.061405429f) * t + -1.453152027f;
-    p = p * t + 1.421413741f;
-    p = p * t + -0.284496736f;
-    p = p * t + 0.254829592f;
-    const vf power = exp_tile(-(z * z));
-    return (normal_tails){0.5f * t * p * power, power};
-}
-
-INLINE vf gelu_by(vf x, normal_tails n) {
-    return choose(x < 0.0f, x * n.tail, x - x * n.tail);
-}
 INLINE vf gelu_lanes(vf x) {
-    return gelu_by(x, normal_lanes(x));
-}
-INLINE vf gelu_tile(vf x) {
-    return gelu_by(x, normal_tile(x));
+    const normal_tails n = normal_lanes(x);
+    return choose(x < 0.0f, x * n.tail, x - x * n.tail);
 }
 
 /* Its derivative, Phi(x) + x phi(x). */
-INLINE vf gelu_slope_by(vf x, normal_tails n) {
-    return choose(x < 0.0f, n.tail, 1.0f - n.tail) + x * n.power * 0.398942280f;
-}
 INLINE vf gelu_slope_lanes(vf x) {
-    return gelu_slope_by(x, normal_lanes(x));
-}
-INLINE vf gelu_slope_tile(vf x) {
-    return gelu_slope_by(x, normal_tile(x));
+    const normal_tails n = normal_lanes(x);
+    return choose(x < 0.0f, n.tail, 1.0f - n.tail) + x * n.power * 0.398942280f;
 }
 #endif

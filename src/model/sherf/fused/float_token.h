@@ -15,7 +15,7 @@ INLINE void encode_component(vf x, int i, int frequencies, int width, vf *out, i
     for (int k = 0; k < frequencies; k++) {
         const int sine = 3 + 6 * k + i, cosine = sine + 3;
         vf s, c;
-        sincos_tile(x * (float)(1 << k), &s, &c);
+        sincos_lanes(x * (float)(1 << k), &s, &c);
         if (sine < width) out[sine * row] = s;
         if (cosine < width) out[cosine * row] = c;
     }
@@ -54,7 +54,7 @@ INLINE void attention_head(const radiance_field *n, const vf *qkv, vf *chance, v
         for (int d = 0; d < head * row; d += row)
             for (int j = 0; j < 3; j++) dot[j] += qkv[i * token + d] * qkv[j * token + part + d];
         const vf top = max_lanes(max_lanes(dot[0], dot[1]), dot[2]);
-        for (int j = 0; j < 3; j++) sum += dot[j] = exp_tile((dot[j] - top) * scale);
+        for (int j = 0; j < 3; j++) sum += dot[j] = exp_lanes((dot[j] - top) * scale);
         for (int j = 0; j < 3; j++) dot[j] /= sum;
         for (int j = 0; chance && j < 3; j++) chance[(3 * i + j) * row] = dot[j];
         for (int d = 0; d < head * row; d += row) {

@@ -108,7 +108,7 @@ static void transformer(const radiance_field *n, float *token, float *a, float *
         layer_norm(x, width, n->norm1_w, n->norm1_b, a);
         float *hidden = a + width * POINT_TILE;
         product(&n->mlp0, a, hidden, false);
-        for (int k = 0; k < width * PARTS; k++) ((vf *)hidden)[k] = gelu_tile(((vf *)hidden)[k]);
+        for (int k = 0; k < width * PARTS; k++) ((vf *)hidden)[k] = gelu_lanes(((vf *)hidden)[k]);
         product(&n->mlp1, hidden, a, false);
         add_rows(x, a, width);
     }
@@ -131,7 +131,7 @@ static void decoder(const radiance_field *n, float *x, float *v, float *a, float
     product(&n->rgb, a, t->out[0], false);
     for (int i = 0; i < 3 * PARTS; i++) {
         vf *y = (vf *)t->out[0] + i;
-        *y = 1.002f / (1.0f + exp_tile(-*y)) - 0.001f;
+        *y = 1.002f / (1.0f + exp_lanes(-*y)) - 0.001f;
     }
 }
 

@@ -279,7 +279,7 @@ static void attention(const radiance_field *n, const vf *qkv, vf *chance, vf *mi
 
 static void gelu(channels x, int width, channels y) {
     for (int s = 0; s < STRIPS; s++)
-        for (int i = 0; i < width * VECTORS; i++) row_of(y, s, 0)[i] = gelu_tile(row_of(x, s, 0)[i]);
+        for (int i = 0; i < width * VECTORS; i++) row_of(y, s, 0)[i] = gelu_lanes(row_of(x, s, 0)[i]);
 }
 
 static void transformer(const float_trainer *r, const space *s) {
@@ -415,7 +415,7 @@ static void attention_back(const radiance_field *n, const vf *qkv, const vf *cha
 
 static void gelu_back(channels x, int width, channels d) {
     for (int s = 0; s < STRIPS; s++)
-        for (int i = 0; i < width * VECTORS; i++) row_of(d, s, 0)[i] *= gelu_slope_tile(row_of(x, s, 0)[i]);
+        for (int i = 0; i < width * VECTORS; i++) row_of(d, s, 0)[i] *= gelu_slope_lanes(row_of(x, s, 0)[i]);
 }
 
 /* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */

@@ -90,7 +90,8 @@ typedef struct {
 /* Tiles of sums that wait to be rounded into an activation buffer, the bias added: it is done between later
  * tile instructions, which want such work there (base/amx.h). */
 typedef struct {
-    const float *sums, *bias;
+    float *sums; /* the newest are stored there a step later */
+    const float *bias;
     char *out;
     const char *mask;
 } waiting_tile;
@@ -100,7 +101,7 @@ typedef struct {
     waiting_tile tile[4];
 } waiting;
 
-static inline void wait_for(waiting *w, const float *sums, const float *bias, char *out, ptrdiff_t mask) {
+static inline void wait_for(waiting *w, float *sums, const float *bias, char *out, ptrdiff_t mask) {
     w->tile[w->count++] = (waiting_tile){sums, bias, out, mask ? out + mask : NULL};
 }
 

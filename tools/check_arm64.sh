@@ -1,7 +1,8 @@
 #!/bin/sh
-# tools/check_arm64.sh [TESTS]: builds for aarch64 with Debian's cross compiler and arm64 libraries, warnings as errors,
-# and runs the tests whose names match TESTS (a regular expression; all of them take hours) under qemu-user. All of it in
-# a Debian 12 that mmdebstrap makes of this machine's apt sources in build/arm64, which a second run uses again. As root.
+# tools/check_arm64.sh [TESTS]: builds for aarch64 with Debian's cross compiler and arm64 libraries, warnings as
+# errors, and runs the tests whose names match TESTS (a regular expression; all of them take hours) under qemu-user.
+# All of it in a Debian 12 that mmdebstrap makes of this machine's apt sources in build/arm64, which a second run uses
+# again. As root.
 set -eu
 cd "$(dirname "$0")/.."
 tests=${1:-^(base|tensor|io|motion|body|scene|sampling|nn)_}
@@ -11,7 +12,8 @@ if [ ! -e "$root/installed" ]; then
     rm -rf build/arm64
     mkdir -p build/arm64
     mmdebstrap --variant=apt --architectures=amd64,arm64 --quiet --skip=cleanup/apt/lists "$release" "$root"
-    libraries=$(sed -n 's/^[a-z]* \([^ ]*lib[^ ]*-dev\).*/\1:arm64/p' packages.txt | grep -v '^libc6-dev\|^libclang\|^libomp' | sort -u)
+    libraries=$(sed -n 's/^[a-z]* \([^ ]*lib[^ ]*-dev\).*/\1:arm64/p' packages.txt |
+        grep -v '^libc6-dev\|^libclang\|^libomp' | sort -u)
     # shellcheck disable=SC2086
     chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends \
         gcc-aarch64-linux-gnu libc6-dev-arm64-cross cmake ninja-build pkg-config binutils make qemu-user-static \

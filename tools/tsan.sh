@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# tools/tsan.sh [TEST...]: tests (of the viewer, training, films and what they share, or those named as ctest names them)
-# under clang's thread sanitizer, in BUILD (build-tsan). LLVM's OpenMP tells it of its threads (libarcher); what oneDNN,
-# libgomp and others of Debian's libraries do among themselves is not instrumented and left out. tools/tsan.supp has what
-# is not ours. Minutes.
+# tools/tsan.sh [TEST...]: tests (of the viewer, training, films and what they share, or those named as ctest names
+# them) under clang's thread sanitizer, in BUILD (build-tsan). LLVM's OpenMP tells it of its threads (libarcher); what
+# oneDNN, libgomp and others of Debian's libraries do among themselves is not instrumented and left out.
+# tools/tsan.supp has what is not ours. Minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=${BUILD:-build-tsan}

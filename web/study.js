@@ -1,11 +1,15 @@
-// A study of preferences: the same order and sides for the same rater, answers in this browser until they are saved as a file.
-// The page does not know which method made a picture; the key stays with whoever made the page.
+// A study of preferences: the same order and sides for the same rater, answers in this browser until they are saved as
+// a file. The page does not know which method made a picture; the key stays with whoever made the page.
 "use strict";
-const study = JSON.parse(document.getElementById("study").textContent); // id, draw, repeats, always, trials of [input, a, b], pictures
+// id, draw, repeats, always, trials of [input, a, b], pictures
+const study = JSON.parse(document.getElementById("study").textContent);
 const at = (id) => document.getElementById(id);
 const place = "sherf-study-" + study.id;
 const shortest = 250; // ms: a second press of the same key is not an answer
-let state, plan, shownAt = 0, open = false;
+let state,
+  plan,
+  shownAt = 0,
+  open = false;
 
 // Numbers in [0, 1) from a text.
 function numbers(text) {
@@ -29,11 +33,22 @@ function shuffle(list, next) {
 
 // What a rater sees: some of the trials, those that everybody sees, and a few again late, with sides exchanged.
 function planOf(rater) {
-  const next = numbers(study.id + rater), always = new Set(study.always);
-  const others = shuffle([...study.trials.keys()].filter((i) => !always.has(i)), next).slice(0, study.draw);
-  const list = shuffle([...others, ...study.always], next).map((trial) => ({ trial, left: next() < 0.5 ? "a" : "b", repeat: false }));
+  const next = numbers(study.id + rater),
+    always = new Set(study.always);
+  const others = shuffle(
+    [...study.trials.keys()].filter((i) => !always.has(i)),
+    next,
+  ).slice(0, study.draw);
+  const list = shuffle([...others, ...study.always], next).map((trial) => ({
+    trial,
+    left: next() < 0.5 ? "a" : "b",
+    repeat: false,
+  }));
   const half = Math.floor(list.length / 2);
-  const early = shuffle(list.slice(0, half).filter((q) => !always.has(q.trial)), next).slice(0, study.repeats);
+  const early = shuffle(
+    list.slice(0, half).filter((q) => !always.has(q.trial)),
+    next,
+  ).slice(0, study.repeats);
   for (const q of early) {
     const where = half + 1 + Math.floor(next() * (list.length - half));
     list.splice(where, 0, { trial: q.trial, left: q.left === "a" ? "b" : "a", repeat: true });
@@ -50,7 +65,13 @@ function keep() {
 function kept() {
   try {
     const old = JSON.parse(localStorage.getItem(place));
-    if (old && typeof old.rater === "string" && Array.isArray(old.answers) && old.answers.length <= planOf(old.rater).length) return old;
+    if (
+      old &&
+      typeof old.rater === "string" &&
+      Array.isArray(old.answers) &&
+      old.answers.length <= planOf(old.rater).length
+    )
+      return old;
   } catch {}
   return null;
 }
@@ -73,7 +94,8 @@ async function show() {
   at("place").textContent = `${Math.min(n + 1, plan.length)} / ${plan.length}`;
   at("back").disabled = !n;
   if (n === plan.length) return only("end");
-  const q = plan[n], [input, a, b] = study.trials[q.trial];
+  const q = plan[n],
+    [input, a, b] = study.trials[q.trial];
   const images = [at("input"), at("left").firstElementChild, at("right").firstElementChild];
   [input, q.left === "a" ? a : b, q.left === "a" ? b : a].forEach((p, i) => (images[i].src = study.pictures[p]));
   only("trial");
@@ -100,7 +122,14 @@ function back() {
 }
 
 function save() {
-  const file = { format: "sherf-preference-answers", version: 1, study: study.id, rater: state.rater, consent: true, trials: state.answers };
+  const file = {
+    format: "sherf-preference-answers",
+    version: 1,
+    study: study.id,
+    rater: state.rater,
+    consent: true,
+    trials: state.answers,
+  };
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([JSON.stringify(file, null, 1) + "\n"], { type: "application/json" }));
   link.download = `answers-${state.rater}.json`;

@@ -35,4 +35,4 @@ cmake -G Ninja -S /source -B /build -DSHERF_WERROR=ON -DCMAKE_SYSTEM_NAME=Linux 
 ninja -C /build
 OMP_NUM_THREADS=1 ctest --test-dir /build -j "$(nproc)" --timeout 3600 --output-on-failure -R "$1"
 INSIDE
-chroot "$root" sh /inside "$tests"
+unshare --mount sh -c "mount --bind /proc '$root/proc' && exec chroot '$root' sh /inside \"\$1\"" inside "$tests"

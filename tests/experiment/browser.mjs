@@ -1,7 +1,7 @@
 // A study of preferences in a real browser: node tests/experiment/browser.mjs SHERF FOLDER
-// FOLDER is that of `sherf experiment preference`. Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or
-// PLAYWRIGHT_CORE=its folder). Leaves screenshots in $SCREENSHOTS, when that is a folder. Exit status: 0 passed, 1
-// failed, 77 cannot be run.
+// FOLDER is that of `sherf experiment preference`. Needs Debian's chromium and npm's playwright-core (found through
+// NODE_PATH, or PLAYWRIGHT_CORE=its folder). Leaves screenshots in $SCREENSHOTS, when that is a folder. Exit status: 0
+// passed, 1 failed, 77 cannot be run.
 import { spawnSync } from "node:child_process";
 import { createServer } from "node:http";
 import { createRequire } from "node:module";

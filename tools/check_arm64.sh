@@ -33,6 +33,6 @@ cmake -G Ninja -S /source -B /build -DSHERF_WERROR=ON -DCMAKE_SYSTEM_NAME=Linux 
     -DCMAKE_LIBRARY_ARCHITECTURE=aarch64-linux-gnu -DCMAKE_FIND_ROOT_PATH=/usr/lib/aarch64-linux-gnu \
     -DCMAKE_CROSSCOMPILING_EMULATOR=$emulator
 ninja -C /build
-OMP_NUM_THREADS=1 ctest --test-dir /build -j "$(nproc)" --timeout 3600 --output-on-failure -R "$1"
+OMP_NUM_THREADS=1 ctest --test-dir /build -j "$(nproc)" --output-on-failure -R "$1"
 INSIDE
 unshare --mount sh -c "mount --bind /proc '$root/proc' && exec chroot '$root' sh /inside \"\$1\"" inside "$tests"

@@ -43,10 +43,12 @@ typedef struct {
     double occupancy[STACKS][POINTS], painted[3 * POINTS];
 } second;
 
+/* Valid until sixteen more are made. */
 static const char *named(const char *name, const char *part) {
-    static char text[8][128];
+    enum { KEPT = 16 };
+    static char text[KEPT][128];
     static int next;
-    next = (next + 1) % 8;
+    next = (next + 1) % KEPT;
     snprintf(text[next], sizeof text[next], "%s.%s", name, part);
     return text[next];
 }
@@ -146,7 +148,8 @@ static void geometry_maps(const second *s, rival_map out[STACKS]) {
     x = block(s, "filter.block2", block(s, "filter.block1", small, false), true);
     for (int i = 0; i < STACKS; i++) {
         const char *const name = i ? "filter.stack1" : "filter.stack0";
-        rival_map y = block(s, named(name, "top"), two_levels(s, name, rival_map_copy(x)), false);
+        rival_map deep = two_levels(s, name, rival_map_copy(x)),
+                  y = block(s, named(name, "top"), deep, false);
         rival_map mixed = mix(s, named(name, "mix"), y);
         free(y.v);
         rival_norm(s->w, named(name, "norm"), mixed, true);

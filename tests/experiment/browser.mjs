@@ -4,37 +4,17 @@
 // passed, 1 failed, 77 cannot be run.
 import { spawnSync } from "node:child_process";
 import { createServer } from "node:http";
-import { createRequire } from "node:module";
-import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
+import { browserPath, check, chromium, failures, shot, skip } from "../support/chromium.mjs";
 
-function skip(why) {
-  console.error("browser.mjs: skipped: " + why);
-  process.exit(77);
-}
-const browserPath = process.env.CHROMIUM || "/usr/bin/chromium";
-if (!existsSync(browserPath)) skip(browserPath + " is not there");
-let chromium;
-try {
-  ({ chromium } = createRequire(import.meta.url)(process.env.PLAYWRIGHT_CORE || "playwright-core"));
-} catch {
-  skip("playwright-core is not there (npm install playwright-core)");
-}
 const [sherf, folder] = process.argv.slice(2);
 if (!folder) skip("usage: browser.mjs SHERF FOLDER");
-const pictures = process.env.SCREENSHOTS;
 const file = path.join(folder, "preference", "study.html"),
   html = readFileSync(file);
 const key = JSON.parse(readFileSync(path.join(folder, "preference", "key.json")));
 const patience = 120000; // ms; a busy machine takes its time
-
-let failures = 0;
-function check(good, what) {
-  console.log((good ? "ok    " : "FAIL  ") + what);
-  if (!good) failures++;
-}
-const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, name + ".png") });
 
 // As any static host has it: this one page, and nothing else.
 const asked = [];

@@ -4,36 +4,17 @@
 // Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed,
 // 1 failed, 77 cannot be run.
 import { spawn } from "node:child_process";
-import { createRequire } from "node:module";
-import { existsSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
-
-function skip(why) {
-  console.error("browser.mjs: skipped: " + why);
-  process.exit(77);
-}
-const browserPath = process.env.CHROMIUM || "/usr/bin/chromium";
-if (!existsSync(browserPath)) skip(browserPath + " is not there");
-let chromium;
-try {
-  ({ chromium } = createRequire(import.meta.url)(process.env.PLAYWRIGHT_CORE || "playwright-core"));
-} catch {
-  skip("playwright-core is not there (npm install playwright-core)");
-}
+import { browserPath, check, chromium, failures, shot, skip } from "../support/chromium.mjs";
 
 const words = process.argv.slice(2), dash = words.indexOf("--");
 const [sherf, body, ...avatars] = dash < 0 ? words : words.slice(0, dash);
 const motions = dash < 0 ? [] : words.slice(dash + 1);
 if (!avatars.length) skip("usage: browser.mjs SHERF BODY AVATAR... [-- MOTION...]");
-const pictures = process.env.SCREENSHOTS, size = process.env.SIZE || "384";
+const size = process.env.SIZE || "384";
 const patience = 180000; // ms; a busy machine takes its time
-
-let failures = 0;
-function check(good, what) {
-  console.log((good ? "ok    " : "FAIL  ") + what);
-  if (!good) failures++;
-}
 
 function serve(port) {
   const words = ["view", ...avatars, "-b", body, "--port", String(port), "--size", size,
@@ -54,7 +35,6 @@ function serve(port) {
   return { child, address, ended };
 }
 
-const shot = async (page, name) => pictures && page.screenshot({ path: path.join(pictures, name + ".png") });
 const text = (page) => page.textContent("#speed");
 const ready = (page) =>
   page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null,

@@ -1,0 +1,9 @@
+# tools/tiny.sh: sourced by kill.sh and memory_limits.sh. A folder to work in, which goes at the end; settings of a
+# network of which a training step takes milliseconds; and a count of failures.
+export OMP_WAIT_POLICY=passive
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+tiny=small,encoder_width=8,style_width=16,plane_resolution=16,channel_base=256,channel_max=16,volume_channels0=8
+tiny=$tiny,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,decoder_skip=0,view_width=16
+tiny=$tiny,voxel_size_m=0.05
+failures=0

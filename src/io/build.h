@@ -86,7 +86,7 @@ value *build_array(builder *b, dtype type, int rank, const int64_t *dim);
 /* Product of dims, or -1 when a dim is negative or the product is too large. */
 int64_t build_count(int rank, const int64_t *dim);
 
-/* numpy (npy.c). */
+/* numpy (numpy.c; files: npy.c). */
 bool numpy_type_parse(const char *text, size_t length, numpy_type *out);
 /* An array (or, of kinds S and U, strings) of the elements at data; exactly count * size bytes. fortran:
  * first index runs fastest. Booleans become U8; i1, i2, u2 I32; u4 and u8 I64. */
@@ -99,21 +99,25 @@ size_t npy_header_text(const char *descr, int rank, const int64_t *dim, char out
 /* A whole npy file. */
 value *npy_build(builder *b, const unsigned char *data, size_t bytes);
 
-/* pickle (pickle.c). A torch stream's pickle names its storages; `storage` finds or makes one. */
+/* pickle (pickle.c). What torch's parts of a pickle mean. */
 typedef struct pickle_source {
+    /* Finds or makes a storage; NULL: the pickle is no torch file's. */
     torch_storage *(*storage)(void *user, builder *b, dtype type, const char *key, int64_t count);
     void *user;
-    int level; /* torch streams in pickles in torch streams ... */
+    /* Reads a stream of torch.save that stands in the pickle: torch_legacy_build. */
+    value *(*stream)(builder *b, const unsigned char *data, size_t bytes, int level);
+    int level; /* of such streams within each other */
 } pickle_source;
 /* One pickle at the start of data; *used (may be NULL) gets its length. The result is not finished: views of
  * storages are still open until pickle_finish. */
 value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const pickle_source *source,
                     size_t *used);
+/* A pickle that is no torch file's, finished (pickle_file.c). */
+value *pickle_whole(builder *b, const unsigned char *data, size_t bytes);
 /* Makes plain values of everything that root reaches, once all storages are there. */
 value *pickle_finish(builder *b, value *root);
 
-/* torch (torch.c). */
-/* A legacy stream; the result is not finished. */
+/* torch (torch_legacy.c). A legacy stream; the result is not finished. */
 value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, int level);
 
 /* safetensors as a dict of name to array, and "__metadata__" (safetensors.c). */

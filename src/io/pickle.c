@@ -196,23 +196,6 @@ static value *escaped(machine *m, value *(*decode)(builder *, const char *, size
 }
 
 /* ---------------------------------------------------------------- classes ---------------------------- */
-const char *pickle_class(const value *v) {
-    return v && v->kind == VALUE_RECORD && ((const object *)v)->role == ROLE_CLASS ? v->record.class_name
-                                                                                   : NULL;
-}
-
-bool pickle_name_is(const char *class_name, const char *module, const char *name) {
-    size_t n = strlen(module);
-    return !strncmp(class_name, module, n) && class_name[n] == '.' && !strcmp(class_name + n + 1, name);
-}
-
-value *pickle_record(builder *b, const char *class_name, value *arguments) {
-    value *v = build_value(b, VALUE_RECORD);
-    if (!v) return NULL;
-    v->record.class_name = class_name; /* lives in the same arena */
-    v->record.arguments = arguments;
-    return v;
-}
 
 static value *class_value(machine *m, const char *module, size_t n, const char *name, size_t k) {
     if (!n || !k || n > 512 || k > 512) return fail_at(m, "a class without a proper name");
@@ -241,24 +224,6 @@ static value *stack_global(machine *m) {
     if (name->kind != VALUE_STRING || module->kind != VALUE_STRING)
         return fail_at(m, "a class without a name");
     return class_value(m, module->string.text, module->string.length, name->string.text, name->string.length);
-}
-
-bool pickle_integer(const value *v, int64_t *out) {
-    if (v && v->kind == VALUE_INTEGER)
-        *out = v->integer;
-    else if (v && v->kind == VALUE_BOOL)
-        *out = v->boolean;
-    else
-        return false;
-    return true;
-}
-
-bool pickle_dims(const value *v, int *rank, int64_t dim[8]) {
-    if (!v || v->kind != VALUE_LIST || v->list.count > 8) return false;
-    *rank = (int)v->list.count;
-    for (int i = 0; i < *rank; i++)
-        if (!pickle_integer(v->list.item[i], &dim[i])) return false;
-    return true;
 }
 
 /* ---------------------------------------------------------------- plain Python ----------------------- */
@@ -784,40 +749,4 @@ value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const p
     mem_free(m.stack);
     mem_free(m.memo);
     return b->status == SHERF_OK ? result : NULL;
-}
-
-/* ---------------------------------------------------------------- files ------------------------------ */
-/* A text (protocol 0) all of whose lines end as Windows' do. */
-static bool has_windows_lines(const unsigned char *data, size_t bytes) {
-    size_t lines = 0;
-    if (!bytes || data[0] == 0x80) return false;
-    for (size_t i = 0; i < bytes; i++) {
-        if (data[i] != '\n') continue;
-        if (!i || data[i - 1] != '\r') return false;
-        lines++;
-    }
-    return lines > 0;
-}
-
-static sherf_status parse_plain(context *c, const unsigned char *data, size_t bytes, document **out) {
-    builder b;
-    if (!build_start(&b, c, build_limit(bytes))) return b.status;
-    return build_finish(&b, pickle_finish(&b, pickle_build(&b, data, bytes, NULL, NULL)), out);
-}
-
-static sherf_status parse_windows_lines(context *c, const unsigned char *data, size_t bytes, document **out) {
-    unsigned char *plain = mem_alloc(c, bytes, 1);
-    size_t n = 0;
-    if (!plain) return SHERF_NO_MEMORY;
-    for (size_t i = 0; i < bytes; i++)
-        if (data[i] != '\r' || i + 1 == bytes || data[i + 1] != '\n') plain[n++] = data[i];
-    sherf_status status = parse_plain(c, plain, n, out);
-    mem_free(plain);
-    return status;
-}
-
-sherf_status pickle_parse(context *c, const unsigned char *data, size_t bytes, document **out) {
-    *out = NULL;
-    return has_windows_lines(data, bytes) ? parse_windows_lines(c, data, bytes, out)
-                                          : parse_plain(c, data, bytes, out);
 }

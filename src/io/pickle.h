@@ -1,5 +1,5 @@
-/* pickle: what the machine (pickle.c), its strings (pickle_text.c), the classes it builds (pickle_numpy.c,
- * pickle_torch.c) and the finishing (pickle_finish.c) share. */
+/* pickle: what the machine (pickle.c), its strings (pickle_text.c), its records (pickle_record.c), the
+ * classes it builds (pickle_numpy.c, pickle_torch.c) and the finishing (pickle_finish.c) share. */
 #ifndef SHERF_PICKLE_H
 #define SHERF_PICKLE_H
 
@@ -45,6 +45,6 @@ extern const char pickle_joblib_class[];
 value *pickle_joblib(builder *b, const value *state, const unsigned char *data, size_t left, size_t *used);
 /* The storage that a persistent id names. */
 value *pickle_persistent(builder *b, value *id, const pickle_source *source);
-/* Turns an open view or storage into an array. */
+/* Turns an open view or storage into an array (torch_storage.c). */
 bool pickle_settle(builder *b, object *o);
 #endif

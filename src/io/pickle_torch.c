@@ -1,5 +1,5 @@
-/* pickle: tensors of torch. A tensor is a view (offset, sizes, strides) of a storage; storages are named by
- * persistent ids, or embedded as whole streams of their own. Views are copied out, contiguous, at the end. */
+/* pickle: tensors of torch. A tensor is a view (offset, sizes, strides) of a storage (torch_storage.c);
+ * storages are named by persistent ids, or embedded as whole streams of their own. */
 #include <string.h>
 
 #include "io/pickle.h"
@@ -33,8 +33,8 @@ value *pickle_persistent(builder *b, value *id, const pickle_source *source) {
     const char *name = pickle_class(class), *last = name ? strrchr(name, '.') : NULL;
     int64_t count;
     dtype type;
-    if (source && name && value_is_string(value_at(id, 0), "module")) return class;
-    if (!source || !source->storage || !value_is_string(value_at(id, 0), "storage"))
+    if (source->storage && name && value_is_string(value_at(id, 0), "module")) return class;
+    if (!source->storage || !value_is_string(value_at(id, 0), "storage"))
         return pickle_record(b, "(persistent id)", id);
     if (!last || !key || key->kind != VALUE_STRING || !pickle_integer(value_at(id, 4), &count) || count < 0 ||
         (view && view->kind != VALUE_NONE))
@@ -79,15 +79,16 @@ static value *make_view(builder *b, const value *arguments, bool typed) {
 /* _load_from_bytes(b): a storage saved as a whole legacy stream. */
 static value *embedded(builder *b, const value *arguments, const pickle_source *source) {
     const value *data = value_at(arguments, 0);
-    int level = source ? source->level : 0;
     if (!data || data->kind != VALUE_STRING)
         return build_fail(b, SHERF_BAD_FILE, "torch: an embedded storage without bytes");
-    if (level >= TORCH_LEVELS) return build_fail(b, SHERF_BAD_FILE, "torch: storages within storages");
+    if (source->level >= TORCH_LEVELS)
+        return build_fail(b, SHERF_BAD_FILE, "torch: storages within storages");
     /* the same bytes may be loaded again and again: that work counts as memory */
     if (data->string.length > b->limit - b->used)
         return build_fail(b, SHERF_BAD_FILE, "torch: too many embedded storages");
     b->used += data->string.length;
-    return torch_legacy_build(b, (const unsigned char *)data->string.text, data->string.length, level + 1);
+    return source->stream(b, (const unsigned char *)data->string.text, data->string.length,
+                          source->level + 1);
 }
 
 value *pickle_call_torch(builder *b, const char *name, value *arguments, const pickle_source *source,
@@ -111,57 +112,4 @@ value *pickle_call_torch(builder *b, const char *name, value *arguments, const p
     if (!strcmp(name, "torch.storage._load_from_bytes")) return embedded(b, arguments, source);
     *known = false;
     return NULL;
-}
-
-/* Copies the view out. Every index that it can reach is checked against the storage first. */
-static value *copy_out(builder *b, const torch_view *w) {
-    const torch_storage *s = w->storage;
-    int64_t n = build_count(w->rank, w->dim), last = w->offset, bytes, reach,
-            unit = (int64_t)dtype_size(w->type);
-    if (n < 0 || w->offset < 0) return build_fail(b, SHERF_BAD_FILE, "torch: a tensor of impossible shape");
-    bool dense = true;
-    for (int64_t i = w->rank - 1, step = 1; n && i >= 0; i--) {
-        if (w->stride[i] < 0 || __builtin_mul_overflow(w->dim[i] - 1, w->stride[i], &reach) ||
-            __builtin_add_overflow(last, reach, &last))
-            return build_fail(b, SHERF_BAD_FILE, "torch: a tensor of impossible strides");
-        if (w->dim[i] != 1 && w->stride[i] != step) dense = false;
-        step *= w->dim[i];
-    }
-    if (n && (__builtin_mul_overflow(last, unit, &bytes) ||
-              bytes > s->count * (int64_t)dtype_size(s->type) - unit))
-        return build_fail(b, SHERF_BAD_FILE, "torch: a tensor that reaches past its storage");
-    if (n && !s->data) return build_fail(b, SHERF_BAD_FILE, "torch: storage %s is missing", s->key);
-    value *v = build_array(b, w->type, w->rank, w->dim);
-    if (!v || !n) return v;
-    const unsigned char *from = s->data + w->offset * unit;
-    unsigned char *to = v->array.data;
-    if (dense) {
-        memcpy(to, from, (size_t)(n * unit));
-        return v;
-    }
-    int64_t index[8] = {0}, at = 0;
-    for (int64_t i = 0; i < n; i++) {
-        memcpy(to + i * unit, from + at * unit, (size_t)unit);
-        for (int k = w->rank - 1; k >= 0; k--) {
-            at += w->stride[k];
-            if (++index[k] < w->dim[k]) break;
-            at -= w->stride[k] * w->dim[k];
-            index[k] = 0;
-        }
-    }
-    return v;
-}
-
-bool pickle_settle(builder *b, object *o) {
-    torch_view whole = {.rank = 1, .stride = {1}};
-    const torch_view *view = o->view;
-    if (o->role == ROLE_STORAGE) {
-        whole.storage = o->storage;
-        whole.type = o->storage->type;
-        whole.dim[0] = o->storage->count;
-        view = &whole;
-    }
-    value *v = copy_out(b, view);
-    if (v) o->v = *v;
-    return v != NULL;
 }

@@ -1,127 +1,22 @@
 /* torch: files of torch.save, the zip form (1.6 and later: NAME/data.pkl and NAME/data/KEY) and the legacy
- * form (four pickles, the list of storage keys, then per key its count and its bytes). */
+ * form (torch_legacy.c); and files of any form by their first bytes. */
 #include <string.h>
 
 #include "base/path.h"
 #include "io/archive.h"
 #include "io/image.h"
-#include "io/pickle.h"
+#include "io/torch.h"
 #include "io/utf16.h"
 
 static const size_t torch_bytes_max = (size_t)8 << 30;
-enum { STORAGE_BUCKETS = 4096 };
 
+/* Of the zip form. */
 typedef struct {
-    torch_storage *bucket[STORAGE_BUCKETS];
-    zip_t *zip;         /* zip form: where bytes come from */
+    torch_storages storages;
+    zip_t *zip;         /* where bytes come from */
     const char *prefix; /* "NAME/" */
     size_t prefix_length;
 } storage_table;
-
-static torch_storage *storage_find(storage_table *t, const char *key) {
-    torch_storage *s = t->bucket[fnv1a64(key) % STORAGE_BUCKETS];
-    while (s && strcmp(s->key, key)) s = s->next;
-    return s;
-}
-
-/* The storage of this key; a new one is made when the key is new. */
-static torch_storage *storage_named(storage_table *t, builder *b, dtype type, const char *key,
-                                    int64_t count) {
-    torch_storage *s = storage_find(t, key);
-    if (count > INT64_MAX / 16) return build_fail(b, SHERF_BAD_FILE, "torch: a storage of impossible size");
-    if (s) {
-        if (s->type == type && s->count == count) return s;
-        return build_fail(b, SHERF_BAD_FILE, "torch: storage %s has two sizes", key);
-    }
-    s = build_memory(b, 1, sizeof *s);
-    if (!s) return NULL;
-    torch_storage **head = &t->bucket[fnv1a64(key) % STORAGE_BUCKETS];
-    *s = (torch_storage){.type = type, .count = count, .key = key, .next = *head};
-    *head = s;
-    return s;
-}
-
-/* ---------------------------------------------------------------- legacy ----------------------------- */
-/* 0x1950a86a20f9469cfc6c as a pickled long, behind the protocol (and frame) instructions. */
-static bool torch_legacy_is(const unsigned char *data, size_t bytes) {
-    static const unsigned char magic[] = {0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46, 0xf9,
-                                          0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};
-    if (bytes < 2 + sizeof magic || data[0] != 0x80) return false;
-    size_t start = data[2] == 0x95 ? 11 : 2;
-    return bytes >= start + sizeof magic && !memcmp(data + start, magic, sizeof magic);
-}
-
-static torch_storage *legacy_storage(void *user, builder *b, dtype type, const char *key, int64_t count) {
-    return storage_named(user, b, type, key, count);
-}
-
-typedef struct {
-    builder *b;
-    const unsigned char *data;
-    size_t bytes;
-} stream;
-
-static value *next_pickle(stream *s, const pickle_source *source) {
-    size_t used = 0;
-    value *v = pickle_build(s->b, s->data, s->bytes, source, &used);
-    s->data += used;
-    s->bytes -= used;
-    return v;
-}
-
-static bool storage_bytes(stream *s, storage_table *t, const value *key) {
-    builder *b = s->b;
-    uint64_t count = 0;
-    value *text =
-        key && key->kind == VALUE_STRING ? build_string(b, key->string.text, key->string.length) : NULL;
-    torch_storage *storage = text ? storage_find(t, text->string.text) : NULL;
-    if (!storage) {
-        build_fail(b, SHERF_BAD_FILE, "torch: a storage that nothing refers to");
-        return false;
-    }
-    if (s->bytes < 8) {
-        build_fail(b, SHERF_BAD_FILE, "torch: truncated");
-        return false;
-    }
-    for (int i = 0; i < 8; i++) count |= (uint64_t)s->data[i] << 8 * i;
-    s->data += 8;
-    s->bytes -= 8;
-    size_t unit = dtype_size(storage->type);
-    if (count != (uint64_t)storage->count || count > s->bytes / unit) {
-        build_fail(b, SHERF_BAD_FILE, "torch: storage %.40s is truncated or of another size", storage->key);
-        return false;
-    }
-    storage->data = s->data;
-    s->data += (size_t)count * unit;
-    s->bytes -= (size_t)count * unit;
-    return true;
-}
-
-value *torch_legacy_build(builder *b, const unsigned char *data, size_t bytes, int level) {
-    if (!torch_legacy_is(data, bytes))
-        return build_fail(b, SHERF_BAD_FILE, "torch: not a stream of torch.save");
-    storage_table *table = mem_zero(b->c, 1, sizeof *table);
-    if (!table) {
-        b->status = SHERF_NO_MEMORY;
-        return NULL;
-    }
-    stream s = {b, data, bytes};
-    pickle_source source = {legacy_storage, table, level};
-    value *root = NULL, *magic = next_pickle(&s, NULL), *protocol = magic ? next_pickle(&s, NULL) : NULL;
-    value *system = protocol ? next_pickle(&s, NULL) : NULL;
-    const value *little = value_get(system, "little_endian");
-    if (protocol && (protocol->kind != VALUE_INTEGER || protocol->integer != 1001))
-        build_fail(b, SHERF_BAD_FILE, "torch: another protocol than 1001");
-    if (little && little->kind == VALUE_BOOL && !little->boolean)
-        build_fail(b, SHERF_UNSUPPORTED, "torch: written on a big-endian machine");
-    if (system) root = next_pickle(&s, &source);
-    value *keys = root ? next_pickle(&s, NULL) : NULL;
-    if (keys && keys->kind != VALUE_LIST) build_fail(b, SHERF_BAD_FILE, "torch: no list of storages");
-    for (size_t i = 0; keys && b->status == SHERF_OK && i < keys->list.count; i++)
-        if (!storage_bytes(&s, table, keys->list.item[i])) break;
-    mem_free(table);
-    return b->status == SHERF_OK ? root : NULL;
-}
 
 /* ---------------------------------------------------------------- zip -------------------------------- */
 /* A member whose name ends in /data.pkl: a torch file. */
@@ -153,7 +48,7 @@ static zip_int64_t locate(storage_table *t, const char *name) {
 
 static torch_storage *zip_storage(void *user, builder *b, dtype type, const char *key, int64_t count) {
     storage_table *t = user;
-    torch_storage *s = storage_named(t, b, type, key, count);
+    torch_storage *s = torch_storage_named(&t->storages, b, type, key, count);
     char name[256] = "data/";
     if (!s || s->data) return s;
     size_t bytes;
@@ -186,7 +81,7 @@ static value *torch_zip_build(builder *b, zip_t *zip) {
     if (order >= 0 && data && (text = zip_bytes(b, zip, (uint64_t)order, &n)) &&
         (n != 6 || memcmp(text, "little", 6)))
         build_fail(b, SHERF_UNSUPPORTED, "torch: written on a big-endian machine");
-    pickle_source source = {zip_storage, table, 0};
+    const pickle_source source = {zip_storage, table, torch_legacy_build, 0};
     if (data) root = pickle_finish(b, pickle_build(b, data, bytes, &source, NULL));
     mem_free(table);
     return root;

@@ -188,6 +188,30 @@ static void test_nested(void **state) {
     free(deep);
 }
 
+/* Streams of torch.save within each other, where the protocol's number should be: each a level of calls. */
+static void test_streams_within_streams(void **state) {
+    enum { LEVELS = 300 };
+    static const char magic[] = "\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.",
+                      call[] = "\x80\x02"
+                               "ctorch.storage\n_load_from_bytes\nB",
+                      end[] = "\x85R.";
+    enum { BEFORE = sizeof magic - 1 + sizeof call - 1 + 4, EACH = BEFORE + sizeof end - 1 };
+    static unsigned char stream[LEVELS * EACH];
+    context *c = *state;
+    document *d;
+    for (size_t i = 0; i < LEVELS; i++) {
+        unsigned char *p = stream + i * BEFORE;
+        const size_t left = (LEVELS - 1 - i) * EACH;
+        memcpy(p, magic, sizeof magic - 1);
+        memcpy(p + sizeof magic - 1, call, sizeof call - 1);
+        for (size_t k = 0; k < 4; k++) p[BEFORE - 4 + k] = (unsigned char)(left >> 8 * k);
+        memcpy(stream + LEVELS * BEFORE + i * (sizeof end - 1), end, sizeof end - 1);
+    }
+    assert_int_equal(document_parse(c, stream, sizeof stream, &d, NULL), SHERF_BAD_FILE);
+    assert_string_equal(c->message, "torch: storages within storages");
+    assert_null(d);
+}
+
 static int setup(void **state) {
     context *c = *state = test_context();
     DIR *folder = opendir("data/io");
@@ -214,8 +238,12 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_cut_is_refused), cmocka_unit_test(test_cut),    cmocka_unit_test(test_changed),
-        cmocka_unit_test(test_no_memory),      cmocka_unit_test(test_greedy), cmocka_unit_test(test_nested)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_cut_is_refused),
+                                       cmocka_unit_test(test_cut),
+                                       cmocka_unit_test(test_changed),
+                                       cmocka_unit_test(test_no_memory),
+                                       cmocka_unit_test(test_greedy),
+                                       cmocka_unit_test(test_nested),
+                                       cmocka_unit_test(test_streams_within_streams)};
     return cmocka_run_group_tests(tests, setup, teardown);
 }

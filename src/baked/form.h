@@ -43,10 +43,15 @@ typedef struct {
 /* Makes opacity rise over twice the radius at silhouettes; over a background, colours follow. */
 sherf_status baked_soften(context *c, const baked_soft *s, sherf_frame *frame);
 
-/* ---- form_file.c ---- */
+extern const avatar_form baked_avatar_form;
+
+/* ---- form_save.c, form_read.c ---- */
+#define BAKED_FORMAT "sherf-baked-avatar"
+enum {
+    BAKED_NUMBERS = 72 + 10 + 9 + 3 /* the pose */ + 9 + 9 + 3 + 2 /* the camera */
+};                                                                 /* of the observation */
+sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
 /* A baked avatar from its file's tensors, every size and index of which is checked. */
 sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
-sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
-extern const avatar_form baked_avatar_form;
 
 #endif

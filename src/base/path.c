@@ -148,6 +148,12 @@ bool path_is_file(const char *path) {
     return stat(path, &info) == 0 && S_ISREG(info.st_mode);
 }
 
+bool path_has(const char *folder, const char *name) {
+    char path[PATH_LENGTH];
+    int n = snprintf(path, sizeof path, "%s/%s", folder, name);
+    return n > 0 && n < (int)sizeof path && (path_is_file(path) || path_is_folder(path));
+}
+
 bool path_ends(const char *path, const char *suffix) {
     size_t n = strlen(path), m = strlen(suffix);
     return n >= m && !strcasecmp(path + n - m, suffix);

@@ -30,5 +30,6 @@ void folder_remove(
     const char *path); /* with all that is in it, links not followed; fine when it is not there */
 bool path_is_folder(const char *path);
 bool path_is_file(const char *path);
+bool path_has(const char *folder, const char *name);  /* a file or a folder of that name */
 bool path_ends(const char *path, const char *suffix); /* ignoring case */
 #endif

@@ -112,7 +112,7 @@ static sherf_status annots_path(context *c, const char *folder, char out[PATH_LE
 }
 
 bool annots_are_in(const char *folder) {
-    return dataset_has(folder, "annots.npy") || dataset_has(folder, "annots_new.npy");
+    return path_has(folder, "annots.npy") || path_has(folder, "annots_new.npy");
 }
 
 sherf_status annots_read(context *c, const char *folder, double unit_m, person_record *r) {

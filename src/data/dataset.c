@@ -28,6 +28,12 @@ const char *sherf_dataset_person(const sherf_dataset *d, int person) {
     return person >= 0 && person < d->people ? d->name[person] : NULL;
 }
 
+int dataset_find(const sherf_dataset *d, const char *name, size_t length) {
+    for (int i = 0; i < d->people; i++)
+        if (strlen(d->name[i]) == length && !strncmp(d->name[i], name, length)) return i;
+    return -1;
+}
+
 sherf_status dataset_path(context *c, const sherf_dataset *d, int person, const char *file,
                           char out[PATH_LENGTH]) {
     int n = snprintf(out, PATH_LENGTH, "%s/%s%s%s", d->root, d->name[person], *file ? "/" : "", file);

@@ -64,7 +64,6 @@ struct sherf_dataset {
 };
 
 /* ---- for readers ---- */
-bool dataset_has(const char *folder, const char *file); /* a file or a folder */
 /* Cameras of cameras.json: NAME and the view's number in so many digits, up to the first gap. */
 sherf_status cameras_json_read(context *c, const char *folder, const char *name, int digits,
                                person_record *r);

@@ -80,12 +80,6 @@ static sherf_status read_list(context *c, sherf_dataset *d, const char *file, bo
     return status ? failure_prefix(c, status, "%s", path) : SHERF_OK;
 }
 
-bool dataset_has(const char *folder, const char *file) {
-    char path[PATH_LENGTH];
-    int n = snprintf(path, sizeof path, "%s/%s", folder, file);
-    return n > 0 && n < (int)sizeof path && (path_is_file(path) || path_is_folder(path));
-}
-
 /* The layout of one person's folder; NULL: none. */
 static const dataset_reader *person_layout(const char *folder) {
     for (size_t i = 0; i < COUNT_OF(readers); i++)
@@ -192,12 +186,6 @@ fail:
 }
 
 /* ---- choosing people ---- */
-
-int dataset_find(const sherf_dataset *d, const char *name, size_t length) {
-    for (int i = 0; i < d->people; i++)
-        if (strlen(d->name[i]) == length && !strncmp(d->name[i], name, length)) return i;
-    return -1;
-}
 
 static void take_range(const sherf_dataset *d, int first, int n, int *index, int *count) {
     for (int i = first; i < first + n && i < d->people; i++) index[(*count)++] = i;

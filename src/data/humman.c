@@ -7,7 +7,7 @@
 #include "data/dataset.h"
 
 static bool recognise(const char *folder) {
-    return dataset_has(folder, "cameras.json") && dataset_has(folder, "kinect_color");
+    return path_has(folder, "cameras.json") && path_has(folder, "kinect_color");
 }
 
 /* The frame's number in 000012.npz, or -1. */

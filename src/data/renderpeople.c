@@ -7,7 +7,7 @@
 static const char pose_file[] = "outputs_re_fitting/refit_smpl_2nd.npz";
 
 static bool recognise(const char *folder) {
-    return dataset_has(folder, "cameras.json") && dataset_has(folder, "outputs_re_fitting");
+    return path_has(folder, "cameras.json") && path_has(folder, "outputs_re_fitting");
 }
 
 /* One file for all poses: {betas (1,10), global_orient (P,3), body_pose (P,69), transl (P,3)}. */

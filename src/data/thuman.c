@@ -2,7 +2,7 @@
 #include "data/annots.h"
 
 static bool recognise(const char *folder) {
-    return annots_are_in(folder) && dataset_has(folder, "new_params_neutral");
+    return annots_are_in(folder) && path_has(folder, "new_params_neutral");
 }
 
 static sherf_status record(context *c, const char *folder, person_record *r) {

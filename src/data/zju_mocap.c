@@ -8,7 +8,7 @@ static const char *const training_people[] = {"CoreView_386", "CoreView_387", "C
 static const char *const test_people[] = {"CoreView_377", "CoreView_313", "CoreView_315"};
 
 static bool recognise(const char *folder) {
-    return annots_are_in(folder) && !dataset_has(folder, "new_params_neutral");
+    return annots_are_in(folder) && !path_has(folder, "new_params_neutral");
 }
 
 static sherf_status record(context *c, const char *folder, person_record *r) {

@@ -277,10 +277,6 @@ static bool first_place(fit_problem *p, fit_state *s) {
     return s->body.pelvis_m[2] > 0.3 && s->body.pelvis_m[2] < 1e4;
 }
 
-const float *fit_shape(const body_fit_input *in) {
-    return in->known ? in->known->pose.shapes : in->shape;
-}
-
 static void keep_known(const body_fit_input *in, fit_state *s) {
     const body_fit_result *known = in->known;
     const float *shape = fit_shape(in);

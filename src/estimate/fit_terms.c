@@ -157,6 +157,10 @@ static void usual_pose(terms *t, double weight, double tail) {
     t->cost = before; /* counted already */
 }
 
+const float *fit_shape(const body_fit_input *in) {
+    return in->known ? in->known->pose.shapes : in->shape;
+}
+
 static void priors(terms *t) {
     const fit_problem *p = t->p;
     usual_pose(t, 0.4, 15);

@@ -1,5 +1,6 @@
-/* experiment: the paper's comparisons as data (plan.c), the people they look at (people.c), what they train
- * and score (run.c), and the folder of tables, plots and sheets that comes of it (report.c, page.h).
+/* experiment: the paper's comparisons as data (methods.c, plan.c), the people they look at (people.c), what
+ * they train and score (runs.c, run.c), and the folder of tables, plots and sheets that comes of it
+ * (report.c, page.h).
  *
  * A run is a training of one method on one data set with one seed, and lies in a folder of its own with its
  * scores. What is finished there is not done again, so that an experiment goes on after any end, and
@@ -15,7 +16,7 @@
 
 typedef struct experiment_job experiment_job;
 
-/* ---- plan.c: experiments as data ---- */
+/* ---- methods.c, plan.c: experiments as data ---- */
 /* Presets of experiments: toys to see that all runs, small networks for a processor, the paper's. */
 typedef enum { SCALE_SMOKE, SCALE_QUICK, SCALE_PAPER, SCALES } experiment_scale;
 /* A method as it is trained. */
@@ -27,7 +28,7 @@ typedef struct {
     const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
     const char *without;  /* terms left out of its loss, as in sherf_train_options */
     bool front_view;      /* people are observed from the front alone */
-    bool own;             /* its authors' recipe: only where it is asked for */
+    bool own;             /* its authors' recipe: only on request */
     bool one_pose;        /* it shows no novel poses */
 } experiment_method;
 const experiment_method *experiment_method_find(const char *key);
@@ -120,7 +121,7 @@ struct experiment_job {
 sherf_status job_path(const experiment_job *j, char out[PATH_LENGTH], const char *format, ...)
     PRINTF_LIKE(3, 4);
 
-/* ---- run.c ---- */
+/* ---- runs.c ---- */
 typedef struct {
     const experiment_method *method;
     const experiment_data *data; /* trained on */
@@ -128,6 +129,8 @@ typedef struct {
 } run;
 /* Those of the experiment at hand, in order; false after the last. */
 bool run_at(const experiment_job *j, int i, run *out);
+/* Whether methods are trained on data set i, or only tested. */
+bool data_is_trained_on(const experiment_job *j, int i);
 /* Whether it has this scoring: no novel poses of what has none, and pictures to look at of one seed. */
 bool run_has(const run *r, const scoring *s);
 const experiment_data *scoring_data(const experiment_job *j, const run *r, const scoring *s);
@@ -135,12 +138,14 @@ const experiment_data *scoring_data(const experiment_job *j, const run *r, const
 sherf_status run_path(const experiment_job *j, const run *r, const char *name, char out[PATH_LENGTH]);
 sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *s, int pose, const char *name,
                           char out[PATH_LENGTH]);
+/* A line of the log: what is done for it, and how long all takes still. */
+void run_tell(experiment_job *j, const run *r, const char *what);
+
+/* ---- run.c ---- */
 /* What an experiment needs and does not have, as words; NULL: nothing. */
 const char *experiment_lack(const experiment_job *j, const experiment *e);
 /* Trains and scores what the experiment at hand lacks. */
 sherf_status runs_do(experiment_job *j);
-/* A line of the log: what is done for it, and how long all takes still. */
-void run_tell(experiment_job *j, const run *r, const char *what);
 /* Calls `once` for every scoring of a run, of each pose, that is not there yet. */
 typedef sherf_status scoring_function(experiment_job *j, const run *r, const scoring *s, int pose,
                                       const scoring_selection *k, void *arg);

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/path.h"
+
 void page_free(page *p) {
     for (int i = 0; i < p->tables; i++) mem_free(p->table[i].row);
     for (int i = 0; i < p->plots; i++)
@@ -128,4 +130,13 @@ bool page_is_best(const page_table *t, int row, int column) {
     for (int i = 0; i < t->rows; i++)
         if (better * t->row[i].value[column].mean > better * v) return false;
     return true;
+}
+
+/* ---- files ---- */
+sherf_status page_file_write(context *c, const char *folder, const char *name, const char *text) {
+    char path[PATH_LENGTH];
+    if (!text) return SHERF_NO_MEMORY;
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path)
+        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+    return file_write(c, path, text, strlen(text));
 }

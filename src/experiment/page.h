@@ -73,10 +73,10 @@ sherf_status page_add_point(context *c, page_series *s, double x, interval y);
 sherf_status page_add_note(context *c, page *p, const char *format, ...) PRINTF_LIKE(3, 4);
 sherf_status page_add_sheet(context *c, page *p, const char *file, const char *caption);
 
-/* The folder is there, and so are the sheets' files. */
-sherf_status page_write(context *c, const page *p, const char *folder);
 /* A text as one of its files; NULL: memory ran out. */
 sherf_status page_file_write(context *c, const char *folder, const char *name, const char *text);
+/* page_write.c: all of it. The folder is there, and so are the sheets' files. */
+sherf_status page_write(context *c, const page *p, const char *folder);
 /* plot.c: NAME.svg and NAME.png. */
 sherf_status page_plot_write(context *c, const page_plot *p, const char *folder);
 /* "24.66 [24.10, 25.20]"; "-" where there is none. */

@@ -2,17 +2,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/path.h"
 #include "data/text.h"
 #include "experiment/page.h"
-
-sherf_status page_file_write(context *c, const char *folder, const char *name, const char *text) {
-    char path[PATH_LENGTH];
-    if (!text) return SHERF_NO_MEMORY;
-    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path)
-        return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
-    return file_write(c, path, text, strlen(text));
-}
 
 /* Columns from `column` on that stand below the same group. */
 static int group_span(const page_table *t, int column) {

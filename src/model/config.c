@@ -120,14 +120,6 @@ sherf_status model_config_parse_as(context *c, const model_kind *kind, const cha
     return status == SHERF_OK ? model_config_check(c, out) : status;
 }
 
-sherf_status model_config_parse(context *c, const char *text, model_config *out) {
-    const size_t n = strcspn(text, ":,");
-    const bool named = text[n] == ':';
-    const model_kind *kind;
-    sherf_status status = model_kind_find(c, named ? text : NULL, n, &kind);
-    return status == SHERF_OK ? model_config_parse_as(c, kind, named ? text + n + 1 : text, out) : status;
-}
-
 char *model_config_text(context *c, const model_config *config) {
     const model_kind *kind = config->kind;
     const char *first = kind->presets->name;
@@ -146,27 +138,4 @@ char *model_config_text(context *c, const model_config *config) {
     if (n < sizeof text) return mem_string(c, text);
     failure(c, SHERF_BAD_ARGUMENT, "model preset: text too long");
     return NULL;
-}
-
-/* ---- in a file's metadata ---- */
-void model_metadata_key(const model_kind *kind, char key[MODEL_KEY]) {
-    snprintf(key, MODEL_KEY, "%s.config", kind->name);
-}
-
-sherf_status model_config_of_file(context *c, const safetensors *s, const char *key, bool infer,
-                                  model_config *out) {
-    const char *name = safetensors_metadata(s, "model");
-    char own_key[MODEL_KEY];
-    const model_kind *kind;
-    *out = (model_config){0};
-    sherf_status status = model_kind_find(c, name, name ? strlen(name) : 0, &kind);
-    if (status != SHERF_OK) return status;
-    model_metadata_key(kind, own_key);
-    const char *text = safetensors_metadata(s, key ? key : own_key);
-    if (text) return model_config_parse_as(c, kind, text, out);
-    if (!infer || !kind->infer)
-        return failure(c, SHERF_BAD_FILE, "model %s without its settings (%s) in the file", kind->name,
-                       key ? key : own_key);
-    *out = (model_config){.kind = kind};
-    return kind->infer(c, s, out);
 }

@@ -127,7 +127,7 @@ sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t 
     return SHERF_NO_MEMORY;
 }
 
-static sherf_status job_encode(context *c, viewer_job *job) {
+sherf_status job_encode(context *c, viewer_job *job) {
     const viewer_request *r = &job->request;
     int channels = r->transparent ? 4 : 3, pixels = r->width * r->height;
     uint8_t *picture;
@@ -142,41 +142,4 @@ static sherf_status job_encode(context *c, viewer_job *job) {
                                 &job->data, &job->bytes);
     mem_free(picture);
     return status;
-}
-
-/* One turn of a job. */
-static void serve(context *c, viewer *v, viewer_job *job) {
-    bool complete;
-    sherf_status status = job_render(c, v, job, &complete);
-    if (status == SHERF_OK && complete) {
-        double begun = time_seconds();
-        status = job_encode(c, job);
-        job->render_s += time_seconds() - begun;
-    }
-    if (status != SHERF_OK) {
-        snprintf(job->message, sizeof job->message, "%.150s", c->message);
-        desk_done(&v->desk, job, status == SHERF_CANCELLED ? JOB_CLOSED : JOB_FAILED);
-    } else if (complete) {
-        desk_done(&v->desk, job, JOB_DONE);
-    }
-}
-
-sherf_status sherf_viewer_run(sherf_context *c, sherf_viewer *v) {
-    double tended = 0;
-    while (!cancelled(c)) {
-        viewer_job *job;
-        int seat;
-        viewer_turn turn = desk_turn(&v->desk, 0.1, &job, &seat);
-        if (turn == TURN_CLOSED) break;
-        if (turn == TURN_FILM) film_render(c, v, seat);
-        if (turn == TURN_JOB) {
-            serve(c, v, job);
-            desk_release(&v->desk, job);
-        }
-        if (time_seconds() - tended > 0.25) {
-            server_tend(v->server);
-            tended = time_seconds();
-        }
-    }
-    return SHERF_OK;
 }

@@ -1,7 +1,7 @@
 /* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands
- * out answers (server.c), and the one in sherf_viewer_run, which renders (studio.c). Between them stands the
- * desk (desk.c): at most one picture a client is under way, a newer request takes the place of an older one,
- * and clients take turns, a band of a picture each. */
+ * out answers (server.c), and the one in sherf_viewer_run, which renders (viewer.c; studio.c, film.c).
+ * Between them stands the desk (desk.c): at most one picture a client is under way, a newer request takes the
+ * place of an older one, and clients take turns, a band of a picture each. */
 #ifndef SHERF_VIEWER_H
 #define SHERF_VIEWER_H
 
@@ -278,6 +278,8 @@ struct sherf_viewer {
 sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete);
 /* To 8 bit, by the request's mode. Freed with mem_free. */
 sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t **out);
+/* To job->data: a PNG or JPEG, by the request. */
+sherf_status job_encode(context *c, viewer_job *job);
 
 /* ---- films (film.c) ---- */
 /* Under the desk's lock. NULL, or what is wrong. */

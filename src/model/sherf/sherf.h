@@ -179,7 +179,9 @@ typedef struct {
     fusion_stage fusion;
     decoder_stage decoder;
 } sherf_network;
-const sherf_network *model_sherf_network(const model *m);
+static inline const sherf_network *model_sherf_network(const model *m) {
+    return m->network;
+}
 sherf_status model_sherf_encode(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, model_bank *bank, model_stages *stages);
 typedef struct {
@@ -188,6 +190,7 @@ typedef struct {
 sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, const model_bank *bank,
                                 const point_set *points, int64_t begin, int64_t end, point_outputs *out);
+/* weights.c: what the fused network reads. */
 void model_sherf_weights(const parameters *weights, const model_config *config, radiance_weights *out);
 
 /* points_fused.c: training through the fused network (fused/train.h). */

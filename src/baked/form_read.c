@@ -1,5 +1,4 @@
-/* Files of avatars: sherf_avatar_load, and baked ones, which are safetensors with the surface and its
- * texture. */
+/* Files of avatars read: sherf_avatar_load, and baked ones (form_save.c). */
 #include "baked/form.h"
 
 #include <inttypes.h>
@@ -10,50 +9,6 @@
 
 #include "io/image.h"
 #include "io/safetensors.h"
-
-enum { POSE_NUMBERS = 72 + 10 + 9 + 3, CAMERA_NUMBERS = 9 + 9 + 3 + 2 };
-static const char *const format_baked = "sherf-baked-avatar";
-
-/* ---- writing ---- */
-
-static void pose_put(const sherf_pose *p, const sherf_camera *k, float n[POSE_NUMBERS + CAMERA_NUMBERS]) {
-    memcpy(n, p->poses_rad, 72 * sizeof *n);
-    memcpy(n + 72, p->shapes, 10 * sizeof *n);
-    memcpy(n + 82, p->R, 9 * sizeof *n);
-    memcpy(n + 91, p->Th_m, 3 * sizeof *n);
-    memcpy(n + 94, k->K, 9 * sizeof *n);
-    memcpy(n + 103, k->R, 9 * sizeof *n);
-    memcpy(n + 112, k->T_m, 3 * sizeof *n);
-    n[115] = (float)k->width_px;
-    n[116] = (float)k->height_px;
-}
-
-sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
-    const baked_form *f = a->formed;
-    float numbers[POSE_NUMBERS + CAMERA_NUMBERS];
-    char fingerprint[32];
-    snprintf(fingerprint, sizeof fingerprint, "%016" PRIx64, a->body_fingerprint);
-    pose_put(&a->picture[0].pose, &a->picture[0].camera, numbers);
-    safetensor_item item[9] = {
-        {"observation", T_F32, 1, {POSE_NUMBERS + CAMERA_NUMBERS}, numbers},
-        {"rest", T_F32, 2, {f->corners, 3}, f->rest},
-        {"uv", T_F32, 2, {f->corners, 2}, f->uv},
-        {"weight", T_F32, 2, {f->corners, 4}, f->weight},
-        {"joint", T_U8, 2, {f->corners, 4}, f->joint},
-        {"triangle", T_I32, 2, {f->triangles, 3}, f->triangle},
-        {"texture.png", T_U8, 1, {(int64_t)f->png_bytes}, f->png},
-    };
-    size_t items = 7;
-    if (f->fold) {
-        item[items++] = (safetensor_item){"fold", T_F32, 2, {f->corners, 12}, f->fold};
-        item[items++] = (safetensor_item){"fold_joint", T_U8, 2, {f->corners, 4}, f->fold_joint};
-    }
-    const safetensor_metadata metadata[] = {
-        SAFETENSORS_CHECKSUM, {"format", format_baked}, {"version", "1"}, {"body", fingerprint}};
-    return safetensors_write(c, path, items, item, COUNT_OF(metadata), metadata);
-}
-
-/* ---- reading ---- */
 
 /* A tensor of N x width with all its values finite, or none of this kind; *rows is what it has, or must have
  * where it is not 0. */
@@ -122,8 +77,8 @@ static sherf_status texture_read(context *c, const safetensors *s, baked_form *f
 }
 
 static sherf_status observation_read(context *c, const safetensors *s, observed_picture *out) {
-    const int64_t dim[1] = {POSE_NUMBERS + CAMERA_NUMBERS};
-    float n[POSE_NUMBERS + CAMERA_NUMBERS];
+    const int64_t dim[1] = {BAKED_NUMBERS};
+    float n[BAKED_NUMBERS];
     sherf_status status = safetensors_floats(c, s, "observation", 1, dim, n);
     if (status != SHERF_OK) return status;
     for (size_t i = 0; i < COUNT_OF(n); i++)
@@ -191,7 +146,7 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
     if (status != SHERF_OK) return status;
     const char *format = safetensors_metadata(s, "format");
     status =
-        format && !strcmp(format, format_baked) ? baked_read(c, s, body, out) : avatar_read(c, s, body, out);
+        format && !strcmp(format, BAKED_FORMAT) ? baked_read(c, s, body, out) : avatar_read(c, s, body, out);
     safetensors_free(s);
     return status == SHERF_OK ? SHERF_OK : failure_prefix(c, status, "%s", path);
 }

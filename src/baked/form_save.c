@@ -1,0 +1,43 @@
+/* Files of baked avatars written: safetensors with the surface and its texture. */
+#include "baked/form.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+static void pose_put(const sherf_pose *p, const sherf_camera *k, float n[BAKED_NUMBERS]) {
+    memcpy(n, p->poses_rad, 72 * sizeof *n);
+    memcpy(n + 72, p->shapes, 10 * sizeof *n);
+    memcpy(n + 82, p->R, 9 * sizeof *n);
+    memcpy(n + 91, p->Th_m, 3 * sizeof *n);
+    memcpy(n + 94, k->K, 9 * sizeof *n);
+    memcpy(n + 103, k->R, 9 * sizeof *n);
+    memcpy(n + 112, k->T_m, 3 * sizeof *n);
+    n[115] = (float)k->width_px;
+    n[116] = (float)k->height_px;
+}
+
+sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
+    const baked_form *f = a->formed;
+    float numbers[BAKED_NUMBERS];
+    char fingerprint[32];
+    snprintf(fingerprint, sizeof fingerprint, "%016" PRIx64, a->body_fingerprint);
+    pose_put(&a->picture[0].pose, &a->picture[0].camera, numbers);
+    safetensor_item item[9] = {
+        {"observation", T_F32, 1, {BAKED_NUMBERS}, numbers},
+        {"rest", T_F32, 2, {f->corners, 3}, f->rest},
+        {"uv", T_F32, 2, {f->corners, 2}, f->uv},
+        {"weight", T_F32, 2, {f->corners, 4}, f->weight},
+        {"joint", T_U8, 2, {f->corners, 4}, f->joint},
+        {"triangle", T_I32, 2, {f->triangles, 3}, f->triangle},
+        {"texture.png", T_U8, 1, {(int64_t)f->png_bytes}, f->png},
+    };
+    size_t items = 7;
+    if (f->fold) {
+        item[items++] = (safetensor_item){"fold", T_F32, 2, {f->corners, 12}, f->fold};
+        item[items++] = (safetensor_item){"fold_joint", T_U8, 2, {f->corners, 4}, f->fold_joint};
+    }
+    const safetensor_metadata metadata[] = {
+        SAFETENSORS_CHECKSUM, {"format", BAKED_FORMAT}, {"version", "1"}, {"body", fingerprint}};
+    return safetensors_write(c, path, items, item, COUNT_OF(metadata), metadata);
+}

@@ -87,7 +87,7 @@ static int run(session *s, int count, char **argument) {
                              .epochs = set.epochs,
                              .steps = set.steps,
                              .seconds = set.seconds,
-                             .images_per_step = (int)set.batch,
+                             .batch = (int)set.batch,
                              .targets = (int)set.targets,
                              .pictures = (int)set.pictures,
                              .learning_rate = set.learning_rate,

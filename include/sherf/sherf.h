@@ -721,7 +721,7 @@ typedef struct {
     double epochs;      /* 0: 5 */
     int64_t steps;      /* 0: by epochs */
     double seconds;     /* stop after this many seconds; 0: no limit */
-    int images_per_step; /* over all ranks; 0: 4 */
+    int batch;          /* samples a step, over all ranks; 0: 4 */
     int targets;  /* pictures rendered from each observation, 1 to 8; the further ones show any pose; 0: 1 */
     int pictures; /* from 2 to SHERF_PICTURES_MAX: every other observation has 2 to so many pictures, from
                      distinct views, each in any pose; observations by estimate have one. 0: 1, or the

@@ -20,7 +20,7 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
                                                                    .train_views = 4,
                                                                    .test_poses = 2,
                                                                    .seeds = 2,
-                                                                   .images = 1,
+                                                                   .batch = 1,
                                                                    .targets = 2,
                                                                    .steps = 2},
                                                   [SCALE_QUICK] = {.size_px = 128,
@@ -29,7 +29,7 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
                                                                    .train_views = 8,
                                                                    .test_poses = 3,
                                                                    .seeds = 3,
-                                                                   .images = 1,
+                                                                   .batch = 1,
                                                                    .targets = 4,
                                                                    .minutes = 12},
                                                   [SCALE_PAPER] = {.people = 500,
@@ -37,7 +37,7 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
                                                                    .train_views = 24,
                                                                    .test_poses = 5,
                                                                    .seeds = 1,
-                                                                   .images = 4,
+                                                                   .batch = 4,
                                                                    .targets = 1,
                                                                    .steps = 50000,
                                                                    .halve_pictures = 16000,
@@ -118,7 +118,7 @@ static bool add_recipe(cJSON *to, const experiment_job *j) {
     return add_text(to, "preset", scale_name[s->scale]) && add_number(to, "size", s->size_px) &&
            add_number(to, "people", made ? s->people : 0) && add_number(to, "minutes", s->minutes) &&
            add_number(to, "steps", (double)s->steps) && add_number(to, "seed", (double)j->options->seed) &&
-           add_number(to, "images", s->images) && add_number(to, "targets", s->targets) &&
+           add_number(to, "batch", s->batch) && add_number(to, "targets", s->targets) &&
            add_number(to, "halve_pictures", (double)s->halve_pictures) &&
            add_number(to, "beta2", s->beta2 > 0 ? s->beta2 : adam_beta2) &&
            add_number(to, "test_poses", s->test_poses) &&

@@ -101,7 +101,7 @@ sherf_status scoring_select(experiment_job *j, const experiment_data *d, const s
 enum { EXPERIMENT_DATA_MAX = 8 };
 typedef struct {
     experiment_scale scale;
-    int size_px, people, test_people, train_poses, train_views, test_poses, seeds, images, targets;
+    int size_px, people, test_people, train_poses, train_views, test_poses, seeds, batch, targets;
     double minutes;                /* a training; 0: by steps */
     int64_t steps, halve_pictures; /* 0: by minutes; the rate is halved after each fifth of the steps */
     double beta2;                  /* 0: the training's */

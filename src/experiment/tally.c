@@ -75,7 +75,7 @@ static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t
                                    double *hours) {
     const experiment_settings *s = &j->set;
     *hours = s->minutes / 60;
-    if (!(s->minutes > 0)) *hours = (double)s->steps * s->images * s->targets * step_ms / 3.6e6;
+    if (!(s->minutes > 0)) *hours = (double)s->steps * s->batch * s->targets * step_ms / 3.6e6;
     if (!(s->minutes > 0) || !r->method->steps_of) return SHERF_OK;
     preset_time of;
     sherf_status status =

@@ -61,7 +61,7 @@ static sherf_train_options training_options(const experiment_job *j, const run *
                                  .front_view = r->method->front_view,
                                  .size_px = s->size_px,
                                  .steps = steps,
-                                 .images_per_step = own ? 0 : s->images,
+                                 .batch = own ? 0 : s->batch,
                                  .targets = own ? 0 : s->targets,
                                  .halve_every = own ? 0 : halve,
                                  .halve_pictures = own ? 0 : s->halve_pictures,
@@ -181,11 +181,11 @@ static sherf_status training_finish(experiment_job *j, const run *r, const sherf
     status = model_config_parse(j->c, o->preset, &config);
     if (status != SHERF_OK) return status;
     const training_recipe *own = model_recipe(&config);
-    const int images = o->images_per_step ? o->images_per_step : own ? own->images : 4;
+    const int batch = o->batch ? o->batch : own ? own->batch : 4;
     snprintf(text, sizeof text,
              "{\"steps\": %" PRId64 ", \"pictures\": %" PRId64
              ", \"minutes\": %.6g, \"step_ms\": %.6g, \"weights\": %.0f, \"seed\": %" PRIu64 "}\n",
-             o->steps, o->steps * images * (o->targets ? o->targets : 1), sum / 60, 1000 * median, weights,
+             o->steps, o->steps * batch * (o->targets ? o->targets : 1), sum / 60, 1000 * median, weights,
              o->seed);
     return file_write(j->c, path, text, strlen(text));
 }

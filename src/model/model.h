@@ -182,7 +182,7 @@ typedef struct {
     int rays;          /* of an observed person, drawn anew for each image and shared among its targets */
     float rays_inside; /* this part of them from the mask */
     bool jitter;       /* as ray_draw's */
-    int images;        /* a step */
+    int batch;         /* samples a step */
     double learning_rate, beta1, beta2;
     double halve_every; /* steps; 0: never */
 } training_recipe;

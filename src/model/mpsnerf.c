@@ -83,7 +83,7 @@ static const training_recipe *recipe(const model_config *config) {
                                         .rays = 1000,
                                         .rays_inside = 0.8f,
                                         .jitter = true,
-                                        .images = 2,
+                                        .batch = 2,
                                         .learning_rate = 5e-4,
                                         .beta1 = 0.9,
                                         .beta2 = 0.999,

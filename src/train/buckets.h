@@ -1,5 +1,5 @@
 /* buckets: sums of gradients over processes that have a device each, while the backward pass of a process's
- * last image still runs. The gradients' block is cut into stretches, which are summed in a fixed order, the
+ * last sample still runs. The gradients' block is cut into stretches, which are summed in a fixed order, the
  * last first: that is about the order in which the backward pass is done with them, and the same for all. */
 #ifndef SHERF_BUCKETS_H
 #define SHERF_BUCKETS_H

@@ -12,17 +12,28 @@
 
 /* ---- the state as metadata ---- */
 enum { STATE_KEYS = 15 };
-static const char *const state_keys[STATE_KEYS] = {
-    "step",       "skipped",       "updates",     "seed",    "images_per_step",   "size_px",
-    "front_view", "learning_rate", "halve_every", "targets", "random_background", "estimated",
-    "pictures",   "without",       "beta2"};
+static const char *const state_keys[STATE_KEYS] = {"step",
+                                                   "skipped",
+                                                   "updates",
+                                                   "seed",
+                                                   "batch",
+                                                   "size_px",
+                                                   "front_view",
+                                                   "learning_rate",
+                                                   "halve_every",
+                                                   "targets",
+                                                   "random_background",
+                                                   "estimated",
+                                                   "pictures",
+                                                   "without",
+                                                   "beta2"};
 
 static void state_text(const train_state *s, int64_t updates, char text[STATE_KEYS][32]) {
     snprintf(text[0], 32, "%" PRId64, s->step);
     snprintf(text[1], 32, "%" PRId64, s->skipped);
     snprintf(text[2], 32, "%" PRId64, updates);
     snprintf(text[3], 32, "%" PRIu64, s->seed);
-    snprintf(text[4], 32, "%d", s->images_per_step);
+    snprintf(text[4], 32, "%d", s->batch);
     snprintf(text[5], 32, "%d", s->size_px);
     snprintf(text[6], 32, "%d", s->front_view);
     snprintf(text[7], 32, "%.17g", s->learning_rate);
@@ -37,50 +48,75 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
 
 enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
 
-static bool integer(const safetensors *f, const char *key, int64_t low, int64_t high, int64_t *out) {
-    const char *text = safetensors_metadata(f, key);
+/* A whole number of the state, `otherwise` where the file has none; ALWAYS: it must have it. */
+enum { ALWAYS = -1 };
+typedef struct {
+    const char *key;
+    int64_t low, high, otherwise;
+    int64_t *out;
+} whole_number;
+
+static sherf_status whole_read(context *c, const safetensors *f, const whole_number *n) {
+    const char *text = safetensors_metadata(f, n->key);
     char *end;
-    if (!text || !*text) return false;
+    *n->out = n->otherwise;
+    if (!text && n->otherwise == ALWAYS)
+        return failure(c, SHERF_BAD_FILE,
+                       "%s is missing: not a checkpoint of this version of sherf; begin anew", n->key);
+    if (!text) return SHERF_OK;
     errno = 0;
-    *out = strtoll(text, &end, 10);
-    return !*end && !errno && *out >= low && *out <= high;
+    *n->out = strtoll(text, &end, 10);
+    if (*text && !*end && !errno && *n->out >= n->low && *n->out <= n->high) return SHERF_OK;
+    return failure(c, SHERF_BAD_FILE, "%s is '%.40s': must be %" PRId64 " to %" PRId64, n->key, text, n->low,
+                   n->high);
 }
 
-static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
-    int64_t images, size, front, targets = 1, background = 0, pictures = 1, without = 0;
-    const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate");
-    char *end;
+static sherf_status state_whole(context *c, const safetensors *f, train_state *s, int64_t *updates) {
     const int64_t max = (int64_t)1 << 50;
-    if (!integer(f, "step", 0, max, &s->step) || !integer(f, "skipped", 0, s->step, &s->skipped) ||
-        !integer(f, "updates", 0, s->step, updates) || !integer(f, "images_per_step", 1, 65536, &images) ||
-        !integer(f, "size_px", 0, SIDE_MAX, &size) || !integer(f, "front_view", 0, 1, &front) ||
-        !integer(f, "halve_every", 1, max, &s->halve_every) ||
-        (safetensors_metadata(f, "targets") && !integer(f, "targets", 1, TARGETS_MAX, &targets)) ||
-        (safetensors_metadata(f, "random_background") &&
-         !integer(f, "random_background", 0, 1, &background)) ||
-        (safetensors_metadata(f, "pictures") &&
-         !integer(f, "pictures", 1, OBSERVED_PICTURES_MAX, &pictures)) ||
-        (safetensors_metadata(f, "without") && !integer(f, "without", 0, LOSS_ALL - 1, &without)) || !seed ||
-        !*seed || !rate || !*rate)
-        return failure(c, SHERF_BAD_FILE, "the state of the training is missing or out of range");
-    s->images_per_step = (int)images;
+    int64_t batch, size, front, targets, background, pictures, without;
+    const whole_number numbers[] = {{"step", 0, max, ALWAYS, &s->step},
+                                    {"skipped", 0, max, ALWAYS, &s->skipped},
+                                    {"updates", 0, max, ALWAYS, updates},
+                                    {"batch", 1, BATCH_MAX, ALWAYS, &batch},
+                                    {"size_px", 0, SIDE_MAX, ALWAYS, &size},
+                                    {"front_view", 0, 1, ALWAYS, &front},
+                                    {"halve_every", 1, max, ALWAYS, &s->halve_every},
+                                    {"targets", 1, TARGETS_MAX, 1, &targets},
+                                    {"random_background", 0, 1, 0, &background},
+                                    {"pictures", 1, OBSERVED_PICTURES_MAX, 1, &pictures},
+                                    {"without", 0, LOSS_ALL - 1, 0, &without}};
+    for (size_t i = 0; i < COUNT_OF(numbers); i++) {
+        sherf_status status = whole_read(c, f, &numbers[i]);
+        if (status != SHERF_OK) return status;
+    }
+    if (s->skipped > s->step || *updates > s->step)
+        return failure(c, SHERF_BAD_FILE, "more steps skipped or taken than the %" PRId64 " made", s->step);
+    s->batch = (int)batch;
     s->size_px = (int)size;
     s->front_view = (int)front;
     s->targets = (int)targets;
     s->random_background = (int)background;
     s->pictures = (int)pictures;
     s->without = (unsigned)without;
+    return SHERF_OK;
+}
+
+static sherf_status state_parse(context *c, const safetensors *f, train_state *s, int64_t *updates) {
+    const char *seed = safetensors_metadata(f, "seed"), *rate = safetensors_metadata(f, "learning_rate"),
+               *share = safetensors_metadata(f, "estimated"), *beta2 = safetensors_metadata(f, "beta2");
+    char *end;
+    sherf_status status = state_whole(c, f, s, updates);
+    if (status != SHERF_OK) return status;
     errno = 0;
-    s->seed = strtoull(seed, &end, 10);
-    if (*end || errno) return failure(c, SHERF_BAD_FILE, "seed is not a number");
-    s->learning_rate = strtod(rate, &end);
-    if (*end || !(s->learning_rate > 0) || !isfinite(s->learning_rate))
-        return failure(c, SHERF_BAD_FILE, "learning_rate is not a positive number");
-    const char *share = safetensors_metadata(f, "estimated"); /* older ones have none */
-    s->estimated = share ? strtod(share, &end) : 0;
+    s->seed = seed ? strtoull(seed, &end, 10) : 0;
+    if (!seed || !*seed || *end || errno)
+        return failure(c, SHERF_BAD_FILE, "seed is missing or not a number");
+    s->learning_rate = rate ? strtod(rate, &end) : 0;
+    if (!rate || !*rate || *end || !(s->learning_rate > 0) || !isfinite(s->learning_rate))
+        return failure(c, SHERF_BAD_FILE, "learning_rate is missing or not a positive number");
+    s->estimated = share ? strtod(share, &end) : 0; /* older ones have none */
     if (share && (!*share || *end || !(s->estimated >= 0 && s->estimated <= 1)))
         return failure(c, SHERF_BAD_FILE, "estimated is not a share between 0 and 1");
-    const char *beta2 = safetensors_metadata(f, "beta2");
     s->beta2 = beta2 ? strtod(beta2, &end) : 0;
     if (beta2 && (!*beta2 || *end || !(s->beta2 >= 0 && s->beta2 < 1)))
         return failure(c, SHERF_BAD_FILE, "beta2 is not between 0 and 1");

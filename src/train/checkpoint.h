@@ -7,11 +7,13 @@
 #include "train/draw.h"
 #include "train/losses.h"
 
+enum { BATCH_MAX = 65536 };
+
 /* Steps made, and what has to be the same for the coming ones to be the same. */
 typedef struct {
     int64_t step, skipped; /* skipped: steps without an update, their gradients were not finite */
     uint64_t seed;
-    int images_per_step, size_px, front_view, targets, random_background, pictures;
+    int batch, size_px, front_view, targets, random_background, pictures;
     double learning_rate, estimated;
     int64_t halve_every;
     double beta2;     /* Adam's; 0: the model's */

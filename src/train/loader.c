@@ -144,9 +144,9 @@ struct loader {
     } * worker;
 };
 
-static int64_t image_number(const loader_options *o, int64_t n) {
+static int64_t sample_number(const loader_options *o, int64_t n) {
     int64_t share = o->end - o->begin;
-    return (o->first_step + n / share) * o->images_per_step + o->begin + n % share;
+    return (o->first_step + n / share) * o->batch + o->begin + n % share;
 }
 
 static void *work(void *arg) {
@@ -159,7 +159,7 @@ static void *work(void *arg) {
         int64_t n = l->claimed++;
         slot *s = &l->slot[n % l->slots];
         pthread_mutex_unlock(&l->lock);
-        draw drawn = sampling_draw(l->options.sampling, image_number(&l->options, n));
+        draw drawn = sampling_draw(l->options.sampling, sample_number(&l->options, n));
         s->status = sample_load(w->c, &l->options.source, drawn, &s->sample);
         memcpy(s->message, w->c->message, sizeof s->message);
         pthread_mutex_lock(&l->lock);

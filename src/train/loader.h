@@ -34,9 +34,9 @@ sherf_status sample_load(context *c, const sample_source *source, draw drawn, sa
 typedef struct {
     sample_source source;
     const sampling *sampling;
-    int64_t first_step;              /* samples from this step on */
-    int images_per_step, begin, end; /* of each step, the samples [begin, end) */
-    int workers;                     /* at least 1 */
+    int64_t first_step;    /* samples from this step on */
+    int batch, begin, end; /* of each step, the samples [begin, end) */
+    int workers;           /* at least 1 */
 } loader_options;
 
 typedef struct loader loader;

@@ -16,7 +16,7 @@
 
 static const char *const checkpoint_now = "checkpoint.safetensors";
 static const char *const checkpoint_before = "checkpoint-before.safetensors";
-enum { SKIPS_IN_A_ROW = 20, IMAGES_MAX = 65536 };
+enum { SKIPS_IN_A_ROW = 20 };
 static const int64_t halve_never = (int64_t)1 << 40;
 /* Smaller people cannot be learned from: something is wrong with their cameras. */
 static const double px_per_m_min = 2;
@@ -88,11 +88,11 @@ static sherf_status folder_hold(trainer *t) {
 static sherf_status options_check(context *c, const sherf_train_options *o) {
     if (!o->data || !o->body || !o->output)
         return failure(c, SHERF_BAD_ARGUMENT, "a data set, a body and an output folder are needed");
-    if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->images_per_step < 0 ||
-        o->images_per_step > IMAGES_MAX || o->targets < 0 || o->targets > TARGETS_MAX ||
-        o->learning_rate < 0 || o->halve_every < 0 || o->halve_pictures < 0 || o->sample_every < 0 ||
-        o->save_every < 0 || o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 ||
-        o->workers > 1024 || !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
+    if (o->size_px < 0 || o->epochs < 0 || o->steps < 0 || o->seconds < 0 || o->batch < 0 ||
+        o->batch > BATCH_MAX || o->targets < 0 || o->targets > TARGETS_MAX || o->learning_rate < 0 ||
+        o->halve_every < 0 || o->halve_pictures < 0 || o->sample_every < 0 || o->save_every < 0 ||
+        o->pictures < 0 || o->pictures > OBSERVED_PICTURES_MAX || o->workers < 0 || o->workers > 1024 ||
+        !(o->perceptual_weight >= 0 && o->perceptual_weight <= 1e6) ||
         !(o->estimated >= 0 && o->estimated <= 1) || !(o->beta2 >= 0 && o->beta2 < 1) ||
         !isfinite(o->learning_rate) || !isfinite(o->epochs) || !isfinite(o->seconds))
         return failure(c, SHERF_BAD_ARGUMENT, "a training option is out of range");
@@ -224,7 +224,7 @@ static sherf_status weights_new(trainer *t, model_config *config) {
 
 /* Steps after which the rate is halved, where the options say it; 0: they do not. */
 static int64_t halve_steps(const sherf_train_options *o, const train_state *s) {
-    const int64_t pictures = (int64_t)s->images_per_step * s->targets, n = o->halve_pictures;
+    const int64_t pictures = (int64_t)s->batch * s->targets, n = o->halve_pictures;
     if (!n) return o->halve_every;
     return n > pictures ? (n + pictures / 2) / pictures : 1;
 }
@@ -237,9 +237,9 @@ static sherf_status begin_new(trainer *t) {
     if (status != SHERF_OK) return status;
     const training_recipe *own = model_recipe(&config);
     t->state = (train_state){.seed = o->seed,
-                             .images_per_step = o->images_per_step ? o->images_per_step
-                                                : own              ? own->images
-                                                                   : 4,
+                             .batch = o->batch ? o->batch
+                                      : own    ? own->batch
+                                               : 4,
                              .size_px = o->size_px,
                              .front_view = o->front_view != 0,
                              .random_background = o->background && !strcmp(o->background, "random"),
@@ -253,7 +253,7 @@ static sherf_status begin_new(trainer *t) {
     status = sampling_create(t->c, t->data, o->people, o->front_view, t->state.targets, t->state.seed,
                              &t->sampling);
     if (status != SHERF_OK) return status;
-    int64_t epoch = sampling_pictures(&t->sampling) / t->state.images_per_step;
+    int64_t epoch = sampling_pictures(&t->sampling) / t->state.batch;
     if (own) epoch = own->halve_every > 0 ? (int64_t)own->halve_every : halve_never;
     const int64_t halve = halve_steps(o, &t->state);
     t->state.halve_every = halve ? halve : epoch > 1 ? epoch : 1;
@@ -300,7 +300,7 @@ static sherf_status begin_again(trainer *t, const char *path) {
     t->resumed = true;
     train_state old = *s;
     if (o->seed) s->seed = o->seed;
-    if (o->images_per_step) s->images_per_step = o->images_per_step;
+    if (o->batch) s->batch = o->batch;
     if (o->size_px) s->size_px = o->size_px;
     if (o->targets) s->targets = o->targets;
     if (o->front_view) s->front_view = 1;
@@ -311,7 +311,7 @@ static sherf_status begin_again(trainer *t, const char *path) {
     if (halve_steps(o, s)) s->halve_every = halve_steps(o, s);
     if (o->beta2 > 0) t->adam.beta2 = s->beta2 = o->beta2;
     if (o->without && (status = losses_parse(t->c, o->without, &s->without)) != SHERF_OK) return status;
-    if (old.seed != s->seed || old.images_per_step != s->images_per_step || old.size_px != s->size_px ||
+    if (old.seed != s->seed || old.batch != s->batch || old.size_px != s->size_px ||
         old.targets != s->targets || old.front_view != s->front_view ||
         old.random_background != s->random_background || old.estimated != s->estimated ||
         old.pictures != s->pictures || old.learning_rate != s->learning_rate ||
@@ -366,7 +366,7 @@ static sherf_status begin(trainer *t) {
     t->sampling.one_pose = t->model->config.kind->one_pose;
     t->first_step = t->state.step;
     double epochs = o->epochs > 0 ? o->epochs : 5;
-    double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.images_per_step);
+    double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.batch);
     t->last_step = o->steps ? o->steps : (int64_t)fmin(fmax(steps, 1), 1e15);
     return SHERF_OK;
 }
@@ -389,11 +389,11 @@ static sherf_status prepare(trainer *t) {
     const sherf_train_options *o = t->options;
     const train_state *s = &t->state;
     char path[PATH_LENGTH];
-    int begins = (int)((int64_t)s->images_per_step * t->ranks.rank / t->ranks.count);
-    int ends = (int)((int64_t)s->images_per_step * (t->ranks.rank + 1) / t->ranks.count);
+    int begins = (int)((int64_t)s->batch * t->ranks.rank / t->ranks.count);
+    int ends = (int)((int64_t)s->batch * (t->ranks.rank + 1) / t->ranks.count);
     sherf_status status = place(t);
     if (status == SHERF_OK)
-        status = total_create(c, t->model->weights, s->images_per_step, begins, ends, s->targets, &t->total);
+        status = total_create(c, t->model->weights, s->batch, begins, ends, s->targets, &t->total);
     if (status == SHERF_OK) status = total_overlap(c, &t->total, &t->ranks);
     if (status != SHERF_OK) return status;
     t->tape = tape_create(c, (tape_options){.backend = backend_of(c),
@@ -404,7 +404,7 @@ static sherf_status prepare(trainer *t) {
     const loader_options load = {.source = {t->data, t->body, &t->model->config, &t->estimator, s->size_px},
                                  .sampling = &t->sampling,
                                  .first_step = t->first_step,
-                                 .images_per_step = s->images_per_step,
+                                 .batch = s->batch,
                                  .begin = begins,
                                  .end = ends,
                                  .workers = o->workers ? o->workers : 2};
@@ -430,8 +430,7 @@ static void announce(trainer *t) {
              " pictures of %d people, %d samples a step, "
              "steps %" PRId64 " to %" PRId64,
              config->kind->name, config->preset, (double)parameters_trained_count(t->model->weights) / 1e6,
-             sampling_pictures(&t->sampling), t->sampling.people, s->images_per_step, t->first_step + 1,
-             t->last_step);
+             sampling_pictures(&t->sampling), t->sampling.people, s->batch, t->first_step + 1, t->last_step);
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
@@ -449,7 +448,7 @@ static void announce(trainer *t) {
 
 static sherf_status share(trainer *t) {
     context *c = t->c;
-    const double scale = 1.0 / t->state.images_per_step;
+    const double scale = 1.0 / t->state.batch;
     const loss_networks networks = {t->lpips, t->resnet50, t->options->perceptual_weight, t->state.without};
     for (int i = t->total.begin; i < t->total.end; i++) {
         sample s;
@@ -690,8 +689,7 @@ sherf_status sherf_train(sherf_context *c, const sherf_train_options *options) {
     if (status == SHERF_NO_MEMORY && t.model)
         failure_prefix(c, status, "training %s:%s on pictures %d wide, %d samples a step",
                        t.model->config.kind->name, t.model->config.preset,
-                       t.state.size_px ? t.state.size_px : t.model->config.image_size,
-                       t.state.images_per_step);
+                       t.state.size_px ? t.state.size_px : t.model->config.image_size, t.state.batch);
     ranks_close(&t.ranks, status != SHERF_OK);
     trainer_free(&t);
     c->threads = threads;

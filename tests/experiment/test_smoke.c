@@ -345,7 +345,7 @@ static void minutes_are_counted_in_steps(void **state) {
 
 /* A folder keeps all of the recipe, and is refused where the file says another. */
 static void the_recipe_is_kept(void **state) {
-    static const char *const key[] = {"beta2", "halve_pictures", "images", "targets", "test_poses", "steps"};
+    static const char *const key[] = {"beta2", "halve_pictures", "batch", "targets", "test_poses", "steps"};
     context *c = test_context();
     sherf_experiment_options o = smoke("whole");
     char path[700], *text;

@@ -115,7 +115,7 @@ static void settings_are_the_models_own(void **state) {
 
 static sherf_train_options training(int64_t steps, const char *preset) {
     sherf_train_options o = tube_training(preset, path_of("run"), steps);
-    o.people = "0-0", o.images_per_step = 1, o.targets = 1, o.seed = 3, o.background = NULL;
+    o.people = "0-0", o.batch = 1, o.targets = 1, o.seed = 3, o.background = NULL;
     return o;
 }
 

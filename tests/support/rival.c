@@ -451,7 +451,7 @@ static void train(context *c, const char *preset, const char *folder, int steps)
                                    .output = output,
                                    .preset = preset,
                                    .steps = steps,
-                                   .images_per_step = 1,
+                                   .batch = 1,
                                    .targets = 2,
                                    .seed = 3,
                                    .learning_rate = 2e-3,

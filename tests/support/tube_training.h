@@ -42,7 +42,7 @@ static inline sherf_train_options tube_training(const char *preset, const char *
                                  .output = output,
                                  .preset = preset,
                                  .steps = steps,
-                                 .images_per_step = 4,
+                                 .batch = 4,
                                  .targets = 2,
                                  .seed = 11,
                                  .background = "random",

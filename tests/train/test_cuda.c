@@ -42,7 +42,7 @@ static int make_data(void **state) {
 
 static sherf_train_options options_for(const char *output, int64_t steps) {
     sherf_train_options o = tube_training(TINY ",samples=6", output, steps);
-    o.images_per_step = 3;
+    o.batch = 3;
     return o;
 }
 
@@ -180,7 +180,7 @@ static void avatars_agree(void **state) {
 /* ---- several processes, each with its GPU ---- */
 static sherf_train_options options_for_ranks(const char *output) {
     sherf_train_options o = options_for(output, 1);
-    o.images_per_step = 4; /* a whole branch of the sum for each of two */
+    o.batch = 4; /* a whole branch of the sum for each of two */
     o.targets = 1;
     return o;
 }

@@ -190,7 +190,7 @@ static parameters *made_up_weights(context *c) {
     return p;
 }
 
-/* What the images [begin, end) of 8 make of gradients and statistics, with the second of two targets as good
+/* What the samples [begin, end) of 8 make of gradients and statistics, with the second of two targets as good
  * as the first in the even ones, and not there in the odd ones. */
 static void run_share(context *c, parameters *p, int begin, int end, step_total *s) {
     assert_ok(c, total_create(c, p, 8, begin, end, 2, s));
@@ -243,7 +243,7 @@ static void shares_add_up_to_the_same_bits(void **state) {
     sherf_context_free(c);
 }
 
-static void one_image_is_the_plain_update(void **state) {
+static void one_sample_is_the_plain_update(void **state) {
     context *c = test_context();
     const ranks alone = {.count = 1};
     loss_values mean;
@@ -340,6 +340,6 @@ int main(void) {
         cmocka_unit_test(schedule_and_average),           cmocka_unit_test(permutations_are_permutations),
         cmocka_unit_test(every_picture_once_an_epoch),    cmocka_unit_test(targets_can_keep_the_pose),
         cmocka_unit_test(backgrounds_are_black_or_drawn), cmocka_unit_test(shares_add_up_to_the_same_bits),
-        cmocka_unit_test(one_image_is_the_plain_update),  cmocka_unit_test(gradients_are_told_when_final)};
+        cmocka_unit_test(one_sample_is_the_plain_update), cmocka_unit_test(gradients_are_told_when_final)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -234,18 +234,17 @@ static void as_the_release_trains(void **state) {
     sherf_context_free(c);
 }
 
-/* A number that is not finite in the last tensor of a file without a checksum. */
-static void lose_a_number(context *c, const char *path) {
+/* Words of a file without a checksum for others of the same length; and the last number not finite. */
+static void spoil(context *c, const char *path, const char *word, const char *other, bool number) {
     unsigned char *data;
     size_t bytes;
     assert_ok(c, file_read(c, path, (size_t)1 << 30, &data, &bytes));
-    unsigned char *sum = memmem(data, bytes, "\"crc32\"", 7);
-    assert_non_null(sum);
-    sum[1] = 'x'; /* another key */
-    memset(data + bytes - 4, 0xff, 4);
-    FILE *f = fopen(path, "wb");
-    assert_int_equal(fwrite(data, 1, bytes, f), bytes);
-    fclose(f);
+    unsigned char *sum = memmem(data, bytes, "crc32", 5), *at = memmem(data, bytes, word, strlen(word));
+    assert_non_null(at);
+    memcpy(at, other, strlen(word));
+    if (sum) sum[0] = 'x'; /* another key */
+    if (number) memset(data + bytes - 4, 0xff, 4);
+    assert_ok(c, file_write(c, path, data, bytes));
     mem_free(data);
 }
 
@@ -286,10 +285,15 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     assert_true(
         difference(c, path_of("whole/checkpoint.safetensors"), path_of("bad/checkpoint.safetensors")) == 0);
     unlink(path_of("bad/checkpoint-before.safetensors"));
-    lose_a_number(c, path_of("bad/checkpoint.safetensors"));
+    spoil(c, path_of("bad/checkpoint.safetensors"), "crc32", "xrc32", true);
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "bad/checkpoint.safetensors: tensor second."));
     assert_non_null(strstr(c->message, "not finite"));
+    spoil(c, path_of("bad/checkpoint.safetensors"), "\"batch\":\"4\"", "\"batch\":\"0\"", false);
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_FILE,
+                 "bad/checkpoint.safetensors: batch is '0': must be 1 to 65536");
+    spoil(c, path_of("bad/checkpoint.safetensors"), "\"batch\"", "\"hatch\"", false);
+    assert_fails(c, sherf_train(c, &o), SHERF_BAD_FILE, "bad/checkpoint.safetensors: batch is missing");
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
@@ -452,7 +456,7 @@ static void an_empty_or_full_mask_ends_it(void **state) {
     snprintf(spec, sizeof spec, "thuman:%s", path_of("masks"));
     snprintf(body, sizeof body, "%s", path_of("masks/tubeman.safetensors"));
     sherf_train_options o = options_for(path_of("masks_run"), 5);
-    o.data = spec, o.body = body, o.people = "0", o.images_per_step = 1, o.targets = 1, o.seed = 3;
+    o.data = spec, o.body = body, o.people = "0", o.batch = 1, o.targets = 1, o.seed = 3;
     for (int with = 0; with < 2; with++) {
         const char *says = with ? "covers the whole picture" : "is empty";
         fill_masks(c, 0, 1, true, with ? 255 : 0);

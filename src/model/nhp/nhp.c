@@ -48,7 +48,7 @@ static bool whole_box(const model_config *config) {
 static const training_recipe *recipe(const model_config *config) {
     static const training_recipe own = {.rays = 1024,
                                         .rays_inside = 0.5f,
-                                        .images = 1,
+                                        .batch = 1,
                                         .learning_rate = 5e-4,
                                         .beta1 = 0.9,
                                         .beta2 = 0.999,

@@ -63,7 +63,7 @@ static bool whole_box(const model_config *config) {
 /* 4 objects of 128 rays a step, Adam of 1e-4. */
 static const training_recipe *recipe(const model_config *config) {
     static const training_recipe own = {
-        .rays = 128, .images = 4, .learning_rate = 1e-4, .beta1 = 0.9, .beta2 = 0.999};
+        .rays = 128, .batch = 4, .learning_rate = 1e-4, .beta1 = 0.9, .beta2 = 0.999};
     return settings_of(config)->own ? &own : NULL;
 }
 

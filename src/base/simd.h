@@ -12,6 +12,7 @@
 
 typedef float vf __attribute__((vector_size(LANES * 4), may_alias));
 typedef int32_t vi __attribute__((vector_size(LANES * 4), may_alias));
+typedef uint32_t vu __attribute__((vector_size(LANES * 4), may_alias));
 typedef float vf_any __attribute__((vector_size(LANES * 4), may_alias, aligned(4))); /* at any float */
 typedef float v4 __attribute__((vector_size(16)));
 typedef float v8 __attribute__((vector_size(32)));
@@ -75,10 +76,16 @@ INLINE v4 sum_lanes_4(vf a, vf b, vf c, vf d) {
     return __builtin_shufflevector(pq, rs, 0, 1, 4, 5) + __builtin_shufflevector(pq, rs, 2, 3, 6, 7);
 }
 
-/* Nearest integer of |x| < 2^22, ties to even, by the float's own rounding. */
-INLINE vf round_lanes(vf x) {
-    const vf magic = splat(12582912.0f);
-    return (x + magic) - magic;
+/* Nearest integer of |x| < 2^22, ties to even, by the float's own rounding: 1.5 x 2^23 + x has units in its
+ * last place. So the lowest 22 bits of `bits` are the integer's, modulo 2^22; of not-a-number they are any,
+ * where a conversion to an integer would be undefined. */
+typedef struct {
+    vf value;
+    vu bits;
+} rounded;
+INLINE rounded round_lanes(vf x) {
+    const vf magic = splat(12582912.0f), sum = x + magic;
+    return (rounded){sum - magic, (vu)sum};
 }
 
 /* ---- exp ---- */
@@ -87,14 +94,14 @@ INLINE vf round_lanes(vf x) {
 INLINE vf exp_lanes(vf x) {
     x = choose(x < -87.0f, splat(-87.0f), x);
     x = choose(x > 88.0f, splat(88.0f), x);
-    const vf n = round_lanes(x * 1.44269504f);
-    const vf r = (x - n * 0.693115234375f) - n * 3.19461833e-5f;
+    const rounded n = round_lanes(x * 1.44269504f);
+    const vf r = (x - n.value * 0.693115234375f) - n.value * 3.19461833e-5f;
     vf p = splat(0.0013836834f) * r + 0.00837482207f;
     p = p * r + 0.0416682261f;
     p = p * r + 0.166664201f;
     p = p * r + 0.499999921f;
     p = p * (r * r) + r + 1.0f;
-    const vi exponent = (__builtin_convertvector(n, vi) + 127) << 23;
+    const vu exponent = (n.bits + 127) << 23;
     return p * (vf)exponent;
 }
 
@@ -104,14 +111,16 @@ INLINE vf exp_lanes(vf x) {
 INLINE void sincos_lanes(vf x, vf *sine, vf *cosine) {
     x = choose(x < -1e5f, splat(-1e5f), x);
     x = choose(x > 1e5f, splat(1e5f), x);
-    const vf turns = round_lanes(x * 0.636619772f);
-    const vi n = __builtin_convertvector(turns, vi), odd = -(n & 1);
-    const vf r = ((x - turns * 1.5703125f) - turns * 4.83751297e-4f) - turns * 7.54978942e-8f, u = r * r;
+    const rounded turns = round_lanes(x * 0.636619772f);
+    const vf n = turns.value;
+    const vu quarter = turns.bits;
+    const vi odd = -(vi)(quarter & 1);
+    const vf r = ((x - n * 1.5703125f) - n * 4.83751297e-4f) - n * 7.54978942e-8f, u = r * r;
     const vf s = r + r * u * ((splat(-0.00019501822f) * u + 0.00833201645f) * u - 0.166666502f);
     vf c = (((splat(2.43726786e-05f) * u - 0.00138865291f) * u + 0.0416666132f) * u - 0.499999996f) * u;
     c += 1.0f;
-    *sine = (vf)((vi)choose(odd, c, s) ^ ((n & 2) << 30));
-    *cosine = (vf)((vi)choose(odd, s, c) ^ (((n + 1) & 2) << 30));
+    *sine = (vf)((vu)choose(odd, c, s) ^ ((quarter & 2) << 30));
+    *cosine = (vf)((vu)choose(odd, s, c) ^ (((quarter + 1) & 2) << 30));
 }
 INLINE vf sin_lanes(vf x) {
     vf sine, cosine;

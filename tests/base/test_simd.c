@@ -54,9 +54,7 @@ static void errors_are_as_stated(void **state) {
 }
 
 static void ends_and_not_a_number(void **state) {
-    volatile vf unknown = {NAN, INFINITY, -INFINITY, 1e30f}; /* to the compiler: clang folds NaN to an integer
-                                                               as 0, which no processor does */
-    const vf x = unknown, e = exp_lanes(x);
+    const vf x = {NAN, INFINITY, -INFINITY, 1e30f}, e = exp_lanes(x); /* which compilers may compute */
     assert_true(isnan(e[0]) && isfinite(e[1]) && e[2] > 0 && e[2] < 1e-37f);
     vf s, c;
     sincos_lanes(x, &s, &c);

@@ -48,12 +48,9 @@ static void time_nearest(context *c, const char *name, const vertex_grid *g, int
     mem_free(nearest);
 }
 
-int main(void) {
-    context *c;
-    sherf_options options = {.threads = 2};
-    if (sherf_context_create(&options, &c) != SHERF_OK) return 1;
-    body_model *m;
-    must(c, tubeman_create(c, &m));
+/* The stages of a frame up to its points, whose canonical places are returned, to be freed; NULL: no memory.
+ */
+static float *time_frame(context *c, const body_model *m, int64_t *count) {
     sherf_pose pose;
     sherf_pose_identity(&pose);
     for (int i = 3; i < 72; i++) pose.poses_rad[i] = (float)(0.3 * random_normal(1, (uint64_t)i));
@@ -63,7 +60,7 @@ int main(void) {
     sherf_camera_orbit(centre, 2.6f, 0.6f, 0.1f, 0.72f, 512, 512, &camera);
     sherf_camera_orbit(centre, 2.6f, 0, 0, 0.72f, 512, 512, &observer);
     double t_pose[REPEATS], t_rays[REPEATS], t_points[REPEATS], cpu[REPEATS];
-    int64_t count = 0, rays_at_box = 0;
+    int64_t rays_at_box = 0;
     float *points = NULL;
     for (int i = 0; i < REPEATS; i++) {
         posed_body *p;
@@ -83,21 +80,33 @@ int main(void) {
         t_points[i] = time_seconds() - t;
         cpu[i] = cpu_seconds() - cpu[i];
         if (!points) {
-            count = set->count;
+            *count = set->count;
             for (int64_t n = 0; n < set->rays; n++) rays_at_box += rays->at_box[n];
-            points = mem_alloc(c, (size_t)count, 3 * sizeof *points);
-            if (!points) return 1;
-            for (int64_t n = 0; n < 3 * count; n++) points[n] = set->canonical[n];
+            points = mem_alloc(c, (size_t)*count, 3 * sizeof *points);
+            if (!points) break;
+            memcpy(points, set->canonical, 3 * (size_t)*count * sizeof *points);
         }
         points_free(set);
         rays_free(rays);
         posed_body_free(p);
     }
-    printf("%lld rays at the box, %lld points, %s, %d threads\n", (long long)rays_at_box, (long long)count,
+    printf("%lld rays at the box, %lld points, %s, %d threads\n", (long long)rays_at_box, (long long)*count,
            isa_name(isa_best()), c->threads);
     printf("%-40s %8.2f ms\n", "posed_body_create", median_ms(t_pose));
     printf("%-40s %8.2f ms\n", "rays_create", median_ms(t_rays));
     printf("%-40s %8.2f ms, processor time %.2f ms\n", "points_create", median_ms(t_points), median_ms(cpu));
+    return points;
+}
+
+int main(void) {
+    context *c;
+    sherf_options options = {.threads = 2};
+    if (sherf_context_create(&options, &c) != SHERF_OK) return 1;
+    body_model *m;
+    must(c, tubeman_create(c, &m));
+    int64_t count;
+    float *points = time_frame(c, m, &count);
+    if (!points) return 1;
     time_nearest(c, "nearest canonical vertex, points of the frame", body_canonical_grid(m), count, points);
     for (int64_t n = 0; n < 3 * count; n++) points[n] = (float)(2 * random_uniform(3, (uint64_t)n) - 1);
     vertex_grid *near;

@@ -88,6 +88,54 @@ typedef struct {
     int count;
 } way;
 
+/* Rounds of all ways in turn. False: one failed. */
+static bool measure(context *c, const made *m, way ways[WAYS], int rounds) {
+    static const float black[3];
+    sherf_frame frame = {0};
+    const char *only = getenv("BENCH_ONLY");
+    for (int r = -1; r < rounds; r++) /* round -1 warms up */
+        for (int i = 0; i < WAYS; i++) {
+            way *w = &ways[i];
+            if (!w->name || w->needs > isa_best() || (r >= 0 && r % w->every)) continue;
+            if (only && !strstr(w->name, only)) continue;
+            if (!w->n) {
+                setenv("SHERF_ISA", w->isa, 1);
+                double t = time_seconds();
+                if (radiance_field_create(c, &m->s, &m->w, &m->bank, w->bf16, &w->n)) return false;
+                printf("%-20s made in %.3f s\n", w->name, time_seconds() - t);
+            }
+            double t = busy_seconds(c->threads), wall = time_seconds();
+            if (radiance_field_render(c, w->n, &m->rays, &m->points, black, w->early_stop, &frame))
+                return false;
+            if (r < 0) continue;
+            w->wall[w->count] = time_seconds() - wall;
+            w->seconds[w->count++] = busy_seconds(c->threads) - t;
+        }
+    sherf_frame_free(&frame);
+    return true;
+}
+
+/* Medians, beside the peaks that a way can come to. */
+static void report(way ways[WAYS], const made *m, double macs, double fma, double amx) {
+    double first = 0;
+    for (int i = 0; i < WAYS; i++) {
+        way *w = &ways[i];
+        if (!w->count) continue;
+        qsort(w->seconds, (size_t)w->count, sizeof(double), by_value);
+        qsort(w->wall, (size_t)w->count, sizeof(double), by_value);
+        double median = w->seconds[w->count / 2];
+        if (!first) first = median;
+        double rate = macs * (double)m->points.count / median, top = w->bf16 ? amx : fma;
+        printf("%-20s median %.4f s (best %.4f; wall %.4f, best %.4f), %.0f ns a point, %.1f x the first, "
+               "%.0f GMAC/s",
+               w->name, median, w->seconds[0], w->wall[w->count / 2], w->wall[0],
+               median / (double)m->points.count * 1e9, first / median, rate * 1e-9);
+        if (top > 0) printf(", %.0f %% of peak", 100 * rate / top);
+        printf("\n");
+        radiance_field_free(w->n);
+    }
+}
+
 int main(int argc, char **argv) {
     int threads = argc > 1 ? atoi(argv[1]) : 2, rounds = argc > 2 ? atoi(argv[2]) : 7;
     int side = argc > 3 ? atoi(argv[3]) : 512;
@@ -120,47 +168,9 @@ int main(int argc, char **argv) {
          .needs = ISA_AMX,
          .every = 1},
     };
-    static const float black[3];
-    sherf_frame frame = {0};
-    const char *only = getenv("BENCH_ONLY");
-    for (int r = -1; r < rounds; r++) /* round -1 warms up */
-        for (int i = 0; i < WAYS; i++) {
-            way *w = &ways[i];
-            if (!w->name || w->needs > best || (r >= 0 && r % w->every)) continue;
-            if (only && !strstr(w->name, only)) continue;
-            if (!w->n) {
-                setenv("SHERF_ISA", w->isa, 1);
-                double t = time_seconds();
-                if (radiance_field_create(c, &m.s, &m.w, &m.bank, w->bf16, &w->n)) return 1;
-                printf("%-20s made in %.3f s\n", w->name, time_seconds() - t);
-            }
-            double t = busy_seconds(threads), wall = time_seconds();
-            if (radiance_field_render(c, w->n, &m.rays, &m.points, black, w->early_stop, &frame)) return 1;
-            if (r < 0) continue;
-            w->wall[w->count] = time_seconds() - wall;
-            w->seconds[w->count++] = busy_seconds(threads) - t;
-        }
-    double first = 0;
-    for (int i = 0; i < WAYS; i++) {
-        way *w = &ways[i];
-        if (!w->count) continue;
-        qsort(w->seconds, (size_t)w->count, sizeof(double), by_value);
-        qsort(w->wall, (size_t)w->count, sizeof(double), by_value);
-        double median = w->seconds[w->count / 2];
-        if (!first) first = median;
-        double rate = macs * (double)m.points.count / median, top = w->bf16 ? amx : fma;
-        printf("%-20s median %.4f s (best %.4f; wall %.4f, best %.4f), %.0f ns a point, %.1f x the first, "
-               "%.0f GMAC/s",
-               w->name, median, w->seconds[0], w->wall[w->count / 2], w->wall[0],
-               median / (double)m.points.count * 1e9, first / median, rate * 1e-9);
-        if (top > 0) printf(", %.0f %% of peak", 100 * rate / top);
-        printf("\n");
-        radiance_field_free(w->n);
-    }
+    if (!measure(c, &m, ways, rounds)) return 1;
+    report(ways, &m, macs, fma, amx);
     made_free(&m);
-    mem_free(frame.color.data);
-    mem_free(frame.opacity.data);
-    mem_free(frame.depth.data);
     sherf_context_free(c);
     return 0;
 }

@@ -153,7 +153,8 @@ static sherf_status open_frame(context *c, sherf_video *v) {
     return open_scaler(c, v);
 }
 
-static sherf_status check_wish(context *c, const char *path, const sherf_video_options *o, sherf_video *v) {
+static sherf_status check_options(context *c, const char *path, const sherf_video_options *o,
+                                  sherf_video *v) {
     if (o->width < 2 || o->height < 2 || o->width > VIDEO_SIDE_MAX || o->height > VIDEO_SIDE_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: a video of %d x %d pixels cannot be written", path,
                        o->width, o->height);
@@ -182,7 +183,7 @@ sherf_status sherf_video_create(sherf_context *c, const char *path, const sherf_
     av_log_set_level(AV_LOG_QUIET); /* FFmpeg prints by itself otherwise */
     sherf_video *v = mem_zero(c, 1, sizeof *v);
     if (!v) return SHERF_NO_MEMORY;
-    sherf_status status = check_wish(c, path, options, v);
+    sherf_status status = check_options(c, path, options, v);
     if (status == SHERF_OK) status = open_file(c, v, av_d2q(options->fps, 100000));
     if (status == SHERF_OK) status = open_frame(c, v);
     if (status != SHERF_OK)

@@ -291,8 +291,74 @@ static void assets_by_themselves(const char *folder, const char *model) {
     assert_int_equal(rename(body, own_body), 0);
 }
 
+/* Without --body: the one in the data set's folder, with a remark. */
+static void avatars_without_body(const char *folder, const char *person, const char *model,
+                                 const char *avatar) {
+    char sheet[2100];
+    const outcome *several = run("avatar thuman:%s#%s/0/1 thuman:%s#%s/1/0 -m %s -o %s.2 --variants 1",
+                                 folder, person, folder, person, model, avatar);
+    assert_int_equal(several->status, 0);
+    snprintf(sheet, sizeof sheet, "%s-variants.png", avatar);
+    assert_contains(several->err, sheet);
+    assert_true(file_size(sheet) > 1000);
+    several = run("info %s.2", avatar);
+    assert_contains(several->out, "an avatar of several pictures");
+    several = run("render %s.2 -b %s/tubeman.safetensors -o %s.2.png -s 32", avatar, folder, avatar);
+    assert_int_equal(several->status, 0);
+    const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);
+    if (by_itself->status) fail_msg("%s", by_itself->err);
+    assert_contains(by_itself->err, "/tubeman.safetensors");
+}
+
+static void frames_of(const char *folder, const char *person, const char *avatar) {
+    char render[6000], out[2048], path[2100];
+    snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
+    snprintf(out, sizeof out, "%s", test_path("out"));
+    /* The picture's own camera and pose, then an orbit with everything, then the data set's. */
+    const outcome *o = run("%s -o - -q", render);
+    if (o->status) fail_msg("%s", o->err);
+    assert_memory_equal(o->out, "\x89PNG\r\n\x1a\n", 8);
+    o = run("%s -o %s.jpg", render, out);
+    assert_int_equal(o->status, 0);
+    o = run("%s -o %s.png --background transparent", render, out);
+    if (o->status) fail_msg("%s", o->err);
+    snprintf(path, sizeof path, "%s.png", out);
+    assert_png(path, 64, 64);
+    cJSON *json =
+        json_of(run("%s -o %s --orbit 3 --size 48x32 --depth --opacity --npy --strip %s/strip.png --json",
+                    render, out, out));
+    assert_int_equal(number(json, "frames"), 3);
+    assert_true(number(json, "points") > 0); /* the orbit sees the body */
+    cJSON_Delete(json);
+    const char *const names[] = {"frame_0000.png", "frame_0002.png", "depth_0001.png", "opacity_0002.png"};
+    for (size_t i = 0; i < COUNT_OF(names); i++) {
+        snprintf(path, sizeof path, "%s/%s", out, names[i]);
+        assert_png(path, 48, 32);
+    }
+    snprintf(path, sizeof path, "%s/strip.png", out);
+    assert_png(path, 3 * 48, 32);
+    snprintf(path, sizeof path, "%s/depth_0002.npy", out);
+    assert_int_equal(file_size(path), 128 + 48 * 32 * 4);
+    json = json_of(
+        run("%s -o %s.mp4 --data thuman:%s --people %s --views 0,2 --poses 0:1:2 --every --size 32 --npy "
+            "--json",
+            render, out, folder, person));
+    assert_int_equal(number(json, "frames"), 4);
+    cJSON_Delete(json);
+    snprintf(path, sizeof path, "%s.mp4", out);
+    assert_true(file_size(path) > 200);
+    for (int i = 0; i < 4; i++) { /* an array a frame */
+        snprintf(path, sizeof path, "%s_%04d.npy", out, i);
+        assert_int_equal(file_size(path), 128 + 32 * 32 * 3 * 4);
+    }
+    assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
+    assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
+    /* A full disk: nothing is left behind. */
+    if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
+}
+
 static void from_data_to_frames(void **state) {
-    char folder[2048], model[2048], avatar[2048], sheet[2100];
+    char folder[2048], model[2048], avatar[2048];
     snprintf(folder, sizeof folder, "%s", test_path("tube"));
     snprintf(model, sizeof model, "%s", test_path("model.safetensors"));
     snprintf(avatar, sizeof avatar, "%s", test_path("avatar.safetensors"));
@@ -322,67 +388,11 @@ static void from_data_to_frames(void **state) {
     assert_true(number(json, "bytes") == file_size(avatar));
     cJSON_Delete(json);
 
-    /* without --body: the one in the data set's folder, with a remark */
-    const outcome *several = run("avatar thuman:%s#%s/0/1 thuman:%s#%s/1/0 -m %s -o %s.2 --variants 1",
-                                 folder, person, folder, person, model, avatar);
-    assert_int_equal(several->status, 0);
-    snprintf(sheet, sizeof sheet, "%s-variants.png", avatar);
-    assert_contains(several->err, sheet);
-    assert_true(file_size(sheet) > 1000);
-    several = run("info %s.2", avatar);
-    assert_contains(several->out, "an avatar of several pictures");
-    several = run("render %s.2 -b %s/tubeman.safetensors -o %s.2.png -s 32", avatar, folder, avatar);
-    assert_int_equal(several->status, 0);
-    const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);
-    if (by_itself->status) fail_msg("%s", by_itself->err);
-    assert_contains(by_itself->err, "/tubeman.safetensors");
-
+    avatars_without_body(folder, person, model, avatar);
     assets_by_themselves(folder, model);
 
-    char render[6000], out[2048], path[2100];
-    snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
-    snprintf(out, sizeof out, "%s", test_path("out"));
-    /* The picture's own camera and pose, then an orbit with everything, then the data set's. */
-    const outcome *o = run("%s -o - -q", render);
-    if (o->status) fail_msg("%s", o->err);
-    assert_memory_equal(o->out, "\x89PNG\r\n\x1a\n", 8);
-    o = run("%s -o %s.jpg", render, out);
-    assert_int_equal(o->status, 0);
-    o = run("%s -o %s.png --background transparent", render, out);
-    if (o->status) fail_msg("%s", o->err);
-    snprintf(path, sizeof path, "%s.png", out);
-    assert_png(path, 64, 64);
-    json = json_of(run("%s -o %s --orbit 3 --size 48x32 --depth --opacity --npy --strip %s/strip.png --json",
-                       render, out, out));
-    assert_int_equal(number(json, "frames"), 3);
-    assert_true(number(json, "points") > 0); /* the orbit sees the body */
-    cJSON_Delete(json);
-    const char *const names[] = {"frame_0000.png", "frame_0002.png", "depth_0001.png", "opacity_0002.png"};
-    for (size_t i = 0; i < COUNT_OF(names); i++) {
-        snprintf(path, sizeof path, "%s/%s", out, names[i]);
-        assert_png(path, 48, 32);
-    }
-    snprintf(path, sizeof path, "%s/strip.png", out);
-    assert_png(path, 3 * 48, 32);
-    snprintf(path, sizeof path, "%s/depth_0002.npy", out);
-    assert_int_equal(file_size(path), 128 + 48 * 32 * 4);
-    json = json_of(
-        run("%s -o %s.mp4 --data thuman:%s --people %s --views 0,2 --poses 0:1:2 --every --size 32 --npy "
-            "--json",
-            render, out, folder, person));
-    assert_int_equal(number(json, "frames"), 4);
-    cJSON_Delete(json);
-    snprintf(path, sizeof path, "%s.mp4", out);
-    assert_true(file_size(path) > 200);
-    for (int i = 0; i < 4; i++) { /* an array a frame */
-        snprintf(path, sizeof path, "%s_%04d.npy", out, i);
-        assert_int_equal(file_size(path), 128 + 32 * 32 * 3 * 4);
-    }
-    assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
-    assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
+    frames_of(folder, person, avatar);
     viewer_by_itself(folder, avatar);
-    /* A full disk: nothing is left behind. */
-    if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
 }
 
 static void animations(void **state) {

@@ -350,57 +350,55 @@ static void pictures_are_named(void **state) {
     sherf_context_free(c);
 }
 
+static const struct {
+    const char *image, *mask, *camera, *body, *message;
+    sherf_status status;
+} faults[] = {
+    {"none.png", "m.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
+    {"rubbish.png", "m.png", NULL, NULL, "rubbish.png", SHERF_BAD_FILE},
+    {"a.png", "none.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
+    {"a.png", NULL, NULL, NULL, "no alpha channel", SHERF_BAD_FILE},
+    {"a.png", "small.png", NULL, NULL, "a mask of 39 x 30 pixels for a picture of 40 x 30", SHERF_MISMATCH},
+    {"a.png", "empty.png", NULL, NULL, "the mask is empty", SHERF_BAD_ARGUMENT},
+    {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
+    {"wide.jpg", "m.png", NULL, NULL, "33000 x 2 pixels: from 1 to 32768 on a side", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"K\": [1e999, 0, 20, 0, 5, 15, 0, 0, 1]}", NULL, "finite", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 180}", NULL, "fov_deg", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 2]}", NULL, "not a rotation",
+     SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, -1]}", NULL, "mirroring",
+     SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"width\": 80}", NULL, "the picture has 40 x 30", SHERF_MISMATCH},
+    {"a.png", "m.png", "\"none.json\"", NULL, "none.json", SHERF_NO_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"D\": [1, 2, 3, 4, 5, 6]}", NULL, "D has 6 numbers",
+     SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]}", NULL,
+     "RT: the last row is not 0 0 0 1, the last column is", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60, \"T\": [1, 2, 3], \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}",
+     NULL, "told twice, by RT and by T", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_deg\": 60}", "{\"body_pose\": %s, \"pred_cam\": [0.9, 0, 0]}",
+     "the body has no translation", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "{\"mhr_model_params\": [0], \"pred_cam_t\": [0, 0, 2]}", "SAM 3D Body",
+     SHERF_UNSUPPORTED},
+    {"a.png", "m.png", NULL, "{\"pose3d\": [0]}", "body_pose (69); this has pose3d", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "{}", "a body needs poses", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "{\"poses\": [1, 2, 3]}", "poses", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "{\"body_pose\": \"x\"}", "body_pose", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "7", "body", SHERF_BAD_FILE},
+    {"a.png", "m.png", NULL, "\"none.npz\"", "none.npz", SHERF_NO_FILE},
+    {"", "m.png", NULL, NULL, "\"image\" should name a file", SHERF_BAD_FILE},
+};
+
 static void faults_are_told(void **state) {
-    static const struct {
-        const char *image, *mask, *camera, *body, *message;
-        sherf_status status;
-    } cases[] = {
-        {"none.png", "m.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
-        {"rubbish.png", "m.png", NULL, NULL, "rubbish.png", SHERF_BAD_FILE},
-        {"a.png", "none.png", NULL, NULL, "none.png: cannot be opened", SHERF_NO_FILE},
-        {"a.png", NULL, NULL, NULL, "no alpha channel", SHERF_BAD_FILE},
-        {"a.png", "small.png", NULL, NULL, "a mask of 39 x 30 pixels for a picture of 40 x 30",
-         SHERF_MISMATCH},
-        {"a.png", "empty.png", NULL, NULL, "the mask is empty", SHERF_BAD_ARGUMENT},
-        {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
-        {"wide.jpg", "m.png", NULL, NULL, "33000 x 2 pixels: from 1 to 32768 on a side", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"K\": [1e999, 0, 20, 0, 5, 15, 0, 0, 1]}", NULL, "finite", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 180}", NULL, "fov_deg", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, 2]}", NULL, "not a rotation",
-         SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60, \"R\": [1, 0, 0, 0, 1, 0, 0, 0, -1]}", NULL, "mirroring",
-         SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60, \"width\": 80}", NULL, "the picture has 40 x 30",
-         SHERF_MISMATCH},
-        {"a.png", "m.png", "\"none.json\"", NULL, "none.json", SHERF_NO_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60, \"D\": [1, 2, 3, 4, 5, 6]}", NULL, "D has 6 numbers",
-         SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60, \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]}",
-         NULL, "RT: the last row is not 0 0 0 1, the last column is", SHERF_BAD_FILE},
-        {"a.png", "m.png",
-         "{\"fov_deg\": 60, \"T\": [1, 2, 3], \"RT\": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]}", NULL,
-         "told twice, by RT and by T", SHERF_BAD_FILE},
-        {"a.png", "m.png", "{\"fov_deg\": 60}", "{\"body_pose\": %s, \"pred_cam\": [0.9, 0, 0]}",
-         "the body has no translation", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "{\"mhr_model_params\": [0], \"pred_cam_t\": [0, 0, 2]}", "SAM 3D Body",
-         SHERF_UNSUPPORTED},
-        {"a.png", "m.png", NULL, "{\"pose3d\": [0]}", "body_pose (69); this has pose3d", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "{}", "a body needs poses", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "{\"poses\": [1, 2, 3]}", "poses", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "{\"body_pose\": \"x\"}", "body_pose", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "7", "body", SHERF_BAD_FILE},
-        {"a.png", "m.png", NULL, "\"none.npz\"", "none.npz", SHERF_NO_FILE},
-        {"", "m.png", NULL, NULL, "\"image\" should name a file", SHERF_BAD_FILE},
-    };
     context *c = test_context();
     size_t live = mem_live();
-    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+    for (size_t i = 0; i < COUNT_OF(faults); i++) {
         sherf_observation *o = NULL;
-        const char *path = json(c, cases[i].image, cases[i].mask, cases[i].camera, cases[i].body);
-        assert_fails(c, sherf_observation_load(c, path, &o), cases[i].status, cases[i].message);
+        const char *path = json(c, faults[i].image, faults[i].mask, faults[i].camera, faults[i].body);
+        assert_fails(c, sherf_observation_load(c, path, &o), faults[i].status, faults[i].message);
         assert_null(o);
         assert_null(strchr(c->message, '\n'));
         assert_true(mem_live() == live);

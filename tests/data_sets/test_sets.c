@@ -360,9 +360,8 @@ static void renderpeople_is_read(void **state) {
     sherf_context_free(c);
 }
 
-static void humman_is_read(void **state) {
-    context *c = test_context();
-    const char *root = fresh_root("humman");
+/* Two people, of two views and the frames 0 and 6. */
+static void make_humman(context *c, const char *root) {
     char name[256], json[4096] = "{\"kinect_depth_000\": {}, ";
     double all[72], shapes[10], Rh[3], Th[3];
     for (int v = 0; v < 2; v++) {
@@ -395,6 +394,12 @@ static void humman_is_read(void **state) {
             assert_ok(c, npz_write(c, join(root, name), 4, member));
         }
     }
+}
+
+static void humman_is_read(void **state) {
+    context *c = test_context();
+    const char *root = fresh_root("humman");
+    make_humman(c, root);
     sherf_dataset *d = opened(c, root);
     assert_string_equal(dataset_protocol(d)->name, "humman");
     assert_string_equal(sherf_dataset_person(d, 0), "p0_a0"); /* no list: sorted */
@@ -512,7 +517,37 @@ static void the_papers_splits(void **state) {
     sherf_context_free(c);
 }
 
-/* One fault at a time in a THuman person: which message comes. */
+/* A THuman person with one fault. */
+static void make_broken_person(context *c, const char *person, const char *what) {
+    made_annots a = plain_annots();
+    if (!strcmp(what, "nan")) a.K0 = NAN;
+    if (!strcmp(what, "singular")) a.K0 = 1e-20;
+    if (!strcmp(what, "rotation")) a.R0 = 0.5;
+    if (!strcmp(what, "leaves")) a.image[3] = "view01/../../../etc/000007.png";
+    if (!strcmp(what, "unnumbered")) a.image[2] = "view00/picture.png";
+    if (!strcmp(what, "unlisted")) a.views_listed = 1;
+    make_thuman_person(c, person, &a);
+    const char *mask = join(person, "mask_cihp/view01/000007.png");
+    if (!strcmp(what, "annots")) make_text(c, join(person, "annots.npy"), "\x93NUMPY rubbish");
+    if (!strcmp(what, "picture")) assert_int_equal(unlink(join(person, "view01/000007.png")), 0);
+    if (!strcmp(what, "mask")) assert_int_equal(unlink(mask), 0);
+    if (!strcmp(what, "mask size")) make_mask(c, mask, 39, 30, 0, 1);
+    if (!strcmp(what, "pose")) assert_int_equal(unlink(join(person, "new_params_neutral/7.npy")), 0);
+    if (!strcmp(what, "shape")) {
+        double short_pose[69] = {0};
+        pickle_writer w;
+        pickle_begin(&w, c);
+        pickle_dict_open(&w);
+        pickle_key_doubles(&w, "poses", 1, 69, short_pose);
+        pickle_key_doubles(&w, "shapes", 1, 10, short_pose);
+        pickle_key_doubles(&w, "Rh", 1, 3, short_pose);
+        pickle_key_doubles(&w, "Th", 1, 3, short_pose);
+        pickle_dict_close(&w);
+        assert_ok(c, pickle_finish_npy(&w, join(person, "new_params_neutral/7.npy")));
+    }
+}
+
+/* Which message comes of which fault. */
 static void broken_sets_are_refused(void **state) {
     context *c = test_context();
     data_view *v = NULL;
@@ -541,33 +576,7 @@ static void broken_sets_are_refused(void **state) {
         {"shape", "poses has 69 numbers", SHERF_BAD_FILE},
     };
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
-        made_annots a = plain_annots();
-        const char *what = cases[i].what;
-        if (!strcmp(what, "nan")) a.K0 = NAN;
-        if (!strcmp(what, "singular")) a.K0 = 1e-20;
-        if (!strcmp(what, "rotation")) a.R0 = 0.5;
-        if (!strcmp(what, "leaves")) a.image[3] = "view01/../../../etc/000007.png";
-        if (!strcmp(what, "unnumbered")) a.image[2] = "view00/picture.png";
-        if (!strcmp(what, "unlisted")) a.views_listed = 1;
-        make_thuman_person(c, person, &a);
-        const char *mask = join(person, "mask_cihp/view01/000007.png");
-        if (!strcmp(what, "annots")) make_text(c, join(person, "annots.npy"), "\x93NUMPY rubbish");
-        if (!strcmp(what, "picture")) assert_int_equal(unlink(join(person, "view01/000007.png")), 0);
-        if (!strcmp(what, "mask")) assert_int_equal(unlink(mask), 0);
-        if (!strcmp(what, "mask size")) make_mask(c, mask, 39, 30, 0, 1);
-        if (!strcmp(what, "pose")) assert_int_equal(unlink(join(person, "new_params_neutral/7.npy")), 0);
-        if (!strcmp(what, "shape")) {
-            double short_pose[69] = {0};
-            pickle_writer w;
-            pickle_begin(&w, c);
-            pickle_dict_open(&w);
-            pickle_key_doubles(&w, "poses", 1, 69, short_pose);
-            pickle_key_doubles(&w, "shapes", 1, 10, short_pose);
-            pickle_key_doubles(&w, "Rh", 1, 3, short_pose);
-            pickle_key_doubles(&w, "Th", 1, 3, short_pose);
-            pickle_dict_close(&w);
-            assert_ok(c, pickle_finish_npy(&w, join(person, "new_params_neutral/7.npy")));
-        }
+        make_broken_person(c, person, cases[i].what);
         d = opened(c, root);
         assert_fails(c, dataset_view(c, d, 0, 1, 1, 0, &v), cases[i].status, cases[i].message);
         assert_null(v);

@@ -239,6 +239,61 @@ static void assert_reads_back(context *c, const char *path, const sherf_motion *
     sherf_motion_free(m);
 }
 
+/* Joints, weights and normals of a mesh's corners. */
+static void check_corners(const glb *g, const cJSON *attribute, int vertices) {
+    int count;
+    const float *normal = accessor(g, number(attribute, "NORMAL"), &count, 12);
+    assert_int_equal(count, vertices);
+    const unsigned char *joint = accessor(g, number(attribute, "JOINTS_0"), &count, 4);
+    const float *weight = accessor(g, number(attribute, "WEIGHTS_0"), &count, 16);
+    for (int v = 0; v < vertices; v++) {
+        float sum = 0, length = 0;
+        for (int i = 0; i < 4; i++) {
+            assert_true(joint[4 * v + i] < 24 && weight[4 * v + i] >= 0);
+            sum += weight[4 * v + i];
+        }
+        for (int k = 0; k < 3; k++) length += normal[3 * v + k] * normal[3 * v + k];
+        assert_float_equal(sum, 1, 4e-7);
+        assert_float_equal(length, 1, 1e-4);
+    }
+}
+
+/* Inverse bind matrices undo the joints' places in the rest pose. */
+static void check_bind(const glb *g, const cJSON *skinned, const cJSON *nodes) {
+    int count;
+    const float *bind = accessor(g, number(skinned, "inverseBindMatrices"), &count, 64);
+    double place[24][3];
+    for (int j = 0; j < 24; j++)
+        for (int k = 0; k < 3; k++) {
+            int parent = body->parent[j];
+            place[j][k] = at(get(at(nodes, j), "translation"), k)->valuedouble + (j ? place[parent][k] : 0);
+            assert_float_equal(place[j][k], -bind[16 * j + 12 + k], 1e-5);
+        }
+}
+
+/* 25 channels, unit quaternions, the pelvis where the motion has it. */
+static void check_clip(context *c, const glb *g, const sherf_motion *motion) {
+    int count;
+    const cJSON *clip = at(get(g->json, "animations"), 0);
+    assert_int_equal(cJSON_GetArraySize(get(clip, "channels")), 25);
+    const float *time = accessor(g, number(at(get(clip, "samplers"), 0), "input"), &count, 4);
+    assert_int_equal(count, sherf_motion_frame_count(motion));
+    assert_float_equal(time[1], 0.04, 1e-4);
+    const float *moved = accessor(g, number(at(get(clip, "samplers"), 0), "output"), &count, 12);
+    sherf_pose pose;
+    float joints[72];
+    sherf_motion_pose(motion, 2, &pose);
+    assert_ok(c, sherf_body_pose(c, body, &pose, NULL, joints));
+    for (int k = 0; k < 3; k++) assert_float_equal(moved[6 + k], joints[k], 1e-4);
+    for (int s = 1; s < 25; s++) {
+        const float *q = accessor(g, number(at(get(clip, "samplers"), s), "output"), &count, 16);
+        for (int f = 0; f < count; f++)
+            assert_float_equal(q[4 * f] * q[4 * f] + q[4 * f + 1] * q[4 * f + 1] +
+                                   q[4 * f + 2] * q[4 * f + 2] + q[4 * f + 3] * q[4 * f + 3],
+                               1, 1e-5);
+    }
+}
+
 static void glb_is_a_rigged_person(void **state) {
     context *c = *state;
     const char *path = kept("person.glb");
@@ -259,34 +314,13 @@ static void glb_is_a_rigged_person(void **state) {
     const cJSON *primitive = at(get(at(get(g.json, "meshes"), 0), "primitives"), 0);
     const cJSON *attribute = get(primitive, "attributes");
     const float *position = accessor(&g, number(attribute, "POSITION"), &vertices, 12);
-    const float *normal = accessor(&g, number(attribute, "NORMAL"), &count, 12);
-    assert_int_equal(count, vertices);
     const uint32_t *index = accessor(&g, number(primitive, "indices"), &indices, 4);
     assert_int_equal(indices, 3 * e.triangles);
     assert_welded(position, vertices, index, indices);
     const float *uv = accessor(&g, number(attribute, "TEXCOORD_0"), &count, 8);
     for (int i = 0; i < 2 * count; i++) assert_true(uv[i] > 0 && uv[i] < 1);
-    const unsigned char *joint = accessor(&g, number(attribute, "JOINTS_0"), &count, 4);
-    const float *weight = accessor(&g, number(attribute, "WEIGHTS_0"), &count, 16);
-    for (int v = 0; v < vertices; v++) {
-        float sum = 0, length = 0;
-        for (int i = 0; i < 4; i++) {
-            assert_true(joint[4 * v + i] < 24 && weight[4 * v + i] >= 0);
-            sum += weight[4 * v + i];
-        }
-        for (int k = 0; k < 3; k++) length += normal[3 * v + k] * normal[3 * v + k];
-        assert_float_equal(sum, 1, 4e-7);
-        assert_float_equal(length, 1, 1e-4);
-    }
-    /* inverse bind matrices undo the joints' places in the rest pose */
-    const float *bind = accessor(&g, number(skinned, "inverseBindMatrices"), &count, 64);
-    double place[24][3];
-    for (int j = 0; j < 24; j++)
-        for (int k = 0; k < 3; k++) {
-            int parent = body->parent[j];
-            place[j][k] = at(get(at(nodes, j), "translation"), k)->valuedouble + (j ? place[parent][k] : 0);
-            assert_float_equal(place[j][k], -bind[16 * j + 12 + k], 1e-5);
-        }
+    check_corners(&g, attribute, vertices);
+    check_bind(&g, skinned, nodes);
     /* the picture */
     const cJSON *view = at(get(g.json, "bufferViews"), number(at(get(g.json, "images"), 0), "bufferView"));
     image_u8 picture;
@@ -294,25 +328,7 @@ static void glb_is_a_rigged_person(void **state) {
                              &picture));
     assert_int_equal(picture.width, 256);
     mem_free(picture.data);
-    /* the animation: 25 channels, unit quaternions, the pelvis where the motion has it */
-    const cJSON *clip = at(get(g.json, "animations"), 0);
-    assert_int_equal(cJSON_GetArraySize(get(clip, "channels")), 25);
-    const float *time = accessor(&g, number(at(get(clip, "samplers"), 0), "input"), &count, 4);
-    assert_int_equal(count, sherf_motion_frame_count(motion));
-    assert_float_equal(time[1], 0.04, 1e-4);
-    const float *moved = accessor(&g, number(at(get(clip, "samplers"), 0), "output"), &count, 12);
-    sherf_pose pose;
-    float joints[72];
-    sherf_motion_pose(motion, 2, &pose);
-    assert_ok(c, sherf_body_pose(c, body, &pose, NULL, joints));
-    for (int k = 0; k < 3; k++) assert_float_equal(moved[6 + k], joints[k], 1e-4);
-    for (int s = 1; s < 25; s++) {
-        const float *q = accessor(&g, number(at(get(clip, "samplers"), s), "output"), &count, 16);
-        for (int f = 0; f < count; f++)
-            assert_float_equal(q[4 * f] * q[4 * f] + q[4 * f + 1] * q[4 * f + 1] +
-                                   q[4 * f + 2] * q[4 * f + 2] + q[4 * f + 3] * q[4 * f + 3],
-                               1, 1e-5);
-    }
+    check_clip(c, &g, motion);
     glb_close(&g);
     assert_reads_back(c, path, motion);
     sherf_motion_free(motion);

@@ -102,6 +102,17 @@ static void second_fused(const second *s, double out[2 * WIDTH]) {
         memcpy(out, token[0], 2 * WIDTH * sizeof *out);
 }
 
+static void every_weight_has_a_gradient(const char *preset, const model *m) {
+    for (int i = 0; i < m->weights->count; i++) {
+        const parameter *q = m->weights->item[i];
+        /* 32 pixels are one in the global encoder's last stage, and batch norm of one is constant. */
+        bool any = q->buffer || !strncmp(q->name, "encoder_2d.", 11);
+        for (int64_t k = 0; k < tensor_count(&q->value) && !any; k++)
+            any = m->weights->grads[q->offset + k] != 0;
+        if (!any) fail_msg("%s: %s has no gradient", preset, q->name);
+    }
+}
+
 /* Each point's fused tokens are those of the definition, and every weight that is declared takes part. */
 static void agrees(const char *preset, double tolerance) {
     context *c = test_context();
@@ -150,14 +161,7 @@ static void agrees(const char *preset, double tolerance) {
     assert_ok(c, model_frame(t, m, scene.body, scene.geometry, &bank, scene.target, 0, 0, &frame));
     tensor *zero = tape_zeros(t, T_F32, frame->rank, frame->dim);
     assert_ok(c, tape_backward(t, op_mean_square(t, frame, zero, NULL), 1));
-    for (int i = 0; i < m->weights->count; i++) {
-        const parameter *q = m->weights->item[i];
-        /* 32 pixels are one in the global encoder's last stage, and batch norm of one is constant. */
-        bool any = q->buffer || !strncmp(q->name, "encoder_2d.", 11);
-        for (int64_t k = 0; k < tensor_count(&q->value) && !any; k++)
-            any = m->weights->grads[q->offset + k] != 0;
-        if (!any) fail_msg("%s: %s has no gradient", preset, q->name);
-    }
+    every_weight_has_a_gradient(preset, m);
     tape_free(t);
     rival_weights_free(&s.w);
     model_free(m);

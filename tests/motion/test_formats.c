@@ -342,8 +342,20 @@ static void other_dicts(void **state) {
                               {"trans", 2, {WALK_FRAMES, 3}, up.trans[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(aitviewer), aitviewer));
     assert_walk(f, path, NULL, 30, "aitviewer", "y up");
-    static float whole[WALK_FRAMES][72],
-        Th[WALK_FRAMES][3]; /* EasyMocap's: the root apart, about the origin */
+    npz_member batch[] = {{"smpl_params_global/body_pose", 3, {1, WALK_FRAMES, 63}, body[1][0]},
+                          {"smpl_params_global/global_orient", 3, {1, WALK_FRAMES, 3}, up.root[0]},
+                          {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(batch), batch));
+    assert_walk(f, path, NULL, 30, "GVHMR", "y up");
+}
+
+/* EasyMocap's: the root apart, about the origin. */
+static void root_apart(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("mocap.npz");
+    static float whole[WALK_FRAMES][72], Th[WALK_FRAMES][3];
+    arrays up;
+    arrays_of(&f->walk, walk_y_up, &up);
     for (int i = 0; i < WALK_FRAMES; i++) {
         float R[9];
         const double *J0 = f->walk.skeleton.rest_m[0];
@@ -358,11 +370,6 @@ static void other_dicts(void **state) {
                           {"Th", 2, {WALK_FRAMES, 3}, Th[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(mocap), mocap));
     assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
-    npz_member batch[] = {{"smpl_params_global/body_pose", 3, {1, WALK_FRAMES, 63}, body[1][0]},
-                          {"smpl_params_global/global_orient", 3, {1, WALK_FRAMES, 3}, up.root[0]},
-                          {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.trans[0]}};
-    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(batch), batch));
-    assert_walk(f, path, NULL, 30, "GVHMR", "y up");
 }
 
 /* Dicts in dicts, and lists with a person each. */
@@ -413,8 +420,17 @@ static void other_pickles(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "3DPW", "track 1 of 2");
-    for (int full = 0; full < 2;
-         full++) { /* EDGE in metres, z up; AIST++ in centimetres without its scaling */
+}
+
+/* EDGE in metres, z up; AIST++ in centimetres without its scaling. */
+static void dances(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("dance.pkl");
+    arrays up, z;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &up);
+    arrays_of(&f->walk, walk_z_up, &z);
+    for (int full = 0; full < 2; full++) {
         for (int i = 0; i < WALK_FRAMES * 3 && !full; i++) up.trans[i / 3][i % 3] *= 100;
         pickle_begin(&w, f->c);
         pickle_dict_open(&w);
@@ -1169,7 +1185,9 @@ int main(void) {
                                        cmocka_unit_test(joblib),
                                        cmocka_unit_test(easymocap),
                                        cmocka_unit_test(other_dicts),
+                                       cmocka_unit_test(root_apart),
                                        cmocka_unit_test(other_pickles),
+                                       cmocka_unit_test(dances),
                                        cmocka_unit_test(other_arrays),
                                        cmocka_unit_test(joints_alone),
                                        cmocka_unit_test(folders_of_arrays),

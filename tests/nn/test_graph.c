@@ -122,59 +122,52 @@ static void others(void **state) {
                     8, 9, 10, 11, 8, 9, 10, 11, 12, 13, 14, 15, 12, 13, 14, 15});
 }
 
+static const float w[3 * 3 * I * O], bad[1 * 1 * I * 1] = {NAN};
+static const struct {
+    graph_node node;
+    const char *why;
+} wrong_nodes[] = {
+    {{.kind = GRAPH_ADD, .inputs = 2, .input = {0, 1}}, "no earlier node"},
+    {{.kind = GRAPH_ADD, .inputs = 1}, "1 inputs"},
+    {{.kind = GRAPH_KINDS}, "unknown kind"},
+    {{.kind = GRAPH_INPUT, .rank = 3, .size = {1, 1, 1}}, "second input"},
+    {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .stride = {1, 1}}, "no weights"},
+    {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .weight = w, .weight_size = {3, 3, I + 1, O}, .stride = {1, 1}},
+     "for 8 channels"},
+    {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .weight = w, .weight_size = {3, 3, I, O}}, "kernel or stride"},
+    {{.kind = GRAPH_CONVOLUTION,
+      .inputs = 1,
+      .weight = w,
+      .weight_size = {3, 3, I, O},
+      .stride = {1, 1},
+      .pad = {3, 0, 0, 0}},
+     "padding"},
+    {{.kind = GRAPH_CONVOLUTION,
+      .inputs = 1,
+      .weight = w,
+      .weight_size = {3, 3, I, O},
+      .stride = {1, 1},
+      .then = GRAPH_SIGMOID},
+     "activation"},
+    {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .weight = bad, .weight_size = {1, 1, I, 1}, .stride = {1, 1}},
+     "not finite"},
+    {{.kind = GRAPH_RESIZE, .inputs = 1, .size = {30000, 30000}}, "more than"},
+    {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, 5}}, "another number"},
+    {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, -1}}, "another number"},
+    {{.kind = GRAPH_CONCAT, .inputs = 1, .axis = 3}, "axis"},
+    {{.kind = GRAPH_UNFOLD, .inputs = 1, .block = 3}, "blocks"},
+};
+
 static void refused(void **state) {
     context *c = *state;
-    static const float w[3 * 3 * I * O], bad[1 * 1 * I * 1] = {NAN};
-    const struct {
-        graph_node node;
-        const char *why;
-    } wrong[] = {
-        {{.kind = GRAPH_ADD, .inputs = 2, .input = {0, 1}}, "no earlier node"},
-        {{.kind = GRAPH_ADD, .inputs = 1}, "1 inputs"},
-        {{.kind = GRAPH_KINDS}, "unknown kind"},
-        {{.kind = GRAPH_INPUT, .rank = 3, .size = {1, 1, 1}}, "second input"},
-        {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .stride = {1, 1}}, "no weights"},
-        {{.kind = GRAPH_CONVOLUTION,
-          .inputs = 1,
-          .weight = w,
-          .weight_size = {3, 3, I + 1, O},
-          .stride = {1, 1}},
-         "for 8 channels"},
-        {{.kind = GRAPH_CONVOLUTION, .inputs = 1, .weight = w, .weight_size = {3, 3, I, O}},
-         "kernel or stride"},
-        {{.kind = GRAPH_CONVOLUTION,
-          .inputs = 1,
-          .weight = w,
-          .weight_size = {3, 3, I, O},
-          .stride = {1, 1},
-          .pad = {3, 0, 0, 0}},
-         "padding"},
-        {{.kind = GRAPH_CONVOLUTION,
-          .inputs = 1,
-          .weight = w,
-          .weight_size = {3, 3, I, O},
-          .stride = {1, 1},
-          .then = GRAPH_SIGMOID},
-         "activation"},
-        {{.kind = GRAPH_CONVOLUTION,
-          .inputs = 1,
-          .weight = bad,
-          .weight_size = {1, 1, I, 1},
-          .stride = {1, 1}},
-         "not finite"},
-        {{.kind = GRAPH_RESIZE, .inputs = 1, .size = {30000, 30000}}, "more than"},
-        {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, 5}}, "another number"},
-        {{.kind = GRAPH_RESHAPE, .inputs = 1, .rank = 2, .size = {-1, -1}}, "another number"},
-        {{.kind = GRAPH_CONCAT, .inputs = 1, .axis = 3}, "axis"},
-        {{.kind = GRAPH_UNFOLD, .inputs = 1, .block = 3}, "blocks"},
-    };
-    for (size_t i = 0; i < COUNT_OF(wrong); i++) {
+    for (size_t i = 0; i < COUNT_OF(wrong_nodes); i++) {
         const size_t live = mem_live();
         graph *g = begin_with_input(c);
-        graph_node n = wrong[i].node;
-        n.name = "wrong";
+        graph_node n = wrong_nodes[i].node;
+        n.name = "wrong_nodes";
         const sherf_status status = graph_add(c, g, &n);
-        if (status == SHERF_OK || !strstr(c->message, wrong[i].why) || !strstr(c->message, "node wrong"))
+        if (status == SHERF_OK || !strstr(c->message, wrong_nodes[i].why) ||
+            !strstr(c->message, "node wrong_nodes"))
             fail_msg("%zu: %s", i, c->message);
         graph_free(g);
         assert_int_equal(mem_live(), live);

@@ -75,55 +75,58 @@ static void hosts_and_origins(void **state) {
     assert_false(origin_is_allowed("", "127.0.0.1:80"));
 }
 
+static const char *const good_fields[][2] = {
+    {"client", "abc123"}, {"n", "12"},    {"avatar", "0"}, {"motion", "2"},  {"frame", "100"},
+    {"w", "128"},         {"h", "96"},    {"az", "-1.5"},  {"el", "0.3"},    {"zoom", "2e0"},
+    {"ox", "0.1"},        {"oy", "-0.2"}, {"oz", "0"},     {"bg", "0a80ff"}, {"mode", "depth"},
+    {"follow", "0"},      {"png", "1"},   {"fine", "1"},   {"turn", "48"},   {"fps", "25"},
+    {"speed", "0.5"}};
+
+static const char *const bad_fields[][2] = {{"w", "15"},
+                                            {"w", "4097"},
+                                            {"w", "128 "},
+                                            {"w", "0x80"},
+                                            {"w", ""},
+                                            {"w", "-128"},
+                                            {"w", "99999999999999999999"},
+                                            {"w", "12.5"},
+                                            {"az", "nan"},
+                                            {"az", "inf"},
+                                            {"az", "0x1p3"},
+                                            {"az", "1e9"},
+                                            {"az", ""},
+                                            {"az", "1,5"},
+                                            {"el", "2"},
+                                            {"zoom", "0"},
+                                            {"zoom", "-1"},
+                                            {"mode", "colour"},
+                                            {"mode", ""},
+                                            {"bg", "fff"},
+                                            {"bg", "gggggg"},
+                                            {"bg", "0a80ff0"},
+                                            {"follow", "2"},
+                                            {"follow", "yes"},
+                                            {"client", "abc"},
+                                            {"client", "abcdefghijklmnopq"},
+                                            {"client", "../../x"},
+                                            {"client", "ABCD"},
+                                            {"n", "-1"},
+                                            {"n", "1234567890123456"},
+                                            {"turn", "3001"},
+                                            {"fps", "0"},
+                                            {"speed", "1000"},
+                                            {"avatar", "-1"},
+                                            {"frame", "1e3"},
+                                            {"unknown", "1"},
+                                            {"", "1"}};
+
 /* ---- which are taken ---- */
 static void fields(void **state) {
-    static const char *const good[][2] = {
-        {"client", "abc123"}, {"n", "12"},    {"avatar", "0"}, {"motion", "2"},  {"frame", "100"},
-        {"w", "128"},         {"h", "96"},    {"az", "-1.5"},  {"el", "0.3"},    {"zoom", "2e0"},
-        {"ox", "0.1"},        {"oy", "-0.2"}, {"oz", "0"},     {"bg", "0a80ff"}, {"mode", "depth"},
-        {"follow", "0"},      {"png", "1"},   {"fine", "1"},   {"turn", "48"},   {"fps", "25"},
-        {"speed", "0.5"}};
-    static const char *const bad[][2] = {{"w", "15"},
-                                         {"w", "4097"},
-                                         {"w", "128 "},
-                                         {"w", "0x80"},
-                                         {"w", ""},
-                                         {"w", "-128"},
-                                         {"w", "99999999999999999999"},
-                                         {"w", "12.5"},
-                                         {"az", "nan"},
-                                         {"az", "inf"},
-                                         {"az", "0x1p3"},
-                                         {"az", "1e9"},
-                                         {"az", ""},
-                                         {"az", "1,5"},
-                                         {"el", "2"},
-                                         {"zoom", "0"},
-                                         {"zoom", "-1"},
-                                         {"mode", "colour"},
-                                         {"mode", ""},
-                                         {"bg", "fff"},
-                                         {"bg", "gggggg"},
-                                         {"bg", "0a80ff0"},
-                                         {"follow", "2"},
-                                         {"follow", "yes"},
-                                         {"client", "abc"},
-                                         {"client", "abcdefghijklmnopq"},
-                                         {"client", "../../x"},
-                                         {"client", "ABCD"},
-                                         {"n", "-1"},
-                                         {"n", "1234567890123456"},
-                                         {"turn", "3001"},
-                                         {"fps", "0"},
-                                         {"speed", "1000"},
-                                         {"avatar", "-1"},
-                                         {"frame", "1e3"},
-                                         {"unknown", "1"},
-                                         {"", "1"}};
     viewer_query q;
     query_start(&q);
-    for (size_t i = 0; i < COUNT_OF(good); i++)
-        if (!query_take(&q, good[i][0], good[i][1])) fail_msg("%s=%s", good[i][0], good[i][1]);
+    for (size_t i = 0; i < COUNT_OF(good_fields); i++)
+        if (!query_take(&q, good_fields[i][0], good_fields[i][1]))
+            fail_msg("%s=%s", good_fields[i][0], good_fields[i][1]);
     assert_int_equal(q.request.width, 128);
     assert_int_equal(q.request.height, 96);
     assert_int_equal(q.request.mode, VIEWER_DEPTH);
@@ -131,11 +134,12 @@ static void fields(void **state) {
     assert_true(fabsf(q.request.background[2] - 1) < 1e-6f &&
                 fabsf(q.request.background[1] - 128 / 255.f) < 1e-6f);
     assert_false(q.request.follow);
-    for (size_t i = 0; i < COUNT_OF(good); i++) /* none twice */
-        if (query_take(&q, good[i][0], good[i][1])) fail_msg("%s twice", good[i][0]);
-    for (size_t i = 0; i < COUNT_OF(bad); i++) {
+    for (size_t i = 0; i < COUNT_OF(good_fields); i++) /* none twice */
+        if (query_take(&q, good_fields[i][0], good_fields[i][1])) fail_msg("%s twice", good_fields[i][0]);
+    for (size_t i = 0; i < COUNT_OF(bad_fields); i++) {
         query_start(&q);
-        if (query_take(&q, bad[i][0], bad[i][1])) fail_msg("'%s=%s' was taken", bad[i][0], bad[i][1]);
+        if (query_take(&q, bad_fields[i][0], bad_fields[i][1]))
+            fail_msg("'%s=%s' was taken", bad_fields[i][0], bad_fields[i][1]);
     }
     query_start(&q);
     assert_false(query_take(&q, "w", NULL));

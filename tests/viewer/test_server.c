@@ -222,6 +222,32 @@ static void corner_world(const uint8_t *surface, const float *frame, uint32_t co
     assert_int_equal(sum, 255);
 }
 
+/* As the page gets it, once it is there; to be freed. */
+static uint8_t *take_surface(uint32_t *corners) {
+    const answer *a = get("/surface?avatar=0");
+    for (int i = 0; i < 2000 && a->status == 202; i++, a = get("/surface?avatar=0")) usleep(50000);
+    assert_status(a, 200);
+    assert_true(has(a, "application/octet-stream"));
+    uint32_t head[4];
+    memcpy(head, a->body, sizeof head);
+    const uint32_t triangles = head[2];
+    *corners = head[1];
+    assert_int_equal(head[0], LIVE_SURFACE);
+    assert_true(*corners > 200 && triangles > 200);
+    assert_int_equal(a->bytes, 16 + 24 * (size_t)*corners + 12 * (size_t)triangles + head[3]);
+    uint8_t *surface = mem_alloc(all.c, a->bytes, 1);
+    memcpy(surface, a->body, a->bytes);
+    for (uint32_t i = 0, index; i < 3 * triangles; i++) {
+        memcpy(&index, surface + 16 + 24 * (size_t)*corners + 4 * (size_t)i, sizeof index);
+        assert_true(index < *corners);
+    }
+    image_u8 texture;
+    assert_ok(all.c, image_parse(all.c, surface + a->bytes - head[3], head[3], 3, &texture));
+    assert_int_equal(texture.width, texture.height);
+    mem_free(texture.data);
+    return surface;
+}
+
 /* The surface, put into a frame by the bytes that the page gets, is where the network's picture has the body.
  */
 static void surface_stands_in_the_picture(void **state) {
@@ -229,28 +255,10 @@ static void surface_stands_in_the_picture(void **state) {
     static const char query[] = "/frame?client=lena&n=1&motion=2&frame=4&az=0.7&el=0.2";
     viewer *v = all.viewer;
     v->live.resolution = 64;
-    const answer *a = get("/surface?avatar=0");
-    for (int i = 0; i < 2000 && a->status == 202; i++, a = get("/surface?avatar=0")) usleep(50000);
+    uint32_t corners, moves[4];
+    uint8_t *surface = take_surface(&corners);
+    const answer *a = get("/moves?motion=2&frame=3");
     assert_status(a, 200);
-    assert_true(has(a, "application/octet-stream"));
-    uint32_t head[4], moves[4];
-    memcpy(head, a->body, sizeof head);
-    const uint32_t corners = head[1], triangles = head[2];
-    assert_int_equal(head[0], LIVE_SURFACE);
-    assert_true(corners > 200 && triangles > 200);
-    assert_int_equal(a->bytes, 16 + 24 * (size_t)corners + 12 * (size_t)triangles + head[3]);
-    uint8_t *surface = mem_alloc(all.c, a->bytes, 1);
-    memcpy(surface, a->body, a->bytes);
-    for (uint32_t i = 0, index; i < 3 * triangles; i++) {
-        memcpy(&index, surface + 16 + 24 * (size_t)corners + 4 * (size_t)i, sizeof index);
-        assert_true(index < corners);
-    }
-    image_u8 texture;
-    assert_ok(all.c, image_parse(all.c, surface + a->bytes - head[3], head[3], 3, &texture));
-    assert_int_equal(texture.width, texture.height);
-    mem_free(texture.data);
-
-    assert_status(a = get("/moves?motion=2&frame=3"), 200);
     memcpy(moves, a->body, sizeof moves);
     assert_true(moves[0] == LIVE_MOVES && moves[1] == 3 && moves[2] == POSES - 3);
     assert_int_equal(a->bytes, 16 + 4 * (LIVE_FRAMING + (POSES - 3) * (size_t)LIVE_FRAME));

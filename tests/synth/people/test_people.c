@@ -147,21 +147,10 @@ static void test_cover(void **state) {
 
 /* ---- dyeing ---- */
 
-static void test_dye(void **state) {
-    context *c = test_context();
-    /* two squares: one low and blue with a red print, one high and white */
-    static const char two[] =
-        "{\"ref_vIdxs\": [[0,0,0],[1,1,1],[2,2,2],[3,3,3],[0,0,0],[1,1,1],[2,2,2],[3,3,3]],"
-        " \"weights\": [[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0]],"
-        " \"offsets\": [[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,5,0],[0,5,0],[0,5,0],[0,5,0]],"
-        " \"uvs\": [[0,0, 0.4,0, 0.4,1, 0,1, 0.6,0, 1,0, 1,1, 0.6,1]], \"faces\": [11,0,1,2,3,0,0,1,2,3, "
-        "11,4,5,6,7,0,4,5,6,7]}";
-    proxy *p;
-    assert_ok(c, parse(c, two, &p));
-    float at[24];
-    proxy_fit(p, base, at);
-    enum { W = 40, H = 40 };
-    static uint8_t texel[4 * W * H];
+enum { W = 40, H = 40 };
+
+/* Blue with a red print on the left, white on the right. */
+static void make_texels(uint8_t texel[4 * W * H]) {
     for (int i = 0; i < W * H; i++) {
         int x = i % W, y = i / W;
         bool print = x > 4 && x < 9 && y > 10 && y < 15;
@@ -177,6 +166,23 @@ static void test_dye(void **state) {
                                   255};
         memcpy(texel + 4 * i, color, 4);
     }
+}
+
+static void test_dye(void **state) {
+    context *c = test_context();
+    /* two squares: one low and blue with a red print, one high and white */
+    static const char two[] =
+        "{\"ref_vIdxs\": [[0,0,0],[1,1,1],[2,2,2],[3,3,3],[0,0,0],[1,1,1],[2,2,2],[3,3,3]],"
+        " \"weights\": [[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0],[1,0,0]],"
+        " \"offsets\": [[0,0,0],[0,0,0],[0,0,0],[0,0,0],[0,5,0],[0,5,0],[0,5,0],[0,5,0]],"
+        " \"uvs\": [[0,0, 0.4,0, 0.4,1, 0,1, 0.6,0, 1,0, 1,1, 0.6,1]], \"faces\": [11,0,1,2,3,0,0,1,2,3, "
+        "11,4,5,6,7,0,4,5,6,7]}";
+    proxy *p;
+    assert_ok(c, parse(c, two, &p));
+    float at[24];
+    proxy_fit(p, base, at);
+    static uint8_t texel[4 * W * H];
+    make_texels(texel);
     image_u8 texture = {W, H, 4, texel}, out;
     dye_map *m;
     assert_ok(c, dye_map_create(c, p, at, true, 0.3f, &texture, &m));

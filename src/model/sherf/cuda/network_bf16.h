@@ -395,6 +395,28 @@ template <int H> struct decoder_block {
         return true;
     }
 
+    /* The view layer, of the last layer's result, the direction and the second token. */
+    template <typename T>
+    __device__ void show(const network_sizes &s, const T &task, const input *h, const input *seen,
+                         input *shown) {
+        sums view[VIEW_N];
+        input all[H + DIRECTION_TILES + TOKEN_TILES];
+        UNROLL
+        for (int k = 0; k < H; k++) all[k] = h[k];
+        w.template encode<DIRECTION_TILES>([&](int p, int k) { return task.direction(p, k); },
+                                           s.direction_frequencies, s.direction_width, all + H);
+        UNROLL
+        for (int k = 0; k < TOKEN_TILES; k++) all[H + DIRECTION_TILES + k] = seen[k];
+        if constexpr (T::KEEPS) task.turned(w, all + H);
+        UNROLL
+        for (int n = 0; n < VIEW_N; n++) view[n] = bias_of(w.values + at.views_b, n, w.t);
+        stream.template layer<H + DIRECTION_TILES + TOKEN_TILES, VIEW_N>(w.lane, all, view);
+        if constexpr (T::KEEPS) task.view_sums(view);
+        UNROLL
+        for (int k = 0; k < VIEW_TILES; k++)
+            shown[k] = input_of(positive(view[2 * k]), positive(view[2 * k + 1]));
+    }
+
     /* The warp's points through fusion and decoder. h: what the last layer gives; shown: the view layer. The
      * task reads the points, as p and k say, and, where it KEEPS
      * something, sees what goes from layer to layer. */
@@ -444,24 +466,7 @@ template <int H> struct decoder_block {
                 if constexpr (T::KEEPS) task.layer_result(w, layer, k, h[k]);
             }
         }
-        sums view[VIEW_N];
-        {
-            input all[H + DIRECTION_TILES + TOKEN_TILES];
-            UNROLL
-            for (int k = 0; k < H; k++) all[k] = h[k];
-            w.template encode<DIRECTION_TILES>([&](int p, int k) { return task.direction(p, k); },
-                                               s.direction_frequencies, s.direction_width, all + H);
-            UNROLL
-            for (int k = 0; k < TOKEN_TILES; k++) all[H + DIRECTION_TILES + k] = seen[k];
-            if constexpr (T::KEEPS) task.turned(w, all + H);
-            UNROLL
-            for (int n = 0; n < VIEW_N; n++) view[n] = bias_of(w.values + at.views_b, n, t);
-            stream.template layer<H + DIRECTION_TILES + TOKEN_TILES, VIEW_N>(w.lane, all, view);
-        }
-        if constexpr (T::KEEPS) task.view_sums(view);
-        UNROLL
-        for (int k = 0; k < VIEW_TILES; k++)
-            shown[k] = input_of(positive(view[2 * k]), positive(view[2 * k + 1]));
+        show(s, task, h, seen, shown);
     }
 
     /* Colour and raw density of the points from what forward gave: put(number, channel, value). */

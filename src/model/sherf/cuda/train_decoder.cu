@@ -81,9 +81,77 @@ template <int H, bool BACK> struct train_task {
     }
 };
 
+/* The gradients of a tile's colours through the sigmoid and the view layer, and of its densities: gone, the
+ * view layer's and, last, the density's. */
+static __device__ void shown_back(const train_run &r, const network_warp &w, const warp_points &at,
+                                  uint4 *record, const uint32_t *mask, uint32_t *back, const input *shown,
+                                  input *gone) {
+    input dout = {};
+    gone[VIEW_TILES] = {};
+    UNROLL
+    for (int i = 0; i < 2; i++) {
+        if (at.first + w.g + 8 * i >= at.end) continue;
+        const int64_t point = at.number(w.g + 8 * i);
+        float d[2] = {0, 0};
+        for (int e = 0; e < 2; e++)
+            if (2 * w.t + e < 3) { /* y = 1.002 v - 0.001 */
+                const float v = (r.rgb[3 * point + 2 * w.t + e] + 0.001f) / 1.002f;
+                d[e] = r.drgb[3 * point + 2 * w.t + e] * 1.002f * v * (1 - v);
+            }
+        dout.a[i] = pack_bf16(d[0], d[1]);
+        if (w.t == 0) gone[VIEW_TILES].a[i] = pack_bf16(r.dsigma[point], 0);
+    }
+    UNROLL
+    for (int k = 0; k < VIEW_TILES; k++) keep(record, r.at.shown + k, w.lane, shown[k]);
+    keep(record, r.at.dout, w.lane, dout);
+    keep(record, r.at.dalpha, w.lane, gone[VIEW_TILES]);
+    network_warp wb = w;
+    wb.fragments = back;
+    sums view[VIEW_N] = {};
+    wb.template product<1, VIEW_N>(&dout, 0, view);
+    signs_apply<VIEW_N>(mask + r.s.decoder_depth * 2 * THREADS, view);
+    UNROLL
+    for (int k = 0; k < VIEW_TILES; k++) {
+        gone[k] = input_of(view[2 * k], view[2 * k + 1]);
+        keep(record, r.at.dviews + k, w.lane, gone[k]);
+    }
+}
+
+/* The way back of a tile from there to its tokens. h: scratch. */
+template <int H>
+static __device__ void decoder_back(const train_run &r, decoder_block<H> &block, int64_t first, uint4 *record,
+                                    const uint32_t *mask, const input *gone, input *h) {
+    enum { N = 2 * H };
+    auto &stream = block.stream;
+    const int lane = block.w.lane, g = block.w.g, t = block.w.t;
+    sums y[N];
+    UNROLL
+    for (int n = 0; n < N; n++) y[n] = {};
+    stream.template layer<VIEW_TILES + 1, N>(lane, gone, y);
+    {
+        sums dtoken[TOKEN_N] = {};
+        stream.template layer<VIEW_TILES, TOKEN_N>(lane, gone, dtoken);
+        store_token(r.dfused + TOKEN, first, g, t, dtoken);
+    }
+    sums dtoken[TOKEN_N] = {};
+    for (int layer = r.s.decoder_depth - 1; layer >= 0; layer--) {
+        signs_apply<N>(mask + layer * 2 * THREADS, y);
+        UNROLL
+        for (int k = 0; k < H; k++) {
+            h[k] = input_of(y[2 * k], y[2 * k + 1]);
+            keep(record, r.at.dh + layer * H + k, lane, h[k]);
+        }
+        if (layer == 0 || layer == r.s.decoder_skip + 1) stream.template layer<H, TOKEN_N>(lane, h, dtoken);
+        if (layer == 0) break;
+        UNROLL
+        for (int n = 0; n < N; n++) y[n] = {};
+        stream.template layer<H, N>(lane, h, y);
+    }
+    store_token(r.dfused, first, g, t, dtoken);
+}
+
 /* H: k-tiles of the decoder's width. */
 template <int H, bool BACK> __global__ void __launch_bounds__(THREADS, 1) decoder_kernel(train_run r) {
-    enum { N = 2 * H };
     WIDE_SHARED(shared, train_shared<H>());
     uint32_t *back = (uint32_t *)(shared + decoder_shared<H>()),
              *mask = back + VIEW_N * FRAGMENT + threadIdx.x;
@@ -91,9 +159,6 @@ template <int H, bool BACK> __global__ void __launch_bounds__(THREADS, 1) decode
     const int64_t end = chunk_points(r);
     decoder_block<H> block;
     if (!block.begin(s, r.layers, r.layers.stages + (BACK ? r.back_stages : 0), end, shared)) return;
-    auto &stream = block.stream;
-    const network_warp &w = block.w;
-    const int lane = w.lane, g = w.g, t = w.t;
     if (BACK)
         for (int i = (int)threadIdx.x; i < VIEW_N * FRAGMENT / 4; i += THREADS)
             ((uint4 *)back)[i] = r.back[i];
@@ -105,72 +170,18 @@ template <int H, bool BACK> __global__ void __launch_bounds__(THREADS, 1) decode
         const train_task<H, BACK> task = {{r.list, r.base, first, end}, r, record, mask};
         input h[H], shown[VIEW_TILES];
         block.forward(s, task, h, shown);
-        if (!BACK) {
+        if constexpr (BACK) {
+            input gone[VIEW_TILES + 1];
+            shown_back(r, block.w, task.at, record, mask, back, shown, gone);
+            decoder_back<H>(r, block, first, record, mask, gone, h);
+        } else {
             block.answer(task.at, h, shown, [&](int64_t number, int channel, float value) {
                 if (channel < 3)
                     r.rgb[3 * number + channel] = value;
                 else
                     r.sigma[number] = value;
             });
-            continue;
         }
-        /* back */
-        sums y[N];
-        input gone[VIEW_TILES + 1]; /* the view layer's gradient, and the density's */
-        {
-            input dout = {};
-            gone[VIEW_TILES] = {};
-            UNROLL
-            for (int i = 0; i < 2; i++) {
-                if (first + g + 8 * i >= end) continue;
-                const int64_t point = task.at.number(g + 8 * i);
-                float d[2] = {0, 0};
-                for (int e = 0; e < 2; e++)
-                    if (2 * t + e < 3) { /* through the sigmoid: y = 1.002 v - 0.001 */
-                        const float v = (r.rgb[3 * point + 2 * t + e] + 0.001f) / 1.002f;
-                        d[e] = r.drgb[3 * point + 2 * t + e] * 1.002f * v * (1 - v);
-                    }
-                dout.a[i] = pack_bf16(d[0], d[1]);
-                if (t == 0) gone[VIEW_TILES].a[i] = pack_bf16(r.dsigma[point], 0);
-            }
-            UNROLL
-            for (int k = 0; k < VIEW_TILES; k++) keep(record, r.at.shown + k, lane, shown[k]);
-            keep(record, r.at.dout, lane, dout);
-            keep(record, r.at.dalpha, lane, gone[VIEW_TILES]);
-            network_warp wb = w;
-            wb.fragments = back;
-            sums view[VIEW_N] = {};
-            wb.template product<1, VIEW_N>(&dout, 0, view);
-            signs_apply<VIEW_N>(mask + s.decoder_depth * 2 * THREADS, view);
-            UNROLL
-            for (int k = 0; k < VIEW_TILES; k++) {
-                gone[k] = input_of(view[2 * k], view[2 * k + 1]);
-                keep(record, r.at.dviews + k, lane, gone[k]);
-            }
-        }
-        UNROLL
-        for (int n = 0; n < N; n++) y[n] = {};
-        stream.template layer<VIEW_TILES + 1, N>(lane, gone, y);
-        {
-            sums dtoken[TOKEN_N] = {};
-            stream.template layer<VIEW_TILES, TOKEN_N>(lane, gone, dtoken);
-            store_token(r.dfused + TOKEN, first, g, t, dtoken);
-        }
-        sums dtoken[TOKEN_N] = {};
-        for (int layer = s.decoder_depth - 1; layer >= 0; layer--) {
-            signs_apply<N>(mask + layer * 2 * THREADS, y);
-            UNROLL
-            for (int k = 0; k < H; k++) {
-                h[k] = input_of(y[2 * k], y[2 * k + 1]);
-                keep(record, r.at.dh + layer * H + k, lane, h[k]);
-            }
-            if (layer == 0 || layer == s.decoder_skip + 1) stream.template layer<H, TOKEN_N>(lane, h, dtoken);
-            if (layer == 0) break;
-            UNROLL
-            for (int n = 0; n < N; n++) y[n] = {};
-            stream.template layer<H, N>(lane, h, y);
-        }
-        store_token(r.dfused, first, g, t, dtoken);
     }
     async_wait_but(0);
 }

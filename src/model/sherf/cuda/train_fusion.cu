@@ -206,11 +206,10 @@ struct fusion_warp {
         }
     }
 
-    __device__ void run() const {
+    /* The sampled tokens with the colour's encoding, their norms to x, and tokens 0 and 1 through the
+     * attention. */
+    __device__ void attend(const int64_t *rows, sums (*token)[TOKEN_N], input (*x)[TOKEN_TILES]) const {
         const network_sizes &s = r.s;
-        const int64_t rows[2] = {place(w.g), place(w.g + 8)};
-        input x[3][TOKEN_TILES];
-        sums token[3][TOKEN_N];
         load_tokens(r, w.values + at.token_b, rows, w.t, 3, token);
         if (s.color_width) {
             input encoded[COLOR_TILES];
@@ -240,15 +239,12 @@ struct fusion_warp {
                 w.template product<1, TOKEN_N>(&y, at.heads + h * HEAD_EACH + HEAD_QKV, token[i]);
             }
         }
-        sums d[2][TOKEN_N], dnormed[3][TOKEN_N] = {};
-        input dattended[2][TOKEN_TILES];
-        UNROLL
-        for (int i = 0; i < 2; i++) {
-            load_gradient(i, d[i]);
-            feed_back(i, token[i], d[i]);
-            inputs_of(d[i], dattended[i]);
-            keep_two(r.at.dattended + i * TOKEN_TILES, dattended[i]);
-        }
+    }
+
+    /* Through the heads back: from the gradient of what they gave to that of the norms. */
+    __device__ void attend_back(const input (*x)[TOKEN_TILES], const input (*dattended)[TOKEN_TILES],
+                                sums (*dnormed)[TOKEN_N]) const {
+        const network_sizes &s = r.s;
         for (int h = 0; h < s.heads; h++) {
             const int from = there.heads + h * BACK_EACH;
             head_state head;
@@ -266,6 +262,23 @@ struct fusion_warp {
                 back.template product<3, TOKEN_N>(dqkv[j], from + BACK_OUT, dnormed[j]);
             }
         }
+    }
+
+    __device__ void run() const {
+        const int64_t rows[2] = {place(w.g), place(w.g + 8)};
+        input x[3][TOKEN_TILES];
+        sums token[3][TOKEN_N];
+        attend(rows, token, x);
+        sums d[2][TOKEN_N], dnormed[3][TOKEN_N] = {};
+        input dattended[2][TOKEN_TILES];
+        UNROLL
+        for (int i = 0; i < 2; i++) {
+            load_gradient(i, d[i]);
+            feed_back(i, token[i], d[i]);
+            inputs_of(d[i], dattended[i]);
+            keep_two(r.at.dattended + i * TOKEN_TILES, dattended[i]);
+        }
+        attend_back(x, dattended, dnormed);
         load_tokens(r, w.values + at.token_b, rows, w.t, 2, token);
         UNROLL
         for (int i = 0; i < 2; i++) {

@@ -326,8 +326,20 @@ static inline void norm_back(const float *x, const float *dy, const float *weigh
     }
 }
 
-/* Backwards through the attention of one group: d [2 tokens][attention width][16] -> dqkv, bf16 [token]. The
- * scores are in powers of 2 (q's weights hold log2 e), hence ln 2. */
+/* e: in, the gradients of the chances p; out, of the scores, which are in powers of 2 (q's weights hold log2
+ * e), hence ln 2. */
+static inline void softmax_back(__m512 p[2][3], __m512 e[2][3]) {
+    for (int i = 0; i < 2; i++) {
+        __m512 mean = _mm512_mul_ps(p[i][0], e[i][0]);
+        mean = _mm512_fmadd_ps(p[i][1], e[i][1], mean);
+        mean = _mm512_fmadd_ps(p[i][2], e[i][2], mean);
+        for (int j = 0; j < 3; j++)
+            e[i][j] = _mm512_mul_ps(_mm512_mul_ps(p[i][j], _mm512_set1_ps(0.69314718f)),
+                                    _mm512_sub_ps(e[i][j], mean));
+    }
+}
+
+/* Backwards through the attention of one group: d [2 tokens][attention width][16] -> dqkv, bf16 [token]. */
 static inline void attention_back(const radiance_field *n, const float *sums, const float *chance,
                                   const float *d, size_t d_token, char *dqkv, size_t dqkv_token) {
     const int head = n->s.head_width, all = n->attention_width;
@@ -359,14 +371,7 @@ static inline void attention_back(const radiance_field *n, const float *sums, co
                 _mm512_store_si512(dqkv + (size_t)j * dqkv_token + (2 * all + first + c) * 32,
                                    pairs(dv[j][0], dv[j][1]));
         }
-        for (int i = 0; i < 2; i++) {
-            __m512 mean = _mm512_mul_ps(p[i][0], e[i][0]);
-            mean = _mm512_fmadd_ps(p[i][1], e[i][1], mean);
-            mean = _mm512_fmadd_ps(p[i][2], e[i][2], mean);
-            for (int j = 0; j < 3; j++)
-                e[i][j] = _mm512_mul_ps(_mm512_mul_ps(p[i][j], _mm512_set1_ps(0.69314718f)),
-                                        _mm512_sub_ps(e[i][j], mean));
-        }
+        softmax_back(p, e);
         for (int c = 0; c < head; c += 2) {
             __m512 dq[2][2], dk[3][2];
             for (int s = 0; s < 2; s++) {

@@ -30,13 +30,12 @@ static const option options[] = {
     {0},
 };
 
-/* "me-variants.png" of me.safetensors. */
-static int draw_variants(session *s, sherf_avatar *avatar, const sherf_body *body) {
+/* path: "me-variants.png" of me.safetensors. */
+static int draw_variants(session *s, sherf_avatar *avatar, const sherf_body *body, char path[4096]) {
     static const char end[] = "-variants.png";
     const char *dot = strrchr(set.output, '.'), *slash = strrchr(set.output, '/');
     const size_t stem = dot && (!slash || dot > slash) ? (size_t)(dot - set.output) : strlen(set.output);
-    char path[4096];
-    if (stem + sizeof end > sizeof path) return session_failure("%s: the name is too long", set.output);
+    if (stem + sizeof end > 4096) return session_failure("%s: the name is too long", set.output);
     memcpy(path, set.output, stem);
     memcpy(path + stem, end, sizeof end);
     const int status = variants_sheet(s, avatar, body, (int)set.variants, path);
@@ -46,7 +45,8 @@ static int draw_variants(session *s, sherf_avatar *avatar, const sherf_body *bod
     return status;
 }
 
-static int report(session *s, double avatar_s) {
+/* sheet: of its variants; "": none. */
+static int report(session *s, double avatar_s, const char *sheet) {
     struct stat st;
     double bytes = stat(set.output, &st) == 0 ? (double)st.st_size : 0;
     if (!common.json) {
@@ -56,6 +56,7 @@ static int report(session *s, double avatar_s) {
     cJSON *json = cJSON_CreateObject();
     cJSON_AddStringToObject(json, "avatar", set.output);
     cJSON_AddNumberToObject(json, "bytes", bytes);
+    if (*sheet) cJSON_AddStringToObject(json, "variants", sheet);
     cJSON_AddNumberToObject(json, "avatar_ms", 1e3 * avatar_s);
     cJSON_AddStringToObject(json, "precision", session_precision(s));
     cJSON_AddStringToObject(json, "device", session_device(s));
@@ -80,6 +81,7 @@ static int run(session *s, int count, char **argument) {
     sherf_avatar *avatar = NULL;
     sherf_context *c = s->context;
     double begun_s = 0, avatar_s = 0;
+    char sheet[4096] = "";
     if (check_several(s, count)) return EXIT_USAGE;
     const char *body_path = session_body(s, set.body, argument[0]);
     const char *model_path = body_path ? session_model(s, set.model) : NULL;
@@ -99,8 +101,8 @@ static int run(session *s, int count, char **argument) {
     if (!status && set.variant)
         status = session_status(s, sherf_avatar_choose(c, avatar, (uint64_t)set.variant));
     if (!status) status = session_status(s, sherf_avatar_save(c, avatar, set.output));
-    if (!status && set.variants) status = draw_variants(s, avatar, body);
-    if (!status) status = report(s, avatar_s);
+    if (!status && set.variants) status = draw_variants(s, avatar, body, sheet);
+    if (!status) status = report(s, avatar_s, sheet);
     sherf_avatar_free(avatar);
     for (int i = 0; i < count; i++) sherf_observation_free(observation[i]);
     sherf_model_free(model);

@@ -115,7 +115,10 @@ static sherf_status info_safetensors(teller *t, const char *path) {
         bytes += n * (double)dtype_size(s->tensor[i].type);
     }
     tell(t, "kind", "safetensors");
-    tell(t, "what", "%s", format_says(safetensors_metadata(s, "format")));
+    const char *format = safetensors_metadata(s, "format"), *variant = safetensors_metadata(s, "variant");
+    tell(t, "what", "%s", format_says(format));
+    if (format && !strncmp(format, "sherf-avatar", strlen("sherf-avatar")))
+        tell(t, "variant", "%s", variant ? variant : "0"); /* the best guess */
     tell_number(t, "count", (double)s->count);
     tell_number(t, "values", values);
     tell_number(t, "bytes", bytes);
@@ -126,10 +129,10 @@ static sherf_status info_safetensors(teller *t, const char *path) {
     }
     for (size_t i = 0; i < s->metadata_count; i++) {
         const char *k = s->metadata_key[i], *v = s->metadata_value[i];
-        if (strncmp(k, "graph.", 6) != 0)
-            tell(t, k, "%s", v);
-        else
+        if (!strncmp(k, "graph.", 6))
             tell(t, k, "%zu characters of nodes", strlen(v));
+        else if (v != variant || t->json) /* said above */
+            tell(t, k, "%s", v);
     }
     if (t->json && s->metadata_count) text_add(&t->text, "}");
     t->first = false;

@@ -303,6 +303,14 @@ static void avatars_without_body(const char *folder, const char *person, const c
     assert_true(file_size(sheet) > 1000);
     several = run("info %s.2", avatar);
     assert_contains(several->out, "an avatar of several pictures");
+    assert_contains(several->out, "variant      0\n");
+    cJSON *json = json_of(run("avatar thuman:%s#%s/0/1 -m %s -o %s.2 --variant 7 --variants 1 --json", folder,
+                              person, model, avatar));
+    assert_string_equal(cJSON_GetObjectItem(json, "variants")->valuestring, sheet);
+    cJSON_Delete(json);
+    json = json_of(run("info %s.2 --json", avatar));
+    assert_string_equal(cJSON_GetObjectItem(json, "variant")->valuestring, "7");
+    cJSON_Delete(json);
     several = run("render %s.2 -b %s/tubeman.safetensors -o %s.2.png -s 32", avatar, folder, avatar);
     assert_int_equal(several->status, 0);
     const outcome *by_itself = run("avatar thuman:%s#%s/0/1 -m %s -o %s", folder, person, model, avatar);

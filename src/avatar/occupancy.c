@@ -20,7 +20,7 @@ typedef struct {
 /* value: what is found, by cell; or else state. */
 typedef struct {
     const sherf_avatar *a;
-    const body_model *m;
+    const body_model *body;
     lattice cells;
     float lowest; /* the least height above the skin that is queried */
     float (*value)[4];
@@ -39,13 +39,14 @@ static void middle(const lattice *e, size_t cell, float at[3]) {
 
 /* Above the vertex's tangent plane. */
 static float height(const empty_job *j, const float at[3], int32_t vertex) {
-    const float *v = j->m->canonical->vertices_smpl + 3 * (size_t)vertex, *n = j->normal + 3 * (size_t)vertex;
+    const float *v = j->body->canonical->vertices_smpl + 3 * (size_t)vertex,
+                *n = j->normal + 3 * (size_t)vertex;
     return (at[0] - v[0]) * n[0] + (at[1] - v[1]) * n[1] + (at[2] - v[2]) * n[2];
 }
 
 static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
     const empty_job *j = arg;
-    const vertex_grid *grid = body_canonical_grid(j->m);
+    const vertex_grid *grid = body_canonical_grid(j->body);
     const vertex_shell *shell = vertex_grid_shell(grid);
     const int64_t row = j->cells.cells[0];
     for (int64_t i = begin * row; i < end * row; i++) {
@@ -69,7 +70,7 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
 
 static sherf_status query_batch(context *c, empty_job *j) {
     canonical_batch *b = &j->batch;
-    sherf_status status = canonical_batch_run(c, j->a, j->m, b);
+    sherf_status status = canonical_batch_run(c, j->a, j->body, b);
     for (int64_t i = 0; i < b->set.count && status == SHERF_OK; i++) {
         if (j->state) j->state[j->cell[i]] = b->sigma[i] > 0 ? FULL : EMPTY;
         if (!j->value) continue;
@@ -147,10 +148,10 @@ static bool lattice_of(const body_model *body, lattice *out) {
 /* Answers to all cells near the body, into the job's value or state. */
 static sherf_status answers(context *c, empty_job *j) {
     const int64_t rows = (int64_t)j->cells.cells[1] * j->cells.cells[2], cells = rows * j->cells.cells[0];
-    j->normal = mem_alloc(c, (size_t)j->m->vertices, 3 * sizeof *j->normal);
+    j->normal = mem_alloc(c, (size_t)j->body->vertices, 3 * sizeof *j->normal);
     j->nearest = mem_alloc(c, (size_t)cells, sizeof *j->nearest);
     sherf_status status = j->normal && j->nearest ? SHERF_OK : SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = body_normals(c, j->m, j->m->canonical->vertices_smpl, j->normal);
+    if (status == SHERF_OK) status = body_normals(c, j->body, j->body->canonical->vertices_smpl, j->normal);
     if (status == SHERF_OK) parallel_for(c, rows, 16, near_range, j);
     if (status == SHERF_OK) status = query_all(c, j, cells);
     mem_free(j->normal);
@@ -162,7 +163,7 @@ static sherf_status answers(context *c, empty_job *j) {
  */
 static sherf_status find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e,
                          coarse_field *values) {
-    empty_job job = {.a = a, .m = body, .lowest = values ? -INFINITY : -below_m};
+    empty_job job = {.a = a, .body = body, .lowest = values ? -INFINITY : -below_m};
     const lattice *l = &job.cells;
     if (!lattice_of(body, &job.cells)) return SHERF_OK; /* nothing is left out */
     *e = (occupancy_grid){.per_m = l->per_m, .words = (l->cells[0] + 31) / 32};

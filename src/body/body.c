@@ -232,41 +232,42 @@ sherf_status body_create(context *c, const body_arrays *a, body_model **out) {
     sherf_status status = check_sizes(c, a);
     if (status != SHERF_OK) return status;
     size_t n = (size_t)a->vertices;
-    body_model *m = mem_zero(c, 1, sizeof *m);
-    if (!m) return SHERF_NO_MEMORY;
+    body_model *body = mem_zero(c, 1, sizeof *body);
+    if (!body) return SHERF_NO_MEMORY;
     status = SHERF_NO_MEMORY;
-    m->vertices = a->vertices;
-    m->faces = a->faces;
-    m->v_template = mem_alloc(c, 3 * n, sizeof *m->v_template);
-    m->shapedirs = mem_zero(c, 3 * n * BODY_SHAPES, sizeof *m->shapedirs);
-    if (a->posedirs) m->posedirs = mem_alloc(c, 3 * n * BODY_POSE_FEATURES, sizeof *m->posedirs);
-    m->weights = mem_alloc(c, n * BODY_JOINTS, sizeof *m->weights);
-    m->regressor = mem_alloc(c, n * BODY_JOINTS, sizeof *m->regressor);
-    m->face = mem_alloc(c, 3 * (size_t)a->faces, sizeof *m->face);
-    if (!m->v_template || !m->shapedirs || (a->posedirs && !m->posedirs) || !m->weights || !m->regressor ||
-        !m->face)
+    body->vertices = a->vertices;
+    body->faces = a->faces;
+    body->v_template = mem_alloc(c, 3 * n, sizeof *body->v_template);
+    body->shapedirs = mem_zero(c, 3 * n * BODY_SHAPES, sizeof *body->shapedirs);
+    if (a->posedirs) body->posedirs = mem_alloc(c, 3 * n * BODY_POSE_FEATURES, sizeof *body->posedirs);
+    body->weights = mem_alloc(c, n * BODY_JOINTS, sizeof *body->weights);
+    body->regressor = mem_alloc(c, n * BODY_JOINTS, sizeof *body->regressor);
+    body->face = mem_alloc(c, 3 * (size_t)a->faces, sizeof *body->face);
+    if (!body->v_template || !body->shapedirs || (a->posedirs && !body->posedirs) || !body->weights ||
+        !body->regressor || !body->face)
         goto fail;
-    if ((status = copy_finite(c, "v_template", 3 * n, a->v_template, m->v_template)) != SHERF_OK) goto fail;
+    if ((status = copy_finite(c, "v_template", 3 * n, a->v_template, body->v_template)) != SHERF_OK)
+        goto fail;
     int shapes = a->shape_count < BODY_SHAPES ? a->shape_count : BODY_SHAPES;
     for (size_t i = 0; i < 3 * n; i++) {
         status = copy_finite(c, "shapedirs", (size_t)shapes, a->shapedirs + i * (size_t)a->shape_count,
-                             m->shapedirs + i * BODY_SHAPES);
+                             body->shapedirs + i * BODY_SHAPES);
         if (status != SHERF_OK) goto fail;
     }
-    if (a->posedirs && (status = copy_posedirs(c, a, m->posedirs)) != SHERF_OK) goto fail;
-    if ((status = copy_weights(c, a, m->weights)) != SHERF_OK) goto fail;
-    if ((status = copy_indices(c, a, m)) != SHERF_OK) goto fail;
-    memcpy(m->regressor, a->regressor, n * BODY_JOINTS * sizeof *m->regressor);
-    if ((status = regress_joints(c, m)) != SHERF_OK) goto fail;
-    if ((status = make_volume(c, a, m)) != SHERF_OK) goto fail;
-    m->fingerprint = fingerprint_of(m);
-    if ((status = find_neighbours(c, m)) != SHERF_OK) goto fail;
-    if ((status = find_mirror(c, m)) != SHERF_OK) goto fail;
-    if ((status = canonical_create(c, m)) != SHERF_OK) goto fail;
-    *out = m;
+    if (a->posedirs && (status = copy_posedirs(c, a, body->posedirs)) != SHERF_OK) goto fail;
+    if ((status = copy_weights(c, a, body->weights)) != SHERF_OK) goto fail;
+    if ((status = copy_indices(c, a, body)) != SHERF_OK) goto fail;
+    memcpy(body->regressor, a->regressor, n * BODY_JOINTS * sizeof *body->regressor);
+    if ((status = regress_joints(c, body)) != SHERF_OK) goto fail;
+    if ((status = make_volume(c, a, body)) != SHERF_OK) goto fail;
+    body->fingerprint = fingerprint_of(body);
+    if ((status = find_neighbours(c, body)) != SHERF_OK) goto fail;
+    if ((status = find_mirror(c, body)) != SHERF_OK) goto fail;
+    if ((status = canonical_create(c, body)) != SHERF_OK) goto fail;
+    *out = body;
     return SHERF_OK;
 fail:
-    sherf_body_free(m);
+    sherf_body_free(body);
     return status;
 }
 

@@ -46,67 +46,67 @@ void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]) {
 
 /* ---- posing ---- */
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     posed_body *p;
     joint_pose j;
 } pose_job;
 
 /* The offsets that keep volume, see body.h. */
 static void add_volume(const pose_job *job, size_t begin, size_t end) {
-    const body_model *m = job->m;
+    const body_model *body = job->body;
     for (size_t i = begin; i < end; i++)
         job->p->pose_offset[i] =
-            volume_kept(job->p->pose_offset[i], (int)(i % 3), m->pose_volume + i / 3 * BODY_JOINTS,
-                        m->v_template + i / 3 * 3, m->joint_template, job->j.feature);
+            volume_kept(job->p->pose_offset[i], (int)(i % 3), body->pose_volume + i / 3 * BODY_JOINTS,
+                        body->v_template + i / 3 * 3, body->joint_template, job->j.feature);
 }
 
 /* Rows (vertex, axis) [begin, end): pose blend shapes, streaming each feature once per block. */
 static void add_blend_shapes(const pose_job *job, size_t begin, size_t end) {
-    const body_model *m = job->m;
-    size_t rows = 3 * (size_t)m->vertices;
+    const body_model *body = job->body;
+    size_t rows = 3 * (size_t)body->vertices;
     float *pose = job->p->pose_offset, *shape = job->p->shape_offset;
     memset(pose + begin, 0, (end - begin) * sizeof *pose);
-    for (size_t k = 0; k < BODY_POSE_FEATURES && m->posedirs; k++) {
+    for (size_t k = 0; k < BODY_POSE_FEATURES && body->posedirs; k++) {
         float f = (float)job->j.feature[k];
-        const float *dir = m->posedirs + k * rows;
+        const float *dir = body->posedirs + k * rows;
         if (f == 0) continue;
         for (size_t i = begin; i < end; i++) pose[i] += f * dir[i];
     }
-    if (m->pose_volume) add_volume(job, begin, end);
+    if (body->pose_volume) add_volume(job, begin, end);
     for (size_t i = begin; i < end; i++)
-        shape[i] = shape_offset_of(m->shapedirs + i * BODY_SHAPES, job->j.shape);
+        shape[i] = shape_offset_of(body->shapedirs + i * BODY_SHAPES, job->j.shape);
 }
 
 static void make_maps(const pose_job *job, size_t v, const double A[12], const double A_inverse[12],
                       const float *big_offset) {
     posed_body *p = job->p;
     const float *pose = p->pose_offset + 3 * v, *shape = p->shape_offset + 3 * v;
-    vertex_to_canonical(A_inverse, job->m->canonical_blend + 12 * v, big_offset, pose, shape,
+    vertex_to_canonical(A_inverse, job->body->canonical_blend + 12 * v, big_offset, pose, shape,
                         p->to_canonical + 12 * v);
-    vertex_from_canonical(A, job->m->canonical_inverse + 12 * v, job->j.to_world, big_offset, pose, shape,
+    vertex_from_canonical(A, job->body->canonical_inverse + 12 * v, job->j.to_world, big_offset, pose, shape,
                           p->from_canonical + 12 * v);
 }
 
 static void pose_vertices(void *arg, int64_t begin, int64_t end, int thread) {
     enum { BLOCK = 256 };
     pose_job *job = arg;
-    const body_model *m = job->m;
+    const body_model *body = job->body;
     posed_body *p = job->p;
     for (int64_t b = begin; b < end; b += BLOCK) {
         int64_t stop = b + BLOCK < end ? b + BLOCK : end;
         add_blend_shapes(job, 3 * (size_t)b, 3 * (size_t)stop);
         for (size_t v = (size_t)b; v < (size_t)stop; v++) {
-            const float *weights = m->weights + v * BODY_JOINTS;
+            const float *weights = body->weights + v * BODY_JOINTS;
             double A[12], A_inverse[12];
             blend_transforms(weights, job->j.transform, A);
-            pose_vertex(A, m->v_template + 3 * v, p->shape_offset + 3 * v, p->pose_offset + 3 * v,
+            pose_vertex(A, body->v_template + 3 * v, p->shape_offset + 3 * v, p->pose_offset + 3 * v,
                         p->vertices_smpl + 3 * v);
             blend_inverse(weights, job->j.transform, A, A_inverse);
-            if (!m->canonical) { /* this is the canonical body itself */
-                memcpy(m->canonical_blend + 12 * v, A, sizeof A);
-                memcpy(m->canonical_inverse + 12 * v, A_inverse, sizeof A_inverse);
+            if (!body->canonical) { /* this is the canonical body itself */
+                memcpy(body->canonical_blend + 12 * v, A, sizeof A);
+                memcpy(body->canonical_inverse + 12 * v, A_inverse, sizeof A_inverse);
             }
-            make_maps(job, v, A, A_inverse, (m->canonical ? m->canonical : p)->pose_offset + 3 * v);
+            make_maps(job, v, A, A_inverse, (body->canonical ? body->canonical : p)->pose_offset + 3 * v);
         }
     }
 }
@@ -231,7 +231,7 @@ sherf_status posed_body_create(context *c, const body_model *body, const float p
     p->from_canonical = mem_alloc(c, 12 * n, sizeof *p->from_canonical);
     if (!p->vertices_smpl || !p->pose_offset || !p->shape_offset || !p->to_canonical || !p->from_canonical)
         goto fail;
-    job->m = body;
+    job->body = body;
     job->p = p;
     joints_make(body, pose_rad, shape, R, Th, &job->j, p);
     parallel_for(c, body->vertices, 1024, pose_vertices, job);

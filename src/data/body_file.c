@@ -163,33 +163,34 @@ sherf_status sherf_body_load(sherf_context *c, const char *path, sherf_body **ou
     return body_load(c, path, out);
 }
 
-sherf_status body_save(context *c, const body_model *m, const char *path) {
+sherf_status body_save(context *c, const body_model *body, const char *path) {
     sherf_status status = SHERF_NO_MEMORY;
-    size_t V = (size_t)m->vertices;
+    size_t V = (size_t)body->vertices;
     int64_t tree[2 * BODY_JOINTS];
     for (int j = 0; j < BODY_JOINTS; j++) {
-        tree[j] = m->parent[j];
+        tree[j] = body->parent[j];
         tree[BODY_JOINTS + j] = j;
     }
-    float *posedirs = m->posedirs ? mem_alloc(c, V * 3 * BODY_POSE_FEATURES, sizeof *posedirs) : NULL;
-    int32_t *face = mem_alloc(c, (size_t)m->faces * 3, sizeof *face);
-    if ((m->posedirs && !posedirs) || !face) goto done;
-    for (size_t i = 0; i < (size_t)m->faces * 3; i++) face[i] = (int32_t)m->face[i];
+    float *posedirs = body->posedirs ? mem_alloc(c, V * 3 * BODY_POSE_FEATURES, sizeof *posedirs) : NULL;
+    int32_t *face = mem_alloc(c, (size_t)body->faces * 3, sizeof *face);
+    if ((body->posedirs && !posedirs) || !face) goto done;
+    for (size_t i = 0; i < (size_t)body->faces * 3; i++) face[i] = (int32_t)body->face[i];
     for (size_t k = 0; k < BODY_POSE_FEATURES && posedirs; k++) /* back to the files' order, vertex major */
-        for (size_t i = 0; i < V * 3; i++) posedirs[i * BODY_POSE_FEATURES + k] = m->posedirs[k * V * 3 + i];
+        for (size_t i = 0; i < V * 3; i++)
+            posedirs[i * BODY_POSE_FEATURES + k] = body->posedirs[k * V * 3 + i];
     safetensor_item item[] = {
-        {"v_template", T_F32, 2, {m->vertices, 3}, m->v_template},
-        {"shapedirs", T_F32, 3, {m->vertices, 3, BODY_SHAPES}, m->shapedirs},
-        {"weights", T_F32, 2, {m->vertices, BODY_JOINTS}, m->weights},
-        {"J_regressor", T_F64, 2, {BODY_JOINTS, m->vertices}, m->regressor},
-        {"f", T_I32, 2, {m->faces, 3}, face},
+        {"v_template", T_F32, 2, {body->vertices, 3}, body->v_template},
+        {"shapedirs", T_F32, 3, {body->vertices, 3, BODY_SHAPES}, body->shapedirs},
+        {"weights", T_F32, 2, {body->vertices, BODY_JOINTS}, body->weights},
+        {"J_regressor", T_F64, 2, {BODY_JOINTS, body->vertices}, body->regressor},
+        {"f", T_I32, 2, {body->faces, 3}, face},
         {"kintree_table", T_I64, 2, {2, BODY_JOINTS}, tree},
-        {"pose_volume", T_F32, 1, {BODY_JOINTS}, m->volume},
-        {"posedirs", T_F32, 3, {m->vertices, 3, BODY_POSE_FEATURES}, posedirs},
+        {"pose_volume", T_F32, 1, {BODY_JOINTS}, body->volume},
+        {"posedirs", T_F32, 3, {body->vertices, 3, BODY_POSE_FEATURES}, posedirs},
     };
     size_t count = COUNT_OF(item) - 2; /* the last two may be missing */
-    if (m->pose_volume) count++;
-    if (!m->pose_volume) item[count] = item[COUNT_OF(item) - 1];
+    if (body->pose_volume) count++;
+    if (!body->pose_volume) item[count] = item[COUNT_OF(item) - 1];
     if (posedirs) count++;
     safetensor_metadata metadata[] = {{"format", "sherf-body"}};
     status = safetensors_write(c, path, count, item, COUNT_OF(metadata), metadata);

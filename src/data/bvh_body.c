@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "data/bvh_body.h"
 
 /* Bones whose direction at rest differs between skeletons, and where they end. */
@@ -141,7 +142,7 @@ static bool rest_stands(const bvh *b, const bvh_body *map, const float rest[BODY
         double mine[3], theirs[3];
         const int j = bones[i], to = bone_end[j];
         if (map->joint[to] < 0 || !bone_directions(b, map, rest, G, j, to, mine, theirs)) continue;
-        const double along = mine[0] * theirs[0] + mine[1] * theirs[1] + mine[2] * theirs[2];
+        const double along = dot3(mine, theirs);
         if (along < (j < 16 ? 0.5 : -0.34)) return false;
     }
     return true;

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "data/bvh_body.h"
 
 enum { FRAMES_MAX = 400, CARRIED_MAX = 3 };
@@ -23,16 +24,8 @@ typedef struct {
     int frames;
 } calibration;
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
 static bool normalise(double v[3]) {
-    const double length = sqrt(dot(v, v));
+    const double length = sqrt(dot3(v, v));
     for (int k = 0; k < 3 && length > 1e-9; k++) v[k] /= length;
     return length > 1e-9;
 }
@@ -65,9 +58,9 @@ static bool file_bone(const calibration *k, int from, int to, double out[3]) {
 /* Rows of B: x, y made upright to x, and z. */
 static bool frame_of(const double x[3], const double y[3], double B[9]) {
     memcpy(B, x, 3 * sizeof *B);
-    cross(x, y, B + 6);
+    cross3(x, y, B + 6);
     if (!normalise(B) || !normalise(B + 6)) return false;
-    cross(B + 6, B, B + 3);
+    cross3(B + 6, B, B + 3);
     return true;
 }
 

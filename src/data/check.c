@@ -244,15 +244,15 @@ static sherf_status check_observation(checker *k, const char *path) {
 /* ---- body files ---- */
 
 static sherf_status check_body_file(checker *k, const char *path) {
-    body_model *m = NULL;
+    body_model *body = NULL;
     posed_body *posed = NULL;
     sherf_pose rest;
-    sherf_status status = body_load(k->c, path, &m);
+    sherf_status status = body_load(k->c, path, &body);
     if (status) return finding_of(k, status);
     sherf_pose_identity(&rest);
-    status = posed_body_create(k->c, m, rest.poses_rad, rest.shapes, rest.R, rest.Th_m, &posed);
+    status = posed_body_create(k->c, body, rest.poses_rad, rest.shapes, rest.R, rest.Th_m, &posed);
     if (!status) {
-        finding(k, NOTE, "%s: a body of %d vertices, %d faces, 24 joints", path, m->vertices, m->faces);
+        finding(k, NOTE, "%s: a body of %d vertices, %d faces, 24 joints", path, body->vertices, body->faces);
         float size[3];
         for (int i = 0; i < 3; i++) size[i] = posed->max_smpl[i] - posed->min_smpl[i];
         float tall = fmaxf(size[0], fmaxf(size[1], size[2]));
@@ -266,14 +266,14 @@ static sherf_status check_body_file(checker *k, const char *path) {
         int bad = 0;
         for (int j = 0; j < BODY_JOINTS; j++) {
             double sum = 0;
-            for (int i = 0; i < m->vertices; i++) sum += m->regressor[(size_t)j * m->vertices + i];
+            for (int i = 0; i < body->vertices; i++) sum += body->regressor[(size_t)j * body->vertices + i];
             bad += fabs(sum - 1) > 1e-2;
         }
         if (bad) finding(k, WARNING, "J_regressor: the rows of %d joints do not sum to 1", bad);
-        if (!m->faces) finding(k, WARNING, "f: no faces, so nothing can face a camera");
+        if (!body->faces) finding(k, WARNING, "f: no faces, so nothing can face a camera");
     }
     posed_body_free(posed);
-    sherf_body_free(m);
+    sherf_body_free(body);
     return status;
 }
 

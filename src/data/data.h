@@ -13,7 +13,7 @@ sherf_status body_load(context *c, const char *path, body_model **out); /* = she
 bool document_is_body(const document *d);
 /* Tensors v_template, shapedirs, posedirs (V,3,207) or pose_volume (24) or both or none, weights,
  * J_regressor, f, kintree_table; metadata format=sherf-body. */
-sherf_status body_save(context *c, const body_model *m, const char *path);
+sherf_status body_save(context *c, const body_model *body, const char *path);
 
 /* ---- pictures ---- */
 enum { DISTORTION_MAX = 14 };

@@ -7,13 +7,15 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
+
 typedef struct {
     double rest[3], shape[3][BODY_SHAPES], weight[BODY_JOINTS];
     double kept[BODY_JOINTS]; /* pose_volume's k, see body.h */
 } point_data;
 
 struct body_points {
-    const body_model *m;
+    const body_model *body;
     int count;
     point_data *point;
     float *posedirs; /* count x 207 x 3; NULL: none */
@@ -43,12 +45,6 @@ static void rotate3(const double R[9], const double x[3], double out[3]) {
     memcpy(out, y, sizeof y);
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 void rotation_exp(const double w[3], double R[9], double jacobian[9]) {
     double t2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], t = sqrt(t2);
     /* sin t / t, (1 - cos t) / t^2, (t - sin t) / t^3, by series where they would cancel */
@@ -76,52 +72,53 @@ void body_state_move(const body_state *s, const double *step, body_state *out) {
 
 /* ---- choosing ---- */
 
-static void take_vertex(const body_model *m, size_t v, point_data *p, float *posedirs) {
+static void take_vertex(const body_model *body, size_t v, point_data *p, float *posedirs) {
     double sum = 0;
     for (int k = 0; k < 3; k++) {
-        p->rest[k] = (double)m->v_template[3 * v + (size_t)k];
+        p->rest[k] = (double)body->v_template[3 * v + (size_t)k];
         for (int b = 0; b < BODY_SHAPES; b++)
-            p->shape[k][b] = (double)m->shapedirs[(3 * v + (size_t)k) * BODY_SHAPES + (size_t)b];
+            p->shape[k][b] = (double)body->shapedirs[(3 * v + (size_t)k) * BODY_SHAPES + (size_t)b];
     }
     for (int j = 0; j < BODY_JOINTS; j++) {
-        sum += p->weight[j] = (double)m->weights[v * BODY_JOINTS + (size_t)j];
-        if (m->pose_volume) p->kept[j] = (double)m->pose_volume[v * BODY_JOINTS + (size_t)j];
+        sum += p->weight[j] = (double)body->weights[v * BODY_JOINTS + (size_t)j];
+        if (body->pose_volume) p->kept[j] = (double)body->pose_volume[v * BODY_JOINTS + (size_t)j];
     }
     for (int j = 0; j < BODY_JOINTS; j++) p->weight[j] /= sum;
     for (size_t f = 0; f < BODY_POSE_FEATURES && posedirs; f++)
         for (size_t k = 0; k < 3; k++)
-            posedirs[3 * f + k] = m->posedirs[(f * (size_t)m->vertices + v) * 3 + k];
+            posedirs[3 * f + k] = body->posedirs[(f * (size_t)body->vertices + v) * 3 + k];
 }
 
-sherf_status body_points_create(context *c, const body_model *m, int count, const body_point *point,
+sherf_status body_points_create(context *c, const body_model *body, int count, const body_point *point,
                                 body_points **out) {
     *out = NULL;
     for (int i = 0; i < count; i++)
-        if (point[i].vertex >= m->vertices ||
+        if (point[i].vertex >= body->vertices ||
             (point[i].vertex < 0 && (point[i].joint < 0 || point[i].joint >= BODY_JOINTS)))
             return failure(c, SHERF_BAD_ARGUMENT, "body: no vertex %d or joint %d", point[i].vertex,
                            point[i].joint);
     body_points *p = mem_zero(c, 1, sizeof *p);
     if (!p) return SHERF_NO_MEMORY;
-    p->m = m;
+    p->body = body;
     p->count = count;
-    p->volume = m->pose_volume != NULL;
+    p->volume = body->pose_volume != NULL;
     p->point = mem_zero(c, (size_t)count, sizeof *p->point);
-    if (m->posedirs) p->posedirs = mem_zero(c, (size_t)count, 3 * BODY_POSE_FEATURES * sizeof *p->posedirs);
-    if (!p->point || (m->posedirs && !p->posedirs)) {
+    if (body->posedirs)
+        p->posedirs = mem_zero(c, (size_t)count, 3 * BODY_POSE_FEATURES * sizeof *p->posedirs);
+    if (!p->point || (body->posedirs && !p->posedirs)) {
         body_points_free(p);
         return SHERF_NO_MEMORY;
     }
     for (int i = 0; i < count; i++) {
         point_data *q = &p->point[i];
         if (point[i].vertex >= 0) {
-            take_vertex(m, (size_t)point[i].vertex, q,
+            take_vertex(body, (size_t)point[i].vertex, q,
                         p->posedirs ? p->posedirs + (size_t)i * 3 * BODY_POSE_FEATURES : NULL);
             continue;
         }
         int j = point[i].joint;
-        for (int k = 0; k < 3; k++) q->rest[k] = m->joint_template[j][k] + point[i].offset_m[k];
-        memcpy(q->shape, m->joint_shape[j], sizeof q->shape);
+        for (int k = 0; k < 3; k++) q->rest[k] = body->joint_template[j][k] + point[i].offset_m[k];
+        memcpy(q->shape, body->joint_shape[j], sizeof q->shape);
         q->weight[j] = 1;
     }
     *out = p;
@@ -141,13 +138,13 @@ int body_points_count(const body_points *p) {
 
 /* ---- joints ---- */
 
-static void chain_turns(const body_model *m, const body_state *s, chain *t) {
+static void chain_turns(const body_model *body, const body_state *s, chain *t) {
     for (int j = 0; j < BODY_JOINTS; j++) {
-        int parent = m->parent[j];
+        int parent = body->parent[j];
         double J[9];
         for (int k = 0; k < 3; k++) {
-            t->rest[j][k] = m->joint_template[j][k];
-            for (int b = 0; b < BODY_SHAPES; b++) t->rest[j][k] += s->shape[b] * m->joint_shape[j][k][b];
+            t->rest[j][k] = body->joint_template[j][k];
+            for (int b = 0; b < BODY_SHAPES; b++) t->rest[j][k] += s->shape[b] * body->joint_shape[j][k][b];
         }
         if (parent < 0) {
             memcpy(t->global[j], s->root, sizeof t->global[j]);
@@ -170,15 +167,15 @@ static void chain_turns(const body_model *m, const body_state *s, chain *t) {
     }
 }
 
-static void chain_shapes(const body_model *m, chain *t) {
+static void chain_shapes(const body_model *body, chain *t) {
     double moved[BODY_JOINTS][3][BODY_SHAPES] = {0}; /* d g_j */
     for (int j = 0; j < BODY_JOINTS; j++) {
-        int parent = m->parent[j];
+        int parent = body->parent[j];
         for (int b = 0; b < BODY_SHAPES; b++) {
             double bone[3],
-                own[3] = {m->joint_shape[j][0][b], m->joint_shape[j][1][b], m->joint_shape[j][2][b]};
+                own[3] = {body->joint_shape[j][0][b], body->joint_shape[j][1][b], body->joint_shape[j][2][b]};
             if (parent >= 0) {
-                for (int k = 0; k < 3; k++) bone[k] = own[k] - m->joint_shape[parent][k][b];
+                for (int k = 0; k < 3; k++) bone[k] = own[k] - body->joint_shape[parent][k][b];
                 rotate3(t->global[parent], bone, bone);
                 for (int k = 0; k < 3; k++) moved[j][k][b] = moved[parent][k][b] + bone[k];
             }
@@ -198,7 +195,7 @@ static void rest_place(const body_points *p, size_t i, const body_state *s, cons
     }
     for (int j = 1; j < BODY_JOINTS && p->volume; j++) {
         if (q->kept[j] == 0) continue;
-        const double *F = t->feature[j], *J = p->m->joint_template[j];
+        const double *F = t->feature[j], *J = p->body->joint_template[j];
         const double from[3] = {q->rest[0] - J[0], q->rest[1] - J[1], q->rest[2] - J[2]};
         for (int r = 0; r < 3; r++)
             for (int k = 0; k < 3; k++) u[r] -= 0.5 * q->kept[j] * (F[3 * r + k] + F[3 * k + r]) * from[k];
@@ -216,7 +213,7 @@ static bool rest_slope(const body_points *p, size_t i, const chain *t, int j, in
     du[0] = du[1] = du[2] = 0;
     bool moves = false;
     if (p->volume && q->kept[j] != 0) {
-        const double *J = p->m->joint_template[j];
+        const double *J = p->body->joint_template[j];
         const double from[3] = {q->rest[0] - J[0], q->rest[1] - J[1], q->rest[2] - J[2]};
         for (int r = 0; r < 3; r++)
             for (int k = 0; k < 3; k++) du[r] -= 0.5 * q->kept[j] * (dR[3 * r + k] + dR[3 * k + r]) * from[k];
@@ -242,7 +239,7 @@ static void slopes(const body_points *p, size_t i, const chain *t, const double 
             double o[3] = {a == 0, a == 1, a == 2};
             for (int k = 0; k < 3 && j > 0; k++) o[k] = t->axis[j][3 * k + a];
             d[0] = d[1] = d[2] = 0;
-            if (below[j][3] != 0) cross(o, arm, d);
+            if (below[j][3] != 0) cross3(o, arm, d);
             if (j > 0 && rest_slope(p, i, t, j, a, du)) {
                 rotate3(B, du, du);
                 for (int k = 0; k < 3; k++) d[k] += du[k];
@@ -267,8 +264,8 @@ void body_points_place(const body_points *p, const body_state *s, double *place,
                        double *blend) {
     chain t;
     memset(&t, 0, sizeof t);
-    chain_turns(p->m, s, &t);
-    if (slope) chain_shapes(p->m, &t);
+    chain_turns(p->body, s, &t);
+    if (slope) chain_shapes(p->body, &t);
     for (size_t i = 0; i < (size_t)p->count; i++) {
         const point_data *q = &p->point[i];
         double u[3], B[9] = {0}, below[BODY_JOINTS][4] = {{0}};
@@ -282,7 +279,7 @@ void body_points_place(const body_points *p, const body_state *s, double *place,
             for (int k = 0; k < 9; k++) B[k] += w * t.global[j][k];
         }
         for (int j = BODY_JOINTS - 1; j > 0; j--)
-            for (int k = 0; k < 4; k++) below[p->m->parent[j]][k] += below[j][k];
+            for (int k = 0; k < 4; k++) below[p->body->parent[j]][k] += below[j][k];
         memcpy(place + 3 * i, below[0], 3 * sizeof *place);
         if (blend) memcpy(blend + 9 * i, B, sizeof B);
         if (slope)

@@ -31,8 +31,8 @@ typedef struct {
 } body_point;
 
 typedef struct body_points body_points;
-/* Keeps a pointer to m and copies the rest. */
-sherf_status body_points_create(context *c, const body_model *m, int count, const body_point *point,
+/* Keeps a pointer to the body and copies the rest. */
+sherf_status body_points_create(context *c, const body_model *body, int count, const body_point *point,
                                 body_points **out);
 void body_points_free(body_points *p);
 int body_points_count(const body_points *p);

@@ -15,7 +15,7 @@ static bool hopeless(sherf_status status) { /* of a frame; others can be better 
     return status == SHERF_BAD_ARGUMENT || status == SHERF_MISMATCH;
 }
 
-static sherf_status fit_frame(context *c, const body_model *m, const clip_track *t, const clip_frame *f,
+static sherf_status fit_frame(context *c, const body_model *body, const clip_track *t, const clip_frame *f,
                               double focal_px, const body_fit_result *known, const body_fit_result *before,
                               body_fit_result *out) {
     photo_person *person = mem_alloc(c, 1, sizeof *person);
@@ -27,7 +27,7 @@ static sherf_status fit_frame(context *c, const body_model *m, const clip_track 
                                .focal_px = focal_px,
                                .known = known,
                                .before = before};
-    sherf_status status = body_fit(c, m, &in, out);
+    sherf_status status = body_fit(c, body, &in, out);
     mem_free(person);
     return status;
 }
@@ -76,7 +76,7 @@ static double pitch_of(const double (*floor_m)[2], int count, double guess_rad) 
 }
 
 /* Medians of what some frames' own fits say. */
-static sherf_status find_known(context *c, const body_model *m, const clip_track *t, double focal_px,
+static sherf_status find_known(context *c, const body_model *body, const clip_track *t, double focal_px,
                                body_fit_result *known) {
     double value[BODY_SHAPES + 3][SAMPLES], floor_m[SAMPLES][2];
     const int parts = t->count < SAMPLES ? t->count : SAMPLES;
@@ -87,7 +87,7 @@ static sherf_status find_known(context *c, const body_model *m, const clip_track
         for (int i = 0; i < parts; i++) {
             const clip_frame *f = best_of(t, i, parts);
             if (!f) continue;
-            sherf_status status = fit_frame(c, m, t, f, focal_px, NULL, NULL, &r);
+            sherf_status status = fit_frame(c, body, t, f, focal_px, NULL, NULL, &r);
             if (status != SHERF_OK && !hopeless(status)) return status;
             if (status != SHERF_OK || (r.poor && !poor)) continue;
             for (int b = 0; b < BODY_SHAPES; b++) value[b][count] = (double)r.pose.shapes[b];
@@ -112,29 +112,29 @@ static double worth(const body_fit_result *r) {
 }
 
 /* From the frame before, and anew where that lies badly. */
-static sherf_status fit_next(context *c, const body_model *m, const clip_track *t, clip_frame *f,
+static sherf_status fit_next(context *c, const body_model *body, const clip_track *t, clip_frame *f,
                              const body_fit_result *known, const body_fit_result *before) {
     body_fit_result anew;
     sherf_status status = SHERF_MISMATCH;
-    if (before) status = fit_frame(c, m, t, f, 0, known, before, &f->fit);
+    if (before) status = fit_frame(c, body, t, f, 0, known, before, &f->fit);
     f->fitted = status == SHERF_OK;
     if (status != SHERF_OK && !hopeless(status)) return status;
     if (f->fitted && !f->fit.poor) return SHERF_OK;
-    status = fit_frame(c, m, t, f, 0, known, NULL, &anew);
+    status = fit_frame(c, body, t, f, 0, known, NULL, &anew);
     if (status != SHERF_OK) return hopeless(status) ? SHERF_OK : status;
     if (!f->fitted || worth(&anew) > worth(&f->fit)) f->fit = anew;
     f->fitted = true;
     return SHERF_OK;
 }
 
-static sherf_status fit_all(context *c, const body_model *m, clip_track *t, const body_fit_result *known,
+static sherf_status fit_all(context *c, const body_model *body, clip_track *t, const body_fit_result *known,
                             int *first, int *last) {
     *first = *last = -1;
     for (int i = 0; i < t->count; i++) {
         clip_frame *f = t->frame[i];
         if (!f) continue;
         const bool begun = *last >= 0 && i - *last <= fmax(1, begun_s * t->fps);
-        sherf_status status = fit_next(c, m, t, f, known, begun ? &t->frame[*last]->fit : NULL);
+        sherf_status status = fit_next(c, body, t, f, known, begun ? &t->frame[*last]->fit : NULL);
         if (status == SHERF_OK) status = progress(c, "bodies fitted", i + 1, t->count);
         if (status != SHERF_OK) return status;
         if (!f->fitted) continue;
@@ -179,7 +179,7 @@ static sherf_status check_options(context *c, const sherf_clip_options *o) {
     return SHERF_OK;
 }
 
-sherf_status clip_estimate(context *c, const pose_networks *n, const body_model *m, const char *path,
+sherf_status clip_estimate(context *c, const pose_networks *n, const body_model *body, const char *path,
                            const sherf_clip_options *o, sherf_motion **out, sherf_clip_facts *facts) {
     sherf_clip_facts all = {0};
     body_fit_result known;
@@ -197,12 +197,12 @@ sherf_status clip_estimate(context *c, const pose_networks *n, const body_model 
         status = failure(c, SHERF_BAD_FILE,
                          "nobody is seen in any frame: a whole person, at least 60 pixels high, is needed");
     if (status == SHERF_OK) status = clip_repair(c, &t, &all.repaired);
-    if (status == SHERF_OK) status = find_known(c, m, &t, o->focal_px / t.scale, &known);
-    if (status == SHERF_OK) status = fit_all(c, m, &t, &known, &first, &last);
+    if (status == SHERF_OK) status = find_known(c, body, &t, o->focal_px / t.scale, &known);
+    if (status == SHERF_OK) status = fit_all(c, body, &t, &known, &first, &last);
     const double fitted = time_seconds();
     if (status == SHERF_OK) {
         tell(&t, first, last, &known, &all);
-        status = clip_settle(c, m, &t, first, last, &known, o->smooth, out);
+        status = clip_settle(c, body, &t, first, last, &known, o->smooth, out);
     }
     clip_track_free(&t);
     if (status != SHERF_OK) return failure_prefix(c, status, "%s", path);

@@ -12,6 +12,6 @@ enum { CLIP_FRAMES_MAX = 36000, CLIP_SIDE_PX = 1280 };
 
 /* facts may be NULL, o not. *out is freed with sherf_motion_free. Same video, same bits, for any number of
  * threads. The errors are those of video_read.h, and SHERF_BAD_FILE where nobody is seen or no body fits. */
-sherf_status clip_estimate(context *c, const pose_networks *n, const body_model *m, const char *path,
+sherf_status clip_estimate(context *c, const pose_networks *n, const body_model *body, const char *path,
                            const sherf_clip_options *o, sherf_motion **out, sherf_clip_facts *facts);
 #endif

@@ -49,6 +49,6 @@ double path_stiffness(double fps, double cut_hz);
 
 /* From fits to a motion (clip_smooth.c). first and last: the first and last frame fitted. known: the shape
  * and the camera. */
-sherf_status clip_settle(context *c, const body_model *m, const clip_track *t, int first, int last,
+sherf_status clip_settle(context *c, const body_model *body, const clip_track *t, int first, int last,
                          const body_fit_result *known, double smooth, sherf_motion **out);
 #endif

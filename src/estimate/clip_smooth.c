@@ -82,7 +82,7 @@ sherf_status path_solve(context *c, const path_problem *p, double *out) {
 /* ---- rotations ---- */
 
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const clip_track *t;
     const body_fit_result *known;
     skeleton skeleton;
@@ -340,12 +340,12 @@ static sherf_status settle(context *c, settling *s) {
     return status;
 }
 
-sherf_status clip_settle(context *c, const body_model *m, const clip_track *t, int first, int last,
+sherf_status clip_settle(context *c, const body_model *body, const clip_track *t, int first, int last,
                          const body_fit_result *known, double smooth, sherf_motion **out) {
     settling s = {
-        .m = m, .t = t, .known = known, .first = first, .count = last - first + 1, .smooth = smooth};
+        .body = body, .t = t, .known = known, .first = first, .count = last - first + 1, .smooth = smooth};
     *out = NULL;
-    skeleton_of(m, known->pose.shapes, &s.skeleton);
+    skeleton_of(body, known->pose.shapes, &s.skeleton);
     sherf_status status = settle(c, &s);
     sherf_motion *motion = status == SHERF_OK ? mem_zero(c, 1, sizeof *motion) : NULL;
     if (status == SHERF_OK && !motion) status = SHERF_NO_MEMORY;

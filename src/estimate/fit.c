@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "estimate/fit_inside.h"
 #include "sampling/sampling.h"
 
@@ -20,14 +21,6 @@ static double fade(double x, double full, double none) {
     return clamp((none - x) / (none - full), 0, 1);
 }
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
 static void multiply3(const double a[9], const double b[9], double out[9]) {
     double m[9];
     for (int i = 0; i < 9; i++)
@@ -36,7 +29,7 @@ static void multiply3(const double a[9], const double b[9], double out[9]) {
 }
 
 static bool unit(double v[3]) {
-    double length = sqrt(dot(v, v));
+    double length = sqrt(dot3(v, v));
     if (!(length > 1e-6)) return false;
     for (int k = 0; k < 3; k++) v[k] /= length;
     return true;
@@ -50,10 +43,10 @@ static sherf_status check_input(context *c, const body_fit_input *in) {
                   in->person->region.side_px > 0 && in->person->region.side_px < SIDE_MAX;
     for (int k = 0; k < 2; k++) finite &= fabsf(in->person->region.centre_px[k]) < SIDE_MAX;
     for (int l = 0; l < LANDMARKS; l++) {
-        const landmark *m = &in->person->landmark[l];
-        for (int k = 0; k < 2; k++) finite &= fabsf(m->place_px[k]) < 4 * SIDE_MAX;
-        for (int k = 0; k < 3; k++) finite &= fabsf(m->place_m[k]) < 100;
-        finite &= m->visible >= 0 && m->visible <= 1 && m->present >= 0 && m->present <= 1;
+        const landmark *mark = &in->person->landmark[l];
+        for (int k = 0; k < 2; k++) finite &= fabsf(mark->place_px[k]) < 4 * SIDE_MAX;
+        for (int k = 0; k < 3; k++) finite &= fabsf(mark->place_m[k]) < 100;
+        finite &= mark->visible >= 0 && mark->visible <= 1 && mark->present >= 0 && mark->present <= 1;
     }
     if (in->width_px < 1 || in->height_px < 1 || in->width_px > SIDE_MAX || in->height_px > SIDE_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "fit: a photo of %d x %d pixels", in->width_px, in->height_px);
@@ -77,8 +70,8 @@ static bool in_photo(const body_fit_input *in, int l) {
 static void weigh_landmarks(fit_problem *p) {
     for (int l = 0; l < LANDMARKS; l++) {
         if (fit_landmarks[l].joint < 0) continue;
-        const landmark *m = &p->in->person->landmark[l];
-        double seen = (double)(m->visible * m->present);
+        const landmark *mark = &p->in->person->landmark[l];
+        double seen = (double)(mark->visible * mark->present);
         double share = l >= LANDMARK_LEFT_PINKY && l <= LANDMARK_RIGHT_THUMB ? 0.4
                        : l <= LANDMARK_RIGHT_EAR                             ? 0.6
                                                                              : 1;
@@ -103,7 +96,7 @@ static double standing_of(const body_fit_input *in) {
         }
         for (int k = 0; k < 2; k++) leg[k] = (double)ankle->place_px[k] - (double)hip->place_px[k];
         if (!unit(thigh) || !unit(shin)) return 0;
-        double bent = acos(clamp(dot(thigh, shin), -1, 1)), off = atan2(fabs(leg[0]), leg[1]);
+        double bent = acos(clamp(dot3(thigh, shin), -1, 1)), off = atan2(fabs(leg[0]), leg[1]);
         double seen = (double)(ankle->visible * ankle->present) * in_photo(in, LANDMARK_LEFT_ANKLE + side);
         min = fmin(min, fade(bent, 0.75, 1.15) * fade(off, 0.55, 0.85) * clamp(2 * seen, 0, 1));
     }
@@ -131,39 +124,39 @@ static void ray_of(fit_problem *p, double focal_px) {
                  focal_px;
     unit(ray);
     const double forward[3] = {0, 0, 1};
-    cross(forward, ray, axis);
-    double sine = sqrt(dot(axis, axis)), angle = atan2(sine, ray[2]);
+    cross3(forward, ray, axis);
+    double sine = sqrt(dot3(axis, axis)), angle = atan2(sine, ray[2]);
     for (int k = 0; k < 3 && sine > 0; k++) axis[k] *= angle / sine;
     rotation_exp(axis, p->ray, NULL);
 }
 
 /* ---- points ---- */
 
-double fit_clothes_at(const body_model *m, int vertex, const double normal[3]) {
+double fit_clothes_at(const body_model *body, int vertex, const double normal[3]) {
     double sum = 0;
     for (int j = 0; j < BODY_JOINTS; j++) {
         const fit_clothes *f = &fit_clothes_table[j];
         double beyond = (double)f->beyond_m;
         for (int k = 0; k < 3; k++) beyond += (double)f->along_m[k] * normal[k];
-        sum += (double)m->weights[(size_t)vertex * BODY_JOINTS + (size_t)j] * beyond;
+        sum += (double)body->weights[(size_t)vertex * BODY_JOINTS + (size_t)j] * beyond;
     }
     return sum;
 }
 
 /* The first vertex in each cell of a grid over the rest pose. */
 static sherf_status choose_skin(context *c, fit_problem *p) {
-    const body_model *m = p->m;
+    const body_model *body = p->body;
     enum { CELLS = 96 };
     sherf_status status = SHERF_NO_MEMORY;
     uint8_t *taken = mem_zero(c, (size_t)CELLS * CELLS * CELLS, 1);
-    body_point *list = mem_alloc(c, (size_t)m->vertices, sizeof *list);
-    float *normals = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *normals);
+    body_point *list = mem_alloc(c, (size_t)body->vertices, sizeof *list);
+    float *normals = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *normals);
     int count = 0;
-    if (!taken || !list || !normals || (status = body_normals(c, m, m->v_template, normals))) goto done;
-    for (int v = 0; v < m->vertices; v++) {
+    if (!taken || !list || !normals || (status = body_normals(c, body, body->v_template, normals))) goto done;
+    for (int v = 0; v < body->vertices; v++) {
         size_t cell = 0;
         for (int k = 0; k < 3; k++) {
-            double at = (double)m->v_template[3 * (size_t)v + (size_t)k] / skin_spacing_m + CELLS / 2;
+            double at = (double)body->v_template[3 * (size_t)v + (size_t)k] / skin_spacing_m + CELLS / 2;
             cell = cell * CELLS + (size_t)clamp(at, 0, CELLS - 1);
         }
         if (taken[cell]) continue;
@@ -184,9 +177,9 @@ static sherf_status choose_skin(context *c, fit_problem *p) {
         p->skin_vertex[i] = list[i].vertex;
         for (int k = 0; k < 3; k++)
             p->skin_normal[i][k] = (double)normals[3 * (size_t)list[i].vertex + (size_t)k];
-        p->skin_clothes_m[i] = fit_clothes_at(m, list[i].vertex, p->skin_normal[i]);
+        p->skin_clothes_m[i] = fit_clothes_at(body, list[i].vertex, p->skin_normal[i]);
     }
-    status = body_points_create(c, m, count, list, &p->skin);
+    status = body_points_create(c, body, count, list, &p->skin);
 done:
     mem_free(taken);
     mem_free(list);
@@ -208,7 +201,7 @@ static sherf_status choose_points(context *c, fit_problem *p) {
     p->mark_place = mem_alloc(c, FIT_MARKS, 3 * sizeof *p->mark_place);
     p->mark_slope = mem_alloc(c, FIT_MARKS, 3 * BODY_UNKNOWNS * sizeof *p->mark_slope);
     if (!p->mark_place || !p->mark_slope) return SHERF_NO_MEMORY;
-    sherf_status status = body_points_create(c, p->m, FIT_MARKS, list, &p->marks);
+    sherf_status status = body_points_create(c, p->body, FIT_MARKS, list, &p->marks);
     return status ? status : choose_skin(c, p);
 }
 
@@ -239,10 +232,10 @@ static bool first_turn(const fit_problem *p, double root[9]) {
                          l[LANDMARK_LEFT_HIP].place_m[k] - l[LANDMARK_RIGHT_HIP].place_m[k]);
     }
     if (!unit(up)) return false;
-    double along = dot(left, up);
+    double along = dot3(left, up);
     for (int k = 0; k < 3; k++) left[k] -= along * up[k];
     if (!unit(left)) return false;
-    cross(left, up, front);
+    cross3(left, up, front);
     for (int k = 0; k < 3; k++)
         turned[3 * k] = left[k], turned[3 * k + 1] = up[k], turned[3 * k + 2] = front[k];
     multiply3(p->ray, turned, root);
@@ -265,8 +258,8 @@ static bool first_place(fit_problem *p, fit_state *s) {
             }
         }
     double minor[3][3], det = 0;
-    for (int i = 0; i < 3; i++) cross(A + 3 * ((i + 1) % 3), A + 3 * ((i + 2) % 3), minor[i]);
-    det = dot(A, minor[0]);
+    for (int i = 0; i < 3; i++) cross3(A + 3 * ((i + 1) % 3), A + 3 * ((i + 2) % 3), minor[i]);
+    det = dot3(A, minor[0]);
     if (!(fabs(det) > 1e-12)) return false;
     for (int k = 0; k < 3; k++) {
         double sum = 0;
@@ -298,11 +291,11 @@ static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s,
     for (int j = 1; j < BODY_JOINTS; j++)
         for (int k = 0; k < 3; k++) s->body.bend[j][k] = (double)r->pose.poses_rad[3 * j + k];
     for (int k = 0; k < 3; k++) {
-        place[k] = (double)r->pose.Th_m[k] + p->m->joint_template[0][k];
+        place[k] = (double)r->pose.Th_m[k] + p->body->joint_template[0][k];
         for (int b = 0; b < BODY_SHAPES; b++)
-            place[k] += (double)r->pose.shapes[b] * p->m->joint_shape[0][k][b];
+            place[k] += (double)r->pose.shapes[b] * p->body->joint_shape[0][k][b];
     }
-    for (int k = 0; k < 3; k++) s->body.pelvis_m[k] = dot(camera + 3 * k, place) + (double)r->camera.T_m[k];
+    for (int k = 0; k < 3; k++) s->body.pelvis_m[k] = dot3(camera + 3 * k, place) + (double)r->camera.T_m[k];
     keep_known(p->in, s);
     p->px_per_m = exp(s->log_focal) / s->body.pelvis_m[2];
     p->weight_2d = 1;
@@ -377,7 +370,7 @@ static void set_camera(const body_fit_input *in, const fit_problem *p, const fit
 }
 
 /* With the pelvis at the origin; the floor is found with the vertices. */
-static void set_pose(const body_model *m, const fit_state *s, body_fit_result *out) {
+static void set_pose(const body_model *body, const fit_state *s, body_fit_result *out) {
     float root[9];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
@@ -391,17 +384,17 @@ static void set_pose(const body_model *m, const fit_state *s, body_fit_result *o
         for (int k = 0; k < 3; k++) out->pose.poses_rad[3 * j + k] = (float)s->body.bend[j][k];
     for (int b = 0; b < BODY_SHAPES; b++) out->pose.shapes[b] = (float)s->body.shape[b];
     for (int k = 0; k < 3; k++) {
-        double J = m->joint_template[0][k];
-        for (int b = 0; b < BODY_SHAPES; b++) J += s->body.shape[b] * m->joint_shape[0][k][b];
+        double J = body->joint_template[0][k];
+        for (int b = 0; b < BODY_SHAPES; b++) J += s->body.shape[b] * body->joint_shape[0][k][b];
         out->pose.Th_m[k] = (float)-J;
     }
 }
 
 /* The floor to y = 0, the body's extent in the picture. */
-static void set_floor(const body_model *m, const float *vertices, body_fit_result *out) {
+static void set_floor(const body_model *body, const float *vertices, body_fit_result *out) {
     float lowest = INFINITY, low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     sherf_camera *k = &out->camera;
-    for (int v = 0; v < m->vertices; v++) {
+    for (int v = 0; v < body->vertices; v++) {
         float uv[2];
         lowest = fminf(lowest, vertices[3 * v + 1]);
         camera_project(k, 1, vertices + 3 * (size_t)v, uv, NULL);
@@ -413,28 +406,28 @@ static void set_floor(const body_model *m, const float *vertices, body_fit_resul
 }
 
 /* Body and mask on the mask's grid. vertices: in the world whose origin is the pelvis, T before the floor. */
-static sherf_status compare_mask(context *c, const body_model *m, const fit_mask *mask, const float *vertices,
-                                 const sherf_camera *camera, body_fit_result *out) {
+static sherf_status compare_mask(context *c, const body_model *body, const fit_mask *mask,
+                                 const float *vertices, const sherf_camera *camera, body_fit_result *out) {
     raster *r;
     sherf_camera grid = *camera;
-    double scale = 1 / mask->cell_px, both = 0, body = 0, person = 0;
+    double scale = 1 / mask->cell_px, both = 0, covered = 0, person = 0;
     grid.width_px = mask->width;
     grid.height_px = mask->height;
     for (int k = 0; k < 6; k++) grid.K[k] = (float)((double)grid.K[k] * scale);
     grid.K[2] -= (float)(mask->left * scale);
     grid.K[5] -= (float)(mask->top * scale);
-    sherf_status status = raster_create(c, &grid, 1, m->vertices, vertices, m->faces, m->face, &r);
+    sherf_status status = raster_create(c, &grid, 1, body->vertices, vertices, body->faces, body->face, &r);
     if (status) return status;
     for (size_t i = 0; i < (size_t)mask->width * (size_t)mask->height; i++) {
         bool hit = r->face[i] >= 0, in = mask->inside[i] >= 0.5f;
         both += hit && in;
-        body += hit;
+        covered += hit;
         person += in;
     }
     raster_free(r);
     out->mask_covered = person > 0 ? both / person : 0;
-    out->body_inside = body > 0 ? both / body : 0;
-    out->iou = body + person - both > 0 ? both / (body + person - both) : 0;
+    out->body_inside = covered > 0 ? both / covered : 0;
+    out->iou = covered + person - both > 0 ? both / (covered + person - both) : 0;
     return SHERF_OK;
 }
 
@@ -453,10 +446,10 @@ static void set_words(const fit_problem *p, const fit_state *s, body_fit_result 
     fit_up(s, up);
     const double *pelvis = p->mark_place + 3 * LANDMARKS, *neck = pelvis + 3 * 12;
     for (int k = 0; k < 3; k++) trunk[k] = neck[k] - pelvis[k], front[k] = s->body.root[3 * k + 2];
-    out->from_behind = dot(front, pelvis) > 0;
-    double rise = dot(front, up);
+    out->from_behind = dot3(front, pelvis) > 0;
+    double rise = dot3(front, up);
     for (int k = 0; k < 3; k++) front[k] -= rise * up[k];
-    if (unit(front)) out->lean_rad = atan2(dot(trunk, front), dot(trunk, up));
+    if (unit(front)) out->lean_rad = atan2(dot3(trunk, front), dot3(trunk, up));
     out->stands = p->stands > 0.5;
     for (int side = 0; side < 2; side++) {
         out->cut_feet |=
@@ -471,17 +464,17 @@ static void set_words(const fit_problem *p, const fit_state *s, body_fit_result 
 
 static sherf_status conclude(context *c, fit_problem *p, const fit_state *s, body_fit_result *out) {
     posed_body *posed = NULL;
-    float *vertices = mem_alloc(c, (size_t)p->m->vertices, 3 * sizeof *vertices);
+    float *vertices = mem_alloc(c, (size_t)p->body->vertices, 3 * sizeof *vertices);
     sherf_status status = SHERF_NO_MEMORY;
     if (!vertices) goto done;
     set_camera(p->in, p, s, out);
-    set_pose(p->m, s, out);
+    set_pose(p->body, s, out);
     const sherf_pose *q = &out->pose;
-    status = posed_body_create(c, p->m, q->poses_rad, q->shapes, q->R, q->Th_m, &posed);
+    status = posed_body_create(c, p->body, q->poses_rad, q->shapes, q->R, q->Th_m, &posed);
     if (status) goto done;
-    body_vertices_world(p->m, posed, vertices);
-    if ((status = compare_mask(c, p->m, p->mask, vertices, &out->camera, out))) goto done;
-    set_floor(p->m, vertices, out);
+    body_vertices_world(p->body, posed, vertices);
+    if ((status = compare_mask(c, p->body, p->mask, vertices, &out->camera, out))) goto done;
+    set_floor(p->body, vertices, out);
     set_words(p, s, out);
     if (!(out->landmarks_px < 0.15 * out->height_px))
         status =
@@ -493,10 +486,10 @@ done:
     return status;
 }
 
-sherf_status fit_problem_begin(context *c, const body_model *m, const body_fit_input *in, fit_problem *p) {
+sherf_status fit_problem_begin(context *c, const body_model *body, const body_fit_input *in, fit_problem *p) {
     const double longer = in->width_px > in->height_px ? in->width_px : in->height_px;
     fit_mask *mask;
-    *p = (fit_problem){.m = m, .in = in};
+    *p = (fit_problem){.body = body, .in = in};
     p->centre_px[0] = 0.5 * (in->width_px - 1);
     p->centre_px[1] = 0.5 * (in->height_px - 1);
     p->focal_guess_px = in->known          ? (double)in->known->camera.K[0]
@@ -513,7 +506,7 @@ sherf_status fit_problem_begin(context *c, const body_model *m, const body_fit_i
     return status ? status : choose_points(c, p);
 }
 
-sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in, body_fit_result *out) {
+sherf_status body_fit(context *c, const body_model *body, const body_fit_input *in, body_fit_result *out) {
     memset(out, 0, sizeof *out);
     sherf_status status = check_input(c, in);
     if (status) return status;
@@ -522,7 +515,7 @@ sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in,
     int seen = 0;
     fit_equations *e = mem_alloc(c, 1, sizeof *e);
     if (!e) return SHERF_NO_MEMORY;
-    if ((status = fit_problem_begin(c, m, in, &p))) goto done;
+    if ((status = fit_problem_begin(c, body, in, &p))) goto done;
     for (int l = 0; l < LANDMARKS; l++) seen += p.seen[l] > 0.3;
     if (seen < 4) {
         status = failure(c, SHERF_BAD_ARGUMENT, "fit: hardly a landmark is seen in the photo");

@@ -44,6 +44,6 @@ struct body_fit_result {
 
 /* Same input, same bits, for any number of threads. SHERF_BAD_ARGUMENT where the input is not finite or no
  * landmark is seen; SHERF_MISMATCH where no body lies anywhere near the landmarks. */
-sherf_status body_fit(context *c, const body_model *m, const body_fit_input *in, body_fit_result *out);
+sherf_status body_fit(context *c, const body_model *body, const body_fit_input *in, body_fit_result *out);
 
 #endif

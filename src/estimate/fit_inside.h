@@ -49,7 +49,7 @@ typedef struct {
 } fit_clothes;
 extern const fit_clothes fit_clothes_table[BODY_JOINTS];
 /* Of one vertex, blended as skin is. */
-double fit_clothes_at(const body_model *m, int vertex, const double normal[3]);
+double fit_clothes_at(const body_model *body, int vertex, const double normal[3]);
 
 /* One joint: the usual bend, where a fit starts, and how far it goes. */
 typedef struct {
@@ -89,14 +89,14 @@ typedef struct {
     double point_px[FIT_OUTLINE_MAX][2], normal[FIT_OUTLINE_MAX][2]; /* normals outwards */
 } fit_mask;
 sherf_status fit_mask_create(context *c, const body_fit_input *in, fit_mask **out);
-void fit_mask_free(fit_mask *m);
+void fit_mask_free(fit_mask *mask);
 /* Distance outside the mask at a place, and its slope. Beyond the grid it goes on growing. */
-double fit_mask_outside(const fit_mask *m, const double place_px[2], double slope[2]);
+double fit_mask_outside(const fit_mask *mask, const double place_px[2], double slope[2]);
 
 /* ---- terms (fit_terms.c) ---- */
 enum { FIT_MARKS = LANDMARKS + BODY_JOINTS };
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const body_fit_input *in;
     fit_mask *mask;            /* owned */
     body_points *marks, *skin; /* landmarks and then joints; vertices all over the body */
@@ -117,9 +117,9 @@ typedef struct {
     double *mark_place, *mark_slope, *skin_place, *skin_slope, *skin_blend;
 } fit_problem;
 
-/* A problem of that input, without weights; p->in and p->m are kept by pointer. fit_problem_clear frees what
- * it holds, also after a failure. */
-sherf_status fit_problem_begin(context *c, const body_model *m, const body_fit_input *in, fit_problem *p);
+/* A problem of that input, without weights; p->in and p->body are kept by pointer. fit_problem_clear frees
+ * what it holds, also after a failure. */
+sherf_status fit_problem_begin(context *c, const body_model *body, const body_fit_input *in, fit_problem *p);
 void fit_problem_clear(fit_problem *p);
 
 /* The skin that makes the body's contour where the mask's edge is. off_px: how far the contour lies beyond

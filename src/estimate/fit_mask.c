@@ -11,7 +11,7 @@ static double clamp(double x, double low, double high) {
 /* ---- the grid ---- */
 
 /* Round the network's region and all landmarks, as far as that lies in the photo. */
-static bool place_grid(const body_fit_input *in, fit_mask *m) {
+static bool place_grid(const body_fit_input *in, fit_mask *mask) {
     const photo_region *r = &in->person->region;
     double low[2] = {1e30, 1e30}, high[2] = {-1e30, -1e30};
     const double c = cos((double)r->angle_rad), s = sin((double)r->angle_rad);
@@ -32,12 +32,12 @@ static bool place_grid(const body_fit_input *in, fit_mask *m) {
         low[k] = clamp(low[k], 0, size[k] - 1), high[k] = clamp(high[k], 0, size[k] - 1);
     double longer = fmax(high[0] - low[0], high[1] - low[1]);
     if (!(longer >= 8)) return false;
-    m->cell_px = fmax(longer / (FIT_MASK_SIDE - 1), 0.5);
-    m->left = low[0];
-    m->top = low[1];
-    m->width = 1 + (int)((high[0] - low[0]) / m->cell_px);
-    m->height = 1 + (int)((high[1] - low[1]) / m->cell_px);
-    return m->width >= 4 && m->height >= 4;
+    mask->cell_px = fmax(longer / (FIT_MASK_SIDE - 1), 0.5);
+    mask->left = low[0];
+    mask->top = low[1];
+    mask->width = 1 + (int)((high[0] - low[0]) / mask->cell_px);
+    mask->height = 1 + (int)((high[1] - low[1]) / mask->cell_px);
+    return mask->width >= 4 && mask->height >= 4;
 }
 
 /* The mean of a picture of one channel over a square. */
@@ -74,12 +74,12 @@ static float inside_of(const photo_person *p, double x, double y) {
     return (float)sum;
 }
 
-static void fill_grid(const body_fit_input *in, fit_mask *m) {
-    for (int y = 0; y < m->height; y++)
-        for (int x = 0; x < m->width; x++) {
-            double px = m->left + m->cell_px * x, py = m->top + m->cell_px * y;
-            float v = in->mask ? mean_of(in->mask, px, py, m->cell_px) : inside_of(in->person, px, py);
-            m->inside[(size_t)y * (size_t)m->width + (size_t)x] = isfinite(v) ? v : 0;
+static void fill_grid(const body_fit_input *in, fit_mask *mask) {
+    for (int y = 0; y < mask->height; y++)
+        for (int x = 0; x < mask->width; x++) {
+            double px = mask->left + mask->cell_px * x, py = mask->top + mask->cell_px * y;
+            float v = in->mask ? mean_of(in->mask, px, py, mask->cell_px) : inside_of(in->person, px, py);
+            mask->inside[(size_t)y * (size_t)mask->width + (size_t)x] = isfinite(v) ? v : 0;
         }
 }
 
@@ -110,23 +110,23 @@ static void envelope(int n, const double *in, double *out, int *where, double *f
     }
 }
 
-static sherf_status measure(context *c, fit_mask *m) {
+static sherf_status measure(context *c, fit_mask *mask) {
     enum { FAR = 1 << 20 };
-    size_t w = (size_t)m->width, h = (size_t)m->height, longer = w > h ? w : h;
+    size_t w = (size_t)mask->width, h = (size_t)mask->height, longer = w > h ? w : h;
     double *squared = mem_alloc(c, w * h, sizeof *squared),
            *line = mem_alloc(c, 3 * longer + 1, sizeof *line);
     int *where = mem_alloc(c, longer, sizeof *where);
     sherf_status status = SHERF_NO_MEMORY;
     if (!squared || !line || !where) goto done;
     for (size_t x = 0; x < w; x++) {
-        for (size_t y = 0; y < h; y++) line[y] = m->inside[y * w + x] >= 0.5f ? 0 : FAR;
+        for (size_t y = 0; y < h; y++) line[y] = mask->inside[y * w + x] >= 0.5f ? 0 : FAR;
         envelope((int)h, line, line + longer, where, line + 2 * longer);
         for (size_t y = 0; y < h; y++) squared[y * w + x] = line[longer + y];
     }
     for (size_t y = 0; y < h; y++) {
         envelope((int)w, squared + y * w, line, where, line + 2 * longer);
         for (size_t x = 0; x < w; x++)
-            m->outside_px[y * w + x] = (float)(m->cell_px * fmax(0, sqrt(line[x]) - 0.5));
+            mask->outside_px[y * w + x] = (float)(mask->cell_px * fmax(0, sqrt(line[x]) - 0.5));
     }
     status = SHERF_OK;
 done:
@@ -136,31 +136,31 @@ done:
     return status;
 }
 
-double fit_mask_outside(const fit_mask *m, const double place_px[2], double slope[2]) {
-    double x = (place_px[0] - m->left) / m->cell_px, y = (place_px[1] - m->top) / m->cell_px;
-    double gx = clamp(x, 0, m->width - 1.001), gy = clamp(y, 0, m->height - 1.001);
-    size_t x0 = (size_t)gx, y0 = (size_t)gy, w = (size_t)m->width;
+double fit_mask_outside(const fit_mask *mask, const double place_px[2], double slope[2]) {
+    double x = (place_px[0] - mask->left) / mask->cell_px, y = (place_px[1] - mask->top) / mask->cell_px;
+    double gx = clamp(x, 0, mask->width - 1.001), gy = clamp(y, 0, mask->height - 1.001);
+    size_t x0 = (size_t)gx, y0 = (size_t)gy, w = (size_t)mask->width;
     double fx = gx - (double)x0, fy = gy - (double)y0;
-    const float *d = m->outside_px + y0 * w + x0;
+    const float *d = mask->outside_px + y0 * w + x0;
     double top = (1 - fx) * (double)d[0] + fx * (double)d[1],
            bottom = (1 - fx) * (double)d[w] + fx * (double)d[w + 1];
     double beyond[2] = {x - gx, y - gy}, far = hypot(beyond[0], beyond[1]);
-    slope[0] = ((1 - fy) * (double)(d[1] - d[0]) + fy * (double)(d[w + 1] - d[w])) / m->cell_px;
-    slope[1] = (bottom - top) / m->cell_px;
+    slope[0] = ((1 - fy) * (double)(d[1] - d[0]) + fy * (double)(d[w + 1] - d[w])) / mask->cell_px;
+    slope[1] = (bottom - top) / mask->cell_px;
     if (far > 0.01)
         for (int k = 0; k < 2; k++) slope[k] = beyond[k] / far;
-    return (1 - fy) * top + fy * bottom + m->cell_px * (far > 0.01 ? far : 0);
+    return (1 - fy) * top + fy * bottom + mask->cell_px * (far > 0.01 ? far : 0);
 }
 
 /* ---- the edge ---- */
 
 /* Downhill of the mask's probabilities about a cell, by least squares over 5 x 5. */
-static bool downhill(const fit_mask *m, int x, int y, double n[2]) {
+static bool downhill(const fit_mask *mask, int x, int y, double n[2]) {
     n[0] = n[1] = 0;
     for (int j = -2; j <= 2; j++)
         for (int i = -2; i <= 2; i++) {
-            int px = (int)clamp(x + i, 0, m->width - 1), py = (int)clamp(y + j, 0, m->height - 1);
-            double v = (double)m->inside[(size_t)py * (size_t)m->width + (size_t)px];
+            int px = (int)clamp(x + i, 0, mask->width - 1), py = (int)clamp(y + j, 0, mask->height - 1);
+            double v = (double)mask->inside[(size_t)py * (size_t)mask->width + (size_t)px];
             n[0] -= i * v;
             n[1] -= j * v;
         }
@@ -171,26 +171,26 @@ static bool downhill(const fit_mask *m, int x, int y, double n[2]) {
 }
 
 /* Between neighbouring cells of which one is in the mask; `every` steps over crossings. */
-static int crossings(const body_fit_input *in, fit_mask *m, int every) {
+static int crossings(const body_fit_input *in, fit_mask *mask, int every) {
     int seen = 0;
-    m->outline = 0;
-    for (int y = 0; y + 1 < m->height; y++)
-        for (int x = 0; x + 1 < m->width; x++)
+    mask->outline = 0;
+    for (int y = 0; y + 1 < mask->height; y++)
+        for (int x = 0; x + 1 < mask->width; x++)
             for (int across = 0; across < 2; across++) {
-                const float *a = m->inside + (size_t)y * (size_t)m->width + (size_t)x;
-                double v = (double)a[0], u = (double)a[across ? 1 : m->width], n[2];
+                const float *a = mask->inside + (size_t)y * (size_t)mask->width + (size_t)x;
+                double v = (double)a[0], u = (double)a[across ? 1 : mask->width], n[2];
                 if ((v >= 0.5) == (u >= 0.5)) continue;
                 double t = (v - 0.5) / (v - u);
-                const double at[2] = {m->left + m->cell_px * (x + (across ? t : 0)),
-                                      m->top + m->cell_px * (y + (across ? 0 : t))};
-                double margin = 1 + m->cell_px;
+                const double at[2] = {mask->left + mask->cell_px * (x + (across ? t : 0)),
+                                      mask->top + mask->cell_px * (y + (across ? 0 : t))};
+                double margin = 1 + mask->cell_px;
                 if (at[0] < margin || at[1] < margin || at[0] > in->width_px - 1 - margin ||
                     at[1] > in->height_px - 1 - margin)
                     continue;
-                if (!downhill(m, x, y, n)) continue;
-                if (every && seen % every == 0 && m->outline < FIT_OUTLINE_MAX) {
-                    memcpy(m->point_px[m->outline], at, sizeof at);
-                    memcpy(m->normal[m->outline++], n, sizeof n);
+                if (!downhill(mask, x, y, n)) continue;
+                if (every && seen % every == 0 && mask->outline < FIT_OUTLINE_MAX) {
+                    memcpy(mask->point_px[mask->outline], at, sizeof at);
+                    memcpy(mask->normal[mask->outline++], n, sizeof n);
                 }
                 seen++;
             }
@@ -199,31 +199,31 @@ static int crossings(const body_fit_input *in, fit_mask *m, int every) {
 
 sherf_status fit_mask_create(context *c, const body_fit_input *in, fit_mask **out) {
     *out = NULL;
-    fit_mask *m = mem_zero(c, 1, sizeof *m);
-    if (!m) return SHERF_NO_MEMORY;
+    fit_mask *mask = mem_zero(c, 1, sizeof *mask);
+    if (!mask) return SHERF_NO_MEMORY;
     sherf_status status = SHERF_NO_MEMORY;
-    if (!place_grid(in, m)) {
+    if (!place_grid(in, mask)) {
         status = failure(c, SHERF_MISMATCH, "fit: the person lies outside the picture");
         goto fail;
     }
-    size_t cells = (size_t)m->width * (size_t)m->height;
-    m->inside = mem_alloc(c, cells, sizeof *m->inside);
-    m->outside_px = mem_alloc(c, cells, sizeof *m->outside_px);
-    if (!m->inside || !m->outside_px) goto fail;
-    fill_grid(in, m);
-    if ((status = measure(c, m))) goto fail;
-    int all = crossings(in, m, 0);
-    if (all) crossings(in, m, 1 + (all - 1) / FIT_OUTLINE_MAX);
-    *out = m;
+    size_t cells = (size_t)mask->width * (size_t)mask->height;
+    mask->inside = mem_alloc(c, cells, sizeof *mask->inside);
+    mask->outside_px = mem_alloc(c, cells, sizeof *mask->outside_px);
+    if (!mask->inside || !mask->outside_px) goto fail;
+    fill_grid(in, mask);
+    if ((status = measure(c, mask))) goto fail;
+    int all = crossings(in, mask, 0);
+    if (all) crossings(in, mask, 1 + (all - 1) / FIT_OUTLINE_MAX);
+    *out = mask;
     return SHERF_OK;
 fail:
-    fit_mask_free(m);
+    fit_mask_free(mask);
     return status;
 }
 
-void fit_mask_free(fit_mask *m) {
-    if (!m) return;
-    mem_free(m->inside);
-    mem_free(m->outside_px);
-    mem_free(m);
+void fit_mask_free(fit_mask *mask) {
+    if (!mask) return;
+    mem_free(mask->inside);
+    mem_free(mask->outside_px);
+    mem_free(mask);
 }

@@ -4,11 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "estimate/fit_inside.h"
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 /* ---- rows ---- */
 
@@ -129,7 +126,7 @@ static void usual_pose(terms *t, double weight, double tail) {
     for (int i = 0; i < TILT; i++) x[i] = t->s->body.bend[fit_pose_joint[i / 3]][i % 3];
     for (int i = 0; i < 2; i++) {
         for (int k = 0; k < 3; k++) axis[i][k] = root[3 * k + 2 * i];
-        x[TILT + i] = dot(axis[i], t->up);
+        x[TILT + i] = dot3(axis[i], t->up);
     }
     const fit_pose_kind *kind = fit_pose_nearest(x, r, &cost);
     for (int i = 0; i < N; i++) squared += r[i] * r[i];
@@ -149,8 +146,8 @@ static void usual_pose(terms *t, double weight, double tail) {
             for (int k = 0; k < 3; k++) /* d (axis . up) = turn . (axis x up) */
                 slope[BODY_TURN + k] +=
                     w * (a[(k + 1) % 3] * t->up[(k + 2) % 3] - a[(k + 2) % 3] * t->up[(k + 1) % 3]);
-            slope[FIT_PITCH] += w * dot(a, t->up_pitch);
-            slope[FIT_ROLL] += w * dot(a, t->up_roll);
+            slope[FIT_PITCH] += w * dot3(a, t->up_pitch);
+            slope[FIT_ROLL] += w * dot3(a, t->up_roll);
         }
         add(t, 1, &r[i], (const row *)&slope, keep, 0);
     }
@@ -222,11 +219,11 @@ static void along_axis(terms *t, const blend *b, const double axis[3], double ai
     double v[3], r;
     row slope = {0};
     blend_place(t, b, v);
-    r = (dot(axis, v) - aim) / spread;
+    r = (dot3(axis, v) - aim) / spread;
     for (int i = 0; i < b->count && t->e; i++)
         for (int k = 0; k < 3; k++) mark_slope(t, b->mark[i], k, b->share[i] * axis[k] / spread, slope);
-    slope[FIT_PITCH] = dot(along, t->up_pitch) / spread;
-    slope[FIT_ROLL] = dot(along, t->up_roll) / spread;
+    slope[FIT_PITCH] = dot3(along, t->up_pitch) / spread;
+    slope[FIT_ROLL] = dot3(along, t->up_roll) / spread;
     add(t, 1, &r, (const row *)&slope, weight, tail);
 }
 
@@ -235,7 +232,7 @@ static void level(terms *t, const blend *b, const double d[3], double aim, doubl
                   double tail) {
     double v[3], along[3];
     blend_place(t, b, v);
-    for (int k = 0; k < 3; k++) along[k] = -dot(t->up, v) * d[k];
+    for (int k = 0; k < 3; k++) along[k] = -dot3(t->up, v) * d[k];
     along_axis(t, b, d, aim, along, spread, weight, tail);
 }
 
@@ -260,14 +257,14 @@ static void standing(terms *t) {
     take_foot(&feet, 0, 1);
     take_foot(&feet, 1, -1);
     blend_place(t, &feet, apart);
-    double rise = dot(apart, t->up);
+    double rise = dot3(apart, t->up);
     for (int k = 0; k < 3; k++) line[k] = apart[k] - rise * t->up[k];
-    half = 0.5 * sqrt(dot(line, line));
+    half = 0.5 * sqrt(dot3(line, line));
     if (half < 0.02) { /* side by side in one place: any direction will do */
         double rise_x = t->up[0];
         for (int k = 0; k < 3; k++) line[k] = (k == 0) - rise_x * t->up[k];
     }
-    double length = sqrt(dot(line, line));
+    double length = sqrt(dot3(line, line));
     for (int k = 0; k < 3; k++) line[k] /= length;
     for (int k = 0; k < 3; k++)
         across[k] = t->up[(k + 1) % 3] * line[(k + 2) % 3] - t->up[(k + 2) % 3] * line[(k + 1) % 3];
@@ -276,7 +273,7 @@ static void standing(terms *t) {
     for (int side = 0; side < 2; side++) take_foot(&mass, side, -0.5);
     blend_place(t, &mass, v);
     level(t, &mass, across, 0, 0.05, weight, 2);
-    double beside = dot(v, line);
+    double beside = dot3(v, line);
     if (fabs(beside) > half) level(t, &mass, line, beside > 0 ? half : -half, 0.05, weight, 2);
     for (int side = 0; side < 2; side++) {
         blend sole = {0};
@@ -295,9 +292,9 @@ static void trunk_upright(terms *t) {
     double ahead[3] = {root[2], root[5], root[8]}, aside[3], v[3];
     blend trunk = {0};
     if (!(weight > 0)) return;
-    double rise = dot(ahead, t->up);
+    double rise = dot3(ahead, t->up);
     for (int k = 0; k < 3; k++) ahead[k] -= rise * t->up[k];
-    double length = sqrt(dot(ahead, ahead));
+    double length = sqrt(dot3(ahead, ahead));
     if (length < 0.3) return; /* lying */
     for (int k = 0; k < 3; k++) ahead[k] /= length;
     for (int k = 0; k < 3; k++)
@@ -305,7 +302,7 @@ static void trunk_upright(terms *t) {
     take(&trunk, LANDMARKS + 12, 1);
     take(&trunk, LANDMARKS, -1);
     blend_place(t, &trunk, v);
-    double high = sqrt(dot(v, v));
+    double high = sqrt(dot3(v, v));
     level(t, &trunk, ahead, 0.055 * high, spread, weight, 1.5);
     level(t, &trunk, aside, 0, spread, weight, 1.5);
 }
@@ -338,8 +335,8 @@ static void find_contour(fit_problem *p, double focal_px, double (*px)[2], doubl
     for (int i = 0; i < body_points_count(p->skin); i++) {
         const double *x = p->skin_place + 3 * i, *B = p->skin_blend + 9 * i, *rest = p->skin_normal[i];
         double normal[3], along = 0, length;
-        for (int k = 0; k < 3; k++) normal[k] = dot(B + 3 * k, rest);
-        along = dot(normal, x) / sqrt(dot(x, x) * dot(normal, normal) + 1e-12);
+        for (int k = 0; k < 3; k++) normal[k] = dot3(B + 3 * k, rest);
+        along = dot3(normal, x) / sqrt(dot3(x, x) * dot3(normal, normal) + 1e-12);
         length = hypot(normal[0], normal[1]);
         project(&t, x, NULL, 0, px[i], NULL);
         bool contour = fabs(along) < 0.5 && length > 0.1;
@@ -349,25 +346,25 @@ static void find_contour(fit_problem *p, double focal_px, double (*px)[2], doubl
 }
 
 int fit_edges(fit_problem *p, double focal_px, fit_edge *edge) {
-    const fit_mask *m = p->mask;
+    const fit_mask *mask = p->mask;
     const int points = body_points_count(p->skin);
     const double reach = 0.25 * p->px_per_m;
     double(*px)[2] = (double(*)[2])(p->skin_place + 3 * (size_t)points), (*n)[2] = px + points; /* spare */
     int count = 0;
     find_contour(p, focal_px, px, n);
-    for (int o = 0; o < m->outline; o++) {
+    for (int o = 0; o < mask->outline; o++) {
         int best = -1;
         double nearest = reach * reach;
         for (int i = 0; i < points; i++) {
-            double alike = n[i][0] * m->normal[o][0] + n[i][1] * m->normal[o][1];
+            double alike = n[i][0] * mask->normal[o][0] + n[i][1] * mask->normal[o][1];
             if (alike < 0.6) continue;
-            double dx = px[i][0] - m->point_px[o][0], dy = px[i][1] - m->point_px[o][1];
+            double dx = px[i][0] - mask->point_px[o][0], dy = px[i][1] - mask->point_px[o][1];
             if (dx * dx + dy * dy < nearest) nearest = dx * dx + dy * dy, best = i;
         }
         if (best < 0) continue;
         edge[count++] = (fit_edge){o, best,
-                                   (px[best][0] - m->point_px[o][0]) * m->normal[o][0] +
-                                       (px[best][1] - m->point_px[o][1]) * m->normal[o][1]};
+                                   (px[best][0] - mask->point_px[o][0]) * mask->normal[o][0] +
+                                       (px[best][1] - mask->point_px[o][1]) * mask->normal[o][1]};
     }
     return count;
 }

@@ -4,28 +4,20 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
+
 enum { LEFT_HIP = 1, RIGHT_HIP = 2, NECK = 12, LEFT_SHOULDER = 16, RIGHT_SHOULDER = 17 };
-
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double a[3], const double b[3], double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* A vector without length stays 0. */
 static void unit(double v[3]) {
-    double length = sqrt(dot(v, v));
+    double length = sqrt(dot3(v, v));
     for (int k = 0; k < 3; k++) v[k] = length > 0 ? v[k] / length : 0;
 }
 
 static double degrees_between(const double a[3], const double b[3]) {
     double n[3];
-    cross(a, b, n);
-    return atan2(sqrt(dot(n, n)), dot(a, b)) * 180 / M_PI;
+    cross3(a, b, n);
+    return atan2(sqrt(dot3(n, n)), dot3(a, b)) * 180 / M_PI;
 }
 
 /* ---- the similarity that fits best ---- */
@@ -97,8 +89,8 @@ double procrustes_distance(int n, const double (*x)[3], const double (*y)[3]) {
     for (int i = 0; i < n; i++) {
         double d[3], at[3];
         for (int k = 0; k < 3; k++) at[k] = x[i][k] - mx[k];
-        for (int k = 0; k < 3; k++) d[k] = scale * dot(R + 3 * k, at) + my[k] - y[i][k];
-        sum += sqrt(dot(d, d)) / n;
+        for (int k = 0; k < 3; k++) d[k] = scale * dot3(R + 3 * k, at) + my[k] - y[i][k];
+        sum += sqrt(dot3(d, d)) / n;
     }
     return sum;
 }
@@ -114,7 +106,7 @@ static void trunk_of(const double (*joint)[3], double up[3], double facing[3]) {
             joint[LEFT_HIP][k] + joint[LEFT_SHOULDER][k] - joint[RIGHT_HIP][k] - joint[RIGHT_SHOULDER][k];
     }
     unit(up);
-    cross(left, up, facing);
+    cross3(left, up, facing);
     unit(facing);
 }
 
@@ -127,14 +119,14 @@ void pose_error_measure(const float truth[BODY_JOINTS][3], const float estimate[
     for (int j = 1; j < BODY_JOINTS; j++) {
         double d[3];
         for (int k = 0; k < 3; k++) d[k] = (e[j][k] - e[0][k]) - (t[j][k] - t[0][k]);
-        out->joints_mm += 1000 * sqrt(dot(d, d)) / (BODY_JOINTS - 1);
+        out->joints_mm += 1000 * sqrt(dot3(d, d)) / (BODY_JOINTS - 1);
     }
     out->aligned_mm = 1000 * procrustes_distance(BODY_JOINTS, e, t);
     trunk_of(t, up, facing);
     trunk_of(e, own_up, own_facing);
     out->lean_deg = degrees_between(up, own_up);
-    out->forward_deg = atan2(dot(own_up, facing), dot(own_up, up)) * 180 / M_PI;
-    for (int k = 0; k < 3; k++) flat[k] = own_facing[k] - dot(own_facing, up) * up[k];
+    out->forward_deg = atan2(dot3(own_up, facing), dot3(own_up, up)) * 180 / M_PI;
+    for (int k = 0; k < 3; k++) flat[k] = own_facing[k] - dot3(own_facing, up) * up[k];
     out->turn_deg = degrees_between(facing, flat);
 }
 

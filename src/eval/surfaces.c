@@ -5,6 +5,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
+
 typedef struct {
     RTCDevice device;
     RTCScene scene;
@@ -49,15 +51,11 @@ static sherf_status tree_create(context *c, int meshes, const solid_mesh *mesh, 
 }
 
 /* ---- the nearest place ---- */
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* The place on a - b that is nearest to p. */
 static void nearest_on_edge(const double a[3], const double b[3], const double p[3], double out[3]) {
     double way[3], from[3];
     for (int k = 0; k < 3; k++) way[k] = b[k] - a[k], from[k] = p[k] - a[k];
-    const double length = dot(way, way), at = length > 0 ? fmin(1, fmax(0, dot(from, way) / length)) : 0;
+    const double length = dot3(way, way), at = length > 0 ? fmin(1, fmax(0, dot3(from, way) / length)) : 0;
     for (int k = 0; k < 3; k++) out[k] = a[k] + at * way[k];
 }
 
@@ -74,10 +72,10 @@ static double triangle_distance(const double v[3][3], const double p[3], double 
         edge[0][k] = v[1][k] - v[0][k], edge[1][k] = v[2][k] - v[0][k], from[k] = p[k] - v[0][k];
     for (int k = 0; k < 3; k++)
         normal[k] = edge[0][(k + 1) % 3] * edge[1][(k + 2) % 3] - edge[0][(k + 2) % 3] * edge[1][(k + 1) % 3];
-    const double aa = dot(edge[0], edge[0]), ab = dot(edge[0], edge[1]), bb = dot(edge[1], edge[1]),
-                 a = dot(from, edge[0]), b = dot(from, edge[1]), area = dot(normal, normal);
+    const double aa = dot3(edge[0], edge[0]), ab = dot3(edge[0], edge[1]), bb = dot3(edge[1], edge[1]),
+                 a = dot3(from, edge[0]), b = dot3(from, edge[1]), area = dot3(normal, normal);
     const double u = area > 0 ? (bb * a - ab * b) / area : -1, w = area > 0 ? (aa * b - ab * a) / area : -1;
-    if (u >= 0 && w >= 0 && u + w <= 1) return dot(from, normal) * dot(from, normal) / area;
+    if (u >= 0 && w >= 0 && u + w <= 1) return dot3(from, normal) * dot3(from, normal) / area;
     for (int i = 0; i < 3; i++) {
         nearest_on_edge(v[i], v[(i + 1) % 3], p, foot);
         least = fmin(least, square_distance(p, foot));
@@ -123,8 +121,8 @@ static void measure(const tree *to, int64_t count, const solid_point *place, dou
             n.place[k] = (double)place[i].position[k], own[k] = (double)place[i].normal[k];
         rtcInitPointQueryContext(&how);
         rtcPointQuery(to->scene, &query, &how, look, &n);
-        const double length = sqrt(dot(n.normal, n.normal));
-        const double cosine = length > 0 ? dot(own, n.normal) / length : 0;
+        const double length = sqrt(dot3(n.normal, n.normal));
+        const double cosine = length > 0 ? dot3(own, n.normal) / length : 0;
         *distance_m += n.distance / (double)count;
         *angle_deg += acos(fmin(1, fmax(-1, cosine))) * 180 / M_PI / (double)count;
     }

@@ -5,15 +5,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "experiment/experiment.h"
 
 enum { ANGLES = 12, STEP_DEG = 30 };
 
 /* ---- geometry ---- */
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Up along the pelvis, in the world. */
 static void vertical(const sherf_pose *pose, double up[3]) {
     float turn[9];
@@ -28,7 +25,7 @@ static void level(const sherf_camera *camera, const float root[3], const double 
     float eye[3];
     camera_position(camera, eye);
     for (int k = 0; k < 3; k++) out[k] = (double)eye[k] - (double)root[k];
-    const double height = dot(out, up);
+    const double height = dot3(out, up);
     for (int k = 0; k < 3; k++) out[k] -= height * up[k];
 }
 
@@ -42,7 +39,7 @@ sherf_status camera_angle(context *c, const sherf_body *body, const sherf_pose *
     level(from, joint[0], up, a);
     level(to, joint[0], up, b);
     const double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    *degrees = atan2(dot(up, cross), dot(a, b)) * 180 / M_PI;
+    *degrees = atan2(dot3(up, cross), dot3(a, b)) * 180 / M_PI;
     return SHERF_OK;
 }
 

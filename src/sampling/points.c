@@ -15,7 +15,7 @@ static const float voxel_m = 0.04f;
 
 /* ---- one frame's work ---- */
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const posed_body *target, *observation;
     const sherf_camera *camera;
     const ray_bundle *rays;
@@ -222,7 +222,7 @@ static void drop_empty(const points_job *job, int64_t chunk) {
             if (!some) continue;
             for (uint64_t bits = kept; bits; bits &= bits - 1)
                 sample_smpl(job, n, 64 * w + __builtin_ctzll(bits), canonical + 3 * at++);
-            deform_to_canonical(job->m, job->target, some, canonical, NULL, from, canonical, NULL);
+            deform_to_canonical(job->body, job->target, some, canonical, NULL, from, canonical, NULL);
             at = 0;
             for (uint64_t bits = kept; bits; bits &= bits - 1, at++) {
                 if (cell_is_empty(job->empty, canonical + 3 * at))
@@ -264,7 +264,7 @@ static uint64_t step_on(const points_job *job, int64_t n, int word, uint64_t bit
         if (found < 0) continue;
         s->nearest[s->count++] = *guess = found;
     }
-    deform_to_canonical(job->m, job->target, s->count, s->place, NULL, s->nearest, s->place, NULL);
+    deform_to_canonical(job->body, job->target, s->count, s->place, NULL, s->nearest, s->place, NULL);
     return bits;
 }
 
@@ -385,18 +385,18 @@ static void fill_points(const points_job *job, int64_t chunk) {
             }
     }
     if (p->nearest) memcpy(p->nearest + at, nearest, (size_t)total * sizeof *nearest);
-    const vertex_grid *grid = body_canonical_grid(job->m);
+    const vertex_grid *grid = body_canonical_grid(job->body);
     for (int64_t b = 0; b < total; b += BATCH) {
         int64_t count = total - b < BATCH ? total - b : BATCH;
         float *canonical = p->canonical + 3 * (at + b), *direction = p->direction_canonical + 3 * (at + b);
-        deform_to_canonical(job->m, job->target, count, canonical, direction, nearest + b, canonical,
+        deform_to_canonical(job->body, job->target, count, canonical, direction, nearest + b, canonical,
                             direction);
         if (!job->observation) continue;
         int32_t canonical_nearest[BATCH];
         float own[3 * BATCH], *world = p->observation_world ? p->observation_world + 3 * (at + b) : own;
         for (int64_t i = 0; i < count; i++) /* the target's nearest vertex is nearly always near here, too */
             canonical_nearest[i] = vertex_grid_nearest_from(grid, canonical + 3 * i, nearest[b + i], NULL);
-        deform_to_picture(job->m, job->observation, count, canonical, canonical_nearest, world);
+        deform_to_picture(job->body, job->observation, count, canonical, canonical_nearest, world);
         camera_project(job->camera, count, world, p->observed_px + 2 * (at + b), NULL);
     }
 }
@@ -514,7 +514,7 @@ static sherf_status points_make(context *c, points_job *job, int samples, bool k
     job->out->samples = samples;
     job->out->on = rays;
     vertex_grid *own = NULL;
-    sherf_status status = job->target->near ? SHERF_OK : grid_create(c, job->m, job->target, &own);
+    sherf_status status = job->target->near ? SHERF_OK : grid_create(c, job->body, job->target, &own);
     job->grid = own ? own : job->target->near;
     if (status == SHERF_OK) status = points_run(c, job, keep_stages);
     vertex_grid_free(own);
@@ -536,7 +536,7 @@ sherf_status points_create(context *c, const body_model *body, const posed_body 
                            const ray_bundle *rays, int samples, const posed_body *observation,
                            const sherf_camera *observation_camera, const occupancy_grid *empty,
                            bool keep_stages, point_set **out) {
-    points_job job = {.m = body,
+    points_job job = {.body = body,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,
@@ -550,7 +550,7 @@ sherf_status coarse_points_create(context *c, const body_model *body, const pose
                                   const sherf_camera *observation_camera, const coarse_field *coarse,
                                   coarse_points *out) {
     const bool fine = rays_pitch(rays) < sparse_m;
-    points_job job = {.m = body,
+    points_job job = {.body = body,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,

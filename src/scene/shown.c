@@ -19,7 +19,7 @@ enum { BESIDE_PX_MAX = 16, APART_MIN = 2 };
 enum { ISLAND_MIN = 64 };
 
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const sherf_camera *camera;
     const float *image; /* black outside the person; or NULL */
     float beside_m;
@@ -44,9 +44,9 @@ static int bones_between(const body_model *body, int a, int b) {
 
 static void find_parts(shown_job *j) {
     for (int a = 0; a < BODY_JOINTS; a++)
-        for (int b = 0; b < BODY_JOINTS; b++) j->apart[a][b] = (uint8_t)bones_between(j->m, a, b);
-    for (int64_t v = 0; v < j->m->vertices; v++) {
-        const float *w = j->m->weights + v * BODY_JOINTS;
+        for (int b = 0; b < BODY_JOINTS; b++) j->apart[a][b] = (uint8_t)bones_between(j->body, a, b);
+    for (int64_t v = 0; v < j->body->vertices; v++) {
+        const float *w = j->body->weights + v * BODY_JOINTS;
         int heaviest = 0;
         for (int k = 1; k < BODY_JOINTS; k++)
             if (w[k] > w[heaviest]) heaviest = k;
@@ -75,7 +75,7 @@ static bool is_covered(const shown_job *j, int64_t v, int x, int y) {
         for (int a = x - reach < 0 ? 0 : x - reach; a <= x + reach && a < r->width; a++) {
             const size_t at = (size_t)b * (size_t)r->width + (size_t)a;
             if (r->face[at] < 0 || r->depth[at] > j->depth[v] - before_m) continue;
-            if (apart[j->joint[j->m->face[3 * (size_t)r->face[at]]]] >= APART_MIN) return true;
+            if (apart[j->joint[j->body->face[3 * (size_t)r->face[at]]]] >= APART_MIN) return true;
         }
     return false;
 }
@@ -102,7 +102,7 @@ static void look_at(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status body_shown(context *c, const body_model *body, const float *vertices_world,
                         const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown) {
     const size_t V = (size_t)body->vertices;
-    shown_job j = {.m = body, .camera = camera, .image = image, .beside_m = beside_m, .shown = shown};
+    shown_job j = {.body = body, .camera = camera, .image = image, .beside_m = beside_m, .shown = shown};
     j.joint = mem_alloc(c, V, sizeof *j.joint);
     j.uv = mem_alloc(c, V, 2 * sizeof *j.uv);
     j.depth = mem_alloc(c, V, sizeof *j.depth);
@@ -131,7 +131,7 @@ enum { PICTURES_MAX = 127, EVEN_ROUNDS = 4 };
 static const float nearly_as_well = 0.5f;
 
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     int count;
     const body_picture *picture;
     uint8_t *shown; /* count x V, then V: in the picture that is read */
@@ -153,14 +153,14 @@ static float seen_well(const sherf_camera *camera, const float eye[3], const flo
 }
 
 static sherf_status look_at_picture(context *c, choice *j, int k, float *world, float *normal) {
-    const size_t V = (size_t)j->m->vertices;
+    const size_t V = (size_t)j->body->vertices;
     const body_picture *from = &j->picture[k];
     float eye[3];
-    body_vertices_world(j->m, from->body, world);
+    body_vertices_world(j->body, from->body, world);
     sherf_status status =
-        body_shown(c, j->m, world, from->camera, from->image, margin_m, j->shown + (size_t)k * V);
+        body_shown(c, j->body, world, from->camera, from->image, margin_m, j->shown + (size_t)k * V);
     if (status != SHERF_OK || j->count == 1) return status;
-    status = body_normals(c, j->m, world, normal);
+    status = body_normals(c, j->body, world, normal);
     camera_position(from->camera, eye);
     for (size_t v = 0; status == SHERF_OK && v < V; v++)
         j->well[(size_t)k * V + v] = seen_well(from->camera, eye, world + 3 * v, normal + 3 * v);
@@ -168,7 +168,7 @@ static sherf_status look_at_picture(context *c, choice *j, int k, float *world, 
 }
 
 static bool is_better(const choice *j, size_t v, int a, int b) {
-    const size_t V = (size_t)j->m->vertices, of_a = (size_t)a * V + v, of_b = (size_t)b * V + v;
+    const size_t V = (size_t)j->body->vertices, of_a = (size_t)a * V + v, of_b = (size_t)b * V + v;
     if (j->shown[of_a] != j->shown[of_b]) return j->shown[of_a] < j->shown[of_b];
     return j->well[of_a] > j->well[of_b];
 }
@@ -176,8 +176,8 @@ static bool is_better(const choice *j, size_t v, int a, int b) {
 /* The picture in which most of the vertices round v are read; -1: none is ahead of its own. */
 static int majority(const choice *j, size_t v) {
     int votes[PICTURES_MAX] = {0}, best = -1;
-    for (int32_t i = j->m->neighbour_first[v]; i < j->m->neighbour_first[v + 1]; i++) {
-        const int k = j->in[j->m->neighbour[i]];
+    for (int32_t i = j->body->neighbour_first[v]; i < j->body->neighbour_first[v + 1]; i++) {
+        const int k = j->in[j->body->neighbour[i]];
         if (++votes[k] > (best < 0 ? 0 : votes[best])) best = k;
     }
     return best >= 0 && votes[best] > votes[j->in[v]] ? best : -1;
@@ -185,7 +185,7 @@ static int majority(const choice *j, size_t v) {
 
 /* Borders between pictures become short: each is another light, and another error of the body. */
 static void even_out(choice *j) {
-    const size_t V = (size_t)j->m->vertices;
+    const size_t V = (size_t)j->body->vertices;
     for (int round = 0; round < EVEN_ROUNDS; round++) {
         memcpy(j->room, j->in, V);
         for (size_t v = 0; v < V; v++) {
@@ -199,7 +199,7 @@ static void even_out(choice *j) {
 }
 
 static sherf_status choose(context *c, choice *j) {
-    const size_t V = (size_t)j->m->vertices, n = (size_t)j->count;
+    const size_t V = (size_t)j->body->vertices, n = (size_t)j->count;
     float *world = mem_alloc(c, V, 3 * sizeof *world), *normal = mem_alloc(c, V, 3 * sizeof *normal);
     j->shown = mem_alloc(c, (n + 1) * V, sizeof *j->shown);
     j->well = mem_zero(c, n * V, sizeof *j->well);
@@ -228,7 +228,7 @@ static void choice_free(choice *j) {
 
 /* ---- where it is read ---- */
 typedef struct {
-    const body_model *m;
+    const body_model *body;
     const body_picture *picture;
     posed_body *p;
     const uint8_t *shown; /* V */
@@ -242,8 +242,8 @@ static int32_t island_of(const read_job *j, int32_t v, uint8_t *met, int32_t *li
     list[count++] = v;
     met[v] = 1;
     for (int32_t i = 0; i < count; i++)
-        for (int32_t k = j->m->neighbour_first[list[i]]; k < j->m->neighbour_first[list[i] + 1]; k++) {
-            const int32_t other = j->m->neighbour[k];
+        for (int32_t k = j->body->neighbour_first[list[i]]; k < j->body->neighbour_first[list[i] + 1]; k++) {
+            const int32_t other = j->body->neighbour[k];
             if (met[other] || j->read[other] >= 0) continue;
             met[other] = 1;
             list[count++] = other;
@@ -254,8 +254,8 @@ static int32_t island_of(const read_job *j, int32_t v, uint8_t *met, int32_t *li
 /* A few unseen vertices among seen ones, as beside a nose, would be facets of the other side: they are read
  * as those that have no other side. list: room for all vertices. */
 static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
-    uint8_t *met = mem_zero(c, (size_t)j->m->vertices, 1);
-    for (int32_t v = 0; met && v < j->m->vertices; v++) {
+    uint8_t *met = mem_zero(c, (size_t)j->body->vertices, 1);
+    for (int32_t v = 0; met && v < j->body->vertices; v++) {
         if (met[v] || j->read[v] >= 0) continue;
         const int32_t count = island_of(j, v, met, list);
         for (int32_t i = 0; i < count && count < ISLAND_MIN; i++)
@@ -268,27 +268,28 @@ static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
 /* Who is read where: seen vertices at themselves, others at their mirror image if that is seen, or straight
  * through the body if their pixel is its own. The rest as the nearest of all these. */
 static sherf_status find_places(context *c, read_job *j, bool mirror) {
-    const body_model *m = j->m;
+    const body_model *body = j->body;
     const uint8_t *shown = j->shown;
     vertex_grid *grid = NULL;
-    int32_t settled = 0, *index = mem_alloc(c, (size_t)m->vertices, sizeof *index);
-    float *place = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *place);
+    int32_t settled = 0, *index = mem_alloc(c, (size_t)body->vertices, sizeof *index);
+    float *place = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *place);
     sherf_status status = index && place ? SHERF_OK : SHERF_NO_MEMORY;
-    for (int32_t v = 0; status == SHERF_OK && v < m->vertices; v++) {
-        const int32_t other = mirror ? m->mirror[v] : -1;
+    for (int32_t v = 0; status == SHERF_OK && v < body->vertices; v++) {
+        const int32_t other = mirror ? body->mirror[v] : -1;
         const bool mirrored = shown[v] != SHOWN_SEEN && other >= 0 && shown[other] == SHOWN_SEEN;
         j->read[v] = mirrored ? ~other : v;
     }
     if (status == SHERF_OK && mirror) status = drop_islands(c, j, index);
-    for (int32_t v = 0; status == SHERF_OK && v < m->vertices; v++) {
+    for (int32_t v = 0; status == SHERF_OK && v < body->vertices; v++) {
         if (j->read[v] >= 0 && shown[v] >= SHOWN_COVERED) continue;
-        memcpy(place + 3 * (size_t)settled, m->canonical->vertices_smpl + 3 * (size_t)v, 3 * sizeof *place);
+        memcpy(place + 3 * (size_t)settled, body->canonical->vertices_smpl + 3 * (size_t)v,
+               3 * sizeof *place);
         index[settled++] = v;
     }
     if (status == SHERF_OK && settled) status = vertex_grid_create(c, settled, place, 0, &grid);
-    for (int32_t v = 0; status == SHERF_OK && settled && v < m->vertices; v++) {
+    for (int32_t v = 0; status == SHERF_OK && settled && v < body->vertices; v++) {
         if (j->read[v] < 0 || shown[v] < SHOWN_COVERED) continue;
-        const int32_t near = vertex_grid_nearest(grid, m->canonical->vertices_smpl + 3 * (size_t)v, NULL);
+        const int32_t near = vertex_grid_nearest(grid, body->canonical->vertices_smpl + 3 * (size_t)v, NULL);
         if (near >= 0) j->read[v] = index[near]; /* whose own place may be a mirrored one */
     }
     vertex_grid_free(grid);
@@ -327,15 +328,15 @@ static void map_follow(float map[12], const float on[12]) {
 
 static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     const read_job *j = arg;
-    const body_model *m = j->m;
-    const float *at = m->canonical->vertices_smpl;
+    const body_model *body = j->body;
+    const float *at = body->canonical->vertices_smpl;
     for (int64_t v = begin; v < end; v++) {
         float *map = j->p->read_from + 12 * v;
         const int64_t like = j->read[v] >= 0 ? j->read[v] : v, other = j->read[like];
         const int64_t from = other < 0 ? ~other : other;
         const body_picture *in = &j->picture[j->in[from]];
         memcpy(map, in->body->from_canonical + 12 * from, 12 * sizeof *map);
-        if (other < 0) map_mirror(map, m->mirror_x_m);
+        if (other < 0) map_mirror(map, body->mirror_x_m);
         if (like != v) map_shift(map, at + 3 * v, at + 3 * like);
         if (in->sheet) map_follow(map, in->sheet);
     }
@@ -344,7 +345,7 @@ static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status body_read_pictures(context *c, const body_model *body, int count, const body_picture *picture,
                                 bool mirror, posed_body *p) {
     const size_t V = (size_t)body->vertices;
-    choice k = {.m = body, .count = count, .picture = picture};
+    choice k = {.body = body, .count = count, .picture = picture};
     read_job j = {body, picture, p, NULL, NULL, mem_alloc(c, V, sizeof *j.read)};
     p->read_from = mem_alloc(c, V, 12 * sizeof *p->read_from);
     p->seen = mem_alloc(c, V, sizeof *p->seen);

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vector3.h"
+
 void solid_grid_free(solid_grid *g) {
     mem_free(g->cell);
     *g = (solid_grid){0};
@@ -66,10 +68,6 @@ static bool axis_parts(const double axis[3], const double v[3][3], double half) 
     return low > reach || high < -reach;
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-    for (int k = 0; k < 3; k++) out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
 /* The separating axes of a triangle and a cube: its normal and its edges across the cube's. The cube's own
  * are the cells that are looked at. */
 static bool touches(const double corner[3][3], const double middle[3], double half) {
@@ -78,13 +76,13 @@ static bool touches(const double corner[3][3], const double middle[3], double ha
         for (int k = 0; k < 3; k++) v[i][k] = corner[i][k] - middle[k];
     for (int i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++) edge[i][k] = v[i + 1][k] - v[0][k];
-    cross(edge[0], edge[1], normal);
+    cross3(edge[0], edge[1], normal);
     if (axis_parts(normal, v, half)) return false;
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) {
             double side[3], axis[3], unit[3] = {k == 0, k == 1, k == 2};
             for (int j = 0; j < 3; j++) side[j] = v[(i + 1) % 3][j] - v[i][j];
-            cross(unit, side, axis);
+            cross3(unit, side, axis);
             if (axis_parts(axis, v, half)) return false;
         }
     return true;
@@ -233,8 +231,8 @@ static double triangle_cross(const solid_mesh *m, int64_t t, double out[3]) {
     for (int i = 0; i < 3; i++) v[i] = m->vertex + 3 * (size_t)m->triangle[3 * t + i];
     for (int i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++) edge[i][k] = (double)v[i + 1][k] - (double)v[0][k];
-    cross(edge[0], edge[1], out);
-    return sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]);
+    cross3(edge[0], edge[1], out);
+    return sqrt(dot3(out, out));
 }
 
 /* The triangle, counted through all meshes, in which this share of the area falls. */

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/vector3.h"
 #include "io/image.h"
 #include "scene/scene.h"
 #include "viewer/viewer.h"
@@ -141,7 +142,7 @@ static void body_axes(const sherf_pose *pose, double B[9]) {
             up[i] = sign;
             break;
         }
-    double along = front[0] * up[0] + front[1] * up[1] + front[2] * up[2], length = 0;
+    double along = dot3(front, up), length = 0;
     for (int i = 0; i < 3; i++) {
         front[i] -= along * up[i];
         length += front[i] * front[i];
@@ -194,18 +195,18 @@ static void extent_add(const viewer_framing *f, const body_model *body, const po
 static sherf_status framing_make(context *c, const viewer_scene *s, int avatar, int motion,
                                  viewer_framing *f) {
     enum { LOOKED_AT = 12 };
-    const body_model *m = s->avatars[avatar].body;
+    const body_model *body = s->avatars[avatar].body;
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     int count = s->motions[motion].count, looks = count < LOOKED_AT ? count : LOOKED_AT;
-    float *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
+    float *vertices = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *vertices);
     sherf_status status = vertices ? SHERF_OK : SHERF_NO_MEMORY;
     for (int i = 0; i < looks && status == SHERF_OK; i++) {
         sherf_pose pose = scene_pose(s, avatar, motion, (int)((int64_t)i * count / looks));
         posed_body *p = NULL;
         if (i == 0) body_axes(&pose, f->axes);
-        status = posed_body_create(c, m, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p);
+        status = posed_body_create(c, body, pose.poses_rad, pose.shapes, pose.R, pose.Th_m, &p);
         if (status == SHERF_OK && i == 0) root_world(p, f->root_m);
-        if (status == SHERF_OK) extent_add(f, m, p, vertices, low, high);
+        if (status == SHERF_OK) extent_add(f, body, p, vertices, low, high);
         posed_body_free(p);
     }
     mem_free(vertices);

@@ -5,19 +5,19 @@ static void vertices_agree(void **state) {
     body_reference *r = *state;
     int64_t rows;
     const int32_t *row = reference_ints(r, "vertex", &rows);
-    float *x = mem_alloc(r->c, (size_t)r->m->vertices, 3 * sizeof *x);
-    body_vertices_world(r->m, r->target, x);
+    float *x = mem_alloc(r->c, (size_t)r->body->vertices, 3 * sizeof *x);
+    body_vertices_world(r->body, r->target, x);
     assert_rows(x, reference_floats(r, "smpl.target.vertices"), row, rows, 3, 1e-6, "target");
-    body_vertices_world(r->m, r->observation, x);
+    body_vertices_world(r->body, r->observation, x);
     assert_rows(x, reference_floats(r, "smpl.observation.vertices"), row, rows, 3, 1e-6, "observation");
-    assert_rows(r->m->canonical->vertices_smpl, reference_floats(r, "smpl.canonical.vertices"), row, rows, 3,
-                1e-6, "canonical");
-    deform_to_canonical(r->m, r->observation, r->m->vertices, r->observation->vertices_smpl, NULL, NULL, x,
-                        NULL);
+    assert_rows(r->body->canonical->vertices_smpl, reference_floats(r, "smpl.canonical.vertices"), row, rows,
+                3, 1e-6, "canonical");
+    deform_to_canonical(r->body, r->observation, r->body->vertices, r->observation->vertices_smpl, NULL, NULL,
+                        x, NULL);
     assert_rows(x, reference_floats(r, "deform.observation_vertices"), row, rows, 3, 2e-6, "to canonical");
     float bounds[6];
     static const int32_t both[2] = {0, 1};
-    body_canonical_bounds_z(r->m, bounds, bounds + 3);
+    body_canonical_bounds_z(r->body, bounds, bounds + 3);
     assert_rows(bounds, reference_floats(r, "canonical.bounds"), both, 2, 3, 1e-6, "bounds");
     mem_free(x);
 }
@@ -30,19 +30,19 @@ static void poses_agree_with_public_function(void **state) {
     memcpy(pose.shapes, reference_floats(r, "in.target.shapes"), sizeof pose.shapes);
     memcpy(pose.R, reference_floats(r, "in.target.R"), sizeof pose.R);
     memcpy(pose.Th_m, reference_floats(r, "in.target.Th"), sizeof pose.Th_m);
-    assert_int_equal(sherf_body_vertex_count(r->m), 6890);
-    assert_int_equal(sherf_body_face_count(r->m), 13280);
+    assert_int_equal(sherf_body_vertex_count(r->body), 6890);
+    assert_int_equal(sherf_body_face_count(r->body), 13280);
     float *x = mem_alloc(r->c, 6890, 6 * sizeof *x), joints[72];
-    assert_ok(r->c, sherf_body_pose(r->c, r->m, &pose, x, joints));
-    body_vertices_world(r->m, r->target, x + 3 * 6890);
+    assert_ok(r->c, sherf_body_pose(r->c, r->body, &pose, x, joints));
+    body_vertices_world(r->body, r->target, x + 3 * 6890);
     assert_memory_equal(x, x + 3 * 6890, 3 * 6890 * sizeof *x);
     for (int i = 0; i < 72; i++) assert_true(fabsf(joints[i]) < 2);
     pose.poses_rad[7] = NAN;
-    assert_int_equal(sherf_body_pose(r->c, r->m, &pose, x, NULL), SHERF_BAD_ARGUMENT);
+    assert_int_equal(sherf_body_pose(r->c, r->body, &pose, x, NULL), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(r->c->message, "joint 2"));
     pose.poses_rad[7] = 0;
     pose.R[4] = 2;
-    assert_int_equal(sherf_body_pose(r->c, r->m, &pose, x, NULL), SHERF_BAD_ARGUMENT);
+    assert_int_equal(sherf_body_pose(r->c, r->body, &pose, x, NULL), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(r->c->message, "not a rotation"));
     mem_free(x);
 }
@@ -54,13 +54,13 @@ static void deformation_round_trip(void **state) {
     float x[3 * N], y[3 * N], z[3 * N];
     int32_t nearest[N];
     for (int i = 0; i < N; i++) {
-        nearest[i] = (int32_t)random_below(5, (uint64_t)i, r->m->vertices);
+        nearest[i] = (int32_t)random_below(5, (uint64_t)i, r->body->vertices);
         for (int k = 0; k < 3; k++)
             x[3 * i + k] = r->target->vertices_smpl[3 * nearest[i] + k] +
                            0.05f * (float)(2 * random_uniform(6, (uint64_t)(3 * i + k)) - 1);
     }
-    deform_to_canonical(r->m, r->target, N, x, NULL, nearest, y, NULL);
-    deform_from_canonical(r->m, r->target, N, y, nearest, z);
+    deform_to_canonical(r->body, r->target, N, x, NULL, nearest, y, NULL);
+    deform_from_canonical(r->body, r->target, N, y, nearest, z);
     for (int i = 0; i < N; i++)
         for (int k = 0; k < 3; k++) { /* back in SMPL space: (world - Th) R */
             double back = 0;
@@ -70,36 +70,38 @@ static void deformation_round_trip(void **state) {
         }
     /* a vertex goes to its canonical place but for the difference of the shapes */
     float *v = mem_alloc(r->c, 6890, 3 * sizeof *v);
-    deform_to_canonical(r->m, r->m->canonical, 6890, r->m->canonical->vertices_smpl, NULL, NULL, v, NULL);
-    for (int i = 0; i < 3 * 6890; i++) assert_true(fabsf(v[i] - r->m->canonical->vertices_smpl[i]) < 1e-6f);
+    deform_to_canonical(r->body, r->body->canonical, 6890, r->body->canonical->vertices_smpl, NULL, NULL, v,
+                        NULL);
+    for (int i = 0; i < 3 * 6890; i++)
+        assert_true(fabsf(v[i] - r->body->canonical->vertices_smpl[i]) < 1e-6f);
     mem_free(v);
 }
 
 /* Every edge of every face both ways, once, and nothing else. */
 static void neighbours_share_an_edge(void **state) {
     body_reference *r = *state;
-    const body_model *m = r->m;
-    const int32_t *first = m->neighbour_first, *list = m->neighbour;
-    uint8_t *met = mem_zero(r->c, (size_t)first[m->vertices], 1);
+    const body_model *body = r->body;
+    const int32_t *first = body->neighbour_first, *list = body->neighbour;
+    uint8_t *met = mem_zero(r->c, (size_t)first[body->vertices], 1);
     assert_non_null(met);
     assert_int_equal(first[0], 0);
-    for (int v = 0; v < m->vertices; v++) {
+    for (int v = 0; v < body->vertices; v++) {
         assert_true(first[v] <= first[v + 1] && first[v + 1] - first[v] <= 32);
         for (int32_t i = first[v]; i < first[v + 1]; i++) {
-            assert_true(list[i] >= 0 && list[i] < m->vertices && list[i] != v);
+            assert_true(list[i] >= 0 && list[i] < body->vertices && list[i] != v);
             for (int32_t k = first[v]; k < i; k++) assert_true(list[k] != list[i]);
         }
     }
-    for (int i = 0; i < 6 * m->faces; i++) {
+    for (int i = 0; i < 6 * body->faces; i++) {
         const int corner = i / 2, next = corner / 3 * 3 + (corner + 1) % 3;
-        const int32_t a = (int32_t)m->face[i % 2 ? next : corner],
-                      b = (int32_t)m->face[i % 2 ? corner : next];
+        const int32_t a = (int32_t)body->face[i % 2 ? next : corner],
+                      b = (int32_t)body->face[i % 2 ? corner : next];
         int32_t k = first[a];
         while (k < first[a + 1] && list[k] != b) k++;
         assert_true(k < first[a + 1]);
         met[k] = 1;
     }
-    for (int32_t i = 0; i < first[m->vertices]; i++) assert_true(met[i]);
+    for (int32_t i = 0; i < first[body->vertices]; i++) assert_true(met[i]);
     mem_free(met);
 }
 
@@ -112,9 +114,9 @@ static double jump(body_reference *r, float blend_m, int *pairs) {
     const float before = p->blend_m;
     p->blend_m = blend_m;
     *pairs = 0;
-    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, p->vertices_smpl, 0, &grid));
+    assert_ok(r->c, vertex_grid_create(r->c, r->body->vertices, p->vertices_smpl, 0, &grid));
     for (int i = 0; i < 3000; i++) {
-        const int v = (int)random_below(21, (uint64_t)i, r->m->vertices);
+        const int v = (int)random_below(21, (uint64_t)i, r->body->vertices);
         float x[6], y[6];
         for (int k = 0; k < 6; k++)
             x[k] = p->vertices_smpl[3 * v + k % 3] +
@@ -130,10 +132,11 @@ static double jump(body_reference *r, float blend_m, int *pairs) {
             nearest[side] = found;
         }
         bool neighbours = false;
-        for (int32_t k = r->m->neighbour_first[nearest[0]]; k < r->m->neighbour_first[nearest[0] + 1]; k++)
-            neighbours |= r->m->neighbour[k] == nearest[1];
+        for (int32_t k = r->body->neighbour_first[nearest[0]]; k < r->body->neighbour_first[nearest[0] + 1];
+             k++)
+            neighbours |= r->body->neighbour[k] == nearest[1];
         if (!neighbours) continue;
-        deform_to_canonical(r->m, p, 2, x, NULL, nearest, y, NULL);
+        deform_to_canonical(r->body, p, 2, x, NULL, nearest, y, NULL);
         sum += sqrt(pow(y[0] - y[3], 2) + pow(y[1] - y[4], 2) + pow(y[2] - y[5], 2));
         ++*pairs;
     }
@@ -152,9 +155,9 @@ static void blended_maps_hardly_jump(void **state) {
     float y[3], z[3];
     const int32_t own = 100;
     r->target->blend_m = 1e-4f;
-    deform_to_canonical(r->m, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, y, NULL);
+    deform_to_canonical(r->body, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, y, NULL);
     r->target->blend_m = 0;
-    deform_to_canonical(r->m, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, z, NULL);
+    deform_to_canonical(r->body, r->target, 1, r->target->vertices_smpl + 300, NULL, &own, z, NULL);
     assert_memory_equal(y, z, sizeof y);
 }
 
@@ -194,17 +197,17 @@ static void check_grid(context *c, const float *v, int n, float radius, float re
 
 static void nearest_is_exact(void **state) {
     body_reference *r = *state;
-    const float *v = r->m->canonical->vertices_smpl;
+    const float *v = r->body->canonical->vertices_smpl;
     float few[3 * 200];
     for (int i = 0; i < 600; i++) /* coarse values: many ties */
         few[i] = 0.05f * (float)random_below(4, (uint64_t)i, 12);
     for (int level = ISA_PLAIN; level <= ISA_AVX512; level++) {
         if (!test_isa((isa_level)level)) continue;
-        check_grid(r->c, v, r->m->vertices, 0, 0, 0, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0, 0.06f, 0.02f, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.02f, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0.05f, 0.05f, 0.04f, 0.03);
-        check_grid(r->c, v, r->m->vertices, 0.05f, 0, 0, 0.03);
+        check_grid(r->c, v, r->body->vertices, 0, 0, 0, 0.03);
+        check_grid(r->c, v, r->body->vertices, 0, 0.06f, 0.02f, 0.03);
+        check_grid(r->c, v, r->body->vertices, 0.05f, 0.05f, 0.02f, 0.03);
+        check_grid(r->c, v, r->body->vertices, 0.05f, 0.05f, 0.04f, 0.03);
+        check_grid(r->c, v, r->body->vertices, 0.05f, 0, 0, 0.03);
         check_grid(r->c, few, 200, 0, 0.1f, 0.02f, 0.05);
         check_grid(r->c, few, 200, 0.1f, 0, 0, 0.5);
         check_grid(r->c, few, 1, 0, 0.1f, 0.02f, 100);
@@ -243,7 +246,7 @@ static void normals_point_out(void **state) {
     body_reference *r = *state;
     /* a cube's corner: the mean of three unit normals, whatever the faces' areas */
     float *n = mem_alloc(r->c, 6890, 3 * sizeof *n);
-    assert_ok(r->c, body_normals(r->c, r->m, r->m->v_template, n));
+    assert_ok(r->c, body_normals(r->c, r->body, r->body->v_template, n));
     for (int v = 0; v < 6890; v++) {
         double length = 0;
         for (int k = 0; k < 3; k++) length += (double)n[3 * v + k] * n[3 * v + k];
@@ -256,35 +259,35 @@ static void bad_bodies_are_refused(void **state) {
     body_reference *r = *state;
     context *c = r->c;
     tubeman_arrays own;
-    body_model *m;
+    body_model *body;
     assert_ok(c, tubeman_arrays_create(c, &own));
     body_arrays a = own.arrays;
     double *w = own.weights, *v = own.v_template;
     int64_t *f = own.face;
     const double w0 = w[0], v0 = v[5];
     w[0] += 0.1;
-    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "vertex 0"));
     w[0] = w0, v[5] = NAN;
-    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "v_template"));
     v[5] = v0, f[7] = 6890;
-    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "face 2"));
     f[7] = 0;
     int64_t parent[BODY_JOINTS];
     memcpy(parent, a.parent, sizeof parent);
     a.parent = parent;
     parent[4] = 9;
-    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "joint 4"));
     parent[4] = 1;
     a.vertices = 0;
-    assert_int_equal(body_create(c, &a, &m), SHERF_BAD_FILE);
+    assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     a.vertices = 6890;
-    assert_ok(c, body_create(c, &a, &m));
-    assert_true(m->fingerprint != r->m->fingerprint); /* face 2 was changed */
-    sherf_body_free(m);
+    assert_ok(c, body_create(c, &a, &body));
+    assert_true(body->fingerprint != r->body->fingerprint); /* face 2 was changed */
+    sherf_body_free(body);
     tubeman_arrays_free(&own);
 }
 
@@ -299,17 +302,17 @@ static void allocations_may_fail(void **state) {
         memmove(own.regressor + 40 * j, a.regressor + (size_t)6890 * (size_t)j, 40 * sizeof(double));
     size_t live = mem_live();
     for (long n = 0;; n++) {
-        body_model *m;
+        body_model *body;
         mem_fail_after(n);
-        sherf_status status = body_create(c, &a, &m);
+        sherf_status status = body_create(c, &a, &body);
         mem_fail_after(-1);
         if (status == SHERF_OK) {
-            sherf_body_free(m);
+            sherf_body_free(body);
             assert_true(n > 10);
             break;
         }
         assert_int_equal(status, SHERF_NO_MEMORY);
-        assert_null(m);
+        assert_null(body);
         assert_int_equal(mem_live(), live);
     }
     assert_int_equal(mem_live(), live);

@@ -335,7 +335,7 @@ static void flat_pose_blendshapes(void **state) {
     for (int i = 0; i < TINY * 3; i++)
         for (int k = 0; k < 207; k++) turned[k * TINY * 3 + i] = b.posedirs[i * 207 + k];
     for (int form = 0; form < 2; form++) {
-        body_model *m = NULL;
+        body_model *body = NULL;
         npz_member all[] = {
             {"v_template", 2, {TINY, 3}, b.v_template},
             {"shapedirs", 3, {TINY, 3, 10}, b.shapedirs},
@@ -345,19 +345,19 @@ static void flat_pose_blendshapes(void **state) {
             {"f", 2, {6, 3}, b.face},
             {"kintree_table", 2, {2, 24}, b.tree}};
         assert_ok(c, npz_write(c, test_path("flat.npz"), COUNT_OF(all), all));
-        assert_ok(c, sherf_body_load(c, test_path("flat.npz"), &m));
+        assert_ok(c, sherf_body_load(c, test_path("flat.npz"), &body));
         for (int k = 0; k < 207; k++)
             for (int i = 0; i < TINY * 3; i++)
-                assert_float_equal(m->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
-        sherf_body_free(m);
+                assert_float_equal(body->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
+        sherf_body_free(body);
     }
     /* the archive that was downloaded */
-    body_model *m = NULL;
+    body_model *body = NULL;
     char zip[PATH_LENGTH];
     snprintf(zip, sizeof zip, "%s", test_path("SMPL.zip"));
     const char *files[] = {test_path("flat.npz"), test_path("flat.npz")};
     make_zip(zip, 2, (const char *const[]){"LICENSE.txt", "models/body.pkl"}, files);
-    assert_fails(c, sherf_body_load(c, zip, &m), SHERF_UNSUPPORTED,
+    assert_fails(c, sherf_body_load(c, zip, &body), SHERF_UNSUPPORTED,
                  "2 files (models/body.pkl, ...): unpack it");
     sherf_context_free(c);
 }
@@ -365,54 +365,54 @@ static void flat_pose_blendshapes(void **state) {
 static void body_files(void **state) {
     context *c = test_context();
     static tiny_body b;
-    body_model *m = NULL, *again = NULL;
+    body_model *body = NULL, *again = NULL;
     make_tiny(&b);
-    assert_ok(c, load_tiny(c, &b, 24, 300, 6, NULL, &m)); /* 300 shapes, any number of vertices */
-    assert_int_equal(sherf_body_vertex_count(m), TINY);
-    assert_int_equal(m->parent[0], -1);
-    assert_int_equal(m->parent[23], 21);
+    assert_ok(c, load_tiny(c, &b, 24, 300, 6, NULL, &body)); /* 300 shapes, any number of vertices */
+    assert_int_equal(sherf_body_vertex_count(body), TINY);
+    assert_int_equal(body->parent[0], -1);
+    assert_int_equal(body->parent[23], 21);
     for (int i = 0; i < TINY * 3; i++)
         for (int k = 0; k < 10; k++)
-            assert_float_equal(m->shapedirs[i * 10 + k], b.shapedirs[i * 300 + k], 0);
+            assert_float_equal(body->shapedirs[i * 10 + k], b.shapedirs[i * 300 + k], 0);
     for (int k = 0; k < 207; k++)
         for (int i = 0; i < TINY * 3; i++)
-            assert_float_equal(m->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
+            assert_float_equal(body->posedirs[k * TINY * 3 + i], b.posedirs[i * 207 + k], 0);
     const char *path = test_path("tiny.safetensors");
-    assert_ok(c, body_save(c, m, path));
+    assert_ok(c, body_save(c, body, path));
     assert_ok(c, body_load(c, path, &again));
-    assert_true(again->fingerprint == m->fingerprint);
+    assert_true(again->fingerprint == body->fingerprint);
     sherf_body_free(again);
-    sherf_body_free(m);
-    m = NULL;
-    assert_fails(c, load_tiny(c, &b, 52, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-H");
-    assert_fails(c, load_tiny(c, &b, 55, 10, 6, NULL, &m), SHERF_UNSUPPORTED, "SMPL-X");
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "weights", &m), SHERF_BAD_FILE, "weights is missing");
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "v_template", &m), SHERF_BAD_FILE, "holds no SMPL body");
+    sherf_body_free(body);
+    body = NULL;
+    assert_fails(c, load_tiny(c, &b, 52, 10, 6, NULL, &body), SHERF_UNSUPPORTED, "SMPL-H");
+    assert_fails(c, load_tiny(c, &b, 55, 10, 6, NULL, &body), SHERF_UNSUPPORTED, "SMPL-X");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "weights", &body), SHERF_BAD_FILE, "weights is missing");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, "v_template", &body), SHERF_BAD_FILE, "holds no SMPL body");
     b.face[4] = TINY;
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &body), SHERF_BAD_FILE, "tiny.npz");
     b.face[4] = -1;
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &body), SHERF_BAD_FILE, "tiny.npz");
     make_tiny(&b);
     b.tree[5] = 7; /* a child before its parent */
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "tiny.npz");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &body), SHERF_BAD_FILE, "tiny.npz");
     make_tiny(&b);
     b.weights[3] = NAN;
-    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &m), SHERF_BAD_FILE, "weights");
-    assert_null(m);
-    assert_fails(c, body_load(c, people, &m), SHERF_BAD_FILE, "a folder");
+    assert_fails(c, load_tiny(c, &b, 24, 10, 6, NULL, &body), SHERF_BAD_FILE, "weights");
+    assert_null(body);
+    assert_fails(c, body_load(c, people, &body), SHERF_BAD_FILE, "a folder");
     size_t live = mem_live();
     make_tiny(&b);
-    assert_ok(c, load_tiny(c, &b, 24, 10, 6, NULL, &m));
-    sherf_body_free(m);
+    assert_ok(c, load_tiny(c, &b, 24, 10, 6, NULL, &body));
+    sherf_body_free(body);
     long n = 0;
     for (bool done = false; !done; n++) {
-        m = NULL;
+        body = NULL;
         mem_fail_after(n);
-        sherf_status status = body_load(c, test_path("tiny.npz"), &m);
+        sherf_status status = body_load(c, test_path("tiny.npz"), &body);
         mem_fail_after(-1);
         done = status == SHERF_OK;
         if (!done) assert_int_equal(status, SHERF_NO_MEMORY);
-        sherf_body_free(m);
+        sherf_body_free(body);
         assert_true(mem_live() == live);
     }
     assert_true(n > 15);

@@ -39,15 +39,15 @@ static void any_state(uint64_t key, body_state *s) {
     for (int k = 0; k < 3; k++) s->pelvis_m[k] = random_normal(key, n++) + 4 * (k == 2);
 }
 
-static body_points *any_points(context *c, const body_model *m, body_point list[POINTS]) {
+static body_points *any_points(context *c, const body_model *of, body_point list[POINTS]) {
     body_points *p;
     for (int i = 0; i < POINTS; i++) {
-        list[i] = (body_point){.vertex = (int)random_below(9, (uint64_t)i, m->vertices)};
+        list[i] = (body_point){.vertex = (int)random_below(9, (uint64_t)i, of->vertices)};
         if (i % 4) continue;
         list[i] =
             (body_point){.vertex = -1, .joint = i / 4 * 5 % BODY_JOINTS, .offset_m = {0.1, -0.02, 0.05}};
     }
-    assert_ok(c, body_points_create(c, m, POINTS, list, &p));
+    assert_ok(c, body_points_create(c, of, POINTS, list, &p));
     assert_int_equal(body_points_count(p), POINTS);
     return p;
 }

@@ -249,7 +249,7 @@ static void priors_have_their_slopes(void **state) {
     const double move = 1e-6;
     body_point list[FIT_MARKS] = {0};
     body_fit_input in = {0};
-    fit_problem p = {.m = body, .in = &in, .focal_guess_px = 700, .focal_spread = 0.2};
+    fit_problem p = {.body = body, .in = &in, .focal_guess_px = 700, .focal_spread = 0.2};
     fit_equations *e = mem_alloc(c, 1, sizeof *e);
     for (int i = 0; i < FIT_MARKS; i++) list[i].vertex = -1;
     p.mark_place = mem_alloc(c, FIT_MARKS, 3 * sizeof *p.mark_place);

@@ -34,14 +34,14 @@ static double psnr_again(context *c, const sherf_dataset *d, const char *folder,
     assert_true(rgb->array.dim[0] == 48 && rgb->array.dim[1] == 48 && rgb->array.dim[2] == 3);
     data_view *view;
     assert_ok(c, dataset_view(c, d, 0, (int)number(image, "pose"), (int)number(image, "view"), 0, &view));
-    body_model *m;
+    body_model *body;
     posed_body *p;
-    assert_ok(c, body_load(c, people.body, &m));
-    assert_ok(c, posed_body_create(c, m, view->pose.poses_rad, view->pose.shapes, view->pose.R,
+    assert_ok(c, body_load(c, people.body, &body));
+    assert_ok(c, posed_body_create(c, body, view->pose.poses_rad, view->pose.shapes, view->pose.R,
                                    view->pose.Th_m, &p));
     float low[3], high[3];
     static uint8_t mask[48 * 48];
-    body_world_box(m, p, low, high);
+    body_world_box(body, p, low, high);
     box_ray_mask(&view->camera, low, high, mask);
     double sum = 0;
     int n = 0;
@@ -49,7 +49,7 @@ static double psnr_again(context *c, const sherf_dataset *d, const char *folder,
         for (int k = 0; mask[i] && k < 3; k++, n++)
             sum += pow(((const float *)rgb->array.data)[3 * i + k] - (double)view->image.data[3 * i + k], 2);
     posed_body_free(p);
-    sherf_body_free(m);
+    sherf_body_free(body);
     sherf_observation_free(view);
     document_free(npy);
     return -10 * log10(sum / n);

@@ -14,8 +14,8 @@ static int64_t find_point(const point_set *p, int32_t ray, int32_t sample) {
  * taken. */
 static bool tied(const body_reference *r, const float p[3]) {
     double best = 1e30, second = 1e30;
-    for (int v = 0; v < r->m->vertices; v++) {
-        const float *x = r->m->canonical->vertices_smpl + 3 * v;
+    for (int v = 0; v < r->body->vertices; v++) {
+        const float *x = r->body->canonical->vertices_smpl + 3 * v;
         double a = (double)x[0] - p[0], b = (double)x[1] - p[1], d = (double)x[2] - p[2],
                d2 = a * a + b * b + d * d;
         if (d2 < best)
@@ -31,7 +31,7 @@ static void points_agree(void **state) {
     ray_bundle *rays = target_rays(r, &r->target_camera);
     point_set *p;
     int64_t picked, n;
-    assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
+    assert_ok(r->c, points_create(r->c, r->body, r->target, rays, 48, r->observation, &r->observation_camera,
                                   NULL, true, &p));
     assert_int_equal(p->count, *reference_ints(r, "points.count", NULL));
     const int32_t *ray = reference_ints(r, "pick.ray", &picked),
@@ -67,12 +67,12 @@ static void points_are_exact(void **state) {
     camera_resize(&small, 20, 24);
     ray_bundle *rays = target_rays(r, &small);
     vertex_grid *g;
-    assert_ok(r->c, vertex_grid_create(r->c, r->m->vertices, r->target->vertices_smpl, BODY_SHELL_M, &g));
+    assert_ok(r->c, vertex_grid_create(r->c, r->body->vertices, r->target->vertices_smpl, BODY_SHELL_M, &g));
     for (int run = 0; run < 6; run++) {
         if (!test_isa((isa_level)(run % 3))) continue;
         r->c->threads = run < 3 ? 1 : 3;
         point_set *p;
-        assert_ok(r->c, points_create(r->c, r->m, r->target, rays, samples, NULL, NULL, NULL, true, &p));
+        assert_ok(r->c, points_create(r->c, r->body, r->target, rays, samples, NULL, NULL, NULL, true, &p));
         assert_null(p->observed_px);
         int64_t at = 0;
         for (int n = 0; n < 20 * 24; n++) {
@@ -111,14 +111,14 @@ static void nobody_in_sight(void **state) {
     away.T_m[2] = -away.T_m[2] - 10;
     ray_bundle *rays = target_rays(r, &away);
     point_set *p;
-    assert_ok(r->c, points_create(r->c, r->m, r->target, rays, 48, r->observation, &r->observation_camera,
+    assert_ok(r->c, points_create(r->c, r->body, r->target, rays, 48, r->observation, &r->observation_camera,
                                   NULL, false, &p));
     assert_int_equal(p->count, 0);
     for (int n = 0; n < 128 * 128; n++) assert_false(rays->at_box[n]);
     points_free(p);
-    assert_int_equal(points_create(r->c, r->m, r->target, rays, 0, NULL, NULL, NULL, false, &p),
+    assert_int_equal(points_create(r->c, r->body, r->target, rays, 0, NULL, NULL, NULL, false, &p),
                      SHERF_BAD_ARGUMENT);
-    assert_int_equal(points_create(r->c, r->m, r->target, rays, 48, r->observation, NULL, NULL, false, &p),
+    assert_int_equal(points_create(r->c, r->body, r->target, rays, 48, r->observation, NULL, NULL, false, &p),
                      SHERF_BAD_ARGUMENT);
     rays_free(rays);
 }
@@ -130,7 +130,7 @@ static void allocations_may_fail(void **state) {
     sherf_camera small = r->target_camera;
     camera_resize(&small, 16, 16);
     float min[3], max[3];
-    body_world_box(r->m, r->target, min, max);
+    body_world_box(r->body, r->target, min, max);
     size_t live = mem_live();
     for (long n = 0;; n++) {
         ray_bundle *rays = NULL;
@@ -138,7 +138,7 @@ static void allocations_may_fail(void **state) {
         mem_fail_after(n);
         sherf_status status = rays_create(c, &small, min, max, &rays);
         if (status == SHERF_OK)
-            status = points_create(c, r->m, r->target, rays, 48, r->observation, &small, NULL, true, &p);
+            status = points_create(c, r->body, r->target, rays, 48, r->observation, &small, NULL, true, &p);
         mem_fail_after(-1);
         rays_free(rays);
         points_free(p);

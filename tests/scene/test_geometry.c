@@ -9,10 +9,10 @@ static void projection_agrees(void **state) {
     const int32_t *row = reference_ints(r, "vertex", &rows);
     float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 2 * sizeof *uv);
     int32_t *visible = mem_alloc(r->c, 6890, sizeof *visible);
-    body_vertices_world(r->m, r->observation, x);
+    body_vertices_world(r->body, r->observation, x);
     camera_project(&r->observation_camera, 6890, x, uv, NULL);
     assert_rows(uv, reference_floats(r, "project.vertices"), row, rows, 2, 1e-4, "pixels");
-    assert_ok(r->c, vertices_visible(r->c, r->m, x, &r->observation_camera, visible));
+    assert_ok(r->c, vertices_visible(r->c, r->body, x, &r->observation_camera, visible));
     const uint8_t *expected = reference_find(r, "project.visible")->data;
     for (int v = 0; v < 6890; v++) assert_int_equal(visible[v], expected[v]);
     mem_free(x);
@@ -91,7 +91,7 @@ static void rays_agree(void **state) {
     assert_memory_equal(rays->at_box, reference_find(r, "rays.at_box")->data, 128 * 128);
     uint8_t *mask = mem_alloc(r->c, 128, 128);
     float min[3], max[3];
-    body_world_box(r->m, r->target, min, max);
+    body_world_box(r->body, r->target, min, max);
     box_ray_mask(&r->target_camera, min, max, mask);
     assert_memory_equal(mask, rays->at_box, 128 * 128);
     mem_free(mask);
@@ -215,13 +215,13 @@ static void raster_is_analytic(void **state) {
 static void raster_draws_the_body(void **state) {
     body_reference *r = *state;
     float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 3 * sizeof *uv);
-    body_vertices_world(r->m, r->target, x);
+    body_vertices_world(r->body, r->target, x);
     camera_project(&r->target_camera, 6890, x, uv, uv + 2 * 6890);
     raster *one, *two;
     r->c->threads = 1;
-    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->m->faces, r->m->face, &one));
+    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->body->faces, r->body->face, &one));
     r->c->threads = 2;
-    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->m->faces, r->m->face, &two));
+    assert_ok(r->c, raster_create(r->c, &r->target_camera, 2, 6890, x, r->body->faces, r->body->face, &two));
     assert_memory_equal(one->depth, two->depth, 256 * 256 * sizeof(float));
     assert_memory_equal(one->face, two->face, 256 * 256 * sizeof(int32_t));
     int seen = 0;
@@ -230,7 +230,7 @@ static void raster_draws_the_body(void **state) {
         double depth = 0, sum = 0;
         for (int k = 0; k < 3; k++) {
             depth += one->barycentric[3 * n + (size_t)k] *
-                     uv[2 * 6890 + r->m->face[3 * (size_t)one->face[n] + (size_t)k]];
+                     uv[2 * 6890 + r->body->face[3 * (size_t)one->face[n] + (size_t)k]];
             sum += one->barycentric[3 * n + (size_t)k];
         }
         assert_true(fabs(sum - 1) < 1e-5 && fabs(depth - one->depth[n]) < 1e-4);
@@ -254,7 +254,7 @@ static void allocations_may_fail(void **state) {
     sherf_camera small = r->target_camera;
     camera_resize(&small, 16, 16);
     float min[3], max[3];
-    body_world_box(r->m, r->target, min, max);
+    body_world_box(r->body, r->target, min, max);
     size_t live = mem_live();
     for (long n = 0;; n++) {
         ray_bundle *rays = NULL;
@@ -262,8 +262,8 @@ static void allocations_may_fail(void **state) {
         mem_fail_after(n);
         sherf_status status = rays_create(c, &small, min, max, &rays);
         if (status == SHERF_OK)
-            status = raster_create(c, &small, 1, 6890, r->target->vertices_smpl, r->m->faces, r->m->face,
-                                   &picture);
+            status = raster_create(c, &small, 1, 6890, r->target->vertices_smpl, r->body->faces,
+                                   r->body->face, &picture);
         mem_fail_after(-1);
         rays_free(rays);
         raster_free(picture);

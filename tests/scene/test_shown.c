@@ -9,7 +9,7 @@
 enum { SIDE = 400 };
 typedef struct {
     context *c;
-    body_model *m;
+    body_model *body;
     posed_body *p;
     sherf_camera camera;
     float *world, *uv, *depth;
@@ -23,16 +23,16 @@ static void open_scene(scene *s, float azimuth_rad) {
     context *c = s->c = test_context();
     pose[3 * 16 + 1] = -1.5f; /* the left arm forward, its forearm across */
     pose[3 * 18 + 1] = -1.9f;
-    assert_ok(c, tubeman_create(c, &s->m));
-    assert_ok(c, posed_body_create(c, s->m, pose, shape, R, Th, &s->p));
+    assert_ok(c, tubeman_create(c, &s->body));
+    assert_ok(c, posed_body_create(c, s->body, pose, shape, R, Th, &s->p));
     sherf_camera_orbit((float[]){0, 0, 0}, 3, azimuth_rad, 0, 0.8f, SIDE, SIDE, &s->camera);
-    const size_t V = (size_t)s->m->vertices;
+    const size_t V = (size_t)s->body->vertices;
     s->world = mem_alloc(c, V, 3 * sizeof *s->world);
     s->uv = mem_alloc(c, V, 2 * sizeof *s->uv);
     s->depth = mem_alloc(c, V, sizeof *s->depth);
     s->shown = mem_alloc(c, V, sizeof *s->shown);
-    body_vertices_world(s->m, s->p, s->world);
-    camera_project(&s->camera, s->m->vertices, s->world, s->uv, s->depth);
+    body_vertices_world(s->body, s->p, s->world);
+    camera_project(&s->camera, s->body->vertices, s->world, s->uv, s->depth);
 }
 
 static void close_scene(scene *s) {
@@ -41,7 +41,7 @@ static void close_scene(scene *s) {
     mem_free(s->depth);
     mem_free(s->shown);
     posed_body_free(s->p);
-    sherf_body_free(s->m);
+    sherf_body_free(s->body);
     sherf_context_free(s->c);
     assert_int_equal(mem_live(), 0);
 }
@@ -72,8 +72,8 @@ static double before(const scene *s, int v) {
     const float *x = s->world + 3 * (size_t)v;
     double first = 1;
     camera_position(&s->camera, eye);
-    for (int f = 0; f < s->m->faces; f++) {
-        const uint32_t *i = s->m->face + 3 * (size_t)f;
+    for (int f = 0; f < s->body->faces; f++) {
+        const uint32_t *i = s->body->face + 3 * (size_t)f;
         const double t = crossing(eye, x, s->world + 3 * i[0], s->world + 3 * i[1], s->world + 3 * i[2]);
         if (t > 0 && t < first) first = t;
     }
@@ -86,11 +86,11 @@ static void what_is_seen_agrees_with_rays(void **state) {
     float eye[3];
     open_scene(&s, 0.3f);
     camera_position(&s.camera, eye);
-    float *normal = mem_alloc(s.c, (size_t)s.m->vertices, 3 * sizeof *normal);
-    assert_ok(s.c, body_normals(s.c, s.m, s.world, normal));
-    assert_ok(s.c, body_shown(s.c, s.m, s.world, &s.camera, NULL, 0, s.shown));
-    for (int v = 0; v < s.m->vertices; v++) kinds[s.shown[v]]++;
-    for (int v = 0; v < s.m->vertices; v += 13) {
+    float *normal = mem_alloc(s.c, (size_t)s.body->vertices, 3 * sizeof *normal);
+    assert_ok(s.c, body_normals(s.c, s.body, s.world, normal));
+    assert_ok(s.c, body_shown(s.c, s.body, s.world, &s.camera, NULL, 0, s.shown));
+    for (int v = 0; v < s.body->vertices; v++) kinds[s.shown[v]]++;
+    for (int v = 0; v < s.body->vertices; v += 13) {
         const double way = before(&s, v);
         double faces = 0;
         for (int k = 0; k < 3; k++) faces += normal[3 * v + k] * ((double)eye[k] - s.world[3 * v + k]);
@@ -101,23 +101,23 @@ static void what_is_seen_agrees_with_rays(void **state) {
     }
     print_message("%d seen, %d behind, %d covered, %d outside; of every 13th %d are seen, %d differ\n",
                   kinds[0], kinds[1], kinds[2], kinds[3], seen, wrong);
-    assert_true(kinds[SHOWN_SEEN] > s.m->vertices / 5 && kinds[SHOWN_BEHIND] > s.m->vertices / 5);
+    assert_true(kinds[SHOWN_SEEN] > s.body->vertices / 5 && kinds[SHOWN_BEHIND] > s.body->vertices / 5);
     assert_true(kinds[SHOWN_COVERED] > 50 && kinds[SHOWN_OUTSIDE] == 0);
     assert_true(wrong <= 6); /* those next to outlines share their pixel with what is before them */
     mem_free(normal);
     close_scene(&s);
 }
 
-static int heaviest(const body_model *m, uint32_t v) {
-    const float *w = m->weights + (size_t)v * BODY_JOINTS;
+static int heaviest(const body_model *body, uint32_t v) {
+    const float *w = body->weights + (size_t)v * BODY_JOINTS;
     int best = 0;
     for (int k = 1; k < BODY_JOINTS; k++)
         if (w[k] > w[best]) best = k;
     return best;
 }
 
-static bool is_left_forearm(const body_model *m, uint32_t v) {
-    const int j = heaviest(m, v);
+static bool is_left_forearm(const body_model *body, uint32_t v) {
+    const int j = heaviest(body, v);
     return j == 18 || j == 20 || j == 22;
 }
 
@@ -125,19 +125,20 @@ static bool is_left_forearm(const body_model *m, uint32_t v) {
 static int prints(scene *s, float *read_uv) {
     int count = 0;
     raster *r;
-    float *world = mem_alloc(s->c, (size_t)s->m->vertices, 3 * sizeof *world);
-    int32_t *self = mem_alloc(s->c, (size_t)s->m->vertices, sizeof *self);
-    for (int v = 0; v < s->m->vertices; v++) self[v] = v;
-    deform_to_picture(s->m, s->p, s->m->vertices, s->m->canonical->vertices_smpl, self, world);
-    camera_project(&s->camera, s->m->vertices, world, read_uv, NULL);
-    assert_ok(s->c,
-              raster_create(s->c, &s->camera, 1, s->m->vertices, s->world, s->m->faces, s->m->face, &r));
-    for (int v = 0; v < s->m->vertices; v++) {
-        const int x = (int)lrintf(read_uv[2 * v]), y = (int)lrintf(read_uv[2 * v + 1]), j = heaviest(s->m, v);
+    float *world = mem_alloc(s->c, (size_t)s->body->vertices, 3 * sizeof *world);
+    int32_t *self = mem_alloc(s->c, (size_t)s->body->vertices, sizeof *self);
+    for (int v = 0; v < s->body->vertices; v++) self[v] = v;
+    deform_to_picture(s->body, s->p, s->body->vertices, s->body->canonical->vertices_smpl, self, world);
+    camera_project(&s->camera, s->body->vertices, world, read_uv, NULL);
+    assert_ok(s->c, raster_create(s->c, &s->camera, 1, s->body->vertices, s->world, s->body->faces,
+                                  s->body->face, &r));
+    for (int v = 0; v < s->body->vertices; v++) {
+        const int x = (int)lrintf(read_uv[2 * v]), y = (int)lrintf(read_uv[2 * v + 1]),
+                  j = heaviest(s->body, v);
         assert_true(x >= 0 && y >= 0 && x < SIDE && y < SIDE);
         const int32_t face = r->face[y * SIDE + x];
         const bool trunk = j == 0 || j == 3 || j == 6 || j == 9;
-        count += trunk && face >= 0 && is_left_forearm(s->m, s->m->face[3 * face]);
+        count += trunk && face >= 0 && is_left_forearm(s->body, s->body->face[3 * face]);
     }
     raster_free(r);
     mem_free(world);
@@ -148,17 +149,17 @@ static int prints(scene *s, float *read_uv) {
 static void no_limb_is_read_for_what_it_covers(void **state) {
     scene s;
     open_scene(&s, 0.3f);
-    float *uv = mem_alloc(s.c, (size_t)s.m->vertices, 2 * sizeof *uv);
+    float *uv = mem_alloc(s.c, (size_t)s.body->vertices, 2 * sizeof *uv);
     const int plain = prints(&s, uv);
-    for (int i = 0; i < 2 * s.m->vertices; i++) assert_true(fabsf(uv[i] - s.uv[i]) < 1e-2f);
+    for (int i = 0; i < 2 * s.body->vertices; i++) assert_true(fabsf(uv[i] - s.uv[i]) < 1e-2f);
     for (int mirror = 0; mirror < 2; mirror++) {
         int moved = 0, mirrored = 0;
         mem_free(s.p->read_from);
         mem_free(s.p->seen);
-        assert_ok(s.c,
-                  body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, mirror, s.p));
+        assert_ok(s.c, body_read_pictures(s.c, s.body, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, mirror,
+                                          s.p));
         const int now = prints(&s, uv);
-        for (int v = 0; v < s.m->vertices; v++) {
+        for (int v = 0; v < s.body->vertices; v++) {
             const bool stays =
                 fabsf(uv[2 * v] - s.uv[2 * v]) + fabsf(uv[2 * v + 1] - s.uv[2 * v + 1]) < 1e-2f;
             mirrored += map_mirrors(s.p->read_from + 12 * v);
@@ -179,15 +180,16 @@ static void mirrored_places_are_the_other_sides(void **state) {
     scene s;
     open_scene(&s, 1.2f);
     s.p->blend_m = 0.025f;
-    assert_ok(s.c, body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, true, s.p));
+    assert_ok(s.c,
+              body_read_pictures(s.c, s.body, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, true, s.p));
     int mirrored = 0;
-    for (int32_t v = 0; v < s.m->vertices; v++) {
+    for (int32_t v = 0; v < s.body->vertices; v++) {
         float x[3], off = 0;
         if (!map_mirrors(s.p->read_from + 12 * v)) continue;
-        const int32_t other = s.m->mirror[v];
+        const int32_t other = s.body->mirror[v];
         assert_true(!s.p->seen[v]);
         if (!s.p->seen[other]) continue; /* beside a mirrored one */
-        deform_to_picture(s.m, s.p, 1, s.m->canonical->vertices_smpl + 3 * v, &v, x);
+        deform_to_picture(s.body, s.p, 1, s.body->canonical->vertices_smpl + 3 * v, &v, x);
         for (int k = 0; k < 3; k++) off = fmaxf(off, fabsf(x[k] - s.world[3 * other + k]));
         assert_true(off < 0.035f); /* no vertex need lie exactly at the mirror image */
         mirrored++;
@@ -203,19 +205,20 @@ static void black_is_not_read(void **state) {
     int outside = 0;
     open_scene(&s, 0);
     float *image = mem_zero(s.c, SIDE * SIDE, 3 * sizeof *image);
-    float *uv = mem_alloc(s.c, (size_t)s.m->vertices, 2 * sizeof *uv);
+    float *uv = mem_alloc(s.c, (size_t)s.body->vertices, 2 * sizeof *uv);
     for (int i = 0; i < SIDE * SIDE; i++)
         if (i / SIDE < SIDE / 2) image[3 * i + 1] = 0.5f;
-    assert_ok(s.c, body_shown(s.c, s.m, s.world, &s.camera, image, 0, s.shown));
-    for (int v = 0; v < s.m->vertices; v++) {
+    assert_ok(s.c, body_shown(s.c, s.body, s.world, &s.camera, image, 0, s.shown));
+    for (int v = 0; v < s.body->vertices; v++) {
         const bool below = lrintf(s.uv[2 * v + 1]) >= SIDE / 2;
         assert_int_equal(s.shown[v] == SHOWN_OUTSIDE, below);
         outside += below;
     }
     assert_true(outside > 500);
-    assert_ok(s.c, body_read_pictures(s.c, s.m, 1, &(body_picture){s.p, &s.camera, image, NULL}, true, s.p));
+    assert_ok(s.c,
+              body_read_pictures(s.c, s.body, 1, &(body_picture){s.p, &s.camera, image, NULL}, true, s.p));
     prints(&s, uv);
-    for (int v = 0; v < s.m->vertices; v++) assert_true(uv[2 * v + 1] < SIDE / 2);
+    for (int v = 0; v < s.body->vertices; v++) assert_true(uv[2 * v + 1] < SIDE / 2);
     mem_free(image);
     mem_free(uv);
     close_scene(&s);
@@ -226,15 +229,15 @@ static void left_is_right(void **state) {
     scene s;
     int moved = 0;
     open_scene(&s, 0);
-    for (int v = 0; v < s.m->vertices; v++) {
-        const int32_t other = s.m->mirror[v];
-        assert_true(other >= 0 && other < s.m->vertices);
-        const float *a = s.m->v_template + 3 * v, *b = s.m->v_template + 3 * other;
-        assert_true(fabsf(a[0] + b[0] - 2 * s.m->mirror_x_m) < 0.02f && fabsf(a[1] - b[1]) < 0.02f &&
+    for (int v = 0; v < s.body->vertices; v++) {
+        const int32_t other = s.body->mirror[v];
+        assert_true(other >= 0 && other < s.body->vertices);
+        const float *a = s.body->v_template + 3 * v, *b = s.body->v_template + 3 * other;
+        assert_true(fabsf(a[0] + b[0] - 2 * s.body->mirror_x_m) < 0.02f && fabsf(a[1] - b[1]) < 0.02f &&
                     fabsf(a[2] - b[2]) < 0.02f);
         moved += other != v;
     }
-    assert_true(moved > s.m->vertices / 2);
+    assert_true(moved > s.body->vertices / 2);
     close_scene(&s);
 }
 

@@ -17,7 +17,7 @@
 typedef struct {
     context *c;
     safetensors *file;
-    body_model *m;
+    body_model *body;
     posed_body *target, *observation;
     sherf_camera target_camera, observation_camera;
 } body_reference;
@@ -45,7 +45,7 @@ static inline posed_body *reference_pose(const body_reference *r, const char *wh
         snprintf(name, sizeof name, "in.%s.%s", who, part[i]);
         x[i] = reference_floats(r, name);
     }
-    assert_ok(r->c, posed_body_create(r->c, r->m, x[0], x[1], x[2], x[3], &p));
+    assert_ok(r->c, posed_body_create(r->c, r->body, x[0], x[1], x[2], x[3], &p));
     return p;
 }
 
@@ -65,7 +65,7 @@ static inline int body_reference_open(void **state) {
     static body_reference r;
     r.c = test_context();
     assert_ok(r.c, safetensors_read(r.c, "data/body_reference.safetensors", &r.file));
-    assert_ok(r.c, tubeman_create(r.c, &r.m));
+    assert_ok(r.c, tubeman_create(r.c, &r.body));
     r.target = reference_pose(&r, "target");
     r.observation = reference_pose(&r, "observation");
     r.target_camera = reference_camera(&r, "target");
@@ -78,7 +78,7 @@ static inline int body_reference_close(void **state) {
     body_reference *r = *state;
     posed_body_free(r->target);
     posed_body_free(r->observation);
-    sherf_body_free(r->m);
+    sherf_body_free(r->body);
     safetensors_free(r->file);
     sherf_context_free(r->c);
     return 0;
@@ -98,7 +98,7 @@ static inline void assert_rows(const float *ours, const float *stored, const int
 static inline ray_bundle *target_rays(body_reference *r, const sherf_camera *camera) {
     float min[3], max[3];
     ray_bundle *rays;
-    body_world_box(r->m, r->target, min, max);
+    body_world_box(r->body, r->target, min, max);
     assert_ok(r->c, rays_create(r->c, camera, min, max, &rays));
     return rays;
 }

@@ -54,9 +54,9 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
  * none will do. The body's middle comes to the world's origin. */
 static sherf_status choose_pose(context *c, const people_job *job, uint64_t key, sherf_pose *out,
                                 float *radius_m) {
-    const body_model *m = job->studio->body;
+    const body_model *body = job->studio->body;
     const uint64_t tries = job->photo ? TRIES_PHOTO : TRIES;
-    float best = INFINITY, *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
+    float best = INFINITY, *vertices = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *vertices);
     if (!vertices) return SHERF_NO_MEMORY;
     sherf_status status = SHERF_OK;
     for (uint64_t i = 0; i < tries && best > overlap_allowed && !status; i++) {
@@ -77,20 +77,20 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
             p.R[n] = yaw[n / 3 * 3] * root[n % 3] + yaw[n / 3 * 3 + 1] * root[3 + n % 3] +
                      yaw[n / 3 * 3 + 2] * root[6 + n % 3];
         memset(p.poses_rad, 0, 3 * sizeof *p.poses_rad);
-        status = posed_body_create(c, m, p.poses_rad, p.shapes, p.R, p.Th_m, &posed);
-        if (!status) status = pose_overlap(c, m, posed->vertices_smpl, &share);
-        if (!status) body_vertices_world(m, posed, vertices);
-        if (!status && job->photo) share += fmaxf(0, pose_imbalance(m, vertices) - 0.01f);
+        status = posed_body_create(c, body, p.poses_rad, p.shapes, p.R, p.Th_m, &posed);
+        if (!status) status = pose_overlap(c, body, posed->vertices_smpl, &share);
+        if (!status) body_vertices_world(body, posed, vertices);
+        if (!status && job->photo) share += fmaxf(0, pose_imbalance(body, vertices) - 0.01f);
         if (!status && share < best) {
             best = share;
-            for (int v = 0; v < 3 * m->vertices; v++) {
+            for (int v = 0; v < 3 * body->vertices; v++) {
                 low[v % 3] = fminf(low[v % 3], vertices[v]);
                 high[v % 3] = fmaxf(high[v % 3], vertices[v]);
             }
             for (int k = 0; k < 3; k++)
                 p.Th_m[k] = -0.5f * (low[k] + high[k]) + between(own, 2 + (uint64_t)k, -0.03, 0.03);
             float farthest = 0;
-            for (int v = 0; v < m->vertices; v++) {
+            for (int v = 0; v < body->vertices; v++) {
                 float squared = 0;
                 for (int k = 0; k < 3; k++) {
                     float x = vertices[3 * v + k] + p.Th_m[k];
@@ -236,22 +236,22 @@ static float lowest(const people_job *job) {
 }
 
 static sherf_status draw_pose(context *c, people_job *job, int pose) {
-    const body_model *m = job->studio->body;
+    const body_model *body = job->studio->body;
     const sherf_pose *p = &job->pose[pose];
     size_t views = (size_t)job->o.views;
     posed_body *posed = NULL;
     view_job all = {job, c, mem_zero(c, views, sizeof *all.status), mem_zero(c, views, sizeof *all.message)};
-    float *vertices = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *vertices);
+    float *vertices = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *vertices);
     sherf_status status = SHERF_NO_MEMORY;
     if (!all.status || !all.message || !vertices) goto done;
     job->at_pose = pose;
-    if ((status = posed_body_create(c, m, p->poses_rad, p->shapes, p->R, p->Th_m, &posed))) goto done;
-    body_vertices_world(m, posed, vertices);
+    if ((status = posed_body_create(c, body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed))) goto done;
+    body_vertices_world(body, posed, vertices);
     for (int i = 0; i < job->dressed->meshes; i++)
         dressed_pose(job->studio, job->dressed, i, posed, job->position[i]);
     job->floor_world = lowest(job);
     if ((status = thuman_write_parameters(c, job->part, pose, p)) ||
-        (status = thuman_write_vertices(c, job->part, pose, m->vertices, vertices)) ||
+        (status = thuman_write_vertices(c, job->part, pose, body->vertices, vertices)) ||
         (status = trace_scene_pose(c, job->scene, (const float *const *)job->position, &job->light)))
         goto done;
     parallel_for(c, job->o.views, 1, draw_views, &all);
@@ -293,7 +293,7 @@ static sherf_status build_scene(context *c, people_job *job, float spacing_m) {
 static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
     enum { EVERY = 8 };
     static const float floor_world = -0.9f;
-    const body_model *m = job->studio->body;
+    const body_model *body = job->studio->body;
     int64_t max = 0, points = 0;
     for (int i = 0; i < job->dressed->meshes; i++) max += job->dressed->mesh[i].vertices / EVERY + 1;
     float *point = mem_alloc(c, (size_t)(max * job->o.poses), 3 * sizeof *point);
@@ -301,7 +301,7 @@ static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
     for (int n = 0; n < job->o.poses && !status; n++) {
         sherf_pose *p = &job->pose[n];
         posed_body *posed = NULL;
-        if ((status = posed_body_create(c, m, p->poses_rad, p->shapes, p->R, p->Th_m, &posed))) break;
+        if ((status = posed_body_create(c, body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed))) break;
         for (int i = 0; i < job->dressed->meshes; i++)
             dressed_pose(job->studio, job->dressed, i, posed, job->position[i]);
         float up = floor_world - lowest(job);

@@ -94,12 +94,12 @@ static float light(const float normal[3]) {
 
 /* Sum of the samples of one pixel; returns how many hit the body. */
 static int pixel_samples(const pose_job *p, const raster *r, int x, int y, float rgb[3]) {
-    const body_model *m = p->job->body;
+    const body_model *body = p->job->body;
     int hits = 0;
     for (int s = 0; s < SAMPLES * SAMPLES; s++) {
         size_t at = (size_t)(y * SAMPLES + s / SAMPLES) * r->width + x * SAMPLES + s % SAMPLES;
         if (r->face[at] < 0) continue;
-        const uint32_t *corner = m->face + 3 * (size_t)r->face[at];
+        const uint32_t *corner = body->face + 3 * (size_t)r->face[at];
         const float *weight = r->barycentric + 3 * at;
         float color[3] = {0}, normal[3] = {0};
         for (int k = 0; k < 3; k++)

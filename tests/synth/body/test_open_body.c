@@ -13,14 +13,14 @@ static const char path[] = "../assets/body.safetensors";
 
 typedef struct {
     context *c;
-    body_model *m;
+    body_model *body;
     safetensors *file;
 } shipped;
 
 static int open_shipped(void **state) {
     static shipped s;
     s.c = test_context();
-    assert_ok(s.c, body_load(s.c, path, &s.m));
+    assert_ok(s.c, body_load(s.c, path, &s.body));
     assert_ok(s.c, safetensors_read(s.c, path, &s.file));
     *state = &s;
     return 0;
@@ -29,18 +29,18 @@ static int open_shipped(void **state) {
 static int close_shipped(void **state) {
     shipped *s = *state;
     safetensors_free(s->file);
-    sherf_body_free(s->m);
+    sherf_body_free(s->body);
     sherf_context_free(s->c);
     return 0;
 }
 
 static void skeleton(void **state) {
     shipped *s = *state;
-    const body_model *m = s->m;
-    const double(*J)[3] = m->joint_template;
+    const body_model *body = s->body;
+    const double(*J)[3] = body->joint_template;
     static const int pairs[][2] = {{1, 2},   {4, 5},   {7, 8},   {10, 11}, {13, 14},
                                    {16, 17}, {18, 19}, {20, 21}, {22, 23}};
-    for (int j = 0; j < BODY_JOINTS; j++) assert_int_equal(m->parent[j], tpose_parent[j]);
+    for (int j = 0; j < BODY_JOINTS; j++) assert_int_equal(body->parent[j], tpose_parent[j]);
     for (size_t i = 0; i < COUNT_OF(pairs); i++) {
         const double *left = J[pairs[i][0]], *right = J[pairs[i][1]];
         assert_true(left[0] > 0.03); /* left is +x */
@@ -68,13 +68,13 @@ static void skeleton(void **state) {
 
 static void weights(void **state) {
     shipped *s = *state;
-    const body_model *m = s->m;
+    const body_model *body = s->body;
     bool used[BODY_JOINTS] = {0};
-    for (int v = 0; v < m->vertices; v++) {
+    for (int v = 0; v < body->vertices; v++) {
         double sum = 0;
         int count = 0;
         for (int j = 0; j < BODY_JOINTS; j++) {
-            float w = m->weights[(size_t)v * BODY_JOINTS + j];
+            float w = body->weights[(size_t)v * BODY_JOINTS + j];
             assert_true(w >= 0);
             sum += w;
             count += w > 0;
@@ -83,28 +83,28 @@ static void weights(void **state) {
         assert_float_equal(sum, 1, 1e-5);
         assert_true(count <= 8);
         /* the left hand knows nothing of the right one */
-        const float *w = m->weights + (size_t)v * BODY_JOINTS;
+        const float *w = body->weights + (size_t)v * BODY_JOINTS;
         assert_true(w[20] + w[22] == 0 || w[21] + w[23] == 0);
     }
     for (int j = 0; j < BODY_JOINTS; j++)
         if (!used[j]) fail_msg("%s moves nothing", tpose_joint_names[j]);
     for (int j = 0; j < BODY_JOINTS; j++) {
         double sum = 0;
-        for (int v = 0; v < m->vertices; v++)
-            sum += m->regressor[(size_t)j * (size_t)m->vertices + (size_t)v];
+        for (int v = 0; v < body->vertices; v++)
+            sum += body->regressor[(size_t)j * (size_t)body->vertices + (size_t)v];
         assert_float_equal(sum, 1, 1e-4);
     }
 }
 
-static double stature(const body_model *m, const float shape[BODY_SHAPES], double *volume_l) {
-    float low = INFINITY, high = -INFINITY, *v = malloc((size_t)m->vertices * 3 * sizeof *v);
-    for (size_t i = 0; i < 3 * (size_t)m->vertices; i++) {
-        v[i] = m->v_template[i];
-        for (int k = 0; k < BODY_SHAPES; k++) v[i] += shape[k] * m->shapedirs[i * BODY_SHAPES + k];
+static double stature(const body_model *body, const float shape[BODY_SHAPES], double *volume_l) {
+    float low = INFINITY, high = -INFINITY, *v = malloc((size_t)body->vertices * 3 * sizeof *v);
+    for (size_t i = 0; i < 3 * (size_t)body->vertices; i++) {
+        v[i] = body->v_template[i];
+        for (int k = 0; k < BODY_SHAPES; k++) v[i] += shape[k] * body->shapedirs[i * BODY_SHAPES + k];
         if (i % 3 == 1 && v[i] < low) low = v[i];
         if (i % 3 == 1 && v[i] > high) high = v[i];
     }
-    *volume_l = 1000 * mesh_volume(m->faces, m->face, v);
+    *volume_l = 1000 * mesh_volume(body->faces, body->face, v);
     free(v);
     return (double)high - (double)low;
 }
@@ -112,7 +112,7 @@ static double stature(const body_model *m, const float shape[BODY_SHAPES], doubl
 static void shapes(void **state) {
     shipped *s = *state;
     float shape[BODY_SHAPES] = {0};
-    double litres, mean = stature(s->m, shape, &litres);
+    double litres, mean = stature(s->body, shape, &litres);
     assert_true(mean > 1.6 && mean < 1.75); /* between the average woman and man */
     assert_true(litres > 50 && litres < 80);
     const char *kept = safetensors_metadata(s->file, "shape_variance_kept");
@@ -122,7 +122,7 @@ static void shapes(void **state) {
         for (int sign = -1; sign <= 1; sign += 2) {
             float one[BODY_SHAPES] = {0};
             one[k] = 3.f * (float)sign;
-            double h = stature(s->m, one, &litres);
+            double h = stature(s->body, one, &litres);
             assert_true(h > 1.25 && h < 2.1);
             assert_true(litres > 15 && litres < 130);
         }
@@ -131,9 +131,9 @@ static void shapes(void **state) {
     for (int a = 0; a < BODY_SHAPES; a++)
         for (int b = 0; b <= a; b++) {
             double dot = 0;
-            for (size_t i = 0; i < 3 * (size_t)s->m->vertices; i++)
-                dot += (double)s->m->shapedirs[i * BODY_SHAPES + (size_t)a] *
-                       s->m->shapedirs[i * BODY_SHAPES + (size_t)b];
+            for (size_t i = 0; i < 3 * (size_t)s->body->vertices; i++)
+                dot += (double)s->body->shapedirs[i * BODY_SHAPES + (size_t)a] *
+                       s->body->shapedirs[i * BODY_SHAPES + (size_t)b];
             if (a == b) {
                 assert_true(dot > 0 && dot <= last);
                 last = dot;
@@ -143,12 +143,12 @@ static void shapes(void **state) {
         }
     /* betas come back from the mesh */
     float want[BODY_SHAPES] = {1.5f, -0.5f, 0.3f, 0, 0, 2, 0, 0, -1, 1}, got[BODY_SHAPES];
-    float *v = malloc((size_t)s->m->vertices * 3 * sizeof *v);
-    for (size_t i = 0; i < 3 * (size_t)s->m->vertices; i++) {
-        v[i] = s->m->v_template[i];
-        for (int k = 0; k < BODY_SHAPES; k++) v[i] += want[k] * s->m->shapedirs[i * BODY_SHAPES + k];
+    float *v = malloc((size_t)s->body->vertices * 3 * sizeof *v);
+    for (size_t i = 0; i < 3 * (size_t)s->body->vertices; i++) {
+        v[i] = s->body->v_template[i];
+        for (int k = 0; k < BODY_SHAPES; k++) v[i] += want[k] * s->body->shapedirs[i * BODY_SHAPES + k];
     }
-    assert_ok(s->c, open_body_project(s->c, s->m, v, got));
+    assert_ok(s->c, open_body_project(s->c, s->body, v, got));
     for (int k = 0; k < BODY_SHAPES; k++) assert_float_equal(got[k], want[k], 1e-2);
     free(v);
 }
@@ -156,12 +156,12 @@ static void shapes(void **state) {
 /* A closed surface, and UVs for every corner. */
 static void surface(void **state) {
     shipped *s = *state;
-    const body_model *m = s->m;
+    const body_model *body = s->body;
     const safetensor *uv = safetensors_find(s->file, "uv"), *f_uv = safetensors_find(s->file, "f_uv");
     assert_non_null(uv);
     assert_non_null(f_uv);
-    assert_int_equal(f_uv->dim[0], m->faces);
-    for (int64_t i = 0; i < 3 * (int64_t)m->faces; i++) {
+    assert_int_equal(f_uv->dim[0], body->faces);
+    for (int64_t i = 0; i < 3 * (int64_t)body->faces; i++) {
         int32_t at = ((const int32_t *)f_uv->data)[i];
         assert_true(at >= 0 && at < uv->dim[0]);
         for (int k = 0; k < 2; k++) {
@@ -172,9 +172,9 @@ static void surface(void **state) {
     /* directed edges cancel: the sum of their vectors' hashes is 0 when each is met once in either direction
      */
     uint64_t sum = 0;
-    for (int f = 0; f < m->faces; f++)
+    for (int f = 0; f < body->faces; f++)
         for (int i = 0; i < 3; i++) {
-            uint64_t a = m->face[3 * f + i], b = m->face[3 * f + (i + 1) % 3];
+            uint64_t a = body->face[3 * f + i], b = body->face[3 * f + (i + 1) % 3];
             sum += a < b ? splitmix64(a << 32 | b) : -splitmix64(b << 32 | a);
         }
     assert_int_equal(sum, 0);
@@ -189,10 +189,10 @@ static double kept(const shipped *s, int joint, int axis, double angle_rad, doub
     double volume[2] = {0};
     for (int bent = 0; bent < 2; bent++) {
         if (bent) pose[3 * joint + axis] = (float)angle_rad;
-        assert_ok(s->c, posed_body_create(s->c, s->m, pose, zero, R, Th, &p[bent]));
+        assert_ok(s->c, posed_body_create(s->c, s->body, pose, zero, R, Th, &p[bent]));
     }
-    for (int f = 0; f < s->m->faces; f++) {
-        const uint32_t *corner = s->m->face + 3 * (size_t)f;
+    for (int f = 0; f < s->body->faces; f++) {
+        const uint32_t *corner = s->body->face + 3 * (size_t)f;
         bool near = true;
         for (int i = 0; i < 3; i++) {
             double d2 = 0;
@@ -249,14 +249,14 @@ static void there_and_back(void **state) {
           shape[BODY_SHAPES] = {1, -1};
     posed_body *p;
     pose[3 * 4] = 1.4f, pose[3 * 18 + 1] = -1.5f, pose[3 * 16 + 2] = -1;
-    assert_ok(s->c, posed_body_create(s->c, s->m, pose, shape, R, Th, &p));
-    size_t n = 3 * (size_t)s->m->vertices;
+    assert_ok(s->c, posed_body_create(s->c, s->body, pose, shape, R, Th, &p));
+    size_t n = 3 * (size_t)s->body->vertices;
     float *x = malloc(n * sizeof *x);
     int32_t *own = malloc(n / 3 * sizeof *own);
     for (size_t v = 0; v < n / 3; v++) own[v] = (int32_t)v;
-    deform_to_canonical(s->m, p, (int64_t)(n / 3), p->vertices_smpl, NULL, own, x, NULL);
-    for (size_t i = 0; i < n; i++) assert_float_equal(x[i], s->m->canonical->vertices_smpl[i], 2e-4);
-    deform_from_canonical(s->m, p, (int64_t)(n / 3), x, own, x);
+    deform_to_canonical(s->body, p, (int64_t)(n / 3), p->vertices_smpl, NULL, own, x, NULL);
+    for (size_t i = 0; i < n; i++) assert_float_equal(x[i], s->body->canonical->vertices_smpl[i], 2e-4);
+    deform_from_canonical(s->body, p, (int64_t)(n / 3), x, own, x);
     for (size_t i = 0; i < n; i++)
         assert_float_equal(x[i], p->vertices_smpl[i] + (i % 3 == 0 ? Th[0] : 0), 2e-4);
     free(x);
@@ -268,10 +268,10 @@ static void there_and_back(void **state) {
 static void saved(void **state) {
     const shipped *s = *state;
     body_model *again = NULL;
-    assert_ok(s->c, body_save(s->c, s->m, test_path("again.safetensors")));
+    assert_ok(s->c, body_save(s->c, s->body, test_path("again.safetensors")));
     assert_ok(s->c, body_load(s->c, test_path("again.safetensors"), &again));
-    assert_true(again->fingerprint == s->m->fingerprint);
-    assert_memory_equal(again->volume, s->m->volume, sizeof again->volume);
+    assert_true(again->fingerprint == s->body->fingerprint);
+    assert_memory_equal(again->volume, s->body->volume, sizeof again->volume);
     sherf_body_free(again);
 }
 
@@ -315,9 +315,9 @@ static void builder(void **state) {
                           .parameters = 2,
                           .parameter = {"radius", "length"},
                           .sample = ball};
-    body_model *m = NULL, *again = NULL;
+    body_model *body = NULL, *again = NULL;
     open_body_report report;
-    assert_ok(c, open_body_create(c, &source, 200, &m, &report));
+    assert_ok(c, open_body_create(c, &source, 200, &body, &report));
     assert_true(report.share[0] + report.share[1] > 0.999); /* what there is to it */
     assert_true(report.share[0] >= report.share[1] && report.share[1] > report.share[2]);
     /* the longer one is first: 0.03 m deviation of the length against 0.02 of the radius */
@@ -328,18 +328,18 @@ static void builder(void **state) {
     float v[BALL * 3], shape[BODY_SHAPES];
     double joints[BODY_JOINTS][3], parameter[2];
     assert_ok(c, ball(c, NULL, 12345, v, joints, parameter));
-    assert_ok(c, open_body_project(c, m, v, shape));
+    assert_ok(c, open_body_project(c, body, v, shape));
     assert_float_equal(shape[0], (parameter[1] - 0.3) / 0.03, 0.3);
     context one = *c;
     one.threads = 1;
     assert_ok(c, open_body_create(&one, &source, 200, &again, &report));
-    assert_true(again->fingerprint == m->fingerprint); /* threads do not matter */
+    assert_true(again->fingerprint == body->fingerprint); /* threads do not matter */
     sherf_body_free(again);
-    sherf_body_free(m);
+    sherf_body_free(body);
     source.arg = "";
-    assert_int_equal(open_body_create(c, &source, 200, &m, &report), SHERF_BAD_FILE);
-    assert_int_equal(open_body_create(c, &source, 10, &m, &report), SHERF_BAD_ARGUMENT);
-    assert_null(m);
+    assert_int_equal(open_body_create(c, &source, 200, &body, &report), SHERF_BAD_FILE);
+    assert_int_equal(open_body_create(c, &source, 10, &body, &report), SHERF_BAD_ARGUMENT);
+    assert_null(body);
     sherf_context_free(c);
 }
 

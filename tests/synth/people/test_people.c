@@ -374,21 +374,21 @@ static void test_poses(void **state) {
 
 static void test_overlap(void **state) {
     context *c = test_context();
-    body_model *m;
+    body_model *body;
     static const float unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, none[72];
     float pose[72] = {0}, share;
     posed_body *posed;
-    assert_ok(c, tubeman_create(c, &m));
-    assert_ok(c, posed_body_create(c, m, none, none, unit, none, &posed));
-    assert_ok(c, pose_overlap(c, m, posed->vertices_smpl, &share));
+    assert_ok(c, tubeman_create(c, &body));
+    assert_ok(c, posed_body_create(c, body, none, none, unit, none, &posed));
+    assert_ok(c, pose_overlap(c, body, posed->vertices_smpl, &share));
     assert_float_equal(share, 0, 1e-6);
     posed_body_free(posed);
     pose[3 * 16 + 2] = -1.5f, pose[3 * 18 + 2] = -0.9f; /* the left forearm goes through the hips */
-    assert_ok(c, posed_body_create(c, m, pose, none, unit, none, &posed));
-    assert_ok(c, pose_overlap(c, m, posed->vertices_smpl, &share));
+    assert_ok(c, posed_body_create(c, body, pose, none, unit, none, &posed));
+    assert_ok(c, pose_overlap(c, body, posed->vertices_smpl, &share));
     assert_true(share > 0.02f);
     posed_body_free(posed);
-    sherf_body_free(m);
+    sherf_body_free(body);
     sherf_context_free(c);
 }
 

@@ -262,26 +262,26 @@ static void photos_show_people_whole(void **state) {
 static void people_in_photos_stand(void **state) {
     static const float unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, none[72];
     context *c = test_context();
-    body_model *m;
+    body_model *body;
     pose_library *l;
     posed_body *posed;
     float pose[72];
-    assert_ok(c, tubeman_create(c, &m));
-    assert_ok(c, posed_body_create(c, m, none, none, unit, none, &posed));
-    assert_true(pose_imbalance(m, posed->vertices_smpl) < 0.02f);
-    float *tipped = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *tipped);
-    for (int v = 0; v < m->vertices; v++) { /* half a radian forward about the toes */
+    assert_ok(c, tubeman_create(c, &body));
+    assert_ok(c, posed_body_create(c, body, none, none, unit, none, &posed));
+    assert_true(pose_imbalance(body, posed->vertices_smpl) < 0.02f);
+    float *tipped = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *tipped);
+    for (int v = 0; v < body->vertices; v++) { /* half a radian forward about the toes */
         const float *p = posed->vertices_smpl + 3 * v;
         tipped[3 * v] = p[0];
         tipped[3 * v + 1] = cosf(0.5f) * p[1] - sinf(0.5f) * p[2];
         tipped[3 * v + 2] = sinf(0.5f) * p[1] + cosf(0.5f) * p[2];
     }
-    assert_true(pose_imbalance(m, tipped) > 0.15f);
+    assert_true(pose_imbalance(body, tipped) > 0.15f);
     memcpy(pose, none, sizeof pose);
     pose[3 * 1] = -1.2f; /* a leg lifted forward */
     posed_body_free(posed);
-    assert_ok(c, posed_body_create(c, m, pose, none, unit, none, &posed));
-    assert_true(pose_imbalance(m, posed->vertices_smpl) > 0.15f);
+    assert_ok(c, posed_body_create(c, body, pose, none, unit, none, &posed));
+    assert_true(pose_imbalance(body, posed->vertices_smpl) > 0.15f);
     posed_body_free(posed);
     mem_free(tipped);
     assert_ok(c, pose_library_create(c, &l));
@@ -293,7 +293,7 @@ static void people_in_photos_stand(void **state) {
     }
     assert_in_range(straight, 280, 500);
     pose_library_free(l);
-    sherf_body_free(m);
+    sherf_body_free(body);
     sherf_context_free(c);
 }
 

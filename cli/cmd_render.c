@@ -1,5 +1,5 @@
 /* sherf render: frames of an avatar (shots.h) to pictures or a video (sink.h), with depth and opacity where
- * they are asked for. */
+ * they are requested. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -74,7 +74,7 @@ int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body,
     return status;
 }
 
-/* The estimates of several photos of one person, with one shape; and the drawing that was asked for. */
+/* The estimates of several photos of one person, with one shape; and the drawing that was requested. */
 static int estimate_all(session *s, const sherf_body *body, int count, const char *const *path,
                         sherf_estimate **e) {
     sherf_estimator *n = NULL;

@@ -41,7 +41,7 @@ int photo_estimator(session *s, sherf_estimator **out);
 int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
                    sherf_estimate **out);
 /* All of it, to observations of one person, at most SHERF_PICTURES_MAX, of one shape; with the drawing that
- * was asked for. out: NULLs; theirs to free, whatever the answer. */
+ * was requested. out: NULLs; theirs to free, whatever the answer. */
 int photo_observations(session *s, const sherf_body *body, int count, const char *const *path,
                        sherf_observation **out);
 /* What was found, for --json. */

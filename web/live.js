@@ -4,7 +4,7 @@
 "use strict";
 
 const live = (() => {
-  const HEAD = 16, FRAMING = 16, FRAME = 3 + 12 * 24, FRAMES = 128, CHUNKS_MOST = 64;
+  const HEAD = 16, FRAMING = 16, FRAME = 3 + 12 * 24, FRAMES = 128, CHUNKS_MAX = 64;
   const POLL_MS = 500, SLOW_MS = 42, QUICK_MS = 20, SCALE_LEAST = 0.35;
   const FOV_TAN = Math.tan((15 * Math.PI) / 180);
   const vertexSource = `#version 300 es
@@ -138,14 +138,14 @@ const live = (() => {
         { cache: "no-store" });
       if (!answer.ok) throw new Error(answer.status);
       chunks.set(key, new Float32Array(await answer.arrayBuffer(), HEAD));
-      for (const old of chunks.keys()) if (chunks.size > CHUNKS_MOST && old !== key) chunks.delete(old);
+      for (const old of chunks.keys()) if (chunks.size > CHUNKS_MAX && old !== key) chunks.delete(old);
       told();
     } catch {
       setTimeout(() => chunks.delete(key), 2000);
     }
   }
 
-  // Whether frame n of the motion's `frames` can be drawn; what is missing, and what comes next, is asked for.
+  // Whether frame n of the motion's `frames` can be drawn; what is missing, and what comes next, is requested.
   function ready(avatar, motion, n, frames) {
     if (!program) return false;
     load(avatar);

@@ -28,7 +28,7 @@ let moving = 128;           // side of pictures while something moves
 let costMs = 0;             // milliseconds of a picture of side 1, lately
 let metresHigh = 0;         // what the height of the stage spans at zoom 1
 let retry = 0, broken = false, timer = 0;
-let drawing = 0;            // of the surface: the animation frame that is asked for
+let drawing = 0;            // of the surface: the animation frame that is requested
 const drawn = [];           // times of pictures while something moves
 
 function touch() {

@@ -697,7 +697,7 @@ typedef struct {
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
-    /* Baselines, by novel view and novel pose; counts are 0 when they were not asked for. Mean colour: that
+    /* Baselines, by novel view and novel pose; counts are 0 when they were not requested. Mean colour: that
      * of the observed person, inside the true mask. Painted body: the body mesh, its vertices in the observed
      * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
     sherf_score mean_color[2], painted_body[2];

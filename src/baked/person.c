@@ -88,7 +88,7 @@ static void texel_places(const surface *s, const atlas *a, float *position, floa
     }
 }
 
-/* The colours of places, with detail where it is asked for. */
+/* The colours of places, with detail where it is requested. */
 static sherf_status places_color(context *c, const bake_steps *j, int64_t n, const float *position,
                                  const float *normal, float *rgb) {
     sherf_status status = bake_colors(c, j->a, j->body, n, position, normal, rgb);

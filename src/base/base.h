@@ -47,7 +47,7 @@ sherf_status failure(context *c, sherf_status status, const char *format, ...) P
 /* Puts "prefix: " before the message that is there: for adding the file name at the level that knows it. */
 sherf_status failure_prefix(context *c, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
 void log_line(context *c, sherf_log_level level, const char *format, ...) PRINTF_LIKE(3, 4);
-/* What this context computes in: bf16 where it is asked for, or for AUTO, and the device has it. */
+/* What this context computes in: bf16 where it is requested, or for AUTO, and the device has it. */
 sherf_precision precision_resolve(const context *c, sherf_precision wanted);
 /* done of total (total 0: unknown); text is a short noun phrase. Returns SHERF_CANCELLED once cancelled. */
 sherf_status progress(context *c, const char *text, double done, double total);

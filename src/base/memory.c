@@ -60,7 +60,7 @@ static void *allocate(context *c, size_t count, size_t size) {
     atomic_fetch_add(&allocations, 1);
     void *p = told_to_fail() ? NULL : bytes >= 2 * huge_page ? allocate_huge(bytes) : allocate_plain(bytes);
     if (!p)
-        failure(c, SHERF_NO_MEMORY, "out of memory: %zu bytes asked for", bytes);
+        failure(c, SHERF_NO_MEMORY, "out of memory: %zu bytes requested", bytes);
     else
         atomic_fetch_add(&live, 1);
     return p;

@@ -20,11 +20,6 @@ static void rest_position(const bvh *b, int joint, double out[3]) {
         for (int k = 0; k < 3; k++) out[k] += b->joint[joint].offset[k];
 }
 
-static void multiply(const double a[9], const double b[9], double out[9]) {
-    for (int i = 0; i < 9; i++)
-        out[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-}
-
 static bool unit_vector(const double from[3], const double to[3], double out[3]) {
     double length = 0;
     for (int k = 0; k < 3; k++) out[k] = to[k] - from[k], length += out[k] * out[k];
@@ -130,7 +125,7 @@ static void align_standing(const bvh *b, bvh_body *map, const float rest[BODY_JO
         if (!bone_directions(b, map, rest, G, j, to, mine, theirs)) continue;
         double bend[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         smallest_rotation(mine, theirs, bend);
-        multiply(bend, G, A);
+        multiply3(bend, G, A);
     }
 }
 
@@ -170,7 +165,7 @@ void bvh_body_pose(const bvh *b, const bvh_body *map, int frame, float pose_rad[
             memcpy(body[j], body[parent[j]], sizeof body[j]);
         } else {
             const double *Q = global + 9 * map->joint[j], *A = map->align[j];
-            multiply(Q, A, body[j]);
+            multiply3(Q, A, body[j]);
         }
         for (int i = 0; i < 9; i++) {
             double sum = body[j][i];

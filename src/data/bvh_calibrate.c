@@ -36,11 +36,6 @@ static void across(const double a[9], const double b[9], double out[9]) {
         out[i] = a[i / 3] * b[i % 3] + a[3 + i / 3] * b[3 + i % 3] + a[6 + i / 3] * b[6 + i % 3];
 }
 
-static void times(const double a[9], const double b[9], double out[9]) {
-    for (int i = 0; i < 9; i++)
-        out[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-}
-
 /* From one of the body's joints to another, in the body's rest pose. */
 static bool own_bone(const calibration *k, int from, int to, double out[3]) {
     for (int i = 0; i < 3; i++) out[i] = (double)k->rest[to][i] - k->rest[from][i];
@@ -114,8 +109,8 @@ static int joint_above(const calibration *k, int j) {
 /* Joint j against the one above in a frame, in the body's axes. */
 static void local_of(const calibration *k, int frame, int j, int above, double out[9]) {
     double own[9], up[9];
-    times(k->global[(size_t)frame * BODY_JOINTS + (size_t)j], k->map->align[j], own);
-    times(k->global[(size_t)frame * BODY_JOINTS + (size_t)above], k->map->align[above], up);
+    multiply3(k->global[(size_t)frame * BODY_JOINTS + (size_t)j], k->map->align[j], own);
+    multiply3(k->global[(size_t)frame * BODY_JOINTS + (size_t)above], k->map->align[above], up);
     across(up, own, out);
 }
 
@@ -148,7 +143,7 @@ static bool align_bone(calibration *k, int j, int above) {
     any_rotation(own, of, A);
     turn_about(own, -mean_twist(k, j, above, own), turn);
     memcpy(first, A, sizeof first);
-    times(first, turn, A);
+    multiply3(first, turn, A);
     return true;
 }
 
@@ -159,7 +154,7 @@ static void align_end(calibration *k, int j, int above) {
     memcpy(A, unit, sizeof unit);
     for (int i = 0; i < k->frames; i++) {
         double up[9], R[9];
-        times(k->global[(size_t)i * BODY_JOINTS + (size_t)above], k->map->align[above], up);
+        multiply3(k->global[(size_t)i * BODY_JOINTS + (size_t)above], k->map->align[above], up);
         across(k->global[(size_t)i * BODY_JOINTS + (size_t)j], up, R);
         for (int a = 0; a < 9; a++) sum[a] += R[a];
     }

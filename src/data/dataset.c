@@ -1,4 +1,4 @@
-/* Data sets behind one door: people, views, poses. Everything is read when it is asked for; the
+/* Data sets behind one door: people, views, poses. Everything is read when it is requested; the
  * records of people are kept behind a lock, so that several contexts can share one data set. */
 #include <stdio.h>
 #include <string.h>

@@ -32,19 +32,6 @@ typedef struct {
     double feature[BODY_JOINTS][9];                  /* R - I */
 } chain;
 
-static void multiply3(const double a[9], const double b[9], double out[9]) {
-    double m[9];
-    for (int i = 0; i < 9; i++)
-        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-    memcpy(out, m, sizeof m);
-}
-
-static void rotate3(const double R[9], const double x[3], double out[3]) {
-    const double y[3] = {R[0] * x[0] + R[1] * x[1] + R[2] * x[2], R[3] * x[0] + R[4] * x[1] + R[5] * x[2],
-                         R[6] * x[0] + R[7] * x[1] + R[8] * x[2]};
-    memcpy(out, y, sizeof y);
-}
-
 void rotation_exp(const double w[3], double R[9], double jacobian[9]) {
     double t2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], t = sqrt(t2);
     /* sin t / t, (1 - cos t) / t^2, (t - sin t) / t^3, by series where they would cancel */

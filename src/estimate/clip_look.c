@@ -117,7 +117,7 @@ static sherf_status search(context *c, follower *f, clip_track *t) {
     f->there = best >= 0;
     mem_free(people);
     if (!f->known && best < 0)
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: person %d is asked for, and %d %s there", f->path,
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: person %d is requested, and %d %s there", f->path,
                        f->wanted + 1, t->people, t->people == 1 ? "is" : "are");
     f->known = true;
     return SHERF_OK;

@@ -97,14 +97,14 @@ static sherf_status given_mask(context *c, const char *path, const image_u8 *pho
 
 /* ---- the steps ---- */
 
-/* Which of the people is meant: most of the given mask's pixels, or the one asked for by number. */
+/* Which of the people is meant: most of the given mask's pixels, or the one requested by number. */
 static sherf_status choose(context *c, const photo_person *people, int count, int wanted,
                            const sherf_image *mask, int *chosen) {
     if (count < 1)
         return failure(c, SHERF_MISMATCH,
                        "nobody was found in the photo: a whole person, at least 60 pixels high, is needed");
     if (wanted > count)
-        return failure(c, SHERF_BAD_ARGUMENT, "person %d was asked for, %d %s found", wanted, count,
+        return failure(c, SHERF_BAD_ARGUMENT, "person %d was requested, %d %s found", wanted, count,
                        count == 1 ? "was" : "were");
     *chosen = wanted > 0 ? wanted - 1 : 0;
     if (wanted > 0 || !mask->data) return SHERF_OK;

@@ -21,13 +21,6 @@ static double fade(double x, double full, double none) {
     return clamp((none - x) / (none - full), 0, 1);
 }
 
-static void multiply3(const double a[9], const double b[9], double out[9]) {
-    double m[9];
-    for (int i = 0; i < 9; i++)
-        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-    memcpy(out, m, sizeof m);
-}
-
 static bool unit(double v[3]) {
     double length = sqrt(dot3(v, v));
     if (!(length > 1e-6)) return false;

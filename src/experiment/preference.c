@@ -256,9 +256,9 @@ static bool has_catch(const material *m, int person, int stratum) {
 }
 
 static sherf_status trials_make(material *m) {
-    const size_t most = (size_t)m->s.people * STUDY_STRATA * (STUDY_METHODS + 1);
-    m->s.trial = mem_zero(m->j->c, most, sizeof *m->s.trial);
-    m->picture = mem_zero(m->j->c, most + (size_t)m->s.people, sizeof *m->picture);
+    const size_t trials = (size_t)m->s.people * STUDY_STRATA * (STUDY_METHODS + 1);
+    m->s.trial = mem_zero(m->j->c, trials, sizeof *m->s.trial);
+    m->picture = mem_zero(m->j->c, trials + (size_t)m->s.people, sizeof *m->picture);
     sherf_status status = m->s.trial && m->picture ? SHERF_OK : SHERF_NO_MEMORY;
     for (int person = 0; person < m->s.people && status == SHERF_OK; person++)
         for (int stratum = 0, input = -1; stratum < STUDY_STRATA && status == SHERF_OK; stratum++) {

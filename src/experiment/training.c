@@ -84,14 +84,14 @@ static sherf_status number_read(context *c, const char *path, const char *key, d
 /* ---- how many steps fit in so many minutes ---- */
 /* A few steps in a folder that goes again: the median, if it is below *seconds. */
 static sherf_status step_measure(experiment_job *j, const run *r, double *seconds) {
-    enum { MOST = 1000 };
+    enum { STEPS_MAX = 1000 };
     char folder[PATH_LENGTH], log[PATH_LENGTH];
     double median;
     sherf_status status = job_path(j, folder, "steps/pilot");
     if (status == SHERF_OK) status = job_path(j, log, "steps/pilot/log.jsonl");
     if (status != SHERF_OK) return status;
     folder_remove(folder);
-    sherf_train_options o = training_options(j, r, folder, MOST);
+    sherf_train_options o = training_options(j, r, folder, STEPS_MAX);
     o.seconds = fmax(0.2, fmin(6, 3 * j->set.minutes));
     status = sherf_train(j->c, &o);
     if (status == SHERF_OK) status = log_median(j->c, log, &median);
@@ -138,12 +138,12 @@ static bool step_is_wanted(const experiment_job *j, const run *r, const run *lis
 /* All that are not known, in turn and three times over, so that a machine's other work falls on each; the
  * least median of a method counts. */
 sherf_status steps_ready(experiment_job *j) {
-    enum { MOST = 2 * EXPERIMENT_METHODS, ROUNDS = 3 };
-    run wanted[MOST], r, one;
-    double step_s[MOST];
+    enum { RUNS_MAX = 2 * EXPERIMENT_METHODS, ROUNDS = 3 };
+    run wanted[RUNS_MAX], r, one;
+    double step_s[RUNS_MAX];
     int count = 0;
     sherf_status status = SHERF_OK;
-    for (int i = 0; !j->set.steps && count < MOST && run_at(j, i, &r); i++)
+    for (int i = 0; !j->set.steps && count < RUNS_MAX && run_at(j, i, &r); i++)
         if (step_is_wanted(j, &r, wanted, count, &one)) step_s[count] = INFINITY, wanted[count++] = one;
     if (count)
         log_line(j->c, SHERF_LOG_INFO, "%s: steps are measured, of %d methods in turn", j->experiment->name,

@@ -80,7 +80,7 @@ static sherf_status options_check(context *c, const char *path, const export_for
 }
 
 /* ---- axes ---- */
-/* From y up to the axes asked for; n vectors. */
+/* From y up to the axes requested; n vectors. */
 static void turn_axes(sherf_up up, int64_t n, float *x) {
     for (int64_t i = 0; i < n; i++, x += 3) {
         float y = x[1], z = x[2];

@@ -5,6 +5,7 @@
 #include <strings.h>
 
 #include "base/path.h"
+#include "base/vector3.h"
 #include "io/bvh.h"
 #include "io/utf16.h"
 
@@ -255,14 +256,6 @@ void bvh_free(bvh *b) {
     mem_free(b);
 }
 
-static void multiply(const double a[9], const double b[9], double out[9]) {
-    double m[9];
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++)
-            m[3 * i + k] = a[3 * i] * b[k] + a[3 * i + 1] * b[3 + k] + a[3 * i + 2] * b[6 + k];
-    memcpy(out, m, sizeof m);
-}
-
 /* R = R(channel 0) R(channel 1) ..., about the joint's own axes. */
 static void joint_rotation(const bvh_joint *j, const float *value, double out[9]) {
     static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -275,7 +268,7 @@ static void joint_rotation(const bvh_joint *j, const float *value, double out[9]
         turn[4 * p] = turn[4 * q] = cos(angle);
         turn[3 * p + q] = -sin(angle);
         turn[3 * q + p] = sin(angle);
-        multiply(out, turn, out);
+        multiply3(out, turn, out);
     }
 }
 
@@ -287,7 +280,7 @@ void bvh_rotations(const bvh *b, int frame, double *local, double *global) {
         if (local) memcpy(local + 9 * i, R, sizeof R);
         if (!global) continue;
         if (b->joint[i].parent >= 0)
-            multiply(global + 9 * b->joint[i].parent, R, global + 9 * i);
+            multiply3(global + 9 * b->joint[i].parent, R, global + 9 * i);
         else
             memcpy(global + 9 * i, R, sizeof R);
     }
@@ -314,7 +307,7 @@ void bvh_joint_position(const bvh *b, int frame, int joint, double position[3], 
         joint_offset(&b->joint[i], value, position);
         for (int k = 0; k < 3; k++)
             position[k] += R[3 * k] * x[0] + R[3 * k + 1] * x[1] + R[3 * k + 2] * x[2];
-        multiply(R, turned, turned);
+        multiply3(R, turned, turned);
     }
     if (rotation) memcpy(rotation, turned, sizeof turned);
 }

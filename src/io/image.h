@@ -15,7 +15,7 @@ typedef struct {
     uint8_t *data;
 } image_u8; /* mem_free(data) */
 /* channels: 3, 1 or 4, what the caller wants (grey from colour as OpenCV: .299 .587 .114, a JPEG's Y as it
- * is; alpha is dropped unless 4 are asked for, 255 where there is none). 16-bit values are scaled to 8. CMYK
+ * is; alpha is dropped unless 4 are requested, 255 where there is none). 16-bit values are scaled to 8. CMYK
  * JPEG: Adobe inversion respected. IMAGE_MASK: one channel, 1 where any colour of the file is not 0, also
  * where a 16-bit one would round to 0; else 0. What is no picture is named in the error. */
 sherf_status image_read(context *c, const char *path, int channels, image_u8 *out);

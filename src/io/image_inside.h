@@ -17,7 +17,7 @@ typedef struct {
     image_u8 out;
     unsigned char *row;   /* scratch: a row, or the whole picture when interlaced */
     unsigned char **rows; /* interlaced PNG */
-    int channels;         /* wanted; 0: only the size is asked for */
+    int channels;         /* wanted; 0: only the size is requested */
     bool mask;            /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
     int own_channels;
     bool alpha;             /* the file has it */

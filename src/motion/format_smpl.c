@@ -105,7 +105,7 @@ static int64_t mask_count(const value *mask) {
     return count;
 }
 
-/* The person asked for, or the one who is there longest. */
+/* The person requested, or the one who is there longest. */
 static sherf_status choose_person(context *c, const value *root, const value *rows, int64_t people,
                                   const sherf_motion_options *o, source *s, int64_t *out) {
     const value *mask = value_first(root, mask_names).item;

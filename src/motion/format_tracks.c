@@ -46,7 +46,7 @@ bool track_file_is(const value *root) {
     return false;
 }
 
-/* A number or a text as the text that a track is asked for by. */
+/* A number or a text as the text that a track is requested by. */
 static void key_text(const value *key, char out[64]) {
     out[0] = 0;
     if (!key) return;

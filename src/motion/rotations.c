@@ -37,7 +37,7 @@ static sherf_status rotation_form_find(context *c, const char *what, int64_t num
         }
     return failure(c, SHERF_BAD_FILE, "%s: %lld numbers a frame, which is no number of joints%s", what,
                    (long long)numbers,
-                   given == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations asked for");
+                   given == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations requested");
 }
 
 /* The first frame tells whether the real part comes first (AUTO and 4 numbers). */

@@ -19,8 +19,8 @@ typedef struct {
     float *direction_canonical; /* P x 3, not normalised */
     float
         *observed_px; /* P x 2: projection into the observation camera; NULL when no observation was given */
-    float *observation_world; /* P x 3 before that projection; only when asked for */
-    int32_t *nearest;         /* P, target vertex; only when asked for (keep_stages) */
+    float *observation_world; /* P x 3 before that projection; only when requested */
+    int32_t *nearest;         /* P, target vertex; only when requested (keep_stages) */
     const ray_bundle *on;     /* the rays, which outlive the set; NULL: the points lie on none */
     float *depth;             /* P, where they are not the rays' even ones; else NULL */
     float last_way;           /* with these: the way behind a ray's last point; 0: to the box's end */

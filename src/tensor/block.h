@@ -1,6 +1,6 @@
 /* block: plain runs of numbers in a memory (NULL: the host's): models' weights, their gradients, what an
  * optimiser keeps. Copies, and the arithmetic of training on them, are done there where they lie and in the
- * order they are asked for; only downloads wait. */
+ * order they are requested; only downloads wait. */
 #ifndef SHERF_BLOCK_H
 #define SHERF_BLOCK_H
 
@@ -45,13 +45,13 @@ typedef struct block_group block_group;
 struct block_groups {
     sherf_status (*name)(context *c, char *name); /* GROUP_NAME bytes; NULL: whether groups can be made */
     sherf_status (*join)(context *c, const char name[GROUP_NAME], int rank, int count, block_group **out);
-    /* values <- the sum over processes. It begins behind all that was asked for so far and runs beside what
-     * is asked for from now on, which leaves the values alone until `wait`. All processes ask for the same
+    /* values <- the sum over processes. It begins behind all that was requested so far and runs beside what
+     * is requested from now on, which leaves the values alone until `wait`. All processes ask for the same
      * sums in the same order. */
     sherf_status (*sum)(context *c, block_group *g, int64_t n, float *values);
     sherf_status (*wait)(context *c,
-                         block_group *g); /* what is asked for from now on comes behind the sums */
-    /* Frees it. broken: other processes may not have asked for sums that this one has; they are given up. */
+                         block_group *g); /* what is requested from now on comes behind the sums */
+    /* Frees it. broken: other processes may not have requested sums that this one has; they are given up. */
     void (*leave)(block_group *g, bool broken);
 };
 

@@ -18,8 +18,8 @@ extern "C" {
 typedef enum { T_F32, T_F64, T_I32, T_I64, T_U8, T_BF16, T_F16 } dtype;
 enum { TENSOR_RANK = 5 };
 
-/* Memory that tensors lie in and host code cannot read: a GPU's. NULL where one of these is asked for is the
- * host's own. Work is done in the order it is asked for, kernels included; only download waits for it. */
+/* Memory that tensors lie in and host code cannot read: a GPU's. NULL where one of these is requested is the
+ * host's own. Work is done in the order it is requested, kernels included; only download waits for it. */
 struct block_kernels; /* tensor/block.h */
 struct block_groups;
 typedef struct {

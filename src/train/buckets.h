@@ -16,7 +16,7 @@ void buckets_free(buckets *b); /* NULL is fine */
 /* Between buckets_begin and buckets_finish, gradients that are final are summed: for tape_on_final. */
 void buckets_begin(buckets *b);
 void buckets_final(void *b, tensor *value);
-/* Sums the rest; what is asked for from now on comes behind all sums. */
+/* Sums the rest; what is requested from now on comes behind all sums. */
 sherf_status buckets_finish(context *c, buckets *b);
 
 #endif

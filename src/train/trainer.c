@@ -148,7 +148,7 @@ static sherf_status masks_look_over(trainer *t) {
     return SHERF_OK;
 }
 
-/* A preset that is asked for must be that of the weights; what a training measures itself is not compared. */
+/* A preset that is given must be that of the weights; what a training measures itself is not compared. */
 static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
     const char *colon = strchr(preset, ':');
     model_config wanted;
@@ -358,7 +358,7 @@ static sherf_status begin(trainer *t) {
     if (status != SHERF_OK) return status;
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
     if (t->state.pictures > 1 && !t->model->config.kind->reads_observed_px)
-        return failure(c, SHERF_UNSUPPORTED, "a %s takes one picture of a person, up to %d were asked for",
+        return failure(c, SHERF_UNSUPPORTED, "a %s takes one picture of a person, up to %d were requested",
                        t->model->config.kind->name, t->state.pictures);
     t->sampling.random_background = t->state.random_background;
     t->sampling.estimated = t->state.estimated;

@@ -52,7 +52,7 @@ static void avatar_write(context *c, const body_model *body, const char *path) {
     mem_free(mask.data);
 }
 
-/* plain: without the picture's detail; detailed: with it (NULL: not asked for), through several renderings.
+/* plain: without the picture's detail; detailed: with it (NULL: not requested), through several renderings.
  */
 static void render(context *c, const body_model *body, const char *path, sherf_frame *plain,
                    sherf_frame *detailed, size_t *values, float *sigma) {

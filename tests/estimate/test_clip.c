@@ -4,23 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "support.h"
-#include "data/data.h"
+#include "open_body.h"
 #include "estimate/clip_inside.h"
-
-static body_model *body;
-
-static int open_body(void **state) {
-    context *c = *state = test_context();
-    assert_ok(c, body_load(c, "../assets/body.safetensors", &body));
-    return 0;
-}
-
-static int close_body(void **state) {
-    sherf_body_free(body);
-    sherf_context_free(*state);
-    return 0;
-}
 
 /* ---- least squares of a path ---- */
 

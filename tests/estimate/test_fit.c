@@ -4,26 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "support.h"
-#include "data/data.h"
+#include "open_body.h"
+#include "base/vector3.h"
 #include "estimate/fit_inside.h"
 #include "sampling/sampling.h"
 
 enum { SIDE = 512 };
-static body_model *body;
-
-static int open_body(void **state) {
-    context *c = *state = test_context();
-    assert_ok(c, body_load(c, "../assets/body.safetensors", &body));
-    return 0;
-}
-
-static int close_body(void **state) {
-    sherf_body_free(body);
-    sherf_context_free(*state);
-    return 0;
-}
-
 /* Somebody, seen. turn_rad: about the vertical, 0 faces the camera. */
 typedef struct {
     double turn_rad, pitch_rad, distance_m, rise_m, focal_px, lean_rad, noise_px;
@@ -41,13 +27,6 @@ typedef struct {
     body_state truth; /* in the camera's frame */
     double joint[BODY_JOINTS][3], up[3];
 } shot;
-
-static void multiply3(const double a[9], const double b[9], double out[9]) {
-    double m[9];
-    for (int i = 0; i < 9; i++)
-        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-    memcpy(out, m, sizeof m);
-}
 
 static void pose_body(const scene *w, body_state *s) {
     const double turn[3] = {0, w->turn_rad, 0}, lean[3] = {w->lean_rad, 0, 0},

@@ -55,20 +55,23 @@ static double psnr_again(context *c, const sherf_dataset *d, const char *folder,
     return -10 * log10(sum / n);
 }
 
+/* Person 0 observed in pose 0, view 4, in these poses and views. */
+static sherf_eval_options one_person(const char *poses, const char *views) {
+    return (sherf_eval_options){.data = people.spec,
+                                .people = "0",
+                                .body = people.body,
+                                .model = people.weights,
+                                .observations = "0:4",
+                                .poses = poses,
+                                .views = views};
+}
+
 static void listed_pictures(void **state) {
     context *c = test_context();
     char folder[600], path[700];
     snprintf(folder, sizeof folder, "%s/out/listed", root);
-    sherf_eval_options o = {.data = people.spec,
-                            .people = "0",
-                            .body = people.body,
-                            .model = people.weights,
-                            .observations = "0:4",
-                            .poses = "0,2",
-                            .views = "0:2:3",
-                            .output = folder,
-                            .write_png = 1,
-                            .write_npy = 1};
+    sherf_eval_options o = one_person("0,2", "0:2:3");
+    o.output = folder, o.write_png = o.write_npy = 1;
     sherf_scores s;
     assert_ok(c, sherf_eval(c, &o, &s));
     assert_int_equal(s.novel_view.count, 2); /* views 0 and 2; 4 is observed */
@@ -122,15 +125,8 @@ static void several_pictures(void **state) {
     snprintf(folder, sizeof folder, "%s/out/several", root);
     snprintf(path, sizeof path, "%s/scores.json", folder);
     for (int i = 0; i < 2; i++) { /* of six views 4, and 1 on the other side */
-        const sherf_eval_options o = {.data = people.spec,
-                                      .people = "0",
-                                      .body = people.body,
-                                      .model = people.weights,
-                                      .observations = "0:4",
-                                      .poses = "0,2",
-                                      .views = "0:1:4",
-                                      .pictures = i + 1,
-                                      .output = folder};
+        sherf_eval_options o = one_person("0,2", "0:1:4");
+        o.pictures = i + 1, o.output = folder;
         assert_ok(c, sherf_eval(c, &o, &s[i]));
         assert_ok(c, json_read(c, path, &d[i]));
         sherf_free(s[i].table);
@@ -210,13 +206,7 @@ static double psnr_of(context *c, const sherf_eval_options *o) {
 /* As the release scores: with batch statistics, and a picture's PSNR rounded to three decimals. */
 static void scores_as_released(void **state) {
     context *c = test_context();
-    sherf_eval_options o = {.data = people.spec,
-                            .people = "0",
-                            .body = people.body,
-                            .model = people.weights,
-                            .observations = "0:4",
-                            .poses = "0",
-                            .views = "0"};
+    sherf_eval_options o = one_person("0", "0");
     const double psnr = psnr_of(c, &o);
     o.round_psnr = 1;
     assert_true(psnr_of(c, &o) == rint(psnr * 1000) / 1000);
@@ -242,13 +232,7 @@ static void the_protocol_as_far_as_it_goes(void **state) {
 
 static void mistakes_are_one_line(void **state) {
     context *c = test_context();
-    const sherf_eval_options good = {.data = people.spec,
-                                     .people = "0",
-                                     .body = people.body,
-                                     .model = people.weights,
-                                     .observations = "0:4",
-                                     .poses = "0",
-                                     .views = "0"};
+    const sherf_eval_options good = one_person("0", "0");
     sherf_scores s;
     size_t live = mem_live();
     sherf_eval_options o = good;
@@ -305,14 +289,8 @@ static void broken_people_are_named(void **state) {
     const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 2, .size_px = 48, .seed = 6};
     assert_ok(c, sherf_synth_tube(c, broken, &synth));
     snprintf(folder, sizeof folder, "%s/out_broken", root);
-    sherf_eval_options o = {.data = broken_spec,
-                            .people = "0",
-                            .body = people.body,
-                            .model = people.weights,
-                            .observations = "0:0",
-                            .poses = "0",
-                            .views = "1",
-                            .output = folder};
+    sherf_eval_options o = one_person("0", "1");
+    o.data = broken_spec, o.observations = "0:0", o.output = folder;
     sherf_scores scores;
     static uint8_t corner[48 * 48] = {1}; /* a mask that the body does not reach */
     snprintf(path, sizeof path, "%s/tube_000/mask_cihp/view00/000000.png", broken);

@@ -116,9 +116,9 @@ static size_t bytes_of(const safetensor *t) {
 
 /* A copy of `from`, again and again, into data of exactly the new size; false: it would be too much. */
 static bool take_data(changed *f, size_t i, const safetensor *from) {
-    enum { MOST = 1 << 20 };
+    enum { BYTES_MAX = 1 << 20 };
     const size_t bytes = bytes_of(&f->tensor[i]), there = bytes_of(from);
-    if (bytes > MOST) return false;
+    if (bytes > BYTES_MAX) return false;
     unsigned char *data = malloc(bytes + !bytes);
     if (!data) abort();
     for (size_t k = 0; k < bytes; k++) data[k] = there ? ((const unsigned char *)from->data)[k % there] : 0;

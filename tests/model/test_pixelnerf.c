@@ -293,7 +293,7 @@ static void settings_that_do_not_go_together(void **state) {
     sherf_context_free(c);
 }
 
-/* Drawn rays are distinct, at the box, as many as asked for, and of the mask as far as asked for; all samples
+/* Drawn rays are distinct, at the box, as many as requested, and of the mask as far as requested; all samples
  * of them are points, in order, and nothing else is. */
 static void rays_are_drawn(void **state) {
     context *c = test_context();

@@ -300,7 +300,7 @@ static void bf16_points(void **state) {
     check_run(&odd, ISA_AMX, true, 2e-5, 2e-6); /* tokens of 24 are not for tiles: it is in float32 */
 }
 
-/* Where bf16 is asked for and cannot be had: the bits of float32. */
+/* Where bf16 is requested and cannot be had: the bits of float32. */
 static void bf16_in_vain(void **state) {
     const size_t count = (size_t)narrow.m.points.count;
     float *y[2] = {malloc(count * 4 * sizeof(float)), malloc(count * 4 * sizeof(float))};

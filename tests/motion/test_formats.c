@@ -81,7 +81,7 @@ static void amass(void **state) {
     assert_float_equal(sherf_motion_shapes(m)[1], -0.25, 0);
     sherf_pose p;
     sherf_motion_pose(m, 0, &p);
-    assert_float_equal(p.shapes[0], 0, 0); /* not asked for */
+    assert_float_equal(p.shapes[0], 0, 0); /* not requested */
     sherf_motion_free(m);
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.their_shape = 1}, &m));
     sherf_motion_pose(m, 0, &p);

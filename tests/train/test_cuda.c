@@ -278,7 +278,7 @@ static void check_lack(context *c, const char *what, sherf_status status) {
     print_message("%s: %s\n", what, c->message);
     assert_int_equal(status, SHERF_NO_MEMORY);
     assert_non_null(strstr(c->message, "out of GPU memory: "));
-    assert_non_null(strstr(c->message, " MB asked for, "));
+    assert_non_null(strstr(c->message, " MB requested, "));
     assert_null(strchr(c->message, '\n'));
 }
 

@@ -329,7 +329,7 @@ static void a_damaged_checkpoint_gives_way_to_the_one_before(void **state) {
     assert_ok(c, sherf_train(c, &o));
     assert_true(difference(c, path_of("whole/checkpoint.safetensors"), now) == 0);
     flip_a_bit(now);
-    o.resume = now; /* asked for by name: no other is taken */
+    o.resume = now; /* requested by name: no other is taken */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "checkpoint.safetensors: damaged"));
     o.resume = NULL;

@@ -20,7 +20,7 @@ void *pinned_take(context *c, size_t bytes) {
     void *p = nullptr;
     if (cudaMallocHost(&p, bytes) == cudaSuccess) return p;
     cudaGetLastError(); /* forgets it */
-    failure(c, SHERF_NO_MEMORY, "out of memory: %.1f MB that the GPU can copy to were asked for",
+    failure(c, SHERF_NO_MEMORY, "out of memory: %.1f MB that the GPU can copy to were requested",
             (double)bytes / 1e6);
     return nullptr;
 }

@@ -106,7 +106,7 @@ __device__ inline void async_wait_but(int newest) {
         asm volatile("cp.async.wait_group 2;" ::: "memory");
 }
 
-/* `bytes` are asked for at the launch. */
+/* `bytes` are requested at the launch. */
 #define WIDE_SHARED(name, bytes) extern __shared__ __align__(128) unsigned char name[]
 
 template <typename... P, typename... A>

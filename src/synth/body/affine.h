@@ -7,19 +7,6 @@
 
 #include "base/vector3.h"
 
-static inline void rotate3(const double R[9], const double x[3], double out[3]) {
-    double y[3] = {dot3(R, x), dot3(R + 3, x), dot3(R + 6, x)};
-    memcpy(out, y, sizeof y);
-}
-
-static inline void multiply3(const double a[9], const double b[9], double out[9]) {
-    double y[9];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            y[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
-    memcpy(out, y, sizeof y);
-}
-
 static inline void turn3(const double axis[3], double angle_rad, double R[9]) {
     double s = sin(angle_rad), t = 1 - cos(angle_rad), a[3] = {axis[0], axis[1], axis[2]};
     unit3(a);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/path.h"
+#include "base/vector3.h"
 #include "synth/people/people.h"
 
 const char people_motions[] = "/usr/share/assimp/models/BVH";
@@ -13,13 +14,6 @@ static const char *const postures[] = {"akimbo01",   "fight01",    "fight03",   
                                        "run01",      "sit01",      "standing01", "standing02", "standing03",
                                        "standing04", "standing05", "standing06", "tpose"};
 static const char *const clips[] = {"01_01.bvh", "01_03.bvh"};
-
-static void multiply3(const double a[9], const double b[9], double out[9]) {
-    double m[9];
-    for (int i = 0; i < 9; i++)
-        m[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
-    memcpy(out, m, sizeof m);
-}
 
 static void transposed_times(const double a[9], const double b[9], double out[9]) {
     for (int i = 0; i < 3; i++)

@@ -1,4 +1,4 @@
-/* What share of the sky and of each lamp a place on a surface sees, traced when it is first asked for.
+/* What share of the sky and of each lamp a place on a surface sees, traced when it is first requested.
  *
  * A point holds its answer in one 64-bit word: a flag and four shares of 15 bits. Two threads that ask at
  * once both trace, and store the same word. */

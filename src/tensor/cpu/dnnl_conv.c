@@ -147,7 +147,7 @@ static dnnl_status_t convolution_build(plan *p, dnnl_engine_t engine) {
     return dnnl_success;
 }
 
-/* The plan in bf16 if asked for and there, else in float32 (which oneDNN always has). */
+/* The plan in bf16 if requested and there, else in float32 (which oneDNN always has). */
 static sherf_status plan_for(op_call *call, bool transpose, bool bf16, plan_pass pass, plan **out) {
     const tensor *x = call->in[0], *w = call->in[1];
     const conv2d_attr *a = transpose ? &(conv2d_attr){2, 0, 1} : call->attr;

@@ -36,7 +36,7 @@ inline sherf_status finished(op_call *call) {
 }
 
 #ifndef CUDA_EMULATED
-cudaStream_t stream(); /* one for the process, so that work is done in the order it is asked for */
+cudaStream_t stream(); /* one for the process, so that work is done in the order it is requested */
 
 template <typename... P, typename... A> void launch(void (*kernel)(P...), dim3 grid, dim3 block, A... args) {
     kernel<<<grid, block, 0, stream()>>>(args...);

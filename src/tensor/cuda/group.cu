@@ -105,7 +105,7 @@ static sherf_status join(context *c, const char given[GROUP_NAME], int rank, int
     return status;
 }
 
-/* `later` goes on behind what `earlier` has been asked for. */
+/* `later` goes on behind what has been put into `earlier`. */
 static sherf_status follow(context *c, block_group *g, cudaStream_t earlier, cudaStream_t later) {
     if (cudaEventRecord(g->passed, earlier) == cudaSuccess) cudaStreamWaitEvent(later, g->passed, 0);
     return finished(c, "the order of two streams");

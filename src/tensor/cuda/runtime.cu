@@ -44,7 +44,7 @@ void *device_take(context *c, size_t bytes) {
         failure(c, SHERF_NO_MEMORY, "GPU memory, %.1f MB: CUDA says: %s", (double)bytes / 1e6,
                 cudaGetErrorString(code));
     else
-        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
+        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB requested, %.1f of %.1f MB are free",
                 (double)bytes / 1e6, (double)free_bytes / 1e6, (double)all_bytes / 1e6);
     return nullptr;
 }

@@ -106,7 +106,7 @@ static void step_into(int i) {
     threadIdx = dim3(i % blockDim.x, i / blockDim.x % blockDim.y, i / blockDim.x / blockDim.y);
 }
 
-/* The next thread in the order that is asked for. */
+/* The next thread in the order that is requested. */
 static int fresh_take() {
     const int i = cuda_emulated_order ? fresh_count - 1 : thread_count - fresh_count;
     fresh_count--;
@@ -436,7 +436,7 @@ void *device_take(context *c, size_t bytes) {
     const bool room = !cuda_emulated_bytes || in_use + rounded <= cuda_emulated_bytes;
     region r;
     if (!room || !region_map(rounded, &r)) {
-        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB asked for, %.1f of %.1f MB are free",
+        failure(c, SHERF_NO_MEMORY, "out of GPU memory: %.1f MB requested, %.1f of %.1f MB are free",
                 (double)bytes / 1e6, (double)(cuda_emulated_bytes - in_use) / 1e6,
                 (double)cuda_emulated_bytes / 1e6);
         return nullptr;

@@ -1,5 +1,5 @@
 /* NCCL's part, played by MPI. A sum is taken as late as it may be, and whoever has touched its values since
- * it was asked for is found. */
+ * it was requested is found. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

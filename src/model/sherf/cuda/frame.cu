@@ -1,5 +1,5 @@
 /* Frames of an avatar on the GPU: pose, rays, points, the network in rounds of a few points a ray,
- * compositing. The picture and a handful of numbers come back at the end, and nothing is asked for before.
+ * compositing. The picture and a handful of numbers come back at the end, and nothing is requested before.
  * Room for the points is a guess: where it was too small the numbers say so, and the frame is made again with
  * more. */
 #include <stdio.h>

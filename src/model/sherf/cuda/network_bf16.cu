@@ -6,7 +6,7 @@
  *   shared memory, paper's sizes: three stages of the decoder's weights, 3 x 16 KB, that come round and round
  * by asynchronous copies while the stage before is used (21 stages of four k-tiles, 344 KB a tile of 128
  * points); the fusion's weights and all biases to stay, 27 KB; encodings on their way into fragments, 8
- * x 1.75 KB. 89 KB in all; 104 KB are asked for. registers: sums of a layer 64, its input 32, the decoder's
+ * x 1.75 KB. 89 KB in all; 104 KB are requested. registers: sums of a layer 64, its input 32, the decoder's
  * first input (kept for the skip) 20, token 1 8; with addresses and weights on their way nvcc 13 takes 231 to
  * 243 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of
  * weights is read by each warp for 16 points: 256 bytes a product of 2048, which keeps shared memory (128

@@ -218,7 +218,7 @@ void session_text(const char *what, const char *path, const char *text) {
     session_json(json);
 }
 
-/* The folder of the running program, "" where it cannot be told. */
+/* The folder of the running program; "" if unknown. */
 static const char *program_folder(void) {
     static char folder[4000];
     const ssize_t n = readlink("/proc/self/exe", folder, sizeof folder - 1);

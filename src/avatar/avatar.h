@@ -13,7 +13,7 @@ typedef struct {
     int width, height;
     uint8_t *data;
 } fine_picture;
-/* An avatar that is not drawn by its network (baked/): what a frame, a file and an end are there. */
+/* An avatar that is not drawn by its network (baked/): how it is rendered, saved and freed. */
 typedef struct {
     const char *name;
     sherf_status (*render)(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
@@ -38,7 +38,7 @@ struct sherf_avatar {
     observed_sheet sheet;              /* where features are read */
     const field_kind *field_kind;
     void *field; /* answers its points, for the context that it was made or loaded in */
-    /* Made when a frame first needs them, under locks of their own: an avatar is for any thread. */
+    /* Made when a frame first needs them, under locks of their own: any thread may use an avatar. */
     struct lazy_occupancy *occupancy;
     struct lazy_detail *detail;
     uint64_t variant; /* what was not seen, of several guesses (detail.h); 0: the best one */

@@ -12,8 +12,8 @@ static const double scale_tolerance = 1.25;
 static const double large = 1.15;
 /* Room round the body for clothes and hair, in metres. */
 static const double margin_m = 0.15;
-/* The picture before it was scaled is kept for the detail: at most twice as large, and this many pixels wide;
- * not where it is hardly larger. */
+/* The picture before scaling is kept for the detail, at most twice as large and this many pixels wide, unless
+ * it is hardly larger. */
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
 static const double fine_min = 1.2;
 

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* Two texels side by side on the surface are no further apart than so many times what most are. */
+/* Two texels side by side on the surface are at most this many times the usual distance apart. */
 static const float apart_max = 3;
 
 static float square_apart(const float *p, const float *q) {

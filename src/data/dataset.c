@@ -1,5 +1,5 @@
-/* Data sets behind one door: people, views, poses. Everything is read when it is requested; the
- * records of people are kept behind a lock, so that several contexts can share one data set. */
+/* Data sets of all layouts behind one interface: people, views, poses. Everything is read on request. Records
+ * of people are cached under a lock, so that several contexts can share a data set. */
 #include <stdio.h>
 #include <string.h>
 

@@ -10,7 +10,7 @@
 
 enum { DATASET_PEOPLE_MAX = 100000, DATASET_VIEWS_MAX = 10000, DATASET_POSES_MAX = 1000000 };
 
-/* What is known of one person once anything of his is requested. Never changes afterwards. */
+/* What is known of a person after the first request. It never changes afterwards. */
 typedef struct {
     int poses, views;
     parsed_camera *camera; /* views; T in metres */

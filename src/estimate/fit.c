@@ -96,7 +96,7 @@ static double standing_of(const body_fit_input *in) {
     return min;
 }
 
-/* A trunk that stands upright in the picture most likely does so in depth. */
+/* A trunk that is upright in the picture is most likely upright in depth. */
 static double upright_of(const body_fit_input *in) {
     const landmark *l = in->person->landmark;
     double trunk[2];
@@ -331,7 +331,7 @@ static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equati
     }
     if (!(min < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
     p->weight_mask = 100;
-    if (!begun) p->weight_3d = 0.35; /* their depths have served to tell which way the limbs go */
+    if (!begun) p->weight_3d = 0.35; /* their depths have decided which way the limbs go */
     for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {
         p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
         ray_of(p, exp(best->log_focal));

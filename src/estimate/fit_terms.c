@@ -1,6 +1,6 @@
-/* What the fit wants: each term is rows of residuals in units of their spread, with derivatives by the
- * unknowns. Robust ones count k^2 log(1 + r^2 / k^2) instead of r^2 ("tail" k), so that what is far off gives
- * way. */
+/* The terms of the fit's cost. Each has rows of residuals in units of their spread, with derivatives by the
+ * unknowns. Robust ones count k^2 log(1 + r^2 / k^2) instead of r^2 ("tail" k), so that outliers lose weight.
+ */
 #include <math.h>
 #include <string.h>
 

@@ -6,7 +6,7 @@
 
 /* Joints are the body's 24 in metres, both bodies' in one frame: the observed camera's. */
 typedef struct {
-    double joints_mm;   /* mean distance of the 23 joints below the pelvis, pelvises brought together */
+    double joints_mm;   /* mean distance of the 23 joints below the pelvis, pelvises aligned */
     double aligned_mm;  /* of all 24, after the rotation, scale and translation that fit best (Procrustes) */
     double lean_deg;    /* angle between the trunks: middle of the hips to neck */
     double forward_deg; /* how much of it is forward, as the true person sees it; backward is negative */

@@ -129,7 +129,7 @@ static void comparison_free(comparison *k) {
     mem_free(k->truth);
 }
 
-/* A picture whose mask is empty or full says nothing of a person who is in it. */
+/* A picture whose mask is empty or full does not show the person. */
 static sherf_status truth_check(evaluation *e, const data_view *truth, const posed_body *posed, int person,
                                 picture p) {
     context quiet = {.threads = 1}, *c = e->c;

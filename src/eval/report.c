@@ -73,8 +73,8 @@ sherf_score report_mean(const report *r, int kind, int person, bool novel_pose) 
     return mean;
 }
 
-/* By how much the model is better than the better baseline in each number (which need not be the same one):
- * positive is better also where small numbers are good. */
+/* The model's gain over the better baseline in each number (the better one may differ between numbers).
+ * Positive is better, also where smaller numbers are. */
 static sherf_score report_gain(const report *r, int person, bool novel_pose) {
     const sherf_score m = report_mean(r, SCORE_MODEL, person, novel_pose);
     const sherf_score a = report_mean(r, SCORE_MEAN_COLOR, person, novel_pose);

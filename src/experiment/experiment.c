@@ -141,7 +141,7 @@ static cJSON *settings_json(const experiment_job *j) {
     return NULL;
 }
 
-/* The name of what the file says otherwise, or NULL. Older programs wrote less. */
+/* The first setting that has another value in the file, or NULL. Older programs wrote fewer. */
 static const char *settings_differ(const cJSON *now, const cJSON *old) {
     const cJSON *item;
     if (!cJSON_IsObject(old)) return "what it holds";

@@ -82,7 +82,7 @@ static sherf_status number_read(context *c, const char *path, const char *key, d
 }
 
 /* ---- how many steps fit in so many minutes ---- */
-/* A few steps in a folder that goes again: the median, if it is below *seconds. */
+/* A few steps in a temporary folder; *seconds becomes their median where that is lower. */
 static sherf_status step_measure(experiment_job *j, const run *r, double *seconds) {
     enum { STEPS_MAX = 1000 };
     char folder[PATH_LENGTH], log[PATH_LENGTH];
@@ -135,8 +135,8 @@ static bool step_is_wanted(const experiment_job *j, const run *r, const run *lis
            run_path(j, r, "finished.json", finished) == SHERF_OK && !path_is_file(finished);
 }
 
-/* All that are not known, in turn and three times over, so that a machine's other work falls on each; the
- * least median of a method counts. */
+/* All unknown ones in turn, three times over, so that other work on the machine affects each alike. A
+ * method's least median counts. */
 sherf_status steps_ready(experiment_job *j) {
     enum { RUNS_MAX = 2 * EXPERIMENT_METHODS, ROUNDS = 3 };
     run wanted[RUNS_MAX], r, one;

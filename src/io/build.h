@@ -1,5 +1,5 @@
-/* build: making value trees. Readers take memory for values from a builder, which keeps to a limit that grows
- * with the file, so that a small hostile file cannot ask for much. Errors stick to the builder. */
+/* build: making value trees. Readers take memory for values from a builder. Its limit grows with the file, so
+ * a small hostile file cannot claim much. Errors stick to the builder. */
 #ifndef SHERF_BUILD_H
 #define SHERF_BUILD_H
 

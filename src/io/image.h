@@ -51,7 +51,7 @@ enum { IMAGE_KIND_BYTES = 256 };
 /* "PNG", "JPEG", "WebP", "HEIC", "AVIF", or NULL for what is not read. */
 const char *image_kind(const unsigned char *data, size_t n);
 const char *image_file_kind(const char *path); /* NULL also where the file cannot be read */
-/* Of what is not read, what it is, as "a GIF"; NULL when it is not known. */
+/* Names a format that is not read, as "a GIF"; NULL: unknown. */
 const char *image_other_kind(const unsigned char *data, size_t n);
 
 /* The same as the message of a failure, where it is known; a text that may be a pickle keeps its own. */

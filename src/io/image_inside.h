@@ -26,7 +26,7 @@ typedef struct {
     size_t profile_bytes;
     int primaries; /* of HEIC and AVIF without one: H.273's code, 0 for none */
     profile_fate profile_fate;
-    exif_facts exif; /* its orientation: how the decoded picture still is to be turned */
+    exif_facts exif; /* its orientation: how the decoded picture has yet to be turned */
 } image_decoder;
 
 /* These set d->status, and take it on success to d->out. */

@@ -1,5 +1,5 @@
-/* json: cJSON's tree copied into ours. cJSON itself takes NaN for a name and would let 1e999 through as
- * infinity, nests by recursion and does not mind what comes after the text; all that is looked at here. */
+/* json: cJSON's tree copied into ours. cJSON reads NaN as a name, lets 1e999 through as infinity, recurses
+ * into nesting and ignores what follows the text; all of this is checked here. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <string.h>

@@ -179,7 +179,7 @@ typedef struct {
 typedef struct {
     float mask_weight; /* the loss is mean squared colour, of both passes, and this x mean squared opacity -
                           mask */
-    int rays;          /* of an observed person, drawn anew for each image and shared among its targets */
+    int rays;          /* of an observed person, drawn anew for each sample and shared among its targets */
     float rays_inside; /* this part of them from the mask */
     bool jitter;       /* as ray_draw's */
     int batch;         /* samples a step */

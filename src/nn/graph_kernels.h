@@ -1,4 +1,4 @@
-/* graph_kernels: what a graph's nodes compute that are no convolutions. For nn/graph.c. */
+/* graph_kernels: what a graph's nodes other than convolutions compute. For nn/graph.c. */
 #ifndef SHERF_GRAPH_KERNELS_H
 #define SHERF_GRAPH_KERNELS_H
 

@@ -127,7 +127,7 @@ sherf_status body_shown(context *c, const body_model *body, const float *vertice
 
 /* ---- which picture shows a vertex best ---- */
 enum { PICTURES_MAX = 127, EVEN_ROUNDS = 4 };
-/* A picture that most neighbours are read in is taken where it shows the vertex at least so well. */
+/* The picture in which most neighbours are read is taken where it shows the vertex at least this well. */
 static const float nearly_as_well = 0.5f;
 
 typedef struct {

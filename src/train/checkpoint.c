@@ -114,7 +114,7 @@ static sherf_status state_parse(context *c, const safetensors *f, train_state *s
     s->learning_rate = rate ? strtod(rate, &end) : 0;
     if (!rate || !*rate || *end || !(s->learning_rate > 0) || !isfinite(s->learning_rate))
         return failure(c, SHERF_BAD_FILE, "learning_rate is missing or not a positive number");
-    s->estimated = share ? strtod(share, &end) : 0; /* older ones have none */
+    s->estimated = share ? strtod(share, &end) : 0; /* older files have none */
     if (share && (!*share || *end || !(s->estimated >= 0 && s->estimated <= 1)))
         return failure(c, SHERF_BAD_FILE, "estimated is not a share between 0 and 1");
     s->beta2 = beta2 ? strtod(beta2, &end) : 0;

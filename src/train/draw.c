@@ -2,7 +2,7 @@
 #include "data/dataset.h"
 #include "train/draw.h"
 
-/* Black is what people are looked at before most of all, so random backgrounds are black this often. */
+/* People are most often looked at before black, so random backgrounds are black this often. */
 enum { BLACK_ONE_IN = 4 };
 
 void sampling_free(sampling *s) {

@@ -1,5 +1,5 @@
-/* Films: the motion, or a turn round the body, as MP4. They are written to a folder of the viewer's own, and
- * a finished one loses its name there at once: what is left is an open file, which ends with the program. */
+/* Films: the motion, or a turn round the body, as MP4. They are written to a temporary folder. A finished one
+ * is unlinked at once: what remains is an open file, which ends with the program. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>

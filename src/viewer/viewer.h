@@ -1,7 +1,7 @@
-/* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands
- * out answers (server.c), and the one in sherf_viewer_run, which renders (viewer.c; studio.c, film.c).
- * Between them stands the desk (desk.c): at most one picture a client is under way, a newer request takes the
- * place of an older one, and clients take turns, a band of a picture each. */
+/* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands out
+ * answers (server.c), and the one in sherf_viewer_run, which renders (viewer.c; studio.c, film.c). The desk
+ * (desk.c) stands between them: each client has at most one picture under way, a newer request replaces an
+ * older one, and clients take turns, a band of a picture each. */
 #ifndef SHERF_VIEWER_H
 #define SHERF_VIEWER_H
 

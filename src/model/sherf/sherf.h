@@ -48,7 +48,7 @@ extern const model_setting model_sherf_setting_list[];
 void model_sherf_defaults(model_config *out);
 sherf_status model_sherf_check(context *c, const model_config *config);
 sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *out);
-/* Whether the fused network has these settings; where it has not, points go op by op. */
+/* Whether the fused network supports these settings; otherwise points go op by op. */
 bool model_sherf_is_fused(const model_config *config);
 void model_sherf_sizes(const model_config *config, radiance_sizes *out);
 /* Multiply-adds of a point behind what is done once an avatar (docs/speed.md). */

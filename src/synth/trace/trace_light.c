@@ -11,7 +11,7 @@ enum { PACKET = 16, SHARE_BITS = 15, SHARE_MAX = (1 << SHARE_BITS) - 1 };
 static const uint64_t traced = (uint64_t)1 << 63;
 /* Origins of shadow rays stand off the surface by so much. */
 static const float standoff_m = 0.0006f;
-/* Rays to a lamp leave at least so steeply (sine): below, the shading's own cosine darkens. */
+/* Rays to a lamp leave the surface at least this steeply (sine); below it, shading's own cosine darkens. */
 static const float steepness = 0.06f;
 
 /* Between points that agree so well, and are no farther apart than so many spacings, nothing is traced. */

@@ -13,8 +13,8 @@ struct sorted {
     const int32_t *key, *entry;
 };
 
-/* Sorts keys in [0, places]; `places` is for entries that go nowhere. The keys are changed. False: memory
- * lacks. */
+/* Sorts keys in [0, places]; `places` is for entries that go nowhere. The keys are changed. False: out of
+ * memory. */
 bool sort_keys(op_call *call, int64_t count, int64_t places, int32_t *key, sorted *out);
 
 /* The first entry of at least this key, for kernels. */

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tools/check_calls.sh FOLDER: no source file calls one that calls it, directly or through others. Read from the sources'
-# object files below FOLDER (build/CMakeFiles/sherf_objects.dir); a table of functions counts as calls of them.
+# tools/check_calls.sh FOLDER: no source file calls one that calls it, directly or through others. Read from the object
+# files below FOLDER (build/CMakeFiles/sherf_objects.dir); a table of functions counts as calls of them.
 set -eu
 objects=$(cd "$1" && pwd)
 cd "$(dirname "$0")/.."
@@ -20,7 +20,9 @@ END {
         split(use[i], part, " ")
         if (part[2] in home && home[part[2]] != part[1]) print part[1], home[part[2]]
     }
-}' | tsort 2>&1 >/dev/null | awk '/contains a loop/ { n++; next } n == 1 { sub(/^tsort: /, ""); sub(/\.o:$/, ""); print }') || true
+}' | tsort 2>&1 >/dev/null | awk '
+/contains a loop/ { loops++; next }
+loops == 1 { sub(/^tsort: /, ""); sub(/\.o:?$/, ""); print }') || true
 if [ -n "$circle" ]; then
     printf 'files that call each other in a circle:\n%s\n' "$circle" >&2
     exit 1

@@ -198,13 +198,13 @@ SHERF_API sherf_status sherf_estimate_picture(sherf_context *c, const sherf_esti
                                               const sherf_body *body, const sherf_image *photo,
                                               const sherf_image *mask, const sherf_estimate_options *options,
                                               sherf_estimate **out);
-/* Of photos of one person: one shape for all, the mean of theirs as far as each says something of it, and
- * each body fitted anew with it. body: the one they were estimated with. After an error they are good for
- * nothing but sherf_estimate_free. */
+/* Of photos of one person: gives all one shape, the mean of theirs weighted by how much each photo says of
+ * it, and fits each body again with that shape. body: the one they were estimated with. After an error they
+ * may only be freed. */
 SHERF_API sherf_status sherf_estimate_share_shape(sherf_context *c, const sherf_body *body, int count,
                                                   sherf_estimate *const *estimates);
 SHERF_API void sherf_estimate_free(sherf_estimate *e);
-/* These are e's. The picture has its background, and the person's own colours at the person's rim. */
+/* Owned by e. The picture has its background, with the person's own colours at the rim. */
 SHERF_API const sherf_image *sherf_estimate_image(const sherf_estimate *e); /* H x W x 3 */
 SHERF_API const sherf_image *sherf_estimate_mask(const sherf_estimate *e);  /* H x W x 1, soft */
 SHERF_API const sherf_camera *sherf_estimate_camera(const sherf_estimate *e);
@@ -244,10 +244,10 @@ typedef struct {
     double seconds[3]; /* frames and networks; fits; smoothing */
 } sherf_clip_facts;
 /* A video of one person, taken by a camera that does not move, to a smoothed motion: an npz as
- * sherf_motion_save writes it, with the person's shape; y was up and the floor at 0, the first frame's pelvis
- * above the origin, the camera on the side of +z (z up, -y in the file). networks: blazepose.safetensors.
- * MP4, MOV, WebM, MKV, AVI, GIF and more; at most 36000 frames. Nobody there: SHERF_BAD_FILE. options and
- * facts may be NULL. */
+ * sherf_motion_save writes it, with the person's shape. Its world has y up, the floor at 0, the first frame's
+ * pelvis above the origin and the camera on the side of +z (in the file: z up, -y). networks:
+ * blazepose.safetensors. MP4, MOV, WebM, MKV, AVI, GIF and more; at most 36000 frames. Nobody there:
+ * SHERF_BAD_FILE. options and facts may be NULL. */
 SHERF_API sherf_status sherf_estimate_clip(sherf_context *c, const char *networks, const sherf_body *body,
                                            const char *video, const sherf_clip_options *options,
                                            const char *output, sherf_clip_facts *facts);
@@ -263,10 +263,11 @@ SHERF_API sherf_status sherf_model_save(sherf_context *c, const sherf_model *mod
 SHERF_API void sherf_model_free(sherf_model *model);
 SHERF_API int64_t sherf_model_parameter_count(const sherf_model *model);
 
-/* Pictures are of any size, but a network knows people as large as those it was trained on. *out: the
- * observation cut out round the person and scaled to that size (weights keep it), its camera with it; a copy
- * where it is about that large already, or the weights do not say (the authors', which were trained on whole
- * pictures of the data set's size). body: for where the person stands. Free with sherf_observation_free. */
+/* Pictures may have any size, but a network works best on people of the size it was trained on. *out: the
+ * observation, cut out around the person and scaled to that size (weights keep it), with its camera; a copy
+ * where it has about that size already, or where the weights do not say (the authors', which were trained on
+ * whole pictures of the data set's size). body: for where the person stands. Free with
+ * sherf_observation_free. */
 SHERF_API sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *model,
                                               const sherf_body *body, const sherf_observation *observation,
                                               sherf_observation **out);
@@ -283,10 +284,11 @@ SHERF_API sherf_status sherf_avatar_create_several(sherf_context *c, const sherf
                                                    const sherf_body *body, int count,
                                                    const sherf_observation *const *observations,
                                                    sherf_avatar **out);
-/* What no picture shows may look in several ways. 0, the default, is the best single guess; every other seed
- * is one of the plausible ones, always the same: brightness and pattern differ where nothing was seen, and
- * what was seen is left alone. Frames with detail, baked forms and exports show it, and the avatar's file
- * keeps it. Not while another thread uses the avatar. SHERF_UNSUPPORTED: it is baked; choose before. */
+/* Chooses how unseen parts look. 0, the default, is the best single guess; every other seed is a plausible
+ * variant, always the same one. Variants differ in brightness and pattern where nothing was seen; seen parts
+ * stay as they are. Frames with detail, baked forms and exports show the variant, and the avatar's file keeps
+ * it. Not to be called while another thread uses the avatar. SHERF_UNSUPPORTED: it is baked; choose before
+ * baking. */
 SHERF_API sherf_status sherf_avatar_choose(sherf_context *c, sherf_avatar *avatar, uint64_t variant);
 SHERF_API uint64_t sherf_avatar_variant(const sherf_avatar *avatar);
 SHERF_API sherf_status sherf_avatar_save(sherf_context *c, const sherf_avatar *avatar, const char *path);
@@ -297,9 +299,9 @@ SHERF_API void sherf_avatar_free(sherf_avatar *avatar);
 
 /* An avatar in another form: a skinned surface with a texture, which is drawn in milliseconds without the
  * network. sherf_render, sherf_animate and sherf_avatar_save take it as any avatar, sherf_avatar_load reads
- * its file. Exact frames, sherf_export and the viewer need the avatar that it was baked of, and say so. The
- * surface keeps the person's shape, and does not have what a body's vertices move with its pose beside the
- * joints (SMPL's blend shapes). body: as given to sherf_avatar_create. options may be NULL. */
+ * its file. Exact frames, sherf_export and the viewer refuse it: they need the avatar it was baked from. The
+ * surface keeps the person's shape, but not the pose-dependent offsets of a body's vertices (SMPL's blend
+ * shapes). body: as given to sherf_avatar_create. options may be NULL. */
 typedef struct {
     int resolution; /* cells of the density along the body's longest side; 0: 256 */
     int triangles;  /* 0: 40000 */
@@ -318,9 +320,10 @@ enum {
     SHERF_SAMPLES_AUTO = -1, /* the model's number, and more where its steps would be longer than 12 mm */
     SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
 };
-/* Whether what the observed picture shows and the network's soft colours do not is given back where a frame,
- * or an exported surface, shows what was seen; and frames are cleared of the faint haze round the person,
- * their opacity made firm. Beyond the paper; for people to look at, not for its scores. */
+/* Whether detail of the observed picture that the network's soft colours lack is given back where a frame, or
+ * an exported surface, shows what was seen. Frames are also cleared of the faint haze around the person, and
+ * their opacity is made firm. This goes beyond the paper: it is for people to look at, not for the paper's
+ * scores. */
 enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
     float background[3]; /* RGB in [0, 1]; black is the paper's */
@@ -354,10 +357,9 @@ typedef struct {
     double fps;
     int alpha; /* non-zero: frames have 4 channels; .webm, .mov and .gif only (GIF: opaque or not at all) */
 } sherf_video_options;
-/* What a name asks for where frames are written: a picture (.png, .jpg, .jpeg, .webp), a video (.mp4, .webm,
- * .mov, .gif), a folder of pictures, or another kind of file, which is not written (.avi, .tiff, .v2): up to
- * five letters and digits behind the last point. A folder that is there, or a name that ends with '/', is a
- * folder. */
+/* What the name of an output means: a picture (.png, .jpg, .jpeg, .webp), a video (.mp4, .webm, .mov, .gif),
+ * a folder of pictures, or a kind of file that is not written (.avi, .tiff, .v2: up to five letters and
+ * digits behind the last point). A folder that is there, or a name that ends with '/', is a folder. */
 typedef enum {
     SHERF_OUTPUT_FOLDER,
     SHERF_OUTPUT_PICTURE,
@@ -478,7 +480,7 @@ typedef struct {
     double seconds[4]; /* density and surface; reduction; skin and charts; colours. The rest is the file */
 } sherf_exported;
 
-/* The big pose and mean shape, in which an avatar's features are kept: for options.pose. */
+/* The canonical pose and mean shape, in which an avatar's features are kept: for options.pose. */
 SHERF_API void sherf_pose_canonical(sherf_pose *out);
 /* The avatar's surface, or splats on it, as a file for other programs. Metres; in rest pose +y up and the
  * person facing +z. The surface is closed and manifold. The file appears whole or not at all. options and out
@@ -488,8 +490,8 @@ SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar
                                     sherf_exported *out);
 
 /* ---------------------------------------------------------------- cameras and animation -------------- */
-/* `cameras` cameras on a circle round the body in all of the poses, in the world of the first one: azimuth 0
- * looks at its front, up is the world's axis nearest to its own up. */
+/* `cameras` cameras on a circle around the body in all of the poses, in the world of the first pose: azimuth
+ * 0 looks at its front, and up is the world's axis nearest to the body's own up. */
 typedef struct {
     double azimuth_rad, elevation_rad; /* of the first camera */
     double distance_m;                 /* 0: what shows all of the body in every pose */
@@ -529,8 +531,8 @@ typedef struct {
     double points;   /* that met the network, on average */
 } sherf_animate_result;
 /* Renders the motion to `output`: .mp4, .webm, .gif, or else a folder of frame_0000.png, ... Frames are
- * encoded on a thread of their own while the next ones are rendered. When cancelled, what there is is
- * finished, and the status is SHERF_CANCELLED. options and result may be NULL. */
+ * encoded on a thread of their own while the next ones are rendered. When cancelled, the output is finished
+ * with the frames so far, and the status is SHERF_CANCELLED. options and result may be NULL. */
 SHERF_API sherf_status sherf_animate(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                      const sherf_motion *motion, const sherf_animate_options *options,
                                      const char *output, sherf_animate_result *result);

@@ -1,14 +1,15 @@
 /* baked: an avatar as a surface or as splats, with colours and a skin; export/ writes them to files.
  * The way of the data: density on a canonical grid (field.c), its level (level.c, solid.c) -> closed surface
- * (cubes.c, surface.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats (splats.c),
- * coloured by short rays along the normals (bake.c). Spaces as in body/body.h: positions are _canonical until
- * skin_pose takes them to a posed body's world. */
+ * (scene/cubes.h, surface.c) -> fewer triangles (reduce.c), skin (skin.c), atlas (atlas.c) or splats
+ * (splats.c), coloured by short rays along the normals (bake.c). Spaces as in body/body.h: positions are
+ * _canonical until skin_pose takes them to a posed body's world. */
 #ifndef SHERF_BAKED_H
 #define SHERF_BAKED_H
 
 #include <math.h>
 
 #include "avatar/avatar.h"
+#include "scene/cubes.h"
 
 enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX = 200000000 };
 
@@ -19,28 +20,18 @@ enum { EXPORT_RESOLUTION_MIN = 16, EXPORT_RESOLUTION_MAX = 768, FIELD_POINTS_MAX
 sherf_status field_query(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma);
-/* A regular grid: point (x, y, z) lies at min + step_m (x, y, z); value[(z * size[1] + y) * size[0] + x]. */
-typedef struct {
-    int size[3]; /* x y z */
-    float min[3], step_m;
-    float *value;
-} field_grid;
-void field_grid_free(field_grid *g);
-static inline size_t field_at(const field_grid *g, int x, int y, int z) {
-    return ((size_t)z * (size_t)g->size[1] + (size_t)y) * (size_t)g->size[0] + (size_t)x;
-}
 /* Density, max(0, sigma), over the canonical body's box, `resolution` cells along its longest side, with two
  * layers of empty points around. The body's core, which lies 15 mm below its skin or more, counts as solid:
  * it has a negative value, and the network is not queried. */
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *body, int resolution,
-                           field_grid *out);
+                           cubes_grid *out);
 /* The density at which the surface's silhouettes are those of the frames: along the three axes, a column of
  * the grid whose largest density is above it should be one that is half opaque or more. At least 1 per metre.
  */
-sherf_status field_level(context *c, const field_grid *g, float *level);
+sherf_status field_level(context *c, const cubes_grid *g, float *level);
 /* Divides the densities by what they should be where the surface is, as a share of `level`, so that the
  * surface at `level` has the frames' silhouettes in every direction. Smooth over some 3 cm. */
-sherf_status field_level_places(context *c, field_grid *g, float level);
+sherf_status field_level_places(context *c, cubes_grid *g, float level);
 /* Densities from 0 to infinity onto 0 to 2 level, the level onto itself: between grid points they are nearly
  * linear then, and blurring moves the surface little. */
 static inline float field_saturate(float density, float level) {
@@ -50,27 +41,13 @@ static inline float field_desaturate(float value, float level) {
     return level * value / fmaxf(2 * level - value, 1e-3f * level);
 }
 /* 1 2 1 along each axis; the rim stays. */
-void field_smooth(const context *c, field_grid *g);
+void field_smooth(const context *c, cubes_grid *g);
 /* Marks the points below `level` that the rim reaches through others; the rim itself becomes empty. outside:
  * zeroed, one byte a point. */
-sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outside);
+sherf_status field_flood(context *c, cubes_grid *g, float level, uint8_t *outside);
 /* Smooths by 1 2 1 along each axis; then what cannot be reached from the rim through points below `level`
  * becomes solid, so that the surface has no cavities. */
-sherf_status field_solidify(context *c, field_grid *g, float level);
-
-/* ---- surfaces ---- */
-typedef struct {
-    int64_t vertices, triangles;
-    float *position;    /* V x 3 */
-    float *normal;      /* V x 3, unit, outwards; NULL until made */
-    uint32_t *triangle; /* T x 3, counter-clockwise seen from outside */
-} surface;
-void surface_free(surface *s);
-
-/* ---- cubes.c: marching cubes ---- */
-/* The surface where the grid's value is `level`, solid above it: closed (every edge has two triangles, every
- * vertex one fan), oriented, as long as the grid's outermost points are below the level. */
-sherf_status cubes_surface(context *c, const field_grid *g, float level, surface *out);
+sherf_status field_solidify(context *c, cubes_grid *g, float level);
 
 /* ---- surface.c ---- */
 /* Twice the triangle's area times its normal. */
@@ -80,7 +57,7 @@ void surface_cross(const surface *s, int64_t t, double out[3]);
 sherf_status surface_keep_large(context *c, surface *s, double share, int *dropped);
 /* Unit normals of the vertices from the grid's gradient, downhill, where it is steep enough, else from the
  * triangles; those alone when g is NULL. */
-sherf_status surface_normals(context *c, surface *s, const field_grid *g);
+sherf_status surface_normals(context *c, surface *s, const cubes_grid *g);
 /* ---- reduce.c ---- */
 /* To so many triangles, or as few as can be without spoiling the surface: closed and manifold it stays.
  * Normals are dropped. */

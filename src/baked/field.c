@@ -66,15 +66,10 @@ sherf_status field_query(context *c, const sherf_avatar *a, const body_model *bo
 }
 
 /* ---- the grid ---- */
-void field_grid_free(field_grid *g) {
-    mem_free(g->value);
-    *g = (field_grid){0};
-}
-
-static sherf_status grid_make(context *c, const body_model *body, int resolution, field_grid *g) {
+static sherf_status grid_make(context *c, const body_model *body, int resolution, cubes_grid *g) {
     enum { RIM = 2 };
     float max[3], longest = 0;
-    *g = (field_grid){0};
+    *g = (cubes_grid){0};
     if (resolution < EXPORT_RESOLUTION_MIN || resolution > EXPORT_RESOLUTION_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "resolution %d: must be %d to %d", resolution,
                        EXPORT_RESOLUTION_MIN, EXPORT_RESOLUTION_MAX);
@@ -96,13 +91,13 @@ static sherf_status grid_make(context *c, const body_model *body, int resolution
 
 typedef struct {
     const vertex_grid *near; /* of the canonical vertices, answers within the shell only: quick far outside */
-    const field_grid *g;
+    const cubes_grid *g;
     int32_t *nearest; /* of the grid's points */
 } shell_job;
 
 static void shell_range(void *arg, int64_t begin, int64_t end, int thread) {
     const shell_job *j = arg;
-    const field_grid *g = j->g;
+    const cubes_grid *g = j->g;
     for (int64_t row = begin; row < end; row++) {
         int y = (int)(row % g->size[1]), z = (int)(row / g->size[1]);
         int32_t guess = -1;
@@ -110,13 +105,13 @@ static void shell_range(void *arg, int64_t begin, int64_t end, int thread) {
             float p[3] = {g->min[0] + g->step_m * (float)x, g->min[1] + g->step_m * (float)y,
                           g->min[2] + g->step_m * (float)z};
             guess = vertex_grid_nearest_from(j->near, p, guess, NULL);
-            j->nearest[field_at(g, x, y, z)] = guess;
+            j->nearest[cubes_at(g, x, y, z)] = guess;
         }
     }
 }
 
 /* Does grid point i lie more than core_m below its nearest vertex's tangent plane? */
-static bool in_core(const body_model *body, const field_grid *g, const float *normal, const int32_t *nearest,
+static bool in_core(const body_model *body, const cubes_grid *g, const float *normal, const int32_t *nearest,
                     size_t i) {
     const size_t X = (size_t)g->size[0], Y = (size_t)g->size[1];
     const size_t at[3] = {i % X, i / X % Y, i / X / Y}, v = 3 * (size_t)nearest[i];
@@ -129,7 +124,7 @@ static bool in_core(const body_model *body, const field_grid *g, const float *no
 
 /* Nearest vertices of the grid's points, -1 outside the shell and in the body's core; the core's value
  * becomes negative: less the density that is half opaque after one step. */
-static sherf_status find_shell(context *c, const body_model *body, const float *normal, field_grid *g,
+static sherf_status find_shell(context *c, const body_model *body, const float *normal, cubes_grid *g,
                                int32_t *nearest) {
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     const float core = -0.7f / g->step_m; /* half opaque in one step */
@@ -155,10 +150,10 @@ static sherf_status find_shell(context *c, const body_model *body, const float *
 }
 
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *body, int resolution,
-                           field_grid *out) {
+                           cubes_grid *out) {
     if (body->fingerprint != a->body_fingerprint)
         return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
-    field_grid *g = out;
+    cubes_grid *g = out;
     canonical_batch b = {0};
     int32_t *nearest = NULL;
     size_t *from = NULL;
@@ -198,6 +193,6 @@ done:
     mem_free(nearest);
     mem_free(from);
     mem_free(normal);
-    if (status != SHERF_OK) field_grid_free(out);
+    if (status != SHERF_OK) cubes_grid_free(out);
     return status;
 }

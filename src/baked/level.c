@@ -8,7 +8,7 @@
 
 static const double half_opaque = 0.6931471805599453; /* optical depth ln 2 */
 
-static size_t grid_count(const field_grid *g) {
+static size_t grid_count(const cubes_grid *g) {
     return (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
 }
 
@@ -23,7 +23,7 @@ static int bin_of(double density) {
     return b < LEVEL_BINS - 1 ? (int)b : LEVEL_BINS - 1;
 }
 
-sherf_status field_level(context *c, const field_grid *g, float *level) {
+sherf_status field_level(context *c, const cubes_grid *g, float *level) {
     /* by bin of a column's largest density: columns that are opaque, and that are not but hold something */
     int64_t opaque[LEVEL_BINS] = {0}, clear[LEVEL_BINS] = {0}, opaque_total = 0;
     const size_t stride[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]};
@@ -70,7 +70,7 @@ static const float site_m = 0.014f, coarse_m = 0.015f;         /* between sites;
 static const float level_lowest = 0.2f, level_highest = 10.0f; /* of the level for all */
 
 /* The grid's magnitude at a point, trilinear; 0 outside. (The core is opaque, with a negative sign.) */
-static float density_at(const field_grid *g, const float p[3]) {
+static float density_at(const cubes_grid *g, const float p[3]) {
     size_t low[3];
     float part[3];
     for (int k = 0; k < 3; k++) {
@@ -80,7 +80,7 @@ static float density_at(const field_grid *g, const float p[3]) {
         part[k] = x - (float)low[k];
     }
     const size_t X = (size_t)g->size[0], XY = X * (size_t)g->size[1];
-    const float *at = g->value + field_at(g, (int)low[0], (int)low[1], (int)low[2]);
+    const float *at = g->value + cubes_at(g, (int)low[0], (int)low[1], (int)low[2]);
     float line[4];
     for (size_t i = 0; i < 4; i++) {
         const float *v = at + (i & 1) * X + (i >> 1) * XY;
@@ -93,7 +93,7 @@ static float density_at(const field_grid *g, const float p[3]) {
 /* What cameras that see the place on the body's outline see there: the mean opacity of rays through it across
  * the normal. A direction in which the body curves much shows the place to many cameras and has a short way
  * through the body, so it counts by the way's optical depth to the power of -4. */
-static float outline_opacity(const field_grid *g, const float p[3], const float u[3], const float v[3]) {
+static float outline_opacity(const cubes_grid *g, const float p[3], const float u[3], const float v[3]) {
     float sum = 0, weights = 0;
     for (int d = 0; d < TANGENTS; d++) {
         float angle = 3.14159265f * (float)d / TANGENTS, depth = 0, along[3];
@@ -115,13 +115,13 @@ typedef struct {
 } level_site;
 
 typedef struct {
-    const field_grid *g, *smooth;
+    const cubes_grid *g, *smooth;
     float level;
     level_site *site;
 } site_job;
 
 /* Two unit vectors across the downhill direction; false where it is flat. */
-static bool tangents_of(const field_grid *g, const float p[3], float n[3], float u[3], float v[3]) {
+static bool tangents_of(const cubes_grid *g, const float p[3], float n[3], float u[3], float v[3]) {
     float length = 0;
     for (int k = 0; k < 3; k++) {
         float low[3] = {p[0], p[1], p[2]}, high[3] = {p[0], p[1], p[2]};
@@ -175,7 +175,7 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
 
 /* Where the value passes the level between grid points some site_m apart; sites: room for all, or NULL to
  * count them. */
-static int64_t sites_list(const field_grid *g, float level, level_site *sites) {
+static int64_t sites_list(const cubes_grid *g, float level, level_site *sites) {
     const int stride = (int)fmaxf(1, roundf(site_m / g->step_m));
     int64_t count = 0;
     for (int z = 0; z + stride < g->size[2]; z += stride)
@@ -184,8 +184,8 @@ static int64_t sites_list(const field_grid *g, float level, level_site *sites) {
                 for (int a = 0; a < 3; a++) {
                     int to[3] = {x, y, z};
                     to[a] += stride;
-                    float from = g->value[field_at(g, x, y, z)],
-                          next = g->value[field_at(g, to[0], to[1], to[2])];
+                    float from = g->value[cubes_at(g, x, y, z)],
+                          next = g->value[cubes_at(g, to[0], to[1], to[2])];
                     if ((from < level) == (next < level)) continue;
                     if (sites) {
                         const float at[3] = {(float)x, (float)y, (float)z};
@@ -248,19 +248,19 @@ static void lattice_blur(level_lattice *l, int times) {
 }
 
 typedef struct {
-    field_grid *g;
+    cubes_grid *g;
     const level_lattice *lattice;
     float level;
 } even_job;
 
 static void even_range(void *arg, int64_t begin, int64_t end, int thread) {
     const even_job *job = arg;
-    field_grid *g = job->g;
+    cubes_grid *g = job->g;
     const float prior = 0.02f;
     for (int64_t row = begin; row < end; row++) {
         int y = (int)(row % g->size[1]), z = (int)(row / g->size[1]);
         for (int x = 0; x < g->size[0]; x++) {
-            float *value = g->value + field_at(g, x, y, z);
+            float *value = g->value + cubes_at(g, x, y, z);
             if (!(*value > 0)) continue;
             float p[3] = {g->min[0] + g->step_m * (float)x, g->min[1] + g->step_m * (float)y,
                           g->min[2] + g->step_m * (float)z};
@@ -277,7 +277,7 @@ static void even_range(void *arg, int64_t begin, int64_t end, int thread) {
 }
 
 /* The sites' levels, spread over some centimetres, divide the densities. */
-static sherf_status even_out(context *c, field_grid *g, float level, const level_site *site, int64_t sites) {
+static sherf_status even_out(context *c, cubes_grid *g, float level, const level_site *site, int64_t sites) {
     level_lattice l;
     for (int k = 0; k < 3; k++) {
         l.min[k] = g->min[k];
@@ -302,9 +302,9 @@ static sherf_status even_out(context *c, field_grid *g, float level, const level
     return SHERF_OK;
 }
 
-sherf_status field_level_places(context *c, field_grid *g, float level) {
+sherf_status field_level_places(context *c, cubes_grid *g, float level) {
     enum { SITE_BATCH = 1 << 14 };
-    field_grid smooth = *g;
+    cubes_grid smooth = *g;
     level_site *site = NULL;
     const size_t count = grid_count(g);
     sherf_status status = SHERF_OK;

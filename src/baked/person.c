@@ -24,7 +24,7 @@ static void lap(bake_steps *j, int part) {
 static sherf_status surface_make(context *c, bake_steps *j) {
     const baked_options *o = j->o;
     baked_person *p = j->out;
-    field_grid density = {0};
+    cubes_grid density = {0};
     float level = (float)o->level;
     sherf_status status = field_density(c, j->a, j->body, o->resolution, &density);
     if (status == SHERF_OK && !(level > 0)) {
@@ -40,7 +40,7 @@ static sherf_status surface_make(context *c, bake_steps *j) {
     lap(j, 0);
     if (status == SHERF_OK && o->triangles) status = surface_reduce(c, &p->surface, o->triangles);
     if (status == SHERF_OK) status = surface_normals(c, &p->surface, &density);
-    field_grid_free(&density);
+    cubes_grid_free(&density);
     p->report.vertices = p->surface.vertices;
     p->report.triangles = p->surface.triangles;
     lap(j, 1);

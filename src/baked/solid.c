@@ -4,20 +4,20 @@
 
 #include "baked/baked.h"
 
-static size_t grid_count(const field_grid *g) {
+static size_t grid_count(const cubes_grid *g) {
     return (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
 }
 
 /* ---- solid ---- */
 typedef struct {
-    field_grid *g;
+    cubes_grid *g;
     int axis;
 } smooth_job;
 
 /* Lines along an axis; the outermost points stay. */
 static void smooth_range(void *arg, int64_t begin, int64_t end, int thread) {
     const smooth_job *job = arg;
-    const field_grid *g = job->g;
+    const cubes_grid *g = job->g;
     const size_t stride[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]};
     int a = job->axis, u = a == 0 ? 1 : 0;
     int v = 3 - a - u;
@@ -33,14 +33,14 @@ static void smooth_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-void field_smooth(const context *c, field_grid *g) {
+void field_smooth(const context *c, cubes_grid *g) {
     for (int a = 0; a < 3; a++) {
         smooth_job job = {g, a};
         parallel_for(c, (int64_t)(grid_count(g) / (size_t)g->size[a]), 1024, smooth_range, &job);
     }
 }
 
-sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outside) {
+sherf_status field_flood(context *c, cubes_grid *g, float level, uint8_t *outside) {
     const size_t count = grid_count(g), X = (size_t)g->size[0], XY = X * (size_t)g->size[1];
     uint32_t *stack = mem_alloc(c, count, sizeof *stack); /* FIELD_POINTS_MAX is far below 2^32 */
     size_t n = 0;
@@ -68,7 +68,7 @@ sherf_status field_flood(context *c, field_grid *g, float level, uint8_t *outsid
     return SHERF_OK;
 }
 
-sherf_status field_solidify(context *c, field_grid *g, float level) {
+sherf_status field_solidify(context *c, cubes_grid *g, float level) {
     const size_t count = grid_count(g);
     float max = 0;
     for (size_t i = 0; i < count; i++) {

@@ -4,13 +4,6 @@
 
 #include "baked/baked.h"
 
-void surface_free(surface *s) {
-    mem_free(s->position);
-    mem_free(s->normal);
-    mem_free(s->triangle);
-    *s = (surface){0};
-}
-
 void surface_cross(const surface *s, int64_t t, double out[3]) {
     const float *p[3];
     double u[3], v[3];
@@ -91,7 +84,7 @@ sherf_status surface_keep_large(context *c, surface *s, double share, int *dropp
 
 /* ---- normals ---- */
 /* The grid's gradient at a point, trilinear between central differences at the eight points around it. */
-static void grid_gradient(const field_grid *g, const float p[3], double out[3]) {
+static void grid_gradient(const cubes_grid *g, const float p[3], double out[3]) {
     int cell[3];
     double part[3];
     for (int k = 0; k < 3; k++) {
@@ -111,13 +104,13 @@ static void grid_gradient(const field_grid *g, const float p[3], double out[3]) 
         for (int k = 0; k < 3; k++) {
             int low[3] = {at[0], at[1], at[2]}, high[3] = {at[0], at[1], at[2]};
             low[k]--, high[k]++;
-            out[k] += weight * ((double)g->value[field_at(g, high[0], high[1], high[2])] -
-                                g->value[field_at(g, low[0], low[1], low[2])]);
+            out[k] += weight * ((double)g->value[cubes_at(g, high[0], high[1], high[2])] -
+                                g->value[cubes_at(g, low[0], low[1], low[2])]);
         }
     }
 }
 
-sherf_status surface_normals(context *c, surface *s, const field_grid *g) {
+sherf_status surface_normals(context *c, surface *s, const cubes_grid *g) {
     const size_t V = (size_t)s->vertices;
     double *sum = mem_zero(c, V, 3 * sizeof *sum);
     float *normal = mem_alloc(c, V, 3 * sizeof *normal);

@@ -14,7 +14,7 @@ static double ball(const float p[3], void *user) {
 static void ball_is_a_ball(void **state) {
     context *c = test_context();
     surface s;
-    field_grid g = grid_of(c, 41, ball, NULL);
+    cubes_grid g = grid_of(c, 41, ball, NULL);
     assert_ok(c, cubes_surface(c, &g, 10, &s));
     assert_closed(&s);
     assert_int_equal(s.vertices - s.triangles / 2, 2); /* Euler's number of a sphere */
@@ -28,7 +28,7 @@ static void ball_is_a_ball(void **state) {
         assert_float_equal(n[0] * n[0] + n[1] * n[1] + n[2] * n[2], 1, 1e-5);
     }
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -45,14 +45,14 @@ static void noise_is_closed(void **state) {
     context *c = test_context();
     for (uint64_t seed = 0; seed < 4; seed++) {
         surface s;
-        field_grid g = grid_of(c, 24, noise, &seed);
+        cubes_grid g = grid_of(c, 24, noise, &seed);
         assert_ok(c, cubes_surface(c, &g, 0.35f + 0.1f * (float)seed, &s));
         assert_true(s.triangles > 10000);
         assert_closed(&s);
         assert_ok(c, surface_keep_large(c, &s, 0.01, NULL));
         assert_closed(&s);
         surface_free(&s);
-        field_grid_free(&g);
+        cubes_grid_free(&g);
     }
     sherf_context_free(c);
 }
@@ -68,7 +68,7 @@ static void islands_go(void **state) {
     context *c = test_context();
     int dropped = -1;
     surface s;
-    field_grid g = grid_of(c, 41, balls, NULL);
+    cubes_grid g = grid_of(c, 41, balls, NULL);
     assert_ok(c, cubes_surface(c, &g, 1, &s));
     const int64_t all = s.triangles;
     assert_ok(c, surface_keep_large(c, &s, 0.2, &dropped));
@@ -81,7 +81,7 @@ static void islands_go(void **state) {
     assert_closed(&s);
     assert_float_equal(volume_of(&s), 4 * M_PI / 3 * 0.027, 0.004);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -95,7 +95,7 @@ static void cavities_are_filled(void **state) {
     context *c = test_context();
     surface s;
     float level;
-    field_grid g = grid_of(c, 49, hollow, NULL);
+    cubes_grid g = grid_of(c, 49, hollow, NULL);
     for (size_t i = 0; i < 49 * 49 * 49; i++)
         if (g.value[i] < 0 && g.value[i] != -1) g.value[i] = 0;
     assert_ok(c, field_level(c, &g, &level));
@@ -108,7 +108,7 @@ static void cavities_are_filled(void **state) {
     double r = cbrt(volume_of(&s) * 3 / (4 * M_PI));
     assert_true(r > 0.75 && r < 0.87);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -156,7 +156,7 @@ static void thick_and_thin_have_their_outlines(void **state) {
     float level;
     for (int places = 0; places < 2; places++) {
         surface s;
-        field_grid g = grid_of(c, 81, ball_and_rod, NULL);
+        cubes_grid g = grid_of(c, 81, ball_and_rod, NULL);
         for (int k = 0; k < 3; k++) g.min[k] *= 0.2f;
         g.step_m *= 0.2f;
         assert_ok(c, field_level(c, &g, &level));
@@ -166,7 +166,7 @@ static void thick_and_thin_have_their_outlines(void **state) {
         assert_closed(&s);
         radii_of(&s, &radius[places][0], &radius[places][1]);
         surface_free(&s);
-        field_grid_free(&g);
+        cubes_grid_free(&g);
     }
     assert_float_equal(radius[1][0], outline_of(0.09), 0.001);
     assert_float_equal(radius[1][1], outline_of(0.012), 0.002);
@@ -178,11 +178,11 @@ static void emptiness_is_said(void **state) {
     context *c = test_context();
     float level;
     uint64_t key = 3;
-    field_grid g = grid_of(c, 20, noise, &key);
+    cubes_grid g = grid_of(c, 20, noise, &key);
     for (size_t i = 0; i < 8000; i++) g.value[i] *= 0.1f;
     assert_int_equal(field_level(c, &g, &level), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(c->message, "nowhere opaque"));
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -190,7 +190,7 @@ static void emptiness_is_said(void **state) {
 static void reduction_keeps_the_surface(void **state) {
     context *c = test_context();
     surface s;
-    field_grid g = grid_of(c, 49, balls, NULL);
+    cubes_grid g = grid_of(c, 49, balls, NULL);
     assert_ok(c, cubes_surface(c, &g, 1, &s));
     const double volume = volume_of(&s);
     assert_ok(c, surface_reduce(c, &s, s.triangles));
@@ -205,7 +205,7 @@ static void reduction_keeps_the_surface(void **state) {
     assert_closed(&s);
     assert_true(s.triangles >= 12 && s.triangles < 120);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -213,14 +213,14 @@ static void noise_is_reduced(void **state) {
     context *c = test_context();
     surface s;
     uint64_t key = 7;
-    field_grid g = grid_of(c, 20, noise, &key);
+    cubes_grid g = grid_of(c, 20, noise, &key);
     assert_ok(c, cubes_surface(c, &g, 0.6f, &s));
     const int64_t before = s.triangles;
     assert_ok(c, surface_reduce(c, &s, before / 3));
     assert_true(s.triangles < before / 2);
     assert_closed(&s);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -300,7 +300,7 @@ static void atlas_is_an_atlas(void **state) {
     context *c = test_context();
     surface s;
     atlas a;
-    field_grid g = grid_of(c, 41, ball, NULL);
+    cubes_grid g = grid_of(c, 41, ball, NULL);
     assert_ok(c, cubes_surface(c, &g, 10, &s));
     assert_ok(c, surface_normals(c, &s, &g));
     assert_ok(c, atlas_make(c, &s, 256, &a));
@@ -320,7 +320,7 @@ static void atlas_is_an_atlas(void **state) {
     free(rgb), free(picture);
     atlas_free(&a);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -330,7 +330,7 @@ static void atlas_of_noise(void **state) {
     surface s;
     atlas a;
     uint64_t key = 9;
-    field_grid g = grid_of(c, 14, noise, &key);
+    cubes_grid g = grid_of(c, 14, noise, &key);
     assert_ok(c, cubes_surface(c, &g, 0.55f, &s));
     assert_ok(c, surface_normals(c, &s, &g));
     assert_ok(c, atlas_make(c, &s, 1024, &a));
@@ -342,7 +342,7 @@ static void atlas_of_noise(void **state) {
     assert_non_null(strstr(c->message, "too small"));
     assert_int_equal(atlas_make(c, &s, 1 << 20, &a), SHERF_BAD_ARGUMENT);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 
@@ -352,7 +352,7 @@ static void splats_cover_evenly(void **state) {
     context *c = test_context();
     surface s;
     splats p;
-    field_grid g = grid_of(c, 41, ball, NULL);
+    cubes_grid g = grid_of(c, 41, ball, NULL);
     assert_ok(c, cubes_surface(c, &g, 10, &s));
     assert_ok(c, surface_normals(c, &s, &g));
     assert_ok(c, splats_make(c, &s, COUNT, &p));
@@ -385,7 +385,7 @@ static void splats_cover_evenly(void **state) {
     splats_free(&p);
     assert_int_equal(splats_make(c, &s, 0, &p), SHERF_BAD_ARGUMENT);
     surface_free(&s);
-    field_grid_free(&g);
+    cubes_grid_free(&g);
     sherf_context_free(c);
 }
 

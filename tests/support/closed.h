@@ -81,16 +81,16 @@ static inline double volume_of(const surface *s) {
 }
 
 /* A grid of the given size, step 1 / 16 m, from (-1, -1, -1), empty at its rim. */
-static inline field_grid grid_of(context *c, int size, double (*value)(const float p[3], void *user),
+static inline cubes_grid grid_of(context *c, int size, double (*value)(const float p[3], void *user),
                                  void *user) {
-    field_grid g = {.size = {size, size, size}, .min = {-1, -1, -1}, .step_m = 2.0f / (float)(size - 1)};
+    cubes_grid g = {.size = {size, size, size}, .min = {-1, -1, -1}, .step_m = 2.0f / (float)(size - 1)};
     g.value = mem_zero(c, (size_t)size * (size_t)size * (size_t)size, sizeof *g.value);
     for (int z = 1; z + 1 < size; z++)
         for (int y = 1; y + 1 < size; y++)
             for (int x = 1; x + 1 < size; x++) {
                 float p[3] = {g.min[0] + g.step_m * (float)x, g.min[1] + g.step_m * (float)y,
                               g.min[2] + g.step_m * (float)z};
-                g.value[field_at(&g, x, y, z)] = (float)value(p, user);
+                g.value[cubes_at(&g, x, y, z)] = (float)value(p, user);
             }
     return g;
 }

@@ -4,10 +4,22 @@
  * of a cube form loops, one vertex an edge; loops are cut into triangles by diagonals that do not lie in a
  * face, since a neighbour might have the same one. Thus every edge of the surface has exactly two triangles,
  * and the triangles round a vertex (one loop of each of the four cubes at its grid edge) form one fan. */
+#include "scene/cubes.h"
+
 #include <math.h>
 #include <string.h>
 
-#include "baked/baked.h"
+void surface_free(surface *s) {
+    mem_free(s->position);
+    mem_free(s->normal);
+    mem_free(s->triangle);
+    *s = (surface){0};
+}
+
+void cubes_grid_free(cubes_grid *g) {
+    mem_free(g->value);
+    *g = (cubes_grid){0};
+}
 
 enum { CASES = 256, LOOP_MAX = 12, CASE_TRIANGLES_MAX = 10 };
 
@@ -97,7 +109,7 @@ static bool table_make(cube_table *t) {
 
 /* ---- the surface ---- */
 typedef struct {
-    const field_grid *g;
+    const cubes_grid *g;
     float level;
     cube_table table;
     uint32_t
@@ -113,11 +125,12 @@ static bool solid(const march *m, size_t at) {
 /* The vertex between grid points p and q = p + 1 along the axis. */
 static sherf_status add_vertex(context *c, march *m, const int p[3], int axis, uint32_t *number) {
     enum { VERTICES_MAX = 1 << 28 };
-    const field_grid *g = m->g;
+    const cubes_grid *g = m->g;
     surface *s = m->s;
     if ((size_t)s->vertices == m->vertex_room) {
         size_t room = m->vertex_room ? m->vertex_room + m->vertex_room / 2 : 1 << 14;
-        if (room > VERTICES_MAX) return failure(c, SHERF_BAD_ARGUMENT, "export: the surface is too large");
+        if (room > VERTICES_MAX)
+            return failure(c, SHERF_BAD_ARGUMENT, "marching cubes: the surface is too large");
         float *grown = mem_grow(c, s->position, m->vertex_room, room, 3 * sizeof *grown);
         if (!grown) return SHERF_NO_MEMORY;
         s->position = grown;
@@ -125,7 +138,7 @@ static sherf_status add_vertex(context *c, march *m, const int p[3], int axis, u
     }
     int q[3] = {p[0], p[1], p[2]};
     q[axis]++;
-    float a = g->value[field_at(g, p[0], p[1], p[2])], b = g->value[field_at(g, q[0], q[1], q[2])];
+    float a = g->value[cubes_at(g, p[0], p[1], p[2])], b = g->value[cubes_at(g, q[0], q[1], q[2])];
     float t = (m->level - a) / (b - a); /* a and b lie on both sides of the level */
     t = fminf(fmaxf(t, 0.02f), 0.98f);  /* vertices of neighbouring edges stay apart */
     float *x = s->position + 3 * s->vertices;
@@ -136,12 +149,12 @@ static sherf_status add_vertex(context *c, march *m, const int p[3], int axis, u
 
 /* Vertices on the edges that begin in layer z; those along z are kept with the layer they begin in. */
 static sherf_status march_edges(context *c, march *m, int z) {
-    const field_grid *g = m->g;
+    const cubes_grid *g = m->g;
     sherf_status status = SHERF_OK;
     for (int y = 0; y < g->size[1] && status == SHERF_OK; y++)
         for (int x = 0; x < g->size[0] && status == SHERF_OK; x++) {
             const int p[3] = {x, y, z};
-            const size_t at = field_at(g, x, y, z);
+            const size_t at = cubes_at(g, x, y, z);
             const size_t beyond[3] = {at + 1, at + (size_t)g->size[0],
                                       at + (size_t)g->size[0] * (size_t)g->size[1]};
             for (int a = 0; a < 3 && status == SHERF_OK; a++)
@@ -153,13 +166,13 @@ static sherf_status march_edges(context *c, march *m, int z) {
 }
 
 static sherf_status march_cubes(context *c, march *m, int z) {
-    const field_grid *g = m->g;
+    const cubes_grid *g = m->g;
     surface *s = m->s;
     for (int y = 0; y + 1 < g->size[1]; y++)
         for (int x = 0; x + 1 < g->size[0]; x++) {
             int bits = 0;
             for (int k = 0; k < 8; k++)
-                bits |= solid(m, field_at(g, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))) << k;
+                bits |= solid(m, cubes_at(g, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))) << k;
             int count = m->table.count[bits];
             if (!count) continue;
             if ((size_t)(s->triangles + count) > m->triangle_room) {
@@ -181,7 +194,7 @@ static sherf_status march_cubes(context *c, march *m, int z) {
     return SHERF_OK;
 }
 
-sherf_status cubes_surface(context *c, const field_grid *g, float level, surface *out) {
+sherf_status cubes_surface(context *c, const cubes_grid *g, float level, surface *out) {
     *out = (surface){0};
     march *m = mem_zero(c, 1, sizeof *m);
     if (!m) return SHERF_NO_MEMORY;

@@ -8,7 +8,7 @@
 static struct {
     const char *output, *source, *body, *motions, *sheet, *background, *cameras;
     int64_t people, poses, views, size;
-    bool normals, depth;
+    bool normals, depth, surfaces;
 } set;
 
 static const option options[] = {
@@ -28,6 +28,8 @@ static const option options[] = {
      "people: ring, or photo: as people hold telephones, the person 55 to 95 % of the height (ring)"},
     {0, "normals", OPTION_FLAG, &set.normals, NULL, "people: pictures of normals too"},
     {0, "depth", OPTION_FLAG, &set.depth, NULL, "people: depths too"},
+    {0, "surfaces", OPTION_FLAG, &set.surfaces, NULL,
+     "people, tube: surfaces too, which pifu learns from; people who are there get theirs"},
     {0, "sheet", OPTION_FILE, &set.sheet, "PNG", "body, people: what was made in one picture"},
     {0},
 };
@@ -76,7 +78,8 @@ static int run_people(session *s) {
                               .depth = set.depth,
                               .sheet = set.sheet,
                               .background = set.background,
-                              .cameras = set.cameras};
+                              .cameras = set.cameras,
+                              .surfaces = set.surfaces};
     int status = session_status(s, sherf_synth_people(s->context, set.output, &o));
     return status ? status : report(set.people, set.poses, set.views);
 }
@@ -90,7 +93,8 @@ static int run_tube(session *s) {
                              .poses = (int)set.poses,
                              .views = (int)set.views,
                              .size_px = (int)set.size,
-                             .seed = (uint64_t)common.seed};
+                             .seed = (uint64_t)common.seed,
+                             .surfaces = set.surfaces};
     int status = session_status(s, sherf_synth_tube(s->context, set.output, &o));
     return status ? status : report(set.people, set.poses, set.views);
 }

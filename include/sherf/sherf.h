@@ -612,6 +612,7 @@ typedef struct {
     int people, poses, views; /* 0: 4, 6, 24 */
     int size_px;              /* 0: 256 */
     uint64_t seed;
+    int surfaces; /* write these too: surface/ (safetensors), what models learn from that need surfaces */
 } sherf_synth_options;
 /* Striped tube people in the THuman layout below `folder`, with the body file folder/tubeman.safetensors. */
 SHERF_API sherf_status sherf_synth_tube(sherf_context *c, const char *folder,
@@ -641,6 +642,9 @@ typedef struct {
     const char *background;
     /* "photo": as people hold telephones, about level; NULL: "ring", looking down and up at the person too */
     const char *cameras;
+    /* write these too: surface/ (safetensors), what models learn from that need surfaces; to people who are
+     * there already as well */
+    int surfaces;
 } sherf_people_options;
 /* Clothed, moving people in the THuman layout below `folder`, with their body file folder/body.safetensors.
  * People that are there already are kept, so a run that was stopped goes on where it was. */

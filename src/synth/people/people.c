@@ -12,6 +12,7 @@
 #include "io/image.h"
 #include "synth/people/people_cameras.h"
 #include "synth/people/people_photo.h"
+#include "synth/people/people_surface.h"
 
 enum {
     PEOPLE_MAX = 1000000,
@@ -36,9 +37,11 @@ typedef struct {
     trace_light light;
     sherf_pose *pose;
     sherf_camera *camera;
-    char part[PATH_LENGTH];
+    char part[PATH_LENGTH];  /* where it is written */
+    char drawn[PATH_LENGTH]; /* where it is in the end */
     float *position[DRESSED_MAX];
     int at_pose;
+    bool pictures;      /* of the person; else surfaces alone */
     bool scenes, photo; /* background, cameras */
     place_kind place;   /* of the person */
     float floor_world;  /* of the pose: the lowest of what is worn */
@@ -235,6 +238,18 @@ static float lowest(const people_job *job) {
     return low;
 }
 
+/* Into the folder at hand. A person who was drawn before must have stood so. */
+static sherf_status draw_surface(context *c, const people_job *job, int pose, const float *vertices_world) {
+    char path[PATH_LENGTH];
+    sherf_status status = SHERF_OK;
+    if (!job->pictures)
+        status = people_surface_same(c, job->drawn, pose, job->studio->body->vertices, vertices_world);
+    if (!status) status = surface_truth_path(c, job->part, pose, path);
+    if (status) return status;
+    const uint64_t key = random_key(job->light.seed, "people.surface", (uint64_t)pose);
+    return people_surface_write(c, job->studio, job->dressed, job->scene, job->position, key, path);
+}
+
 static sherf_status draw_pose(context *c, people_job *job, int pose) {
     const body_model *body = job->studio->body;
     const sherf_pose *p = &job->pose[pose];
@@ -250,9 +265,11 @@ static sherf_status draw_pose(context *c, people_job *job, int pose) {
     for (int i = 0; i < job->dressed->meshes; i++)
         dressed_pose(job->studio, job->dressed, i, posed, job->position[i]);
     job->floor_world = lowest(job);
+    status = trace_scene_pose(c, job->scene, (const float *const *)job->position, &job->light);
+    if (!status && job->o.surfaces) status = draw_surface(c, job, pose, vertices);
+    if (status || !job->pictures) goto done;
     if ((status = thuman_write_parameters(c, job->part, pose, p)) ||
-        (status = thuman_write_vertices(c, job->part, pose, body->vertices, vertices)) ||
-        (status = trace_scene_pose(c, job->scene, (const float *const *)job->position, &job->light)))
+        (status = thuman_write_vertices(c, job->part, pose, body->vertices, vertices)))
         goto done;
     parallel_for(c, job->o.views, 1, draw_views, &all);
     for (size_t v = 0; v < views && !status; v++)
@@ -336,6 +353,12 @@ static void clear_person(people_job *job) {
     job->dressed = NULL;
 }
 
+static sherf_status surface_folder_make(context *c, const people_job *job) {
+    char path[PATH_LENGTH];
+    const sherf_status status = thuman_path(c, path, job->part, "surface");
+    return status ? status : folder_make(c, path);
+}
+
 static sherf_status draw_person(context *c, people_job *job, const person *p) {
     static const char *const kinds[][5] = {{"", "mask_cihp/", NULL},
                                            {"", "mask_cihp/", "normal/", NULL},
@@ -354,37 +377,42 @@ static sherf_status draw_person(context *c, people_job *job, const person *p) {
     else
         people_light(random_key(p->key, "people.light", 0), &job->light);
     if ((status = build_scene(c, job, 4.4f * radius_m / (float)job->o.size_px)) ||
-        (status = make_cameras(c, job, random_key(p->key, "people.cameras", 0), radius_m)) ||
-        (status =
-             thuman_make_folders(c, job->part, job->o.views, kinds[!!job->o.normals + 2 * !!job->o.depth])) ||
-        (status = thuman_write_annots(c, job->part, job->o.poses, job->o.views, job->camera)))
+        (status = make_cameras(c, job, random_key(p->key, "people.cameras", 0), radius_m)))
         return status;
+    if (job->pictures &&
+        ((status = thuman_make_folders(c, job->part, job->o.views,
+                                       kinds[!!job->o.normals + 2 * !!job->o.depth])) ||
+         (status = thuman_write_annots(c, job->part, job->o.poses, job->o.views, job->camera))))
+        return status;
+    if (job->o.surfaces && (status = surface_folder_make(c, job))) return status;
     for (int i = 0; i < job->o.poses && !status; i++) {
         status = draw_pose(c, job, i);
-        job->done += job->o.views;
+        if (job->pictures) job->done += job->o.views;
         if (!status) status = progress(c, "pictures", job->done, job->total);
     }
     return status;
 }
 
 static sherf_status make_person(context *c, people_job *job, uint64_t seed) {
-    char name[64], final[PATH_LENGTH];
+    char name[64], surface[PATH_LENGTH], made[PATH_LENGTH];
     person p;
     snprintf(name, sizeof name, "person_%06llu", (unsigned long long)seed);
-    sherf_status status = thuman_path(c, final, job->folder, name);
+    sherf_status status = thuman_path(c, job->drawn, job->folder, name);
     snprintf(name, sizeof name, "person_%06llu.part", (unsigned long long)seed);
-    if (status || (status = thuman_path(c, job->part, job->folder, name))) return status;
-    if (path_is_folder(final)) {
-        job->total -= (double)job->o.poses * job->o.views;
-        return SHERF_OK;
-    }
+    if (!status) status = thuman_path(c, job->part, job->folder, name);
+    if (!status) status = thuman_path(c, surface, job->drawn, "surface");
+    if (!status) status = thuman_path(c, made, job->part, "surface");
+    if (status) return status;
+    job->pictures = !path_is_folder(job->drawn);
+    if (!job->pictures) job->total -= (double)job->o.poses * job->o.views;
+    if (!job->pictures && (!job->o.surfaces || path_is_folder(surface))) return SHERF_OK;
     folder_remove(job->part);
     person_draw(job->studio->m, seed, &p);
     status = draw_person(c, job, &p);
     clear_person(job);
-    if (!status && rename(job->part, final))
-        status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", final);
-    if (status) folder_remove(job->part);
+    const char *from = job->pictures ? job->part : made, *to = job->pictures ? job->drawn : surface;
+    if (!status && rename(from, to)) status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", to);
+    folder_remove(job->part);
     return status;
 }
 

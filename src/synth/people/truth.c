@@ -63,25 +63,30 @@ static sherf_status person_take(context *c, people_truth *t, uint64_t number) {
     return status;
 }
 
+void people_surface_of(const studio *s, const dressed *d, float *const *position, people_surface *out) {
+    out->meshes = 0;
+    for (int i = 0; i < d->meshes; i++) {
+        const dressed_mesh *m = &d->mesh[i];
+        if (m->material.alpha == TRACE_BLENDED) continue;
+        const int n = out->meshes++;
+        out->mesh[n] = i;
+        out->drawn[n] = out->walls[n] = (solid_mesh){m->vertices, m->triangles, position[i], m->triangle};
+        if (m->kind == WEAR_KINDS)
+            out->walls[n] = (solid_mesh){m->vertices, s->m->triangles, position[i], s->m->triangle};
+    }
+}
+
 sherf_status people_truth_pose(context *c, people_truth *t, uint64_t number, const sherf_pose *p,
                                const people_surface **out) {
     posed_body *posed = NULL;
-    people_surface *s = &t->surface;
-    const makehuman *m = t->studio->m;
-    s->meshes = 0;
-    *out = s;
+    *out = &t->surface;
     sherf_status status = person_take(c, t, number);
     if (status == SHERF_OK)
         status = posed_body_create(c, t->studio->body, p->poses_rad, p->shapes, p->R, p->Th_m, &posed);
-    for (int i = 0; status == SHERF_OK && i < t->dressed->meshes; i++) {
-        const dressed_mesh *d = &t->dressed->mesh[i];
-        if (d->material.alpha == TRACE_BLENDED) continue;
-        dressed_pose(t->studio, t->dressed, i, posed, t->position[i]);
-        s->drawn[s->meshes] = s->walls[s->meshes] =
-            (solid_mesh){d->vertices, d->triangles, t->position[i], d->triangle};
-        if (d->kind == WEAR_KINDS)
-            s->walls[s->meshes] = (solid_mesh){d->vertices, m->triangles, t->position[i], m->triangle};
-        s->meshes++;
+    if (status == SHERF_OK) {
+        for (int i = 0; i < t->dressed->meshes; i++)
+            dressed_pose(t->studio, t->dressed, i, posed, t->position[i]);
+        people_surface_of(t->studio, t->dressed, t->position, &t->surface);
     }
     posed_body_free(posed);
     return status;

@@ -15,11 +15,14 @@ bool people_truth_number(const char *name, uint64_t *number);
 /* Body and clothes, the body first. Hair and lashes, which are half transparent, are left out. */
 typedef struct {
     int meshes;
+    int mesh[DRESSED_MAX];         /* which of the person's (dress.h) each is */
     solid_mesh drawn[DRESSED_MAX]; /* as pictures show them: open shells of which hidden faces are missing */
     solid_mesh
         walls[DRESSED_MAX]; /* the same with all faces of the body, for solid_grid_create: under the hem of
                                a shirt, where drawn bodies have no skin, the flood would enter them */
 } people_surface;
+/* Of meshes that stand at `position` (dressed_pose), which holds as long as they do. */
+void people_surface_of(const studio *s, const dressed *d, float *const *position, people_surface *out);
 /* Person `number` in this pose, in its world, metres. *out belongs to t and holds until the next call. */
 sherf_status people_truth_pose(context *c, people_truth *t, uint64_t number, const sherf_pose *pose,
                                const people_surface **out);

@@ -114,6 +114,12 @@ typedef struct {
 sherf_status trace_render(context *c, const trace_scene *s, const sherf_camera *camera,
                           const trace_options *options, trace_picture *out);
 void trace_picture_free(trace_picture *p);
+/* The colour in sRGB that a place on a face shows to who looks at it along its normal, in the light of the
+ * scene's pose: from the side from which the face is counter-clockwise, or from behind. weight: of the
+ * face's corners. False where the face is not opaque there, or something lies less than TRACE_COVER_M before
+ * it. For any thread. */
+bool trace_face_color(const trace_scene *s, int mesh, uint32_t face, const float weight[3], bool behind,
+                      uint8_t rgb[3]);
 /* Over a background (linear) into sRGB, H x W x 3. What is brighter than 0.8 is compressed softly. */
 void trace_picture_srgb(const trace_picture *p, const float background[3], uint8_t *rgb);
 

@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include "base/path.h"
-#include "data/data.h"
+#include "data/surface_truth.h"
 #include "data/thuman_write.h"
 #include "synth/tube/tubeman.h"
 
@@ -155,6 +155,51 @@ static void draw_views(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
+/* ---- surfaces ---- */
+static const float surface_cell_m = 0.006f;
+
+static bool surface_color_at(void *user, const solid_point *place, bool behind, uint8_t rgb[3]) {
+    const pose_job *p = user;
+    const uint32_t *corner = p->job->body->face + 3 * (size_t)place->triangle;
+    float color[3] = {0}, normal[3] = {0};
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++) {
+            color[k] += place->weight[i] * p->job->color[corner[i]][k];
+            normal[k] += place->weight[i] * p->normals[3 * (size_t)corner[i] + (size_t)k];
+        }
+    for (int k = 0; k < 3; k++) rgb[k] = float_to_u8(light(normal) * color[k]);
+    return !behind;
+}
+
+/* With the tubes' ends closed, or the flood would enter. */
+static sherf_status write_surface(context *c, pose_job *p) {
+    const body_model *m = p->job->body;
+    uint32_t *walls = mem_alloc(c, (size_t)m->faces + TUBEMAN_CAPS, 3 * sizeof *walls);
+    char path[PATH_LENGTH];
+    surface_truth truth = {0};
+    sherf_status status = walls ? thuman_path(c, path, p->folder, "surface") : SHERF_NO_MEMORY;
+    if (!status) status = folder_make(c, path);
+    if (!status) status = surface_truth_path(c, p->folder, p->pose, path);
+    if (!status) {
+        memcpy(walls, m->face, 3 * (size_t)m->faces * sizeof *walls);
+        tubeman_caps(walls + 3 * (size_t)m->faces);
+        const solid_mesh drawn = {m->vertices, m->faces, p->vertices, m->face},
+                         closed = {m->vertices, m->faces + TUBEMAN_CAPS, p->vertices, walls};
+        const surface_source from = {.meshes = 1,
+                                     .drawn = &drawn,
+                                     .walls = &closed,
+                                     .cell_m = surface_cell_m,
+                                     .key = random_key(p->job->o.seed, "synth.surface", (uint64_t)p->pose),
+                                     .color = surface_color_at,
+                                     .user = p};
+        status = surface_truth_make(c, &from, &truth);
+    }
+    if (!status) status = surface_truth_write(c, &truth, path);
+    surface_truth_free(&truth);
+    mem_free(walls);
+    return status;
+}
+
 /* ---- files ---- */
 
 static sherf_status make_pose_files(context *c, const synth_job *job, const char *folder, int pose,
@@ -180,6 +225,7 @@ static sherf_status make_pose_files(context *c, const synth_job *job, const char
         (status = thuman_write_parameters(c, folder, pose, body_pose)) ||
         (status = thuman_write_vertices(c, folder, pose, job->body->vertices, vertices)))
         goto done;
+    if (job->o.surfaces && (status = write_surface(c, &p))) goto done;
     parallel_for(c, job->o.views, 1, draw_views, &p);
     for (size_t v = 0; v < views && !status; v++)
         if (p.status[v])

@@ -256,6 +256,19 @@ sherf_status tubeman_create(context *c, body_model **out) {
 }
 
 /* Limbs that share a colour: trunk, head, hips, and each half of each limb. */
+void tubeman_caps(uint32_t triangle[3 * TUBEMAN_CAPS]) {
+    uint32_t ring = 0, *out = triangle;
+    for (int t = 0; t < TUBES; ring += (uint32_t)rings[t++])
+        for (int end = 0; end < 2; end++) {
+            const uint32_t first = SEGMENTS * (ring + (end ? (uint32_t)rings[t] - 1 : 0));
+            for (uint32_t i = 1; i + 1 < SEGMENTS; i++) {
+                *out++ = first;
+                *out++ = first + i;
+                *out++ = first + i + 1;
+            }
+        }
+}
+
 void tubeman_color(uint64_t person_key, int vertex, float rgb[3]) {
     int ring, t = tube_of(vertex < 0 ? 0 : vertex >= V ? V - 1 : vertex, &ring);
     /* Hues of neighbouring tubes are far apart (golden ratio); the person turns the whole wheel. */

@@ -13,6 +13,9 @@ typedef struct {
 } tubeman_arrays;
 sherf_status tubeman_arrays_create(context *c, tubeman_arrays *out);
 void tubeman_arrays_free(tubeman_arrays *t);
+/* Triangles over the open ends of the tubes, which close them. */
+enum { TUBEMAN_CAPS = 400 };
+void tubeman_caps(uint32_t triangle[3 * TUBEMAN_CAPS]);
 /* Colour of a surface point of the striped tube person number `person`: limb colours and stripes. */
 void tubeman_color(uint64_t person_key, int vertex, float rgb[3]);
 #endif

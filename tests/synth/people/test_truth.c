@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/path.h"
-#include "data/data.h"
+#include "data/surface_truth.h"
 #include "support.h"
 #include "synth/people/truth.h"
 
@@ -138,6 +138,105 @@ static void nobody_leaks(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* How far a place's colour is from its pixel's, where that is the person's, the place looks at the camera and
+ * nothing is before it: the mean over places, in levels of 255. */
+static double colors_apart(const surface_truth *s, const data_view *view, int *seen) {
+    raster *r;
+    context *c = test_context();
+    double sum = 0;
+    float eye[3];
+    *seen = 0;
+    camera_position(&view->camera, eye);
+    assert_ok(c, raster_create(c, &view->camera, 1, s->vertices, s->vertex, s->triangles, s->triangle, &r));
+    for (int64_t i = 0; i < s->places; i++) {
+        float px[2], z, facing = 0, far = 0;
+        const float *at = s->place + 3 * i;
+        camera_project(&view->camera, 1, at, px, &z);
+        for (int k = 0; k < 3; k++) {
+            facing += (eye[k] - at[k]) * s->normal[3 * i + k];
+            far += (eye[k] - at[k]) * (eye[k] - at[k]);
+        }
+        const int x = (int)(px[0] + 0.5f), y = (int)(px[1] + 0.5f);
+        if (x < 0 || y < 0 || x >= view->image.width || y >= view->image.height || facing < 0.8f * sqrtf(far))
+            continue;
+        const size_t pixel = (size_t)y * (size_t)view->image.width + (size_t)x;
+        if (!view->mask[pixel] || fabsf(r->depth[pixel] - z) > 0.01f) continue;
+        for (int k = 0; k < 3; k++)
+            sum +=
+                fabs((double)s->color[3 * i + k] - 255 * (double)view->image.data[3 * pixel + (size_t)k]) / 3;
+        ++*seen;
+    }
+    raster_free(r);
+    sherf_context_free(c);
+    return sum / *seen;
+}
+
+static void files_are_alike(context *c, const char *a, const char *b) {
+    unsigned char *bytes[2];
+    size_t size[2];
+    assert_ok(c, file_read(c, a, 1 << 24, &bytes[0], &size[0]));
+    assert_ok(c, file_read(c, b, 1 << 24, &bytes[1], &size[1]));
+    assert_int_equal(size[0], size[1]);
+    assert_memory_equal(bytes[0], bytes[1], size[0]);
+    mem_free(bytes[0]);
+    mem_free(bytes[1]);
+}
+
+/* Surfaces have the pictures' colours, and come out the same when they are added later. */
+static void surfaces_of_people(void **state) {
+    if (!path_is_folder(source)) skip();
+    context *c = test_context();
+    char folder[2][512], spec[600], file[2][700];
+    sherf_dataset *d;
+    data_view *view;
+    surface_truth t;
+    sherf_people_options o = {.people = 1,
+                              .poses = 1,
+                              .views = 3,
+                              .size_px = 128,
+                              .seed = 20,
+                              .source = source,
+                              .body = body,
+                              .surfaces = 1};
+    for (int i = 0; i < 2; i++)
+        snprintf(folder[i], sizeof folder[i], "%s", test_path(i ? "later" : "at once"));
+    assert_ok(c, sherf_synth_people(c, folder[0], &o));
+    o.surfaces = 0;
+    assert_ok(c, sherf_synth_people(c, folder[1], &o));
+    o.surfaces = 1;
+    assert_ok(c, sherf_synth_people(c, folder[1], &o));
+    for (int i = 0; i < 2; i++)
+        snprintf(file[i], sizeof file[i], "%s/person_000020/surface/0.safetensors", folder[i]);
+    files_are_alike(c, file[0], file[1]);
+    snprintf(spec, sizeof spec, "thuman:%s", folder[0]);
+    assert_ok(c, sherf_dataset_open(c, spec, &d));
+    assert_ok(c, surface_truth_load(c, d, 0, 0, TRUTH_MESH | TRUTH_SAMPLES, &t));
+    for (int v = 0; v < 3; v++) {
+        int seen;
+        assert_ok(c, dataset_view(c, d, 0, 0, v, 0, &view));
+        const double apart = colors_apart(&t, view, &seen);
+        print_message("view %d: colours of %d places are %.2f of 255 off\n", v, seen, apart);
+        assert_true(seen > 1000 && apart < 8);
+        sherf_observation_free(view);
+    }
+    surface_truth_free(&t);
+    sherf_dataset_free(d);
+    /* a person who stands otherwise than this version would draw it */
+    snprintf(file[0], sizeof file[0], "%s/person_000020/surface", folder[1]);
+    folder_remove(file[0]);
+    snprintf(file[1], sizeof file[1], "%s/person_000020/new_vertices/0.npy", folder[1]);
+    unsigned char *bytes;
+    size_t size;
+    assert_ok(c, file_read(c, file[1], 1 << 24, &bytes, &size));
+    ((float *)(void *)(bytes + size))[-3] += 0.01f;
+    assert_ok(c, file_write(c, file[1], bytes, size));
+    mem_free(bytes);
+    assert_fails(c, sherf_synth_people(c, folder[1], &o), SHERF_MISMATCH, "stands otherwise");
+    assert_false(path_is_folder(file[0]));
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 static void no_such_source(void **state) {
     context *c = test_context();
     people_truth *t;
@@ -150,6 +249,7 @@ static void no_such_source(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(numbers_in_names),
                                        cmocka_unit_test(the_surface_is_what_was_drawn),
-                                       cmocka_unit_test(nobody_leaks), cmocka_unit_test(no_such_source)};
+                                       cmocka_unit_test(nobody_leaks), cmocka_unit_test(surfaces_of_people),
+                                       cmocka_unit_test(no_such_source)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -79,6 +79,8 @@ static sherf_status frame_of_points(context *c, const sherf_avatar *a, const bod
                                     const occupancy_grid *empty, const sherf_render_options *o,
                                     sherf_frame *frame) {
     point_set *points = NULL;
+    if (a->field_kind->surface)
+        return avatar_composite(c, a, body, rays, NULL, o->background, !o->exact, frame);
     sherf_status status = model_points_create(c, &a->config, body, posed, rays, samples, a->sheet.body,
                                               &a->sheet.camera, empty, false, &points);
     if (status == SHERF_OK)

@@ -4,6 +4,7 @@
 #define SHERF_FIELD_H
 
 #include "model/model.h"
+#include "scene/solid.h"
 
 /* What a field is made of, an avatar's: all that is pointed to outlives it and is not changed. */
 typedef struct {
@@ -30,6 +31,9 @@ typedef struct field_kind {
     sherf_status (*render_joints)(context *c, void *field, const posed_body *posed,
                                   const sherf_camera *camera, const gpu_frame_options *options,
                                   sherf_frame *frame);
+    /* The triangles that frames are of, in the observed world: render then gets no points, and there is no
+     * run. NULL: frames are of points. */
+    solid_mesh (*surface)(const void *field);
 } field_kind;
 
 extern const field_kind field_of_ops; /* any model's: its `query`, op by op (field.c) */

@@ -166,6 +166,22 @@ sherf_status kept_make(context *c, const model *m, const observation_geometry *g
                        kept_bank *out);
 sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
 
+/* ---- surfaces, for models that learn from them ---- */
+/* Points of which half are inside a person, and places on what is seen of it, in the observed world; drawn
+ * anew for every sample (train/surfaces.h). Owned. */
+typedef struct {
+    int64_t points, places;
+    float *point, *inside; /* P x 3; P: 1 or 0 */
+    float *place, *color;  /* N x 3; N x 3, 0 to 1 */
+} surface_draw;
+/* In the place of frames and their losses. */
+typedef struct {
+    int64_t (*count)(const model_config *config); /* of points, and of places */
+    /* What is to become small: whether points are inside, and the places' colours. */
+    sherf_status (*losses)(tape *t, const model *m, const observation_geometry *g, const model_bank *bank,
+                           const surface_draw *truth, tensor **inside, tensor **color);
+} model_surface_training;
+
 /* ---- the table ---- */
 /* The same network as `query`, a tile of points at a time, for training. */
 typedef struct {
@@ -209,11 +225,14 @@ struct model_kind {
     /* the observation -> its bank */
     sherf_status (*encode)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                            model_bank *bank);
-    /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op. */
+    /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op. NULL for a model
+     * that has a surface in the place of a density: it is trained with `surfaces`, is of one pose, and has a
+     * field of its own. */
     sherf_status (*query)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
                           tensor **sigma, tensor **rgb);
     const model_fused_training *fused_training; /* or NULL */
+    const model_surface_training *surfaces;     /* or NULL */
     /* A field of the observed moment's world: no other pose, no canonical space to look for nothing in or to
      * export. */
     bool one_pose;

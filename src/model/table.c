@@ -4,7 +4,7 @@
 #include "model/model.h"
 
 /* Weights that name no model are the first's. */
-#define MODELS(MODEL) MODEL(sherf) MODEL(pixelnerf) MODEL(nhp) MODEL(mpsnerf)
+#define MODELS(MODEL) MODEL(sherf) MODEL(pixelnerf) MODEL(nhp) MODEL(mpsnerf) MODEL(pifu)
 
 #define DECLARE(name) extern const model_kind model_##name;
 MODELS(DECLARE)

@@ -174,6 +174,7 @@ sherf_status rays_create(context *c, const sherf_camera *camera, const float min
     if (!r) return SHERF_NO_MEMORY;
     r->width = camera->width_px;
     r->height = camera->height_px;
+    r->camera = *camera;
     r->direction = mem_alloc(c, n, 3 * sizeof *r->direction);
     r->near = mem_alloc(c, n, sizeof *r->near);
     r->far = mem_alloc(c, n, sizeof *r->far);

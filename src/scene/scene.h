@@ -33,6 +33,7 @@ void camera_resize(sherf_camera *camera, int width_px, int height_px);
 /* ---- rays (network.md: Rays and points 1) ---- */
 typedef struct {
     int width, height;
+    sherf_camera camera;
     float origin_world[3];
     float *direction;  /* N x 3, world, z_camera = 1 */
     float *near, *far; /* N; 0 and 1 where the ray misses; what lies behind the camera is cut off */

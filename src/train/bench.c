@@ -324,6 +324,25 @@ typedef struct {
     int64_t step;
 } step_job;
 
+/* A surface that takes a step as long as any other. */
+static sherf_status made_up_surface(context *c, const body_model *body, const posed_body *posed,
+                                    int64_t count, surface_draw *out) {
+    surface_draw_free(out);
+    float *vertex = mem_alloc(c, (size_t)body->vertices, 3 * sizeof *vertex);
+    sherf_status status = vertex ? surface_draw_room(c, count, out) : SHERF_NO_MEMORY;
+    if (status == SHERF_OK) {
+        body_vertices_world(body, posed, vertex);
+        for (int64_t i = 0; i < count; i++) {
+            memcpy(out->point + 3 * i, vertex + 3 * (i % body->vertices), 3 * sizeof *vertex);
+            memcpy(out->place + 3 * i, vertex + 3 * (i % body->vertices), 3 * sizeof *vertex);
+            out->inside[i] = (float)(i & 1);
+            for (int k = 0; k < 3; k++) out->color[3 * i + k] = 0.5f;
+        }
+    }
+    mem_free(vertex);
+    return status;
+}
+
 static sherf_status prepare_once(bench *b, void *arg) {
     step_job *j = arg;
     const sherf_observation *o = b->observation, *t = b->target;
@@ -341,7 +360,11 @@ static sherf_status prepare_once(bench *b, void *arg) {
     j->sample.target_geometry = NULL;
     sherf_status status = observation_geometry_create(&one, &b->model->config, b->body, &o->image, &o->camera,
                                                       &o->pose, true, &j->sample.observation_geometry);
-    if (status == SHERF_OK)
+    const model_surface_training *surfaces = b->model->config.kind->surfaces;
+    if (status == SHERF_OK && surfaces)
+        status = made_up_surface(&one, b->body, j->sample.observation_geometry->body,
+                                 surfaces->count(&b->model->config), &j->sample.surface);
+    else if (status == SHERF_OK)
         status = target_geometry_draw(&one, &b->model->config, b->body, &t->camera, &t->pose,
                                       j->sample.observation_geometry, &rays, &j->sample.target_geometry);
     if (status != SHERF_OK) failure(b->c, status, "%s", one.message);
@@ -411,6 +434,7 @@ static void step_close(bench *b, step_job *job) {
     adam_free(&job->adam);
     observation_geometry_free(job->sample.observation_geometry);
     target_geometry_free(job->sample.target_geometry);
+    surface_draw_free(&job->sample.surface);
 }
 
 static sherf_status bench_train(bench *b, int json, char **text) {
@@ -432,7 +456,8 @@ static sherf_status bench_train(bench *b, int json, char **text) {
     peak = peak_mb(c);
     if (status == SHERF_OK) status = bench_encode_shares(b, true, &shares);
     if (status != SHERF_OK) goto done;
-    const long long points = (long long)job.sample.target_geometry->points->count;
+    const target_geometry *target = job.sample.target_geometry;
+    const long long points = target ? target->points->count : job.sample.surface.points;
     status = tell(
         c, json, &shares,
         json ? mem_format(c,

@@ -9,6 +9,7 @@ void sample_free(sample *s) {
     sherf_observation_free(s->target);
     observation_geometry_free(s->observation_geometry);
     target_geometry_free(s->target_geometry);
+    surface_draw_free(&s->surface);
     for (int k = 0; k < s->drawn.further; k++) {
         sherf_observation_free(s->more[k].target);
         target_geometry_free(s->more[k].geometry);
@@ -94,11 +95,30 @@ static sherf_status geometry_load(context *c, const sample_source *from, const d
     return SHERF_OK;
 }
 
+/* A sample of a model that learns from surfaces: what is observed, and what its surface is. */
+static sherf_status surface_load(context *c, const sample_source *from, draw drawn, sample *out) {
+    const model_surface_training *k = from->config->kind->surfaces;
+    sherf_status status = dataset_person_view(c, from->data, drawn.person, drawn.pose, drawn.observed_view,
+                                              from->width, &out->observation);
+    if (status != SHERF_OK) return status;
+    status = geometry_load(c, from, &drawn, out->observation, &out->observation_geometry);
+    named(c, status, from->data, drawn.person, drawn.pose, drawn.observed_view);
+    if (status == SHERF_OK)
+        status = surface_draw_create(c, from->data, drawn.person, drawn.pose, k->count(from->config),
+                                     drawn.noise_key, &out->surface);
+    return status;
+}
+
 sherf_status sample_load(context *c, const sample_source *from, draw drawn, sample *out) {
     const int targets = 1 + drawn.further;
     carried world;
     bool by_estimate;
     *out = (sample){.drawn = drawn};
+    if (from->config->kind->surfaces) {
+        const sherf_status read = surface_load(c, from, drawn, out);
+        if (read != SHERF_OK) sample_free(out);
+        return read;
+    }
     sherf_status status = observation_load(c, from, drawn, &out->observation, &world, &by_estimate);
     if (status != SHERF_OK) goto fail;
     const data_view *o = out->observation;

@@ -5,7 +5,7 @@
 
 #include "eval/estimated.h"
 #include "model/model.h"
-#include "train/draw.h"
+#include "train/surfaces.h"
 
 typedef struct {
     draw drawn;
@@ -16,6 +16,7 @@ typedef struct {
         data_view *target;
         target_geometry *geometry;
     } more[TARGETS_MAX - 1]; /* drawn.further of them */
+    surface_draw surface;    /* of a model that learns from surfaces, which has no targets */
 } sample;
 void sample_free(sample *s); /* its parts; fine on zeroes */
 

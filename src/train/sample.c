@@ -23,12 +23,25 @@ static sherf_status target_losses(tape *t, const model *m, const body_model *bod
     return losses_forward(t, networks, frame, &target, losses);
 }
 
+/* As if all that was to be inside were the mask. */
+static sherf_status surface_gradients(tape *t, const model *m, const sample *s, const model_bank *bank,
+                                      double scale, float *rows) {
+    loss_tensors l = {NULL};
+    sherf_status status =
+        m->config.kind->surfaces->losses(t, m, s->observation_geometry, bank, &s->surface, &l.mask, &l.color);
+    if (status != SHERF_OK) return status;
+    l.total = op_add(t, l.mask, l.color);
+    status = l.total ? losses_store(t, &l, rows) : tape_status(t);
+    return status == SHERF_OK ? tape_backward(t, l.total, scale) : status;
+}
+
 sherf_status sample_gradients(tape *t, const model *m, const body_model *body, const loss_networks *networks,
                               const sample *s, double scale, float *rows) {
     model_bank bank;
     tensor *total = NULL;
     tape_reset(t);
     sherf_status status = model_encode(t, m, body, s->observation_geometry, &bank);
+    if (status == SHERF_OK && m->config.kind->surfaces) return surface_gradients(t, m, s, &bank, scale, rows);
     for (int k = 0; k <= s->drawn.further && status == SHERF_OK; k++) {
         const data_view *view = k ? s->more[k - 1].target : s->target;
         const target_geometry *geometry = k ? s->more[k - 1].geometry : s->target_geometry;

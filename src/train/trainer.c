@@ -335,6 +335,20 @@ static sherf_status photos_ready(trainer *t) {
     return sherf_estimator_load(t->c, t->options->estimator, &t->photos.networks);
 }
 
+/* A model that learns from surfaces: of each observed person, as the data set has him. */
+static sherf_status surfaces_check(trainer *t) {
+    const char *name = t->model->config.kind->name;
+    if (!t->model->config.kind->surfaces) return SHERF_OK;
+    if (t->state.targets > 1)
+        return failure(t->c, SHERF_BAD_ARGUMENT,
+                       "a %s learns from surfaces and has no target pictures, %d were asked for", name,
+                       t->state.targets);
+    if (t->state.estimated > 0)
+        return failure(t->c, SHERF_UNSUPPORTED,
+                       "a %s learns from surfaces, which estimated observations do not fit", name);
+    return surfaces_are_there(t->c, t->data, &t->sampling);
+}
+
 static sherf_status begin(trainer *t) {
     context *c = t->c;
     const sherf_train_options *o = t->options;
@@ -354,6 +368,7 @@ static sherf_status begin(trainer *t) {
         status = begin_again(t, o->resume);
     else
         status = path_is_file(path) || path_is_file(before) ? begin_again(t, path) : begin_new(t);
+    if (status == SHERF_OK) status = surfaces_check(t);
     if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
@@ -434,7 +449,9 @@ static void announce(trainer *t) {
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
-    if (model_recipe(&t->model->config))
+    if (config->kind->surfaces)
+        log_line(c, SHERF_LOG_INFO, "on the people's surfaces: what is inside is the loss, and the colours");
+    else if (model_recipe(&t->model->config))
         log_line(c, SHERF_LOG_INFO, "as its authors train it: the squared error of drawn rays is the loss");
     else if (t->resnet50)
         log_line(c, SHERF_LOG_INFO, "the loss has the resnet50 distance (%s) where the paper's has LPIPS",

@@ -12,14 +12,15 @@ static char root[512];
 
 int rival_data(void **state) {
     context *c = test_context();
-    const sherf_synth_options synth = {.people = 2, .poses = 2, .views = 4, .size_px = 32, .seed = 5};
+    const sherf_synth_options synth = {
+        .people = 2, .poses = 2, .views = 4, .size_px = 32, .seed = 5, .surfaces = 1};
     snprintf(root, sizeof root, "%s", test_path("people"));
     sherf_status status = sherf_synth_tube(c, root, &synth);
     sherf_context_free(c);
     return status != SHERF_OK;
 }
 
-static const char *in_root(const char *name) {
+const char *rival_file(const char *name) {
     static char path[4][700];
     static int next;
     next = (next + 1) % 4;
@@ -30,7 +31,7 @@ static const char *in_root(const char *name) {
 void rival_observation(context *c, int pose, int view, sherf_body **body, sherf_observation **o) {
     char picture[700];
     snprintf(picture, sizeof picture, "thuman:%s#tube_000/%d/%d", root, pose, view);
-    if (body) assert_ok(c, sherf_body_load(c, in_root("tubeman.safetensors"), body));
+    if (body) assert_ok(c, sherf_body_load(c, rival_file("tubeman.safetensors"), body));
     assert_ok(c, sherf_observation_load(c, picture, o));
 }
 
@@ -338,9 +339,9 @@ void rival_use(const char *preset) {
     assert_ok(c, sherf_avatar_create(c, m, body, o, &a));
     assert_ok(c, sherf_render(c, a, body, pose, camera, &exact, &frame[0]));
     assert_ok(c, sherf_render(c, a, body, pose, camera, &usual, &frame[1]));
-    assert_ok(c, sherf_avatar_save(c, a, in_root("avatar.safetensors")));
+    assert_ok(c, sherf_avatar_save(c, a, rival_file("avatar.safetensors")));
     sherf_avatar_free(a);
-    assert_ok(c, sherf_avatar_load(c, in_root("avatar.safetensors"), body, &a));
+    assert_ok(c, sherf_avatar_load(c, rival_file("avatar.safetensors"), body, &a));
     assert_ok(c, sherf_render(c, a, body, pose, camera, &exact, &frame[2]));
     double sum = 0, corner = 0;
     for (size_t i = 0; i < n; i++) sum += (double)frame[0].opacity.data[i];
@@ -364,7 +365,7 @@ const char *rival_avatar(context *c, const char *preset, sherf_body **body) {
     assert_ok(c, sherf_model_create(c, preset, 3, &m));
     rival_observation(c, 0, 0, body, &o);
     assert_ok(c, sherf_avatar_create(c, m, *body, o, &a));
-    const char *path = in_root("avatar.safetensors");
+    const char *path = rival_file("avatar.safetensors");
     assert_ok(c, sherf_avatar_save(c, a, path));
     sherf_avatar_free(a);
     sherf_observation_free(o);
@@ -443,8 +444,10 @@ void rival_counts(int presets, const rival_count *known) {
 static void train(context *c, const char *preset, const char *folder, int steps) {
     static char data[700], body[700], output[700];
     snprintf(data, sizeof data, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s", in_root("tubeman.safetensors"));
-    snprintf(output, sizeof output, "%s", in_root(folder));
+    snprintf(body, sizeof body, "%s", rival_file("tubeman.safetensors"));
+    snprintf(output, sizeof output, "%s", rival_file(folder));
+    model_config config;
+    assert_ok(c, model_config_parse(c, preset, &config));
     const sherf_train_options o = {.data = data,
                                    .people = "0-0",
                                    .body = body,
@@ -452,7 +455,7 @@ static void train(context *c, const char *preset, const char *folder, int steps)
                                    .preset = preset,
                                    .steps = steps,
                                    .batch = 1,
-                                   .targets = 2,
+                                   .targets = config.kind->surfaces ? 1 : 2,
                                    .seed = 3,
                                    .learning_rate = 2e-3,
                                    .halve_every = 1000,
@@ -463,7 +466,7 @@ static void train(context *c, const char *preset, const char *folder, int steps)
 void rival_losses(context *c, const char *preset, const char *folder, int steps, double *loss) {
     char path[800], line[1024];
     train(c, preset, folder, steps);
-    snprintf(path, sizeof path, "%s/log.jsonl", in_root(folder));
+    snprintf(path, sizeof path, "%s/log.jsonl", rival_file(folder));
     FILE *f = fopen(path, "r");
     assert_non_null(f);
     int n = 0;
@@ -473,7 +476,7 @@ void rival_losses(context *c, const char *preset, const char *folder, int steps,
     }
     fclose(f);
     assert_int_equal(n, steps);
-    snprintf(path, sizeof path, "%s/checkpoint.safetensors", in_root(folder));
+    snprintf(path, sizeof path, "%s/checkpoint.safetensors", rival_file(folder));
     remove(path); /* the next training begins anew */
 }
 
@@ -499,8 +502,8 @@ void rival_goes_on(const char *preset) {
     train(c, preset, "once", 6);
     train(c, preset, "twice", 3);
     train(c, preset, "twice", 6);
-    assert_ok(c, sherf_model_load(c, in_root("once/model.safetensors"), &m[0]));
-    assert_ok(c, sherf_model_load(c, in_root("twice/model.safetensors"), &m[1]));
+    assert_ok(c, sherf_model_load(c, rival_file("once/model.safetensors"), &m[0]));
+    assert_ok(c, sherf_model_load(c, rival_file("twice/model.safetensors"), &m[1]));
     assert_memory_equal(m[0]->weights->values, m[1]->weights->values,
                         (size_t)m[0]->weights->total_floats * sizeof(float));
     for (int i = 0; i < 2; i++) sherf_model_free(m[i]);
@@ -514,8 +517,8 @@ void rival_eval(const char *preset, int *novel_view, int *novel_pose) {
     sherf_scores s;
     char data[700], model_path[700], body[700];
     snprintf(data, sizeof data, "thuman:%s", root);
-    snprintf(body, sizeof body, "%s", in_root("tubeman.safetensors"));
-    snprintf(model_path, sizeof model_path, "%s", in_root("scored.safetensors"));
+    snprintf(body, sizeof body, "%s", rival_file("tubeman.safetensors"));
+    snprintf(model_path, sizeof model_path, "%s", rival_file("scored.safetensors"));
     assert_ok(c, sherf_model_create(c, preset, 3, &m));
     assert_ok(c, sherf_model_save(c, m, model_path));
     sherf_model_free(m);

@@ -15,7 +15,8 @@ typedef struct {
 } rival_count;
 void rival_counts(int presets, const rival_count *known);
 
-int rival_data(void **state); /* setup of a group: two tube people of 32 x 32, 2 poses, 4 views */
+const char *rival_file(const char *name); /* a path in the data's folder; static storage, 4 at a time */
+int rival_data(void **state);             /* setup of a group: two tube people of 32 x 32, 2 poses, 4 views */
 typedef struct {
     sherf_body *body;
     sherf_observation *observation; /* pose 0, view 0 */

@@ -5,7 +5,6 @@
 #include "model/pifu/pifu.h"
 
 const pifu_sizes pifu_paper = {4, 256, 64, {1024, 512, 256, 128}};
-const pifu_sizes pifu_small = {2, 128, 32, {256, 128, 64}};
 
 static const float eps = 1e-5f, momentum = 0.1f, slope = 0.01f;
 static const double first_deviation = 0.02; /* of all weights */

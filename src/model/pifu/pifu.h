@@ -1,6 +1,6 @@
 /* pifu: the networks of PIFu with colour (Saito et al., ICCV 2019), with batch norms, bilinear resizing and
- * one picture: what is inside and what colour it has, at points of the picture and a depth. Nothing but
- * networks: no entry of the table of models. */
+ * one picture: what is inside and what colour it has, at points of the picture and a depth. settings.h has
+ * what makes a model of them. */
 #ifndef SHERF_PIFU_H
 #define SHERF_PIFU_H
 
@@ -12,7 +12,7 @@ typedef struct {
     int color_width;   /* of the first layer of the colour's filter: 64; its map has four times as many */
     int hidden[PIFU_HIDDEN]; /* of both point networks: 1024, 512, 256, 128; 0 ends them earlier */
 } pifu_sizes;
-extern const pifu_sizes pifu_paper, pifu_small; /* the authors', and for a processor */
+extern const pifu_sizes pifu_paper; /* the authors' */
 
 /* Norm, ReLU and a 3 x 3 convolution, three times, each half as wide or as wide as the one before; side by
  * side they are added to the input. */

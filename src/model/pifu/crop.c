@@ -116,13 +116,14 @@ static void fill(const observation_geometry *g, pifu_crop *crop) {
         }
 }
 
-sherf_status pifu_crop_create(context *c, const body_model *body, const observation_geometry *g, int side,
-                              pifu_crop **out) {
+sherf_status pifu_crop_create(context *c, const body_model *body, const observation_geometry *g,
+                              const pifu_settings *k, pifu_crop **out) {
     pifu_crop *crop = mem_zero(c, 1, sizeof *crop);
     *out = NULL;
     if (!crop) return SHERF_NO_MEMORY;
-    crop->side = side;
-    crop->image = mem_alloc(c, (size_t)side * (size_t)side, 3 * sizeof *crop->image);
+    crop->side = k->side_px;
+    crop->z_scale = z_scale * k->z_gain;
+    crop->image = mem_alloc(c, (size_t)k->side_px * (size_t)k->side_px, 3 * sizeof *crop->image);
     const sherf_status status = crop->image ? lay_out(c, body, g, crop) : SHERF_NO_MEMORY;
     if (status != SHERF_OK) {
         pifu_crop_free(crop);
@@ -140,7 +141,7 @@ void pifu_crop_place(const pifu_crop *crop, const sherf_camera *camera, int64_t 
         camera_project(camera, 1, points_world + 3 * i, px, &depth);
         uv[2 * i] = 2 * (px[0] - crop->left_px) / crop->side_px - 1;
         uv[2 * i + 1] = 2 * (px[1] - crop->top_px) / crop->side_px - 1;
-        z[i] = z_scale * (depth - crop->root_z_m) / crop->height_m;
+        z[i] = crop->z_scale * (depth - crop->root_z_m) / crop->height_m;
         in[i] = depth > 0 && fabsf(uv[2 * i]) <= 1 && fabsf(uv[2 * i + 1]) <= 1;
         if (!in[i]) uv[2 * i] = uv[2 * i + 1] = z[i] = 0;
     }

@@ -6,13 +6,12 @@
 
 const pifu_sizes pifu_paper = {4, 256, 64, {1024, 512, 256, 128}};
 
+static const double last_deviation = 0.02; /* of the layers before sigmoids */
 static const float eps = 1e-5f, momentum = 0.1f, slope = 0.01f;
-static const double first_deviation = 0.02; /* of all weights */
 
 /* ---- layers ---- */
 static tensor *weights(declaration *d, int64_t out, int64_t in, int64_t size, const char *name) {
-    return declare(d, (first_values){.deviation = first_deviation}, DIMS(out, in, size, size), "%s.weight",
-                   name);
+    return declare_weights(d, true, DIMS(out, in, size, size), name);
 }
 
 static tensor *bias(declaration *d, int64_t out, const char *name) {
@@ -73,9 +72,12 @@ static void points_declare(declaration *d, const char *name, const pifu_sizes *s
         last = p->layers == PIFU_HIDDEN || !s->hidden[p->layers];
         const int64_t width = last ? out : s->hidden[p->layers];
         snprintf(full, sizeof full, "%s.%d", name, p->layers);
-        p->layer[p->layers] = (linear_layer){declare(d, (first_values){.deviation = first_deviation},
-                                                     DIMS(width, before + in), "%s.weight", full),
-                                             bias(d, width, full)};
+        if (last)
+            p->layer[p->layers] = (linear_layer){declare(d, (first_values){.deviation = last_deviation},
+                                                         DIMS(width, before + in), "%s.weight", full),
+                                                 bias(d, width, full)};
+        else
+            p->layer[p->layers] = linear_declare(d, full, true, width, before + in);
         before = width;
     }
 }

@@ -7,23 +7,30 @@
 static const model_preset presets[] = {
     {"own", ""},
     {"own-small", "stacks=2,width=128,color_width=32,hidden0=256,hidden1=128,hidden2=64,hidden3=0,"
-                  "side_px=256,resolution=128,image_size=256"},
+                  "side_px=256,z_gain=10,resolution=128,image_size=256"},
     {0}};
 
 #define AT(field) MODEL_SETTING_AT(pifu_settings, field)
-static const model_setting settings[] = {
-    {"stacks", AT(stacks), 1, PIFU_STACKS, 1},   {"width", AT(width), 16, 1024, 16},
-    {"color_width", AT(color_width), 4, 256, 4}, {"hidden0", AT(hidden[0]), 4, 4096, 4},
-    {"hidden1", AT(hidden[1]), 0, 4096, 4},      {"hidden2", AT(hidden[2]), 0, 4096, 4},
-    {"hidden3", AT(hidden[3]), 0, 4096, 4},      {"side_px", AT(side_px), 64, 2048, 16},
-    {"points", AT(points), 16, 1 << 20, 16},     {"resolution", AT(resolution), 16, 512, 16},
-    {"coarse", AT(coarse), 16, 512, 16},         {0}};
+static const model_setting settings[] = {{"stacks", AT(stacks), 1, PIFU_STACKS, 1},
+                                         {"width", AT(width), 16, 1024, 16},
+                                         {"color_width", AT(color_width), 4, 256, 4},
+                                         {"hidden0", AT(hidden[0]), 4, 4096, 4},
+                                         {"hidden1", AT(hidden[1]), 0, 4096, 4},
+                                         {"hidden2", AT(hidden[2]), 0, 4096, 4},
+                                         {"hidden3", AT(hidden[3]), 0, 4096, 4},
+                                         {"side_px", AT(side_px), 64, 2048, 16},
+                                         {"z_gain", AT(z_gain), 0.1, 100, 0},
+                                         {"points", AT(points), 16, 1 << 20, 16},
+                                         {"resolution", AT(resolution), 16, 512, 16},
+                                         {"coarse", AT(coarse), 16, 512, 16},
+                                         {0}};
 
 static void defaults(model_config *out) {
     pifu_settings own = {.stacks = pifu_paper.stacks,
                          .width = pifu_paper.width,
                          .color_width = pifu_paper.color_width,
                          .side_px = 512,
+                         .z_gain = 1,
                          .points = 4992,
                          .resolution = 256,
                          .coarse = 64};
@@ -61,7 +68,7 @@ static void network_declare(declaration *d, const model_config *config, void *ne
 static sherf_status observe(context *c, const model_config *config, const body_model *body, bool training,
                             observation_geometry *g) {
     pifu_crop *crop;
-    const sherf_status status = pifu_crop_create(c, body, g, pifu_settings_of(config)->side_px, &crop);
+    const sherf_status status = pifu_crop_create(c, body, g, pifu_settings_of(config), &crop);
     g->own = crop;
     return status;
 }

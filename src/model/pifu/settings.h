@@ -8,6 +8,7 @@
 typedef struct {
     int stacks, width, color_width, hidden[PIFU_HIDDEN];
     int side_px;    /* of the crop */
+    float z_gain;   /* times z'; 1 in the paper, more where a network is to learn soon what z' is for */
     int points;     /* a step's, and as many places */
     int resolution; /* cells of the cube along a side, when its surface is looked for: a power of two */
     int coarse;     /* and at first: what eight corners agree about is not looked at closer */
@@ -23,11 +24,12 @@ typedef struct {
     int side;                       /* pixels */
     float *image;                   /* side x side x 3, -1 to 1; owned */
     float left_px, top_px, side_px; /* from its first pixel's middle to its last one's, in the picture */
+    float z_scale;                  /* of depths over heights */
     float root_z_m, height_m;       /* depth of the root; of the person that the square is made for */
     float middle[3];                /* of the square at the root's depth, world */
 } pifu_crop;
-sherf_status pifu_crop_create(context *c, const body_model *body, const observation_geometry *g, int side,
-                              pifu_crop **out);
+sherf_status pifu_crop_create(context *c, const body_model *body, const observation_geometry *g,
+                              const pifu_settings *k, pifu_crop **out);
 void pifu_crop_free(void *crop); /* NULL is fine */
 /* Of points in the world: uv (n x 2) and z (n) as pifu.h has them. False where the point is not in the
  * square, in `in` (n). */

@@ -6,6 +6,8 @@
 #include "base/path.h"
 #include "data/parse.h"
 
+enum { JOINTS_MAX = 55 }; /* SMPL-X's */
+
 int64_t parse_rows(const value *v) {
     if (!v) return -1;
     if (v->kind == VALUE_LIST) return (int64_t)v->list.count;
@@ -80,31 +82,47 @@ sherf_status parse_rotation(context *c, const value *v, const char *what, float 
     return status ? status : rotation_check(c, R, what);
 }
 
-/* Joint rotations from `first` on: axis-angle, or 3 x 3 matrices. Joints that are not given stay 0. */
-static sherf_status parse_joints(context *c, const value *v, const char *what, int first, int joints,
-                                 float *poses) {
-    int64_t n = value_numbers(v);
-    if (n == joints * 9) {
-        float R[BODY_JOINTS * 9];
-        sherf_status status = value_floats(c, v, what, (size_t)n, R);
-        for (int j = 0; j < joints && !status; j++) {
-            status = rotation_check(c, R + j * 9, what);
-            if (!status) rotation_to_axis_angle(R + j * 9, poses + (first + j) * 3);
-        }
-        return status;
+sherf_status radians_check(context *c, const char *what, double squares, int64_t count) {
+    static const double largest = 4; /* an axis-angle is at most pi long, unless it was wound up */
+    if (count < 1 || !(sqrt(squares / (double)count) > largest)) return SHERF_OK;
+    return failure(c, SHERF_BAD_FILE, "%s: %.3g radians a joint on average: these are degrees", what,
+                   sqrt(squares / (double)count));
+}
+
+/* Joint rotations from `first` on: axis-angle, or 3 x 3 matrices, of `given` joints, of which those beyond
+ * `joints` (fingers, a face) are left. Joints that are not given stay 0. */
+static sherf_status parse_joints(context *c, const value *v, const char *what, int first, int given,
+                                 int joints, float *poses) {
+    float all[JOINTS_MAX * 9];
+    const bool matrices = value_numbers(v) == given * 9;
+    sherf_status status = value_floats(c, v, what, (size_t)given * (matrices ? 9 : 3), all);
+    double squares = 0;
+    for (int j = 0; j < joints && !status; j++) {
+        float *pose = poses + (first + j) * 3;
+        if (matrices) status = rotation_check(c, all + j * 9, what);
+        if (!status && matrices) rotation_to_axis_angle(all + j * 9, pose);
+        if (!matrices) memcpy(pose, all + 3 * j, 3 * sizeof *pose);
+        for (int k = 0; k < 3; k++) squares += (double)pose[k] * pose[k];
     }
-    return value_floats(c, v, what, (size_t)joints * 3, poses + first * 3);
+    return status || joints < 2 ? status : radians_check(c, what, squares, joints);
 }
 
 /* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
 static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out) {
+    static const int whole[] = {22, 52, 55};
     const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
-    if (poses->item && !(body->item && root->item))
-        return parse_joints(c, poses->item, poses->name, 0, BODY_JOINTS, out->poses_rad);
+    if (poses->item && !(body->item && root->item)) {
+        const int64_t numbers = value_numbers(poses->item);
+        int given = BODY_JOINTS;
+        for (size_t i = 0; i < COUNT_OF(whole); i++)
+            if (numbers == whole[i] * 3 || numbers == whole[i] * 9) given = whole[i];
+        return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22,
+                            out->poses_rad);
+    }
     int64_t n = value_numbers(body->item);
     int joints = n == 63 || n == 21 * 9 ? 21 : 23;
-    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, out->poses_rad);
-    if (!status && root->item) status = parse_joints(c, root->item, root->name, 0, 1, out->poses_rad);
+    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, out->poses_rad);
+    if (!status && root->item) status = parse_joints(c, root->item, root->name, 0, 1, 1, out->poses_rad);
     return status;
 }
 

@@ -17,6 +17,9 @@ sherf_status parse_prefix(context *c, const value *v, const char *what, int max,
 /* 3 (axis-angle) or 9 (matrix) numbers to a checked rotation matrix. */
 sherf_status parse_rotation(context *c, const value *v, const char *what, float R[9]);
 sherf_status rotation_check(context *c, const float R[9], const char *what);
+/* Fails where a body's rotations are too large on average to be radians: `squares` is the sum of their
+ * squared lengths, over `count` of them. */
+sherf_status radians_check(context *c, const char *what, double squares, int64_t count);
 
 /* One body by the names of parts.h. A camera that stands in the body's file (camera_rotation, cam_t, ...)
  * goes into R and Th: the body is then in that camera's frame. */

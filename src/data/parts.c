@@ -64,6 +64,7 @@ static const char *const inner_names[] = {"smpl_params_incam",
                                           "params",
                                           "results",
                                           NULL};
+enum { BESIDE_MAX = 32, INSIDE_MAX = 256 }; /* keys of a dict that may hold a body under any name, and its */
 
 /* Words of other keys that say nothing about pose, shape and place, whatever stands beside them: faces and
  * fingers, which stay at rest, what was detected, and how sure that is. */
@@ -71,7 +72,7 @@ static const char *const idle_words[] = {
     "joint",     "keypoint",   "kp",        "vert", "vertices", "vertex", "face",       "facial",
     "expr",      "expression", "jaw",       "eye",  "leye",     "reye",   "hand",       "lhand",
     "rhand",     "lefthand",   "righthand", "bbox", "box",      "conf",   "confidence", "score",
-    "detection", "loss",       "dmpl",      "num",  "label",    "marker"};
+    "detection", "loss",       "dmpl",      "num",  "label",    "marker", "princpt",    "pad"};
 /* Those that say where it comes from: a key may have them beside a part, as "transl_frame", and is then
  * named. */
 static const char *const origin_words[] = {
@@ -90,10 +91,30 @@ named_value value_first(const value *dict, const char *const *names) {
     return (named_value){NULL, NULL};
 }
 
+static bool has_poses(const value *v) {
+    return value_first(v, poses_names).item || value_first(v, body_names).item;
+}
+
+/* Of a dict without poses: the only one in it that has some, by whatever key (arr_0, data, person_0). */
+static const value *only_inside(const value *v) {
+    const value *found = NULL;
+    if (!v || v->kind != VALUE_DICT || v->dict.count > BESIDE_MAX || has_poses(v)) return NULL;
+    for (size_t i = 0; i < v->dict.count; i++) {
+        const value *inner = value_unwrapped(v->dict.pair[i].item);
+        if (!inner || inner->kind != VALUE_DICT || inner->dict.count > INSIDE_MAX) continue;
+        const value *poses = value_first(inner, poses_names).item,
+                    *body = value_first(inner, body_names).item;
+        if (value_numbers(poses) < 1 && value_numbers(body) < 1) continue; /* a text may be named so */
+        if (found) return NULL;
+        found = inner;
+    }
+    return found;
+}
+
 /* The dict inside that holds the body; NULL: there is none, or the parts are not in it. */
 static const value *inner_of(const value *v) {
     const value *inner = value_unwrapped(value_first(v, inner_names).item);
-    return value_first(inner, poses_names).item || value_first(inner, body_names).item ? inner : NULL;
+    return has_poses(inner) ? inner : only_inside(v);
 }
 
 void body_parts_find(const value *v, body_parts *out) {
@@ -141,7 +162,8 @@ static bool is_idle(const char *key) {
     if (has_word(key, idle_words, COUNT_OF(idle_words))) return true;
     if (has_word(key, origin_words, COUNT_OF(origin_words)))
         return !has_word(key, part_words, COUNT_OF(part_words));
-    return !strcasecmp(key, "mask") || !strcasecmp(key, "camera"); /* an observation's */
+    return !strcasecmp(key, "mask") || !strcasecmp(key, "camera") || /* an observation's */
+           !strcmp(key, "smpl_scaling");                             /* a motion's, which reads it */
 }
 
 /* Keys met so far, "a, b, c"; what no longer fits is counted. */
@@ -165,10 +187,12 @@ static void say(context *c, const key_list *l, const char *what, const char *hin
     if (l->bytes) log_line(c, SHERF_LOG_WARNING, "%s: not read: %s%s%s", what, l->text, more, hint);
 }
 
-static void unread_of(const value *v, key_list *l) {
+/* inner: what is read of it elsewhere. */
+static void unread_of(const value *v, const value *inner, key_list *l) {
     if (v && v->kind == VALUE_RECORD) v = v->record.state;
     for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
         const value *key = v->dict.pair[i].key;
+        if (inner && value_unwrapped(v->dict.pair[i].item) == inner) continue;
         if (key->kind == VALUE_STRING && !is_part(key->string.text) && !is_idle(key->string.text))
             add_key(l, key->string.text);
     }
@@ -179,10 +203,15 @@ void body_parts_warn(context *c, const value *v, const char *what) {
     body_parts parts;
     v = value_unwrapped(v);
     body_parts_find(v, &parts);
-    unread_of(inner_of(v), &l);
-    unread_of(v, &l);
-    const bool placed = parts.part[PART_PLACE].item || parts.part[PART_CAMERA_PLACE].item;
+    const named_value *part = parts.part;
+    unread_of(inner_of(v), NULL, &l);
+    unread_of(v, inner_of(v), &l);
+    const bool placed = part[PART_PLACE].item || part[PART_CAMERA_PLACE].item;
     say(c, &l, what, placed ? "" : "; no translation is among what is (transl, Th, cam_t, ...)");
+    if (part[PART_BODY].item && !part[PART_POSES].item && !part[PART_ROOT].item && !part[PART_TURN].item)
+        log_line(c, SHERF_LOG_WARNING,
+                 "%s: %s without the root's rotation (global_orient, root_orient, ...): taken as not turned",
+                 what, part[PART_BODY].name);
 }
 
 sherf_status body_parts_missing(context *c, const value *v) {

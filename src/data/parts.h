@@ -28,10 +28,11 @@ typedef struct {
 /* The first of these names (up to NULL) that the dict has and that is not null; item NULL: none. */
 named_value value_first(const value *dict, const char *const *names);
 /* The parts of a dict or record; of one that holds the body in a dict of its own (pred_smpl_params, smpl,
- * results, ...), what is inside goes before what is beside it. */
+ * results, ...; or by any key, where no other one has poses), what is inside goes before what is beside it.
+ */
 void body_parts_find(const value *v, body_parts *out);
 /* Logs the keys that are no parts, and not known to be of no use here, in one warning that begins with
- * `what`. */
+ * `what`; and a body whose root has no rotation in another one. */
 void body_parts_warn(context *c, const value *v, const char *what);
 /* Fails for a dict without poses: says what it has in their place. */
 sherf_status body_parts_missing(context *c, const value *v);

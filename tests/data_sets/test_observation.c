@@ -147,8 +147,11 @@ static void body_names(void **state) {
         "{\"smpl_poses\": %s, \"betas\": [7], \"cam_t\": [4, 5, 6]}",
         "{\"body_pose\": %s, \"betas\": [7], \"Rh\": [0, 0, 0], \"Th\": [-6, 5, 4], "
         "\"camera_rotation\": [0, 1.5707963267948966, 0], \"cam_t\": [0, 0, 0]}", /* z to x, x to -z */
+        "{\"person_0\": {\"poses\": %s, \"betas\": [7]}, \"cam_t\": [4, 5, 6]}",  /* by any key */
+        "{\"annots\": [{\"id\": 0, \"poses\": [%s], \"shapes\": [[7]], \"Rh\": [[0, 0, 0]], "
+        "\"Th\": [[4, 5, 6]]}]}", /* EasyMocap */
     };
-    static const bool whole[] = {true, false, false, false, true, true, false};
+    static const bool whole[] = {true, false, false, false, true, true, false, true, true};
     context *c = listening_context();
     for (size_t i = 0; i < COUNT_OF(bodies); i++) {
         char body[4096];
@@ -183,6 +186,8 @@ static void unknown_keys_are_named(void **state) {
          "o.json: body: not read: transl_frame, outtime; no translation"},
         {CAMERA, "{\"body_pose\": %s, \"pelvis_at\": [0, 0, 4]}",
          "o.json: body: not read: pelvis_at; no translation is among what is (transl, Th, cam_t, ...)\n"},
+        {CAMERA, "{\"body_pose\": %s, \"transl\": [1, 2, 3], \"root_rot\": [0, 0, 4]}",
+         "o.json: body: body_pose without the root's rotation (global_orient, root_orient, ...)"},
         {"{\"fov_deg\": 50, \"skew\": 1, \"zoom\": 2}", BODY, "o.json: camera: not read: skew, zoom\n"},
         {"{\"fov_deg\": 50}, \"masks\": \"x\"", BODY, "o.json: not read: masks\n"},
     };
@@ -569,7 +574,18 @@ static void poses_from_files(void **state) {
     sherf_free(pose);
     npz_member hands[] = {{"poses", 2, {1, 156}, poses}};
     assert_ok(c, npz_write(c, path, 1, hands));
-    assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "poses");
+    assert_ok(c, sherf_poses_load(c, path, &pose, &count)); /* SMPL+H: fingers are left, hands at rest */
+    assert_int_equal(count, 1);
+    assert_float_equal(pose->poses_rad[65], 0.65, 1e-6);
+    assert_float_equal(pose->poses_rad[66], 0, 0);
+    sherf_free(pose);
+    hands[0].dim[1] = 157;
+    assert_ok(c, npz_write(c, path, 1, hands));
+    assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "poses has 157 numbers");
+    for (int i = 0; i < 72; i++) few[i] = 57.3f * poses[i + 72];
+    npz_member degrees = {"poses", 2, {1, 72}, few};
+    assert_ok(c, npz_write(c, path, 1, &degrees));
+    assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "these are degrees");
     poses[80] = NAN;
     assert_ok(c, npz_write(c, path, 3, member));
     assert_fails(c, sherf_poses_load(c, path, &pose, &count), SHERF_BAD_FILE, "pose 1: poses");

@@ -19,9 +19,10 @@ typedef struct {
 } family;
 static const family families[] = {
     {"a common rig",
-     {"upleg|upperleg|thigh|thighbend|uleg", "leg|lowerleg|lowleg|shin|calf", "foot|ankle",
-      "toebase|toe|toes|ball|toe0", "shoulder|clavicle|collar", "arm|upperarm|uparm|uarm|shldr|shldrbend",
-      "forearm|lowerarm|lowarm|farm|forearmbend", "hand|wrist", ""}},
+     {"upleg|upperleg|thigh|thighbend|uleg|upperleg01", "leg|lowerleg01|lowerleg|lowleg|shin|calf|shank",
+      "foot|ankle", "toebase|toe|toes|ball|toe0", "shoulder|clavicle|collar",
+      "arm|upperarm|uparm|uarm|shldr|shldrbend|upperarm01",
+      "forearm|lowerarm|lowarm|farm|forearmbend|lowerarm01", "hand|wrist", ""}},
     {"SOMA", {"leg", "shin", "foot", "toebase|toe|toes", "shoulder|clavicle", "arm", "forearm", "hand", ""}},
     {"SMPL",
      {"hip|buttock|thigh", "knee|shin", "ankle", "foot|toe|toes|toebase", "collar|clavicle", "shoulder|shldr",
@@ -31,11 +32,17 @@ static const family families[] = {
 static const struct {
     const char *shin, *arm, *forearm, *whose;
 } rigs[] = {
-    {"leg", "arm", "forearm", "Mixamo"},         {"lowerleg", "upperarm", "lowerarm", "Unity or VRM"},
-    {"calf", "upperarm", "lowerarm", "Unreal"},  {"calf", "upperarm", "forearm", "Biped"},
-    {"shin", "upperarm", "forearm", "Rigify"},   {"shin", "uarm", "farm", "OptiTrack"},
-    {"lowleg", "uparm", "lowarm", "MHR"},        {"shin", "shldr", "forearm", "Poser"},
-    {"shin", "shldrbend", "forearmbend", "DAZ"}, {"shin", "arm", "forearm", "Rokoko"},
+    {"leg", "arm", "forearm", "Mixamo"},
+    {"lowerleg", "upperarm", "lowerarm", "Unity or VRM"},
+    {"calf", "upperarm", "lowerarm", "Unreal"},
+    {"calf", "upperarm", "forearm", "Biped"},
+    {"shin", "upperarm", "forearm", "Rigify"},
+    {"shin", "uarm", "farm", "OptiTrack"},
+    {"lowleg", "uparm", "lowarm", "MHR"},
+    {"shin", "shldr", "forearm", "Poser"},
+    {"shin", "shldrbend", "forearmbend", "DAZ"},
+    {"shin", "arm", "forearm", "Rokoko"},
+    {"lowerleg01", "upperarm01", "lowerarm01", "MakeHuman"},
 };
 
 static const int8_t needed[] = {1, 2, 4, 5, 16, 17, 18, 19}; /* from which the pelvis follows */
@@ -97,7 +104,7 @@ typedef struct {
 
 /* Words that say that it is a joint, of which rig, or in the middle. */
 static bool is_filler(const char *text) {
-    static const char *const filler[] = {"joint", "jnt", "bip", "c", "x", "stretch"};
+    static const char *const filler[] = {"joint", "jnt", "bip", "c", "m", "x", "stretch"};
     for (size_t i = 0; i < COUNT_OF(filler); i++)
         if (!strcmp(text, filler[i])) return true;
     return false;
@@ -232,6 +239,55 @@ static void drop_stray_collars(const bvh *b, int joint[BODY_JOINTS]) {
         if (joint[j] >= 0 && !hangs_on(b, joint[j + 3], joint[j])) joint[j] = -1;
 }
 
+/* ---- what no name tells: from what hangs on what ---- */
+
+/* The only child of a joint; -1: none, or several. */
+static int only_child(const bvh *b, int joint) {
+    int found = -1;
+    for (int i = 0; i < b->joints; i++) {
+        if (b->joint[i].parent != joint || b->joint[i].end) continue;
+        if (found >= 0) return -1;
+        found = i;
+    }
+    return found;
+}
+
+/* The joint that a chest carries an arm by. */
+static void place_collar(const bvh *b, int chest, int collar, int joint[BODY_JOINTS]) {
+    int i = joint[collar + 3];
+    if (joint[collar] >= 0 || !hangs_on(b, i, chest)) return;
+    while (b->joint[i].parent != chest && i != chest) i = b->joint[i].parent;
+    if (i != joint[collar + 3] && i != chest) joint[collar] = i;
+}
+
+/* Rigify's spine goes on to the head: the longest chain on the chest that carries no arm. */
+static void place_head(const bvh *b, const plain_name *name, int chest, int joint[BODY_JOINTS]) {
+    int longest = 0, second = 0, neck = -1, head = -1;
+    if (joint[15] >= 0) return;
+    for (int i = 0; i < b->joints; i++) {
+        if (b->joint[i].parent != chest || b->joint[i].end || name[i].side != MIDDLE) continue;
+        if (hangs_on(b, joint[16], i) || hangs_on(b, joint[17], i)) continue;
+        int end = i, length = 1;
+        for (int next; (next = only_child(b, end)) >= 0; length++) end = next;
+        if (length > longest)
+            second = longest, longest = length, neck = i, head = end;
+        else if (length > second)
+            second = length;
+    }
+    if (!longest || longest == second) return;
+    if (joint[12] < 0 && (neck != head || begins_with(&name[neck], "neck"))) joint[12] = neck;
+    if (neck != head || joint[12] != neck) joint[15] = head;
+}
+
+static void place_nameless(const bvh *b, const plain_name *name, int joint[BODY_JOINTS]) {
+    const int chest = common_ancestor(b, joint[16], joint[17]);
+    for (int j = 10; j <= 11; j++)
+        if (joint[j] < 0 && joint[j - 3] >= 0) joint[j] = only_child(b, joint[j - 3]);
+    if (chest < 0) return;
+    for (int j = 13; j <= 14; j++) place_collar(b, chest, j, joint);
+    place_head(b, name, joint[12] >= 0 && joint[12] == chest ? b->joint[chest].parent : chest, joint);
+}
+
 /* ---- all of it ---- */
 
 static int found_of(const int joint[BODY_JOINTS]) {
@@ -329,6 +385,7 @@ sherf_status bvh_names_match(context *c, const bvh *b, const value *given, int j
         memcpy(joint, now, sizeof now);
     }
     if (!status && best < 0) status = not_found(c, b, joint);
+    if (!status) place_nameless(b, name, joint);
     if (!status && !given) *whose = rig_of(b, name, taken, joint);
     mem_free(name);
     return status;

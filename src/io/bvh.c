@@ -28,14 +28,14 @@ static bool is_space(char ch) {
     return ch == ' ' || ch == '\t' || ch == '\n' || ch == '\r' || ch == '\f' || ch == '\v';
 }
 
-/* The next word, of length 0 at the end. Braces are words of their own. */
+/* The next word, of length 0 at the end. Braces are words of their own, and a colon ends one. */
 static word next_word(reader *r) {
     while (r->at < r->end && is_space(*r->at)) r->line += *r->at++ == '\n';
     word w = {r->at, 0};
     while (r->at < r->end && !is_space(*r->at)) {
         if ((*r->at == '{' || *r->at == '}') && w.length) break;
         r->at++, w.length++;
-        if (*w.text == '{' || *w.text == '}') break;
+        if (*w.text == '{' || *w.text == '}' || r->at[-1] == ':') break;
     }
     return w;
 }
@@ -188,16 +188,26 @@ static sherf_status read_frames(reader *r, int frames, size_t room) {
     return SHERF_OK;
 }
 
+static sherf_status motion_begins(reader *r) {
+    const word w = next_word(r);
+    if (word_is(w, "ROOT"))
+        return failure(
+            r->c, SHERF_UNSUPPORTED,
+            "line %d: a second ROOT: several people in one BVH are not read, export them one by one",
+            r->line);
+    return word_is(w, "MOTION") ? SHERF_OK : expected(r, "MOTION", w);
+}
+
 static sherf_status read_motion(reader *r) {
     bvh *b = r->b;
     sherf_status status;
     int frames = 0;
-    if ((status = expect(r, "MOTION")) || (status = expect(r, "Frames:")) ||
+    if ((status = motion_begins(r)) || (status = expect(r, "Frames:")) ||
         (status = read_count(r, "a number of frames", 1 << 24, &frames)) || (status = expect(r, "Frame")) ||
         (status = expect(r, "Time:")) || (status = read_number(r, &b->frame_time_s)))
         return status;
     if (!b->channels || !frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
-    if (!(b->frame_time_s > 0 && b->frame_time_s < 1e3))
+    if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: who reads motions asks for the rate */
         return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
     /* each number takes two characters at least, but the last one */
     size_t room = (size_t)frames * (size_t)b->channels, left = ((size_t)(r->end - r->at) + 1) / 2;
@@ -214,16 +224,7 @@ static sherf_status read_motion(reader *r) {
     return SHERF_OK;
 }
 
-sherf_status bvh_parse(context *c, const unsigned char *data, size_t bytes, bvh **out) {
-    *out = NULL;
-    if (utf16_is(data, bytes)) {
-        unsigned char *narrow;
-        size_t length;
-        sherf_status narrowed = utf16_narrow(c, data, bytes, &narrow, &length);
-        if (!narrowed) narrowed = bvh_parse(c, narrow, length, out); /* which begins with no mark */
-        mem_free(narrow);
-        return narrowed;
-    }
+static sherf_status parse_text(context *c, const unsigned char *data, size_t bytes, bvh **out) {
     reader r = {.c = c, .at = (const char *)data, .end = (const char *)data + bytes, .line = 1};
     r.b = mem_zero(c, 1, sizeof *r.b);
     if (!r.b) return SHERF_NO_MEMORY;
@@ -236,6 +237,17 @@ sherf_status bvh_parse(context *c, const unsigned char *data, size_t bytes, bvh 
     }
     *out = r.b;
     return SHERF_OK;
+}
+
+sherf_status bvh_parse(context *c, const unsigned char *data, size_t bytes, bvh **out) {
+    unsigned char *narrow;
+    size_t length;
+    *out = NULL;
+    if (!utf16_is(data, bytes)) return parse_text(c, data, bytes, out);
+    sherf_status status = utf16_narrow(c, data, bytes, &narrow, &length);
+    if (!status) status = parse_text(c, narrow, length, out);
+    mem_free(narrow);
+    return status;
 }
 
 sherf_status bvh_read(context *c, const char *path, bvh **out) {

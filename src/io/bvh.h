@@ -26,7 +26,7 @@ typedef struct {
 
 typedef struct {
     int joints, channels, frames;
-    double frame_time_s;
+    double frame_time_s; /* 0 or more; what is read as it stands */
     bvh_joint *joint;
     float *value; /* frames x channels; degrees and the file's unit */
 } bvh;

@@ -97,23 +97,23 @@ static value *parse(builder *b, const char *text, size_t bytes) {
     return v;
 }
 
-sherf_status json_parse(context *c, const char *text, size_t bytes, document **out) {
+static sherf_status parse_narrow(context *c, const char *text, size_t bytes, document **out) {
     builder b;
-    *out = NULL;
-    if (utf16_is((const unsigned char *)text, bytes)) {
-        unsigned char *narrow;
-        size_t length;
-        sherf_status status = bytes > json_bytes_max
-                                  ? failure(c, SHERF_BAD_FILE, "JSON: %zu bytes, too many", bytes)
-                                  : utf16_narrow(c, (const unsigned char *)text, bytes, &narrow, &length);
-        if (status) return status;
-        status = json_parse(c, (const char *)narrow, length, out); /* which begins with no mark */
-        mem_free(narrow);
-        return status;
-    }
     /* a value of ours takes about 150 bytes, a number in the text as few as two */
     if (!build_start(&b, c, ((size_t)64 << 20) + (bytes < SIZE_MAX / 512 ? bytes * 128 : 0))) return b.status;
     return build_finish(&b, parse(&b, text, bytes), out);
+}
+
+sherf_status json_parse(context *c, const char *text, size_t bytes, document **out) {
+    unsigned char *narrow;
+    size_t length;
+    *out = NULL;
+    if (!utf16_is((const unsigned char *)text, bytes)) return parse_narrow(c, text, bytes, out);
+    if (bytes > json_bytes_max) return failure(c, SHERF_BAD_FILE, "JSON: %zu bytes, too many", bytes);
+    sherf_status status = utf16_narrow(c, (const unsigned char *)text, bytes, &narrow, &length);
+    if (!status) status = parse_narrow(c, (const char *)narrow, length, out);
+    mem_free(narrow);
+    return status;
 }
 
 sherf_status json_read(context *c, const char *path, document **out) {

@@ -35,13 +35,32 @@ size_t utf8_put(char *out, uint32_t u) {
     return (size_t)more + 1;
 }
 
-bool utf16_is(const unsigned char *data, size_t bytes) {
+static bool has_mark(const unsigned char *data, size_t bytes) {
     return bytes >= 2 && (!memcmp(data, "\xff\xfe", 2) || !memcmp(data, "\xfe\xff", 2));
+}
+
+/* Without its mark: letters, each beside a 0. */
+static bool looks_wide(const unsigned char *data, size_t bytes) {
+    if (bytes < 8) return false;
+    const size_t letter = data[0] == 0;
+    for (size_t i = 0; i < 8; i += 2) {
+        const unsigned char text = data[i + letter], none = data[i + !letter];
+        if (none || text < 9 || text > 126) return false;
+    }
+    return true;
+}
+
+bool utf16_is(const unsigned char *data, size_t bytes) {
+    return has_mark(data, bytes) || looks_wide(data, bytes);
 }
 
 sherf_status utf16_narrow(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
                           size_t *length) {
-    reader r = {.data = data, .bytes = bytes & ~(size_t)1, .at = 2, .big = bytes && data[0] == 0xfe};
+    const bool marked = has_mark(data, bytes);
+    reader r = {.data = data,
+                .bytes = bytes & ~(size_t)1,
+                .at = marked ? 2 : 0,
+                .big = marked ? data[0] == 0xfe : bytes && !data[0]};
     size_t n = 0;
     *length = 0;
     *out = mem_alloc(c, bytes / 2 * 3 + 1, 1); /* three bytes for two at most */

@@ -6,6 +6,8 @@
 #include "data/bvh_body.h"
 #include "motion/source.h"
 
+static const double longest_s = 5; /* that a frame takes: no recording is slower */
+
 /* Thigh and shin of both sides, from points. */
 static double leg_length(const double at[BODY_JOINTS][3]) {
     double sum = 0;
@@ -49,12 +51,32 @@ static sherf_status match(context *c, const bvh *b, const sherf_motion_options *
     return status;
 }
 
+/* Parts of the body that no joint of the file moves, for the line: ", without a neck". */
+static void without(const bvh_body *map, char out[96]) {
+    static const struct {
+        int8_t left, right;
+        const char *name;
+    } parts[] = {{7, 8, "ankles"},    {10, 11, "toes"}, {12, 12, "neck"},
+                 {13, 14, "collars"}, {15, 15, "head"}, {20, 21, "wrists"}};
+    size_t n = 0;
+    out[0] = 0;
+    for (size_t i = 0; i < COUNT_OF(parts); i++)
+        if (map->joint[parts[i].left] < 0 || map->joint[parts[i].right] < 0)
+            n += (size_t)snprintf(out + n, 96 - n, "%s%s", n ? ", " : ", without ", parts[i].name);
+}
+
 sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_options *o, source *s) {
     double at[BODY_JOINTS][3], hips[3], own_hips[3];
     bvh_body map;
+    char lacks[96];
     s->format = "BVH";
     s->up = SHERF_UP_Y;
     s->is_pelvis = s->fps_said = true;
+    if (!(o->source_fps > 0) && !(b->frame_time_s > 0 && b->frame_time_s < longest_s))
+        return failure(c, SHERF_BAD_FILE,
+                       "a frame takes %g s: are these milliseconds, or frames a second? Give the rate "
+                       "(--source-fps)",
+                       b->frame_time_s);
     sherf_status status = source_frames(c, s, o, b->frames, rate_of(b->frame_time_s));
     if (status) return status;
     if ((status = match(c, b, o, &s->skeleton, &map))) return status;
@@ -62,7 +84,9 @@ sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_option
     double legs = leg_length(at);
     if (!(legs > 1e-9)) return failure(c, SHERF_BAD_FILE, "a skeleton with legs of no length");
     s->unit_m = o->scale > 0 ? o->scale : leg_length(s->skeleton.rest_m) / legs;
-    snprintf(s->detail, sizeof s->detail, "names of %s, a unit is %.3g m by the legs%s", map.names, s->unit_m,
+    without(&map, lacks);
+    snprintf(s->detail, sizeof s->detail, "names of %s, a unit is %.3g m by the legs%s%s", map.names,
+             s->unit_m, lacks,
              map.calibrated ? ", its rest pose is none of a person: calibrated by its frames" : "");
     /* From the file's root to the middle of its hips at rest, less the body's own, so that hips meet. */
     for (int k = 0; k < 3; k++) {

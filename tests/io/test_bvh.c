@@ -121,7 +121,7 @@ static void test_hostile(void **state) {
     refused(c, "Zrotation Xr", "Wrotation Xr", "channel");
     refused(c, "OFFSET 0 1.5 0", "OFFSET 0 nan 0", "number");
     refused(c, "OFFSET 0 1.5 0", "OFFSET 0 1e999 0", "number");
-    refused(c, ".0083333", "0", "frame takes");
+    refused(c, ".0083333", "-1", "frame takes");
     refused(c, "1 2 3 90", "1 2 x 90", "number");
     refused(c, "End Site", "End Sight", "Site");
     refused(c, "JOINT Left Arm", "JOINT \n", "name");

@@ -449,7 +449,7 @@ sherf_status pose_library_add_bvh(context *c, pose_library *l, const char *path,
         failure_prefix(c, status, "%s", path);
         goto done;
     }
-    int step = (int)(every_s / b->frame_time_s);
+    int step = (int)fmin(every_s / fmax(b->frame_time_s, 1e-6), b->frames);
     for (int frame = step > 0 ? step : 1; frame < b->frames && !status; frame += step > 0 ? step : 1) {
         float pose[72];
         bvh_body_pose(b, &map, frame, pose);

@@ -89,18 +89,17 @@ static sherf_status joints_of(context *c, const named_value *part, const sherf_m
                               turn);
     sherf_status status = rotation_frame(c, rest->name, rest->item, o->rotations, body_joints, 1, 23, turn);
     if (status || !root->item) return status; /* EasyMocap's are without the root, too */
-    return rotation_frame(c, root->name, root->item, o->rotations, root_joint, 0, 1, turn);
+    const sherf_rotations form = rotation_root_form(c, rest->item, root->item, 1, body_joints, o->rotations);
+    return rotation_frame(c, root->name, root->item, form, root_joint, 0, 1, turn);
 }
 
 /* R and Th turn and move SMPL's own space: x = R x_smpl + Th, so the pelvis, at J0 there, comes to R J0 + Th.
  * A camera that goes with the body turns and moves that: the frame's world is then the camera's. */
-static sherf_status person_frame(context *c, const value *person, const sherf_motion_options *o, source *s,
+static sherf_status person_frame(context *c, const body_parts *all, const sherf_motion_options *o, source *s,
                                  int at) {
     float(*turn)[4] = s->clip.turn[at], world[4] = {1, 0, 0, 0}, camera[4] = {1, 0, 0, 0};
     double Th[3] = {0}, Tc[3] = {0}, pelvis[3];
-    body_parts all;
-    body_parts_find(person, &all);
-    const named_value *part = all.part;
+    const named_value *part = all->part;
     sherf_status status = joints_of(c, part, o, turn);
     if (!status) status = turn_of(c, &part[PART_TURN], &world);
     if (!status) status = turn_of(c, &part[PART_CAMERA_TURN], &camera);
@@ -121,37 +120,57 @@ static sherf_status person_frame(context *c, const value *person, const sherf_mo
 typedef struct {
     const sherf_motion_options *o;
     source *s;
-    char name[64]; /* the person's; "" until the first was met */
-    int64_t max;   /* frames that there can be */
+    char name[64];  /* the person's; "" until the first was met */
+    int64_t max;    /* frames that there can be */
+    int64_t people; /* most rows of people in one frame's arrays */
     int count;
 } taker;
 
+/* ROMP's people are rows, of one person too. */
+static bool person_is_row(const body_parts *p) {
+    return p->part[PART_POSES].name && !strcmp(p->part[PART_POSES].name, "smpl_thetas");
+}
+
+static int64_t row_wanted(const sherf_motion_options *o) {
+    return o->track ? strtoll(o->track, NULL, 10) : 0;
+}
+
 /* Shapes, format and room follow from the first frame that has the person. */
-static sherf_status take_first(context *c, taker *t, const value *person) {
+static sherf_status take_first(context *c, taker *t, const value *person, const body_parts *p) {
     source *s = t->s;
-    body_parts p;
-    body_parts_find(person, &p);
-    const char *root = p.part[PART_ROOT].name, *place = p.part[PART_CAMERA_PLACE].name;
+    const char *root = p->part[PART_ROOT].name, *place = p->part[PART_CAMERA_PLACE].name;
     const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL;
-    const bool smplify = place && !strcmp(place, "camera_translation");
-    s->format = lhm ? "LHM or ExAvatar" : easymocap ? "EasyMocap" : smplify ? "SMPLify-X" : "SMPL poses";
+    const bool romp = person_is_row(p), smplify = place && !strcmp(place, "camera_translation");
+    s->format = lhm         ? "LHM or ExAvatar"
+                : easymocap ? "EasyMocap"
+                : smplify   ? "SMPLify-X"
+                : romp      ? "ROMP"
+                            : "SMPL poses";
     s->up = lhm || place ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;
+    s->unplaced = !place && !p->part[PART_PLACE].item;
     body_parts_warn(c, person, s->format);
-    sherf_status status = source_shapes(c, s, p.part[PART_SHAPES].item);
+    sherf_status status = source_shapes(c, s, p->part[PART_SHAPES].item);
     if (!status) status = source_frames(c, s, t->o, t->max, 30);
     return status ? status : source_numbers(c, s);
 }
 
 static sherf_status take(context *c, taker *t, const value *frame, int64_t number) {
     const value *person = person_in(frame, t->name);
+    body_parts p;
+    value room[PARTS];
     if (!person) return SHERF_OK;
-    sherf_status status = t->count ? SHERF_OK : take_first(c, t, person);
+    body_parts_find(person, &p);
+    const int64_t people = source_people(&p), row = people > 1 || person_is_row(&p) ? row_wanted(t->o) : 0;
+    if (row < 0 || row >= people) return SHERF_OK; /* not in this frame */
+    if (people > t->people) t->people = people;
+    for (int i = 0; i < PARTS && people > 1; i++) source_take_person(&p.part[i], people, row, &room[i]);
+    sherf_status status = t->count ? SHERF_OK : take_first(c, t, person, &p);
     if (status) return status;
     if (t->count >= t->s->clip.frames) return failure(c, SHERF_BAD_FILE, "more frames than there were");
     t->s->number[t->count] = number;
-    status = person_frame(c, person, t->o, t->s, t->count);
+    status = person_frame(c, &p, t->o, t->s, t->count);
     t->count++;
     return status;
 }
@@ -162,6 +181,9 @@ static sherf_status take_end(context *c, taker *t) {
     if (!t->count) return failure(c, SHERF_BAD_FILE, "no frame with a person in it");
     t->s->clip.frames = t->count; /* there is room for more */
     if (*t->name) snprintf(t->s->detail, sizeof t->s->detail, "person %.40s", t->name);
+    if (t->people > 1)
+        snprintf(t->s->detail, sizeof t->s->detail, "row %.40s of each frame's up to %lld people",
+                 t->o->track ? t->o->track : "0", (long long)t->people);
     return SHERF_OK;
 }
 
@@ -169,6 +191,27 @@ static taker taker_of(const sherf_motion_options *o, source *s, int64_t max) {
     taker t = {.o = o, .s = s, .max = max};
     if (o->track) snprintf(t.name, sizeof t.name, "%.60s", o->track);
     return t;
+}
+
+/* A list of frames, or one alone. number: of each frame; NULL: one after the other. */
+static sherf_status frames_read(context *c, const value *root, bool one, const int64_t *number,
+                                const sherf_motion_options *o, source *s) {
+    const size_t frames = one ? 1 : root->list.count;
+    taker t = taker_of(o, s, (int64_t)frames);
+    sherf_status status = SHERF_OK;
+    for (size_t i = 0; i < frames && !status; i++) {
+        status = take(c, &t, one ? root : root->list.item[i], number ? number[i] : (int64_t)i);
+        if (status) failure_prefix(c, status, "frame %zu", i);
+    }
+    return status ? status : take_end(c, &t);
+}
+
+bool picture_is(const value *root) {
+    static const char *const names[] = {"center_confs", "center_preds", NULL};
+    body_parts p;
+    if (!value_first(root, names).item && !value_first(value_get(root, "results"), names).item) return false;
+    body_parts_find(root, &p);
+    return source_people(&p) > 1;
 }
 
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
@@ -182,22 +225,10 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
         person_name(root->list.item[1], 1, second);
         one = value_get(root->list.item[1], "id") && strcmp(first, second) != 0;
     }
-    size_t frames = one ? 1 : root->list.count;
-    taker t = taker_of(o, s, (int64_t)frames);
-    sherf_status status = SHERF_OK;
-    for (size_t i = 0; i < frames && !status; i++) {
-        status = take(c, &t, one ? root : root->list.item[i], (int64_t)i);
-        if (status) failure_prefix(c, status, "frame %zu", i);
-    }
-    return status ? status : take_end(c, &t);
+    return frames_read(c, root, one, NULL, o, s);
 }
 
-/* ---- folders ---- */
-
-typedef struct {
-    int64_t number, person; /* of two numbers in the name: "00012_0.npz" */
-    char name[128];
-} frame_file;
+/* ---- dicts of dicts ---- */
 
 /* The number that ends at `end` in the text, whose beginning it is moved to; -1: there is none before. */
 static int64_t number_before(const char *name, size_t *end) {
@@ -208,6 +239,99 @@ static int64_t number_before(const char *name, size_t *end) {
     *end = begin;
     return number;
 }
+
+/* Rows of one of the dicts; 0: it holds no body. */
+static int64_t nested_rows(const value *v) {
+    body_parts p;
+    v = value_unwrapped(v);
+    if (!frame_is(v)) return 0;
+    body_parts_find(v, &p);
+    return source_people(&p);
+}
+
+bool nested_file_is(const value *root) {
+    if (!root || root->kind != VALUE_DICT || person_is(root)) return false;
+    for (size_t i = 0; i < root->dict.count; i++)
+        if (nested_rows(root->dict.pair[i].item)) return true;
+    return false;
+}
+
+/* ROMP's people stand side by side in a frame; others' rows are frames. */
+static bool nested_are_frames(const value *root) {
+    for (size_t i = 0; i < root->dict.count; i++) {
+        const value *item = value_unwrapped(root->dict.pair[i].item);
+        if (nested_rows(item) > 1) return value_get(item, "smpl_thetas") != NULL;
+    }
+    return true;
+}
+
+/* The last number in a key; -1: none. */
+static int64_t key_number(const value *key) {
+    if (key->kind == VALUE_INTEGER) return key->integer;
+    if (key->kind != VALUE_STRING) return -1;
+    const char *point = strrchr(key->string.text, '.');
+    size_t end = point ? (size_t)(point - key->string.text) : strlen(key->string.text);
+    return number_before(key->string.text, &end);
+}
+
+static sherf_status nested_frames(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    value **frame = mem_alloc(c, root->dict.count, sizeof *frame);
+    int64_t *number = mem_alloc(c, root->dict.count, sizeof *number);
+    size_t n = 0;
+    bool ascend = true;
+    sherf_status status = SHERF_NO_MEMORY;
+    if (frame && number) {
+        for (size_t i = 0; i < root->dict.count; i++) {
+            if (!nested_rows(root->dict.pair[i].item)) continue;
+            frame[n] = root->dict.pair[i].item;
+            number[n] = key_number(root->dict.pair[i].key);
+            ascend &= number[n] >= 0 && (!n || number[n] > number[n - 1]);
+            n++;
+        }
+        const value list = {.kind = VALUE_LIST, .list = {frame, n}};
+        status = frames_read(c, &list, false, ascend ? number : NULL, o, s);
+    }
+    mem_free(frame);
+    mem_free(number);
+    return status;
+}
+
+static sherf_status nested_person(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    int64_t longest = 0;
+    int people = 0;
+    const value *taken = NULL;
+    char name[64] = "";
+    for (size_t i = 0; i < root->dict.count; i++) {
+        const value *key = root->dict.pair[i].key;
+        const int64_t rows = nested_rows(root->dict.pair[i].item);
+        char own[64] = "";
+        if (!rows) continue;
+        people++;
+        if (key->kind == VALUE_STRING) snprintf(own, sizeof own, "%.60s", key->string.text);
+        if (key->kind == VALUE_INTEGER) snprintf(own, sizeof own, "%lld", (long long)key->integer);
+        if (o->track ? strcmp(own, o->track) != 0 : rows <= longest) continue;
+        longest = rows, taken = value_unwrapped(root->dict.pair[i].item);
+        memcpy(name, own, sizeof name);
+    }
+    if (!taken)
+        return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %d of the file", o->track, people);
+    sherf_motion_options alone = *o;
+    alone.track = NULL;
+    sherf_status status = smpl_file_read(c, taken, &alone, s);
+    if (!status && people > 1) snprintf(s->detail, sizeof s->detail, "track %.40s of %d", name, people);
+    return status;
+}
+
+sherf_status nested_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    return nested_are_frames(root) ? nested_frames(c, root, o, s) : nested_person(c, root, o, s);
+}
+
+/* ---- folders ---- */
+
+typedef struct {
+    int64_t number, person; /* of two numbers in the name: "00012_0.npz" */
+    char name[128];
+} frame_file;
 
 static bool has_kind(const char *name) {
     static const char *const kinds[] = {".json", ".npz", ".npy", ".pkl", ".pickle", ".pt"};
@@ -299,8 +423,9 @@ sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_
     sherf_status status = list_folder(c, path, &file, &count);
     if (!status) status = take_people_apart(c, o, s, file, &count);
     const bool apart = *s->detail;
-    taker t = taker_of(apart ? &(sherf_motion_options){0} : o, s, count);
-    t.o = o;
+    sherf_motion_options own = *o;
+    if (apart) own.track = NULL; /* done with */
+    taker t = taker_of(&own, s, count);
     for (int i = 0; i < count && !status; i++) {
         char name[PATH_LENGTH];
         document *d = NULL;

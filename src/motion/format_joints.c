@@ -8,7 +8,7 @@
 #include "base/vector3.h"
 #include "motion/source.h"
 
-enum { JOINTS = 22, FEATURES = 263, MOTION_X = 322, SIX = 6 };
+enum { JOINTS = 22, JOINTS_MAX = 55, FEATURES = 263, MOTION_X = 322, SIX = 6 };
 static const double humanml_fps = 20, motion_x_fps = 30;
 static const int whole_joints[] = {24, 22, 52, 55, 0};
 
@@ -147,10 +147,14 @@ static sherf_status features_joints(context *c, const value *rows, int frames, d
     return SHERF_OK;
 }
 
+/* The first joints of each row, which may go on with hands, fingers and a face. */
 static sherf_status joints_rows(context *c, const value *rows, int frames, double *at) {
+    double row[JOINTS_MAX * 3];
     sherf_status status = SHERF_OK;
-    for (int i = 0; i < frames && !status; i++)
-        status = parse_row(c, rows, (size_t)i, "joints", JOINTS * 3, at + (size_t)i * JOINTS * 3);
+    for (int i = 0; i < frames && !status; i++) {
+        status = parse_row(c, rows, (size_t)i, "joints", (size_t)rows->array.dim[1] * 3, row);
+        if (!status) memcpy(at + (size_t)i * JOINTS * 3, row, JOINTS * 3 * sizeof *at);
+    }
     return status;
 }
 
@@ -285,30 +289,78 @@ static sherf_status samples_read(context *c, const value *root, const sherf_moti
 static sherf_status poses_rows(context *c, const value *v, const sherf_motion_options *o, source *s) {
     s->format = "SMPL poses";
     s->up = SHERF_UP_Y;
+    s->unplaced = true;
     sherf_status status = source_frames(c, s, o, v->array.dim[0], 30);
     return status ? status
                   : rotation_rows(c, "poses", v, o->rotations, whole_joints, 0,
                                   value_numbers(v) == 72 * v->array.dim[0] ? 24 : 22, &s->clip);
 }
 
+/* Left and right legs as long as each other, shins about as long as thighs, a head that is not among the
+ * hips: of joints' places, not of their rotations, which are other numbers. */
+static bool is_skeleton(const value *row) {
+    double at[JOINTS_MAX * 3], bone[4] = {0}, up = 0;
+    static const int8_t from[4] = {1, 2, 4, 5}, to[4] = {4, 5, 7, 8};
+    for (int i = 0; i < 16 * 3; i++) at[i] = value_array_number(row, i);
+    for (int k = 0; k < 3; k++) {
+        for (int i = 0; i < 4; i++) {
+            const double d = at[3 * to[i] + k] - at[3 * from[i] + k];
+            bone[i] += d * d;
+        }
+        up += (at[3 * 15 + k] - at[k]) * (at[3 * 15 + k] - at[k]);
+    }
+    const double thigh = sqrt(bone[0]), shin = sqrt(bone[2]);
+    return fabs(thigh - sqrt(bone[1])) < 0.1 * thigh && fabs(shin - sqrt(bone[3])) < 0.1 * shin &&
+           fabs(thigh - shin) < 0.3 * thigh && sqrt(up) > 0.8 * thigh && sqrt(up) < 2.5 * thigh;
+}
+
+static bool is_triples(const value *v, int64_t joints) {
+    return shape_is(v, 3, 0, joints) && v->array.dim[2] == 3 && v->array.dim[0] > 0;
+}
+
+/* (F, joints, 3): places where the first frame and the middle one look like a person. Of 22, which are more
+ * often places, reading says what is wrong. */
+static bool joints_are(const value *v) {
+    static const int8_t more[] = {24, 52, 55};
+    if (is_triples(v, JOINTS)) return true;
+    for (size_t i = 0; i < COUNT_OF(more); i++)
+        if (is_triples(v, more[i])) {
+            const value first = parse_row_of(v, 0), middle = parse_row_of(v, (size_t)v->array.dim[0] / 2);
+            return is_skeleton(&first) && is_skeleton(&middle);
+        }
+    return false;
+}
+
 static bool poses_are(const value *v) {
     return shape_is(v, 2, 0, 72) || shape_is(v, 2, 0, 156) || shape_is(v, 2, 0, 165) ||
+           ((is_triples(v, 24) || is_triples(v, 52) || is_triples(v, 55)) && !joints_are(v)) ||
            (shape_is(v, 4, 0, BODY_JOINTS) && v->array.dim[2] == 3 && v->array.dim[3] == 3);
 }
 
-static bool joints_are(const value *v) {
-    return shape_is(v, 3, 0, JOINTS) && v->array.dim[2] == 3;
+static bool array_is(const value *v) {
+    return shape_is(v, 2, 0, FEATURES) || shape_is(v, 2, 0, MOTION_X) || joints_are(v) || poses_are(v);
+}
+
+/* Without an axis of 1 before the others (a batch of one), where that is what is known. */
+static value squeezed(const value *root) {
+    value own = *root;
+    while (own.kind == VALUE_ARRAY && own.array.rank > 2 && own.array.dim[0] == 1 && !array_is(&own))
+        own = parse_row_of(&own, 0);
+    return own;
 }
 
 bool joints_file_is(const value *root) {
-    return thetas_are(root) || samples_are(root) || shape_is(root, 2, 0, FEATURES) ||
-           shape_is(root, 2, 0, MOTION_X) || joints_are(root) || poses_are(root);
+    if (!root || root->kind != VALUE_ARRAY) return thetas_are(root) || samples_are(root);
+    const value own = squeezed(root);
+    return array_is(&own);
 }
 
 sherf_status joints_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
     if (thetas_are(root))
         return mdm_thetas_read(c, value_get(root, "thetas"), value_get(root, "root_translation"), o, s);
     if (samples_are(root)) return samples_read(c, root, o, s);
+    const value own = squeezed(root);
+    root = &own;
     if (shape_is(root, 2, 0, MOTION_X)) return motion_x_read(c, root, o, s);
     if (poses_are(root)) return poses_rows(c, root, o, s);
     s->format = "HumanML3D";

@@ -63,15 +63,6 @@ typedef struct {
     int64_t people, frames; /* people 0: there is no axis for them */
 } layout;
 
-/* Whether so many numbers are the rotations of one frame. */
-static bool is_frame(int64_t numbers) {
-    static const int8_t joints[] = {24, 22, 52, 55, 23, 21}, per[] = {3, 4, 9};
-    for (size_t j = 0; j < COUNT_OF(joints); j++)
-        for (size_t p = 0; p < COUNT_OF(per); p++)
-            if (numbers == joints[j] * per[p]) return true;
-    return false;
-}
-
 static int64_t second_axis(const value *v) {
     if (v->kind == VALUE_LIST) return v->list.count ? parse_rows(v->list.item[0]) : -1;
     return v->array.rank > 1 ? v->array.dim[1] : -1;
@@ -82,21 +73,13 @@ static int64_t second_axis(const value *v) {
 static layout layout_of(const value *rows) {
     const int64_t n = value_numbers(rows), first = parse_rows(rows), second = n > 0 ? second_axis(rows) : -1;
     if (n < 1 || first < 1) return (layout){0, 0};
-    if (is_frame(n / first) && n % first == 0) return (layout){0, first};
-    if (is_frame(n)) return (layout){0, 1};
-    if (second > 0 && n % (first * second) == 0 && is_frame(n / first / second))
+    if (source_is_frame(n / first) && n % first == 0) return (layout){0, first};
+    if (source_is_frame(n)) return (layout){0, 1};
+    if (second > 0 && n % (first * second) == 0 && source_is_frame(n / first / second))
         return (layout){first, second};
-    if (rows->kind == VALUE_LIST && second > 0 && is_frame(value_numbers(rows->list.item[0]) / second))
+    if (rows->kind == VALUE_LIST && second > 0 && source_is_frame(value_numbers(rows->list.item[0]) / second))
         return (layout){first, second}; /* people of different lengths */
     return (layout){0, second > 0 ? first : 1};
-}
-
-/* One person's part of what has as many rows as there are people. */
-static void take_person(named_value *part, int64_t people, int64_t person, value *room) {
-    const value *v = part->item;
-    if (!v || parse_rows(v) != people || (v->kind == VALUE_ARRAY && v->array.rank < 2)) return;
-    *room = parse_row_of(v, (size_t)person);
-    part->item = room;
 }
 
 static int64_t mask_count(const value *mask) {
@@ -216,8 +199,10 @@ static sherf_status read_turns(context *c, const body_parts *p, const sherf_moti
     sherf_status status = SHERF_OK;
     if (body->item) {
         status = rotation_rows(c, body->name, body->item, o->rotations, body_joints, 1, 23, k);
+        const sherf_rotations form =
+            rotation_root_form(c, body->item, root->item, k->frames, body_joints, o->rotations);
         if (!status && root->item)
-            status = rotation_rows(c, root->name, root->item, o->rotations, root_joint, 0, 1, k);
+            status = rotation_rows(c, root->name, root->item, form, root_joint, 0, 1, k);
         return status;
     }
     status = rotation_rows(c, whole->name, whole->item, o->rotations, whole_joints, 0, 22, k);
@@ -302,8 +287,8 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     if (all.people > 1) status = choose_person(c, root, rows_of(&p), all.people, o, s, &person);
     if (status) return status;
     if (all.people) {
-        for (int i = 0; i < PARTS; i++) take_person(&p.part[i], all.people, person, &room[i]);
-        take_person(&mask, all.people, person, &mask_room);
+        for (int i = 0; i < PARTS; i++) source_take_person(&p.part[i], all.people, person, &room[i]);
+        source_take_person(&mask, all.people, person, &mask_room);
         all.frames = layout_of(rows_of(&p)).frames;
     }
     recognise(root, &p, value_numbers(rows_of(&p)) / all.frames, s, &fps);
@@ -313,6 +298,7 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     if (!status) status = read_rate(c, root, o, &fps, &s->fps_said);
     if (!status) status = source_frames(c, s, o, all.frames, fps);
     if (!status) status = read_turns(c, &p, o, &s->clip);
+    s->unplaced = !place->item;
     if (!status && place->item) status = read_places(c, place, &s->clip);
     if (!status) status = read_scaling(c, root, s);
     if (!status && p.part[PART_TURN].item) status = read_world(c, &p.part[PART_TURN], s);

@@ -113,6 +113,7 @@ static sherf_status wham_read(context *c, const value *root, const sherf_motion_
     s->format = world ? "WHAM" : "WHAM, camera's view";
     s->up = world ? SHERF_UP_Y : SHERF_UP_MINUS_Y;
     s->unit_m = 1;
+    s->unplaced = !trans;
     status = source_shapes(c, s, value_get(track, "betas"));
     if (!status) status = source_frames(c, s, o, parse_rows(pose), 30);
     if (!status && parts) {
@@ -222,6 +223,7 @@ static sherf_status phalp_read(context *c, const value *root, const sherf_motion
         if (person < 0) continue;
         const value *smpl = value_at(value_get(root->dict.pair[f].item, "smpl"), (size_t)person);
         if (!frames++ && (status = source_shapes(c, s, value_get(smpl, "betas")))) return status;
+        s->unplaced = !value_get(root->dict.pair[f].item, "camera");
     }
     if (!frames) return o->track ? no_track(c, track, count) : failure(c, SHERF_BAD_FILE, "nobody in it");
     snprintf(s->detail, sizeof s->detail, "track %.40s of %d", track, count);

@@ -124,10 +124,10 @@ static void describe(const source *s, int frames, sherf_up up, double unit_m, ch
     if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
         snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
     const bool told = s->is_pelvis && *s->detail; /* a BVH's detail has its unit */
-    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s", s->format, frames,
+    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s%s", s->format, frames,
              frames == 1 ? "" : "s", s->clip.fps, s->fps_said ? "" : " (assumed)", up_name[up],
              told ? "" : ", ", told ? "" : unit, *s->detail ? ", " : "", s->detail,
-             s->has_shapes ? ", with a body shape" : "");
+             s->unplaced ? ", no translation: on the spot" : "", s->has_shapes ? ", with a body shape" : "");
 }
 
 sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out) {
@@ -163,7 +163,10 @@ sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o,
 
 static bool bvh_is(const unsigned char *data, size_t bytes) {
     static const char word[] = "HIERARCHY";
-    if (utf16_is(data, bytes)) return bytes > 4 && (data[2] == 'H' || data[3] == 'H');
+    if (utf16_is(data, bytes)) {
+        size_t at = data[0] >= 0xfe ? 2 : 0;
+        return bytes > at + 2 && (data[at] == 'H' || data[at + 1] == 'H');
+    }
     size_t at = bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
     while (at < bytes && isspace(data[at])) at++;
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
@@ -176,14 +179,36 @@ static sherf_status not_known(context *c, const value *root) {
     if (status == SHERF_UNSUPPORTED) return status;
     const char *keys = strstr(c->message, "; this has ");
     snprintf(has, sizeof has, "%s", keys ? keys : "");
+    if (root && root->kind == VALUE_ARRAY) {
+        size_t n = (size_t)snprintf(has, sizeof has, "; this is an array of");
+        for (int k = 0; k < root->array.rank; k++)
+            n += (size_t)snprintf(has + n, sizeof has - n, "%s%lld", k ? " x " : " ",
+                                  (long long)root->array.dim[k]);
+    }
     return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s", has);
 }
 
+/* What alone is in a list or dict (np.savez of a dict, "results"). */
+static const value *unpacked(const value *root) {
+    for (int depth = 0; root && depth < 8; depth++) {
+        const value *only = NULL;
+        if (root->kind == VALUE_LIST && root->list.count == 1 && !frame_list_is(root))
+            only = root->list.item[0];
+        if (root->kind == VALUE_DICT && root->dict.count == 1 && !track_file_is(root))
+            only = root->dict.pair[0].item;
+        if (!only || (root->kind == VALUE_DICT && only->kind != VALUE_DICT && only->kind != VALUE_LIST))
+            break;
+        root = only;
+    }
+    return root;
+}
+
 static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
-    while (root && root->kind == VALUE_LIST && root->list.count == 1 && !frame_list_is(root))
-        root = root->list.item[0];
+    root = unpacked(root);
     if (track_file_is(root)) return track_file_read(c, root, o, s);
     if (joints_file_is(root)) return joints_file_read(c, root, o, s);
+    if (picture_is(root)) return frame_list_read(c, root, o, s);
+    if (nested_file_is(root)) return nested_file_read(c, root, o, s);
     if (smpl_file_is(root)) return smpl_file_read(c, root, o, s);
     if (frame_list_is(root)) return frame_list_read(c, root, o, s);
     return not_known(c, root);

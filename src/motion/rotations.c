@@ -73,25 +73,51 @@ static sherf_status rotation_read(context *c, const char *what, const rotation_f
     return SHERF_OK;
 }
 
+/* Squared lengths of a body's axis-angles; a root alone may be wound up. */
+static void turns_add(const rotation_form *f, const double *numbers, int j, double *squares, int64_t *count) {
+    const double *v = numbers + 3 * j;
+    if (f->per != 3 || f->joints == 1) return;
+    *squares += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+    ++*count;
+}
+
+sherf_rotations rotation_root_form(context *c, const value *body, const value *root, int64_t frames,
+                                   const int *joints, sherf_rotations given) {
+    double numbers[ROTATION_JOINTS_MAX * 9];
+    const int64_t n = value_numbers(body);
+    if (given != SHERF_ROTATIONS_AUTO || frames < 1 || value_numbers(root) != 4 * frames) return given;
+    while (*joints && n != 4 * frames * *joints) joints++;
+    if (!*joints) return given;
+    const value own = frames > 1 ? parse_row_of(body, 0) : *body;
+    if (value_doubles(c, &own, "body", (size_t)(4 * *joints), numbers)) return given;
+    rotation_form f = {*joints, 4, SHERF_ROTATIONS_WXYZ};
+    rotation_form_guess(&f, given, numbers);
+    return f.form;
+}
+
 sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations given,
                             const int *joints, int first, int max, float (*turn)[4]) {
     double numbers[ROTATION_JOINTS_MAX * 9];
     rotation_form f = {0};
-    int64_t n = value_numbers(v);
+    int64_t n = value_numbers(v), counted = 0;
+    double squares = 0;
     sherf_status status = rotation_form_find(c, what, n, joints, given, &f);
     if (!status) status = value_doubles(c, v, what, (size_t)n, numbers);
     if (status) return status;
     rotation_form_guess(&f, given, numbers);
-    for (int j = 0; j < f.joints && j < max && !status; j++)
+    for (int j = 0; j < f.joints && j < max && !status; j++) {
         status = rotation_read(c, what, &f, numbers, j, turn[first + j]);
-    return status;
+        turns_add(&f, numbers, j, &squares, &counted);
+    }
+    return status ? status : radians_check(c, what, squares, counted);
 }
 
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k) {
     double numbers[ROTATION_JOINTS_MAX * 9];
     rotation_form f = {0};
-    int64_t n = value_numbers(v);
+    int64_t n = value_numbers(v), counted = 0;
+    double squares = 0;
     bool one = k->frames == 1 && parse_rows(v) != 1; /* a single frame without an axis for frames */
     if (n < 0 || n % k->frames || (!one && parse_rows(v) != k->frames))
         return failure(c, SHERF_BAD_FILE, "%s: %lld numbers are not one row for each of %d frames", what,
@@ -101,8 +127,10 @@ sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_r
         status = one ? value_doubles(c, v, what, (size_t)n, numbers)
                      : parse_row(c, v, (size_t)i, what, (size_t)(f.joints * f.per), numbers);
         if (!i && !status) rotation_form_guess(&f, given, numbers);
-        for (int j = 0; j < f.joints && j < max && !status; j++)
+        for (int j = 0; j < f.joints && j < max && !status; j++) {
             status = rotation_read(c, what, &f, numbers, j, k->turn[i][first + j]);
+            turns_add(&f, numbers, j, &squares, &counted);
+        }
     }
-    return status;
+    return status ? status : radians_check(c, what, squares, counted);
 }

@@ -20,6 +20,27 @@ sherf_status source_frames(context *c, source *s, const sherf_motion_options *o,
     return status;
 }
 
+bool source_is_frame(int64_t numbers) {
+    static const int8_t joints[] = {24, 22, 52, 55, 23, 21}, per[] = {3, 4, 9};
+    for (size_t j = 0; j < COUNT_OF(joints); j++)
+        for (size_t p = 0; p < COUNT_OF(per); p++)
+            if (numbers == joints[j] * per[p]) return true;
+    return false;
+}
+
+void source_take_person(named_value *part, int64_t people, int64_t person, value *room) {
+    const value *v = part->item;
+    if (!v || parse_rows(v) != people || (v->kind == VALUE_ARRAY && v->array.rank < 2)) return;
+    *room = parse_row_of(v, (size_t)person);
+    part->item = room;
+}
+
+int64_t source_people(const body_parts *p) {
+    const value *rows = p->part[PART_BODY].item ? p->part[PART_BODY].item : p->part[PART_POSES].item;
+    const int64_t numbers = value_numbers(rows), people = parse_rows(rows);
+    return people > 1 && numbers % people == 0 && source_is_frame(numbers / people) ? people : 1;
+}
+
 sherf_status source_numbers(context *c, source *s) {
     s->number = mem_alloc(c, (size_t)s->clip.frames, sizeof *s->number);
     for (int i = 0; i < s->clip.frames && s->number; i++) s->number[i] = i;

@@ -15,6 +15,7 @@ typedef struct {
     sherf_up up;        /* as the format usually has it */
     double unit_m;      /* metres in the unit of the translations; 0: to be found */
     bool fps_said;      /* by the file, not assumed */
+    bool unplaced;      /* there is no translation in the file */
     /* The translations are the pelvis's place itself; otherwise SMPL's, from which the pelvis at rest is
      * missing: pelvis = J0 + translation. */
     bool is_pelvis;
@@ -26,6 +27,12 @@ typedef struct {
 void source_free(source *s);
 /* Frames of zeros, and the skeleton, for which shapes must have been read before. */
 sherf_status source_frames(context *c, source *s, const sherf_motion_options *o, int64_t frames, double fps);
+/* One person's part of what has as many rows as there are people. room: for the row, as long as the part. */
+void source_take_person(named_value *part, int64_t people, int64_t person, value *room);
+/* How many people the rows of one frame are; 1 where there is no axis for them. */
+int64_t source_people(const body_parts *p);
+/* Whether so many numbers are the rotations of one frame. */
+bool source_is_frame(int64_t numbers);
 /* Shapes of a file, one row or one for every frame (the first is taken). NULL is fine. */
 sherf_status source_shapes(context *c, source *s, const value *betas);
 /* Fewer frames than were made room for. */
@@ -36,6 +43,10 @@ enum { ROTATION_JOINTS_MAX = 60 };
 /* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `max`. */
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k);
+/* The form of a root's quaternions: the one of the body's, which are many and tell where the real part is;
+ * `given` where that is no AUTO, or they are no quaternions. joints: a list that ends with 0. */
+sherf_rotations rotation_root_form(context *c, const value *body, const value *root, int64_t frames,
+                                   const int *joints, sherf_rotations given);
 /* One frame's: as rotation_rows on a clip of one frame. */
 sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_rotations given,
                             const int *joints, int first, int max, float (*turn)[4]);
@@ -51,6 +62,11 @@ sherf_status track_file_read(context *c, const value *root, const sherf_motion_o
 bool frame_list_is(const value *root);
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
+/* What a picture's people are told by: ROMP's results of one, a row each. */
+bool picture_is(const value *root);
+/* Dicts of dicts: a frame each, by the picture's name (ROMP's videos), or a person each. */
+bool nested_file_is(const value *root);
+sherf_status nested_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 /* Bare arrays, and where joints are: HumanML3D, MDM, Motion-X, plain poses. */
 bool joints_file_is(const value *root);
 sherf_status joints_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);

@@ -1,58 +1,9 @@
 /* Every format, written by its rules: the same walk poses the body the same. And what hostile files get. */
-#include "walk.h"
+#include "formats.h"
 
 #include "base/path.h"
 #include "data/bvh_names.h"
-#include "data/pickle_write.h"
 #include "io/value.h"
-
-/* The file is the walk, to a millimetre at every vertex, and says so. `number`: the walk's frame that each of
- * the motion's frames shows; NULL: all. */
-static void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *options,
-                        double fps, const char *part, const char *other) {
-    sherf_motion_options o = options ? *options : (sherf_motion_options){0};
-    sherf_motion *m;
-    o.body = f->body;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    assert_float_equal(sherf_motion_fps(m), fps, 1e-4);
-    const char *text = sherf_motion_description(m);
-    if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
-    for (int i = 0; i < WALK_FRAMES; i++) {
-        sherf_pose p;
-        sherf_motion_pose(m, i, &p);
-        double off = walk_distance(f->c, f->body, &p, &f->walk.pose[i]);
-        if (!(off < 1e-3)) fail_msg("%s, frame %d: a vertex is %g m off", path, i, off);
-    }
-    sherf_motion_free(m);
-}
-
-static void refused(const walk_fixture *f, const char *path, const sherf_motion_options *o,
-                    sherf_status status, const char *part) {
-    sherf_motion *m;
-    f->c->message[0] = 0;
-    sherf_status got = sherf_motion_load(f->c, path, o, &m);
-    if (got != status) fail_msg("status %d, not %d: %s", (int)got, (int)status, f->c->message);
-    assert_null(m);
-    if (!strstr(f->c->message, part)) fail_msg("\"%s\" does not say \"%s\"", f->c->message, part);
-}
-
-/* ---- arrays of the walk ---- */
-typedef struct {
-    float whole[WALK_FRAMES][165], root[WALK_FRAMES][3], body[WALK_FRAMES][69], trans[WALK_FRAMES][3],
-        smpl[WALK_FRAMES][72];
-} arrays;
-
-static void arrays_of(const walk *w, const double C[9], arrays *a) {
-    memset(a, 0, sizeof *a);
-    for (int i = 0; i < WALK_FRAMES; i++) {
-        walk_in(w, i, C, a->root[i], a->trans[i]);
-        memcpy(a->body[i], w->pose[i].poses_rad + 3, sizeof a->body[i]);
-        memcpy(a->smpl[i], a->root[i], sizeof a->root[i]);
-        memcpy(a->smpl[i] + 3, a->body[i], sizeof a->body[i]);
-        memcpy(a->whole[i], a->smpl[i], 66 * sizeof(float));
-    }
-}
 
 /* Rows of `width` out of rows of 165. */
 static float *rows(const float (*from)[165], int width) {
@@ -149,11 +100,6 @@ static void found_by_content(void **state) {
     assert_ok(f->c,
               sherf_motion_load(f->c, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_WXYZ}, &m));
     sherf_motion_free(m);
-}
-
-static void floats(pickle_writer *w, const char *key, int count, const float *data) {
-    pickle_string(w, key);
-    pickle_floats(w, 2, (const int[]){WALK_FRAMES, count}, data);
 }
 
 static void aist(void **state) {
@@ -471,25 +417,6 @@ static void other_arrays(void **state) {
     memset(six, 0, sizeof six);
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(mdm), mdm));
     refused(f, path, NULL, SHERF_BAD_FILE, "not a rotation");
-}
-
-/* Where joints are tells all but twist: the joints come out where they were. */
-static void assert_joints(const walk_fixture *f, const char *path, const double at[WALK_FRAMES][22][3],
-                          const char *part, const char *other) {
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    const char *text = sherf_motion_description(m);
-    if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
-    for (int i = 0; i < WALK_FRAMES; i++) {
-        double now[BODY_JOINTS][3];
-        skeleton_joints(&f->walk.skeleton, (const float(*)[4])m->clip.turn[i], m->clip.pelvis_m[i], now);
-        for (int j = 0; j < 22; j++)
-            for (int k = 0; k < 3; k++)
-                if (!(fabs(now[j][k] - at[i][j][k]) < 2e-3))
-                    fail_msg("%s: frame %d, joint %d is %g m off", path, i, j, now[j][k] - at[i][j][k]);
-    }
-    sherf_motion_free(m);
 }
 
 static void joints_alone(void **state) {

@@ -1,0 +1,281 @@
+/* Motions in the kinds that tools' users make of their formats: dicts of frames and of people, arrays in
+ * arrays, degrees, quaternions apart from their root's, BVH whose joints no name tells. */
+#include "formats.h"
+
+#include "base/path.h"
+
+static void rest_of(const arrays *a, int frame, pickle_writer *w, const char *trans) {
+    pickle_string(w, "global_orient");
+    pickle_floats(w, 2, (const int[]){1, 3}, a->root[frame]);
+    pickle_string(w, "body_pose");
+    pickle_floats(w, 2, (const int[]){1, 69}, a->body[frame]);
+    pickle_string(w, trans);
+    pickle_floats(w, 2, (const int[]){1, 3}, a->trans[frame]);
+}
+
+/* A dict in a dict by any key, as np.savez makes of one: what it says of its rate counts, too. */
+static void in_one_dict(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("one.npy");
+    const float rate = 50;
+    arrays z;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_z_up, &z);
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "arr_0");
+    pickle_dict_open(&w);
+    floats(&w, "poses", 72, z.smpl[0]);
+    floats(&w, "trans", 3, z.trans[0]);
+    pickle_string(&w, "mocap_framerate");
+    pickle_floats(&w, 1, (const int[]){1}, &rate);
+    pickle_dict_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_npy(&w, path));
+    assert_walk(f, path, NULL, 50, "AMASS, SMPL", "z up");
+}
+
+/* ROMP's results of a video: a dict a picture, whose rows are the people in it. */
+static void frames_by_picture(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("video_results.npy");
+    arrays down;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_down, &down);
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        const int people = 1 + (i % 3 == 1);
+        float pose[2][72], place[2][3] = {{0}}, sure[2][1] = {{1}, {1}};
+        char name[32];
+        memcpy(pose[0], down.smpl[i], sizeof pose[0]);
+        memcpy(pose[1], down.smpl[0], sizeof pose[1]);
+        memcpy(place[0], down.trans[i], sizeof place[0]);
+        snprintf(name, sizeof name, "%08d.jpg", 7 + i);
+        pickle_string(&w, name);
+        pickle_dict_open(&w);
+        pickle_string(&w, "smpl_thetas");
+        pickle_floats(&w, 2, (const int[]){people, 72}, pose[0]);
+        pickle_string(&w, "cam_trans");
+        pickle_floats(&w, 2, (const int[]){people, 3}, place[0]);
+        pickle_string(&w, "center_confs");
+        pickle_floats(&w, 2, (const int[]){people, 1}, sure[0]);
+        pickle_dict_close(&w);
+    }
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_npy(&w, path));
+    assert_walk(f, path, NULL, 30, "ROMP", "row 0 of each frame's up to 2 people");
+    sherf_motion *m; /* row 1 is there in frames 1, 4, 7, 10: gaps are filled */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 10);
+    sherf_motion_free(m);
+    path = test_path("picture.npz"); /* of one picture: two people are no two frames */
+    const float sure[2] = {1, 1};
+    npz_member picture[] = {{"smpl_thetas", 2, {2, 72}, down.smpl[0]},
+                            {"cam_trans", 2, {2, 3}, down.trans[0]},
+                            {"center_confs", 2, {2, 1}, sure}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(picture), picture));
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 1);
+    sherf_motion_free(m);
+}
+
+/* {person: {body_pose (F, 69), ...}}: whoever is there longest, or by name. {frame: {body_pose (1, 69),
+ * ...}}. */
+static void dicts_of_dicts(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("people.pkl");
+    static const char *const name[] = {"person_1", "person_0"};
+    arrays up;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &up);
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    for (int k = 0; k < 2; k++) {
+        const int frames = k ? WALK_FRAMES : 2;
+        pickle_string(&w, name[k]);
+        pickle_dict_open(&w);
+        pickle_string(&w, "poses");
+        pickle_floats(&w, 2, (const int[]){frames, 72}, up.smpl[0]);
+        pickle_string(&w, "transl");
+        pickle_floats(&w, 2, (const int[]){frames, 3}, up.trans[0]);
+        pickle_dict_close(&w);
+    }
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "track person_0 of 2", "y up");
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "person_1"}, &m));
+    assert_int_equal(sherf_motion_frame_count(m), 2);
+    sherf_motion_free(m);
+    refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
+    pickle_begin(&w, f->c); /* frames, by number */
+    pickle_dict_open(&w);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        pickle_int(&w, 3 + i);
+        pickle_dict_open(&w);
+        rest_of(&up, i, &w, "transl");
+        pickle_dict_close(&w);
+    }
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
+}
+
+/* The real part of a root that is turned round is small: where it stands, the body tells. */
+static void quaternions_apart(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("quaternions.npz");
+    static float body[WALK_FRAMES][23][4], root[WALK_FRAMES][4];
+    arrays a;
+    for (int last = 0; last < 2; last++) {
+        arrays_of(&f->walk, walk_y_down, &a);
+        for (int i = 0; i < WALK_FRAMES; i++)
+            for (int j = 0; j < 24; j++) {
+                const float *turn = a.smpl[i] + 3 * j;
+                float q[4], *to = j ? body[i][j - 1] : root[i];
+                quaternion_from_axis_angle((const double[3]){turn[0], turn[1], turn[2]}, q);
+                for (int k = 0; k < 4; k++) to[last ? (k + 3) % 4 : k] = q[k];
+            }
+        assert_true(fabsf(root[0][last ? 3 : 0]) < 0.3f);
+        npz_member member[] = {{"body_pose", 3, {WALK_FRAMES, 23, 4}, body[0][0]},
+                               {"global_orient", 2, {WALK_FRAMES, 4}, root[0]},
+                               {"transl", 2, {WALK_FRAMES, 3}, a.trans[0]}};
+        assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+        assert_walk(f, path, NULL, 30, "SMPL poses", "y down");
+    }
+}
+
+/* Numbers that are no radians; a motion without a place, said. */
+static void said_not_guessed(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("said.npz");
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    npz_member member[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]}};
+    assert_ok(f->c, npz_write(f->c, path, 1, member));
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    if (!strstr(sherf_motion_description(m), "no translation"))
+        fail_msg("\"%s\"", sherf_motion_description(m));
+    sherf_motion_free(m);
+    for (int i = 0; i < WALK_FRAMES * 72; i++) a.smpl[i / 72][i % 72] *= (float)(180 / M_PI);
+    assert_ok(f->c, npz_write(f->c, path, 1, member));
+    refused(f, path, NULL, SHERF_BAD_FILE, "these are degrees");
+    path = test_path("said.npy");
+    assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 71}, a.smpl[0]));
+    refused(f, path, NULL, SHERF_BAD_FILE, "an array of 12 x 71");
+}
+
+/* Of (F, 24, 3) the lengths of limbs tell places from rotations; an axis of 1 before the frames falls away.
+ */
+static void arrays_of_three(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("three.npy");
+    static float places[WALK_FRAMES][24][3], few[WALK_FRAMES][22][3];
+    static double at[WALK_FRAMES][22][3];
+    arrays up;
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        float turn[BODY_JOINTS][4], pelvis[3];
+        double all[BODY_JOINTS][3];
+        pose_to_turns(&f->walk.pose[i], &f->walk.skeleton, turn, pelvis);
+        skeleton_joints(&f->walk.skeleton, (const float(*)[4])turn, pelvis, all);
+        for (int j = 0; j < 24; j++)
+            for (int k = 0; k < 3; k++) places[i][j][k] = (float)all[j][k];
+        memcpy(few[i], places[i], sizeof few[i]);
+        memcpy(at[i], all, sizeof at[i]);
+    }
+    assert_ok(f->c, npy_write_f32(f->c, path, 3, (const int64_t[]){WALK_FRAMES, 24, 3}, places[0][0]));
+    assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "from joints");
+    assert_ok(f->c, npy_write_f32(f->c, path, 4, (const int64_t[]){1, WALK_FRAMES, 22, 3}, few[0][0]));
+    assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "from joints");
+    arrays_of(&f->walk, walk_y_up, &up);
+    assert_ok(f->c, npy_write_f32(f->c, path, 3, (const int64_t[]){WALK_FRAMES, 24, 3}, up.smpl[0]));
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        sherf_pose p;
+        sherf_motion_pose(m, i, &p);
+        for (int k = 3; k < 72; k++) assert_float_equal(p.poses_rad[k], up.smpl[i][k], 1e-4);
+    }
+    sherf_motion_free(m);
+}
+
+/* ---- BVH ---- */
+
+/* Collars, toes and head follow from what hangs on what; a rig's words for the middle. */
+static void bvh_by_place(void **state) {
+    static const struct {
+        const char *name[6]; /* of joints 10 to 15; NULL: as in the rig */
+    } renamed[] = {
+        {{"ball_01_l", "ball_01_r", "spine_04", "thorax_l", "thorax_r", "spine_05"}}, /* Rigify's way */
+        {{NULL, NULL, "Neck_M", "Scapula_l", "Scapula_r", "Head_M"}}, /* Advanced Skeleton's */
+    };
+    const walk_fixture *f = *state;
+    const char *path = test_path("place.bvh"), *names[BODY_JOINTS];
+    for (size_t i = 0; i < COUNT_OF(renamed); i++) {
+        memcpy(names, walk_unreal_names, sizeof names);
+        for (int j = 0; j < 6; j++)
+            if (renamed[i].name[j]) names[10 + j] = renamed[i].name[j];
+        walk_write_bvh(&f->walk, path, &(bvh_style){names, 22, 0.01});
+        assert_walk(f, path, NULL, 20, "names of Unreal", "y up");
+    }
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_unreal_names, 20, 0.01});
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    if (!strstr(sherf_motion_description(m), ", without wrists")) fail_msg("%s", sherf_motion_description(m));
+    sherf_motion_free(m);
+}
+
+static char *text_of(context *c, const char *path) {
+    unsigned char *data;
+    size_t bytes;
+    assert_ok(c, file_read(c, path, 1 << 24, &data, &bytes));
+    char *text = calloc(bytes + 1, 1);
+    memcpy(text, data, bytes);
+    mem_free(data);
+    return text;
+}
+
+/* The file with `to` in place of `from`. */
+static void changed(const char *path, const char *text, const char *from, const char *to) {
+    const char *at = strstr(text, from);
+    FILE *out = fopen(path, "wb");
+    assert_non_null(at);
+    fprintf(out, "%.*s%s%s", (int)(at - text), text, to, at + strlen(from));
+    fclose(out);
+}
+
+static void bvh_texts(void **state) {
+    const walk_fixture *f = *state;
+    char path[4096];
+    snprintf(path, sizeof path, "%s", test_path("texts.bvh"));
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_unreal_names, 22, 0.01});
+    char *text = text_of(f->c, path);
+    changed(path, text, "Frames: ", "Frames:");
+    assert_walk(f, path, NULL, 20, "BVH", "y up");
+    changed(path, text, "MOTION\n", "ROOT other\n{\nOFFSET 0 0 0\n}\nMOTION\n");
+    refused(f, path, NULL, SHERF_UNSUPPORTED, "a second ROOT");
+    static const char *const times[] = {"Frame Time: 33.3\n", "Frame Time: 0.000000\n"};
+    for (size_t i = 0; i < COUNT_OF(times); i++) {
+        changed(path, text, "Frame Time: 0.05\n", times[i]);
+        refused(f, path, NULL, SHERF_BAD_FILE, "--source-fps");
+        assert_walk(f, path, &(sherf_motion_options){.source_fps = 20}, 20, "BVH", "y up");
+    }
+    for (int big = 0; big < 2; big++) { /* UTF-16 without its mark */
+        FILE *out = fopen(path, "wb");
+        for (const char *p = text; *p; p++) fputc(big ? 0 : *p, out), fputc(big ? *p : 0, out);
+        fclose(out);
+        assert_walk(f, path, NULL, 20, "BVH", "y up");
+    }
+    free(text);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(in_one_dict),      cmocka_unit_test(frames_by_picture),
+        cmocka_unit_test(dicts_of_dicts),   cmocka_unit_test(quaternions_apart),
+        cmocka_unit_test(said_not_guessed), cmocka_unit_test(arrays_of_three),
+        cmocka_unit_test(bvh_by_place),     cmocka_unit_test(bvh_texts)};
+    return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
+}

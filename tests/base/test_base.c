@@ -1,6 +1,7 @@
 /* base: hashes, arenas, failures, threads, outputs. */
 #include "support.h"
 
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -141,10 +142,44 @@ static void outputs_are_files(void **state) {
     sherf_context_free(c);
 }
 
+/* A disk that is full: told whether the buffer or the end finds out, the old file stays, and nothing else. */
+static void a_full_disk_leaves_what_was(void **state) {
+    static const char old[] = "old";
+    static char much[100000];
+    static const size_t bytes[] = {2000, sizeof much}; /* less than a buffer's size, and more */
+    context *c = test_context();
+    struct rlimit was;
+    char part[600];
+    const char *path = test_path("full");
+    assert_ok(c, file_write(c, path, old, sizeof old));
+    snprintf(part, sizeof part, "%s.%ld.part", path, (long)getpid());
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
+    void (*const handler)(int) = signal(SIGXFSZ, SIG_IGN);
+    for (size_t i = 0; i < COUNT_OF(bytes); i++) {
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &(struct rlimit){1000, was.rlim_max}), 0);
+        const sherf_status status = file_write(c, path, much, bytes[i]);
+        assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
+        assert_int_equal(status, SHERF_WRITE_FAILED);
+        assert_non_null(strstr(c->message, "full: cannot be written: "));
+        assert_int_equal(access(part, F_OK), -1);
+        unsigned char *data;
+        size_t length;
+        assert_ok(c, file_read(c, path, sizeof much, &data, &length));
+        assert_int_equal(length, sizeof old);
+        assert_memory_equal(data, old, sizeof old);
+        mem_free(data);
+    }
+    signal(SIGXFSZ, handler);
+    sherf_context_free(c);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(threads_that_memory_allows), cmocka_unit_test(hash_generator),
-        cmocka_unit_test(arena_reuses_memory),        cmocka_unit_test(failures_are_told),
-        cmocka_unit_test(parallel_covers_once),       cmocka_unit_test(outputs_are_files)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_full_disk_leaves_what_was),
+                                       cmocka_unit_test(threads_that_memory_allows),
+                                       cmocka_unit_test(hash_generator),
+                                       cmocka_unit_test(arena_reuses_memory),
+                                       cmocka_unit_test(failures_are_told),
+                                       cmocka_unit_test(parallel_covers_once),
+                                       cmocka_unit_test(outputs_are_files)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,8 @@
 /* sherf experiment, killed in the middle of a training or before a full disk, goes on. */
 #include "program.h"
 
+#include <ftw.h>
+
 static char tubes[512], output[512];
 
 static int make_data(void **state) {
@@ -59,6 +61,12 @@ static void assert_there(const char *name, bool there) {
     if (is_there(name) != there) fail_msg("%s is %sthere", name, there ? "not " : "");
 }
 
+static int is_whole(const char *path, const struct stat *info, int type, struct FTW *at) {
+    const size_t n = strlen(path);
+    if (n > 5 && !strcmp(path + n - 5, ".part")) fail_msg("%s is left behind", path);
+    return 0;
+}
+
 /* A full disk in the middle of a training, of a scoring's page and of a study: a line, nothing half written,
  * and what was whole stays. */
 static void a_full_disk_loses_nothing(void **state) {
@@ -70,6 +78,7 @@ static void a_full_disk_loses_nothing(void **state) {
             "--perceptual none -o %s",
             tubes, full),
         1, "checkpoint.safetensors: cannot be written", "");
+    assert_int_equal(nftw(full, is_whole, 16, FTW_PHYS), 0);
     file_bytes_max = 1000; /* what the first test made is there; the new page is too large */
     assert_error(run("experiment angle-difference -q -p smoke -d thuman:%s --train-people 0 --test-people 1 "
                      "-s 32 -n 30 "
@@ -77,6 +86,7 @@ static void a_full_disk_loses_nothing(void **state) {
                      tubes, output),
                  1, "cannot be written", "angle-difference");
     file_bytes_max = 0;
+    assert_int_equal(nftw(output, is_whole, 16, FTW_PHYS), 0);
     assert_there("angle-difference/index.html", false);
     assert_there("input-angle/index.html", true);
     assert_there("runs/thuman/sherf-1/model.safetensors", true);

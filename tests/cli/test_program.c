@@ -1,6 +1,8 @@
 /* The program as a person or a script meets it: words, exit statuses, one line an error, JSON. */
 #include "program.h"
 
+#include <glob.h>
+
 #include "base/path.h"
 
 static const char *const verbs[] = {"avatar", "estimate", "render", "animate", "bake",
@@ -318,6 +320,23 @@ static void avatars_without_body(const char *folder, const char *person, const c
     assert_contains(by_itself->err, "/tubeman.safetensors");
 }
 
+/* A disk that is full: a line, and nothing of the picture or the film stays. */
+static void full_disk(const char *render, const char *out) {
+    static const char *const kinds[] = {".png", ".mp4 --orbit 2"};
+    char pattern[2100];
+    glob_t found;
+    snprintf(pattern, sizeof pattern, "%s-full*", out);
+    file_bytes_max = 100;
+    for (size_t i = 0; i < COUNT_OF(kinds); i++) {
+        const outcome *o = run("%s -o %s-full%s --size 32 -q", render, out, kinds[i]);
+        assert_int_equal(o->status, 1);
+        assert_contains(o->err, "cannot be written");
+        assert_int_equal(glob(pattern, 0, NULL, &found), GLOB_NOMATCH);
+        globfree(&found);
+    }
+    file_bytes_max = 0;
+}
+
 static void frames_of(const char *folder, const char *person, const char *avatar) {
     char render[6000], out[2048], path[2100];
     snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
@@ -361,8 +380,7 @@ static void frames_of(const char *folder, const char *person, const char *avatar
     }
     assert_error(run("%s -o %s.png --orbit 2", render, out), 2, "2 frames", "--strip");
     assert_error(run("%s -o %s --data thuman:%s --people nobody", render, out, folder), 1, "nobody", folder);
-    /* A full disk: nothing is left behind. */
-    if (access("/dev/full", W_OK) == 0) assert_int_equal(run("%s -o /dev/full/x.png", render)->status, 1);
+    full_disk(render, out);
 }
 
 static void from_data_to_frames(void **state) {
@@ -482,6 +500,37 @@ static void interrupt_saves(void **state) {
     if (file_size(checkpoint) <= 0) fail_msg("no checkpoint, status %d: %s", WEXITSTATUS(status), text);
 }
 
+/* --last-weights changes which weights model.safetensors has, and nothing of the training. */
+static void last_weights_are_others(void **state) {
+    char folder[2048], out[2][2048], name[4200];
+    unsigned char *data[2][2];
+    size_t bytes[2][2];
+    static const char *const file[2] = {"checkpoint", "model"};
+    context *c = NULL;
+    assert_int_equal(sherf_context_create(NULL, &c), SHERF_OK);
+    snprintf(folder, sizeof folder, "%s", test_path("last-tube"));
+    assert_int_equal(run("synth tube -o %s --people 1 --poses 2 --views 4 --size 64 -q", folder)->status, 0);
+    for (int k = 0; k < 2; k++) {
+        snprintf(out[k], sizeof out[k], "%s", test_path(k ? "last" : "mean"));
+        assert_int_equal(run("train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset " TINY
+                             " --size 64 --steps 3 --batch 1 --perceptual none -q -o %s%s",
+                             folder, folder, out[k], k ? " --last-weights" : "")
+                             ->status,
+                         0);
+        for (int i = 0; i < 2; i++) {
+            snprintf(name, sizeof name, "%s/%s.safetensors", out[k], file[i]);
+            assert_int_equal(file_read(c, name, (size_t)1 << 30, &data[k][i], &bytes[k][i]), SHERF_OK);
+        }
+    }
+    for (int i = 0; i < 2; i++) {
+        assert_int_equal(bytes[0][i], bytes[1][i]);
+        const int other = memcmp(data[0][i], data[1][i], bytes[0][i]);
+        if ((other != 0) != i) fail_msg("%s.safetensors is %s", file[i], other ? "another" : "the same");
+        for (int k = 0; k < 2; k++) mem_free(data[k][i]);
+    }
+    sherf_context_free(c);
+}
+
 /* A photo where an observation is taken, and as a folder to correct; each photo's failure is its own. */
 static void photos(void **state) {
     const char *const photo = "../assets/demo/photo.jpg";
@@ -541,6 +590,7 @@ int main(void) {
         cmocka_unit_test(animations),
         cmocka_unit_test(photos),
         cmocka_unit_test(interrupt_saves),
+        cmocka_unit_test(last_weights_are_others),
     };
     if (getenv("SHERF_TEST_ONLY")) cmocka_set_test_filter(getenv("SHERF_TEST_ONLY"));
     return cmocka_run_group_tests(tests, NULL, NULL);

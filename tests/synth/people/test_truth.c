@@ -2,6 +2,7 @@
  */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/path.h"
@@ -237,6 +238,58 @@ static void surfaces_of_people(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* All positions of a surface, one after the other; what the caller frees. */
+static float *positions_of(const people_surface *s, int *count) {
+    *count = 0;
+    for (int i = 0; i < s->meshes; i++) *count += 3 * (int)s->drawn[i].vertices;
+    float *all = malloc((size_t)*count * sizeof *all), *to = all;
+    for (int i = 0; i < s->meshes; to += 3 * s->drawn[i].vertices, i++)
+        memcpy(to, s->drawn[i].vertex, 3 * sizeof *to * (size_t)s->drawn[i].vertices);
+    return all;
+}
+
+/* The person that is asked for, whoever came before, in the pose and the shape that are; without hair. */
+static void whoever_is_asked_for(void **state) {
+    if (!path_is_folder(source)) skip();
+    context *c = test_context();
+    people_truth *t;
+    const people_surface *s;
+    sherf_pose pose;
+    float *was[3];
+    int count[3];
+    sherf_pose_identity(&pose);
+    pose.poses_rad[3] = 1; /* a thigh, so that the hips' places count */
+    assert_ok(c, people_truth_open(c, source, body, &t));
+    for (int k = 0; k < 3; k++) {
+        assert_ok(c, people_truth_pose(c, t, k == 1 ? 21 : 20, &pose, &s));
+        was[k] = positions_of(s, &count[k]);
+    }
+    assert_int_equal(count[0], count[2]);
+    assert_memory_equal(was[0], was[2], (size_t)count[0] * sizeof **was);
+    assert_true(count[0] != count[1] || memcmp(was[0], was[1], (size_t)count[0] * sizeof **was) != 0);
+    studio *own;
+    person p;
+    dressed *d;
+    int opaque = 0;
+    assert_ok(c, studio_open(c, source, body, &own));
+    person_draw(own->m, 20, &p);
+    assert_ok(c, dressed_create(c, own, &p, &d));
+    for (int i = 0; i < d->meshes; i++) opaque += d->mesh[i].material.alpha != TRACE_BLENDED;
+    assert_true(opaque < d->meshes && s->meshes == opaque);
+    dressed_free(d);
+    studio_close(own);
+    pose.shapes[0] = 3;
+    assert_ok(c, people_truth_pose(c, t, 20, &pose, &s));
+    free(was[1]);
+    was[1] = positions_of(s, &count[1]);
+    assert_int_equal(count[1], count[0]);
+    assert_true(memcmp(was[0], was[1], (size_t)count[0] * sizeof **was) != 0);
+    for (int k = 0; k < 3; k++) free(was[k]);
+    people_truth_close(t);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 static void no_such_source(void **state) {
     context *c = test_context();
     people_truth *t;
@@ -247,9 +300,9 @@ static void no_such_source(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(numbers_in_names),
-                                       cmocka_unit_test(the_surface_is_what_was_drawn),
-                                       cmocka_unit_test(nobody_leaks), cmocka_unit_test(surfaces_of_people),
-                                       cmocka_unit_test(no_such_source)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(numbers_in_names),     cmocka_unit_test(the_surface_is_what_was_drawn),
+        cmocka_unit_test(nobody_leaks),         cmocka_unit_test(surfaces_of_people),
+        cmocka_unit_test(whoever_is_asked_for), cmocka_unit_test(no_such_source)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

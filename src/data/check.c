@@ -122,6 +122,7 @@ typedef enum {
     CENTRE,
     OPENGL,
     TH_MILLIMETRES,
+    TH_CENTIMETRES,
     RESCALED,
     MIRRORED_POSE,
     MIRRORED_PICTURE,
@@ -136,6 +137,7 @@ static const char *const explanation_says[EXPLANATIONS] = {
     "T taken for the camera's place (world to camera is expected: T = -R place)",
     "y and z of the camera turned round (OpenGL axes? OpenCV's are expected)",
     "Th in metres (are these millimetres?)",
+    "Th in metres (are these centimetres?)",
     "K scaled to the picture (is it for another size?)",
     "left and right of the pose exchanged",
     "the picture mirrored",
@@ -156,6 +158,7 @@ static sherf_status explained_overlap(checker *k, const sherf_observation *o, ex
         if (e == MILLIMETRES) camera.T_m[i] /= 1000;
         if (e == METRES) camera.T_m[i] *= 1000;
         if (e == TH_MILLIMETRES) pose.Th_m[i] /= 1000;
+        if (e == TH_CENTIMETRES) pose.Th_m[i] /= 100;
     }
     for (int i = 1; i < 3 && e == OPENGL; i++) {
         camera.T_m[i] *= -1;

@@ -40,10 +40,11 @@ static sherf_status camera_size_check(context *c, int width, int height, const i
 static sherf_status camera_object(context *c, const char *what, const value *v, const int size[2],
                                   parsed_camera *out) {
     char name[PATH_LENGTH + 16];
+    v = value_unwrapped(v);
     sherf_status status = parse_camera(c, v, size, out);
     if (!status) status = camera_size_check(c, out->width, out->height, size);
     snprintf(name, sizeof name, "%s: camera", what);
-    if (!status) camera_warn(c, v, name);
+    if (!status) camera_warn(c, v, out, name);
     return status;
 }
 

@@ -44,8 +44,9 @@ sherf_status parse_distortion(context *c, const value *v, double D[DISTORTION_MA
 sherf_status parsed_camera_placed(context *c, const parsed_camera *camera); /* fails without R or T */
 /* Finite, K with focal lengths and no zero determinant, R a rotation. */
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera);
-/* The keys of a camera that are not read, in a warning. */
-void camera_warn(context *c, const value *v, const char *what);
+/* The keys of a camera that are not read, in a warning; and of what was read (NULL: nothing is asked) R
+ * without T. */
+void camera_warn(context *c, const value *v, const parsed_camera *camera, const char *what);
 /* Whether a dict is a camera. */
 bool camera_is(const value *v);
 /* R, T and K (times the picture's scaling) as the engine wants them. */

@@ -6,14 +6,16 @@
 
 static const char *const K_names[] = {
     "K", "intrinsic", "intrinsics", "cam_intrinsics", "intrinsic_matrix", "camera_matrix", "intrins", NULL};
-static const char *const focal_names[] = {"focal_px", "focal", "focal_length", "focal_l", "f", NULL};
+static const char *const focal_names[] = {"focal_px", "focal",     "focal_length", "focal_l",
+                                          "f",        "img_focal", "focals",       NULL};
 static const char *const focal_x_names[] = {"fx", "fl_x", NULL}, *const focal_y_names[] = {"fy", "fl_y",
                                                                                            NULL};
-static const char *const centre_names[] = {"princpt", "principal_point", "camera_center", "center", "c",
-                                           NULL};
+static const char *const centre_names[] = {
+    "princpt", "principal_point", "camera_center", "center", "c", "img_center", NULL};
 static const char *const centre_x_names[] = {"cx", NULL}, *const centre_y_names[] = {"cy", NULL};
 static const char *const field_names[] = {"fov_deg", NULL};
-static const char *const R_names[] = {"R", "Rvec", "rvec", "rotation", "cam_R", "camera_rotation", NULL};
+static const char *const R_names[] = {"R",   "Rvec", "rvec", "rotation", "cam_R", "camera_rotation",
+                                      "Rot", NULL};
 static const char *const T_names[] = {
     "T", "t", "Tvec", "tvec", "trans", "cam_t", "translation", "camera_translation", NULL};
 static const char *const to_camera_names[] = {
@@ -81,9 +83,9 @@ static sherf_status K_of(context *c, const value *v, const int size[2], double K
                       field = value_first(v, field_names);
     double two[2];
     if (whole.item) return K_whole(c, whole, K);
-    if (!size) return failure(c, SHERF_BAD_FILE, "K is missing");
+    if (!size) return keys_missing(c, v, "K is missing");
     if (field.item) return K_field(c, field, size, K);
-    if (!focal.item && !x.item) return failure(c, SHERF_BAD_FILE, "needs K, fov_deg or focal_px");
+    if (!focal.item && !x.item) return keys_missing(c, v, "needs K, fov_deg or focal_px");
     sherf_status status = focal.item ? pair_of(c, focal, two) : pair_of(c, x, two);
     if (!status && !focal.item && y.item) status = number_of(c, y, &two[1]);
     if (!status) K[0] = two[0], K[4] = two[1];
@@ -202,7 +204,7 @@ bool camera_is(const value *v) {
            value_first(v, focal_x_names).item || value_first(v, field_names).item;
 }
 
-void camera_warn(context *c, const value *v, const char *what) {
+void camera_warn(context *c, const value *v, const parsed_camera *camera, const char *what) {
     const char *known[100];
     size_t n = 0;
     for (size_t i = 0; i < COUNT_OF(all_names); i++)
@@ -210,6 +212,8 @@ void camera_warn(context *c, const value *v, const char *what) {
             known[n++] = *name;
     known[n] = NULL;
     unknown_keys_warn(c, v, known, what);
+    if (camera && camera->turned && !camera->moved)
+        log_line(c, SHERF_LOG_WARNING, "%s: R without T: it stands at the world's origin", what);
 }
 
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera) {

@@ -214,8 +214,14 @@ void body_parts_warn(context *c, const value *v, const char *what) {
                  what, part[PART_BODY].name);
 }
 
-sherf_status body_parts_missing(context *c, const value *v) {
+sherf_status keys_missing(context *c, const value *v, const char *what) {
     key_list l = {{0}, 0, 0};
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++)
+        if (v->dict.pair[i].key->kind == VALUE_STRING) add_key(&l, v->dict.pair[i].key->string.text);
+    return failure(c, SHERF_BAD_FILE, "%s%s%s", what, l.bytes ? "; this has " : "", l.text);
+}
+
+sherf_status body_parts_missing(context *c, const value *v) {
     v = value_unwrapped(v);
     if (v && v->kind == VALUE_DICT && v->dict.count == 1) { /* npz of one pickled dict */
         const value *only = value_unwrapped(v->dict.pair[0].item);
@@ -226,10 +232,7 @@ sherf_status body_parts_missing(context *c, const value *v) {
             c, SHERF_UNSUPPORTED,
             "SAM 3D Body's own body (MHR), not SMPL: convert it with its authors' MHR to SMPL tool");
     if (v && v->kind == VALUE_RECORD) v = v->record.state;
-    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++)
-        if (v->dict.pair[i].key->kind == VALUE_STRING) add_key(&l, v->dict.pair[i].key->string.text);
-    return failure(c, SHERF_BAD_FILE, "a body needs poses (72 numbers) or body_pose (69)%s%s",
-                   l.bytes ? "; this has " : "", l.text);
+    return keys_missing(c, v, "a body needs poses (72 numbers) or body_pose (69)");
 }
 
 void unknown_keys_warn(context *c, const value *v, const char *const *known, const char *what) {

@@ -36,6 +36,8 @@ void body_parts_find(const value *v, body_parts *out);
 void body_parts_warn(context *c, const value *v, const char *what);
 /* Fails for a dict without poses: says what it has in their place. */
 sherf_status body_parts_missing(context *c, const value *v);
+/* Fails with `what`, and with the keys that are there. */
+sherf_status keys_missing(context *c, const value *v, const char *what);
 /* Logs the keys of any dict that are not among `known` (up to NULL). */
 void unknown_keys_warn(context *c, const value *v, const char *const *known, const char *what);
 

@@ -155,7 +155,7 @@ sherf_status cameras_read(context *c, const char *path, const int size[2], parse
     found = mem_alloc(c, n, sizeof *found);
     if (!camera || !found) goto done;
     camera_values(d->root, found);
-    camera_warn(c, found[0], path);
+    camera_warn(c, found[0], NULL, path);
     status = SHERF_OK;
     for (size_t i = 0; i < n && !status; i++) {
         status = parse_camera(c, found[i], size, &camera[i]);

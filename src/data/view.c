@@ -19,9 +19,18 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
-/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades: labels of
- * the body's parts are few, or in colours. Half of its brightest value, from which on it is the person; 0: it
- * is not soft. */
+/* Some shades beside black and some beside white: a hard mask that was a JPEG, whose ground is not quite
+ * black. */
+static bool is_noisy(const size_t count[256]) {
+    enum { BESIDE = 16, SHADES = 3 };
+    int dark = 0, light = 0;
+    for (int v = 1; v <= BESIDE; v++) dark += count[v] > 0, light += count[255 - v] > 0;
+    return dark >= SHADES && light >= SHADES;
+}
+
+/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades, or those
+ * of a JPEG: labels of the body's parts are few, or in colours. Half of its brightest value, from which on it
+ * is the person; 0: it is not soft. */
 static int mask_half(const image_u8 *color) {
     enum { SHADES_MIN = 32, WHITE = 250 };
     const size_t n = (size_t)color->width * color->height;
@@ -37,7 +46,7 @@ static int mask_half(const image_u8 *color) {
         if (v >= WHITE) white += count[v];
         if (count[v]) brightest = v;
     }
-    if (2 * white > n - count[0]) return 128;
+    if (2 * white > n - count[0] || is_noisy(count)) return 128;
     return shades >= SHADES_MIN ? (brightest + 1) / 2 : 0;
 }
 

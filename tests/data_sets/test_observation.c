@@ -190,6 +190,8 @@ static void unknown_keys_are_named(void **state) {
          "o.json: body: body_pose without the root's rotation (global_orient, root_orient, ...)"},
         {"{\"fov_deg\": 50, \"skew\": 1, \"zoom\": 2}", BODY, "o.json: camera: not read: skew, zoom\n"},
         {"{\"fov_deg\": 50}, \"masks\": \"x\"", BODY, "o.json: not read: masks\n"},
+        {"{\"fov_deg\": 50, \"R\": [0, 0, 0], \"t_vec\": [0, 0, 4]}", BODY,
+         "o.json: camera: R without T: it stands at the world's origin\n"},
     };
     context *c = listening_context();
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
@@ -212,6 +214,7 @@ static void camera_names(void **state) {
         "3]]}",
         "{\"fx\": 50, \"fy\": 55, \"cx\": 20, \"cy\": 15, \"w\": 40, \"h\": 30, "
         "\"extrinsic\": [[%s, 1], [%s, 2], [%s, 3], [0, 0, 0, 1]], \"D\": [0, 0, 0, 0, 0, 0, 0, 0]}",
+        "[{\"img_focal\": [50, 55], \"img_center\": [20, 15], \"Rot\": [%s, %s, %s], \"T\": [1, 2, 3]}]",
     };
     static const char rows[3][64] = {"0.87758256, -0.47942554, 0", "0.47942554, 0.87758256, 0", "0, 0, 1"};
     context *c = listening_context();
@@ -292,16 +295,19 @@ static void from_a_folder_with_alpha(void **state) {
     sherf_context_free(c);
 }
 
-/* Soft masks count from a half on; of labels, and of a few soft values among them, everything counts. */
+/* Soft masks count from a half on, and so do JPEG's, whose black is not quite black; of labels, and of a few
+ * soft values among them, everything counts. */
 static void soft_masks(void **state) {
     enum { N = MADE_WIDTH * MADE_HEIGHT };
     context *c = test_context();
     uint8_t mask[N];
-    for (int labels = 0; labels < 2; labels++) {
+    for (int form = 0; form < 3; form++) {
+        const bool labels = form == 1;
         for (int i = 0; i < N; i++) {
             int x = i % MADE_WIDTH, y = i / MADE_WIDTH;
             mask[i] = made_person(x, y) ? (labels ? 1 + x % 20 : 255) : 0;
             if (y == 0) mask[i] = labels ? 1 : x < 20 ? 127 : 128;
+            if (form == 2 && y) mask[i] = (uint8_t)abs(mask[i] - x % 5);
         }
         assert_ok(c, png_write(c, join(folder, "soft.png"), MADE_WIDTH, MADE_HEIGHT, 1, mask));
         sherf_observation *o = NULL;
@@ -368,6 +374,7 @@ static const struct {
     {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
     {"wide.jpg", "m.png", NULL, NULL, "33000 x 2 pixels: from 1 to 32768 on a side", SHERF_BAD_FILE},
     {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"camera_angle_x\": 1}", NULL, "focal_px; this has camera_angle_x", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [1e999, 0, 20, 0, 5, 15, 0, 0, 1]}", NULL, "finite", SHERF_BAD_FILE},

@@ -189,6 +189,36 @@ static void rewrite_cameras(context *c, const char *folder, double scale, bool i
     document_free(d);
 }
 
+/* The observation of a data set's picture as a JSON file, the body before the camera, its place times
+ * `scale`. */
+static void observation_write(context *c, const char *path, double scale) {
+    char from[PATH_LENGTH + 20];
+    sherf_observation *o = NULL;
+    snprintf(from, sizeof from, "%.2000s#tube_000/0/2", people);
+    assert_ok(c, sherf_observation_load(c, from, &o));
+    FILE *f = fopen(path, "wb");
+    fprintf(f, "{\"image\": \"%s/tube_000/view02/000000.png\", ", people);
+    fprintf(f, "\"mask\": \"%s/tube_000/mask_cihp/view02/000000.png\", \"camera\": {\"K\": [", people);
+    for (int i = 0; i < 9; i++) fprintf(f, "%s%.9g", i ? ", " : "", o->camera.K[i]);
+    fprintf(f, "]}, \"body\": {\"poses\": [");
+    for (int i = 0; i < 72; i++) fprintf(f, "%s%.9g", i ? ", " : "", o->pose.poses_rad[i]);
+    fprintf(f, "], \"R\": [");
+    for (int i = 0; i < 9; i++) {
+        double sum = 0;
+        for (int k = 0; k < 3; k++) sum += o->camera.R[i / 3 * 3 + k] * o->pose.R[3 * k + i % 3];
+        fprintf(f, "%s%.9g", i ? ", " : "", sum);
+    }
+    fprintf(f, "], \"Th\": [");
+    for (int i = 0; i < 3; i++) {
+        double sum = o->camera.T_m[i];
+        for (int k = 0; k < 3; k++) sum += o->camera.R[3 * i + k] * o->pose.Th_m[k];
+        fprintf(f, "%s%.9g", i ? ", " : "", scale * sum);
+    }
+    fprintf(f, "]}}\n");
+    fclose(f);
+    sherf_observation_free(o);
+}
+
 static void check_finds_faults(void **state) {
     context *c = test_context();
     body_model *body = NULL;
@@ -211,6 +241,13 @@ static void check_finds_faults(void **state) {
     assert_ok(c, sherf_synth_tube(c, broken, &one));
     rewrite_cameras(c, broken, 1000, false, -1);
     assert_finding(c, broken, body, 4, "millimetres");
+    snprintf(overlay, sizeof overlay, "%s", test_path("o.json"));
+    observation_write(c, overlay, 1);
+    assert_finding(c, overlay, body, 0, "covers the mask");
+    observation_write(c, overlay, 100);
+    assert_finding(c, overlay, body, 1, "with Th in metres (are these centimetres?)");
+    observation_write(c, overlay, 1000);
+    assert_finding(c, overlay, body, 1, "with Th in metres (are these millimetres?)");
     rewrite_cameras(c, broken, 20, false, -1);
     assert_finding(c, broken, body, 1, "does not cover the mask");
     rewrite_cameras(c, broken, 1, true, -1);

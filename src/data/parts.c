@@ -13,9 +13,9 @@ static const char *const poses_names[] = {
     "fullpose", "pred_rotmat", "pred_pose",  "pred_thetas", "theta",  NULL};
 static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
                                          "smpl_body_pose", "smplx_body_pose", NULL};
-static const char *const root_names[] = {"global_orient",      "root_orient",        "root_pose",
-                                         "poses_root",         "pred_global_orient", "smplx_root_pose",
-                                         "smpl_global_orient", "global_orientation", NULL};
+static const char *const root_names[] = {
+    "global_orient",   "root_orient",        "root_pose",          "poses_root",  "pred_global_orient",
+    "smplx_root_pose", "smpl_global_orient", "global_orientation", "global_pose", NULL};
 static const char *const shapes_names[] = {"shapes",     "betas",      "shape",       "smpl_betas", "beta",
                                            "pred_betas", "pred_shape", "smplx_shape", NULL};
 static const char *const turn_names[] = {"R", "Rh", NULL};

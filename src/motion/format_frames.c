@@ -126,9 +126,10 @@ typedef struct {
     int count;
 } taker;
 
-/* ROMP's people are rows, of one person too. */
+/* What networks say of one picture, a row a person: ROMP's, HMR 2's. Rows of other dicts are frames. */
 static bool person_is_row(const body_parts *p) {
-    return p->part[PART_POSES].name && !strcmp(p->part[PART_POSES].name, "smpl_thetas");
+    const char *poses = p->part[PART_POSES].name, *place = p->part[PART_CAMERA_PLACE].name;
+    return (poses && !strcmp(poses, "smpl_thetas")) || (place && !strncmp(place, "pred_cam_t", 10));
 }
 
 static int64_t row_wanted(const sherf_motion_options *o) {
@@ -140,7 +141,9 @@ static sherf_status take_first(context *c, taker *t, const value *person, const 
     source *s = t->s;
     const char *root = p->part[PART_ROOT].name, *place = p->part[PART_CAMERA_PLACE].name;
     const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL;
-    const bool romp = person_is_row(p), smplify = place && !strcmp(place, "camera_translation");
+    const char *poses = p->part[PART_POSES].name;
+    const bool romp = poses && !strcmp(poses, "smpl_thetas"),
+               smplify = place && !strcmp(place, "camera_translation");
     s->format = lhm         ? "LHM or ExAvatar"
                 : easymocap ? "EasyMocap"
                 : smplify   ? "SMPLify-X"
@@ -162,7 +165,8 @@ static sherf_status take(context *c, taker *t, const value *frame, int64_t numbe
     value room[PARTS];
     if (!person) return SHERF_OK;
     body_parts_find(person, &p);
-    const int64_t people = source_people(&p), row = people > 1 || person_is_row(&p) ? row_wanted(t->o) : 0;
+    const bool rows = person_is_row(&p);
+    const int64_t people = rows ? source_people(&p) : 1, row = rows ? row_wanted(t->o) : 0;
     if (row < 0 || row >= people) return SHERF_OK; /* not in this frame */
     if (people > t->people) t->people = people;
     for (int i = 0; i < PARTS && people > 1; i++) source_take_person(&p.part[i], people, row, &room[i]);
@@ -240,29 +244,38 @@ static int64_t number_before(const char *name, size_t *end) {
     return number;
 }
 
-/* Rows of one of the dicts; 0: it holds no body. */
-static int64_t nested_rows(const value *v) {
+static const value *nested_at(const value *root, size_t i) {
+    return value_unwrapped(root->kind == VALUE_LIST ? root->list.item[i] : root->dict.pair[i].item);
+}
+
+/* Rows of one of the dicts; 0: it holds no body. people: whether they are those of one picture. */
+static int64_t nested_rows(const value *root, size_t i, bool *people) {
     body_parts p;
-    v = value_unwrapped(v);
+    const value *v = nested_at(root, i);
+    *people = true;
     if (!frame_is(v)) return 0;
     body_parts_find(v, &p);
-    return source_people(&p);
+    const int64_t rows = source_people(&p);
+    *people = rows == 1 || person_is_row(&p);
+    return rows;
+}
+
+/* Whether all are frames; *bodies: how many there are. */
+static bool nested_are_frames(const value *root, size_t *bodies) {
+    bool frames = true, people;
+    *bodies = 0;
+    for (size_t i = 0; i < value_count(root); i++) {
+        *bodies += nested_rows(root, i, &people) > 0;
+        frames &= people;
+    }
+    return frames;
 }
 
 bool nested_file_is(const value *root) {
-    if (!root || root->kind != VALUE_DICT || person_is(root)) return false;
-    for (size_t i = 0; i < root->dict.count; i++)
-        if (nested_rows(root->dict.pair[i].item)) return true;
-    return false;
-}
-
-/* ROMP's people stand side by side in a frame; others' rows are frames. */
-static bool nested_are_frames(const value *root) {
-    for (size_t i = 0; i < root->dict.count; i++) {
-        const value *item = value_unwrapped(root->dict.pair[i].item);
-        if (nested_rows(item) > 1) return value_get(item, "smpl_thetas") != NULL;
-    }
-    return true;
+    size_t bodies;
+    if (!root || (root->kind != VALUE_DICT && root->kind != VALUE_LIST) || person_is(root)) return false;
+    const bool frames = nested_are_frames(root, &bodies);
+    return bodies && (root->kind == VALUE_DICT || !frames); /* lists of frames are read as such */
 }
 
 /* The last number in a key; -1: none. */
@@ -282,7 +295,8 @@ static sherf_status nested_frames(context *c, const value *root, const sherf_mot
     sherf_status status = SHERF_NO_MEMORY;
     if (frame && number) {
         for (size_t i = 0; i < root->dict.count; i++) {
-            if (!nested_rows(root->dict.pair[i].item)) continue;
+            bool people;
+            if (!nested_rows(root, i, &people)) continue;
             frame[n] = root->dict.pair[i].item;
             number[n] = key_number(root->dict.pair[i].key);
             ascend &= number[n] >= 0 && (!n || number[n] > number[n - 1]);
@@ -296,25 +310,33 @@ static sherf_status nested_frames(context *c, const value *root, const sherf_mot
     return status;
 }
 
+/* A dict's key, or the place in a list. */
+static void nested_name(const value *root, size_t i, char out[64]) {
+    const value *key = root->kind == VALUE_DICT ? root->dict.pair[i].key : NULL;
+    snprintf(out, 64, "%zu", i);
+    if (key && key->kind == VALUE_STRING) snprintf(out, 64, "%.60s", key->string.text);
+    if (key && key->kind == VALUE_INTEGER) snprintf(out, 64, "%lld", (long long)key->integer);
+}
+
 static sherf_status nested_person(context *c, const value *root, const sherf_motion_options *o, source *s) {
     int64_t longest = 0;
     int people = 0;
     const value *taken = NULL;
     char name[64] = "";
-    for (size_t i = 0; i < root->dict.count; i++) {
-        const value *key = root->dict.pair[i].key;
-        const int64_t rows = nested_rows(root->dict.pair[i].item);
-        char own[64] = "";
+    for (size_t i = 0; i < value_count(root); i++) {
+        char own[64];
+        bool picture;
+        const int64_t rows = nested_rows(root, i, &picture);
         if (!rows) continue;
         people++;
-        if (key->kind == VALUE_STRING) snprintf(own, sizeof own, "%.60s", key->string.text);
-        if (key->kind == VALUE_INTEGER) snprintf(own, sizeof own, "%lld", (long long)key->integer);
+        nested_name(root, i, own);
         if (o->track ? strcmp(own, o->track) != 0 : rows <= longest) continue;
-        longest = rows, taken = value_unwrapped(root->dict.pair[i].item);
+        longest = rows, taken = nested_at(root, i);
         memcpy(name, own, sizeof name);
     }
     if (!taken)
-        return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %d of the file", o->track, people);
+        return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %d of the file",
+                       o->track ? o->track : "", people);
     sherf_motion_options alone = *o;
     alone.track = NULL;
     sherf_status status = smpl_file_read(c, taken, &alone, s);
@@ -323,7 +345,8 @@ static sherf_status nested_person(context *c, const value *root, const sherf_mot
 }
 
 sherf_status nested_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
-    return nested_are_frames(root) ? nested_frames(c, root, o, s) : nested_person(c, root, o, s);
+    size_t bodies;
+    return nested_are_frames(root, &bodies) ? nested_frames(c, root, o, s) : nested_person(c, root, o, s);
 }
 
 /* ---- folders ---- */

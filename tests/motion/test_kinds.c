@@ -109,6 +109,22 @@ static void dicts_of_dicts(void **state) {
     assert_int_equal(sherf_motion_frame_count(m), 2);
     sherf_motion_free(m);
     refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
+    for (int people = 2; people; people--) { /* a list of people; of one alone, too */
+        pickle_begin(&w, f->c);
+        pickle_list_open(&w);
+        for (int k = 0; k < people; k++) {
+            const int frames = k == people - 1 ? WALK_FRAMES : 2;
+            pickle_dict_open(&w);
+            pickle_string(&w, "poses");
+            pickle_floats(&w, 2, (const int[]){frames, 72}, up.smpl[0]);
+            pickle_string(&w, "transl");
+            pickle_floats(&w, 2, (const int[]){frames, 3}, up.trans[0]);
+            pickle_dict_close(&w);
+        }
+        pickle_list_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, NULL, 30, people > 1 ? "track 1 of 2" : "SMPL poses", "y up");
+    }
     pickle_begin(&w, f->c); /* frames, by number */
     pickle_dict_open(&w);
     for (int i = 0; i < WALK_FRAMES; i++) {

@@ -47,7 +47,7 @@ sherf_status image_photo_parse(context *c, const unsigned char *data, size_t byt
                                photo_info *info);
 
 /* ---- image_kind.c: n bytes from a file's beginning, of which IMAGE_KIND_BYTES are enough ---- */
-enum { IMAGE_KIND_BYTES = 256 };
+enum { IMAGE_KIND_BYTES = 512 };
 /* "PNG", "JPEG", "WebP", "HEIC", "AVIF", or NULL for what is not read. */
 const char *image_kind(const unsigned char *data, size_t n);
 const char *image_file_kind(const char *path); /* NULL also where the file cannot be read */

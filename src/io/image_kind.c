@@ -119,6 +119,17 @@ const char *image_other_kind(const unsigned char *data, size_t n) {
         SIGN(0, "\0\0\1\xb3", "a video (MPEG)"),
         SIGN(0, "PK\3\4", "a ZIP archive"),
         SIGN(0, "\x1f\x8b", "a gzip archive"),
+        SIGN(0, "7z\xbc\xaf\x27\x1c", "a 7z archive: unpack it"),
+        SIGN(0, "Rar!\x1a\x07", "a RAR archive: unpack it"),
+        SIGN(257, "ustar", "a tar archive: unpack it"),
+        SIGN(0, "\x89HDF\r\n\x1a\n", "an HDF5 file (or MATLAB's of 7.3): export its arrays as .npz"),
+        SIGN(0, "MATLAB 5.0", "a MATLAB file: export its arrays as .npz"),
+        SIGN(0, "PAR1", "a Parquet table"),
+        SIGN(0, "PXR-USDC", "a USD scene: export it as BVH, FBX or GLB"),
+        SIGN(0, "Ogawa", "an Alembic scene: export it as BVH, FBX or GLB"),
+        SIGN(0, "BLENDER", "a Blender file: export it as BVH, FBX or GLB"),
+        SIGN(0, "Vocaloid Motion Data", "a motion of MikuMikuDance (VMD): export it as BVH, FBX or GLB"),
+        SIGN(0, "\x02P", "a C3D of markers, which has no joints: fit a body to it first"),
     };
     if (!n) return "an empty file";
     if (n > 10 && !memcmp(data, "II*\0", 4) && !memcmp(data + 8, "CR", 2)) return "a camera's RAW (CR2)";

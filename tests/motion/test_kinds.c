@@ -183,6 +183,35 @@ static void said_not_guessed(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "an array of 12 x 71");
 }
 
+/* Files of other programs are named for what they are, with what to do. */
+static void other_programs(void **state) {
+    const walk_fixture *f = *state;
+    static const struct {
+        size_t at;
+        const char *begins, *says;
+    } files[] = {
+        {0, "\x89HDF\r\n\x1a\n", "an HDF5 file"},
+        {0, "MATLAB 5.0 MAT-file", "a MATLAB file"},
+        {0, "PAR1", "a Parquet table"},
+        {0, "PXR-USDC", "a USD scene: export it as BVH, FBX or GLB"},
+        {0, "BLENDER-v300", "a Blender file: export it"},
+        {0, "Vocaloid Motion Data 0002", "MikuMikuDance"},
+        {0, "\x02P", "a C3D of markers"},
+        {0, "7z\xbc\xaf\x27\x1c", "a 7z archive"},
+        {0, "Rar!\x1a\x07", "a RAR archive"},
+        {257, "ustar", "a tar archive"},
+    };
+    const char *path = test_path("other.bin");
+    for (size_t i = 0; i < COUNT_OF(files); i++) {
+        unsigned char data[600] = {'a'};
+        memcpy(data + files[i].at, files[i].begins, strlen(files[i].begins));
+        FILE *out = fopen(path, "wb");
+        assert_int_equal(fwrite(data, 1, sizeof data, out), sizeof data);
+        fclose(out);
+        refused(f, path, NULL, SHERF_BAD_FILE, files[i].says);
+    }
+}
+
 /* Of (F, 24, 3) the lengths of limbs tell places from rotations; an axis of 1 before the frames falls away.
  */
 static void arrays_of_three(void **state) {
@@ -292,6 +321,7 @@ int main(void) {
         cmocka_unit_test(in_one_dict),      cmocka_unit_test(frames_by_picture),
         cmocka_unit_test(dicts_of_dicts),   cmocka_unit_test(quaternions_apart),
         cmocka_unit_test(said_not_guessed), cmocka_unit_test(arrays_of_three),
-        cmocka_unit_test(bvh_by_place),     cmocka_unit_test(bvh_texts)};
+        cmocka_unit_test(other_programs),   cmocka_unit_test(bvh_by_place),
+        cmocka_unit_test(bvh_texts)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

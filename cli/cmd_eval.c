@@ -74,6 +74,18 @@ static void baseline_add(cJSON *json, const char *name, const sherf_score score[
     score_add(o, "novel_pose", &score[1]);
 }
 
+static void surfaces_add(cJSON *json, const sherf_surface_scores *f) {
+    if (!f->count && !f->missed) return;
+    cJSON *o = cJSON_AddObjectToObject(json, "surfaces");
+    cJSON_AddNumberToObject(o, "count", f->count);
+    cJSON_AddNumberToObject(o, "missed", f->missed);
+    if (!f->count) return;
+    cJSON_AddNumberToObject(o, "chamfer_cm", f->chamfer_cm);
+    cJSON_AddNumberToObject(o, "to_truth_cm", f->to_truth_cm);
+    cJSON_AddNumberToObject(o, "from_truth_cm", f->from_truth_cm);
+    cJSON_AddNumberToObject(o, "normal_deg", f->normal_deg);
+}
+
 static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {
     if (!e->count && !e->missed) return;
     cJSON *o = cJSON_AddObjectToObject(json, "estimates");
@@ -133,6 +145,7 @@ static int run(session *s, int count, char **argument) {
         baseline_add(json, "mean_color", scores.mean_color);
         baseline_add(json, "painted_body", scores.painted_body);
         estimates_add(json, &scores.estimates);
+        surfaces_add(json, &scores.surfaces);
         session_json(json);
     } else if (!status && scores.table) {
         fputs(scores.table, stdout);

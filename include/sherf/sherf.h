@@ -700,6 +700,12 @@ typedef struct {
     double turn_deg;              /* of where hips and shoulders face */
     double overlap, overlap_min;  /* of the masks, intersection over union */
 } sherf_estimate_scores;
+/* Surfaces of avatars that have some (model pifu) against the data set's (surface/); count 0: there are none.
+ */
+typedef struct {
+    int count, missed; /* observations; those of which nothing came out */
+    double chamfer_cm, to_truth_cm, from_truth_cm, normal_deg; /* means; the first that of the next two */
+} sherf_surface_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
@@ -708,6 +714,7 @@ typedef struct {
      * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
     sherf_score mean_color[2], painted_body[2];
     sherf_estimate_scores estimates;
+    sherf_surface_scores surfaces;
 } sherf_scores;
 SHERF_API sherf_status sherf_eval(sherf_context *c, const sherf_eval_options *options, sherf_scores *out);
 

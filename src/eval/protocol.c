@@ -440,6 +440,9 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
         status = sherf_avatar_choose(c, avatar, e->options->variant);
     if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
+    if (!e->estimator) /* estimates have a world of their own */
+        status = surface_list_measure(c, &e->report.surfaces, e->data, avatar, s->person, from);
+    if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation[0])) != SHERF_OK) goto done;
     const int targets = observation_targets(s, i);
     int target = 0;
@@ -488,15 +491,30 @@ static sherf_estimate_scores estimate_scores(const estimate_list *l) {
                                    .overlap_min = s.worst.overlap};
 }
 
-/* The two tables, one below the other. */
-static char *whole_table(const evaluation *e) {
-    char *scores = report_table(e->c, &e->report, e->data), *both = NULL;
-    if (!scores || !e->estimator) return scores;
-    char *errors = estimate_list_table(e->c, &e->report.estimates, e->data);
-    if (errors) both = mem_format(e->c, "%s\n%s", scores, errors);
-    mem_free(errors);
-    mem_free(scores);
+/* `text` below `table`, which go; NULL where either is. */
+static char *table_join(context *c, char *table, char *text) {
+    char *both = table && text ? mem_format(c, "%s\n%s", table, text) : NULL;
+    mem_free(table);
+    mem_free(text);
     return both;
+}
+
+/* The tables, one below the other. */
+static char *whole_table(const evaluation *e) {
+    const surface_list *surfaces = &e->report.surfaces;
+    char *all = report_table(e->c, &e->report, e->data);
+    if (all && e->estimator)
+        all = table_join(e->c, all, estimate_list_table(e->c, &e->report.estimates, e->data));
+    if (all && (surfaces->count || surfaces->missed))
+        all = table_join(e->c, all, surface_list_text(e->c, surfaces));
+    return all;
+}
+
+static sherf_surface_scores surface_means(const surface_list *l) {
+    int64_t count;
+    const surface_scores s = surface_list_mean(l, -1, &count);
+    return (sherf_surface_scores){(int)count,         (int)l->missed,       100 * s.chamfer_m,
+                                  100 * s.to_truth_m, 100 * s.from_truth_m, s.normal_deg};
 }
 
 sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_estimator *estimator,
@@ -542,6 +560,7 @@ sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_
         out->painted_body[pose] = report_mean(r, SCORE_PAINTED_BODY, -1, pose);
     }
     if (estimator) out->estimates = estimate_scores(&r->estimates);
+    out->surfaces = surface_means(&r->surfaces);
 done:
     if (status != SHERF_OK && e.folder_is_new) rmdir(options->output); /* goes only if nothing is in it */
     evaluation_free(&e);

@@ -26,6 +26,7 @@ void report_free(report *r) {
     }
     mem_free(r->entry);
     estimate_list_free(&r->estimates);
+    surface_list_free(&r->surfaces);
     *r = (report){0};
 }
 
@@ -288,6 +289,34 @@ static bool add_estimates(cJSON *root, const estimate_list *l, const sherf_datas
            add_number(all, "missed", l->missed);
 }
 
+static bool add_surface(cJSON *to, const surface_scores *s) {
+    return add_number(to, "chamfer_cm", 100 * s->chamfer_m) &&
+           add_number(to, "to_truth_cm", 100 * s->to_truth_m) &&
+           add_number(to, "from_truth_cm", 100 * s->from_truth_m) &&
+           add_number(to, "normal_deg", s->normal_deg);
+}
+
+/* Of every observation, and their mean. */
+static bool add_surfaces(cJSON *root, const surface_list *l, const sherf_dataset *d) {
+    int64_t count;
+    const surface_scores mean = surface_list_mean(l, -1, &count);
+    cJSON *all = cJSON_AddObjectToObject(root, "surfaces");
+    cJSON *each = all ? cJSON_AddArrayToObject(all, "each") : NULL;
+    for (int64_t i = 0; i < l->count && each; i++) {
+        cJSON *o = cJSON_CreateObject();
+        if (!o || !cJSON_AddItemToArray(each, o)) {
+            cJSON_Delete(o);
+            return false;
+        }
+        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, l->entry[i].person)) ||
+            !add_pair(o, "observation", l->entry[i].observation) || !add_surface(o, &l->entry[i].scores))
+            return false;
+    }
+    cJSON *o = each ? cJSON_AddObjectToObject(all, "mean") : NULL;
+    return o && add_surface(o, &mean) && add_number(all, "count", (double)count) &&
+           add_number(all, "missed", (double)l->missed);
+}
+
 static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
     if (r->pictures > 1 && !cJSON_AddNumberToObject(root, "pictures", r->pictures)) return false;
     if (r->variant && !cJSON_AddNumberToObject(root, "variant", (double)r->variant)) return false;
@@ -309,6 +338,7 @@ static bool fill(cJSON *root, const report *r, const sherf_dataset *d) {
             return false;
     }
     if ((r->estimates.count || r->estimates.missed) && !add_estimates(root, &r->estimates, d)) return false;
+    if ((r->surfaces.count || r->surfaces.missed) && !add_surfaces(root, &r->surfaces, d)) return false;
     return add_means(root, r, -1);
 }
 

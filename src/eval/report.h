@@ -5,6 +5,7 @@
 
 #include "eval/estimated.h"
 #include "eval/regions.h"
+#include "eval/surface_list.h"
 
 enum { SCORE_MODEL, SCORE_MEAN_COLOR, SCORE_PAINTED_BODY, SCORE_KINDS };
 
@@ -26,6 +27,7 @@ typedef struct {
     report_entry *entry;
     bool baselines;          /* false: only SCORE_MODEL is filled in */
     estimate_list estimates; /* empty: bodies and cameras are the data set's */
+    surface_list surfaces;   /* empty: the avatars have none, or the data set */
     int pictures;            /* of an observation; 0: 1 */
     uint64_t variant;        /* of the avatars; 0: the best guess */
     bool plain_mean;         /* over all pictures alike: observations drawn by chance */

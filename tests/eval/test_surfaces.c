@@ -2,7 +2,8 @@
 #include <stdlib.h>
 
 #include "ball.h"
-#include "eval/surfaces.h"
+#include "data/surface_truth.h"
+#include "eval/surface_list.h"
 #include "support.h"
 
 /* A ball in a larger one: 1 cm everywhere, normals alike. */
@@ -75,8 +76,58 @@ static void mistakes_are_one_line(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+static solid_mesh mesh_of(const void *field) {
+    return *(const solid_mesh *)field;
+}
+
+/* An avatar whose surface is the data set's is nothing off it, one centimetre beside at most one. */
+static void avatars_and_the_data_sets_surface(void **state) {
+    static const field_kind known = {.surface = mesh_of};
+    context *c = test_context();
+    sherf_dataset *d;
+    surface_truth t;
+    surface_list l = {0};
+    int64_t n;
+    char folder[512], spec[600];
+    snprintf(folder, sizeof folder, "%s", test_path("people"));
+    const sherf_synth_options o = {.people = 2, .poses = 1, .views = 2, .size_px = 32, .surfaces = 1};
+    assert_ok(c, sherf_synth_tube(c, folder, &o));
+    snprintf(spec, sizeof spec, "thuman:%s", folder);
+    assert_ok(c, sherf_dataset_open(c, spec, &d));
+    assert_ok(c, surface_truth_load(c, d, 1, 0, TRUTH_MESH, &t));
+    solid_mesh mesh = {t.vertices, t.triangles, t.vertex, t.triangle};
+    const sherf_avatar with = {.field_kind = &known, .field = &mesh}, without = {.field_kind = &field_of_ops};
+    const picture seen = {0, 1};
+    assert_ok(c, surface_list_measure(c, &l, d, &without, 1, seen));
+    assert_int_equal(l.count + l.missed, 0);
+    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    assert_true(l.count == 1 && l.entry[0].scores.chamfer_m < 1e-6);
+    for (int64_t i = 0; i < t.vertices; i++) t.vertex[3 * i] += 0.01f;
+    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    const surface_scores *s = &l.entry[1].scores;
+    assert_true(s->to_truth_m > 0.003 && s->to_truth_m < 0.01 && s->from_truth_m > 0.003 &&
+                s->from_truth_m < 0.01);
+    assert_true(fabs(surface_list_mean(&l, 1, &n).chamfer_m -
+                     (l.entry[0].scores.chamfer_m + s->chamfer_m) / 2) < 1e-12 &&
+                n == 2);
+    surface_list_mean(&l, 0, &n);
+    assert_int_equal(n, 0);
+    mesh.triangles = 1; /* nothing came out */
+    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    assert_true(l.count == 2 && l.missed == 1);
+    char *text = surface_list_text(c, &l);
+    assert_non_null(strstr(text, "surfaces of 2 observations: Chamfer 0."));
+    mem_free(text);
+    surface_list_free(&l);
+    surface_truth_free(&t);
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_ball_in_a_ball), cmocka_unit_test(half_a_ball),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(avatars_and_the_data_sets_surface),
+                                       cmocka_unit_test(a_ball_in_a_ball), cmocka_unit_test(half_a_ball),
                                        cmocka_unit_test(places_by_a_triangle),
                                        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, NULL, NULL);

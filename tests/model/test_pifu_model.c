@@ -279,6 +279,35 @@ static void every_allocation_fails(void **state) {
                     "resolution=16");
 }
 
+/* An evaluation has the surface of the observation beside the pictures' scores. */
+static void its_surface_is_scored(void **state) {
+    context *c = test_context();
+    sherf_model *m;
+    sherf_scores s;
+    char data[700], path[700], body[700];
+    trained(c, &m);
+    snprintf(path, sizeof path, "%s", rival_file("scored.safetensors"));
+    assert_ok(c, sherf_model_save(c, m, path));
+    sherf_model_free(m);
+    snprintf(data, sizeof data, "thuman:%s", rival_file(""));
+    snprintf(body, sizeof body, "%s", rival_file("tubeman.safetensors"));
+    const sherf_eval_options o = {.data = data,
+                                  .people = "0-0",
+                                  .body = body,
+                                  .model = path,
+                                  .observations = "0:0",
+                                  .poses = "0",
+                                  .views = "0,1"};
+    assert_ok(c, sherf_eval(c, &o, &s));
+    assert_true(s.novel_view.count == 1 && s.surfaces.count == 1 && s.surfaces.missed == 0);
+    print_message("Chamfer %.1f cm, normals %.0f degrees\n", s.surfaces.chamfer_cm, s.surfaces.normal_deg);
+    assert_true(s.surfaces.chamfer_cm > 0.5 && s.surfaces.chamfer_cm < 40);
+    assert_non_null(strstr(s.table, "surfaces of 1 observations"));
+    sherf_free(s.table);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 static void it_is_scored_in_the_observed_pose(void **state) {
     int novel_view, novel_pose;
     rival_eval(tiny, &novel_view, &novel_pose);
@@ -292,6 +321,7 @@ int main(void) {
                                        cmocka_unit_test(the_square_is_about_the_person),
                                        cmocka_unit_test(it_learns_what_is_inside),
                                        cmocka_unit_test(coarse_to_fine),
+                                       cmocka_unit_test(its_surface_is_scored),
                                        cmocka_unit_test(it_goes_on_with_the_same_bits),
                                        cmocka_unit_test(one_line),
                                        cmocka_unit_test(trainings_that_are_refused),

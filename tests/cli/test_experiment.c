@@ -115,7 +115,7 @@ static void words_that_are_wrong(void **state) {
                  "sherf experiment --help");
     assert_error(run("experiment preference --score -q -o %s x.json", output), 1, "preference/key.json", "");
     assert_error(run("experiment pifu -q -d thuman:%s -o %s", tubes, output), 1,
-                 "experiment pifu is not there yet", "the model pifu");
+                 "experiment pifu is not there yet", "sherf train --preset pifu:own");
     assert_error(run("experiment main -q -n 31 -p smoke -d thuman:%s -o %s", tubes, output), 1,
                  "made with other settings", "experiment.json");
 }

@@ -402,7 +402,8 @@ static void mistakes_are_one_line(void **state) {
     sherf_experiment_options o = smoke("whole");
     assert_fails(c, sherf_experiment(c, "dance", &o, NULL), SHERF_BAD_ARGUMENT,
                  "'dance': should be main, ablation");
-    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_UNSUPPORTED, "it needs the model pifu");
+    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_UNSUPPORTED,
+                 "it needs made people's surfaces");
     assert_fails(c, sherf_experiment(c, "estimated-body", &o, NULL), SHERF_BAD_ARGUMENT,
                  "the networks that see people");
     assert_fails(c, sherf_experiment(c, "cross-data", &o, NULL), SHERF_BAD_ARGUMENT, "two data sets");

@@ -408,6 +408,24 @@ static sherf_status observe_all(evaluation *e, const selection *s, int i,
     return status;
 }
 
+/* As users make it: of pictures that were cut out and scaled to what the network knows, where frames have
+ * their detail; otherwise, as the paper does, of the pictures as they are. */
+static sherf_status make_avatar(evaluation *e, int pictures, sherf_observation *const *observation,
+                                sherf_avatar **out) {
+    context *c = e->c;
+    sherf_observation *cropped[SHERF_PICTURES_MAX] = {NULL};
+    const bool crop = e->options->detail && e->options->detail != SHERF_DETAIL_OFF;
+    sherf_status status = SHERF_OK;
+    for (int k = 0; k < pictures && crop && status == SHERF_OK; k++)
+        status = sherf_observation_crop(c, e->model, e->body, observation[k], &cropped[k]);
+    if (status == SHERF_OK)
+        status = avatar_create(c, e->model, e->body, pictures,
+                               (const sherf_observation *const *)(crop ? cropped : observation),
+                               e->options->batch_statistics != 0, out);
+    for (int k = 0; k < pictures; k++) sherf_observation_free(cropped[k]);
+    return status;
+}
+
 /* Puts the baked avatar in its place. */
 static sherf_status bake(evaluation *e, sherf_avatar **avatar) {
     const sherf_bake_options how = {.detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
@@ -433,9 +451,7 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     }
     baselines_free(&e->baselines);
     if (e->options->baselines) status = baselines_create(c, e->body, observation[0], &e->baselines);
-    if (status == SHERF_OK)
-        status = avatar_create(c, e->model, e->body, pictures, (const sherf_observation *const *)observation,
-                               e->options->batch_statistics != 0, &avatar);
+    if (status == SHERF_OK) status = make_avatar(e, pictures, observation, &avatar);
     if (status == SHERF_OK && e->options->variant)
         status = sherf_avatar_choose(c, avatar, e->options->variant);
     if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);

@@ -116,6 +116,36 @@ static double pixels_of(const document *d, const char *region) {
     return number(value_get(value_get(value_get(d->root, "regions"), "novel_pose"), region), "pixels");
 }
 
+/* Frames with detail are those of pictures scaled to what the network knows, as users make avatars; the
+ * paper's are of the pictures as they are. */
+static void detail_is_what_users_see(void **state) {
+    static const char *const size[] = {"px_per_m=0", "px_per_m=40,image_size=32"};
+    context *c = test_context();
+    double psnr[2][2];
+    for (int known = 0; known < 2; known++) {
+        char preset[200], weights[600];
+        sherf_model *m;
+        snprintf(preset, sizeof preset,
+                 "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16,%s", size[known]);
+        snprintf(weights, sizeof weights, "%s/size.safetensors", root);
+        assert_ok(c, sherf_model_create(c, preset, 3, &m));
+        assert_ok(c, sherf_model_save(c, m, weights));
+        sherf_model_free(m);
+        for (int detail = 0; detail < 2; detail++) {
+            sherf_eval_options o = one_person("0", "0");
+            o.model = weights;
+            o.detail = detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF;
+            sherf_scores s;
+            assert_ok(c, sherf_eval(c, &o, &s));
+            psnr[known][detail] = s.novel_view.psnr;
+            sherf_free(s.table);
+        }
+    }
+    assert_true(psnr[0][0] == psnr[1][0]);
+    assert_true(fabs(psnr[0][1] - psnr[1][1]) > 0.001);
+    sherf_context_free(c);
+}
+
 /* Two pictures of the person: fewer targets, another avatar, and more of the body seen. */
 static void several_pictures(void **state) {
     context *c = test_context();
@@ -324,13 +354,11 @@ static void broken_people_are_named(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(broken_people_are_named),
-                                       cmocka_unit_test(weights_are_finite),
-                                       cmocka_unit_test(listed_pictures),
-                                       cmocka_unit_test(several_pictures),
-                                       cmocka_unit_test(batch_statistics_are_the_pictures),
-                                       cmocka_unit_test(scores_as_released),
-                                       cmocka_unit_test(the_protocol_as_far_as_it_goes),
-                                       cmocka_unit_test(mistakes_are_one_line)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(weights_are_finite),
+        cmocka_unit_test(listed_pictures),         cmocka_unit_test(detail_is_what_users_see),
+        cmocka_unit_test(several_pictures),        cmocka_unit_test(batch_statistics_are_the_pictures),
+        cmocka_unit_test(scores_as_released),      cmocka_unit_test(the_protocol_as_far_as_it_goes),
+        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

@@ -103,9 +103,14 @@ sherf_status detail_draw_body(context *c, const body_model *body, const posed_bo
 /* The picture's depths (metres along the camera's axis) that lie a little way in the body are brought to its
  * surface. */
 void detail_bound(const raster *drawn, float *depth);
-/* Opacities are made firm: faint haze round the person goes, and where the body is, little shines through.
- * Colours follow, as far as they are the frame's own and not the background's. */
-void detail_clear_haze(const context *c, const raster *drawn, const float background[3], sherf_frame *frame);
+/* The opacity up to which what stands round a frame's person is haze: more where no picture shows about this
+ * outline, that is, about this pose from about this side; less where pixels are so large that outlines are
+ * soft by themselves. */
+float detail_haze(const avatar_detail *d, const posed_body *posed, const sherf_camera *camera);
+/* Opacities are made firm: haze round the person goes, and where the body is, little shines through. Colours
+ * follow, as far as they are the frame's own and not the background's. */
+void detail_clear_haze(const context *c, const raster *drawn, float haze, const float background[3],
+                       sherf_frame *frame);
 /* What floats goes: opaque pixels that no others join to the body's or to the picture's edge (slabs under
  * bare feet, where the network has learned soles). Nothing, where the body is not in the picture. */
 sherf_status detail_clear_islands(context *c, const raster *drawn, const float background[3],
@@ -117,6 +122,8 @@ static inline float detail_rise(float x, const float edge[2]) {
     const float t = (x - edge[0]) / (edge[1] - edge[0]), u = t < 0 ? 0 : t > 1 ? 1 : t;
     return u * u * (3 - 2 * u);
 }
+/* How large a picture shows the body's root. */
+float detail_px_per_m(const sherf_camera *camera, const posed_body *posed);
 /* So many pixels are about `m` metres where the body's root is; 1 to max. */
 int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max);
 /* Means over neighbours within `radius` pixels, twice, weighted by opacity and by how near their depths are:

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "avatar/detail.h"
+#include "base/vector3.h"
 
 /* How far a vertex may lie behind the body: from the first number on it counts less, at the second not at
  * all. */
@@ -12,8 +13,14 @@ static const float facing[2] = {-0.05f, 0.3f};
 static const float blend_m = 0.025f;
 /* Depths this far in the body are haze, up to the first number; from the second on another limb's. */
 static const float sunk_m[2] = {0.06f, 0.1f};
-/* Opacities of haze, which is cleared, and of what is taken for solid; less in the body. */
-static const float haze[2] = {0.15f, 1.0f}, firm[2] = {0.15f, 0.5f};
+/* Opacities of haze, which is cleared, and of what is taken for solid; less in the body. At an outline that
+ * no picture shows the network's opacity rises early, outside the true one. */
+static const float haze_known = 0.15f, haze_guessed = 0.3f, solid = 1, solid_inside = 0.5f;
+/* Larger pixels than these soften outlines by themselves. */
+static const float fine_m = 0.004f;
+/* The outline is known as far as the camera sees the pelvis from where an observed one did (cosines of the
+ * angle between them) and the joints are where they were (metres, their mean). */
+static const float beside_observed[2] = {0.77f, 0.98f}, elsewhere_m[2] = {0.01f, 0.06f};
 enum { ROUNDS = 4, HOLE_ROUNDS = 6, HEAD = 15 };
 
 /* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
@@ -134,8 +141,61 @@ void detail_bound(const raster *drawn, float *depth) {
     }
 }
 
+/* A place in SMPL space, from the pelvis in its own axes. */
+static void from_pelvis(const posed_body *posed, const float smpl[3], double out[3]) {
+    const float *turn = posed->transform[0];
+    for (int k = 0; k < 3; k++) {
+        out[k] = 0;
+        for (int i = 0; i < 3; i++)
+            out[k] += (double)turn[4 * i + k] * ((double)smpl[i] - posed->joints_smpl[0][i]);
+    }
+}
+
+/* The direction from the pelvis to the camera, in the pelvis' axes. */
+static void camera_side(const sherf_camera *camera, const posed_body *posed, double out[3]) {
+    float world[3], smpl[3];
+    for (int k = 0; k < 3; k++) {
+        world[k] = -posed->Th[k];
+        for (int i = 0; i < 3; i++) world[k] -= camera->R[3 * i + k] * camera->T_m[i];
+    }
+    for (int k = 0; k < 3; k++)
+        smpl[k] = world[0] * posed->R[k] + world[1] * posed->R[3 + k] + world[2] * posed->R[6 + k];
+    from_pelvis(posed, smpl, out);
+    unit3(out);
+}
+
+/* Metres that joints have moved from one pose to another, relative to the pelvis; their mean. */
+static float moved_m(const posed_body *a, const posed_body *b) {
+    double sum = 0;
+    for (int j = 1; j < BODY_JOINTS; j++) {
+        double p[3], q[3];
+        from_pelvis(a, a->joints_smpl[j], p);
+        from_pelvis(b, b->joints_smpl[j], q);
+        for (int k = 0; k < 3; k++) q[k] -= p[k];
+        sum += sqrt(dot3(q, q));
+    }
+    return (float)(sum / (BODY_JOINTS - 1));
+}
+
+float detail_haze(const avatar_detail *d, const posed_body *posed, const sherf_camera *camera) {
+    double from[3];
+    float known = 0;
+    camera_side(camera, posed, from);
+    for (int i = 0; i < d->views; i++) {
+        const detail_view *v = &d->view[i];
+        double observed[3];
+        camera_side(&v->camera, v->posed, observed);
+        const float as_posed = 1 - detail_rise(moved_m(posed, v->posed), elsewhere_m);
+        known = fmaxf(known, as_posed * detail_rise((float)dot3(from, observed), beside_observed));
+    }
+    const float fine = fminf(fine_m * detail_px_per_m(camera, posed), 1),
+                guessed = fmaxf(haze_known, fine * haze_guessed);
+    return guessed + known * (haze_known - guessed);
+}
+
 typedef struct {
     const raster *drawn;
+    float haze;
     const float *background;
     sherf_frame *frame;
 } haze_job;
@@ -159,8 +219,8 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
             const size_t n = (size_t)y * (size_t)j->drawn->width + (size_t)x;
             float *opacity = j->frame->opacity.data + n, *color = j->frame->color.data + 3 * n;
             if (!(*opacity > 0)) continue;
-            const float inside = inside_body(j->drawn, x, y), min = haze[0] - inside * firm[0];
-            const float share = (*opacity - min) / (haze[1] - inside * firm[1] - min);
+            const float inside = inside_body(j->drawn, x, y), min = j->haze * (1 - inside);
+            const float share = (*opacity - min) / (solid - inside * (solid - solid_inside) - min);
             const float is = fminf(fmaxf(share, 0), 1);
             for (int k = 0; k < 3; k++) {
                 const float own = color[k] - (1 - *opacity) * j->background[k];
@@ -170,8 +230,9 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
         }
 }
 
-void detail_clear_haze(const context *c, const raster *drawn, const float background[3], sherf_frame *frame) {
-    haze_job job = {drawn, background, frame};
+void detail_clear_haze(const context *c, const raster *drawn, float haze, const float background[3],
+                       sherf_frame *frame) {
+    haze_job job = {drawn, haze, background, frame};
     parallel_for(c, drawn->height, 8, clear_rows, &job);
 }
 

@@ -23,7 +23,7 @@ void detail_optics_of(const sherf_camera *camera, detail_optics *out) {
         }
 }
 
-int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max) {
+float detail_px_per_m(const sherf_camera *camera, const posed_body *posed) {
     float root[3], depth = camera->T_m[2];
     for (int k = 0; k < 3; k++) {
         const float *R = posed->R + 3 * k, *j = posed->joints_smpl[0];
@@ -31,7 +31,11 @@ int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, 
         depth += camera->R[6 + k] * root[k];
     }
     if (!(depth > 0.1f)) depth = 0.1f;
-    const float wide = m * fabsf(camera->K[4]) / depth + 0.5f;
+    return fabsf(camera->K[4]) / depth;
+}
+
+int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max) {
+    const float wide = m * detail_px_per_m(camera, posed) + 0.5f;
     return wide < 1 ? 1 : wide < (float)max ? (int)wide : max;
 }
 

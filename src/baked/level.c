@@ -1,6 +1,6 @@
-/* The level of the surface: the density at which its silhouettes are those of the frames. One number for the
- * whole person first; then places of the surface are looked at along their tangents, since what is half
- * opaque depends on how much of the body a ray grazes: a finger has to be denser than a back. */
+/* The level of the surface: the density at which its silhouettes are the person's. One number for the whole
+ * person first; then places of the surface are looked at along their tangents, since how opaque an outline is
+ * depends on how much of the body a ray grazes: a finger has to be denser than a back. */
 #include <math.h>
 #include <string.h>
 
@@ -65,6 +65,9 @@ sherf_status field_level(context *c, const cubes_grid *g, float *level) {
 
 /* ---- a level for each place ---- */
 enum { TANGENTS = 8, TANGENT_SAMPLES = 16, OFFSETS = 19 };
+/* The outline lies where the network is sure of it. Where it is half opaque it is a few millimetres outside
+ * the true one: docs/baked.md has scores. */
+static const float outline_opacity_min = 0.75f;
 static const float tangent_step_m = 0.005f, offset_first_m = 0.0225f, offset_step_m = 0.0025f;
 static const float site_m = 0.014f, coarse_m = 0.015f;         /* between sites; between smooth levels */
 static const float level_lowest = 0.2f, level_highest = 10.0f; /* of the level for all */
@@ -141,8 +144,8 @@ static bool tangents_of(const cubes_grid *g, const float p[3], float n[3], float
     return true;
 }
 
-/* From outside inwards along the normal to where the outline is half opaque. Where it never is there is only
- * a wisp, and the level lies above all of it; where it is so from the start other parts are in the way. */
+/* From outside inwards along the normal to the outline. Where nothing is so opaque there is only a wisp, and
+ * the level lies above all of it; where all is from the start other parts are in the way. */
 static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
     const site_job *job = arg;
     for (int64_t i = begin; i < end; i++) {
@@ -158,9 +161,9 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
             float opacity = outline_opacity(job->g, p, u, v),
                   density = field_desaturate(density_at(job->smooth, p), job->level);
             max = fmaxf(max, density);
-            if (opacity >= 0.5f) {
+            if (opacity >= outline_opacity_min) {
                 if (!o) break;
-                float part = (0.5f - before) / (opacity - before);
+                float part = (outline_opacity_min - before) / (opacity - before);
                 s->level = density_before + part * (density - density_before);
                 break;
             }

@@ -140,7 +140,7 @@ static void colours_are_those_of_the_texture(void **state) {
                 far += fabsf(255 * frame.color.data[3 * n + k] - at) > 4; /* texels */
             }
         }
-    assert_true(inside > 800);
+    assert_true(inside > 700);
     if (far * 50 > inside) fail_msg("%d of %d pixels have another texel", far, inside);
     raster_free(r);
     free(world);

@@ -123,12 +123,12 @@ static double ball_and_rod(const float p[3], void *user) {
     return soft(fmin(from_ball, from_rod + fmax(0, fabs(y) - 0.12)));
 }
 
-/* How far from the axis a ray passes that is half opaque. */
+/* How far from the axis a ray passes that is as opaque as outlines are. */
 static double outline_of(double radius_m) {
     for (double off = 0.2; off > 0; off -= 1e-4) {
         double depth = 0;
         for (double t = -0.2; t < 0.2; t += 1e-3) depth += 1e-3 * soft(hypot(off, t) - radius_m);
-        if (depth >= log(2)) return off;
+        if (1 - exp(-depth) >= 0.75) return off;
     }
     return 0;
 }
@@ -149,7 +149,7 @@ static void radii_of(const surface *s, double *ball_m, double *rod_m) {
     *rod_m = sum[1] / (double)count[1];
 }
 
-/* Outlines of thick and thin parts lie where frames have them, which one level for both does not do. */
+/* Outlines of thick and thin parts lie where rays are as opaque, which one level for both does not do. */
 static void thick_and_thin_have_their_outlines(void **state) {
     context *c = test_context();
     double radius[2][2];

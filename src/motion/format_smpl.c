@@ -1,5 +1,6 @@
 /* Dicts of arrays with a row a frame: AMASS of SMPL+H and SMPL-X, AIST++, EDGE, GVHMR, CLIFF, ROMP, TRAM,
  * SLAHMR, 3DPW, EMDB, aitviewer, plain SMPL poses. Some have an axis for people before that for frames. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -80,6 +81,20 @@ static layout layout_of(const value *rows) {
     if (rows->kind == VALUE_LIST && second > 0 && source_is_frame(value_numbers(rows->list.item[0]) / second))
         return (layout){first, second}; /* people of different lengths */
     return (layout){0, second > 0 ? first : 1};
+}
+
+/* A person's frames are more alike than people are. Whether many short ones are few long ones, their axes
+ * exchanged. */
+static bool frames_before_people(const value *rows, const layout *all) {
+    if (rows->kind != VALUE_ARRAY || all->people <= all->frames || all->frames < 2) return false;
+    const int64_t n = value_numbers(rows), row = n / all->people / all->frames, person = row * all->frames;
+    double first = 0, second = 0; /* how much neighbours along either axis differ */
+    for (int64_t i = 0; i < n; i++) {
+        const double x = value_array_number(rows, i);
+        if (i + person < n) first += fabs(value_array_number(rows, i + person) - x);
+        if (i % person + row < person) second += fabs(value_array_number(rows, i + row) - x);
+    }
+    return 4 * first / (double)(n - person) < second / (double)(n - all->people * row);
 }
 
 static int64_t mask_count(const value *mask) {
@@ -284,6 +299,12 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     named_value mask = value_first(root, mask_names);
     sherf_status status = SHERF_OK;
     if (all.frames < 1) return failure(c, SHERF_BAD_FILE, "poses: no rows of numbers");
+    if (all.people > 1 && frames_before_people(rows_of(&p), &all))
+        return failure(
+            c, SHERF_BAD_FILE,
+            "poses: %lld people of %lld frames, but neighbours along the first axis are alike: frames come "
+            "first; write people x frames",
+            (long long)all.people, (long long)all.frames);
     if (all.people > 1) status = choose_person(c, root, rows_of(&p), all.people, o, s, &person);
     if (status) return status;
     if (all.people) {

@@ -117,6 +117,22 @@ static sherf_status apply_place(context *c, sherf_motion *m, const sherf_motion_
     return clip_lead_in(c, &m->clip, m->blend_frames, (const float(*)[4])turn, pelvis_m);
 }
 
+/* Knees bend one way, about +x. Where nearly all of them bend the other, matrices are transposed, or angles
+ * have the wrong sign. */
+static bool knees_forward(const clip *k) {
+    enum { LEFT_KNEE = 4, RIGHT_KNEE = 5 };
+    double sum = 0;
+    int backward = 0;
+    for (int i = 0; i < k->frames; i++)
+        for (int j = LEFT_KNEE; j <= RIGHT_KNEE; j++) {
+            float turn[3];
+            quaternion_to_axis_angle(k->turn[i][j], turn);
+            sum += turn[0];
+            backward += turn[0] > 0.1f;
+        }
+    return sum < -0.2 * 2 * k->frames && backward * 20 < 2 * k->frames;
+}
+
 static void describe(const source *s, int frames, sherf_up up, double unit_m, char *out, size_t size) {
     char unit[48] = "metres";
     if (unit_m == 0.01) snprintf(unit, sizeof unit, "centimetres");
@@ -124,10 +140,11 @@ static void describe(const source *s, int frames, sherf_up up, double unit_m, ch
     if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
         snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
     const bool told = s->is_pelvis && *s->detail; /* a BVH's detail has its unit */
-    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s%s", s->format, frames,
+    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s%s%s", s->format, frames,
              frames == 1 ? "" : "s", s->clip.fps, s->fps_said ? "" : " (assumed)", up_name[up],
              told ? "" : ", ", told ? "" : unit, *s->detail ? ", " : "", s->detail,
-             s->unplaced ? ", no translation: on the spot" : "", s->has_shapes ? ", with a body shape" : "");
+             s->unplaced ? ", no translation: on the spot" : "", s->has_shapes ? ", with a body shape" : "",
+             knees_forward(&s->clip) ? ", knees bend forwards: are the rotations transposed?" : "");
 }
 
 sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o, sherf_motion **out) {

@@ -183,6 +183,55 @@ static void said_not_guessed(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "an array of 12 x 71");
 }
 
+/* Matrices that are transposed, and angles with the wrong sign, bend knees forwards. */
+static void knees_that_bend_forwards(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("knees.npz");
+    enum { FRAMES = 5 };
+    static float turn[FRAMES][24][3][3];
+    npz_member member[] = {{"poses", 4, {FRAMES, 24, 3, 3}, turn[0][0][0]}};
+    for (int transposed = 0; transposed < 2; transposed++) {
+        for (int i = 0; i < FRAMES * 24; i++) {
+            const double angle = i % 24 == 4 || i % 24 == 5 ? 0.2 + 0.1 * (i / 24) : 0;
+            float(*R)[3] = turn[i / 24][i % 24];
+            memset(R, 0, sizeof turn[0][0]);
+            R[0][0] = 1;
+            R[1][1] = R[2][2] = (float)cos(angle);
+            R[2 - transposed][1 + transposed] = (float)sin(angle);
+            R[1 + transposed][2 - transposed] = -(float)sin(angle);
+        }
+        assert_ok(f->c, npz_write(f->c, path, 1, member));
+        sherf_motion *m;
+        assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+        assert_int_equal(strstr(sherf_motion_description(m), "knees bend forwards") != NULL, transposed);
+        sherf_motion_free(m);
+    }
+}
+
+/* Two people frame by frame, which are not as many people of two frames. */
+static void frames_before_people(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("axes.npz");
+    static float frames_first[WALK_FRAMES][2][72], people_first[2][WALK_FRAMES][72];
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES; i++)
+        for (int person = 0; person < 2; person++) {
+            memcpy(people_first[person][i], a.smpl[i], sizeof a.smpl[i]);
+            for (int k = 3; k < 72; k++) people_first[person][i][k] += person ? 0.5f : 0;
+            memcpy(frames_first[i][person], people_first[person][i], sizeof a.smpl[i]);
+        }
+    npz_member member[] = {{"poses", 3, {2, WALK_FRAMES, 72}, people_first[0][0]}};
+    sherf_motion *m;
+    assert_ok(f->c, npz_write(f->c, path, 1, member));
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
+    sherf_motion_free(m);
+    member[0] = (npz_member){"poses", 3, {WALK_FRAMES, 2, 72}, frames_first[0][0]};
+    assert_ok(f->c, npz_write(f->c, path, 1, member));
+    refused(f, path, NULL, SHERF_BAD_FILE, "frames come first");
+}
+
 /* Files of other programs are named for what they are, with what to do. */
 static void other_programs(void **state) {
     const walk_fixture *f = *state;
@@ -318,10 +367,11 @@ static void bvh_texts(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(in_one_dict),      cmocka_unit_test(frames_by_picture),
-        cmocka_unit_test(dicts_of_dicts),   cmocka_unit_test(quaternions_apart),
-        cmocka_unit_test(said_not_guessed), cmocka_unit_test(arrays_of_three),
-        cmocka_unit_test(other_programs),   cmocka_unit_test(bvh_by_place),
-        cmocka_unit_test(bvh_texts)};
+        cmocka_unit_test(in_one_dict),         cmocka_unit_test(frames_by_picture),
+        cmocka_unit_test(dicts_of_dicts),      cmocka_unit_test(quaternions_apart),
+        cmocka_unit_test(said_not_guessed),    cmocka_unit_test(arrays_of_three),
+        cmocka_unit_test(other_programs),      cmocka_unit_test(bvh_by_place),
+        cmocka_unit_test(bvh_texts),           cmocka_unit_test(knees_that_bend_forwards),
+        cmocka_unit_test(frames_before_people)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

@@ -244,6 +244,15 @@ static void asset_folders(const char *folder[ASSET_FOLDERS]) {
     folder[4] = SHERF_ASSETS_FOLDER;
 }
 
+/* Once: a folder that the user named and that is not there is not passed over in silence. */
+static void say_missing_folder(const char *named) {
+    static bool said;
+    if (said || !named || !*named || !access(named, X_OK)) return;
+    said = true;
+    session_remark("sherf: warning: SHERF_ASSETS: there is no folder %s; assets are looked for elsewhere",
+                   named);
+}
+
 const char *session_asset(const char *given, const char *name) {
     enum { PATHS_MAX = 16 }; /* answers that stay, of one run of a verb */
     static char paths[PATHS_MAX][4096];
@@ -252,6 +261,7 @@ const char *session_asset(const char *given, const char *name) {
     const char *folder[ASSET_FOLDERS];
     if (given) return strcmp(given, "none") ? given : NULL;
     asset_folders(folder);
+    say_missing_folder(folder[0]);
     for (int i = 0; i < ASSET_FOLDERS; i++) {
         if (!folder[i] || !*folder[i]) continue;
         if (snprintf(path, sizeof paths[0], "%s/%s", folder[i], name) < (int)sizeof paths[0] &&

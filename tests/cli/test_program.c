@@ -289,6 +289,9 @@ static void assets_by_themselves(const char *folder, const char *model) {
             "--views 1",
             folder, model);
     if (o->status) fail_msg("%s", o->err);
+    setenv("SHERF_ASSETS", "/nowhere", 1);
+    o = run("avatar nothing.jpg -o %s.safetensors", folder);
+    assert_contains(o->err, "SHERF_ASSETS: there is no folder /nowhere");
     unsetenv("SHERF_ASSETS");
     assert_int_equal(rename(body, own_body), 0);
 }

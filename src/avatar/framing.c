@@ -114,13 +114,14 @@ static void view_take(view *w, const double x[3], double r) {
     w->radius = fmax(w->radius, sqrt(fmax(0, dot3(x, x) - rise * rise)) + r);
 }
 
-static void view_take_clip(view *w, const sherf_motion *m, const float (*path)[3]) {
+static void view_take_clip(view *w, const sherf_motion *motion, const float (*path)[3]) {
     w->side[0][0] = w->side[1][0] = w->height_range[1] = -INFINITY;
     w->side[0][1] = w->side[1][1] = w->height_range[0] = INFINITY;
     w->radius = 0;
-    for (int f = 0; f < m->clip.frames; f++) {
+    for (int f = 0; f < motion->clip.frames; f++) {
         double joint[BODY_JOINTS][3];
-        skeleton_joints(&m->skeleton, (const float(*)[4])m->clip.turn[f], m->clip.pelvis_m[f], joint);
+        skeleton_joints(&motion->skeleton, (const float(*)[4])motion->clip.turn[f], motion->clip.pelvis_m[f],
+                        joint);
         for (int j = 0; j < BODY_JOINTS; j++) {
             if (!(ball_m[j] > 0)) continue;
             for (int a = 0; a < 3; a++) joint[j][a] -= path[f][a];
@@ -176,8 +177,8 @@ static void observed_size(const sherf_camera *k, const sherf_animate_options *o,
 }
 
 /* The path that the camera keeps to: the middle of it, or the pelvis's, smoothed. */
-static void path_find(const sherf_motion *m, bool along, float (*path)[3]) {
-    const clip *k = &m->clip;
+static void path_find(const sherf_motion *motion, bool along, float (*path)[3]) {
+    const clip *k = &motion->clip;
     if (along && k->frames > 1) {
         path_smooth((const float(*)[3])k->pelvis_m, k->frames, 0.5 * k->fps, path);
         return;
@@ -189,18 +190,18 @@ static void path_find(const sherf_motion *m, bool along, float (*path)[3]) {
         for (int a = 0; a < 3; a++) path[f][a] = (float)(sum[a] / k->frames);
 }
 
-static void aim_all(const sherf_motion *m, const sherf_animate_options *o, view *w, double azimuth,
+static void aim_all(const sherf_motion *motion, const sherf_animate_options *o, view *w, double azimuth,
                     double elevation, const float (*path)[3], sherf_camera *out) {
     bool orbit = o->camera == SHERF_CAMERA_ORBITING;
     double turn_s = o->turn_s > 0 ? o->turn_s : turn_default_s, place[3], distance = o->distance_m;
     view_aim(w, azimuth, elevation);
-    view_take_clip(w, m, path);
+    view_take_clip(w, motion, path);
     view_place(w, distance, place);
     double half = (w->height_range[1] - w->height_range[0]) / 2;
     if (!(distance > 0)) distance = orbit_distance(half, w->radius, w->fov, (double)w->width / w->height);
-    for (int f = 0; f < m->clip.frames; f++) {
+    for (int f = 0; f < motion->clip.frames; f++) {
         double at[3], rise = (w->height_range[0] + w->height_range[1]) / 2;
-        double turned = orbit ? 2 * M_PI * f / m->clip.fps / turn_s : 0;
+        double turned = orbit ? 2 * M_PI * f / motion->clip.fps / turn_s : 0;
         for (int a = 0; a < 3; a++) at[a] = path[f][a] + (orbit ? rise * w->B[3 * a + 1] : place[a]);
         camera_around(w->B, at, orbit ? distance : 0, azimuth + turned, elevation, w->fov, w->width,
                       w->height, &out[f]);
@@ -209,7 +210,7 @@ static void aim_all(const sherf_motion *m, const sherf_animate_options *o, view 
 }
 
 sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
-                                   const sherf_motion *m, const sherf_animate_options *options,
+                                   const sherf_motion *motion, const sherf_animate_options *options,
                                    sherf_camera *out) {
     static const sherf_animate_options none;
     const sherf_animate_options *o = options ? options : &none;
@@ -219,7 +220,7 @@ sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar,
     sherf_pose first;
     observed_size(theirs, o, &w.width, &w.height);
     if (o->camera == SHERF_CAMERA_OBSERVATION) {
-        for (int f = 0; f < m->clip.frames; f++) {
+        for (int f = 0; f < motion->clip.frames; f++) {
             out[f] = *theirs;
             camera_resize(&out[f], w.width, w.height);
         }
@@ -229,15 +230,15 @@ sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar,
     if (!(w.fov > 0.01 && w.fov < 3.1) || !isfinite(azimuth) || !(fabs(elevation) < 1.57) ||
         !(o->distance_m >= 0 && o->distance_m < 1e5))
         return failure(c, SHERF_BAD_ARGUMENT, "animate: view, elevation or distance out of range");
-    float(*path)[3] = mem_alloc(c, (size_t)m->clip.frames, sizeof *path);
+    float(*path)[3] = mem_alloc(c, (size_t)motion->clip.frames, sizeof *path);
     if (!path) return SHERF_NO_MEMORY;
-    if (!o->aimed) observed_aim(avatar, &m->skeleton, &azimuth, &elevation);
-    sherf_motion_pose(m, 0, &first);
+    if (!o->aimed) observed_aim(avatar, &motion->skeleton, &azimuth, &elevation);
+    sherf_motion_pose(motion, 0, &first);
     pose_axes(&first, w.B);
     w.ty = tan(w.fov / 2) / spare;
     w.tx = w.ty * w.width / w.height;
-    path_find(m, o->camera != SHERF_CAMERA_FIXED, path);
-    aim_all(m, o, &w, azimuth, elevation, (const float(*)[3])path, out);
+    path_find(motion, o->camera != SHERF_CAMERA_FIXED, path);
+    aim_all(motion, o, &w, azimuth, elevation, (const float(*)[3])path, out);
     mem_free(path);
     return SHERF_OK;
 }

@@ -107,14 +107,14 @@ static sherf_status apply_time(context *c, clip *k, const sherf_motion_options *
     return status;
 }
 
-static sherf_status apply_place(context *c, sherf_motion *m, const sherf_motion_options *o) {
-    clip_root(&m->clip, &m->skeleton, o->root);
+static sherf_status apply_place(context *c, sherf_motion *motion, const sherf_motion_options *o) {
+    clip_root(&motion->clip, &motion->skeleton, o->root);
     if (!o->start) return SHERF_OK;
     float turn[BODY_JOINTS][4], pelvis_m[3];
-    clip_start_at(&m->clip, &m->skeleton, o->start);
-    pose_to_turns(o->start, &m->skeleton, turn, pelvis_m);
-    m->blend_frames = (int)lround(fmin(o->blend_s * m->clip.fps, 2 * MOTION_FRAMES_MAX));
-    return clip_lead_in(c, &m->clip, m->blend_frames, (const float(*)[4])turn, pelvis_m);
+    clip_start_at(&motion->clip, &motion->skeleton, o->start);
+    pose_to_turns(o->start, &motion->skeleton, turn, pelvis_m);
+    motion->blend_frames = (int)lround(fmin(o->blend_s * motion->clip.fps, 2 * MOTION_FRAMES_MAX));
+    return clip_lead_in(c, &motion->clip, motion->blend_frames, (const float(*)[4])turn, pelvis_m);
 }
 
 /* Knees bend one way, about +x. Where nearly all of them bend the other, matrices are transposed, or angles
@@ -151,28 +151,28 @@ sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o,
     double unit_m;
     *out = NULL;
     sherf_up up = o->up == SHERF_UP_AUTO ? up_find(s) : o->up;
-    sherf_motion *m = mem_zero(c, 1, sizeof *m);
-    sherf_status status = m ? place_pelvis(c, s, o, up, &unit_m) : SHERF_NO_MEMORY;
+    sherf_motion *motion = mem_zero(c, 1, sizeof *motion);
+    sherf_status status = motion ? place_pelvis(c, s, o, up, &unit_m) : SHERF_NO_MEMORY;
     if (!status && s->number) status = clip_spread(c, &s->clip, s->number);
     if (!status) {
         if (o->source_fps > 0) s->fps_said = true;
-        describe(s, s->clip.frames, up, unit_m, m->description, sizeof m->description);
+        describe(s, s->clip.frames, up, unit_m, motion->description, sizeof motion->description);
         clip_upright(&s->clip, up);
-        m->clip = s->clip;
+        motion->clip = s->clip;
         s->clip = (clip){0};
-        m->skeleton = s->skeleton;
-        m->loop = o->loop;
-        m->file_has_shapes = s->has_shapes;
-        memcpy(m->file_shapes, s->shapes, sizeof s->shapes);
+        motion->skeleton = s->skeleton;
+        motion->loop = o->loop;
+        motion->file_has_shapes = s->has_shapes;
+        memcpy(motion->file_shapes, s->shapes, sizeof s->shapes);
         const float *worn = o->their_shape && s->has_shapes ? s->shapes : o->shapes;
-        if (worn) memcpy(m->shapes, worn, sizeof m->shapes);
-        status = apply_time(c, &m->clip, o);
+        if (worn) memcpy(motion->shapes, worn, sizeof motion->shapes);
+        status = apply_time(c, &motion->clip, o);
     }
-    if (!status) status = apply_place(c, m, o);
+    if (!status) status = apply_place(c, motion, o);
     if (status)
-        sherf_motion_free(m);
+        sherf_motion_free(motion);
     else
-        *out = m;
+        *out = motion;
     return status;
 }
 

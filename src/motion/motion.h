@@ -76,7 +76,7 @@ void clip_start_at(clip *k, const skeleton *s, const sherf_pose *pose);
 void pose_to_turns(const sherf_pose *pose, const skeleton *s, float turn[BODY_JOINTS][4], float pelvis_m[3]);
 
 /* ---- save_glb.c ---- */
-sherf_status motion_save_glb(context *c, const sherf_motion *m, const char *path);
+sherf_status motion_save_glb(context *c, const sherf_motion *motion, const char *path);
 
 struct sherf_motion {
     clip clip;

@@ -6,27 +6,28 @@
 #include "io/value.h"
 #include "motion/motion.h"
 
-static sherf_status save_npz(context *c, const sherf_motion *m, const char *path) {
-    int frames = m->clip.frames;
+static sherf_status save_npz(context *c, const sherf_motion *motion, const char *path) {
+    int frames = motion->clip.frames;
     sherf_status status = SHERF_NO_MEMORY;
     float *poses = mem_alloc(c, (size_t)frames, 72 * sizeof *poses);
     float *trans = mem_alloc(c, (size_t)frames, 3 * sizeof *trans);
-    float rate = (float)m->clip.fps;
+    float rate = (float)motion->clip.fps;
     if (!poses || !trans) goto done;
     for (int i = 0; i < frames; i++) {
         static const float y_to_z[4] = {0.70710678f, 0.70710678f, 0, 0};
-        double place[3] = {m->clip.pelvis_m[i][0], m->clip.pelvis_m[i][1], m->clip.pelvis_m[i][2]};
+        double place[3] = {motion->clip.pelvis_m[i][0], motion->clip.pelvis_m[i][1],
+                           motion->clip.pelvis_m[i][2]};
         float root[4];
         for (int j = 1; j < BODY_JOINTS; j++)
-            quaternion_to_axis_angle(m->clip.turn[i][j], poses + 72 * i + 3 * j);
-        quaternion_multiply(y_to_z, m->clip.turn[i][0], root);
+            quaternion_to_axis_angle(motion->clip.turn[i][j], poses + 72 * i + 3 * j);
+        quaternion_multiply(y_to_z, motion->clip.turn[i][0], root);
         quaternion_to_axis_angle(root, poses + 72 * i);
         quaternion_rotate(y_to_z, place, place);
-        for (int a = 0; a < 3; a++) trans[3 * i + a] = (float)(place[a] - m->skeleton.rest_m[0][a]);
+        for (int a = 0; a < 3; a++) trans[3 * i + a] = (float)(place[a] - motion->skeleton.rest_m[0][a]);
     }
     const npz_member member[] = {
-        {"poses", 2, {frames, 72}, poses},      {"trans", 2, {frames, 3}, trans},
-        {"betas", 1, {BODY_SHAPES}, m->shapes}, {"mocap_frame_rate", 0, {0}, &rate},
+        {"poses", 2, {frames, 72}, poses},           {"trans", 2, {frames, 3}, trans},
+        {"betas", 1, {BODY_SHAPES}, motion->shapes}, {"mocap_frame_rate", 0, {0}, &rate},
         {.name = "gender", .text = "neutral"},
     };
     status = npz_write(c, path, COUNT_OF(member), member);
@@ -46,12 +47,12 @@ static const char *const bvh_names[BODY_JOINTS] = {
 typedef struct {
     context *c;
     output_file file;
-    const sherf_motion *m;
+    const sherf_motion *motion;
     int order[BODY_JOINTS], count; /* joints as the file has them */
 } bvh_writer;
 
 static sherf_status write_joint(bvh_writer *w, int j) {
-    const double(*rest)[3] = w->m->skeleton.rest_m;
+    const double(*rest)[3] = w->motion->skeleton.rest_m;
     const int p = skeleton_parent[j];
     double offset[3];
     bool leaf = true;
@@ -85,7 +86,7 @@ static void euler_zxy(const float q[4], double degrees[3]) {
 }
 
 static sherf_status write_frame(bvh_writer *w, int i) {
-    const clip *k = &w->m->clip;
+    const clip *k = &w->motion->clip;
     sherf_status status = output_print(w->c, &w->file, "%.6f %.6f %.6f", 100. * k->pelvis_m[i][0],
                                        100. * k->pelvis_m[i][1], 100. * k->pelvis_m[i][2]);
     for (int n = 0; n < w->count && !status; n++) {
@@ -96,23 +97,23 @@ static sherf_status write_frame(bvh_writer *w, int i) {
     return status ? status : output_print(w->c, &w->file, "\n");
 }
 
-static sherf_status save_bvh(context *c, const sherf_motion *m, const char *path) {
-    bvh_writer w = {.c = c, .m = m};
+static sherf_status save_bvh(context *c, const sherf_motion *motion, const char *path) {
+    bvh_writer w = {.c = c, .motion = motion};
     sherf_status status = output_open(c, path, &w.file);
     if (!status) status = output_print(c, &w.file, "HIERARCHY\n");
     if (!status) status = write_joint(&w, 0);
     if (!status)
-        status = output_print(c, &w.file, "MOTION\nFrames: %d\nFrame Time: %.9g\n", m->clip.frames,
-                              1 / m->clip.fps);
-    for (int i = 0; i < m->clip.frames && !status; i++) status = write_frame(&w, i);
+        status = output_print(c, &w.file, "MOTION\nFrames: %d\nFrame Time: %.9g\n", motion->clip.frames,
+                              1 / motion->clip.fps);
+    for (int i = 0; i < motion->clip.frames && !status; i++) status = write_frame(&w, i);
     if (!status) status = output_commit(c, &w.file);
     output_abort(&w.file);
     return status;
 }
 
-sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *m, const char *path) {
-    if (path_ends(path, ".bvh")) return save_bvh(c, m, path);
-    if (path_ends(path, ".npz")) return save_npz(c, m, path);
-    if (path_ends(path, ".glb")) return motion_save_glb(c, m, path);
+sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *motion, const char *path) {
+    if (path_ends(path, ".bvh")) return save_bvh(c, motion, path);
+    if (path_ends(path, ".npz")) return save_npz(c, motion, path);
+    if (path_ends(path, ".glb")) return motion_save_glb(c, motion, path);
     return failure(c, SHERF_BAD_ARGUMENT, "%s: motions are written as .npz, .bvh or .glb", path);
 }

@@ -27,8 +27,8 @@ static sherf_status bytes_make(context *c, const clip *k, float **out) {
     return SHERF_OK;
 }
 
-static void nodes_text(const sherf_motion *m, text_builder *t) {
-    const double(*rest)[3] = m->skeleton.rest_m;
+static void nodes_text(const sherf_motion *motion, text_builder *t) {
+    const double(*rest)[3] = motion->skeleton.rest_m;
     text_add(t, "\"nodes\":[");
     for (int j = 0; j < BODY_JOINTS; j++) {
         const int p = skeleton_parent[j];
@@ -36,7 +36,7 @@ static void nodes_text(const sherf_motion *m, text_builder *t) {
         text_add(t, "%s{\"name\":\"%s\",\"translation\":[", j ? "," : "", joint_name(j));
         for (int a = 0; a < 3; a++)
             text_add(t, "%s%.9g", a ? "," : "",
-                     p < 0 ? (double)m->clip.pelvis_m[0][a] : rest[j][a] - rest[p][a]);
+                     p < 0 ? (double)motion->clip.pelvis_m[0][a] : rest[j][a] - rest[p][a]);
         text_add(t, "]");
         for (int i = j + 1; i < BODY_JOINTS; i++) {
             if (skeleton_parent[i] != j) continue;
@@ -98,21 +98,22 @@ static sherf_status file_put(context *c, const char *path, const text_builder *t
     return status;
 }
 
-sherf_status motion_save_glb(context *c, const sherf_motion *m, const char *path) {
+sherf_status motion_save_glb(context *c, const sherf_motion *motion, const char *path) {
     text_builder t = {.c = c};
     float *data = NULL;
-    sherf_status status = bytes_make(c, &m->clip, &data);
+    sherf_status status = bytes_make(c, &motion->clip, &data);
     text_add(&t,
              "{\"asset\":{\"version\":\"2.0\",\"generator\":\"sherf "
              "%s\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],",
              SHERF_VERSION);
-    nodes_text(m, &t);
+    nodes_text(motion, &t);
     animation_text(&t);
-    accessors_text(&m->clip, &t);
+    accessors_text(&motion->clip, &t);
     while (!t.failed && t.bytes % 4) text_add(&t, " ");
     if (!status && t.failed) status = SHERF_NO_MEMORY;
     if (!status)
-        status = file_put(c, path, &t, data, (size_t)m->clip.frames * (4 + 4 * BODY_JOINTS) * sizeof *data);
+        status =
+            file_put(c, path, &t, data, (size_t)motion->clip.frames * (4 + 4 * BODY_JOINTS) * sizeof *data);
     mem_free(data);
     mem_free(t.data);
     return status;

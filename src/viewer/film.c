@@ -16,7 +16,7 @@ enum { FILMS_MAX = 4 };
 
 const char *film_start(viewer *v, int seat, const viewer_query *q) {
     viewer_film *f = &v->desk.client[seat].film;
-    const viewer_motion *m = &v->scene.motions[q->request.motion];
+    const viewer_motion *motion = &v->scene.motions[q->request.motion];
     int films = 0, frames = q->film_frames;
     for (int i = 0; i < VIEWER_CLIENTS; i++) films += i != seat && v->desk.client[i].film.state != FILM_NONE;
     if (films >= FILMS_MAX) return "too many films at once: try again later";
@@ -25,9 +25,9 @@ const char *film_start(viewer *v, int seat, const viewer_query *q) {
     if ((w < h ? w : h) > VIEWER_FILM_SIDE || w > VIEWER_FILM_LONG || h > VIEWER_FILM_LONG)
         return "the film is too large";
     if (!frames) {
-        if (m->count < 2) return "this is a pose, not a motion: make a turntable";
-        double fps = m->fps > 0 ? m->fps : 1;
-        double wanted = ceil((double)m->count / fps / q->film_speed * q->film_fps);
+        if (motion->count < 2) return "this is a pose, not a motion: make a turntable";
+        double fps = motion->fps > 0 ? motion->fps : 1;
+        double wanted = ceil((double)motion->count / fps / q->film_speed * q->film_fps);
         if (wanted > VIEWER_FILM_FRAMES) return "the film would be too long: raise the speed";
         frames = wanted < 1 ? 1 : (int)wanted;
     }
@@ -56,12 +56,13 @@ void film_drop(viewer *v, int seat) {
 
 static viewer_request frame_request(const viewer *v, const viewer_film *f) {
     viewer_request r = f->request;
-    const viewer_motion *m = &v->scene.motions[r.motion];
+    const viewer_motion *motion = &v->scene.motions[r.motion];
     if (f->turns) {
         r.azimuth_rad += (float)(2 * M_PI * f->done / f->frames);
     } else {
-        double fps = m->fps > 0 ? m->fps : 1, at = floor(f->done / (double)f->fps * f->speed * fps + 1e-6);
-        r.frame = at < m->count ? (int)at : m->count - 1;
+        double fps = motion->fps > 0 ? motion->fps : 1,
+               at = floor(f->done / (double)f->fps * f->speed * fps + 1e-6);
+        r.frame = at < motion->count ? (int)at : motion->count - 1;
     }
     return r;
 }

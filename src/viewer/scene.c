@@ -29,12 +29,12 @@ static sherf_status about_make(context *c, viewer_scene *s, const sherf_viewer_o
           *motions = cJSON_AddArrayToObject(json, "motions");
     for (int i = 0; i < s->avatar_count; i++) cJSON_AddItemToArray(avatars, avatar_json(&s->avatars[i], i));
     for (int i = 0; i < s->motion_count; i++) {
-        cJSON *m = cJSON_CreateObject();
+        cJSON *motion = cJSON_CreateObject();
         const char *name = i < VIEWER_OWN_MOTIONS ? own[i] : o->motions[i - VIEWER_OWN_MOTIONS].name;
-        cJSON_AddStringToObject(m, "name", name ? name : "motion");
-        cJSON_AddNumberToObject(m, "frames", s->motions[i].count);
-        cJSON_AddNumberToObject(m, "fps", s->motions[i].fps);
-        cJSON_AddItemToArray(motions, m);
+        cJSON_AddStringToObject(motion, "name", name ? name : "motion");
+        cJSON_AddNumberToObject(motion, "frames", s->motions[i].count);
+        cJSON_AddNumberToObject(motion, "fps", s->motions[i].fps);
+        cJSON_AddItemToArray(motions, motion);
     }
     cJSON_AddNumberToObject(json, "side", s->side_max);
     cJSON_AddNumberToObject(json, "film_side",
@@ -91,8 +91,9 @@ sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scen
     s->motions[0] = (viewer_motion){.count = 1}; /* each avatar's own pose */
     s->motions[1] = (viewer_motion){.poses = &s->rest, .count = 1};
     for (int i = 0; i < o->motion_count; i++) {
-        const sherf_viewer_motion *m = &o->motions[i];
-        s->motions[VIEWER_OWN_MOTIONS + i] = (viewer_motion){m->name, m->poses, m->count, m->fps};
+        const sherf_viewer_motion *motion = &o->motions[i];
+        s->motions[VIEWER_OWN_MOTIONS + i] =
+            (viewer_motion){motion->name, motion->poses, motion->count, motion->fps};
     }
     return about_make(c, s, o);
 }

@@ -103,7 +103,7 @@ static sherf_status add_pictures(const angle_source *s, const scores *of, bool d
 }
 
 /* All poses' scorings of a method into each person's sums; *sums is mem_free'd. */
-static sherf_status method_sums(const angle_source *s, const experiment_method *m, bool difference,
+static sherf_status method_sums(const angle_source *s, const experiment_method *method, bool difference,
                                 angle_sums **sums, int *people) {
     experiment_job *j = s->j;
     const scoring *how = &j->experiment->scoring[0];
@@ -114,7 +114,7 @@ static sherf_status method_sums(const angle_source *s, const experiment_method *
         scores of[SEEDS_MAX];
         int count;
         if ((status = scoring_select(j, &j->data[0], how, pose, &k)) != SHERF_OK) break;
-        if ((status = report_read(j, m, &j->data[0], how, pose, of, &count)) != SHERF_OK) break;
+        if ((status = report_read(j, method, &j->data[0], how, pose, of, &count)) != SHERF_OK) break;
         *people = of->people;
         if (!*sums && !(*sums = mem_zero(j->c, (size_t)of->people + 1, sizeof **sums)))
             status = SHERF_NO_MEMORY;
@@ -139,14 +139,14 @@ static sherf_status bin_interval(context *c, const angle_sums *sums, int people,
 }
 
 /* A row of the table and a line of the plot. */
-static sherf_status method_line(const angle_source *s, const experiment_method *m, bool difference, int first,
-                                page_table *t, page_plot *plot) {
+static sherf_status method_line(const angle_source *s, const experiment_method *method, bool difference,
+                                int first, page_table *t, page_plot *plot) {
     context *c = s->j->c;
     angle_sums *sums;
     int people = 0;
-    sherf_status status = method_sums(s, m, difference, &sums, &people);
-    page_series *line = page_add_series(c, plot, m->label);
-    page_row *row = page_add_row(c, t, "%s", m->label);
+    sherf_status status = method_sums(s, method, difference, &sums, &people);
+    page_series *line = page_add_series(c, plot, method->label);
+    page_row *row = page_add_row(c, t, "%s", method->label);
     if (status == SHERF_OK && (!line || !row)) status = SHERF_NO_MEMORY;
     for (int i = 0; i < t->columns && status == SHERF_OK; i++) {
         const int degrees = first + i * STEP_DEG;

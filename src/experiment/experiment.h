@@ -195,7 +195,7 @@ sherf_status report_preference(experiment_job *j, page *out);
  * the text. */
 sherf_status preference_score(experiment_job *j, text_builder *text);
 /* The scores of all seeds of a method trained on `data`; *count of them, to be freed. */
-sherf_status report_read(experiment_job *j, const experiment_method *m, const experiment_data *data,
+sherf_status report_read(experiment_job *j, const experiment_method *method, const experiment_data *data,
                          const scoring *s, int pose, scores out[SEEDS_MAX], int *count);
 /* What every page ends with: the paper's numbers, the trainings, sheets, notes. */
 sherf_status report_end(experiment_job *j, page *p);

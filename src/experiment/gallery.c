@@ -35,13 +35,14 @@ static void heading(canvas *to, int column, const char *text) {
 static void draw(const gallery *g, canvas *to) {
     heading(to, 0, "input");
     heading(to, 1, "truth");
-    for (int m = 0; m < g->methods; m++) heading(to, 2 + m, g->label[m]);
+    for (int method = 0; method < g->methods; method++) heading(to, 2 + method, g->label[method]);
     for (int row = 0; row < g->rows; row++)
         for (int k = 0; k < SHOWN_PAIRS; k++) {
             const int at = row * SHOWN_PAIRS + k, pair = shown_pair[k];
             cell_copy(&g->sheet[0], row, 0, to, at, 0);
             cell_copy(&g->sheet[0], row, 2 + 2 * pair, to, at, 1);
-            for (int m = 0; m < g->methods; m++) cell_copy(&g->sheet[m], row, 1 + 2 * pair, to, at, 2 + m);
+            for (int method = 0; method < g->methods; method++)
+                cell_copy(&g->sheet[method], row, 1 + 2 * pair, to, at, 2 + method);
         }
 }
 
@@ -83,7 +84,7 @@ static sherf_status sheet_add(experiment_job *j, page *p, const scoring *s) {
                                     poses ? "Novel poses of test people" : "Novel views of test people");
     }
     canvas_free(&to);
-    for (int m = 0; m < EXPERIMENT_METHODS; m++) mem_free(g.sheet[m].data);
+    for (int i = 0; i < EXPERIMENT_METHODS; i++) mem_free(g.sheet[i].data);
     return status;
 }
 

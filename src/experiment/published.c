@@ -81,9 +81,9 @@ static sherf_status add_one(context *c, page *p, const published_table *from) {
     sherf_status status = t ? SHERF_OK : SHERF_NO_MEMORY;
     const bool times = !strcmp(from->experiment, "runtime");
     for (int g = 0; g < GROUPS && from->group[g]; g++)
-        for (int m = 0; m < from->metrics && status == SHERF_OK; m++)
-            status = page_add_column(c, t, from->group[g], times ? "" : score_metrics[m].label, 2,
-                                     times ? 1 : score_metrics[m].better);
+        for (int metric = 0; metric < from->metrics && status == SHERF_OK; metric++)
+            status = page_add_column(c, t, from->group[g], times ? "" : score_metrics[metric].label, 2,
+                                     times ? 1 : score_metrics[metric].better);
     for (int i = 0; i < ROWS && from->row[i].label && status == SHERF_OK; i++) {
         page_row *row = page_add_row(c, t, "%s", from->row[i].label);
         if (!row) return SHERF_NO_MEMORY;

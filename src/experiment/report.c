@@ -8,13 +8,13 @@ void scores_free_all(scores *s, int count) {
     for (int i = 0; i < count; i++) scores_free(&s[i]);
 }
 
-sherf_status report_read(experiment_job *j, const experiment_method *m, const experiment_data *data,
+sherf_status report_read(experiment_job *j, const experiment_method *method, const experiment_data *data,
                          const scoring *s, int pose, scores out[SEEDS_MAX], int *count) {
     const int seeds = j->experiment->all_seeds ? j->set.seeds : 1;
     sherf_status status = SHERF_OK;
     *count = 0;
     for (int i = 0; i < seeds && status == SHERF_OK; i++) {
-        const run r = {m, data, i};
+        const run r = {method, data, i};
         char path[PATH_LENGTH];
         status = scoring_path(j, &r, s, pose, "scores.json", path);
         if (status == SHERF_OK) status = scores_read(j->c, path, &out[i]);
@@ -51,22 +51,22 @@ static void metrics_known(const experiment_job *j, score_layout *l) {
 static sherf_status columns_add(context *c, const score_layout *l, page_table *t) {
     sherf_status status = SHERF_OK;
     for (int g = 0; g < l->groups; g++)
-        for (int m = 0; m < METRICS && status == SHERF_OK; m++)
-            if (l->metric[m])
-                status = page_add_column(c, t, l->group[g].label, score_metrics[m].label,
-                                         score_metrics[m].decimals, score_metrics[m].better);
+        for (int metric = 0; metric < METRICS && status == SHERF_OK; metric++)
+            if (l->metric[metric])
+                status = page_add_column(c, t, l->group[g].label, score_metrics[metric].label,
+                                         score_metrics[metric].decimals, score_metrics[metric].better);
     return status;
 }
 
 /* A method's values, or its difference to another's. */
-static sherf_status row_fill(experiment_job *j, const score_layout *l, const experiment_method *m,
+static sherf_status row_fill(experiment_job *j, const score_layout *l, const experiment_method *method,
                              const experiment_method *minus, const experiment_data *data, page_row *row) {
     scores of[SEEDS_MAX], other[SEEDS_MAX];
     int count, others = 0, column = 0;
     sherf_status status = SHERF_OK;
     for (int g = 0; g < l->groups && status == SHERF_OK; g++) {
         const score_group *k = &l->group[g];
-        status = report_read(j, m, data, &k->scoring, 0, of, &count);
+        status = report_read(j, method, data, &k->scoring, 0, of, &count);
         if (status != SHERF_OK) return status;
         if (minus) status = report_read(j, minus, data, &k->scoring, 0, other, &others);
         for (int i = 0; i < METRICS && status == SHERF_OK; i++)
@@ -81,10 +81,10 @@ static sherf_status row_fill(experiment_job *j, const score_layout *l, const exp
 }
 
 static const experiment_method *method_at(const experiment_job *j, int i) {
-    const experiment_method *m = i < EXPERIMENT_METHODS && j->experiment->method[i]
-                                     ? experiment_method_find(j->experiment->method[i])
-                                     : NULL;
-    return m && m->own && !j->options->own ? NULL : m;
+    const experiment_method *method = i < EXPERIMENT_METHODS && j->experiment->method[i]
+                                          ? experiment_method_find(j->experiment->method[i])
+                                          : NULL;
+    return method && method->own && !j->options->own ? NULL : method;
 }
 
 static int methods_of(const experiment_job *j) {
@@ -216,9 +216,9 @@ sherf_status report_cross(experiment_job *j, page *p) {
 
 /* ---- estimated bodies ---- */
 /* A method's PSNR over how far bodies are off, as their scorings measured it. */
-static sherf_status disturbed_line(experiment_job *j, const experiment_method *m, bool novel_pose,
+static sherf_status disturbed_line(experiment_job *j, const experiment_method *method, bool novel_pose,
                                    page_plot *plot) {
-    page_series *line = page_add_series(j->c, plot, m->label);
+    page_series *line = page_add_series(j->c, plot, method->label);
     sherf_status status = line ? SHERF_OK : SHERF_NO_MEMORY;
     for (int i = 0; i < j->experiment->scorings && status == SHERF_OK; i++) {
         const scoring *s = &j->experiment->scoring[i];
@@ -226,7 +226,7 @@ static sherf_status disturbed_line(experiment_job *j, const experiment_method *m
         interval v;
         int count;
         if (s->kind == SCORING_ESTIMATED) continue;
-        if ((status = report_read(j, m, &j->data[0], s, 0, of, &count)) != SHERF_OK) break;
+        if ((status = report_read(j, method, &j->data[0], s, 0, of, &count)) != SHERF_OK) break;
         status = scores_interval(j->c, of, NULL, count, novel_pose, METRIC_PSNR, &v);
         if (status == SHERF_OK)
             status = page_add_point(j->c, line, s->kind == SCORING_PROTOCOL ? 0 : of->aligned_mm, v);

@@ -24,8 +24,8 @@ bool run_at(const experiment_job *j, int i, run *out) {
     const experiment *e = j->experiment;
     const int seeds = e->all_seeds ? j->set.seeds : 1;
     for (int d = 0; d < j->data_count; d++)
-        for (int m = 0; m < EXPERIMENT_METHODS && e->method[m] && data_is_trained_on(j, d); m++) {
-            const experiment_method *method = experiment_method_find(e->method[m]);
+        for (int k = 0; k < EXPERIMENT_METHODS && e->method[k] && data_is_trained_on(j, d); k++) {
+            const experiment_method *method = experiment_method_find(e->method[k]);
             if (method->own && !j->options->own) continue;
             if (i < seeds) {
                 *out = (run){method, &j->data[d], i};

@@ -89,12 +89,12 @@ static sherf_status methods_open(runtime *t) {
     char path[PATH_LENGTH];
     run r;
     for (int i = 0; run_at(j, i, &r); i++) {
-        timed_method *m = &t->method[t->methods++];
-        m->method = r.method;
+        timed_method *method = &t->method[t->methods++];
+        method->method = r.method;
         sherf_status status = run_path(j, &r, "model.safetensors", path);
-        if (status == SHERF_OK) status = sherf_model_load(j->c, path, &m->model);
+        if (status == SHERF_OK) status = sherf_model_load(j->c, path, &method->model);
         if (status == SHERF_OK)
-            status = sherf_avatar_create(j->c, m->model, t->body, t->observation, &m->avatar);
+            status = sherf_avatar_create(j->c, method->model, t->body, t->observation, &method->avatar);
         if (status != SHERF_OK) return status;
     }
     return SHERF_OK;
@@ -112,17 +112,18 @@ static sherf_status render(runtime *t, const sherf_avatar *a, bool scored, doubl
     return status;
 }
 
-static sherf_status time_once(runtime *t, timed_method *m, int round) {
+static sherf_status time_once(runtime *t, timed_method *method, int round) {
     sherf_avatar *avatar = NULL;
     double ms[TIMES];
     const double begun = time_seconds();
-    sherf_status status = sherf_avatar_create(t->j->c, m->model, t->body, t->observation, &avatar);
+    sherf_status status = sherf_avatar_create(t->j->c, method->model, t->body, t->observation, &avatar);
     ms[ENCODE] = 1000 * (time_seconds() - begun);
-    if (status == SHERF_OK) status = render(t, avatar, true, &ms[RENDER], &m->points[0]);
+    if (status == SHERF_OK) status = render(t, avatar, true, &ms[RENDER], &method->points[0]);
     ms[BOTH] = ms[ENCODE] + ms[RENDER];
     sherf_avatar_free(avatar);
-    if (status == SHERF_OK) status = render(t, m->avatar, false, &ms[SHOW], &m->points[1]);
-    for (int k = 0; k < TIMES && round >= WARM && status == SHERF_OK; k++) m->ms[k][round - WARM] = ms[k];
+    if (status == SHERF_OK) status = render(t, method->avatar, false, &ms[SHOW], &method->points[1]);
+    for (int k = 0; k < TIMES && round >= WARM && status == SHERF_OK; k++)
+        method->ms[k][round - WARM] = ms[k];
     return status;
 }
 
@@ -164,17 +165,17 @@ static sherf_status table_add(runtime *t, page *p) {
         status =
             page_add_column(c, to, column[k].group, column[k].name, column[k].decimals, column[k].better);
     for (int i = 0; i < t->methods && status == SHERF_OK; i++) {
-        timed_method *m = &t->method[i];
-        page_row *row = page_add_row(c, to, "%s", m->method->label);
+        timed_method *method = &t->method[i];
+        page_row *row = page_add_row(c, to, "%s", method->method->label);
         if (!row) return SHERF_NO_MEMORY;
-        const interval both = quartiles(t, m->ms[BOTH]);
+        const interval both = quartiles(t, method->ms[BOTH]);
         const interval column_value[] = {both,
-                                         quartiles(t, m->ms[ENCODE]),
-                                         quartiles(t, m->ms[RENDER]),
+                                         quartiles(t, method->ms[ENCODE]),
+                                         quartiles(t, method->ms[RENDER]),
                                          interval_of(1000 / both.mean),
-                                         interval_of((double)m->points[0]),
-                                         quartiles(t, m->ms[SHOW]),
-                                         interval_of((double)m->points[1])};
+                                         interval_of((double)method->points[0]),
+                                         quartiles(t, method->ms[SHOW]),
+                                         interval_of((double)method->points[1])};
         memcpy(row->value, column_value, sizeof column_value);
     }
     return status;

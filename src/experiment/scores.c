@@ -31,8 +31,8 @@ static int whole(double v) {
 
 static void read_means(const value *o, double mean[2][METRICS]) {
     for (int k = 0; k < 2; k++)
-        for (int m = 0; m < METRICS; m++)
-            mean[k][m] = number(value_get(o, part_key[k]), score_metrics[m].key);
+        for (int metric = 0; metric < METRICS; metric++)
+            mean[k][metric] = number(value_get(o, part_key[k]), score_metrics[metric].key);
 }
 
 static int find_person(const scores *s, const value *name) {

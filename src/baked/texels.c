@@ -71,15 +71,15 @@ sherf_status texel_mesh_make(context *c, const atlas *a, const float *positions,
     return SHERF_OK;
 }
 
-void texel_mesh_free(texel_mesh *m) {
-    mem_free(m->texel);
-    mem_free(m->from);
-    *m = (texel_mesh){0};
+void texel_mesh_free(texel_mesh *mesh) {
+    mem_free(mesh->texel);
+    mem_free(mesh->from);
+    *mesh = (texel_mesh){0};
 }
 
-void texel_mesh_spread(const atlas *a, const texel_mesh *m, const float *some, float *all) {
+void texel_mesh_spread(const atlas *a, const texel_mesh *mesh, const float *some, float *all) {
     for (int64_t i = 0; i < a->texels; i++) {
-        const int32_t *from = m->from + 4 * i;
+        const int32_t *from = mesh->from + 4 * i;
         float sum[3] = {0};
         int n = 0;
         for (; n < 4 && from[n] >= 0; n++)

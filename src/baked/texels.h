@@ -14,8 +14,8 @@ typedef struct {
 } texel_mesh;
 /* positions: texels x 3, which tell one piece from another. */
 sherf_status texel_mesh_make(context *c, const atlas *a, const float *positions, texel_mesh *out);
-void texel_mesh_free(texel_mesh *m);
+void texel_mesh_free(texel_mesh *mesh);
 /* From values of the mesh's texels (count x 3) to those of all (texels x 3). */
-void texel_mesh_spread(const atlas *a, const texel_mesh *m, const float *some, float *all);
+void texel_mesh_spread(const atlas *a, const texel_mesh *mesh, const float *some, float *all);
 
 #endif

@@ -33,10 +33,10 @@ static sherf_status mesh_join(context *c, const surface_source *from, surface_tr
     if (!t->vertex || !t->triangle) return SHERF_NO_MEMORY;
     size_t v = 0, n = 0;
     for (int i = 0; i < from->meshes; i++) {
-        const solid_mesh *m = &from->drawn[i];
-        memcpy(t->vertex + 3 * v, m->vertex, 3 * (size_t)m->vertices * sizeof *m->vertex);
-        for (int64_t k = 0; k < 3 * m->triangles; k++) t->triangle[n++] = m->triangle[k] + (uint32_t)v;
-        v += (size_t)m->vertices;
+        const solid_mesh *mesh = &from->drawn[i];
+        memcpy(t->vertex + 3 * v, mesh->vertex, 3 * (size_t)mesh->vertices * sizeof *mesh->vertex);
+        for (int64_t k = 0; k < 3 * mesh->triangles; k++) t->triangle[n++] = mesh->triangle[k] + (uint32_t)v;
+        v += (size_t)mesh->vertices;
     }
     return SHERF_OK;
 }

@@ -26,15 +26,15 @@ static sherf_status tree_check(context *c, const tree *t, const char *what) {
                    "Embree: %s: error %d", what, (int)error);
 }
 
-static void mesh_attach(tree *t, const solid_mesh *m) {
-    const size_t vertices = (size_t)m->vertices, triangles = (size_t)m->triangles;
+static void mesh_attach(tree *t, const solid_mesh *mesh) {
+    const size_t vertices = (size_t)mesh->vertices, triangles = (size_t)mesh->triangles;
     RTCGeometry g = rtcNewGeometry(t->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     float *vertex =
         rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), vertices);
     uint32_t *corner = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
                                                3 * sizeof(uint32_t), triangles);
-    if (vertex) memcpy(vertex, m->vertex, 3 * vertices * sizeof *vertex);
-    if (corner) memcpy(corner, m->triangle, 3 * triangles * sizeof *corner);
+    if (vertex) memcpy(vertex, mesh->vertex, 3 * vertices * sizeof *vertex);
+    if (corner) memcpy(corner, mesh->triangle, 3 * triangles * sizeof *corner);
     rtcCommitGeometry(g);
     rtcAttachGeometry(t->scene, g);
     rtcReleaseGeometry(g);
@@ -90,12 +90,11 @@ typedef struct {
 
 static bool look(struct RTCPointQueryFunctionArguments *args) {
     nearest *n = args->userPtr;
-    const solid_mesh *m = &n->tree->mesh[args->geomID];
+    const solid_mesh *mesh = &n->tree->mesh[args->geomID];
+    const uint32_t *corner = mesh->triangle + 3 * (size_t)args->primID;
     double v[3][3], normal[3];
     for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++)
-            v[i][k] =
-                (double)m->vertex[3 * (size_t)m->triangle[3 * (size_t)args->primID + (size_t)i] + (size_t)k];
+        for (int k = 0; k < 3; k++) v[i][k] = (double)mesh->vertex[3 * (size_t)corner[i] + (size_t)k];
     const double distance = sqrt(triangle_distance(v, n->place, normal));
     if (!(distance < n->distance)) return false;
     n->distance = distance;

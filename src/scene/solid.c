@@ -16,11 +16,11 @@ static size_t cell_at(const solid_grid *g, int x, int y, int z) {
 }
 
 /* ---- its size ---- */
-static sherf_status mesh_check(context *c, const solid_mesh *m, float low[3], float high[3]) {
-    for (int64_t i = 0; i < 3 * m->triangles; i++) {
-        if (m->triangle[i] >= m->vertices)
+static sherf_status mesh_check(context *c, const solid_mesh *mesh, float low[3], float high[3]) {
+    for (int64_t i = 0; i < 3 * mesh->triangles; i++) {
+        if (mesh->triangle[i] >= mesh->vertices)
             return failure(c, SHERF_BAD_ARGUMENT, "a triangle has a corner that is not there");
-        const float *v = m->vertex + 3 * (size_t)m->triangle[i];
+        const float *v = mesh->vertex + 3 * (size_t)mesh->triangle[i];
         for (int k = 0; k < 3; k++) {
             if (!isfinite(v[k])) return failure(c, SHERF_BAD_ARGUMENT, "a corner is not finite");
             low[k] = fminf(low[k], v[k]);
@@ -88,14 +88,14 @@ static bool touches(const double corner[3][3], const double middle[3], double ha
     return true;
 }
 
-static void wall_add(solid_grid *g, const solid_mesh *m, int64_t triangle) {
+static void wall_add(solid_grid *g, const solid_mesh *mesh, int64_t triangle) {
     double corner[3][3];
     int low[3], high[3];
     const double cell = (double)g->cell_m;
     for (int k = 0; k < 3; k++) {
         double from = INFINITY, to = -INFINITY;
         for (int i = 0; i < 3; i++) {
-            corner[i][k] = (double)m->vertex[3 * (size_t)m->triangle[3 * triangle + i] + (size_t)k];
+            corner[i][k] = (double)mesh->vertex[3 * (size_t)mesh->triangle[3 * triangle + i] + (size_t)k];
             from = fmin(from, corner[i][k]);
             to = fmax(to, corner[i][k]);
         }
@@ -225,10 +225,10 @@ bool solid_contains(const solid_grid *g, const float place[3]) {
 
 /* ---- points by area ---- */
 /* Twice the area times the normal. */
-static double triangle_cross(const solid_mesh *m, int64_t t, double out[3]) {
+static double triangle_cross(const solid_mesh *mesh, int64_t t, double out[3]) {
     double edge[2][3];
     const float *v[3];
-    for (int i = 0; i < 3; i++) v[i] = m->vertex + 3 * (size_t)m->triangle[3 * t + i];
+    for (int i = 0; i < 3; i++) v[i] = mesh->vertex + 3 * (size_t)mesh->triangle[3 * t + i];
     for (int i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++) edge[i][k] = (double)v[i + 1][k] - (double)v[0][k];
     cross3(edge[0], edge[1], out);
@@ -248,16 +248,16 @@ static int64_t find(const double *before, int64_t n, double at) {
     return low;
 }
 
-static void place(const solid_mesh *m, int mesh, int64_t t, double u, double v, solid_point *out) {
+static void place(const solid_mesh *mesh, int index, int64_t t, double u, double v, solid_point *out) {
     double normal[3];
-    const double length = triangle_cross(m, t, normal), root = sqrt(u);
-    *out = (solid_point){.mesh = mesh, .triangle = t};
+    const double length = triangle_cross(mesh, t, normal), root = sqrt(u);
+    *out = (solid_point){.mesh = index, .triangle = t};
     const double weight[3] = {1 - root, root * (1 - v), root * v};
     for (int i = 0; i < 3; i++) out->weight[i] = (float)weight[i];
     for (int k = 0; k < 3; k++) {
         double sum = 0;
         for (int i = 0; i < 3; i++)
-            sum += weight[i] * (double)m->vertex[3 * (size_t)m->triangle[3 * t + i] + (size_t)k];
+            sum += weight[i] * (double)mesh->vertex[3 * (size_t)mesh->triangle[3 * t + i] + (size_t)k];
         out->position[k] = (float)sum;
         out->normal[k] = length > 0 ? (float)(normal[k] / length) : 0;
     }
@@ -276,10 +276,10 @@ sherf_status solid_points(context *c, const solid_grid *g, int meshes, const sol
             before[at + 1] = before[at] + triangle_cross(&mesh[i], t, normal);
     for (int64_t k = 0; k < TRIES * count && *found < count && before[n] > 0; k++) {
         int64_t t = find(before, n, random_uniform(key, 3 * (uint64_t)k) * before[n]);
-        int m = 0, cell[3];
-        while (t >= mesh[m].triangles) t -= mesh[m++].triangles;
+        int at_mesh = 0, cell[3];
+        while (t >= mesh[at_mesh].triangles) t -= mesh[at_mesh++].triangles;
         solid_point *p = &out[*found];
-        place(&mesh[m], m, t, random_uniform(key, 3 * (uint64_t)k + 1),
+        place(&mesh[at_mesh], at_mesh, t, random_uniform(key, 3 * (uint64_t)k + 1),
               random_uniform(key, 3 * (uint64_t)k + 2), p);
         *found += cell_of(g, p->position, cell) && neighbours(g, cell, SOLID_OUTSIDE) > 0;
     }

@@ -34,15 +34,15 @@ sherf_status people_photo(context *c, place *p, const trace_light *light, const 
     trace_picture behind = {0};
     size_t pixels = (size_t)picture->width * (size_t)picture->height;
     for (int i = 0; i < d->meshes; i++) {
-        const dressed_mesh *m = &d->mesh[i];
-        mesh[i] = (trace_mesh){.vertices = m->vertices,
-                               .faces = m->triangles,
-                               .face = m->triangle,
-                               .uvs = m->uvs,
-                               .uv = m->uv,
-                               .face_uv = m->triangle_uv,
-                               .rest = m->rest};
-        material[i] = m->material;
+        const dressed_mesh *part = &d->mesh[i];
+        mesh[i] = (trace_mesh){.vertices = part->vertices,
+                               .faces = part->triangles,
+                               .face = part->triangle,
+                               .uvs = part->uvs,
+                               .uv = part->uv,
+                               .face_uv = part->triangle_uv,
+                               .rest = part->rest};
+        material[i] = part->material;
     }
     near_colors(p, picture);
     sherf_status status = place_picture(c, p, light, &people, camera, &behind);

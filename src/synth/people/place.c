@@ -91,23 +91,23 @@ static shape_mesh *cloth(builder *b) {
     return mesh_of(b, kind[pick(b, 23, COUNT_OF(kind))], COLOR_ANY, roll(b, 24, 0.3, 1.2));
 }
 
-static void box(builder *b, shape_mesh *m, float x, float y, float z, float wide, float tall, float deep) {
-    shapes_box(b->s, m, (float[3]){x, y, z}, (float[3]){wide, tall, deep}, 0);
+static void box(builder *b, shape_mesh *mesh, float x, float y, float z, float wide, float tall, float deep) {
+    shapes_box(b->s, mesh, (float[3]){x, y, z}, (float[3]){wide, tall, deep}, 0);
 }
 
 /* An upright quad that faces the camera; the texture fills it once where the mesh repeats by 0. */
-static void panel(builder *b, shape_mesh *m, float x, float y, float z, float wide, float tall) {
-    shapes_quad(b->s, m, (float[3]){x - wide / 2, y, z}, (float[3]){wide, 0, 0}, (float[3]){0, tall, 0},
+static void panel(builder *b, shape_mesh *mesh, float x, float y, float z, float wide, float tall) {
+    shapes_quad(b->s, mesh, (float[3]){x - wide / 2, y, z}, (float[3]){wide, 0, 0}, (float[3]){0, tall, 0},
                 0.4f);
 }
 
 /* ---- what hangs on walls; z: the wall ---- */
 
-static void frame(builder *b, shape_mesh *m, float x, float y, float z, float wide, float tall, float w) {
-    box(b, m, x - wide / 2, y, z, w, tall, 0.05f);
-    box(b, m, x + wide / 2, y, z, w, tall, 0.05f);
-    box(b, m, x, y, z, wide, w, 0.05f);
-    box(b, m, x, y + tall - w, z, wide, w, 0.05f);
+static void frame(builder *b, shape_mesh *mesh, float x, float y, float z, float wide, float tall, float w) {
+    box(b, mesh, x - wide / 2, y, z, w, tall, 0.05f);
+    box(b, mesh, x + wide / 2, y, z, w, tall, 0.05f);
+    box(b, mesh, x, y, z, wide, w, 0.05f);
+    box(b, mesh, x, y + tall - w, z, wide, w, 0.05f);
 }
 
 static void window(builder *b, float x, float z, bool outdoors) {
@@ -158,41 +158,41 @@ static void picture_on(builder *b, float x, float z) {
 
 /* ---- what stands; z: its middle ---- */
 
-static void legs(builder *b, shape_mesh *m, float x, float z, float wide, float deep, float tall) {
+static void legs(builder *b, shape_mesh *mesh, float x, float z, float wide, float deep, float tall) {
     for (int i = 0; i < 4; i++)
-        box(b, m, x + (i % 2 ? 0.46f : -0.46f) * wide, 0, z + (i / 2 ? 0.44f : -0.44f) * deep, 0.045f, tall,
-            0.045f);
+        box(b, mesh, x + (i % 2 ? 0.46f : -0.46f) * wide, 0, z + (i / 2 ? 0.44f : -0.44f) * deep, 0.045f,
+            tall, 0.045f);
 }
 
 /* Small things on a board. */
 static void trinkets(builder *b, float x, float y, float z, float wide) {
     for (int n = pick(b, 37, 5); n > 0; n--) {
         step(b);
-        shape_mesh *m = mesh_of(b, (place_pattern)pick(b, 38, PATTERN_BOOKS), COLOR_ANY, 0.3f);
+        shape_mesh *mesh = mesh_of(b, (place_pattern)pick(b, 38, PATTERN_BOOKS), COLOR_ANY, 0.3f);
         float at[3] = {x + wide * roll(b, 39, -0.42, 0.42), y, z + roll(b, 40, -0.1, 0.1)},
               size = roll(b, 41, 0.05, 0.13);
         int what = pick(b, 42, 3);
         if (what == 0) {
-            shapes_box(b->s, m, at, (float[3]){size, size * roll(b, 43, 0.6, 2.2), size},
+            shapes_box(b->s, mesh, at, (float[3]){size, size * roll(b, 43, 0.6, 2.2), size},
                        roll(b, 44, 0, 1.5));
         } else if (what == 1) {
-            shapes_cylinder(b->s, m, at, 0.5f * size, size * roll(b, 45, 0.3, 0.7),
+            shapes_cylinder(b->s, mesh, at, 0.5f * size, size * roll(b, 45, 0.3, 0.7),
                             size * roll(b, 46, 1, 2.5));
         } else {
             at[1] += size;
-            shapes_ball(b->s, m, at, (float[3]){size, size, size});
+            shapes_ball(b->s, mesh, at, (float[3]){size, size, size});
         }
     }
 }
 
 static void sofa(builder *b, float x, float z, float wide) {
     step(b);
-    shape_mesh *m = cloth(b), *pillow = cloth(b);
+    shape_mesh *mesh = cloth(b), *pillow = cloth(b);
     float deep = 0.85f;
-    box(b, m, x, 0.08f, z, wide, 0.32f, deep);
-    box(b, m, x, 0.08f, z + 0.36f * deep, wide, 0.75f, 0.24f);
+    box(b, mesh, x, 0.08f, z, wide, 0.32f, deep);
+    box(b, mesh, x, 0.08f, z + 0.36f * deep, wide, 0.75f, 0.24f);
     for (int side = -1; side <= 1; side += 2)
-        box(b, m, x + (float)side * (wide / 2 - 0.09f), 0.08f, z, 0.18f, 0.52f, deep);
+        box(b, mesh, x + (float)side * (wide / 2 - 0.09f), 0.08f, z, 0.18f, 0.52f, deep);
     for (int n = pick(b, 47, 4); n > 0; n--) {
         step(b);
         const float at[3] = {x + roll(b, 48, -0.35, 0.35) * wide, 0.58f, z + 0.1f};
@@ -202,33 +202,33 @@ static void sofa(builder *b, float x, float z, float wide) {
 
 static void table(builder *b, float x, float z, float wide) {
     step(b);
-    shape_mesh *m = mesh_of(b, PATTERN_PLANKS, COLOR_WOOD, 0.9f);
+    shape_mesh *mesh = mesh_of(b, PATTERN_PLANKS, COLOR_WOOD, 0.9f);
     float tall = roll(b, 49, 0.45, 0.78), deep = roll(b, 50, 0.45, 0.7);
-    box(b, m, x, tall, z, wide, 0.04f, deep);
-    legs(b, m, x, z, wide, deep, tall);
+    box(b, mesh, x, tall, z, wide, 0.04f, deep);
+    legs(b, mesh, x, z, wide, deep, tall);
     trinkets(b, x, tall + 0.04f, z, wide);
 }
 
 static void chair(builder *b, float x, float z) {
     step(b);
-    shape_mesh *m = mesh_of(b, chance(b, 51, 0.5) ? PATTERN_PLANKS : PATTERN_PLASTER, COLOR_WOOD, 0.8f);
-    legs(b, m, x, z, 0.42f, 0.42f, 0.45f);
-    box(b, m, x, 0.44f, z, 0.44f, 0.04f, 0.44f);
+    shape_mesh *mesh = mesh_of(b, chance(b, 51, 0.5) ? PATTERN_PLANKS : PATTERN_PLASTER, COLOR_WOOD, 0.8f);
+    legs(b, mesh, x, z, 0.42f, 0.42f, 0.45f);
+    box(b, mesh, x, 0.44f, z, 0.44f, 0.04f, 0.44f);
     for (int i = 0; i < 4; i++)
-        box(b, m, x + 0.13f * (float)(i - 1) - 0.065f, 0.46f, z + 0.2f, 0.035f, 0.45f, 0.03f);
-    box(b, m, x, 0.86f, z + 0.2f, 0.44f, 0.08f, 0.035f);
+        box(b, mesh, x + 0.13f * (float)(i - 1) - 0.065f, 0.46f, z + 0.2f, 0.035f, 0.45f, 0.03f);
+    box(b, mesh, x, 0.86f, z + 0.2f, 0.44f, 0.08f, 0.035f);
 }
 
 static void cabinet(builder *b, float x, float z, float wide) {
     step(b);
-    shape_mesh *m = mesh_of(b, chance(b, 52, 0.6) ? PATTERN_PLANKS : PATTERN_PLASTER, COLOR_WOOD, 1),
+    shape_mesh *mesh = mesh_of(b, chance(b, 52, 0.6) ? PATTERN_PLANKS : PATTERN_PLASTER, COLOR_WOOD, 1),
                *handle = plain(b, COLOR_STONE);
     float tall = roll(b, 53, 0.6, 2), deep = 0.45f;
     int doors = (int)(wide / 0.45f);
-    box(b, m, x, 0.05f, z, wide, tall, deep);
+    box(b, mesh, x, 0.05f, z, wide, tall, deep);
     for (int i = 0; i < doors; i++) {
         float at = x + wide * (((float)i + 0.5f) / (float)doors - 0.5f);
-        box(b, m, at, 0.09f, z - deep / 2, wide / (float)doors - 0.025f, tall - 0.08f, 0.03f);
+        box(b, mesh, at, 0.09f, z - deep / 2, wide / (float)doors - 0.025f, tall - 0.08f, 0.03f);
         box(b, handle, at + 0.3f * wide / (float)doors, 0.45f * tall, z - deep / 2 - 0.03f, 0.02f, 0.14f,
             0.02f);
     }
@@ -269,8 +269,9 @@ static void lamp(builder *b, float x, float z) {
 
 static void radiator(builder *b, float x, float z, float wide) {
     step(b);
-    shape_mesh *m = plain(b, COLOR_WALL);
-    for (float at = -wide / 2; at < wide / 2; at += 0.07f) box(b, m, x + at, 0.12f, z, 0.055f, 0.6f, 0.09f);
+    shape_mesh *mesh = plain(b, COLOR_WALL);
+    for (float at = -wide / 2; at < wide / 2; at += 0.07f)
+        box(b, mesh, x + at, 0.12f, z, 0.055f, 0.6f, 0.09f);
 }
 
 /* ---- rooms ---- */
@@ -306,13 +307,14 @@ static void wall_along(builder *b, float z, float x, float to) {
     }
 }
 
-static void floor_of(builder *b, shape_mesh *m, float x, float z, float z_to, float cell_m) {
-    shapes_quad(b->s, m, (float[3]){-x, 0, z}, (float[3]){2 * x, 0, 0}, (float[3]){0, 0, z_to - z}, cell_m);
+static void floor_of(builder *b, shape_mesh *mesh, float x, float z, float z_to, float cell_m) {
+    shapes_quad(b->s, mesh, (float[3]){-x, 0, z}, (float[3]){2 * x, 0, 0}, (float[3]){0, 0, z_to - z},
+                cell_m);
 }
 
-static void wall_of(builder *b, shape_mesh *m, float x, float z, float dx, float dz, float tall) {
-    m->material.seen = TRACE_NOT_BY_LAMPS;
-    shapes_quad(b->s, m, (float[3]){x, 0, z}, (float[3]){dx, 0, dz}, (float[3]){0, tall, 0}, 0.5f);
+static void wall_of(builder *b, shape_mesh *mesh, float x, float z, float dx, float dz, float tall) {
+    mesh->material.seen = TRACE_NOT_BY_LAMPS;
+    shapes_quad(b->s, mesh, (float[3]){x, 0, z}, (float[3]){dx, 0, dz}, (float[3]){0, tall, 0}, 0.5f);
 }
 
 static void room(builder *b) {
@@ -378,14 +380,14 @@ static void bushes(builder *b, shape_mesh *leaf, float x, float to, float z, flo
 
 static void fence(builder *b, float z) {
     step(b);
-    shape_mesh *m = mesh_of(b, PATTERN_PLANKS, COLOR_WOOD, 0.8f);
+    shape_mesh *mesh = mesh_of(b, PATTERN_PLANKS, COLOR_WOOD, 0.8f);
     float tall = roll(b, 93, 0.8, 1.9), wide = roll(b, 94, 0.07, 0.16),
           gap = chance(b, 95, 0.5) ? 0.01f : 0.07f;
     for (float x = -7; x < 7; x += wide + gap) {
         step(b);
-        box(b, m, x, 0.04f, z, wide, tall * roll(b, 96, 0.97, 1.02), 0.03f);
+        box(b, mesh, x, 0.04f, z, wide, tall * roll(b, 96, 0.97, 1.02), 0.03f);
     }
-    for (int i = 0; i < 2; i++) box(b, m, 0, tall * (i ? 0.8f : 0.25f), z + 0.03f, 14, 0.08f, 0.04f);
+    for (int i = 0; i < 2; i++) box(b, mesh, 0, tall * (i ? 0.8f : 0.25f), z + 0.03f, 14, 0.08f, 0.04f);
 }
 
 static void far_trees(builder *b) {
@@ -512,26 +514,26 @@ static void street(builder *b) {
 static void studio_of(builder *b) {
     step(b);
     enum { STEPS = 12 };
-    shape_mesh *m = mesh_of(b, chance(b, 144, 0.7) ? PATTERN_PLASTER : PATTERN_WAVES,
-                            chance(b, 145, 0.5) ? COLOR_ANY : COLOR_WALL, roll(b, 146, 2, 4));
+    shape_mesh *mesh = mesh_of(b, chance(b, 144, 0.7) ? PATTERN_PLASTER : PATTERN_WAVES,
+                               chance(b, 145, 0.5) ? COLOR_ANY : COLOR_WALL, roll(b, 146, 2, 4));
     float z = roll(b, 147, 0.8, 2.5), bend = roll(b, 148, 0.3, 0.7), y0 = 0, z0 = z - bend;
-    m->material.seen = TRACE_NOT_BY_LAMPS;
-    floor_of(b, m, 7, -b->camera_m - 1.5f, z0, 0.3f);
+    mesh->material.seen = TRACE_NOT_BY_LAMPS;
+    floor_of(b, mesh, 7, -b->camera_m - 1.5f, z0, 0.3f);
     for (int i = 1; i <= STEPS; i++) {
         float angle = (float)M_PI_2 * (float)i / STEPS, y = bend * (1 - cosf(angle)),
               at = z - bend + bend * sinf(angle);
-        shapes_quad(b->s, m, (float[3]){-7, y0, z0}, (float[3]){14, 0, 0}, (float[3]){0, y - y0, at - z0},
+        shapes_quad(b->s, mesh, (float[3]){-7, y0, z0}, (float[3]){14, 0, 0}, (float[3]){0, y - y0, at - z0},
                     0.3f);
         y0 = y, z0 = at;
     }
-    shapes_quad(b->s, m, (float[3]){-7, bend, z}, (float[3]){14, 0, 0}, (float[3]){0, 5, 0}, 0.4f);
+    shapes_quad(b->s, mesh, (float[3]){-7, bend, z}, (float[3]){14, 0, 0}, (float[3]){0, 5, 0}, 0.4f);
 }
 
 static void clutter(builder *b) {
     step(b);
     enum { MATERIALS = 14 };
     float z = roll(b, 149, 1.6, 4.5);
-    shape_mesh *m[MATERIALS];
+    shape_mesh *mesh[MATERIALS];
     b->s->turn_rad = roll(b, 150, -0.4, 0.4);
     shape_mesh *floor = mesh_of(b, (place_pattern)pick(b, 151, PATTERN_GRASS), COLOR_STONE, 1.2f),
                *wall =
@@ -539,13 +541,13 @@ static void clutter(builder *b) {
     floor_of(b, floor, 7, -b->camera_m - 1.5f, z + 0.1f, 0.3f);
     wall_of(b, wall, -7, z, 14, 0, 3.4f);
     for (int i = 0; i < MATERIALS; i++)
-        m[i] = mesh_of(b, (place_pattern)pick(b, 154, PATTERN_LEAVES), COLOR_ANY, roll(b, 155, 0.2, 1));
+        mesh[i] = mesh_of(b, (place_pattern)pick(b, 154, PATTERN_LEAVES), COLOR_ANY, roll(b, 155, 0.2, 1));
     for (int n = 30 + pick(b, 156, 50); n > 0; n--) {
         step(b);
         float size = roll(b, 157, 0.08, 0.4), tall = size * roll(b, 158, 0.5, 3);
         float at[3] = {roll(b, 159, -4, 4), chance(b, 160, 0.5) ? 0 : roll(b, 161, 0, 2.2),
                        roll(b, 162, 0.9, z - 0.1)};
-        shape_mesh *own = m[pick(b, 163, MATERIALS)];
+        shape_mesh *own = mesh[pick(b, 163, MATERIALS)];
         int what = pick(b, 164, 3);
         if (what == 0) {
             shapes_box(b->s, own, at, (float[3]){size, tall, size * roll(b, 165, 0.5, 1.5)},

@@ -30,9 +30,9 @@ static stand find_stand(const sherf_camera *camera) {
     return s;
 }
 
-static void to_world(const stand *s, float floor_world, shape_mesh *m) {
-    for (int i = 0; i < m->vertices; i++) {
-        float *v = m->vertex + 3 * (size_t)i, x = v[0], z = v[2];
+static void to_world(const stand *s, float floor_world, shape_mesh *mesh) {
+    for (int i = 0; i < mesh->vertices; i++) {
+        float *v = mesh->vertex + 3 * (size_t)i, x = v[0], z = v[2];
         v[0] = s->right[0] * x + s->away[0] * z;
         v[1] += floor_world;
         v[2] = s->right[1] * x + s->away[1] * z;
@@ -44,15 +44,15 @@ static void to_world(const stand *s, float floor_world, shape_mesh *m) {
 static sherf_status add_shapes(context *c, trace_scene *scene, const shapes *s) {
     sherf_status status = SHERF_OK;
     for (int i = 0; i < s->meshes && !status; i++) {
-        const shape_mesh *m = &s->mesh[i];
-        if (!m->faces) continue;
-        const trace_mesh mesh = {.vertices = m->vertices,
-                                 .faces = m->faces,
-                                 .face = m->face,
-                                 .uvs = m->vertices,
-                                 .uv = m->uv,
-                                 .rest = m->vertex};
-        status = trace_scene_add(c, scene, &mesh, &m->material);
+        const shape_mesh *shape = &s->mesh[i];
+        if (!shape->faces) continue;
+        const trace_mesh mesh = {.vertices = shape->vertices,
+                                 .faces = shape->faces,
+                                 .face = shape->face,
+                                 .uvs = shape->vertices,
+                                 .uv = shape->uv,
+                                 .rest = shape->vertex};
+        status = trace_scene_add(c, scene, &mesh, &shape->material);
     }
     return status;
 }

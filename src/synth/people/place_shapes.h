@@ -32,16 +32,16 @@ shape_mesh *shapes_mesh(shapes *s, place_pattern pattern, const float color[PATT
                         float repeat_m);
 
 /* corner + i a + j b, 0 <= i, j <= 1, cut into cells of at most cell_m, so that light is taken finely. */
-void shapes_quad(shapes *s, shape_mesh *m, const float corner[3], const float a[3], const float b[3],
+void shapes_quad(shapes *s, shape_mesh *mesh, const float corner[3], const float a[3], const float b[3],
                  float cell_m);
 /* Its foot's middle, its sizes along its own x, y and z, and its turn about the vertical. */
-void shapes_box(shapes *s, shape_mesh *m, const float foot[3], const float size[3], float turn_rad);
+void shapes_box(shapes *s, shape_mesh *mesh, const float foot[3], const float size[3], float turn_rad);
 /* From foot upwards; with its lid. */
-void shapes_cylinder(shapes *s, shape_mesh *m, const float foot[3], float radius_low, float radius_high,
+void shapes_cylinder(shapes *s, shape_mesh *mesh, const float foot[3], float radius_low, float radius_high,
                      float height);
-void shapes_ball(shapes *s, shape_mesh *m, const float middle[3], const float radius[3]);
+void shapes_ball(shapes *s, shape_mesh *mesh, const float middle[3], const float radius[3]);
 /* Squares of all directions within the ball: foliage, with a texture of leaves. */
-void shapes_cards(shapes *s, shape_mesh *m, const float middle[3], const float radius[3], int count,
+void shapes_cards(shapes *s, shape_mesh *mesh, const float middle[3], const float radius[3], int count,
                   float side, uint64_t key);
 
 #endif

@@ -66,13 +66,14 @@ static sherf_status person_take(context *c, people_truth *t, uint64_t number) {
 void people_surface_of(const studio *s, const dressed *d, float *const *position, people_surface *out) {
     out->meshes = 0;
     for (int i = 0; i < d->meshes; i++) {
-        const dressed_mesh *m = &d->mesh[i];
-        if (m->material.alpha == TRACE_BLENDED) continue;
+        const dressed_mesh *mesh = &d->mesh[i];
+        if (mesh->material.alpha == TRACE_BLENDED) continue;
         const int n = out->meshes++;
         out->mesh[n] = i;
-        out->drawn[n] = out->walls[n] = (solid_mesh){m->vertices, m->triangles, position[i], m->triangle};
-        if (m->kind == WEAR_KINDS)
-            out->walls[n] = (solid_mesh){m->vertices, s->m->triangles, position[i], s->m->triangle};
+        out->drawn[n] = out->walls[n] =
+            (solid_mesh){mesh->vertices, mesh->triangles, position[i], mesh->triangle};
+        if (mesh->kind == WEAR_KINDS)
+            out->walls[n] = (solid_mesh){mesh->vertices, s->m->triangles, position[i], s->m->triangle};
     }
 }
 

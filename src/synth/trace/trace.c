@@ -50,11 +50,11 @@ static bool pixel_span(float a, float b, float c, int size, int *first, int *las
     return true;
 }
 
-static void touch_mesh(render_job *job, const scene_mesh *m, const float *uv, const float *depth) {
+static void touch_mesh(render_job *job, const scene_mesh *mesh, const float *uv, const float *depth) {
     const float near = 1e-3f;
     int width = job->out->width, height = job->out->height, x0, x1, y0, y1;
-    for (int64_t f = 0; f < m->faces; f++) {
-        const uint32_t *v = m->face + 3 * f;
+    for (int64_t f = 0; f < mesh->faces; f++) {
+        const uint32_t *v = mesh->face + 3 * f;
         const float *a = uv + 2 * (size_t)v[0], *b = uv + 2 * (size_t)v[1], *c = uv + 2 * (size_t)v[2];
         int front = (depth[v[0]] > near) + (depth[v[1]] > near) + (depth[v[2]] > near);
         if (front == 0) continue;

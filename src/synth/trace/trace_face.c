@@ -27,17 +27,17 @@ static bool is_covered(const trace_scene *s, const float place[3], const float o
 
 bool trace_face_color(const trace_scene *s, int mesh, uint32_t face, const float weight[3], bool behind,
                       uint8_t rgb[3]) {
-    const scene_mesh *m = &s->mesh[mesh];
-    const uint32_t *corner = m->face + 3 * (size_t)face;
+    const scene_mesh *owner = &s->mesh[mesh];
+    const uint32_t *corner = owner->face + 3 * (size_t)face;
     float place[3] = {0}, edge[2][3], outwards[3], look[3], color[3], coat[3], alpha = 1;
     static const float black[3] = {0, 0, 0};
     surface at;
     for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++) place[k] += weight[i] * m->vertex[3 * (size_t)corner[i] + (size_t)k];
+        for (int k = 0; k < 3; k++) place[k] += weight[i] * owner->vertex[3 * (size_t)corner[i] + (size_t)k];
     for (int i = 0; i < 2; i++)
         for (int k = 0; k < 3; k++)
-            edge[i][k] = m->vertex[3 * (size_t)corner[i + 1] + (size_t)k] -
-                         m->vertex[3 * (size_t)corner[0] + (size_t)k];
+            edge[i][k] = owner->vertex[3 * (size_t)corner[i + 1] + (size_t)k] -
+                         owner->vertex[3 * (size_t)corner[0] + (size_t)k];
     cross3(edge[0], edge[1], outwards);
     unit3(outwards);
     for (int k = 0; k < 3; k++) outwards[k] *= behind ? -1.0f : 1.0f, look[k] = -outwards[k];

@@ -73,8 +73,8 @@ typedef struct {
 } scene_mesh;
 sherf_status scene_mesh_create(context *c, const trace_mesh *from, const trace_material *material,
                                float spacing_m, scene_mesh *out);
-void scene_mesh_free(scene_mesh *m);
-void scene_mesh_pose(scene_mesh *m, const float *position);
+void scene_mesh_free(scene_mesh *mesh);
+void scene_mesh_pose(scene_mesh *mesh, const float *position);
 /* A point where light is taken: the mean of its vertices by `share`. */
 typedef struct {
     uint32_t point;
@@ -88,11 +88,11 @@ typedef struct {
 /* Points around a place in a face: at most 6 (places between two points of an edge that is coarser than the
  * face count twice), their weights sum to 1. */
 enum { LIGHT_CORNERS = 6 };
-int light_corners(const scene_mesh *m, uint32_t face, const float barycentric[3],
+int light_corners(const scene_mesh *mesh, uint32_t face, const float barycentric[3],
                   light_corner out[LIGHT_CORNERS]);
 /* A point that is not a vertex lies in the middle between two places of the next coarser lattice. These
  * places' points: at most 4, their weights sum to 1; *apart_m: how far apart the two places are. */
-int light_parents(const scene_mesh *m, uint32_t face, const light_corner *at, light_corner out[4],
+int light_parents(const scene_mesh *mesh, uint32_t face, const light_corner *at, light_corner out[4],
                   float *apart_m);
 
 /* ---- the scene (trace_scene.c) ---- */

@@ -241,19 +241,20 @@ static float lamp_share(const trace_scene *s, int lamp, const light_point *p) {
 
 /* The point on the curved surface that the smooth normals mean (Hanika: Hacking the shadow terminator), so
  * that a coarse mesh does not shadow itself. */
-static void place_point(const scene_mesh *m, const light_corner *at, int side, light_point *out) {
+static void place_point(const scene_mesh *mesh, const light_corner *at, int side, light_point *out) {
     float sign = side ? -1 : 1, flat[3] = {0}, own[3], curved[3] = {0};
     for (int k = 0; k < 3; k++) out->normal[k] = 0;
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3 && at->share[i] > 0; k++) {
-            flat[k] += at->share[i] * m->vertex[3 * (size_t)at->vertex[i] + (size_t)k];
-            out->normal[k] += sign * at->share[i] * m->normal[3 * (size_t)at->vertex[i] + (size_t)k];
+            flat[k] += at->share[i] * mesh->vertex[3 * (size_t)at->vertex[i] + (size_t)k];
+            out->normal[k] += sign * at->share[i] * mesh->normal[3 * (size_t)at->vertex[i] + (size_t)k];
         }
     unit3(out->normal);
     if (!(dot3(out->normal, out->normal) > 0)) out->normal[1] = 1; /* a vertex without area */
     for (int i = 0; i < 3; i++) {
         if (!(at->share[i] > 0)) continue;
-        const float *n = m->normal + 3 * (size_t)at->vertex[i], *p = m->vertex + 3 * (size_t)at->vertex[i];
+        const float *n = mesh->normal + 3 * (size_t)at->vertex[i],
+                    *p = mesh->vertex + 3 * (size_t)at->vertex[i];
         for (int k = 0; k < 3; k++) own[k] = flat[k] - p[k];
         float inside = sign * dot3(own, n);
         if (inside > 0) inside = 0;
@@ -262,14 +263,14 @@ static void place_point(const scene_mesh *m, const light_corner *at, int side, l
     for (int k = 0; k < 3; k++) out->origin[k] = curved[k] + standoff_m * out->normal[k];
 }
 
-static uint64_t trace_point(const trace_scene *s, const scene_mesh *m, const light_corner *at, int side) {
+static uint64_t trace_point(const trace_scene *s, const scene_mesh *mesh, const light_corner *at, int side) {
     light_point p;
     visible v = {0};
-    place_point(m, at, side, &p);
-    p.near_m = m->material.near_m;
-    p.layer = (unsigned)m->material.layer;
-    p.key =
-        splitmix64(s->light.seed ^ splitmix64(2 * ((uint64_t)m->points_before + at->point) + (uint64_t)side));
+    place_point(mesh, at, side, &p);
+    p.near_m = mesh->material.near_m;
+    p.layer = (unsigned)mesh->material.layer;
+    p.key = splitmix64(s->light.seed ^
+                       splitmix64(2 * ((uint64_t)mesh->points_before + at->point) + (uint64_t)side));
     p.mask = ~seen_mask(TRACE_BY_CAMERAS);
     v.sky = sky_share(s, &p);
     p.mask &= ~seen_mask(TRACE_NOT_BY_LAMPS);
@@ -277,20 +278,20 @@ static uint64_t trace_point(const trace_scene *s, const scene_mesh *m, const lig
     return visible_pack(&v);
 }
 
-static uint64_t light_word(const trace_scene *s, const scene_mesh *m, uint32_t face, const light_corner *at,
-                           int side);
+static uint64_t light_word(const trace_scene *s, const scene_mesh *mesh, uint32_t face,
+                           const light_corner *at, int side);
 
 /* What the points around suggest; 0 where they differ or are too far apart. */
-static uint64_t guess_word(const trace_scene *s, const scene_mesh *m, uint32_t face, const light_corner *at,
-                           int side) {
+static uint64_t guess_word(const trace_scene *s, const scene_mesh *mesh, uint32_t face,
+                           const light_corner *at, int side) {
     light_corner parent[4];
     visible v = {0};
     uint64_t word[4];
     float apart_m;
-    int count = light_parents(m, face, at, parent, &apart_m);
+    int count = light_parents(mesh, face, at, parent, &apart_m);
     if (apart_m > reach * s->spacing_m) return 0;
     for (int i = 0; i < count; i++) {
-        word[i] = light_word(s, m, face, &parent[i], side);
+        word[i] = light_word(s, mesh, face, &parent[i], side);
         for (int k = 0; k <= TRACE_LAMPS && i > 0; k++) {
             int a = (int)(word[i] >> (k * SHARE_BITS) & SHARE_MAX);
             if (abs(a - (int)(word[0] >> (k * SHARE_BITS) & SHARE_MAX)) > agreement) return 0;
@@ -300,13 +301,13 @@ static uint64_t guess_word(const trace_scene *s, const scene_mesh *m, uint32_t f
     return visible_pack(&v);
 }
 
-static uint64_t light_word(const trace_scene *s, const scene_mesh *m, uint32_t face, const light_corner *at,
-                           int side) {
-    _Atomic uint64_t *lit = &s->lit[2 * ((size_t)m->points_before + at->point) + (size_t)side].word;
+static uint64_t light_word(const trace_scene *s, const scene_mesh *mesh, uint32_t face,
+                           const light_corner *at, int side) {
+    _Atomic uint64_t *lit = &s->lit[2 * ((size_t)mesh->points_before + at->point) + (size_t)side].word;
     uint64_t word = atomic_load_explicit(lit, memory_order_relaxed);
     if (word) return word;
-    if (at->kind != AT_VERTEX) word = guess_word(s, m, face, at, side);
-    if (!word) word = trace_point(s, m, at, side);
+    if (at->kind != AT_VERTEX) word = guess_word(s, mesh, face, at, side);
+    if (!word) word = trace_point(s, mesh, at, side);
     atomic_store_explicit(lit, word, memory_order_relaxed);
     return word;
 }
@@ -324,24 +325,25 @@ void light_at(const trace_scene *s, int mesh, uint32_t face, const float barycen
 enum { RAY_DIRECTION = 4, RAY_TFAR = 8, RAY_ID = 10, RAY_FLAGS = 11, HIT_U = 3, HIT_V = 4, HIT_FACE = 5 };
 
 /* From a garment outwards through skin that should lie below it. */
-static bool pokes_through(const scene_mesh *m, const struct RTCFilterFunctionNArguments *args, unsigned i) {
+static bool pokes_through(const scene_mesh *mesh, const struct RTCFilterFunctionNArguments *args,
+                          unsigned i) {
     unsigned N = args->N;
     const float *ray = (const float *)args->ray, *hit = (const float *)args->hit;
-    if (((const unsigned *)args->ray)[RAY_FLAGS * N + i] <= (unsigned)m->material.layer) return false;
+    if (((const unsigned *)args->ray)[RAY_FLAGS * N + i] <= (unsigned)mesh->material.layer) return false;
     if (!(ray[RAY_TFAR * N + i] < TRACE_COVER_M)) return false;
     float out = 0;
     for (unsigned k = 0; k < 3; k++) out += hit[k * N + i] * ray[(RAY_DIRECTION + k) * N + i];
     return out > 0;
 }
 
-static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArguments *args, unsigned i) {
+static bool lets_pass(const scene_mesh *mesh, const struct RTCFilterFunctionNArguments *args, unsigned i) {
     unsigned N = args->N, face = ((const unsigned *)args->hit)[HIT_FACE * N + i];
-    if (m->solid[face]) return false;
-    const float *hit = (const float *)args->hit, *corner = m->corner_uv + 6 * (size_t)face;
+    if (mesh->solid[face]) return false;
+    const float *hit = (const float *)args->hit, *corner = mesh->corner_uv + 6 * (size_t)face;
     float u = hit[HIT_U * N + i], v = hit[HIT_V * N + i], uv[2];
     for (int k = 0; k < 2; k++) uv[k] = (1 - u - v) * corner[k] + u * corner[2 + k] + v * corner[4 + k];
-    float opacity = texture_opacity(m->material.color, uv), min = m->material.cutoff;
-    if (m->material.alpha == TRACE_BLENDED) {
+    float opacity = texture_opacity(mesh->material.color, uv), min = mesh->material.cutoff;
+    if (mesh->material.alpha == TRACE_BLENDED) {
         uint64_t id = ((const unsigned *)args->ray)[RAY_ID * N + i], dice = splitmix64(id << 32 | face);
         min = (float)(dice >> 40) * 0x1p-24f + 0x1p-25f;
     }
@@ -349,9 +351,9 @@ static bool lets_pass(const scene_mesh *m, const struct RTCFilterFunctionNArgume
 }
 
 void light_filter(const struct RTCFilterFunctionNArguments *args) {
-    const scene_mesh *m = args->geometryUserPtr;
+    const scene_mesh *mesh = args->geometryUserPtr;
     for (unsigned i = 0; i < args->N; i++) {
         if (!args->valid[i]) continue;
-        if (pokes_through(m, args, i) || lets_pass(m, args, i)) args->valid[i] = 0;
+        if (pokes_through(mesh, args, i) || lets_pass(mesh, args, i)) args->valid[i] = 0;
     }
 }

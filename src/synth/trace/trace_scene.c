@@ -86,28 +86,28 @@ sherf_status trace_scene_add(context *c, trace_scene *s, const trace_mesh *mesh,
     scene_mesh *grown = mem_grow(c, s->mesh, (size_t)s->meshes, (size_t)s->meshes + 1, sizeof *grown);
     if (!grown) return SHERF_NO_MEMORY;
     s->mesh = grown;
-    scene_mesh *m = &s->mesh[s->meshes];
-    if ((status = scene_mesh_create(c, mesh, material, s->spacing_m, m))) return status;
-    if (s->points + m->points > points_max) {
-        scene_mesh_free(m);
+    scene_mesh *added = &s->mesh[s->meshes];
+    if ((status = scene_mesh_create(c, mesh, material, s->spacing_m, added))) return status;
+    if (s->points + added->points > points_max) {
+        scene_mesh_free(added);
         return failure(c, SHERF_BAD_ARGUMENT, "scene: light every %g m makes too many points", s->spacing_m);
     }
-    m->points_before = s->points;
-    s->points += m->points;
+    added->points_before = s->points;
+    s->points += added->points;
     if (material->layer > s->top_layer) s->top_layer = material->layer;
     s->meshes++;
     return SHERF_OK;
 }
 
-static void attach_mesh(trace_scene *s, scene_mesh *m) {
+static void attach_mesh(trace_scene *s, scene_mesh *mesh) {
     RTCGeometry g = rtcNewGeometry(s->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, m->vertex, 0,
-                               3 * sizeof *m->vertex, (size_t)m->vertices);
-    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, m->face, 0, 3 * sizeof *m->face,
-                               (size_t)m->faces);
-    rtcSetGeometryUserData(g, m);
-    rtcSetGeometryMask(g, m->material.seen ? seen_mask(m->material.seen) : 1u << m->material.layer);
-    if (memchr(m->solid, 0, (size_t)m->faces) || m->material.layer < s->top_layer)
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh->vertex, 0,
+                               3 * sizeof *mesh->vertex, (size_t)mesh->vertices);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh->face, 0,
+                               3 * sizeof *mesh->face, (size_t)mesh->faces);
+    rtcSetGeometryUserData(g, mesh);
+    rtcSetGeometryMask(g, mesh->material.seen ? seen_mask(mesh->material.seen) : 1u << mesh->material.layer);
+    if (memchr(mesh->solid, 0, (size_t)mesh->faces) || mesh->material.layer < s->top_layer)
         rtcSetGeometryOccludedFilterFunction(g, light_filter);
     rtcCommitGeometry(g);
     rtcAttachGeometry(s->scene, g);

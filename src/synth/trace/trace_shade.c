@@ -3,27 +3,27 @@
 
 void surface_at(const trace_scene *s, int mesh, uint32_t face, float u, float v, int side, float width_m,
                 surface *out) {
-    const scene_mesh *m = &s->mesh[mesh];
-    const uint32_t *corner = m->face + 3 * (size_t)face;
+    const scene_mesh *owner = &s->mesh[mesh];
+    const uint32_t *corner = owner->face + 3 * (size_t)face;
     float b[3] = {1 - u - v, u, v}, sign = side ? -1 : 1;
     *out = (surface){.mesh = mesh, .face = face, .side = side};
     for (int i = 0; i < 3; i++) {
         out->barycentric[i] = b[i] = clamp01(b[i]);
         for (int k = 0; k < 3; k++)
-            out->normal[k] += sign * b[i] * m->normal[3 * (size_t)corner[i] + (size_t)k];
+            out->normal[k] += sign * b[i] * owner->normal[3 * (size_t)corner[i] + (size_t)k];
     }
     unit3(out->normal);
     for (int k = 0; k < 4; k++) out->rgba[k] = 1;
-    if (m->material.color && m->corner_uv) {
-        const float *t = m->corner_uv + 6 * (size_t)face;
+    if (owner->material.color && owner->corner_uv) {
+        const float *t = owner->corner_uv + 6 * (size_t)face;
         float uv[2] = {b[0] * t[0] + b[1] * t[2] + b[2] * t[4], b[0] * t[1] + b[1] * t[3] + b[2] * t[5]};
-        texture_sample(m->material.color, uv, width_m * m->uv_per_m[face], out->rgba);
+        texture_sample(owner->material.color, uv, width_m * owner->uv_per_m[face], out->rgba);
     }
-    for (int k = 0; k < 3; k++) out->rgba[k] *= m->material.tint[k];
-    if (m->solid[face])
+    for (int k = 0; k < 3; k++) out->rgba[k] *= owner->material.tint[k];
+    if (owner->solid[face])
         out->rgba[3] = 1;
-    else if (m->material.alpha == TRACE_CUTOUT)
-        out->rgba[3] = out->rgba[3] >= m->material.cutoff;
+    else if (owner->material.alpha == TRACE_CUTOUT)
+        out->rgba[3] = out->rgba[3] >= owner->material.cutoff;
 }
 
 /* The open sky's table at a cosine with "up". */

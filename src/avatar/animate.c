@@ -69,7 +69,7 @@ static sherf_status render_frame(context *c, job *j, int n, sherf_image *out) {
     return SHERF_OK;
 }
 
-/* Renders into the queue until all is done, the writer fails or somebody cancels. */
+/* Renders into the queue until everything is done, the writer fails or somebody cancels. */
 static sherf_status render_all(context *c, job *j, frame_queue *q) {
     int frames = sherf_motion_frame_count(j->motion);
     sherf_status status = progress(c, "frames", 0, frames);

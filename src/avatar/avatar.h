@@ -103,7 +103,7 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
 sherf_avatar *avatar_new(context *c); /* empty, NULL on lack; freed with sherf_avatar_free */
 /* The weights of a model that its queries read; parameters_free, whatever the answer. */
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
-/* What follows from what a file or an observation says: the sheet, the bodies, and avatar_place. */
+/* Sets what follows from a file or an observation: the sheet, the bodies, and avatar_place. */
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
 
 /* ---- avatar_file.c, render.c ---- */

@@ -1,4 +1,4 @@
-/* An avatar's file: safetensors with the observation, what of its bank is kept, and the weights. */
+/* An avatar's file: safetensors with the observation, the part of its bank that is kept, and the weights. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>

@@ -25,7 +25,7 @@ typedef struct {
                         * NULL: nothing is lent */
     float *two_sides;  /* V: 0 where front and back are not alike (head, hands, feet), to 1 */
 } detail_carry;
-/* One of several ways in which what was not seen may look (variant.c). */
+/* One of several ways to fill in what no picture showed (variant.c). */
 typedef struct {
     float light;   /* brightness of what was not seen; 1: as the network guesses it */
     float pattern; /* contrast of what is lent; 1: as the best guess has it */
@@ -126,9 +126,9 @@ static inline float detail_rise(float x, const float edge[2]) {
 float detail_px_per_m(const sherf_camera *camera, const posed_body *posed);
 /* So many pixels are about `m` metres where the body's root is; 1 to max. */
 int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max);
-/* Means over neighbours within `radius` pixels, twice, weighted by opacity and by how near their depths are:
- * value (NULL: the depths themselves) is smoothed in place. room: as large as one of them. What is below an
- * opacity of 0.3 neither counts nor changes. */
+/* Takes means over neighbours within `radius` pixels, twice, weighted by opacity and by how near their depths
+ * are, and smooths `value` in place (NULL: the depths themselves). room: scratch as large as one of them.
+ * Pixels with an opacity below 0.3 neither count nor change. */
 void detail_smooth(const context *c, const sherf_image *opacity, int radius, float *depth, float *value,
                    float *room);
 /* The largest step of depth to the pixels `reach` away. */

@@ -62,8 +62,9 @@ static bool of_head(const body_model *body, int v) {
     return body->weights[(size_t)v * BODY_JOINTS + HEAD] > 0.5f;
 }
 
-/* The head's holes (mouth, eyes, nostrils, ears) are seen as what is round them: the largest value within
- * some edges, and the smallest of those. The rest has thin parts, whose other side is not a hole. */
+/* Fills the head's holes (mouth, eyes, nostrils, ears) with what is around them: the largest value within
+ * some edges, then the smallest of those. The rest of the body has thin parts, whose other side is not a
+ * hole. */
 static void close_holes(const body_model *body, float *seen, float *room) {
     for (int round = 0; round < 2 * HOLE_ROUNDS; round++) {
         for (int v = 0; v < body->vertices; v++) {

@@ -77,7 +77,7 @@ static void look_up_seen(const avatar_detail *d, const body_model *body, int64_t
 
 /* ---- what is opposite ---- */
 
-/* The colour about a place and the pattern on it. How much they are to be trusted. */
+/* The colour around a place, the pattern on it, and how far both are to be trusted. */
 static float lent_at(const detail_view *d, const float px[2], float depth, float color[3], float pattern[3]) {
     float trust = 0;
     four f;

@@ -1,4 +1,4 @@
-/* What answers an avatar's points: its model's field, for the context that it was made or loaded in. */
+/* The field that answers queries for an avatar, in the context that the avatar was made or loaded in. */
 #include <math.h>
 
 #include "avatar/avatar.h"
@@ -26,7 +26,7 @@ bool avatar_takes_joints(const sherf_avatar *a) {
     return a->field_kind->takes_joints && a->field_kind->takes_joints(a->field);
 }
 
-/* As far as poses that were the same may differ after a way through files. */
+/* How far equal poses may differ after they went through files. */
 static bool same_pose(const sherf_pose *a, const sherf_pose *b) {
     const float max = 1e-4f;
     float far = 0;

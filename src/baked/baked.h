@@ -45,8 +45,8 @@ void field_smooth(const context *c, cubes_grid *g);
 /* Marks the points below `level` that the rim reaches through others; the rim itself becomes empty. outside:
  * zeroed, one byte a point. */
 sherf_status field_flood(context *c, cubes_grid *g, float level, uint8_t *outside);
-/* Smooths by 1 2 1 along each axis; then what cannot be reached from the rim through points below `level`
- * becomes solid, so that the surface has no cavities. */
+/* Smooths by 1 2 1 along each axis. Then points that cannot be reached from the rim through points below
+ * `level` become solid, so that the surface has no cavities. */
 sherf_status field_solidify(context *c, cubes_grid *g, float level);
 
 /* ---- surface.c ---- */
@@ -64,8 +64,7 @@ sherf_status surface_normals(context *c, surface *s, const cubes_grid *g);
 sherf_status surface_reduce(context *c, surface *s, int64_t triangles);
 
 /* ---- bake.c ---- */
-/* Colours (n x 3, 0 to 1) of places on the surface, seen along their normals, as a frame without detail would
- * have them. */
+/* Colours (n x 3, 0 to 1) of places on the surface seen along their normals, as in a frame without detail. */
 sherf_status bake_colors(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *positions_canonical, const float *normals_canonical, float *rgb);
 /* Adds the observation's detail to colours of places on the surface. */

@@ -15,8 +15,9 @@ typedef struct {
     float *uv;      /* C x 2, in texels from the middle of the upper left one */
     uint8_t *joint; /* C x 4 */
     float *weight;  /* C x 4, sum 1 */
-    /* What the body keeps of its volume at bent joints (body.h, pose_volume), or NULL: a corner's rest place
-     * moves by -(F + F^T) / 2 fold for each of four joints, F its rotation less the identity. */
+    /* How far the body keeps its volume at bent joints (body.h, pose_volume), or NULL. Each of four joints
+     * moves a corner's rest place by -(F + F^T) / 2 times fold, where F is the joint's rotation less the
+     * identity. */
     uint8_t *fold_joint; /* C x 4 */
     float *fold;         /* C x 4 x 3, metres */
     uint32_t *triangle;  /* T x 3 corners, counter-clockwise seen from outside */

@@ -1,7 +1,7 @@
-/* Soft rims of baked frames. The network's opacity rises over some centimetres of a silhouette, a surface's
- * over a pixel. A tent over the share of samples that meet the surface makes it rise as slowly: half opaque
- * stays where it was. Inside, colours are kept; what the rim gains outside takes those of the surface beside
- * it. */
+/* Softens the edges of baked frames. The network's opacity rises over some centimetres of a silhouette, that
+ * of a surface over one pixel. A tent filter over the share of samples that meet the surface makes it rise as
+ * slowly; the line of half opacity stays where it was. Inside, colours are kept. Pixels that the edge gains
+ * outside take the colours of the surface beside them. */
 #include "baked/form.h"
 
 #include <math.h>
@@ -32,7 +32,7 @@ static const float *opacity_row(const soften_job *j, int row) {
     return o->data + (size_t)(j->s->top + row) * (size_t)o->width + (size_t)j->s->left;
 }
 
-/* What lies beyond the rectangle is as its rim is: empty, or cut off by the picture. */
+/* Outside the rectangle the picture continues as its edge: empty, or cut off. */
 static int clamped(int i, int count) {
     return i < 0 ? 0 : i < count ? i : count - 1;
 }

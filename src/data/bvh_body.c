@@ -1,6 +1,6 @@
-/* Retargeting: a joint takes the whole rotation of the file's joint, after the bone at rest was turned to
- * where the file's rest pose has it. Bone directions then agree; twist is the file's. Where the file's rest
- * pose is no pose of a person, see bvh_calibrate.c. */
+/* Retargeting. A joint takes the whole rotation of the file's joint, after the bone at rest was turned to its
+ * direction in the file's rest pose. Bone directions then agree, and the twist is the file's. If the file's
+ * rest pose is not that of a person, see bvh_calibrate.c. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

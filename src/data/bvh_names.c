@@ -12,7 +12,7 @@ enum { WORDS_MAX = 12, LIMB_JOINTS = 9 };
 typedef enum { MIDDLE, LEFT, RIGHT } side;
 static const int8_t limb_joint[LIMB_JOINTS] = {1, 4, 7, 10, 13, 16, 18, 20, 22}; /* the left ones */
 
-/* Words of a name but sides, put together in small letters. Several may be meant: "a|b". */
+/* The words of a name without its side, joined, in small letters. "a|b" means any of several. */
 typedef struct {
     const char *whose;
     const char *limb[LIMB_JOINTS]; /* thigh, shin, foot, toes, collar, upper arm, forearm, hand, fingers */

@@ -89,7 +89,7 @@ typedef struct {
     int search_at;       /* the next frame in which the detector may look */
 } follower;
 
-/* How unlike two sights of one person are: by where and how large. */
+/* How different two detections of one person are, by position and by size. */
 static double apart(const photo_person *a, const photo_person *b) {
     const double side = (double)fmaxf(a->next.side_px, b->next.side_px);
     return hypot((double)(a->next.centre_px[0] - b->next.centre_px[0]),

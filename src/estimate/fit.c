@@ -96,7 +96,7 @@ static double standing_of(const body_fit_input *in) {
     return min;
 }
 
-/* A trunk that is upright in the picture is most likely upright in depth. */
+/* A trunk that looks upright in the picture is most likely upright in depth too. */
 static double upright_of(const body_fit_input *in) {
     const landmark *l = in->person->landmark;
     double trunk[2];

@@ -35,8 +35,8 @@ const fit_landmark fit_landmarks[LANDMARKS] = {
     SIDES(LANDMARK_LEFT_TOE, LANDMARK_RIGHT_TOE, 7, 0.015, -0.075, 0.159, 0.040, 0.165, 0.084),
 };
 
-/* The usual bend is that of somebody who stands with arms hanging. Limits: people/person_pose.c. Right is
- * left mirrored. */
+/* The usual bend of a joint is that of somebody who stands with hanging arms. Limits: people/person_pose.c.
+ * The right side mirrors the left. */
 #define JOINT(u0, u1, u2, l0, l1, l2, h0, h1, h2)                                                            \
     {                                                                                                        \
         {u0, u1, u2}, {l0, l1, l2}, {                                                                        \

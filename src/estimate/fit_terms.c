@@ -248,8 +248,8 @@ static void take_foot(blend *b, int side, double share) {
     take(b, LANDMARK_LEFT_TOE + side, 0.45 * share);
 }
 
-/* Who stands on straight legs is carried by the feet: the middle of the mass is above the line between them,
- * soles and ankles are level, and the trunk does not lean much. */
+/* Someone who stands on straight legs is carried by the feet: the centre of mass is above the line between
+ * them, soles and ankles are level, and the trunk leans little. */
 static void standing(terms *t) {
     double weight = t->p->stands, apart[3], v[3], line[3], across[3], half;
     if (!(weight > 0)) return;
@@ -286,7 +286,7 @@ static void standing(terms *t) {
     upright(t, &ankles, 0.03, weight, 1.5);
 }
 
-/* From the pelvis to the neck a trunk that is upright leans 3 degrees forward. */
+/* An upright trunk leans 3 degrees forward, measured from the pelvis to the neck. */
 static void trunk_upright(terms *t) {
     const double *root = t->s->body.root, weight = 0.6 * t->p->upright, spread = 0.05;
     double ahead[3] = {root[2], root[5], root[8]}, aside[3], v[3];

@@ -1,5 +1,5 @@
-/* The people of a photo: detections are looked at, twins and pieces go, and where a mirrored look disagrees
- * other regions are tried. Also one person from frame to frame. */
+/* The people of a photo. Detections are checked, duplicates and parts of others are dropped, and where the
+ * mirrored picture disagrees other regions are tried. Also one person from frame to frame. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

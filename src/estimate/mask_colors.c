@@ -1,6 +1,6 @@
-/* mask: the person's own colours at the rim. They are carried outwards, ring by ring, from pixels that lie
- * safely inside; what the camera saw at the rim is not used, since nobody knows how much of it was
- * background. */
+/* mask: the person's own colours at the edge of the mask. They are carried outwards, ring by ring, from
+ * pixels that lie safely inside. The camera's colours at the edge are not used, since nobody knows how much
+ * of them is background. */
 #include <math.h>
 #include <string.h>
 

@@ -38,7 +38,7 @@ static int clamped(int64_t i, int count) {
     return i < 0 ? 0 : i >= count ? count - 1 : (int)i;
 }
 
-/* Adds up a row's pixels begin to end, of which only those in the photo are there. */
+/* Adds up pixels begin to end of a row, as far as they lie in the photo. */
 static void add_row(const sherf_image *p, int64_t y, int64_t begin, int64_t end, float sum[3]) {
     const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3;
     for (int64_t x = begin > 0 ? begin : 0; x < end && x < p->width; x++)

@@ -93,7 +93,7 @@ static int next_person(const report *r, int64_t *at, int previous) {
     return *at < r->count ? r->entry[*at].person : -1;
 }
 
-/* Of one person, or all (-1): every pixel of the pictures counts alike. */
+/* The errors of one person, or of all (-1). Every pixel has the same weight, whichever picture it is in. */
 static region_errors report_regions(const report *r, int person, bool novel_pose) {
     region_errors sum = {0};
     for (int64_t i = 0; i < r->count; i++)

@@ -15,9 +15,9 @@ sherf_status selection_list(context *c, const char *text, const char *what, int 
 sherf_status selection_pictures(context *c, const char *text, int poses, int views, picture **out,
                                 int *count);
 
-/* One person's part of an evaluation. An observation (p, v) is compared with every view of pose p but v
- * (novel view) when p is among the first `view_poses` poses, and with every view of the other poses from
- * `novel_pose_first` on (novel pose) when its `novel_pose` is set. */
+/* One person's part of an evaluation. An observation (p, v) is compared with every view of pose p except v
+ * (novel view) if p is among the first `view_poses` poses. It is compared with every view of the other poses
+ * from `novel_pose_first` on (novel pose) if its `novel_pose` is set. */
 typedef struct {
     int person; /* of the data set */
     int observations, poses, views;

@@ -68,7 +68,7 @@ const experiment *experiment_at(int i); /* from 0; NULL after the last */
 const experiment *experiment_find(const char *name);
 
 /* ---- published.c: the paper's numbers ---- */
-/* A table of the experiment's numbers in the paper, if it has some. */
+/* The paper's table for this experiment, if it has one. */
 sherf_status published_add(context *c, page *p, const char *experiment_name);
 
 /* ---- people.c: data sets ---- */

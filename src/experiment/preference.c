@@ -1,5 +1,5 @@
-/* The study's material: pictures of the test people from near the observed camera, from far of it and in
- * another pose, by every method, drawn before anybody looks at them. */
+/* The study's material: pictures of the test people near the observed camera, far from it and in another
+ * pose, by every method. It is drawn before anybody looks at it. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

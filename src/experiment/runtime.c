@@ -37,7 +37,7 @@ static void runtime_free(runtime *t) {
 }
 
 /* ---- what is timed ---- */
-/* Zooms so that the body's larger extent takes this share of the picture, in its middle. */
+/* Zooms so that the body's larger extent takes this share of the picture, and centres it. */
 static sherf_status zoom(context *c, const sherf_body *body, const sherf_pose *pose, sherf_camera *camera) {
     const int V = sherf_body_vertex_count(body);
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};

@@ -70,7 +70,7 @@ static sherf_status tell_scoring(experiment_job *j, const run *r, const scoring 
     return status;
 }
 
-/* Minutes are those of the method whose number of steps this one takes. */
+/* If this method takes its number of steps from another one, the minutes are that one's. */
 static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t, double step_ms,
                                    double *hours) {
     const experiment_settings *s = &j->set;

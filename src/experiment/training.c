@@ -125,7 +125,7 @@ static sherf_status steps_write(const experiment_job *j, const run *r, double st
     return status == SHERF_OK ? file_write(j->c, path, text, strlen(text)) : status;
 }
 
-/* The run whose step is measured for run r; false where that is known or r is not to be trained. */
+/* Finds the run whose step is measured for run r. False if that is known or r is not to be trained. */
 static bool step_is_wanted(const experiment_job *j, const run *r, const run *list, int count, run *out) {
     char path[PATH_LENGTH], finished[PATH_LENGTH];
     *out = (run){r->method->steps_of ? experiment_method_find(r->method->steps_of) : r->method, r->data, 0};

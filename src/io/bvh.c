@@ -298,7 +298,8 @@ void bvh_rotations(const bvh *b, int frame, double *local, double *global) {
     }
 }
 
-/* From its parent, in the parent's axes: the offset, or the position channels where there are. */
+/* The position relative to the parent, in the parent's axes: the offset, replaced by any position channels.
+ */
 static void joint_offset(const bvh_joint *j, const float *value, double out[3]) {
     memcpy(out, j->offset, sizeof j->offset);
     for (int i = 0; i < j->channels; i++)

@@ -1,6 +1,5 @@
-/* convert: sherf_convert. What a file is follows from what it holds: SMPL bodies, the authors' snapshots,
- * torch's weights of ResNet-18, VGG16 and the heads of LPIPS, TensorFlow.js's of ResNet-50, and its graphs.
- */
+/* convert: sherf_convert. The contents of a file say what it is: an SMPL body, a snapshot of the authors',
+ * torch weights of ResNet-18, VGG16 or LPIPS's heads, or TensorFlow.js weights of ResNet-50 or graphs. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

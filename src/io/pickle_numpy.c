@@ -1,4 +1,4 @@
-/* pickle: arrays of numpy, sparse matrices of scipy (made dense), arrays of chumpy (the array within). */
+/* pickle: numpy's arrays, scipy's sparse matrices (made dense) and chumpy's arrays (the array inside). */
 #include <stdio.h>
 #include <string.h>
 

@@ -5,8 +5,8 @@
 
 #include "tensor/tensor.h"
 
-/* Read strictly: a header that does not fit, data that overlaps or leaves holes, names that come twice, types
- * or ranks not known here are refused. BOOL is read as U8. */
+/* The reader is strict. It refuses a header that does not fit, data that overlaps or leaves holes, repeated
+ * names, and unknown types or ranks. BOOL is read as U8. */
 typedef struct {
     char *name;
     dtype type;

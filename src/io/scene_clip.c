@@ -165,7 +165,7 @@ static void vector_at(const struct aiVectorKey *keys, unsigned count, double tim
     out[2] = (1 - s) * keys[a].mValue.z + s * keys[b].mValue.z;
 }
 
-/* Keys are near each other: the straight way between quaternions is the arc. */
+/* Keys are near each other, so linear interpolation of quaternions is as good as the arc. */
 static void turn_at(const struct aiQuatKey *keys, unsigned count, double time, double R[9]) {
     unsigned a, b;
     double s, q[4], length = 0;

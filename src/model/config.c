@@ -1,4 +1,4 @@
-/* Settings of models as text: a preset and what differs from it. */
+/* Settings of models as text: a preset and the settings that differ from it. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

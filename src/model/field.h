@@ -31,8 +31,8 @@ typedef struct field_kind {
     sherf_status (*render_joints)(context *c, void *field, const posed_body *posed,
                                   const sherf_camera *camera, const gpu_frame_options *options,
                                   sherf_frame *frame);
-    /* The triangles that frames are of, in the observed world: render then gets no points, and there is no
-     * run. NULL: frames are of points. */
+    /* The triangles that frames are drawn from, in the observed world. Then render gets no points, and there
+     * is no run. NULL: frames are made of points. */
     solid_mesh (*surface)(const void *field);
 } field_kind;
 

@@ -65,7 +65,7 @@ static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t beg
     return tensor_copy_rows(tape_context(inner), grad, 0, from, begin, tensor_rows(x));
 }
 
-/* d sigma, d rgb -> the bank's gradients and the weights', one chunk after another. */
+/* The backward pass: from d sigma and d rgb to the gradients of the bank and the weights, chunk by chunk. */
 static sherf_status points_backward(tape *t, void *payload) {
     points_node *n = payload;
     if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;

@@ -191,10 +191,10 @@ typedef struct {
                         model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 } model_fused_training;
 
-/* How a model's authors train it where that is not SHERF's way (train/), for those who want theirs. */
+/* How a model's authors train it, if not in SHERF's way (train/), for those who want their recipe. */
 typedef struct {
-    float mask_weight; /* the loss is mean squared colour, of both passes, and this x mean squared opacity -
-                          mask */
+    float mask_weight; /* the loss is mean squared colour, of both passes, plus this times the mean square of
+                          (opacity - mask) */
     int rays;          /* of an observed person, drawn anew for each sample and shared among its targets */
     float rays_inside; /* this part of them from the mask */
     bool jitter;       /* as ray_draw's */
@@ -254,7 +254,8 @@ struct model_kind {
      * may be brought in line with them. */
     sherf_status (*restore)(tape *t, const model *m, observation_geometry *g, const kept_bank *arrays,
                             const model_bank *tensors, model_bank *bank);
-    /* The same network as `query` for frames (field.h); NULL, or it gives NULL: op by op. */
+    /* Does the same as `query`, faster, for frames (field.h). If this is NULL, or returns NULL, frames go op
+     * by op. */
     const struct field_kind *(*field)(const model_config *config);
     /* Multiply-adds that a point takes in such a frame, for `sherf bench`; or NULL. */
     double (*point_products)(const model_config *config);

@@ -17,8 +17,8 @@ typedef struct {
 static inline int64_t sparse_voxel(const sparse_level *level, const int32_t zyx[3]) {
     return ((int64_t)zyx[0] * level->size[1] + zyx[1]) * level->size[2] + zyx[2];
 }
-/* Fills the levels, whose sizes are given, from the voxels [V, 3] of level 0 that have something; the first
- * `ruled` get their own rule. sparse_levels_free in any case. */
+/* Fills the levels, whose sizes are given, from the occupied voxels [V, 3] of level 0. The first `ruled`
+ * levels get a rule of their own. Call sparse_levels_free in any case. */
 sherf_status sparse_levels_create(context *c, sparse_level *level, int levels, int ruled, int vertices,
                                   const int32_t *vertex_zyx);
 void sparse_levels_free(sparse_level *level, int levels);

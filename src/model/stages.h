@@ -1,5 +1,5 @@
-/* stages: an encoder's maps of several sizes as one, and where a picture's points are in it. For models whose
- * pixel-aligned features are those of several ResNet stages. */
+/* stages: joins an encoder's maps of several sizes to one, and finds a picture's points in it. For models
+ * whose pixel-aligned features come from several ResNet stages. */
 #ifndef SHERF_STAGES_H
 #define SHERF_STAGES_H
 

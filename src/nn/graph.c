@@ -25,7 +25,7 @@ typedef struct {
     layer *layer;      /* of a convolution */
     double products;
     bool wanted;
-    int last;  /* the last node that reads the value; a later one than all for outputs */
+    int last;  /* The last node that reads the value; for outputs a number after all nodes. */
     int place; /* of the workspace's; OUTSIDE: the caller's */
 } step;
 

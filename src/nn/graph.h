@@ -60,7 +60,7 @@ int graph_output_size(const graph *g, int i, int64_t size[GRAPH_RANK]);
 /* The only input's size, if that is what it is. */
 bool graph_input_is(const graph *g, int rank, const int64_t *size);
 double graph_products(const graph *g); /* multiply-adds of a run */
-/* output[i] points to the values of output i in `memory`, valid until that is rewound. g may run in several
- * contexts at once. The bits do not depend on the number of threads. */
+/* output[i] points to the values of output i in `memory`, valid until that is rewound. Several contexts may
+ * run g together. The bits do not depend on the number of threads. */
 sherf_status graph_run(context *c, const graph *g, const float *input, arena *memory, const float **output);
 #endif

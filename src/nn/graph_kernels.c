@@ -77,7 +77,7 @@ typedef struct {
     float *y;
 } resize_work;
 
-/* The two pixels of x between which pixel `to` of y lies, and how far from the first. */
+/* The two pixels of x around pixel `to` of y. Returns the distance from the first, 0 to 1. */
 static float neighbours(const graph_scaling *s, int axis, int64_t to, int64_t *first, int64_t *second) {
     const int64_t in = s->in[axis], out = s->out[axis];
     const float ratio = s->corners && out > 1 ? (float)(in - 1) / (float)(out - 1) : (float)in / (float)out;

@@ -1,5 +1,5 @@
-/* Named tensors to one block, each padded to a cache line: their first values, their gradients, their move to
- * another memory. */
+/* Puts named tensors into one block, each padded to a cache line: initial values, gradients, and moving them
+ * to another memory. */
 #include "nn/parameters.h"
 
 #include <stdio.h>

@@ -7,7 +7,7 @@
 typedef struct {
     const ray_bundle *rays;
     coarse_points *p;
-    float (*moved)[4]; /* of what was queried: the model's density and colour minus the coarse field's */
+    float (*moved)[4]; /* for queried samples: the model's density and colour minus the coarse field's */
 } answer_job;
 
 /* A ray's samples, from the front. */

@@ -23,7 +23,7 @@ typedef struct {
     bool stops_early; /* frames may leave out what lies behind opaque points */
 } tile_source;
 
-/* The points index[0 .. count), or those from `first` on, into a tile. */
+/* Loads points into a tile: index[0 .. count), or those from `first` on. */
 void point_tile_fill(const point_set *points, const int64_t *index, int64_t first, int count, point_tile *t);
 
 /* rgb [P, 3] and raw density [P] of every point of the set. */

@@ -265,8 +265,8 @@ static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
     return met ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-/* Who is read where: seen vertices at themselves, others at their mirror image if that is seen, or straight
- * through the body if their pixel is its own. The rest as the nearest of all these. */
+/* Where each vertex is read: seen ones at themselves; others at their mirror image if that is seen, or
+ * straight through the body if their pixel is its own; the rest where the nearest of all these is. */
 static sherf_status find_places(context *c, read_job *j, bool mirror) {
     const body_model *body = j->body;
     const uint8_t *shown = j->shown;

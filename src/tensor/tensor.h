@@ -142,7 +142,7 @@ const backend *tape_backend(const tape *t);
 bool tape_records(const tape *t);
 tape_options tape_settings(const tape *t);
 sherf_status
-tape_status(const tape *t); /* the first error of any op since the reset; ops after it do nothing */
+tape_status(const tape *t); /* The first error of any op since the reset. Ops after it do nothing. */
 /* Puts an error on the tape (a shape rule that does not hold) and returns NULL. */
 tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) PRINTF_LIKE(3, 4);
 size_t tape_peak(const tape *t); /* bytes */
@@ -158,8 +158,9 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same 
 /* Values on the host that somebody else keeps at least until the reset: read in place where the backend can,
  * copied otherwise. No gradient. */
 tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data);
-/* x is read no more: where the tape does not record, later tensors take its memory, which is in the caches
- * and has been cleared by the kernel once. Nothing for NULL and for what is not a tensor of this tape. */
+/* Declares that x is not read any more. If the tape does not record, later tensors take its memory, which is
+ * in the caches and which the kernel has cleared already. Does nothing for NULL and for tensors of another
+ * tape. */
 void tape_drop(tape *t, tensor *x);
 /* y, which was made of x; x is dropped. */
 tensor *tape_instead(tape *t, tensor *y, tensor *x);

@@ -13,7 +13,7 @@ enum { SIDE_MAX = 8192 };
 
 /* ---- the tube person, photographed ---- */
 
-/* Arms down, and a stride of this angle: legs apart, arms swinging against them. */
+/* Arms down, legs apart by this angle as in a stride, and arms swinging against them. */
 static void stride(float angle_rad, sherf_pose *out) {
     sherf_pose_identity(out);
     out->poses_rad[3 * 16 + 2] = -1.1f;

@@ -1,6 +1,7 @@
-/* buckets: sums of gradients over processes that have a device each, while the backward pass of a process's
- * last sample still runs. The gradients' block is cut into stretches, which are summed in a fixed order, the
- * last first: that is about the order in which the backward pass is done with them, and the same for all. */
+/* buckets: sums gradients over processes that have a device each, while the backward pass of a process's last
+ * sample still runs. The gradients' block is cut into stretches, which are summed in a fixed order, the last
+ * one first. That is the same order in every process, and about the one in which the backward pass finishes
+ * them. */
 #ifndef SHERF_BUCKETS_H
 #define SHERF_BUCKETS_H
 

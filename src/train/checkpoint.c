@@ -48,7 +48,7 @@ static void state_text(const train_state *s, int64_t updates, char text[STATE_KE
 
 enum { SIDE_MAX = 4096 }; /* as data sets' pictures are read */
 
-/* A whole number of the state, `otherwise` where the file has none; ALWAYS: it must have it. */
+/* Reads a whole number of the state; `otherwise` if the file has none. ALWAYS: the file must have it. */
 enum { ALWAYS = -1 };
 typedef struct {
     const char *key;

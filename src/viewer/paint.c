@@ -54,7 +54,7 @@ static void smooth(const viewer_request *r, const float *depth, const float *opa
     }
 }
 
-/* Difference of the points of two neighbours along an axis, of which one may be missing. */
+/* The difference between a point's two neighbours along an axis, one of which may be missing. */
 static bool slope(const viewer_request *r, const viewer_optics *o, const float *depth, const float *opacity,
                   int x, int y, int dx, int dy, float out[3]) {
     float p[2][3];

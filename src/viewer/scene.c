@@ -156,7 +156,7 @@ static void body_axes(const sherf_pose *pose, double B[9]) {
     for (int i = 0; i < 3; i++) B[3 * i + 2] = front[i] / sqrt(length);
 }
 
-/* Where the root joint goes: it turns about itself, so its place in SMPL space is the shape's alone. */
+/* Where the root joint goes. It turns about itself, so its place in SMPL space depends on the shape alone. */
 static void root_world(const posed_body *p, float out[3]) {
     for (int i = 0; i < 3; i++) {
         out[i] = p->Th[i];

@@ -206,7 +206,7 @@ admission desk_admit(viewer_desk *d, const viewer_query *q, viewer_job **out);
 void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void *arg);
 void desk_release(viewer_desk *d, viewer_job *job);
 typedef enum { TURN_NONE, TURN_JOB, TURN_FILM, TURN_CLOSED } viewer_turn;
-/* Whose turn it is; waits for `wait_s` at most. A job is the caller's until desk_release. */
+/* Decides whose turn it is; waits at most `wait_s`. The caller owns the job until desk_release. */
 viewer_turn desk_turn(viewer_desk *d, double wait_s, viewer_job **job, int *seat);
 /* The end of a job that has not been replaced meanwhile. */
 void desk_done(viewer_desk *d, viewer_job *job, job_state state);

@@ -24,7 +24,7 @@ typedef struct {
     tensor *sigma, *rgb;
 } fused_node;
 
-/* What trains in the memory of the tape's backend; NULL: the processor, or nothing. */
+/* The GPU's training functions, if the tape's backend works in that GPU's memory; else NULL. */
 static const gpu_point_training *gpu_of(tape *t) {
     const gpu_renderer *r = gpu_renderer_of(tape_context(t));
     const tensor_memory *memory = tape_backend(t)->memory;

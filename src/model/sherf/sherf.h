@@ -51,7 +51,7 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
 /* Whether the fused network supports these settings; otherwise points go op by op. */
 bool model_sherf_is_fused(const model_config *config);
 void model_sherf_sizes(const model_config *config, radiance_sizes *out);
-/* Multiply-adds of a point behind what is done once an avatar (docs/speed.md). */
+/* Multiply-adds of a point, without what is done once an avatar (docs/speed.md). */
 double model_sherf_point_products(const model_config *config);
 
 /* ---- geometry.c: what the body and the camera decide for the point-level features ---- */

@@ -120,7 +120,7 @@ void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_ce
     memory->clear(c, filled, CELLS_MAX * sizeof *filled);
     each(vertices, [=] __device__(int64_t v) { atomicAdd(g.start + cell_at(*g.head, g.vertex + 3 * v), 1); });
     scan(CELLS_MAX, &g.head->count, g.start, sums);
-    /* the order within a cell is left to chance, and no search depends on it */
+    /* The order within a cell is arbitrary; no search depends on it. */
     each(vertices, [=] __device__(int64_t v) {
         const float *x = g.vertex + 3 * v;
         const int64_t cell = cell_at(*g.head, x);

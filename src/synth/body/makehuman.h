@@ -93,7 +93,8 @@ typedef struct {
 } makehuman_macro;
 extern const makehuman_macro makehuman_average; /* sex 0.5, 25 years, all 0.5, equal parts */
 
-/* A target by its index and how much of it, usually 0 to 1; it is added to what the macro parameters give. */
+/* A target by its index, and how much of it, usually 0 to 1. It is added to the effect of the macro
+ * parameters. */
 typedef struct {
     int target;
     double weight;

@@ -259,7 +259,7 @@ static sherf_status make_model(building *b, body_model **out) {
     const body_source *s = b->source;
     static const int64_t parent[BODY_JOINTS] = {-1, 0, 0, 0,  1,  2,  3,  4,  5,  6,  7,  8,
                                                 9,  9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
-    /* in full at elbows and knees; less where it would puff out: hips, and shoulders, which hang in most
+    /* full at elbows and knees; less where it would bulge: at hips, and at shoulders, which hang in most
      * poses */
     static const double volume[BODY_JOINTS] = {0,    0.75, 0.75, 0.75, 1,    1,    0.75, 1, 1, 0.75, 1, 1,
                                                0.75, 0.35, 0.35, 0.75, 0.35, 0.35, 1,    1, 1, 1,    1, 1};

@@ -1,9 +1,8 @@
-/* tpose: a shaped MakeHuman mesh (A-pose) in SMPL's rest pose, with SMPL's 24 joints.
- *
- * Arms lie along +x and -x, palms down, thumbs forward; legs as SMPL's (thighs 5 degrees out, shins 2 in and
- * 6 back), soles flat; trunk and head as they are. The mesh is moved by its own rig and four weights, helpers
- * (what clothes, hair and eyes are bound to) with the body. The pelvis comes to tpose_pelvis_m, where SMPL's
- * is, so SMPL poses with their translations drive it unchanged. */
+/* tpose: poses a shaped MakeHuman mesh (A-pose) as SMPL's rest pose, with SMPL's 24 joints. Arms lie along +x
+ * and -x, palms down, thumbs forward. Legs are as SMPL's (thighs 5 degrees out, shins 2 in and 6 back), soles
+ * are flat, trunk and head stay as they are. The mesh is moved by its own rig with four weights, and its
+ * helpers (which clothes, hair and eyes are bound to) move with the body. The pelvis comes to tpose_pelvis_m,
+ * where SMPL's is, so SMPL poses with their translations drive it unchanged. */
 #ifndef SHERF_TPOSE_H
 #define SHERF_TPOSE_H
 

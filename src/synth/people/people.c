@@ -238,7 +238,7 @@ static float lowest(const people_job *job) {
     return low;
 }
 
-/* Into the folder at hand. A person who was drawn before must have stood so. */
+/* Writes into the current folder. A person who was drawn before must have stood in the same way. */
 static sherf_status draw_surface(context *c, const people_job *job, int pose, const float *vertices_world) {
     char path[PATH_LENGTH];
     sherf_status status = SHERF_OK;
@@ -306,7 +306,7 @@ static sherf_status build_scene(context *c, people_job *job, float spacing_m) {
     return status;
 }
 
-/* Every eighth vertex of all that is worn, in all poses; these are brought onto one floor first. */
+/* Every eighth vertex of all clothes, in all poses. These are brought onto a common floor first. */
 static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
     enum { EVERY = 8 };
     static const float floor_world = -0.9f;
@@ -531,7 +531,7 @@ static sherf_status finish(context *c, const people_job *job) {
     return status;
 }
 
-/* Whole people stay, and the next run goes on behind them; without any, nothing does. */
+/* Complete people stay, and the next run continues after them. If there are none, nothing is left. */
 static void leave_nothing(const people_job *job) {
     static const char *const file[] = {"human_list.txt", "people.json", "body.safetensors"};
     context quiet = {.threads = 1};

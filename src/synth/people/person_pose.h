@@ -39,8 +39,8 @@ extern const float pose_lowest[BODY_JOINTS][3], pose_highest[BODY_JOINTS][3];
 bool pose_within(const float pose_rad[72]); /* with 1e-4 to spare; joint 0 is free */
 void pose_clamp(float pose_rad[72]);
 
-/* How deep arms lie in trunk and thighs or legs in each other: the share of the vertices of limbs that are
- * more than 2 cm inside. vertices: of the body in this pose, SMPL space. */
+/* How deeply arms lie in the trunk and thighs, or legs in each other: the share of the limbs' vertices that
+ * are more than 2 cm inside. vertices: of the body in this pose, in SMPL space. */
 sherf_status pose_overlap(context *c, const body_model *body, const float *vertices_smpl, float *share);
 
 #endif

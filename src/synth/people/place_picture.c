@@ -20,7 +20,7 @@ static stand find_stand(const sherf_camera *camera) {
     stand s;
     float at[3], length = 0;
     camera_position(camera, at);
-    /* where the camera looks, along the floor; one that looks straight down has its own up */
+    /* The direction of view along the floor. A camera that looks straight down uses its own up. */
     float x = camera->R[6], z = camera->R[8];
     if (x * x + z * z < 1e-6f) x = -camera->R[3], z = -camera->R[5];
     length = sqrtf(x * x + z * z);
@@ -157,7 +157,7 @@ static void blur(float *color, float *scratch, int width, int height, int radius
         }
 }
 
-/* Every pixel from the two of a few blurred pictures whose circles are next to its own. */
+/* Mixes every pixel from two of the blurred pictures: those with the next smaller and next larger circle. */
 static sherf_status defocus(context *c, const place *p, const sherf_camera *camera, trace_picture *out) {
     enum { LEVELS = 5 };
     uint64_t key = random_key(p->key, "place.lens", 0);

@@ -1,4 +1,5 @@
-/* Pictures: camera rays in packets, layer behind layer where surfaces are not opaque. */
+/* Renders pictures: camera rays in packets, which pass through one layer after another where surfaces are not
+ * opaque. */
 #include <string.h>
 
 #include "synth/trace/trace_inside.h"

@@ -25,7 +25,8 @@ typedef enum {
     TRACE_BLENDED /* alpha is opacity: hair, lashes */
 } trace_alpha;
 
-/* To whom a mesh is there: walls of a room that is open to a lamp, ceilings, people who only cast shadows. */
+/* Who sees a mesh: for ceilings, for walls of a room that is open to a lamp, and for people who only cast
+ * shadows. */
 typedef enum {
     TRACE_BY_ALL,
     TRACE_BY_CAMERAS,   /* it casts no shadow */

@@ -35,7 +35,8 @@ static void sky_lookup(const trace_scene *s, const float direction[3], float rgb
     for (int k = 0; k < 3; k++) rgb[k] = s->sky[i][k] + t * (s->sky[i + 1][k] - s->sky[i][k]);
 }
 
-/* Schlick: what a surface reflects at the cosine x. At the rim all, or less where it is dull head-on. */
+/* Schlick's reflectance at the cosine x. At grazing angles all light is reflected, or less if little is
+ * head-on. */
 static float fresnel(float head_on, float x) {
     float y = 1 - clamp01(x), y2 = y * y, rim = clamp01(25 * head_on);
     return head_on + (rim - head_on) * y2 * y2 * y;

@@ -1,7 +1,7 @@
-/* Weights' gradients of convolutions: sums over pixels of u[pixel][a] v[pixel's tap][b], where u is the
- * smaller of the two pictures (the result, or what a transposed convolution reads) and v the one that is read
- * at k x k taps of a step. A band of rows is packed, then each thread takes its columns b and rows of taps,
- * so that every sum belongs to one thread. (The build compiles this file for AVX2.) */
+/* Gradients of convolutions' weights: sums over pixels of u[pixel][a] v[tap of the pixel][b]. u is the
+ * smaller of the two pictures (the result, or the input of a transposed convolution); v is the one that is
+ * read at k x k taps of a step. A band of rows is packed. Then each thread takes its own columns b and rows
+ * of taps, so every sum belongs to one thread. (The build compiles this file for AVX2.) */
 #include "tensor/cpu/conv_weights.h"
 
 #include <string.h>

@@ -29,7 +29,7 @@ enum { WARP = 32, BLOCK = 256, ROWS_A_BLOCK = BLOCK / WARP };
 extern const tensor_memory device_memory;
 extern const block_kernels block_arithmetic; /* blocks.cu */
 extern const block_groups process_groups;    /* group.cu */
-/* What went wrong since the last time, if anything: whatever launches kernels ends with it. */
+/* The first launch error since the last call, if any. Every function that launches kernels ends with it. */
 sherf_status finished(context *c, const char *what);
 inline sherf_status finished(op_call *call) {
     return finished(call->c, op_name(call->op));

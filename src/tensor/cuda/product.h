@@ -6,8 +6,8 @@
 
 namespace cuda_backend {
 
-/* y[M,N] = alpha A B + beta y, A [M,K] and B [K,N]. Row-major; lda, ldb, ldy are the distances of stored
- * rows. Turned: stored as [K,M] or [N,K]. beta 0: y is written whatever it holds. */
+/* y[M,N] = alpha A B + beta y, with A [M,K] and B [K,N], row-major. lda, ldb and ldy are the distances of
+ * stored rows. A turned matrix is stored as [K,M] or [N,K]. With beta 0, y is written without being read. */
 struct product_shape {
     int64_t M, N, K;
     bool a_turned, b_turned;

@@ -348,7 +348,7 @@ template <int H> __host__ __device__ constexpr size_t decoder_shared() {
            resident_max;
 }
 
-/* The points of a warp, list[base + first] on; those beyond the end are the last one again, and not written.
+/* The points of a warp, from list[base + first] on. Beyond the end the last one is repeated and not written.
  */
 struct warp_points {
     const int32_t *list;
@@ -469,7 +469,7 @@ template <int H> struct decoder_block {
         show(s, task, h, seen, shown);
     }
 
-    /* Colour and raw density of the points from what forward gave: put(number, channel, value). */
+    /* Colour and raw density of the points from the output of forward: put(number, channel, value). */
     template <typename F>
     __device__ void answer(const warp_points &points, const input *h, const input *shown, F put) const {
         const int t = w.t;

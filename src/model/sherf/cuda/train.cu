@@ -1,5 +1,5 @@
-/* The fused radiance field in training: what is made for an observation, and a frame's way forwards and back.
- */
+/* The fused radiance field in training: what is made once an observation, and a frame's forward and backward
+ * pass. */
 #include "model/sherf/cuda/train.h"
 
 struct gpu_points {

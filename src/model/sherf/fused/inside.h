@@ -102,7 +102,7 @@ sherf_status radiance_layer_pack(context *c, int block, bool padded, int rows, i
 void radiance_layer_free(radiance_layer *l);
 
 /* prepare.c */
-/* The largest magnitude of x, or so_far where that is more, as the bits of a float; NaN is above all. */
+/* The larger of so_far and the largest magnitude of x, as the bits of a float. NaN counts as above all. */
 uint32_t radiance_largest(const context *c, const float *x, int64_t count, uint32_t so_far);
 sherf_status radiance_bank_prepare(context *c, radiance_field *n, const radiance_weights *w,
                                    const radiance_bank *bank);

@@ -1,4 +1,4 @@
-/* The float32 tile for any processor: short vectors, which the compiler lowers to what there is. */
+/* The float32 tile for any processor: short vectors, which the compiler lowers to its instructions. */
 #define LANES 4
 #define ROWS 4
 #define VECTORS 2

@@ -452,7 +452,7 @@ static void transformer_back(const amx_trainer *r, space *s, float *lane) {
     add_gradient(s, lane, &r->base.sum.qkv, &dy, &x);
 }
 
-/* The sampled tokens' gradients: biases, the colour's layer, and as rows of points. */
+/* The gradients of the sampled tokens: biases, the colour's layer, and rows for the points. */
 static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *lane) {
     const radiance_field *n = r->base.n;
     for (int c = 0; c < 3 * WIDTH; c++) {

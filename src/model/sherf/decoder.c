@@ -4,7 +4,7 @@
 
 #include "model/sherf/sherf.h"
 
-/* What a position or direction has, encoded. */
+/* How many values a position or direction has after positional encoding. */
 static int encoded(int frequencies) {
     return 3 + 6 * frequencies;
 }

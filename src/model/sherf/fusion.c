@@ -1,5 +1,6 @@
-/* The feature fusion transformer (section 3.4; network.md 4): three tokens of each point, one pre-norm layer
- * over them. And what the paper compares it with (docs/experiments.md). */
+/* The feature fusion transformer (section 3.4; network.md 4): each point has three tokens, and one pre-norm
+ * layer of self-attention runs over them. Also the fusions that the paper compares it with
+ * (docs/experiments.md). */
 #include <math.h>
 
 #include "model/sherf/sherf.h"
@@ -14,7 +15,7 @@ static void transformer_declare(declaration *d, const sherf_settings *k, fusion_
     s->mlp[1] = linear_declare(d, "renderer.transformer.layers.0.1.fn.fn.net.3", false, D, D);
 }
 
-/* A linear layer whose weights and biases begin as they are told. */
+/* A linear layer with these initial weights (their deviation) and biases. */
 static linear_layer declare_from(declaration *d, const char *name, int64_t out, int64_t in, double deviation,
                                  float bias) {
     tensor *w = declare(d, (first_values){.deviation = deviation}, DIMS(out, in), "%s.weight", name);

@@ -1,5 +1,5 @@
-/* What the body and the observation's camera decide for the point-level features: which vertices are seen,
- * the sparse volume's voxels and the rules of its convolutions (network.md 3). */
+/* What the body and the observation's camera determine for the point-level features (section 3.3): which
+ * vertices are visible, the sparse volume's voxels and the rules of its convolutions (network.md 3). */
 #include <math.h>
 #include <string.h>
 

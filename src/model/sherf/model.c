@@ -1,4 +1,5 @@
-/* SHERF as an entry of the table: its stages one after another. */
+/* SHERF as an entry of the table of models. model_sherf_encode extracts the hierarchical features of an
+ * observation (section 3.3); model_sherf_points reads them at points, fuses and decodes them (3.4). */
 #include "model/field.h"
 #include "model/sherf/sherf.h"
 

@@ -1,6 +1,7 @@
 /* sherf: the paper's model (Hu, Hong et al., ICCV 2023), a stage a file. Hierarchical features (section 3.3):
- * global (global.c), point-level (point.c), pixel-aligned (pixel.c); the feature fusion transformer
- * (fusion.c) and the NeRF decoder (decoder.c) of section 3.4. */
+ * global (global.c), point-level (point.c, with visible vertices and voxels in geometry.c), pixel-aligned
+ * (pixel.c). Section 3.4: the feature fusion transformer (fusion.c) and the NeRF decoder (decoder.c). model.c
+ * joins them. docs/network.md has a table of the paper's terms. */
 #ifndef SHERF_MODEL_SHERF_H
 #define SHERF_MODEL_SHERF_H
 

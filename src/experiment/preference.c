@@ -28,15 +28,15 @@ typedef struct {
     study s;
     int pictures;
     study_picture *picture; /* of the page */
-} material;
+} study_material;
 
-static void material_free(material *m) {
-    for (int i = 0; i < STUDY_METHODS; i++) mem_free(m->made[i]);
-    for (int i = 0; i < m->pictures; i++) mem_free(m->picture[i].png);
-    mem_free(m->picture);
-    study_free(&m->s);
-    sherf_body_free(m->body);
-    sherf_dataset_free(m->data);
+static void material_free(study_material *material) {
+    for (int i = 0; i < STUDY_METHODS; i++) mem_free(material->made[i]);
+    for (int i = 0; i < material->pictures; i++) mem_free(material->picture[i].png);
+    mem_free(material->picture);
+    study_free(&material->s);
+    sherf_body_free(material->body);
+    sherf_dataset_free(material->data);
 }
 
 /* ---- what was rendered ---- */
@@ -63,101 +63,105 @@ static bool read_picture(const value *o, const study *s, made_picture *out) {
 }
 
 /* The people, by the first list that is read. */
-static sherf_status people_take(material *m, const value *root) {
+static sherf_status people_take(study_material *material, const value *root) {
     const value *people = value_get(root, "people");
     const size_t n = people ? value_count(people) : 0;
-    if (m->s.person) return SHERF_OK;
-    if (n < 1 || n > STUDY_TRIALS_MAX) return failure(m->j->c, SHERF_BAD_FILE, "not the scores of a study");
-    m->s.person = mem_zero(m->j->c, n, sizeof *m->s.person);
-    if (!m->s.person) return SHERF_NO_MEMORY;
-    for (; m->s.people < (int)n; m->s.people++) {
-        const value *name = value_get(value_at(people, (size_t)m->s.people), "person");
+    if (material->s.person) return SHERF_OK;
+    if (n < 1 || n > STUDY_TRIALS_MAX)
+        return failure(material->j->c, SHERF_BAD_FILE, "not the scores of a study");
+    material->s.person = mem_zero(material->j->c, n, sizeof *material->s.person);
+    if (!material->s.person) return SHERF_NO_MEMORY;
+    for (; material->s.people < (int)n; material->s.people++) {
+        const value *name = value_get(value_at(people, (size_t)material->s.people), "person");
         if (name && name->kind == VALUE_STRING)
-            snprintf(m->s.person[m->s.people], STUDY_NAME, "%s", name->string.text);
+            snprintf(material->s.person[material->s.people], STUDY_NAME, "%s", name->string.text);
     }
     return SHERF_OK;
 }
 
-static sherf_status read_list(material *m, int method, const value *root) {
+static sherf_status read_list(study_material *material, int method, const value *root) {
     const value *images = value_get(root, "images");
     const size_t n = images ? value_count(images) : 0;
-    if (n > PICTURES_MAX) return failure(m->j->c, SHERF_BAD_FILE, "not the scores of a study");
-    m->made[method] = mem_zero(m->j->c, n + 1, sizeof **m->made);
-    if (!m->made[method]) return SHERF_NO_MEMORY;
+    if (n > PICTURES_MAX) return failure(material->j->c, SHERF_BAD_FILE, "not the scores of a study");
+    material->made[method] = mem_zero(material->j->c, n + 1, sizeof **material->made);
+    if (!material->made[method]) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < n; i++)
-        if (read_picture(value_at(images, i), &m->s, &m->made[method][m->count[method]])) m->count[method]++;
+        if (read_picture(value_at(images, i), &material->s, &material->made[method][material->count[method]]))
+            material->count[method]++;
     return SHERF_OK;
 }
 
-static sherf_status read_method(material *m, int method) {
+static sherf_status read_method(study_material *material, int method) {
     char path[PATH_LENGTH];
     document *d = NULL;
-    const scoring *s = &m->j->experiment->scoring[0];
-    sherf_status status = scoring_path(m->j, &m->run[method], s, 0, "scores.json", path);
-    if (status == SHERF_OK) status = json_read(m->j->c, path, &d);
+    const scoring *s = &material->j->experiment->scoring[0];
+    sherf_status status = scoring_path(material->j, &material->run[method], s, 0, "scores.json", path);
+    if (status == SHERF_OK) status = json_read(material->j->c, path, &d);
     if (status != SHERF_OK) return status;
-    status = people_take(m, d->root);
-    if (status == SHERF_OK) status = read_list(m, method, d->root);
+    status = people_take(material, d->root);
+    if (status == SHERF_OK) status = read_list(material, method, d->root);
     document_free(d);
-    return status == SHERF_OK ? status : failure_prefix(m->j->c, status, "%s", path);
+    return status == SHERF_OK ? status : failure_prefix(material->j->c, status, "%s", path);
 }
 
 /* The subject is SHERF, wherever it stands among the methods. */
-static sherf_status methods_read(material *m) {
+static sherf_status methods_read(study_material *material) {
     run r;
     int other = 1;
-    for (int i = 0; run_at(m->j, i, &r) && other < STUDY_METHODS; i++)
-        m->run[!strcmp(r.method->key, "sherf") ? 0 : other++] = r;
-    m->methods = m->s.methods = other;
+    for (int i = 0; run_at(material->j, i, &r) && other < STUDY_METHODS; i++)
+        material->run[!strcmp(r.method->key, "sherf") ? 0 : other++] = r;
+    material->methods = material->s.methods = other;
     sherf_status status = SHERF_OK;
-    for (int i = 0; i < m->methods && status == SHERF_OK; i++) {
-        snprintf(m->s.method[i], STUDY_NAME, "%s", m->run[i].method->label);
-        status = read_method(m, i);
+    for (int i = 0; i < material->methods && status == SHERF_OK; i++) {
+        snprintf(material->s.method[i], STUDY_NAME, "%s", material->run[i].method->label);
+        status = read_method(material, i);
     }
     return status;
 }
 
 /* ---- which of it ---- */
 /* STUDY_STRATA: none of them. */
-static sherf_status stratum_of(const material *m, const made_picture *k, int *stratum) {
-    context *c = m->j->c;
+static sherf_status stratum_of(const study_material *material, const made_picture *k, int *stratum) {
+    context *c = material->j->c;
     sherf_camera seen, shown;
     sherf_pose pose;
     double degrees = 0;
     *stratum = STUDY_POSE;
     if (k->pose != k->observed[0]) return SHERF_OK;
-    const int person = dataset_find(m->data, m->s.person[k->person], strlen(m->s.person[k->person]));
+    const int person =
+        dataset_find(material->data, material->s.person[k->person], strlen(material->s.person[k->person]));
     if (person < 0)
-        return failure(c, SHERF_MISMATCH, "%s is not among the test people", m->s.person[k->person]);
-    sherf_status status = dataset_camera(c, m->data, person, k->observed[1], &seen);
-    if (status == SHERF_OK) status = dataset_camera(c, m->data, person, k->view, &shown);
-    if (status == SHERF_OK) status = dataset_pose(c, m->data, person, k->pose, &pose);
-    if (status == SHERF_OK) status = camera_angle(c, m->body, &pose, &seen, &shown, &degrees);
+        return failure(c, SHERF_MISMATCH, "%s is not among the test people", material->s.person[k->person]);
+    sherf_status status = dataset_camera(c, material->data, person, k->observed[1], &seen);
+    if (status == SHERF_OK) status = dataset_camera(c, material->data, person, k->view, &shown);
+    if (status == SHERF_OK) status = dataset_pose(c, material->data, person, k->pose, &pose);
+    if (status == SHERF_OK) status = camera_angle(c, material->body, &pose, &seen, &shown, &degrees);
     *stratum = fabs(degrees) <= near_deg ? STUDY_NEAR : fabs(degrees) >= far_deg ? STUDY_FAR : STUDY_STRATA;
     return status;
 }
 
 /* One of a person's pictures, by chance; *out NULL: there is none. */
-static sherf_status choose(const material *m, int person, int stratum, const made_picture **out) {
+static sherf_status choose(const study_material *material, int person, int stratum,
+                           const made_picture **out) {
     const made_picture *candidate[CANDIDATES_MAX];
     int n = 0;
     *out = NULL;
-    for (int i = 0; i < m->count[0] && n < CANDIDATES_MAX; i++) {
-        const made_picture *k = &m->made[0][i];
+    for (int i = 0; i < material->count[0] && n < CANDIDATES_MAX; i++) {
+        const made_picture *k = &material->made[0][i];
         int of;
         if (k->person != person) continue;
-        sherf_status status = stratum_of(m, k, &of);
+        sherf_status status = stratum_of(material, k, &of);
         if (status != SHERF_OK) return status;
         if (of == stratum) candidate[n++] = k;
     }
-    const uint64_t key = random_key(m->j->options->seed, "study.choice", (uint64_t)person);
+    const uint64_t key = random_key(material->j->options->seed, "study.choice", (uint64_t)person);
     if (n) *out = candidate[random_below(key, (uint64_t)stratum, n)];
     return SHERF_OK;
 }
 
-static const made_picture *same_picture(const material *m, int method, const made_picture *k) {
-    for (int i = 0; i < m->count[method]; i++) {
-        const made_picture *p = &m->made[method][i];
+static const made_picture *same_picture(const study_material *material, int method, const made_picture *k) {
+    for (int i = 0; i < material->count[method]; i++) {
+        const made_picture *p = &material->made[method][i];
         if (p->person == k->person && p->pose == k->pose && p->view == k->view) return p;
     }
     return NULL;
@@ -165,22 +169,23 @@ static const made_picture *same_picture(const material *m, int method, const mad
 
 /* ---- onto the page ---- */
 /* *index: its number. */
-static sherf_status picture_add(material *m, const image_u8 *image, int *index) {
-    study_picture *p = &m->picture[m->pictures];
-    *index = m->pictures;
+static sherf_status picture_add(study_material *material, const image_u8 *image, int *index) {
+    study_picture *p = &material->picture[material->pictures];
+    *index = material->pictures;
     sherf_status status =
-        png_to_memory(m->j->c, image->width, image->height, 3, image->data, 6, &p->png, &p->bytes);
-    if (status == SHERF_OK) m->pictures++;
+        png_to_memory(material->j->c, image->width, image->height, 3, image->data, 6, &p->png, &p->bytes);
+    if (status == SHERF_OK) material->pictures++;
     return status;
 }
 
 /* The left part of an evaluation's picture: what a method made. */
-static sherf_status result_read(const material *m, int method, const made_picture *k, image_u8 *out) {
+static sherf_status result_read(const study_material *material, int method, const made_picture *k,
+                                image_u8 *out) {
     char path[PATH_LENGTH];
     *out = (image_u8){0};
-    sherf_status status =
-        scoring_path(m->j, &m->run[method], &m->j->experiment->scoring[0], 0, k->file, path);
-    if (status == SHERF_OK) status = image_read(m->j->c, path, 3, out);
+    sherf_status status = scoring_path(material->j, &material->run[method],
+                                       &material->j->experiment->scoring[0], 0, k->file, path);
+    if (status == SHERF_OK) status = image_read(material->j->c, path, 3, out);
     if (status != SHERF_OK) return status;
     const size_t whole_row = 3 * (size_t)out->width, row = 3 * (size_t)(out->width / 2);
     for (int y = 0; y < out->height; y++)
@@ -189,59 +194,61 @@ static sherf_status result_read(const material *m, int method, const made_pictur
     return SHERF_OK;
 }
 
-static sherf_status input_add(material *m, const made_picture *k, int *index) {
-    context *c = m->j->c;
+static sherf_status input_add(study_material *material, const made_picture *k, int *index) {
+    context *c = material->j->c;
     sherf_observation *o = NULL;
     image_u8 image = {0};
-    const int person = dataset_find(m->data, m->s.person[k->person], strlen(m->s.person[k->person]));
-    sherf_status status =
-        dataset_observation(c, m->data, person, k->observed[0], k->observed[1], m->j->set.size_px, &o);
+    const int person =
+        dataset_find(material->data, material->s.person[k->person], strlen(material->s.person[k->person]));
+    sherf_status status = dataset_observation(c, material->data, person, k->observed[0], k->observed[1],
+                                              material->j->set.size_px, &o);
     if (status != SHERF_OK) return status;
     const size_t n = 3 * (size_t)o->image.width * (size_t)o->image.height;
     image = (image_u8){o->image.width, o->image.height, 3, mem_alloc(c, n, 1)};
     for (size_t i = 0; image.data && i < n; i++) image.data[i] = float_to_u8(o->image.data[i]);
-    status = image.data ? picture_add(m, &image, index) : SHERF_NO_MEMORY;
+    status = image.data ? picture_add(material, &image, index) : SHERF_NO_MEMORY;
     mem_free(image.data);
     sherf_observation_free(o);
     return status;
 }
 
 /* A pair with its sides by chance. */
-static void trial_add(material *m, study_trial t) {
-    const uint64_t key = random_key(m->j->options->seed, "study.sides", (uint64_t)m->s.trials);
+static void trial_add(study_material *material, study_trial t) {
+    const uint64_t key = random_key(material->j->options->seed, "study.sides", (uint64_t)material->s.trials);
     if (random_below(key, 0, 2)) {
         const study_trial same = t;
         for (int k = 0; k < 2; k++) t.method[k] = same.method[1 - k], t.picture[1 + k] = same.picture[2 - k];
         t.blurred = !t.blurred;
     }
-    m->s.trial[m->s.trials++] = t;
+    material->s.trial[material->s.trials++] = t;
 }
 
 /* The subject against each other method that has the picture, and perhaps against its own blurred copy. */
-static sherf_status pairs_add(material *m, const made_picture *k, int input, int stratum, bool with_catch) {
-    context *c = m->j->c;
+static sherf_status pairs_add(study_material *material, const made_picture *k, int input, int stratum,
+                              bool with_catch) {
+    context *c = material->j->c;
     image_u8 image = {0}, blurred = {0};
     int shown, index;
-    sherf_status status = result_read(m, 0, k, &image);
-    if (status == SHERF_OK) status = picture_add(m, &image, &shown);
+    sherf_status status = result_read(material, 0, k, &image);
+    if (status == SHERF_OK) status = picture_add(material, &image, &shown);
     if (status == SHERF_OK && with_catch) status = study_blur(c, &image, &blurred);
-    if (status == SHERF_OK && with_catch && (status = picture_add(m, &blurred, &index)) == SHERF_OK)
-        trial_add(m, (study_trial){.person = k->person,
-                                   .stratum = stratum,
-                                   .picture = {input, shown, index},
-                                   .is_catch = true,
-                                   .blurred = 1});
-    for (int i = 1; i < m->methods && status == SHERF_OK; i++) {
-        const made_picture *other = same_picture(m, i, k);
+    if (status == SHERF_OK && with_catch && (status = picture_add(material, &blurred, &index)) == SHERF_OK)
+        trial_add(material, (study_trial){.person = k->person,
+                                          .stratum = stratum,
+                                          .picture = {input, shown, index},
+                                          .is_catch = true,
+                                          .blurred = 1});
+    for (int i = 1; i < material->methods && status == SHERF_OK; i++) {
+        const made_picture *other = same_picture(material, i, k);
         if (!other) continue;
         mem_free(image.data);
-        status = result_read(m, i, other, &image);
-        if (status == SHERF_OK) status = picture_add(m, &image, &index);
+        status = result_read(material, i, other, &image);
+        if (status == SHERF_OK) status = picture_add(material, &image, &index);
         if (status == SHERF_OK)
-            trial_add(m, (study_trial){.person = k->person,
-                                       .stratum = stratum,
-                                       .method = {0, i},
-                                       .picture = {input, shown, index}});
+            trial_add(material, (study_trial){.person = k->person,
+                                              .stratum = stratum,
+                                              .method = {0, i},
+                                              .picture = {input, shown, index}});
     }
     mem_free(image.data);
     mem_free(blurred.data);
@@ -249,51 +256,54 @@ static sherf_status pairs_add(material *m, const made_picture *k, int input, int
 }
 
 /* The first catch trials go to people in turn, one stratum after the other. */
-static bool has_catch(const material *m, int person, int stratum) {
-    const int at = stratum * m->s.people + (person + stratum) % m->s.people;
-    const int all = STUDY_STRATA * m->s.people;
+static bool has_catch(const study_material *material, int person, int stratum) {
+    const int at = stratum * material->s.people + (person + stratum) % material->s.people;
+    const int all = STUDY_STRATA * material->s.people;
     return at * STUDY_CATCHES / all != (at + 1) * STUDY_CATCHES / all;
 }
 
-static sherf_status trials_make(material *m) {
-    const size_t trials = (size_t)m->s.people * STUDY_STRATA * (STUDY_METHODS + 1);
-    m->s.trial = mem_zero(m->j->c, trials, sizeof *m->s.trial);
-    m->picture = mem_zero(m->j->c, trials + (size_t)m->s.people, sizeof *m->picture);
-    sherf_status status = m->s.trial && m->picture ? SHERF_OK : SHERF_NO_MEMORY;
-    for (int person = 0; person < m->s.people && status == SHERF_OK; person++)
+static sherf_status trials_make(study_material *material) {
+    const size_t trials = (size_t)material->s.people * STUDY_STRATA * (STUDY_METHODS + 1);
+    material->s.trial = mem_zero(material->j->c, trials, sizeof *material->s.trial);
+    material->picture =
+        mem_zero(material->j->c, trials + (size_t)material->s.people, sizeof *material->picture);
+    sherf_status status = material->s.trial && material->picture ? SHERF_OK : SHERF_NO_MEMORY;
+    for (int person = 0; person < material->s.people && status == SHERF_OK; person++)
         for (int stratum = 0, input = -1; stratum < STUDY_STRATA && status == SHERF_OK; stratum++) {
             const made_picture *k;
-            if ((status = choose(m, person, stratum, &k)) != SHERF_OK || !k) continue;
-            if (input < 0) status = input_add(m, k, &input);
-            if (status == SHERF_OK) status = pairs_add(m, k, input, stratum, has_catch(m, person, stratum));
+            if ((status = choose(material, person, stratum, &k)) != SHERF_OK || !k) continue;
+            if (input < 0) status = input_add(material, k, &input);
+            if (status == SHERF_OK)
+                status = pairs_add(material, k, input, stratum, has_catch(material, person, stratum));
         }
     return status;
 }
 
 /* ---- its page ---- */
-static sherf_status counts_table(const material *m, page *p) {
-    context *c = m->j->c;
+static sherf_status counts_table(const study_material *material, page *p) {
+    context *c = material->j->c;
     page_table *t = page_add_table(c, p, "Trials");
     sherf_status status = t ? SHERF_OK : SHERF_NO_MEMORY;
     static const char *const name[] = {"near view", "far view", "novel pose"};
     for (int k = 0; k < STUDY_STRATA && status == SHERF_OK; k++)
         status = page_add_column(c, t, "", name[k], 0, 0);
-    for (int i = 1; i <= m->methods && status == SHERF_OK; i++) {
+    for (int i = 1; i <= material->methods && status == SHERF_OK; i++) {
         int count[STUDY_STRATA] = {0};
-        for (int k = 0; k < m->s.trials; k++) {
-            const study_trial *q = &m->s.trial[k];
-            count[q->stratum] += i == m->methods ? q->is_catch : q->method[0] + q->method[1] == i;
+        for (int k = 0; k < material->s.trials; k++) {
+            const study_trial *q = &material->s.trial[k];
+            count[q->stratum] += i == material->methods ? q->is_catch : q->method[0] + q->method[1] == i;
         }
-        page_row *row = i == m->methods ? page_add_row(c, t, "catch trials")
-                                        : page_add_row(c, t, "SHERF against %s", m->s.method[i]);
+        page_row *row = i == material->methods
+                            ? page_add_row(c, t, "catch trials")
+                            : page_add_row(c, t, "SHERF against %s", material->s.method[i]);
         for (int k = 0; row && k < STUDY_STRATA; k++) row->value[k] = interval_of(count[k]);
         status = row ? SHERF_OK : SHERF_NO_MEMORY;
     }
     return status;
 }
 
-static sherf_status how_to(const material *m, page *p) {
-    context *c = m->j->c;
+static sherf_status how_to(const study_material *material, page *p) {
+    context *c = material->j->c;
     sherf_status status = page_add_note(
         c, p,
         "study.html is the study, whole in one file: put it on any web server, or open it as it is. key.json "
@@ -309,21 +319,21 @@ static sherf_status how_to(const material *m, page *p) {
 }
 
 sherf_status report_preference(experiment_job *j, page *p) {
-    material m = {.j = j};
+    study_material material = {.j = j};
     char folder[PATH_LENGTH];
     const experiment_data *d = &j->data[0];
-    sherf_status status = sherf_dataset_open(j->c, d->test, &m.data);
-    if (status == SHERF_OK) status = sherf_body_load(j->c, d->body, &m.body);
-    if (status == SHERF_OK) status = methods_read(&m);
-    if (status == SHERF_OK) status = trials_make(&m);
-    if (status == SHERF_OK && !m.s.trials)
+    sherf_status status = sherf_dataset_open(j->c, d->test, &material.data);
+    if (status == SHERF_OK) status = sherf_body_load(j->c, d->body, &material.body);
+    if (status == SHERF_OK) status = methods_read(&material);
+    if (status == SHERF_OK) status = trials_make(&material);
+    if (status == SHERF_OK && !material.s.trials)
         status = failure(j->c, SHERF_BAD_ARGUMENT, "%s: no picture to show in a study", d->test);
     if (status == SHERF_OK) status = job_path(j, folder, "%s", j->experiment->name);
     if (status == SHERF_OK)
-        status =
-            study_write(j->c, &m.s, m.pictures, m.picture, random_key(j->options->seed, "study", 0), folder);
-    if (status == SHERF_OK) status = counts_table(&m, p);
-    if (status == SHERF_OK) status = how_to(&m, p);
-    material_free(&m);
+        status = study_write(j->c, &material.s, material.pictures, material.picture,
+                             random_key(j->options->seed, "study", 0), folder);
+    if (status == SHERF_OK) status = counts_table(&material, p);
+    if (status == SHERF_OK) status = how_to(&material, p);
+    material_free(&material);
     return status;
 }

@@ -133,24 +133,26 @@ sherf_status npz_read(context *c, const char *path, document **out) {
 }
 
 /* One member: npy header and data in one block, which must live until the archive is closed. */
-static sherf_status add_member(context *c, const char *path, zip_t *zip, const npz_member *m,
+static sherf_status add_member(context *c, const char *path, zip_t *zip, const npz_member *member,
                                unsigned char **block) {
     enum { TEXT_MAX = 1000 };
     char header[256], name[256], descr[32] = "<f4";
-    size_t letters = m->text ? strlen(m->text) : 0;
-    int64_t n = m->rank >= 0 && m->rank <= 5 ? build_count(m->rank, m->dim) : -1;
-    if (m->text) n = letters <= TEXT_MAX ? (int64_t)letters : -1;
-    if (m->text) snprintf(descr, sizeof descr, "<U%zu", letters);
-    if (n < 0 || snprintf(name, sizeof name, "%s.npy", m->name) >= (int)sizeof name)
-        return failure(c, SHERF_BAD_ARGUMENT, "%s: array %s cannot be written", path, m->name);
-    size_t length = npy_header_text(descr, m->rank, m->dim, header), bytes = (size_t)n * sizeof *m->data;
+    size_t letters = member->text ? strlen(member->text) : 0;
+    int64_t n = member->rank >= 0 && member->rank <= 5 ? build_count(member->rank, member->dim) : -1;
+    if (member->text) n = letters <= TEXT_MAX ? (int64_t)letters : -1;
+    if (member->text) snprintf(descr, sizeof descr, "<U%zu", letters);
+    if (n < 0 || snprintf(name, sizeof name, "%s.npy", member->name) >= (int)sizeof name)
+        return failure(c, SHERF_BAD_ARGUMENT, "%s: array %s cannot be written", path, member->name);
+    size_t length = npy_header_text(descr, member->rank, member->dim, header),
+           bytes = (size_t)n * sizeof *member->data;
     *block = mem_alloc(c, length + bytes, 1);
     if (!*block) return SHERF_NO_MEMORY;
     memcpy(*block, header, length);
-    if (m->text) /* four bytes a letter */
-        for (size_t i = 0; i < bytes; i++) (*block)[length + i] = i % 4 ? 0 : (unsigned char)m->text[i / 4];
+    if (member->text) /* four bytes a letter */
+        for (size_t i = 0; i < bytes; i++)
+            (*block)[length + i] = i % 4 ? 0 : (unsigned char)member->text[i / 4];
     else if (bytes)
-        memcpy(*block + length, m->data, bytes);
+        memcpy(*block + length, member->data, bytes);
     zip_source_t *source = zip_source_buffer(zip, *block, length + bytes, 0);
     if (!source) return failure(c, SHERF_NO_MEMORY, "out of memory");
     zip_int64_t i = zip_file_add(zip, name, source, ZIP_FL_ENC_UTF_8);

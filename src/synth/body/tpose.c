@@ -93,12 +93,12 @@ struct tpose_rig {
     int limb[2][LIMBS];             /* bones */
 };
 
-static int find_side(const makehuman *m, const char *name, int right) {
+static int find_side(const makehuman *human, const char *name, int right) {
     char other[64];
     size_t n = strlen(name);
     memcpy(other, name, n + 1);
     if (right && n > 2 && other[n - 2] == '.') other[n - 1] = 'R';
-    return makehuman_bone_find(m, other);
+    return makehuman_bone_find(human, other);
 }
 
 static bool has_sides(int joint) {
@@ -108,32 +108,33 @@ static bool has_sides(int joint) {
     return sides[joint];
 }
 
-static sherf_status fill_rig(context *c, const makehuman *m, tpose_rig *rig) {
-    for (int b = 0; b < m->bones; b++) rig->joint[b] = -1;
+static sherf_status fill_rig(context *c, const makehuman *human, tpose_rig *rig) {
+    for (int b = 0; b < human->bones; b++) rig->joint[b] = -1;
     for (int right = 0; right < 2; right++) {
         for (size_t i = 0; i < COUNT_OF(begins); i++) {
-            int b = find_side(m, begins[i].bone, right);
+            int b = find_side(human, begins[i].bone, right);
             if (b < 0) return failure(c, SHERF_BAD_FILE, "the rig has no bone %s", begins[i].bone);
             rig->joint[b] = begins[i].joint + (right && has_sides(begins[i].joint));
         }
         for (size_t i = 0; i < COUNT_OF(places); i++)
-            if ((rig->place[right][i] = find_side(m, places[i].bone, right)) < 0)
+            if ((rig->place[right][i] = find_side(human, places[i].bone, right)) < 0)
                 return failure(c, SHERF_BAD_FILE, "the rig has no bone %s", places[i].bone);
         for (size_t i = 0; i < LIMBS; i++)
-            if ((rig->limb[right][i] = find_side(m, limb_names[i], right)) < 0)
+            if ((rig->limb[right][i] = find_side(human, limb_names[i], right)) < 0)
                 return failure(c, SHERF_BAD_FILE, "the rig has no bone %s", limb_names[i]);
     }
-    for (int b = 0; b < m->bones; b++) /* parents come first */
-        if (rig->joint[b] < 0) rig->joint[b] = m->bone[b].parent < 0 ? PELVIS : rig->joint[m->bone[b].parent];
+    for (int b = 0; b < human->bones; b++) /* parents come first */
+        if (rig->joint[b] < 0)
+            rig->joint[b] = human->bone[b].parent < 0 ? PELVIS : rig->joint[human->bone[b].parent];
     return SHERF_OK;
 }
 
-sherf_status tpose_rig_create(context *c, const makehuman *m, tpose_rig **out) {
+sherf_status tpose_rig_create(context *c, const makehuman *human, tpose_rig **out) {
     *out = NULL;
     tpose_rig *rig = mem_zero(c, 1, sizeof *rig);
     if (!rig) return SHERF_NO_MEMORY;
-    rig->joint = mem_alloc(c, (size_t)m->bones, sizeof *rig->joint);
-    sherf_status status = rig->joint ? fill_rig(c, m, rig) : SHERF_NO_MEMORY;
+    rig->joint = mem_alloc(c, (size_t)human->bones, sizeof *rig->joint);
+    sherf_status status = rig->joint ? fill_rig(c, human, rig) : SHERF_NO_MEMORY;
     if (status)
         tpose_rig_free(rig);
     else
@@ -150,14 +151,14 @@ void tpose_rig_free(tpose_rig *rig) {
 /* ---- the turns ---- */
 
 typedef struct {
-    const makehuman *m;
+    const makehuman *human;
     const double *point; /* the rig's points in A-pose */
     double (*turn)[9];   /* by bone: own global rotation, only where `own` */
     bool *own;
 } turning;
 
 static const double *head_of(const turning *t, int bone) {
-    return t->point + 3 * (size_t)t->m->bone[bone].head;
+    return t->point + 3 * (size_t)t->human->bone[bone].head;
 }
 
 /* Turns from bone a's head to bone b's head by `before`, and then on to `to`; the whole goes to `bone`. */
@@ -211,8 +212,8 @@ static void turn_leg(turning *t, const int limb[LIMBS], double side) {
 
 /* Chains the turns: bone (bones x 12), A-pose to T-pose before the pelvis is placed. */
 static void chain(const turning *t, double *bone) {
-    for (int b = 0; b < t->m->bones; b++) {
-        int parent = t->m->bone[b].parent;
+    for (int b = 0; b < t->human->bones; b++) {
+        int parent = t->human->bone[b].parent;
         const double *up = parent >= 0 ? bone + 12 * (size_t)parent : NULL, *head = head_of(t, b);
         double R[9], at[3];
         for (int i = 0; i < 9; i++)
@@ -240,29 +241,29 @@ static void place_joints(const turning *t, const tpose_rig *rig, const double *b
         }
 }
 
-static void move_vertices(const makehuman *m, const double *bone, const float *vertices, float *out) {
-    for (size_t v = 0; v < (size_t)m->vertices; v++) {
+static void move_vertices(const makehuman *human, const double *bone, const float *vertices, float *out) {
+    for (size_t v = 0; v < (size_t)human->vertices; v++) {
         double x[3] = {(double)vertices[3 * v], (double)vertices[3 * v + 1], (double)vertices[3 * v + 2]};
         double y[3] = {0};
         for (size_t i = 0; i < MAKEHUMAN_SKIN; i++) {
-            double w = (double)m->skin_weight[MAKEHUMAN_SKIN * v + i];
-            const double *A = bone + 12 * (size_t)m->skin_bone[MAKEHUMAN_SKIN * v + i];
+            double w = (double)human->skin_weight[MAKEHUMAN_SKIN * v + i];
+            const double *A = bone + 12 * (size_t)human->skin_bone[MAKEHUMAN_SKIN * v + i];
             for (int k = 0; k < 3 && w > 0; k++) y[k] += w * (dot3(A + 4 * k, x) + A[4 * k + 3]);
         }
         for (int k = 0; k < 3; k++) out[3 * v + k] = (float)y[k];
     }
 }
 
-sherf_status tpose_apply(context *c, const makehuman *m, const tpose_rig *rig, const float *vertices,
+sherf_status tpose_apply(context *c, const makehuman *human, const tpose_rig *rig, const float *vertices,
                          float *out, double joints[BODY_JOINTS][3], double *bone) {
     sherf_status status = SHERF_NO_MEMORY;
-    double *point = mem_alloc(c, (size_t)m->points * 3, sizeof *point);
-    double *map = bone ? bone : mem_alloc(c, (size_t)m->bones * 12, sizeof *map);
-    turning t = {.m = m, .point = point};
-    t.turn = mem_alloc(c, (size_t)m->bones, sizeof *t.turn);
-    t.own = mem_zero(c, (size_t)m->bones, sizeof *t.own);
+    double *point = mem_alloc(c, (size_t)human->points * 3, sizeof *point);
+    double *map = bone ? bone : mem_alloc(c, (size_t)human->bones * 12, sizeof *map);
+    turning t = {.human = human, .point = point};
+    t.turn = mem_alloc(c, (size_t)human->bones, sizeof *t.turn);
+    t.own = mem_zero(c, (size_t)human->bones, sizeof *t.own);
     if (!point || !map || !t.turn || !t.own) goto done;
-    makehuman_points(m, vertices, point);
+    makehuman_points(human, vertices, point);
     for (int right = 0; right < 2; right++) {
         turn_arm(&t, rig->limb[right], right ? -1 : 1);
         turn_leg(&t, rig->limb[right], right ? -1 : 1);
@@ -273,9 +274,9 @@ sherf_status tpose_apply(context *c, const makehuman *m, const tpose_rig *rig, c
     for (int k = 0; k < 3; k++) move[k] = tpose_pelvis_m[k] - joints[PELVIS][k];
     for (int j = 0; j < BODY_JOINTS; j++)
         for (int k = 0; k < 3; k++) joints[j][k] += move[k];
-    for (int b = 0; b < m->bones; b++)
+    for (int b = 0; b < human->bones; b++)
         for (int k = 0; k < 3; k++) map[12 * (size_t)b + 4 * k + 3] += move[k];
-    move_vertices(m, map, vertices, out);
+    move_vertices(human, map, vertices, out);
     status = SHERF_OK;
 done:
     mem_free(point);
@@ -288,11 +289,11 @@ done:
 /* ---- weights ---- */
 
 /* One round: each vertex goes half of the way to the mean of those it shares an edge with. */
-static void smooth(const makehuman *m, const int *neighbours, const float *in, float *out) {
-    memset(out, 0, (size_t)m->vertices * BODY_JOINTS * sizeof *out);
-    for (size_t q = 0; q < (size_t)m->quads; q++)
+static void smooth(const makehuman *human, const int *neighbours, const float *in, float *out) {
+    memset(out, 0, (size_t)human->vertices * BODY_JOINTS * sizeof *out);
+    for (size_t q = 0; q < (size_t)human->quads; q++)
         for (int i = 0; i < 4; i++) {
-            size_t a = m->quad[4 * q + i], b = m->quad[4 * q + (i + 1) % 4];
+            size_t a = human->quad[4 * q + i], b = human->quad[4 * q + (i + 1) % 4];
             if (a == b) continue;
             /* an edge between two quads is met twice, once in each direction */
             for (size_t j = 0; j < BODY_JOINTS; j++) {
@@ -300,7 +301,7 @@ static void smooth(const makehuman *m, const int *neighbours, const float *in, f
                 out[b * BODY_JOINTS + j] += in[a * BODY_JOINTS + j];
             }
         }
-    for (size_t v = 0; v < (size_t)m->vertices; v++)
+    for (size_t v = 0; v < (size_t)human->vertices; v++)
         for (size_t j = 0; j < BODY_JOINTS; j++) {
             size_t i = v * BODY_JOINTS + j;
             out[i] = neighbours[v] ? 0.5f * in[i] + 0.5f * out[i] / (float)neighbours[v] : in[i];
@@ -325,27 +326,28 @@ static void tidy(float *w, int max) {
     for (int j = 0; j < BODY_JOINTS; j++) w[j] = (float)((double)w[j] / sum);
 }
 
-sherf_status tpose_weights(context *c, const makehuman *m, const tpose_rig *rig, int rounds, float *weights) {
+sherf_status tpose_weights(context *c, const makehuman *human, const tpose_rig *rig, int rounds,
+                           float *weights) {
     sherf_status status = SHERF_NO_MEMORY;
-    size_t n = (size_t)m->vertices * BODY_JOINTS;
+    size_t n = (size_t)human->vertices * BODY_JOINTS;
     float *other = mem_alloc(c, n, sizeof *other);
-    int *neighbours = mem_zero(c, (size_t)m->vertices, sizeof *neighbours);
+    int *neighbours = mem_zero(c, (size_t)human->vertices, sizeof *neighbours);
     if (!other || !neighbours) goto done;
     memset(weights, 0, n * sizeof *weights);
-    for (size_t v = 0; v < (size_t)m->vertices; v++)
+    for (size_t v = 0; v < (size_t)human->vertices; v++)
         for (size_t i = 0; i < MAKEHUMAN_SKIN; i++)
-            weights[v * BODY_JOINTS + (size_t)rig->joint[m->skin_bone[MAKEHUMAN_SKIN * v + i]]] +=
-                m->skin_weight[MAKEHUMAN_SKIN * v + i];
-    for (size_t q = 0; q < (size_t)m->quads; q++)
+            weights[v * BODY_JOINTS + (size_t)rig->joint[human->skin_bone[MAKEHUMAN_SKIN * v + i]]] +=
+                human->skin_weight[MAKEHUMAN_SKIN * v + i];
+    for (size_t q = 0; q < (size_t)human->quads; q++)
         for (int i = 0; i < 4; i++) {
-            uint32_t a = m->quad[4 * q + i], b = m->quad[4 * q + (i + 1) % 4];
+            uint32_t a = human->quad[4 * q + i], b = human->quad[4 * q + (i + 1) % 4];
             if (a != b) neighbours[a]++, neighbours[b]++;
         }
     for (int r = 0; r < rounds; r++) {
-        smooth(m, neighbours, weights, other);
+        smooth(human, neighbours, weights, other);
         memcpy(weights, other, n * sizeof *weights);
     }
-    for (size_t v = 0; v < (size_t)m->vertices; v++) tidy(weights + v * BODY_JOINTS, 8);
+    for (size_t v = 0; v < (size_t)human->vertices; v++) tidy(weights + v * BODY_JOINTS, 8);
     status = SHERF_OK;
 done:
     mem_free(other);

@@ -15,18 +15,19 @@ extern const char *const tpose_joint_names[BODY_JOINTS];
 
 /* What depends on the rig alone. Read-only after creation; may be shared by threads. */
 typedef struct tpose_rig tpose_rig;
-sherf_status tpose_rig_create(context *c, const makehuman *m, tpose_rig **out);
+sherf_status tpose_rig_create(context *c, const makehuman *human, tpose_rig **out);
 void tpose_rig_free(tpose_rig *rig);
 /* vertices: V x 3 as makehuman_shape gives them. out: V x 3, may be the same array. joints: where the rig has
  * SMPL's joints in that mesh (a body file regresses them from its vertices: within a few mm). bone (may be
  * NULL): bones x 12, row-major 3 x 4, A-pose to T-pose of each bone: a pose of MakeHuman's rig (global
  * rotation G of a bone) is SMPL's global rotation G * transpose(bone's rotation). */
-sherf_status tpose_apply(context *c, const makehuman *m, const tpose_rig *rig, const float *vertices,
+sherf_status tpose_apply(context *c, const makehuman *human, const tpose_rig *rig, const float *vertices,
                          float *out, double joints[BODY_JOINTS][3], double *bone);
 
 /* Blend weights of SMPL's joints for all V vertices, V x 24: the rig's, merged, and smoothed along the mesh
  * `rounds` times (0: not; the open body's: TPOSE_SMOOTHING). Each sums to 1; at most 8 are not 0. */
 enum { TPOSE_SMOOTHING = 4 };
-sherf_status tpose_weights(context *c, const makehuman *m, const tpose_rig *rig, int rounds, float *weights);
+sherf_status tpose_weights(context *c, const makehuman *human, const tpose_rig *rig, int rounds,
+                           float *weights);
 
 #endif

@@ -15,19 +15,20 @@ sherf_status studio_open(context *c, const char *source, const char *body_path, 
     *out = NULL;
     studio *s = mem_zero(c, 1, sizeof *s);
     if (!s) return SHERF_NO_MEMORY;
-    sherf_status status = makehuman_open(c, source, &s->m);
-    if (!status) status = tpose_rig_create(c, s->m, &s->rig);
+    sherf_status status = makehuman_open(c, source, &s->human);
+    if (!status) status = tpose_rig_create(c, s->human, &s->rig);
     if (!status) status = sherf_body_load(c, body_path, &s->body);
-    if (!status && s->body->vertices != s->m->body_vertices)
+    if (!status && s->body->vertices != s->human->body_vertices)
         status = failure(c, SHERF_MISMATCH, "%s: %d vertices; the people's body has %d", body_path,
-                         s->body->vertices, s->m->body_vertices);
+                         s->body->vertices, s->human->body_vertices);
     if (!status) {
-        s->weights = mem_alloc(c, (size_t)s->m->vertices, BODY_JOINTS * sizeof *s->weights);
-        status = s->weights ? tpose_weights(c, s->m, s->rig, TPOSE_SMOOTHING, s->weights) : SHERF_NO_MEMORY;
+        s->weights = mem_alloc(c, (size_t)s->human->vertices, BODY_JOINTS * sizeof *s->weights);
+        status =
+            s->weights ? tpose_weights(c, s->human, s->rig, TPOSE_SMOOTHING, s->weights) : SHERF_NO_MEMORY;
     }
     if (!status)
-        status = wardrobe_open(c, source, s->m->vertices, s->m->body_vertices, s->m->vertex, s->m->triangles,
-                               s->m->triangle, &s->wardrobe);
+        status = wardrobe_open(c, source, s->human->vertices, s->human->body_vertices, s->human->vertex,
+                               s->human->triangles, s->human->triangle, &s->wardrobe);
     if (status)
         studio_close(s);
     else
@@ -41,7 +42,7 @@ void studio_close(studio *s) {
     mem_free(s->weights);
     sherf_body_free(s->body);
     tpose_rig_free(s->rig);
-    makehuman_close(s->m);
+    makehuman_close(s->human);
     mem_free(s);
 }
 
@@ -115,30 +116,30 @@ static int layer_of(const wear_item *item, int number) {
 }
 
 static trace_material material_of(const wear_item *item, int number, const trace_texture *texture) {
-    trace_material m = trace_material_plain();
+    trace_material material = trace_material_plain();
     wear_kind kind = item->kind;
-    m.color = texture;
-    m.layer = layer_of(item, number);
-    m.roughness = 0.6f;
-    m.specular = 0.015f;
+    material.color = texture;
+    material.layer = layer_of(item, number);
+    material.roughness = 0.6f;
+    material.specular = 0.015f;
     if (kind == WEAR_EYES) {
-        m.specular = 0.04f, m.roughness = 0.08f;
-        m.alpha = TRACE_CUTOUT, m.cutoff = 0.3f, m.coat = true;
+        material.specular = 0.04f, material.roughness = 0.08f;
+        material.alpha = TRACE_CUTOUT, material.cutoff = 0.3f, material.coat = true;
     } else if (kind == WEAR_HAIR || kind == WEAR_BROWS || kind == WEAR_LASHES) {
-        m.alpha = TRACE_BLENDED;
-        m.specular = 0.008f, m.roughness = 0.6f; /* more of it draws the cards' edges */
-        m.near_m = 0.005f;
-        for (int k = 0; k < 3; k++) m.wrap[k] = 0.3f;
+        material.alpha = TRACE_BLENDED;
+        material.specular = 0.008f, material.roughness = 0.6f; /* more of it draws the cards' edges */
+        material.near_m = 0.005f;
+        for (int k = 0; k < 3; k++) material.wrap[k] = 0.3f;
     } else if (kind == WEAR_GLASSES) {
-        m.alpha = TRACE_BLENDED;
-        m.specular = 0.04f, m.roughness = 0.1f;
+        material.alpha = TRACE_BLENDED;
+        material.specular = 0.04f, material.roughness = 0.1f;
     } else if (kind == WEAR_SHOES) {
-        m.specular = 0.03f, m.roughness = 0.4f;
-        m.alpha = TRACE_CUTOUT, m.cutoff = 0.5f;
+        material.specular = 0.03f, material.roughness = 0.4f;
+        material.alpha = TRACE_CUTOUT, material.cutoff = 0.5f;
     } else { /* lace is half transparent: cut at a half it has specks without anything behind them */
-        m.alpha = TRACE_CUTOUT, m.cutoff = 0.3f;
+        material.alpha = TRACE_CUTOUT, material.cutoff = 0.3f;
     }
-    return m;
+    return material;
 }
 
 /* ---- meshes ---- */
@@ -156,18 +157,18 @@ typedef struct {
 
 /* Rest pose of the base mesh, and each vertex's way there as one affine map, which cloth takes over. */
 static sherf_status to_rest(fitting *f) {
-    const makehuman *m = f->s->m;
-    double joints[BODY_JOINTS][3], *bone = mem_alloc(f->c, (size_t)m->bones, 12 * sizeof *bone);
+    const makehuman *human = f->s->human;
+    double joints[BODY_JOINTS][3], *bone = mem_alloc(f->c, (size_t)human->bones, 12 * sizeof *bone);
     if (!bone) return SHERF_NO_MEMORY;
-    sherf_status status = tpose_apply(f->c, m, f->s->rig, f->shaped, f->rest, joints, bone);
-    for (int v = 0; v < m->vertices && !status; v++) {
+    sherf_status status = tpose_apply(f->c, human, f->s->rig, f->shaped, f->rest, joints, bone);
+    for (int v = 0; v < human->vertices && !status; v++) {
         float *row = f->blend + 15 * (size_t)v;
         const float *x = f->shaped + 3 * (size_t)v;
         memset(row, 0, 15 * sizeof *row);
         for (int n = 0; n < MAKEHUMAN_SKIN; n++)
             for (int k = 0; k < 12; k++)
-                row[k] += m->skin_weight[MAKEHUMAN_SKIN * v + n] *
-                          (float)bone[12 * (size_t)m->skin_bone[MAKEHUMAN_SKIN * v + n] + (size_t)k];
+                row[k] += human->skin_weight[MAKEHUMAN_SKIN * v + n] *
+                          (float)bone[12 * (size_t)human->skin_bone[MAKEHUMAN_SKIN * v + n] + (size_t)k];
         for (int k = 0; k < 3; k++)
             row[12 + k] = f->rest[3 * (size_t)v + (size_t)k] - (row[4 * k] * x[0] + row[4 * k + 1] * x[1] +
                                                                 row[4 * k + 2] * x[2] + row[4 * k + 3]);
@@ -206,16 +207,16 @@ static void drop_hidden(dressed_mesh *mesh, const uint8_t *hidden) {
 }
 
 static sherf_status add_body(fitting *f) {
-    const makehuman *m = f->s->m;
+    const makehuman *human = f->s->human;
     const image_u8 *image;
-    dressed_mesh *mesh = add_mesh(f, WEAR_KINDS, m->body_vertices, m->triangles);
+    dressed_mesh *mesh = add_mesh(f, WEAR_KINDS, human->body_vertices, human->triangles);
     if (!mesh) return SHERF_NO_MEMORY;
-    memcpy(mesh->rest, f->rest, (size_t)m->body_vertices * 3 * sizeof *mesh->rest);
+    memcpy(mesh->rest, f->rest, (size_t)human->body_vertices * 3 * sizeof *mesh->rest);
     memcpy(mesh->weights, f->s->body->weights,
-           (size_t)m->body_vertices * BODY_JOINTS * sizeof *mesh->weights);
-    memcpy(mesh->triangle, m->triangle, (size_t)m->triangles * 3 * sizeof *mesh->triangle);
-    memcpy(mesh->triangle_uv, m->triangle_uv, (size_t)m->triangles * 3 * sizeof *mesh->triangle_uv);
-    mesh->uvs = m->uvs, mesh->uv = m->uv;
+           (size_t)human->body_vertices * BODY_JOINTS * sizeof *mesh->weights);
+    memcpy(mesh->triangle, human->triangle, (size_t)human->triangles * 3 * sizeof *mesh->triangle);
+    memcpy(mesh->triangle_uv, human->triangle_uv, (size_t)human->triangles * 3 * sizeof *mesh->triangle_uv);
+    mesh->uvs = human->uvs, mesh->uv = human->uv;
     sherf_status status = wardrobe_skin(f->c, f->s->wardrobe, f->p->skin, &image);
     if (!status)
         status = trace_texture_create(f->c, image->width, image->height, 3, image->data, &mesh->texture);
@@ -230,10 +231,11 @@ static sherf_status add_body(fitting *f) {
 
 /* What the garment hides of the body; where it is cut off it hides nothing. */
 static void hide_body(fitting *f, const worn *t, const dye_cut *cut) {
-    const makehuman *m = f->s->m;
-    for (int v = 0; v < m->vertices; v++) {
+    const makehuman *human = f->s->human;
+    for (int v = 0; v < human->vertices; v++) {
         if (!(t->proxy->hides[v] || t->under[v])) continue;
-        if (m->vertex[3 * v + 1] < cut->legs_m + 0.03f || fabsf(m->vertex[3 * v]) > cut->arms_m - 0.03f)
+        if (human->vertex[3 * v + 1] < cut->legs_m + 0.03f ||
+            fabsf(human->vertex[3 * v]) > cut->arms_m - 0.03f)
             continue;
         f->hidden[v] = 1;
     }
@@ -352,7 +354,7 @@ static sherf_status put_on(fitting *f) {
 
 sherf_status dressed_create(context *c, studio *s, const person *p, dressed **out) {
     *out = NULL;
-    size_t V = (size_t)s->m->vertices;
+    size_t V = (size_t)s->human->vertices;
     fitting f = {.c = c, .s = s, .p = p};
     sherf_status status = SHERF_NO_MEMORY;
     f.d = mem_zero(c, 1, sizeof *f.d);
@@ -361,7 +363,7 @@ sherf_status dressed_create(context *c, studio *s, const person *p, dressed **ou
     f.blend = mem_alloc(c, V, 15 * sizeof *f.blend);
     f.hidden = mem_zero(c, V, 1);
     if (!f.d || !f.shaped || !f.rest || !f.blend || !f.hidden) goto done;
-    status = makehuman_shape(c, s->m, &p->macro, p->details, p->detail, f.shaped);
+    status = makehuman_shape(c, s->human, &p->macro, p->details, p->detail, f.shaped);
     if (!status) status = to_rest(&f);
     if (!status) status = open_body_project(c, s->body, f.rest, f.d->shape);
     if (!status) status = add_body(&f);

@@ -11,7 +11,7 @@
 
 /* What all people are made of. */
 typedef struct {
-    makehuman *m;
+    makehuman *human;
     tpose_rig *rig;
     float *weights; /* V x 24 */
     body_model *body;

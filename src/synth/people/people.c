@@ -407,7 +407,7 @@ static sherf_status make_person(context *c, people_job *job, uint64_t seed) {
     if (!job->pictures) job->total -= (double)job->o.poses * job->o.views;
     if (!job->pictures && (!job->o.surfaces || path_is_folder(surface))) return SHERF_OK;
     folder_remove(job->part);
-    person_draw(job->studio->m, seed, &p);
+    person_draw(job->studio->human, seed, &p);
     status = draw_person(c, job, &p);
     clear_person(job);
     const char *from = job->pictures ? job->part : made, *to = job->pictures ? job->drawn : surface;

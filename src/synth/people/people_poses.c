@@ -59,24 +59,25 @@ static const char *const taken[BODY_JOINTS] = {"root",
                                                ""};
 
 /* to_rest: each bone's way from the A-pose to the T-pose (bones x 12). */
-static sherf_status convert(context *c, const makehuman *m, const double *to_rest, const value *quaternions,
-                            double (*global)[9], float pose[72]) {
+static sherf_status convert(context *c, const makehuman *human, const double *to_rest,
+                            const value *quaternions, double (*global)[9], float pose[72]) {
     double joint[BODY_JOINTS][9];
-    for (int b = 0; b < m->bones; b++) {
+    for (int b = 0; b < human->bones; b++) {
         double q[4] = {0, 0, 0, 1}, R[9];
-        const value *v = value_get(quaternions, m->bone[b].name);
+        const value *v = value_get(quaternions, human->bone[b].name);
         if (v) {
-            sherf_status status = value_doubles(c, v, m->bone[b].name, 4, q);
+            sherf_status status = value_doubles(c, v, human->bone[b].name, 4, q);
             if (status) return status;
         }
-        if (!from_quaternion(q, R)) return failure(c, SHERF_BAD_FILE, "%s: not a rotation", m->bone[b].name);
-        if (m->bone[b].parent < 0)
+        if (!from_quaternion(q, R))
+            return failure(c, SHERF_BAD_FILE, "%s: not a rotation", human->bone[b].name);
+        if (human->bone[b].parent < 0)
             memcpy(global[b], R, sizeof R);
         else
-            multiply3(global[m->bone[b].parent], R, global[b]);
+            multiply3(global[human->bone[b].parent], R, global[b]);
     }
     for (int j = 0; j < BODY_JOINTS; j++) {
-        int parent = tpose_parent[j], bone = *taken[j] ? makehuman_bone_find(m, taken[j]) : -1;
+        int parent = tpose_parent[j], bone = *taken[j] ? makehuman_bone_find(human, taken[j]) : -1;
         double local[9];
         float R[9];
         if (bone < 0) { /* as its parent */
@@ -98,23 +99,23 @@ static sherf_status convert(context *c, const makehuman *m, const double *to_res
 
 static sherf_status add_postures(context *c, const studio *s, const char *source, pose_library *l) {
     char path[PATH_LENGTH];
-    const makehuman *m = s->m;
+    const makehuman *human = s->human;
     double joints[BODY_JOINTS][3];
     document *d = NULL;
-    double *bone = mem_alloc(c, (size_t)m->bones, 12 * sizeof *bone),
-           (*global)[9] = mem_alloc(c, (size_t)m->bones, sizeof *global);
-    float *shaped = mem_alloc(c, (size_t)m->vertices, 3 * sizeof *shaped);
+    double *bone = mem_alloc(c, (size_t)human->bones, 12 * sizeof *bone),
+           (*global)[9] = mem_alloc(c, (size_t)human->bones, sizeof *global);
+    float *shaped = mem_alloc(c, (size_t)human->vertices, 3 * sizeof *shaped);
     sherf_status status = SHERF_NO_MEMORY;
     if (!bone || !global || !shaped) goto done;
     snprintf(path, sizeof path, "%.2048s/src/json/poses/poses.json", source);
     status = json_read(c, path, &d);
-    if (!status) status = makehuman_shape(c, m, &makehuman_average, 0, NULL, shaped);
-    if (!status) status = tpose_apply(c, m, s->rig, shaped, shaped, joints, bone);
+    if (!status) status = makehuman_shape(c, human, &makehuman_average, 0, NULL, shaped);
+    if (!status) status = tpose_apply(c, human, s->rig, shaped, shaped, joints, bone);
     for (size_t i = 0; i < COUNT_OF(postures) && !status; i++) {
         const value *v = value_get(d->root, postures[i]);
         float pose[72];
         if (!v) continue;
-        status = convert(c, m, bone, v, global, pose);
+        status = convert(c, human, bone, v, global, pose);
         if (status == SHERF_BAD_FILE) failure_prefix(c, status, "%s", path);
         if (!status) status = pose_library_add_posture(c, l, postures[i], pose);
     }

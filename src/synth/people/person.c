@@ -137,16 +137,17 @@ static int draw_eyes(uint64_t key, uint64_t i, int origin) {
 /* ---- the person ---- */
 
 /* Targets of the face that come in any strength; names begin so. */
-static void draw_face(const makehuman *m, uint64_t key, person *p) {
+static void draw_face(const makehuman *human, uint64_t key, person *p) {
     static const char *const group[] = {"head/",  "forehead/", "eyebrows/", "eyes/", "nose/",
                                         "mouth/", "ears/",     "chin/",     "cheek/"};
-    if (!m) return;
+    if (!human) return;
     for (uint64_t i = 0; i < PERSON_DETAILS * 4 && p->details < PERSON_DETAILS / 2; i++) {
-        int target = (int)random_below(key, 3 * i, m->targets);
+        int target = (int)random_below(key, 3 * i, human->targets);
         bool face = false;
         for (size_t g = 0; g < COUNT_OF(group); g++)
-            face |= !strncmp(m->target[target].name, group[g], strlen(group[g]));
-        if (!face || m->target[target].factors || strstr(m->target[target].name, "head-age")) continue;
+            face |= !strncmp(human->target[target].name, group[g], strlen(group[g]));
+        if (!face || human->target[target].factors || strstr(human->target[target].name, "head-age"))
+            continue;
         double weight = 0.35 * random_uniform(key, 3 * i + 1);
         p->detail[p->details++] = (makehuman_detail){target, weight};
     }
@@ -169,7 +170,7 @@ static void draw_combination(person *p, int whom) {
     }
 }
 
-void person_draw(const makehuman *m, uint64_t seed, person *p) {
+void person_draw(const makehuman *human, uint64_t seed, person *p) {
     memset(p, 0, sizeof *p);
     p->seed = seed;
     p->key = random_key(seed, "person", 0);
@@ -187,7 +188,7 @@ void person_draw(const makehuman *m, uint64_t seed, person *p) {
     float tone = between(key, 7, 0.8, 1.12), warm = between(key, 8, -0.05, 0.05);
     for (int k = 0; k < 3; k++) p->skin_tint[k] = tone * (1 + warm * (float)(1 - k));
     hair_colors(p, stream(p, "person.hair", 0));
-    draw_face(m, stream(p, "person.face", 0), p);
+    draw_face(human, stream(p, "person.face", 0), p);
 }
 
 /* ---- clothes ---- */

@@ -23,8 +23,8 @@ typedef struct {
     makehuman_detail detail[PERSON_DETAILS];
 } person;
 
-/* m (may be NULL: no details of the face) names the targets. */
-void person_draw(const makehuman *m, uint64_t seed, person *out);
+/* human (may be NULL: no details of the face) names the targets. */
+void person_draw(const makehuman *human, uint64_t seed, person *out);
 /* Colours and pattern for part `part` of garment number `layer`; whatever is kept of the original is kept
  * from prints. */
 void person_recipe(const person *p, int layer, wear_kind kind, const dye_part *part, int part_index,

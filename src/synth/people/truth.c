@@ -52,7 +52,7 @@ static sherf_status person_take(context *c, people_truth *t, uint64_t number) {
     person p;
     if (t->dressed && t->number == number) return SHERF_OK;
     person_clear(t);
-    person_draw(t->studio->m, number, &p);
+    person_draw(t->studio->human, number, &p);
     sherf_status status = dressed_create(c, t->studio, &p, &t->dressed);
     for (int i = 0; status == SHERF_OK && i < t->dressed->meshes; i++) {
         t->position[i] = mem_alloc(c, (size_t)t->dressed->mesh[i].vertices, 3 * sizeof **t->position);
@@ -73,7 +73,8 @@ void people_surface_of(const studio *s, const dressed *d, float *const *position
         out->drawn[n] = out->walls[n] =
             (solid_mesh){mesh->vertices, mesh->triangles, position[i], mesh->triangle};
         if (mesh->kind == WEAR_KINDS)
-            out->walls[n] = (solid_mesh){mesh->vertices, s->m->triangles, position[i], s->m->triangle};
+            out->walls[n] =
+                (solid_mesh){mesh->vertices, s->human->triangles, position[i], s->human->triangle};
     }
 }
 

@@ -272,7 +272,7 @@ static void whoever_is_asked_for(void **state) {
     dressed *d;
     int opaque = 0;
     assert_ok(c, studio_open(c, source, body, &own));
-    person_draw(own->m, 20, &p);
+    person_draw(own->human, 20, &p);
     assert_ok(c, dressed_create(c, own, &p, &d));
     for (int i = 0; i < d->meshes; i++) opaque += d->mesh[i].material.alpha != TRACE_BLENDED;
     assert_true(opaque < d->meshes && s->meshes == opaque);

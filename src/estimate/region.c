@@ -54,37 +54,38 @@ static void add_beside(const sherf_image *p, int64_t y, int64_t begin, int64_t e
     for (int k = 0; k < 3; k++) sum[k] += (float)left * row[k] + (float)right * last[k];
 }
 
-static void cell_mean(const cells *m, int i, int j, float *mean) {
-    const sherf_image *p = m->photo;
-    const int64_t left = m->first[0] + (int64_t)i * m->step, top = m->first[1] + (int64_t)j * m->step;
+static void cell_mean(const cells *grid, int i, int j, float *mean) {
+    const sherf_image *p = grid->photo;
+    const int64_t left = grid->first[0] + (int64_t)i * grid->step,
+                  top = grid->first[1] + (int64_t)j * grid->step;
     float sum[3] = {0};
-    for (int64_t y = top; y < top + m->step; y++) {
-        if (m->black && (y < 0 || y >= p->height)) continue;
-        add_row(p, y, left, left + m->step, sum);
-        if (!m->black) add_beside(p, y, left, left + m->step, sum);
+    for (int64_t y = top; y < top + grid->step; y++) {
+        if (grid->black && (y < 0 || y >= p->height)) continue;
+        add_row(p, y, left, left + grid->step, sum);
+        if (!grid->black) add_beside(p, y, left, left + grid->step, sum);
     }
-    for (int k = 0; k < 3; k++) mean[k] = sum[k] / ((float)m->step * (float)m->step);
+    for (int k = 0; k < 3; k++) mean[k] = sum[k] / ((float)grid->step * (float)grid->step);
 }
 
 static void cell_rows(void *arg, int64_t begin, int64_t end, int thread) {
-    const cells *m = arg;
+    const cells *grid = arg;
     for (int64_t j = begin; j < end; j++)
-        for (int i = 0; i < m->size[0]; i++)
-            cell_mean(m, i, (int)j, m->mean + ((size_t)j * (size_t)m->size[0] + (size_t)i) * 3);
+        for (int i = 0; i < grid->size[0]; i++)
+            cell_mean(grid, i, (int)j, grid->mean + ((size_t)j * (size_t)grid->size[0] + (size_t)i) * 3);
 }
 
 /* Bilinear, at a place in the photo; the cells reach far enough. */
-static void between_cells(const cells *m, const float place_px[2], float sum[3]) {
+static void between_cells(const cells *grid, const float place_px[2], float sum[3]) {
     float at[2];
     int low[2], high[2];
     for (int k = 0; k < 2; k++) {
-        at[k] = (place_px[k] - (float)m->first[k] - .5f * (float)(m->step - 1)) / (float)m->step;
-        low[k] = clamped((int64_t)floorf(at[k]), m->size[k]);
-        high[k] = clamped(low[k] + 1, m->size[k]);
+        at[k] = (place_px[k] - (float)grid->first[k] - .5f * (float)(grid->step - 1)) / (float)grid->step;
+        low[k] = clamped((int64_t)floorf(at[k]), grid->size[k]);
+        high[k] = clamped(low[k] + 1, grid->size[k]);
         at[k] = fminf(fmaxf(at[k] - (float)low[k], 0), 1);
     }
-    const float *above = m->mean + (size_t)low[1] * (size_t)m->size[0] * 3,
-                *below = m->mean + (size_t)high[1] * (size_t)m->size[0] * 3;
+    const float *above = grid->mean + (size_t)low[1] * (size_t)grid->size[0] * 3,
+                *below = grid->mean + (size_t)high[1] * (size_t)grid->size[0] * 3;
     for (int k = 0; k < 3; k++) {
         const float a = above[3 * low[0] + k], b = above[3 * high[0] + k], c = below[3 * low[0] + k],
                     d = below[3 * high[0] + k];
@@ -94,7 +95,7 @@ static void between_cells(const cells *m, const float place_px[2], float sum[3])
 }
 
 typedef struct {
-    const cells *m;
+    const cells *grid;
     const photo_region *region;
     int side;
     float scale, shift, *out;
@@ -117,7 +118,7 @@ static void sample_rows(void *arg, int64_t begin, int64_t end, int thread) {
                 const int column = i * samples + k % samples, row = (int)j * samples + k / samples;
                 const float u = ((float)column + .5f) * part, v = ((float)row + .5f) * part;
                 for (int a = 0; a < 2; a++) place_px[a] = corner[a] + u * across[a] + v * down[a];
-                between_cells(s->m, place_px, sum);
+                between_cells(s->grid, place_px, sum);
             }
             float *out = s->out + ((size_t)j * (size_t)s->side + (size_t)i) * 3;
             for (int k = 0; k < 3; k++) out[k] = s->scale * (sum[k] / (float)(samples * samples)) + s->shift;
@@ -133,21 +134,21 @@ sherf_status region_sample(context *c, const sherf_image *photo, const photo_reg
         !(fabsf(region->centre_px[0]) <= 64 * longest + 64) ||
         !(fabsf(region->centre_px[1]) <= 64 * longest + 64) || !isfinite(region->angle_rad))
         return failure(c, SHERF_BAD_ARGUMENT, "a region far outside the photo");
-    cells m = {.photo = photo, .black = black_outside, .step = (int)(region->side_px / (float)side)};
-    if (m.step < 1) m.step = 1;
+    cells grid = {.photo = photo, .black = black_outside, .step = (int)(region->side_px / (float)side)};
+    if (grid.step < 1) grid.step = 1;
     /* what the turned square covers, and a cell more on every side */
     const float half =
         .5f * region->side_px * (fabsf(cosf(region->angle_rad)) + fabsf(sinf(region->angle_rad)));
     for (int k = 0; k < 2; k++) {
-        m.first[k] = (int)floorf(region->centre_px[k] - half) - m.step;
-        m.size[k] = (int)ceilf(2 * half / (float)m.step) + 3;
+        grid.first[k] = (int)floorf(region->centre_px[k] - half) - grid.step;
+        grid.size[k] = (int)ceilf(2 * half / (float)grid.step) + 3;
     }
-    m.mean = mem_alloc(c, (size_t)m.size[0] * (size_t)m.size[1] * 3, sizeof *m.mean);
-    if (!m.mean) return SHERF_NO_MEMORY;
-    parallel_for(c, m.size[1], 8, cell_rows, &m);
-    sampling s = {&m, region, side, scale, shift, out};
+    grid.mean = mem_alloc(c, (size_t)grid.size[0] * (size_t)grid.size[1] * 3, sizeof *grid.mean);
+    if (!grid.mean) return SHERF_NO_MEMORY;
+    parallel_for(c, grid.size[1], 8, cell_rows, &grid);
+    sampling s = {&grid, region, side, scale, shift, out};
     parallel_for(c, side, 8, sample_rows, &s);
-    mem_free(m.mean);
+    mem_free(grid.mean);
     return SHERF_OK;
 }
 
@@ -167,13 +168,13 @@ sherf_status photo_shrink(context *c, const sherf_image *photo, int step, sherf_
     *out = (sherf_image){0};
     if (photo->channels != 3)
         return failure(c, SHERF_BAD_ARGUMENT, "a photo of %d channels", photo->channels);
-    cells m = {.photo = photo, .step = step, .black = true};
-    m.size[0] = (photo->width + step - 1) / step;
-    m.size[1] = (photo->height + step - 1) / step;
-    m.mean = mem_alloc(c, (size_t)m.size[0] * (size_t)m.size[1] * 3, sizeof *m.mean);
-    if (!m.mean) return SHERF_NO_MEMORY;
-    parallel_for(c, m.size[1], 8, cell_rows, &m);
-    *out = (sherf_image){m.size[0], m.size[1], 3, m.mean};
+    cells grid = {.photo = photo, .step = step, .black = true};
+    grid.size[0] = (photo->width + step - 1) / step;
+    grid.size[1] = (photo->height + step - 1) / step;
+    grid.mean = mem_alloc(c, (size_t)grid.size[0] * (size_t)grid.size[1] * 3, sizeof *grid.mean);
+    if (!grid.mean) return SHERF_NO_MEMORY;
+    parallel_for(c, grid.size[1], 8, cell_rows, &grid);
+    *out = (sherf_image){grid.size[0], grid.size[1], 3, grid.mean};
     repair_edges(photo, step, out);
     return SHERF_OK;
 }

@@ -126,10 +126,14 @@ void page_value_text(interval v, int decimals, char text[64]) {
 bool page_is_best(const page_table *t, int row, int column) {
     const int better = t->column[column].better;
     const double v = t->row[row].value[column].mean;
-    if (!better || t->rows < 2 || isnan(v)) return false;
-    for (int i = 0; i < t->rows; i++)
-        if (better * t->row[i].value[column].mean > better * v) return false;
-    return true;
+    int known = 0;
+    if (!better || isnan(v)) return false;
+    for (int i = 0; i < t->rows; i++) {
+        const double other = t->row[i].value[column].mean;
+        known += !isnan(other);
+        if (better * other > better * v) return false;
+    }
+    return known > 1;
 }
 
 /* ---- files ---- */

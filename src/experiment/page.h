@@ -81,7 +81,7 @@ sherf_status page_write(context *c, const page *p, const char *folder);
 sherf_status page_plot_write(context *c, const page_plot *p, const char *folder);
 /* "24.66 [24.10, 25.20]"; "-" where there is none. */
 void page_value_text(interval v, int decimals, char text[64]);
-/* Whether a row's value is the best of its column. */
+/* Whether a row's value is the best of several in its column. */
 bool page_is_best(const page_table *t, int row, int column);
 
 #endif

@@ -155,6 +155,7 @@ static sherf_status notes_add(experiment_job *j, page *p) {
                       "In brackets: 95 %% intervals of a bootstrap over the test people; of several seeds a "
                       "person's value is the "
                       "mean. The seeds' trainings draw other first weights and pictures in another order.");
+    if (status == SHERF_OK && j->experiment->note) status = page_add_note(j->c, p, "%s", j->experiment->note);
     if (status == SHERF_OK && j->data[0].made)
         status = page_add_note(
             j->c, p,

@@ -296,11 +296,6 @@ static sherf_status no_such(context *c, const char *name) {
     return status;
 }
 
-static sherf_status lacking(context *c, const experiment *e, const char *what) {
-    return failure(c, e->lacks ? SHERF_UNSUPPORTED : SHERF_BAD_ARGUMENT, "experiment %s%s needs %s", e->name,
-                   e->lacks ? " is not there yet: it" : "", what);
-}
-
 /* Calls `once` with each experiment of that name; of `all`, with those that lack nothing. */
 static sherf_status each(experiment_job *j, const char *name,
                          sherf_status (*once)(experiment_job *j, void *arg), void *arg) {
@@ -308,14 +303,14 @@ static sherf_status each(experiment_job *j, const char *name,
     sherf_status status = SHERF_OK;
     for (int i = 0; experiment_at(i) && status == SHERF_OK; i++) {
         const experiment *e = j->experiment = experiment_at(i);
-        const char *lack = experiment_lack(j, e);
         if (!all && strcmp(e->name, name)) continue;
+        const char *lack = experiment_lack(j);
         if (!lack)
             status = once(j, arg);
         else if (all)
             log_line(j->c, SHERF_LOG_INFO, "experiment %s is left out: it needs %s", e->name, lack);
         else
-            status = lacking(j->c, e, lack);
+            status = failure(j->c, SHERF_BAD_ARGUMENT, "experiment %s needs %s", e->name, lack);
     }
     return status;
 }
@@ -360,9 +355,7 @@ sherf_status sherf_experiment(sherf_context *c, const char *name, const sherf_ex
     if (text) *text = NULL;
     sherf_status status = options_check(c, options);
     if (status != SHERF_OK) return status;
-    const experiment *e = experiment_find(name);
-    if (!e && (!name || strcmp(name, "all"))) return no_such(c, name);
-    if (e && e->lacks) return lacking(c, e, e->lacks);
+    if (!experiment_find(name) && (!name || strcmp(name, "all"))) return no_such(c, name);
     if (!(j = mem_zero(c, 1, sizeof *j))) return SHERF_NO_MEMORY;
     j->c = c;
     j->options = options;

@@ -28,7 +28,8 @@ typedef struct {
     const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
     const char *without;  /* terms left out of its loss, as in sherf_train_options */
     bool front_view;      /* people are observed from the front alone */
-    bool own;             /* its authors' recipe: only on request */
+    bool own;             /* its authors' recipe */
+    bool on_request;      /* not otherwise */
     bool one_pose;        /* it shows no novel poses */
 } experiment_method;
 const experiment_method *experiment_method_find(const char *key);
@@ -58,11 +59,11 @@ typedef struct {
     const char *method[EXPERIMENT_METHODS]; /* keys, up to NULL */
     int scorings;
     scoring scoring[EXPERIMENT_SCORINGS];
-    bool all_seeds;    /* otherwise the first */
-    bool all_data;     /* trained on each data set; otherwise on the first */
-    bool both_ways;    /* trained on the first two */
-    const char *lacks; /* what it still needs; NULL: it is whole */
-    const char *note;  /* for its page; or NULL */
+    bool all_seeds;   /* otherwise the first */
+    bool all_data;    /* trained on each data set; otherwise on the first */
+    bool both_ways;   /* trained on the first two */
+    bool surfaces;    /* people have theirs (data/surface_truth.h) */
+    const char *note; /* for its page; or NULL */
 } experiment;
 const experiment *experiment_at(int i); /* from 0; NULL after the last */
 const experiment *experiment_find(const char *name);
@@ -82,8 +83,11 @@ typedef struct {
 } experiment_data;
 /* Those that are given, or the made ones. */
 sherf_status data_choose(experiment_job *j);
-/* Draws made people that are not there yet. */
+/* Draws made people that are not there yet, and surfaces where the experiment at hand wants them. */
 sherf_status data_make(experiment_job *j, const experiment_data *d);
+/* Whether people have the surfaces that are learned from and, of the tests, compared with; otherwise the
+ * first that is not there, as the message of a failure. */
+sherf_status data_has_surfaces(experiment_job *j, const experiment_data *d);
 const char *data_train_people(const experiment_job *j, const experiment_data *d); /* NULL: the paper's */
 const char *data_test_people(const experiment_job *j, const experiment_data *d);
 
@@ -113,6 +117,7 @@ struct experiment_job {
     int data_count;
     experiment_data data[EXPERIMENT_DATA_MAX];
     const experiment *experiment; /* at hand */
+    char lack[1200];              /* room for experiment_lack's words */
     /* for the time that is left */
     int trainings_left;
     int64_t pictures_left;
@@ -142,8 +147,9 @@ sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *
 void run_tell(experiment_job *j, const run *r, const char *what);
 
 /* ---- run.c ---- */
-/* What an experiment needs and does not have, as words; NULL: nothing. */
-const char *experiment_lack(const experiment_job *j, const experiment *e);
+/* What the experiment at hand needs and does not have, as words that stay until the next call; NULL: nothing.
+ */
+const char *experiment_lack(experiment_job *j);
 /* Trains and scores what the experiment at hand lacks. */
 sherf_status runs_do(experiment_job *j);
 /* Calls `once` for every scoring of a run, of each pose, that is not there yet. */
@@ -154,6 +160,8 @@ sherf_status run_scorings(experiment_job *j, const run *r, scoring_function *onc
 /* ---- training.c ---- */
 /* Measures, where trainings are so many minutes, how many steps those that are to come take. */
 sherf_status steps_ready(experiment_job *j);
+/* Pictures of a step: samples times targets. */
+sherf_status training_step_pictures(const experiment_job *j, const experiment_method *m, int *out);
 /* Unless it is finished. */
 sherf_status training_do(experiment_job *j, const run *r);
 /* What a finished one says of itself, for tables. */
@@ -184,6 +192,7 @@ sherf_status runs_tell(experiment_job *j, run_tally *t);
 sherf_status report_scores(experiment_job *j, page *out);
 sherf_status report_cross(experiment_job *j, page *out);
 sherf_status report_front(experiment_job *j, page *out);
+sherf_status report_pifu(experiment_job *j, page *out);
 sherf_status report_estimated(experiment_job *j, page *out);
 /* angles.c, runtime.c */
 sherf_status report_input_angle(experiment_job *j, page *out);

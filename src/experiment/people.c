@@ -3,7 +3,9 @@
 #include <string.h>
 
 #include "data/dataset.h"
+#include "data/surface_truth.h"
 #include "experiment/experiment.h"
+#include "train/draw.h"
 
 /* People of the tests wear what nobody below this number does (sherf_people_options). */
 enum { TRAIN_FIRST = 1000, TEST_FIRST = 900000, VIEWS = 24 };
@@ -75,13 +77,13 @@ const char *data_test_people(const experiment_job *j, const experiment_data *d) 
 }
 
 /* ---- drawing them ---- */
-static sherf_status draw(experiment_job *j, const experiment_data *d, const char *folder, bool test) {
+static sherf_status draw_people(experiment_job *j, const experiment_data *d, const char *folder, bool test) {
     const experiment_settings *s = &j->set;
     const int people = test ? s->test_people : s->people, poses = test ? s->test_poses : s->train_poses,
               views = test ? VIEWS : s->train_views;
     const uint64_t seed = test ? TEST_FIRST : TRAIN_FIRST;
-    log_line(j->c, SHERF_LOG_INFO, "drawing %d %s, %d poses and %d views of each: %s", people, d->label,
-             poses, views, folder);
+    log_line(j->c, SHERF_LOG_INFO, "drawing %d %s, %d poses and %d views of each%s: %s", people, d->label,
+             poses, views, j->experiment->surfaces ? ", and surfaces" : "", folder);
     if (d->tubes)
         return sherf_synth_tube(j->c, folder, &(sherf_synth_options){people, poses, views, s->size_px, seed});
     const sherf_people_options o = {.people = people,
@@ -91,22 +93,9 @@ static sherf_status draw(experiment_job *j, const experiment_data *d, const char
                                     .seed = seed,
                                     .source = j->options->source,
                                     .body = j->options->body,
-                                    .motions = j->options->motions};
+                                    .motions = j->options->motions,
+                                    .surfaces = j->experiment->surfaces};
     return sherf_synth_people(j->c, folder, &o);
-}
-
-sherf_status data_make(experiment_job *j, const experiment_data *d) {
-    for (int test = 0; test < 2 && d->made; test++) {
-        const char *folder;
-        char list[PATH_LENGTH];
-        dataset_reader_named(test ? d->test : d->train, &folder);
-        if (snprintf(list, sizeof list, "%s/human_list.txt", folder) >= (int)sizeof list)
-            return failure(j->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
-        if (path_is_file(list)) continue; /* it is written last */
-        sherf_status status = draw(j, d, folder, test != 0);
-        if (status != SHERF_OK) return status;
-    }
-    return SHERF_OK;
 }
 
 /* ---- what is scored ---- */
@@ -206,6 +195,69 @@ static sherf_status choose(experiment_job *j, const experiment_data *d, picture_
     return status;
 }
 
+/* ---- surfaces ---- */
+static sherf_status surface_wanted(experiment_job *j, const sherf_dataset *data, int person, int pose) {
+    surface_truth t;
+    if (surface_truth_is_there(j->c, data, person, pose)) return SHERF_OK;
+    const sherf_status status = surface_truth_load(j->c, data, person, pose, TRUTH_MESH, &t);
+    surface_truth_free(&t);
+    return status;
+}
+
+/* Of the poses that a training observes. */
+static sherf_status trained_surfaces(experiment_job *j, const experiment_data *d) {
+    sherf_dataset *data = NULL;
+    sampling s = {0};
+    sherf_status status = sherf_dataset_open(j->c, d->train, &data);
+    if (status == SHERF_OK) status = sampling_create(j->c, data, data_train_people(j, d), false, 1, 0, &s);
+    for (int i = 0; i < s.people && status == SHERF_OK; i++)
+        for (int p = 0; p < s.poses[i] && status == SHERF_OK; p++)
+            status = surface_wanted(j, data, s.person[i], p * s.pose_step);
+    sampling_free(&s);
+    sherf_dataset_free(data);
+    return status;
+}
+
+/* Of the poses that a scoring by the protocol observes. */
+static sherf_status tested_surfaces(experiment_job *j, const experiment_data *d) {
+    picture_choice k;
+    sherf_dataset *data = NULL;
+    int *person = NULL, count = 0;
+    sherf_status status = choose(j, d, &k);
+    if (status == SHERF_OK) status = sherf_dataset_open(j->c, d->test, &data);
+    if (status == SHERF_OK)
+        status = dataset_people(j->c, data, data_test_people(j, d), false, &person, &count);
+    for (int i = 0; i < count && status == SHERF_OK; i++)
+        for (int p = 0; p < (k.whole ? k.poses : 1) && status == SHERF_OK; p++)
+            status = surface_wanted(j, data, person[i], k.pose[p]);
+    mem_free(person);
+    sherf_dataset_free(data);
+    return status;
+}
+
+sherf_status data_has_surfaces(experiment_job *j, const experiment_data *d) {
+    const sherf_status status = trained_surfaces(j, d);
+    return status == SHERF_OK ? tested_surfaces(j, d) : status;
+}
+
+sherf_status data_make(experiment_job *j, const experiment_data *d) {
+    for (int test = 0; test < 2 && d->made; test++) {
+        const char *folder;
+        char list[PATH_LENGTH];
+        sherf_status status = SHERF_OK;
+        dataset_reader_named(test ? d->test : d->train, &folder);
+        if (snprintf(list, sizeof list, "%s/human_list.txt", folder) >= (int)sizeof list)
+            return failure(j->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", folder);
+        const bool drawn = path_is_file(list); /* it is written last */
+        if (drawn && j->experiment->surfaces) status = test ? tested_surfaces(j, d) : trained_surfaces(j, d);
+        if (drawn && status == SHERF_OK) continue;
+        if (status == SHERF_OK || status == SHERF_NO_FILE) status = draw_people(j, d, folder, test != 0);
+        if (status != SHERF_OK) return status;
+    }
+    return SHERF_OK;
+}
+
+/* ---- pictures ---- */
 static void observe(picks *p, int pose, int view) {
     if (p->observations < PAIRS_MAX) p->observation[p->observations++] = (picture){pose, view};
 }

@@ -29,30 +29,35 @@ sherf_status report_read(experiment_job *j, const experiment_method *method, con
 typedef struct {
     const char *label;
     scoring scoring;
-    bool novel_pose;
+    scored_part part;
 } score_group;
 enum { GROUPS_MAX = 4 };
 typedef struct {
     const score_group *group;
     int groups;
-    bool metric[METRICS]; /* those that are known */
+    bool metric[METRICS]; /* those that are known; a group has those of pictures or those of surfaces */
 } score_layout;
 
-static const score_group by_protocol[] = {{"novel view", {SCORING_PROTOCOL}, false},
-                                          {"novel pose", {SCORING_PROTOCOL}, true}};
+static const score_group by_protocol[] = {{"novel view", {SCORING_PROTOCOL}, SCORED_VIEW},
+                                          {"novel pose", {SCORING_PROTOCOL}, SCORED_POSE}};
 
 /* Which distances were computed depends on the networks that were there. */
 static void metrics_known(const experiment_job *j, score_layout *l) {
     l->metric[METRIC_PSNR] = l->metric[METRIC_SSIM] = true;
     l->metric[METRIC_LPIPS] = j->options->lpips != NULL;
     l->metric[METRIC_RESNET50] = j->options->perceptual != NULL;
+    for (int m = PICTURE_METRICS; m < METRICS; m++) l->metric[m] = true;
+}
+
+static bool group_has(const score_layout *l, const score_group *g, int metric) {
+    return l->metric[metric] && (metric >= PICTURE_METRICS) == (g->part == SCORED_SURFACE);
 }
 
 static sherf_status columns_add(context *c, const score_layout *l, page_table *t) {
     sherf_status status = SHERF_OK;
     for (int g = 0; g < l->groups; g++)
         for (int metric = 0; metric < METRICS && status == SHERF_OK; metric++)
-            if (l->metric[metric])
+            if (group_has(l, &l->group[g], metric))
                 status = page_add_column(c, t, l->group[g].label, score_metrics[metric].label,
                                          score_metrics[metric].decimals, score_metrics[metric].better);
     return status;
@@ -70,9 +75,9 @@ static sherf_status row_fill(experiment_job *j, const score_layout *l, const exp
         if (status != SHERF_OK) return status;
         if (minus) status = report_read(j, minus, data, &k->scoring, 0, other, &others);
         for (int i = 0; i < METRICS && status == SHERF_OK; i++)
-            if (l->metric[i])
-                status = scores_interval(j->c, of, minus ? other : NULL, count, k->novel_pose, i,
-                                         &row->value[column++]);
+            if (group_has(l, k, i))
+                status =
+                    scores_interval(j->c, of, minus ? other : NULL, count, k->part, i, &row->value[column++]);
         scores_free_all(of, count);
         scores_free_all(other, others);
         others = 0;
@@ -84,7 +89,7 @@ static const experiment_method *method_at(const experiment_job *j, int i) {
     const experiment_method *method = i < EXPERIMENT_METHODS && j->experiment->method[i]
                                           ? experiment_method_find(j->experiment->method[i])
                                           : NULL;
-    return method && method->own && !j->options->own ? NULL : method;
+    return method && method->on_request && !j->options->own ? NULL : method;
 }
 
 static int methods_of(const experiment_job *j) {
@@ -188,11 +193,40 @@ sherf_status report_scores(experiment_job *j, page *p) {
     return status == SHERF_OK ? report_end(j, p) : status;
 }
 
+/* How many surfaces there are, and of how many observations none came out. */
+static sherf_status surfaces_note(experiment_job *j, page *p) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < methods_of(j) && status == SHERF_OK; i++) {
+        scores of[SEEDS_MAX];
+        int count;
+        status = report_read(j, method_at(j, i), &j->data[0], &(scoring){SCORING_PROTOCOL}, 0, of, &count);
+        if (status == SHERF_OK && of->surfaces + of->surfaces_missed)
+            status = page_add_note(j->c, p,
+                                   "%s: surfaces of %d observations are compared with the truth's "
+                                   "(docs/evaluation.md, Surfaces); of %d none came out.",
+                                   method_at(j, i)->label, of->surfaces, of->surfaces_missed);
+        scores_free_all(of, count);
+    }
+    return status;
+}
+
+sherf_status report_pifu(experiment_job *j, page *p) {
+    static const score_group group[] = {{"novel view", {SCORING_PROTOCOL}, SCORED_VIEW},
+                                        {"surface", {SCORING_PROTOCOL}, SCORED_SURFACE}};
+    score_layout l = {group, COUNT_OF(group), {0}}, pictures = {group, 1, {0}};
+    metrics_known(j, &l);
+    metrics_known(j, &pictures);
+    sherf_status status = scores_table(j, p, &l, &j->data[0], j->data[0].label);
+    if (status == SHERF_OK) status = differences_table(j, p, &pictures, &j->data[0], j->data[0].label);
+    if (status == SHERF_OK) status = surfaces_note(j, p);
+    return status == SHERF_OK ? report_end(j, p) : status;
+}
+
 sherf_status report_front(experiment_job *j, page *p) {
-    static const score_group group[] = {{"from the front: view", {SCORING_FRONT}, false},
-                                        {"from the front: pose", {SCORING_FRONT}, true},
-                                        {"freely: view", {SCORING_PROTOCOL}, false},
-                                        {"freely: pose", {SCORING_PROTOCOL}, true}};
+    static const score_group group[] = {{"from the front: view", {SCORING_FRONT}, SCORED_VIEW},
+                                        {"from the front: pose", {SCORING_FRONT}, SCORED_POSE},
+                                        {"freely: view", {SCORING_PROTOCOL}, SCORED_VIEW},
+                                        {"freely: pose", {SCORING_PROTOCOL}, SCORED_POSE}};
     score_layout l = {group, COUNT_OF(group), {0}};
     metrics_known(j, &l);
     sherf_status status = scores_table(j, p, &l, &j->data[0], "Trained on front views, observed");
@@ -201,8 +235,8 @@ sherf_status report_front(experiment_job *j, page *p) {
 }
 
 sherf_status report_cross(experiment_job *j, page *p) {
-    static const score_group group[] = {{"novel view", {SCORING_PROTOCOL, .crossed = true}, false},
-                                        {"novel pose", {SCORING_PROTOCOL, .crossed = true}, true}};
+    static const score_group group[] = {{"novel view", {SCORING_PROTOCOL, .crossed = true}, SCORED_VIEW},
+                                        {"novel pose", {SCORING_PROTOCOL, .crossed = true}, SCORED_POSE}};
     score_layout l = {group, COUNT_OF(group), {0}};
     sherf_status status = SHERF_OK;
     metrics_known(j, &l);
@@ -217,7 +251,7 @@ sherf_status report_cross(experiment_job *j, page *p) {
 
 /* ---- estimated bodies ---- */
 /* A method's PSNR over how far bodies are off, as their scorings measured it. */
-static sherf_status disturbed_line(experiment_job *j, const experiment_method *method, bool novel_pose,
+static sherf_status disturbed_line(experiment_job *j, const experiment_method *method, scored_part part,
                                    page_plot *plot) {
     page_series *line = page_add_series(j->c, plot, method->label);
     sherf_status status = line ? SHERF_OK : SHERF_NO_MEMORY;
@@ -228,7 +262,7 @@ static sherf_status disturbed_line(experiment_job *j, const experiment_method *m
         int count;
         if (s->kind == SCORING_ESTIMATED) continue;
         if ((status = report_read(j, method, &j->data[0], s, 0, of, &count)) != SHERF_OK) break;
-        status = scores_interval(j->c, of, NULL, count, novel_pose, METRIC_PSNR, &v);
+        status = scores_interval(j->c, of, NULL, count, part, METRIC_PSNR, &v);
         if (status == SHERF_OK)
             status = page_add_point(j->c, line, s->kind == SCORING_PROTOCOL ? 0 : of->aligned_mm, v);
         scores_free_all(of, count);
@@ -245,7 +279,7 @@ static sherf_status disturbed_plots(experiment_job *j, page *p) {
         snprintf(plot->x, sizeof plot->x, "joints off after Procrustes (mm)");
         snprintf(plot->y, sizeof plot->y, "PSNR (dB)");
         for (int i = 0; i < methods_of(j) && status == SHERF_OK; i++)
-            status = disturbed_line(j, method_at(j, i), pose, plot);
+            status = disturbed_line(j, method_at(j, i), pose ? SCORED_POSE : SCORED_VIEW, plot);
     }
     return status;
 }
@@ -270,10 +304,10 @@ static sherf_status estimates_note(experiment_job *j, page *p) {
 }
 
 sherf_status report_estimated(experiment_job *j, page *p) {
-    static const score_group group[] = {{"true: view", {SCORING_PROTOCOL}, false},
-                                        {"true: pose", {SCORING_PROTOCOL}, true},
-                                        {"estimated: view", {SCORING_ESTIMATED}, false},
-                                        {"estimated: pose", {SCORING_ESTIMATED}, true}};
+    static const score_group group[] = {{"true: view", {SCORING_PROTOCOL}, SCORED_VIEW},
+                                        {"true: pose", {SCORING_PROTOCOL}, SCORED_POSE},
+                                        {"estimated: view", {SCORING_ESTIMATED}, SCORED_VIEW},
+                                        {"estimated: pose", {SCORING_ESTIMATED}, SCORED_POSE}};
     score_layout l = {group, COUNT_OF(group), {0}};
     metrics_known(j, &l);
     sherf_status status = scores_table(j, p, &l, &j->data[0], "Bodies and cameras");

@@ -119,14 +119,25 @@ static sherf_status count_once(experiment_job *j, const run *r, const scoring *s
 }
 
 /* ---- all of an experiment ---- */
-const char *experiment_lack(const experiment_job *j, const experiment *e) {
-    if (e->lacks) return e->lacks;
+/* Of data sets that are given: made people get theirs. */
+static const char *surfaces_lack(experiment_job *j) {
+    for (int i = 0; i < j->data_count; i++) {
+        if (j->data[i].made || !data_is_trained_on(j, i)) continue;
+        if (data_has_surfaces(j, &j->data[i]) == SHERF_OK) continue;
+        snprintf(j->lack, sizeof j->lack, "people's surfaces: %s", j->c->message);
+        return j->lack;
+    }
+    return NULL;
+}
+
+const char *experiment_lack(experiment_job *j) {
+    const experiment *e = j->experiment;
     for (int i = 0; i < e->scorings; i++) {
         if (e->scoring[i].kind == SCORING_ESTIMATED && !j->options->estimator)
             return "the networks that see people in photos";
         if (e->scoring[i].crossed && j->data_count < 2) return "two data sets";
     }
-    return NULL;
+    return e->surfaces ? surfaces_lack(j) : NULL;
 }
 
 static sherf_status data_ready(experiment_job *j) {

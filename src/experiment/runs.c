@@ -26,7 +26,7 @@ bool run_at(const experiment_job *j, int i, run *out) {
     for (int d = 0; d < j->data_count; d++)
         for (int k = 0; k < EXPERIMENT_METHODS && e->method[k] && data_is_trained_on(j, d); k++) {
             const experiment_method *method = experiment_method_find(e->method[k]);
-            if (method->own && !j->options->own) continue;
+            if (method->on_request && !j->options->own) continue;
             if (i < seeds) {
                 *out = (run){method, &j->data[d], i};
                 return true;

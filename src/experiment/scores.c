@@ -8,8 +8,12 @@
 const score_metric score_metrics[METRICS] = {{"psnr", "PSNR", 2, 1},
                                              {"ssim", "SSIM", 3, 1},
                                              {"lpips", "LPIPS", 3, -1},
-                                             {"resnet50", "resnet50", 3, -1}};
-static const char *const part_key[2] = {"novel_view", "novel_pose"};
+                                             {"resnet50", "resnet50", 3, -1},
+                                             {"chamfer_cm", "Chamfer (cm)", 2, -1},
+                                             {"to_truth_cm", "to the truth (cm)", 2, -1},
+                                             {"from_truth_cm", "from it (cm)", 2, -1},
+                                             {"normal_deg", "normals (degrees)", 1, -1}};
+static const char *const part_key[] = {"novel_view", "novel_pose"};
 
 void scores_free(scores *s) {
     for (int i = 0; i < s->people && s->person; i++) mem_free(s->person[i].name);
@@ -29,10 +33,11 @@ static int whole(double v) {
     return v >= 0 && v < INT32_MAX ? (int)v : -1;
 }
 
-static void read_means(const value *o, double mean[2][METRICS]) {
-    for (int k = 0; k < 2; k++)
+static void read_means(const value *o, double mean[SCORED_PARTS][METRICS]) {
+    for (int k = 0; k < SCORED_PARTS; k++)
         for (int metric = 0; metric < METRICS; metric++)
-            mean[k][metric] = number(value_get(o, part_key[k]), score_metrics[metric].key);
+            mean[k][metric] =
+                k == SCORED_SURFACE ? NAN : number(value_get(o, part_key[k]), score_metrics[metric].key);
 }
 
 static int find_person(const scores *s, const value *name) {
@@ -64,7 +69,7 @@ static sherf_status read_picture(context *c, const value *o, scores *s, picture_
         .observed_view = view && view->kind == VALUE_INTEGER ? whole((double)view->integer) : -1,
         .pose = whole(number(o, "pose")),
         .view = whole(number(o, "view")),
-        .novel_pose = kind && value_is_string(kind, part_key[1]),
+        .novel_pose = kind && value_is_string(kind, part_key[SCORED_POSE]),
         .psnr = number(o, "psnr")};
     if (to->person < 0 || to->observed_pose < 0 || to->observed_view < 0 || to->pose < 0 || to->view < 0)
         return failure(c, SHERF_BAD_FILE, "a picture without person, poses and views");
@@ -78,7 +83,7 @@ static sherf_status read_pictures(context *c, const value *list, scores *s) {
         sherf_status status = read_picture(c, value_at(list, i), s, &s->picture[s->pictures]);
         if (status != SHERF_OK) return status;
         const picture_scores *k = &s->picture[s->pictures++];
-        s->person[k->person].count[k->novel_pose]++;
+        s->person[k->person].count[k->novel_pose ? SCORED_POSE : SCORED_VIEW]++;
     }
     return SHERF_OK;
 }
@@ -90,6 +95,39 @@ static void read_estimates(const value *root, scores *s) {
     s->aligned_mm = number(value_get(all, "mean"), "aligned_mm");
     s->estimates = whole(number(all, "count"));
     s->missed = whole(number(all, "missed"));
+}
+
+/* Into sums, of which read_surfaces makes means. */
+static sherf_status surface_take(context *c, const value *o, scores *s) {
+    const value *name = o ? value_get(o, "person") : NULL;
+    const int at = name ? find_person(s, name) : -1;
+    if (at < 0) return failure(c, SHERF_BAD_FILE, "a surface without a person");
+    double *sum = s->person[at].mean[SCORED_SURFACE];
+    const bool first = !s->person[at].count[SCORED_SURFACE]++;
+    for (int m = PICTURE_METRICS; m < METRICS; m++) {
+        const double v = number(o, score_metrics[m].key);
+        if (!isfinite(v)) return failure(c, SHERF_BAD_FILE, "a surface without '%s'", score_metrics[m].key);
+        sum[m] = first ? v : sum[m] + v;
+    }
+    return SHERF_OK;
+}
+
+static sherf_status read_surfaces(context *c, const value *root, scores *s) {
+    const value *all = value_get(root, "surfaces"), *each = all ? value_get(all, "each") : NULL;
+    if (!all) return SHERF_OK;
+    const size_t n = each && each->kind == VALUE_LIST ? value_count(each) : SIZE_MAX;
+    s->surfaces_missed = whole(number(all, "missed"));
+    if (n > INT32_MAX || s->surfaces_missed < 0)
+        return failure(c, SHERF_BAD_FILE, "surfaces that were not compared one by one");
+    for (size_t i = 0; i < n; i++) {
+        const sherf_status status = surface_take(c, value_at(each, i), s);
+        if (status != SHERF_OK) return status;
+    }
+    s->surfaces = (int)n;
+    for (int i = 0; i < s->people; i++)
+        for (int m = PICTURE_METRICS; m < METRICS && s->person[i].count[SCORED_SURFACE]; m++)
+            s->person[i].mean[SCORED_SURFACE][m] /= s->person[i].count[SCORED_SURFACE];
+    return SHERF_OK;
 }
 
 sherf_status scores_read(context *c, const char *path, scores *out) {
@@ -105,6 +143,7 @@ sherf_status scores_read(context *c, const char *path, scores *out) {
     read_estimates(d->root, out);
     status = read_people(c, people, out);
     if (status == SHERF_OK) status = read_pictures(c, images, out);
+    if (status == SHERF_OK) status = read_surfaces(c, d->root, out);
 done:
     document_free(d);
     if (status != SHERF_OK) {
@@ -115,24 +154,24 @@ done:
 }
 
 /* One person's mean over the scorings, found by name. */
-static double person_mean(const scores *of, int count, const char *name, bool novel_pose, int metric) {
+static double person_mean(const scores *of, int count, const char *name, scored_part part, int metric) {
     double sum = 0;
     int n = 0;
     for (int i = 0; i < count; i++)
         for (int k = 0; k < of[i].people; k++)
-            if (!strcmp(of[i].person[k].name, name)) sum += of[i].person[k].mean[novel_pose][metric], n++;
+            if (!strcmp(of[i].person[k].name, name)) sum += of[i].person[k].mean[part][metric], n++;
     return n ? sum / n : NAN;
 }
 
-sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, bool novel_pose,
+sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, scored_part part,
                              int metric, interval *out) {
     const int people = of->people;
     double *x = mem_alloc(c, (size_t)people + 1, 2 * sizeof *x), *weight = x + people;
     if (!x) return SHERF_NO_MEMORY;
     for (int i = 0; i < people; i++) {
-        weight[i] = of->person[i].count[novel_pose];
-        x[i] = person_mean(of, count, of->person[i].name, novel_pose, metric);
-        if (minus) x[i] -= person_mean(minus, count, of->person[i].name, novel_pose, metric);
+        weight[i] = of->person[i].count[part];
+        x[i] = person_mean(of, count, of->person[i].name, part, metric);
+        if (minus) x[i] -= person_mean(minus, count, of->person[i].name, part, metric);
     }
     sherf_status status =
         interval_bootstrap(c, people, x, weight, random_key(1, "experiment.people", 0), out);

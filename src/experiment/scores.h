@@ -4,7 +4,20 @@
 
 #include "experiment/interval.h"
 
-enum { METRIC_PSNR, METRIC_SSIM, METRIC_LPIPS, METRIC_RESNET50, METRICS };
+/* What is scored: pictures of novel views and of novel poses, and the surfaces of methods that make some. */
+typedef enum { SCORED_VIEW, SCORED_POSE, SCORED_SURFACE, SCORED_PARTS } scored_part;
+enum {
+    METRIC_PSNR,
+    METRIC_SSIM,
+    METRIC_LPIPS,
+    METRIC_RESNET50,
+    PICTURE_METRICS, /* the others are of surfaces */
+    METRIC_CHAMFER = PICTURE_METRICS,
+    METRIC_TO_TRUTH,
+    METRIC_FROM_TRUTH,
+    METRIC_NORMAL,
+    METRICS
+};
 typedef struct {
     const char *key, *label;
     int decimals, better; /* as page_column's */
@@ -12,9 +25,9 @@ typedef struct {
 extern const score_metric score_metrics[METRICS];
 
 typedef struct {
-    char *name;              /* owned */
-    int count[2];            /* of pictures */
-    double mean[2][METRICS]; /* novel view, novel pose; NaN: none */
+    char *name;                         /* owned */
+    int count[SCORED_PARTS];            /* of pictures, of surfaces */
+    double mean[SCORED_PARTS][METRICS]; /* NaN: none */
 } person_scores;
 typedef struct {
     int person; /* of scores.person */
@@ -24,18 +37,19 @@ typedef struct {
 } picture_scores;
 typedef struct {
     int people, pictures;
-    person_scores *person;   /* owned */
-    picture_scores *picture; /* owned */
-    int estimates, missed;   /* bodies that were estimated; pictures in which nobody was found */
-    double aligned_mm;       /* what they are off by on average; NaN: none were */
+    person_scores *person;         /* owned */
+    picture_scores *picture;       /* owned */
+    int estimates, missed;         /* bodies that were estimated; pictures in which nobody was found */
+    double aligned_mm;             /* what they are off by on average; NaN: none were */
+    int surfaces, surfaces_missed; /* that were compared; observations of which none came out */
 } scores;
 void scores_free(scores *s); /* its arrays; fine on zeroes */
 /* Refuses a file that is not of an evaluation. */
 sherf_status scores_read(context *c, const char *path, scores *out);
 
-/* Of `count` scorings of the same people (seeds): the mean over pictures, with its interval over people,
- * whose values are means over the scorings. minus (NULL: none): the difference to these. */
-sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, bool novel_pose,
+/* Of `count` scorings of the same people (seeds): the mean over pictures or surfaces, with its interval over
+ * people, whose values are means over the scorings. minus (NULL: none): the difference to these. */
+sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, scored_part part,
                              int metric, interval *out);
 
 #endif

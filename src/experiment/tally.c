@@ -74,12 +74,13 @@ static sherf_status tell_scoring(experiment_job *j, const run *r, const scoring 
 static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t, double step_ms,
                                    double *hours) {
     const experiment_settings *s = &j->set;
-    *hours = s->minutes / 60;
-    if (!(s->minutes > 0)) *hours = (double)s->steps * s->batch * s->targets * step_ms / 3.6e6;
+    int pictures;
+    sherf_status status = training_step_pictures(j, r->method, &pictures);
+    if (status != SHERF_OK) return status;
+    *hours = s->minutes > 0 ? s->minutes / 60 : (double)s->steps * pictures * step_ms / 3.6e6;
     if (!(s->minutes > 0) || !r->method->steps_of) return SHERF_OK;
     preset_time of;
-    sherf_status status =
-        preset_timed(j, experiment_method_find(r->method->steps_of)->preset[s->scale], t, &of);
+    status = preset_timed(j, experiment_method_find(r->method->steps_of)->preset[s->scale], t, &of);
     *hours *= step_ms / of.step_ms;
     return status;
 }

@@ -163,30 +163,34 @@ static sherf_status weights_count(context *c, const char *path, double *out) {
     return status;
 }
 
+sherf_status training_step_pictures(const experiment_job *j, const experiment_method *m, int *out) {
+    model_config config;
+    *out = j->set.batch * j->set.targets;
+    if (!m->own) return SHERF_OK;
+    sherf_status status = model_config_parse(j->c, m->preset[j->set.scale], &config);
+    if (status == SHERF_OK) *out = model_recipe(&config)->batch;
+    return status;
+}
+
 /* finished.json, the sign that a training is whole. */
 static sherf_status training_finish(experiment_job *j, const run *r, const sherf_train_options *o,
                                     const char *path) {
     char log[PATH_LENGTH], weights_path[PATH_LENGTH], text[512];
     double *seconds = NULL, sum = 0, median = 0, weights = 0;
-    int n = 0;
+    int n = 0, pictures = 0;
     sherf_status status = run_path(j, r, "log.jsonl", log);
     if (status == SHERF_OK) status = run_path(j, r, "model.safetensors", weights_path);
     if (status == SHERF_OK) status = log_seconds(j->c, log, &seconds, &n);
     if (status == SHERF_OK) status = log_median(j->c, log, &median);
     if (status == SHERF_OK) status = weights_count(j->c, weights_path, &weights);
+    if (status == SHERF_OK) status = training_step_pictures(j, r->method, &pictures);
     for (int i = 0; i < n; i++) sum += seconds[i];
     mem_free(seconds);
     if (status != SHERF_OK) return status;
-    model_config config;
-    status = model_config_parse(j->c, o->preset, &config);
-    if (status != SHERF_OK) return status;
-    const training_recipe *own = model_recipe(&config);
-    const int batch = o->batch ? o->batch : own ? own->batch : 4;
     snprintf(text, sizeof text,
              "{\"steps\": %" PRId64 ", \"pictures\": %" PRId64
              ", \"minutes\": %.6g, \"step_ms\": %.6g, \"weights\": %.0f, \"seed\": %" PRIu64 "}\n",
-             o->steps, o->steps * batch * (o->targets ? o->targets : 1), sum / 60, 1000 * median, weights,
-             o->seed);
+             o->steps, o->steps * pictures, sum / 60, 1000 * median, weights, o->seed);
     return file_write(j->c, path, text, strlen(text));
 }
 

@@ -114,8 +114,10 @@ static void words_that_are_wrong(void **state) {
     assert_error(run("experiment preference -o %s x.json", output), 2, "'x.json' is one argument too many",
                  "sherf experiment --help");
     assert_error(run("experiment preference --score -q -o %s x.json", output), 1, "preference/key.json", "");
-    assert_error(run("experiment pifu -q -d thuman:%s -o %s", tubes, output), 1,
-                 "experiment pifu is not there yet", "sherf train --preset pifu:own");
+    assert_error(run("experiment pifu -q -p smoke -d thuman:%s --train-people 0 --test-people 1 -s 32 -n 30 "
+                     "--perceptual none -o %s",
+                     tubes, output),
+                 1, "experiment pifu needs people's surfaces", "surface/0.safetensors: not there");
     assert_error(run("experiment main -q -n 31 -p smoke -d thuman:%s -o %s", tubes, output), 1,
                  "made with other settings", "experiment.json");
 }

@@ -89,14 +89,50 @@ static void scores_of_a_file(void **state) {
     assert_true(s->picture[2].person == 1 && s->picture[2].novel_pose && s->picture[2].observed_view == 4 &&
                 s->picture[2].pose == 2 && s->picture[2].view == 8 && s->picture[2].psnr == 21);
     assert_true(s->person[0].mean[0][METRIC_SSIM] == 0.5 && isnan(s->person[0].mean[0][METRIC_LPIPS]));
-    assert_ok(c, scores_interval(c, s, NULL, 1, false, METRIC_PSNR, &v));
+    assert_ok(c, scores_interval(c, s, NULL, 1, SCORED_VIEW, METRIC_PSNR, &v));
     assert_true(v.mean == 22 && v.low == 20 && v.high == 24);
-    assert_ok(c, scores_interval(c, s, NULL, 2, false, METRIC_PSNR, &v)); /* seeds: b has 26 */
+    assert_ok(c, scores_interval(c, s, NULL, 2, SCORED_VIEW, METRIC_PSNR, &v)); /* seeds: b has 26 */
     assert_true(v.mean == 23 && v.low == 20 && v.high == 26);
-    assert_ok(c, scores_interval(c, s, &other, 1, false, METRIC_PSNR, &v));
+    assert_ok(c, scores_interval(c, s, &other, 1, SCORED_VIEW, METRIC_PSNR, &v));
     assert_true(v.mean == 1.5 && v.low == 0 && v.high == 3);
     scores_free_all(s, 2);
     scores_free(&other);
+}
+
+/* Of a two, of b one: means over all three, people's over their own. */
+static void surfaces_of_a_file(void **state) {
+    static const char text[] =
+        "{\"images\": [], \"people\": [{\"person\": \"a\"}, {\"person\": \"b\"}, {\"person\": \"c\"}], "
+        "\"surfaces\": {\"missed\": 2, \"each\": ["
+        "{\"person\": \"a\", \"chamfer_cm\": 1, \"to_truth_cm\": 0.5, \"from_truth_cm\": 1.5, "
+        "\"normal_deg\": 20}, "
+        "{\"person\": \"b\", \"chamfer_cm\": 8, \"to_truth_cm\": 9, \"from_truth_cm\": 7, \"normal_deg\": "
+        "50}, "
+        "{\"person\": \"a\", \"chamfer_cm\": 3, \"to_truth_cm\": 2.5, \"from_truth_cm\": 3.5, "
+        "\"normal_deg\": 26}]}}";
+    static const double mean[] = {4, 4, 4, 32}, low[] = {2, 1.5, 2.5, 23}, high[] = {8, 9, 7, 50};
+    context *c = *state;
+    const char *path = test_path("surfaces.json");
+    char damaged[sizeof text];
+    scores s;
+    interval v;
+    assert_ok(c, file_write(c, path, text, strlen(text)));
+    assert_ok(c, scores_read(c, path, &s));
+    assert_true(s.surfaces == 3 && s.surfaces_missed == 2);
+    for (int m = PICTURE_METRICS; m < METRICS; m++) {
+        assert_ok(c, scores_interval(c, &s, NULL, 1, SCORED_SURFACE, m, &v));
+        assert_true(v.mean == mean[m - PICTURE_METRICS] && v.low == low[m - PICTURE_METRICS] &&
+                    v.high == high[m - PICTURE_METRICS]);
+    }
+    scores_free(&s);
+    memcpy(damaged, text, sizeof text);
+    memcpy(strstr(damaged, "chamfer_cm"), "chanter_cm", 10);
+    assert_ok(c, file_write(c, path, damaged, strlen(damaged)));
+    assert_fails(c, scores_read(c, path, &s), SHERF_BAD_FILE, "surface without 'chamfer_cm'");
+    memcpy(damaged, text, sizeof text);
+    strstr(damaged, "each")[20] = 'x'; /* person a's name */
+    assert_ok(c, file_write(c, path, damaged, strlen(damaged)));
+    assert_fails(c, scores_read(c, path, &s), SHERF_BAD_FILE, "surface without a person");
 }
 
 static void other_files_are_refused(void **state) {
@@ -309,7 +345,7 @@ static void the_plan_holds_together(void **state) {
     const experiment *e;
     for (int i = 0; (e = experiment_at(i)); i++) {
         assert_ptr_equal(experiment_find(e->name), e);
-        assert_true(e->lacks || e->report);
+        assert_non_null(e->report);
         for (int k = 0; k < EXPERIMENT_METHODS && e->method[k]; k++) {
             const experiment_method *m = experiment_method_find(e->method[k]);
             assert_non_null(m);
@@ -362,11 +398,12 @@ static void published_numbers(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(intervals_cover),         cmocka_unit_test(intervals_of_little),
-        cmocka_unit_test(scores_of_a_file),        cmocka_unit_test(other_files_are_refused),
-        cmocka_unit_test(pages_are_written),       cmocka_unit_test(every_allocation_fails),
-        cmocka_unit_test(error_bars_are_to_scale), cmocka_unit_test(canvas_letters),
-        cmocka_unit_test(angles_round_a_body),     cmocka_unit_test(disturbed_by_so_much),
-        cmocka_unit_test(the_plan_holds_together), cmocka_unit_test(published_numbers),
+        cmocka_unit_test(scores_of_a_file),        cmocka_unit_test(surfaces_of_a_file),
+        cmocka_unit_test(other_files_are_refused), cmocka_unit_test(pages_are_written),
+        cmocka_unit_test(every_allocation_fails),  cmocka_unit_test(error_bars_are_to_scale),
+        cmocka_unit_test(canvas_letters),          cmocka_unit_test(angles_round_a_body),
+        cmocka_unit_test(disturbed_by_so_much),    cmocka_unit_test(the_plan_holds_together),
+        cmocka_unit_test(published_numbers),
     };
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

@@ -23,14 +23,14 @@ static int make_data(void **state) {
         snprintf(spec[i], sizeof spec[i], "thuman:%s", folder);
         snprintf(body[i], sizeof body[i], "%s/tubeman.safetensors", folder);
         const sherf_synth_options o = {
-            .people = 3, .poses = 3, .views = 24, .size_px = 32, .seed = 40 + (uint64_t)i};
+            .people = 3, .poses = 3, .views = 24, .size_px = 32, .seed = 40 + (uint64_t)i, .surfaces = !i};
         failed |= sherf_synth_tube(c, folder, &o) != SHERF_OK;
     }
     sherf_context_free(c);
     return failed;
 }
 
-/* Two data sets of tubes, toys of networks; into a folder of this name. */
+/* Two data sets of tubes, the first with surfaces, toys of networks; into a folder of this name. */
 static sherf_experiment_options smoke(const char *folder) {
     static sherf_experiment_data data[2];
     static char path[4][600];
@@ -211,6 +211,87 @@ static void the_others(void **state) {
     document_free(times);
     snprintf(path, sizeof path, "%s/preference/study.html", o.output);
     assert_true(path_is_file(path));
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+static void assert_surfaces(const document *results, const document *scored) {
+    static const char *const key[] = {"chamfer_cm", "to_truth_cm", "from_truth_cm", "normal_deg"};
+    const value *mean = value_get(value_get(scored->root, "surfaces"), "mean");
+    for (int k = 0; k < 4; k++) {
+        assert_true(fabs(mean_of(results, 0, 0, 2 + k) - value_get(mean, key[k])->real) < 1e-9);
+        assert_true(isnan(mean_of(results, 0, 1, 2 + k)));
+    }
+}
+
+/* PIFu's surfaces beside its pictures and SHERF's, and nothing of other poses. What is whole is not done
+ * again, and what is lost is made the same again. */
+static void pifu_has_surfaces(void **state) {
+    static const char *const scored[] = {"runs/thuman/pifu-1/scores/protocol/scores.json",
+                                         "runs/thuman/sherf-1/scores/protocol/scores.json"};
+    context *c = test_context();
+    const sherf_experiment_options o = smoke("pifu");
+    char path[1400], kept[1400], *text;
+    int width, height, channels;
+    assert_ok(c, sherf_experiment(c, "pifu", &o, &text));
+    assert_non_null(strstr(text, "PIFu learned from the people's surfaces"));
+    assert_non_null(strstr(text, "PIFu: surfaces of "));
+    assert_null(strstr(text, "SHERF: surfaces of "));
+    sherf_free(text);
+    document *results = json_of(c, o.output, "pifu/results.json");
+    for (int i = 0; i < 2; i++) {
+        document *d = json_of(c, o.output, scored[i]);
+        const value *view = value_get(value_get(d->root, "novel_view"), "psnr");
+        assert_true(fabs(mean_of(results, 0, i, 0) - view->real) < 1e-9);
+        if (!i) assert_surfaces(results, d);
+        document_free(d);
+    }
+    assert_true(fabs(mean_of(results, 1, 0, 0) - (mean_of(results, 0, 1, 0) - mean_of(results, 0, 0, 0))) <
+                1e-9);
+    document_free(results);
+    snprintf(path, sizeof path, "%s/pifu/novel-view.png", o.output);
+    assert_ok(c, image_size(c, path, &width, &height, &channels));
+    assert_int_equal(width, (2 + 2) * SHEET_CELL_PX);
+    snprintf(path, sizeof path, "%s/pifu/novel-pose.png", o.output);
+    assert_false(path_is_file(path));
+    snprintf(path, sizeof path, "%s/%s", o.output, scored[0]);
+    snprintf(kept, sizeof kept, "%s/kept/%s", o.output, scored[0]);
+    char folder[1400];
+    snprintf(folder, sizeof folder, "%s/kept/runs/thuman/pifu-1/scores/protocol", o.output);
+    assert_ok(c, folder_make(c, folder));
+    assert_int_equal(rename(path, kept), 0);
+    snprintf(path, sizeof path, "%s/runs/thuman/pifu-1/checkpoint.safetensors", o.output);
+    assert_int_equal(unlink(path), 0); /* a training would make it again */
+    assert_ok(c, sherf_experiment(c, "pifu", &o, NULL));
+    assert_false(path_is_file(path));
+    snprintf(folder, sizeof folder, "%s/kept", o.output);
+    assert_same_file(c, folder, o.output, scored[0]);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
+/* People who have none, and one test person without the observed pose's: refused before anything is trained.
+ */
+static void pifu_wants_surfaces(void **state) {
+    context *c = test_context();
+    sherf_experiment_options o = smoke("none");
+    char path[1400], away[1410], *text;
+    o.data = &(sherf_experiment_data){spec[1], body[1]};
+    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_BAD_ARGUMENT,
+                 "experiment pifu needs people's surfaces: ");
+    assert_non_null(strstr(c->message, "tube_000/surface/0.safetensors: not there"));
+    snprintf(path, sizeof path, "%s/runs", o.output);
+    assert_false(path_is_folder(path));
+    o = smoke("pifu");
+    snprintf(path, sizeof path, "%s/tubes0/tube_002/surface/0.safetensors", root);
+    snprintf(away, sizeof away, "%s.away", path);
+    assert_int_equal(rename(path, away), 0);
+    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_BAD_ARGUMENT, "tube_002/surface/0");
+    assert_int_equal(rename(away, path), 0);
+    o.dry_run = 1;
+    assert_ok(c, sherf_experiment(c, "pifu", &o, &text));
+    assert_string_equal(text, "pifu\n0 trainings, about 0.0 hours\n");
+    sherf_free(text);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
@@ -402,8 +483,6 @@ static void mistakes_are_one_line(void **state) {
     sherf_experiment_options o = smoke("whole");
     assert_fails(c, sherf_experiment(c, "dance", &o, NULL), SHERF_BAD_ARGUMENT,
                  "'dance': should be main, ablation");
-    assert_fails(c, sherf_experiment(c, "pifu", &o, NULL), SHERF_UNSUPPORTED,
-                 "it needs made people's surfaces");
     assert_fails(c, sherf_experiment(c, "estimated-body", &o, NULL), SHERF_BAD_ARGUMENT,
                  "the networks that see people");
     assert_fails(c, sherf_experiment(c, "cross-data", &o, NULL), SHERF_BAD_ARGUMENT, "two data sets");
@@ -454,6 +533,8 @@ int main(void) {
         cmocka_unit_test(main_shows_its_scores),
         cmocka_unit_test(finished_runs_stay),
         cmocka_unit_test(the_others),
+        cmocka_unit_test(pifu_has_surfaces),
+        cmocka_unit_test(pifu_wants_surfaces),
         cmocka_unit_test(a_study_is_scored),
         cmocka_unit_test(minutes_are_counted_in_steps),
         cmocka_unit_test(the_recipe_is_kept),

@@ -46,7 +46,7 @@ static void metrics_known(const experiment_job *j, score_layout *l) {
     l->metric[METRIC_PSNR] = l->metric[METRIC_SSIM] = true;
     l->metric[METRIC_LPIPS] = j->options->lpips != NULL;
     l->metric[METRIC_RESNET50] = j->options->perceptual != NULL;
-    for (int m = PICTURE_METRICS; m < METRICS; m++) l->metric[m] = true;
+    for (int metric = PICTURE_METRICS; metric < METRICS; metric++) l->metric[metric] = true;
 }
 
 static bool group_has(const score_layout *l, const score_group *g, int metric) {

@@ -104,10 +104,11 @@ static sherf_status surface_take(context *c, const value *o, scores *s) {
     if (at < 0) return failure(c, SHERF_BAD_FILE, "a surface without a person");
     double *sum = s->person[at].mean[SCORED_SURFACE];
     const bool first = !s->person[at].count[SCORED_SURFACE]++;
-    for (int m = PICTURE_METRICS; m < METRICS; m++) {
-        const double v = number(o, score_metrics[m].key);
-        if (!isfinite(v)) return failure(c, SHERF_BAD_FILE, "a surface without '%s'", score_metrics[m].key);
-        sum[m] = first ? v : sum[m] + v;
+    for (int metric = PICTURE_METRICS; metric < METRICS; metric++) {
+        const double v = number(o, score_metrics[metric].key);
+        if (!isfinite(v))
+            return failure(c, SHERF_BAD_FILE, "a surface without '%s'", score_metrics[metric].key);
+        sum[metric] = first ? v : sum[metric] + v;
     }
     return SHERF_OK;
 }
@@ -125,8 +126,8 @@ static sherf_status read_surfaces(context *c, const value *root, scores *s) {
     }
     s->surfaces = (int)n;
     for (int i = 0; i < s->people; i++)
-        for (int m = PICTURE_METRICS; m < METRICS && s->person[i].count[SCORED_SURFACE]; m++)
-            s->person[i].mean[SCORED_SURFACE][m] /= s->person[i].count[SCORED_SURFACE];
+        for (int metric = PICTURE_METRICS; metric < METRICS && s->person[i].count[SCORED_SURFACE]; metric++)
+            s->person[i].mean[SCORED_SURFACE][metric] /= s->person[i].count[SCORED_SURFACE];
     return SHERF_OK;
 }
 

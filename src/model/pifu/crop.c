@@ -33,12 +33,13 @@ static void world_of(const posed_body *p, const float smpl[3], float out[3]) {
 static bool bounds(context *c, const body_model *body, const observation_geometry *g, float low[2],
                    float high[2], sherf_status *status) {
     const int64_t n = body->vertices;
-    float *world = mem_alloc(c, (size_t)n, 6 * sizeof *world), *px = world + 3 * n, *z = world + 5 * n;
+    float *world = mem_alloc(c, (size_t)n, 6 * sizeof *world);
     bool any = false;
     low[0] = low[1] = INFINITY;
     high[0] = high[1] = -INFINITY;
     *status = world ? SHERF_OK : SHERF_NO_MEMORY;
     if (!world) return false;
+    float *px = world + 3 * n, *z = world + 5 * n;
     body_vertices_world(body, g->body, world);
     camera_project(&g->camera, n, world, px, z);
     for (int64_t i = 0; i < n; i++) {

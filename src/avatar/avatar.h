@@ -107,7 +107,13 @@ sherf_status avatar_weights(context *c, const model *m, parameters **out);
 sherf_status avatar_finish(context *c, const body_model *body, sherf_avatar *a);
 
 /* ---- avatar_file.c, render.c ---- */
-/* Of a file that safetensors_read read; sherf_avatar_load (baked/form_file.c) is for people. */
+/* A picture's pose and camera, without its size, as one row of a file, and back: SHERF_BAD_FILE, with the
+ * tensor's name, where one is not finite or the camera is none. */
+enum { OBSERVED_NUMBERS = 72 + 10 + 9 + 3 + 9 + 9 + 3 };
+void observed_numbers(const observed_picture *p, float n[OBSERVED_NUMBERS]);
+sherf_status observed_from_numbers(context *c, const char *name, const float n[OBSERVED_NUMBERS], int width,
+                                   int height, observed_picture *out);
+/* Of a file that safetensors_read read; sherf_avatar_load (baked/form_read.c) is for people. */
 sherf_status avatar_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
 /* SHERF_UNSUPPORTED, in one line, where `what` needs the network and this avatar has another form. */
 sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what);

@@ -7,12 +7,11 @@
 
 #include "avatar/avatar.h"
 
-enum { NUMBERS = 72 + 10 + 9 + 3 + 9 + 9 + 3, ITEM_NAME = 24 };
+enum { ITEM_NAME = 24 };
 /* Programs that know of one picture alone refuse avatars of several. */
 static const char *const format_one = "sherf-avatar", *const format_several = "sherf-avatar-of-several";
 
-/* A picture's pose and camera as one row of numbers and back. */
-static void numbers_put(const observed_picture *p, float n[NUMBERS]) {
+void observed_numbers(const observed_picture *p, float n[OBSERVED_NUMBERS]) {
     memcpy(n, p->pose.poses_rad, 72 * sizeof *n);
     memcpy(n + 72, p->pose.shapes, 10 * sizeof *n);
     memcpy(n + 82, p->pose.R, 9 * sizeof *n);
@@ -22,8 +21,9 @@ static void numbers_put(const observed_picture *p, float n[NUMBERS]) {
     memcpy(n + 112, p->camera.T_m, 3 * sizeof *n);
 }
 
-static sherf_status numbers_get(context *c, const char *name, const float n[NUMBERS], observed_picture *p) {
-    for (int i = 0; i < NUMBERS; i++)
+sherf_status observed_from_numbers(context *c, const char *name, const float n[OBSERVED_NUMBERS], int width,
+                                   int height, observed_picture *p) {
+    for (int i = 0; i < OBSERVED_NUMBERS; i++)
         if (!isfinite(n[i])) return failure(c, SHERF_BAD_FILE, "tensor %s: not a finite number", name);
     memcpy(p->pose.poses_rad, n, 72 * sizeof *n);
     memcpy(p->pose.shapes, n + 72, 10 * sizeof *n);
@@ -32,8 +32,8 @@ static sherf_status numbers_get(context *c, const char *name, const float n[NUMB
     memcpy(p->camera.K, n + 94, 9 * sizeof *n);
     memcpy(p->camera.R, n + 103, 9 * sizeof *n);
     memcpy(p->camera.T_m, n + 112, 3 * sizeof *n);
-    p->camera.width_px = p->image.width;
-    p->camera.height_px = p->image.height;
+    p->camera.width_px = width;
+    p->camera.height_px = height;
     return camera_check(c, &p->camera);
 }
 
@@ -46,14 +46,15 @@ static const char *name_of(const char *what, int picture, char name[ITEM_NAME]) 
 
 /* The items of a picture: at most 3. */
 typedef struct {
-    float numbers[NUMBERS];
+    float numbers[OBSERVED_NUMBERS];
     char name[3][ITEM_NAME];
 } picture_items;
 static size_t picture_put(const sherf_avatar *a, int i, picture_items *room, safetensor_item *item) {
     const sherf_image *image = &a->picture[i].image;
     const fine_picture *fine = &a->fine[i];
-    numbers_put(&a->picture[i], room->numbers);
-    item[0] = (safetensor_item){name_of("observation", i, room->name[0]), T_F32, 1, {NUMBERS}, room->numbers};
+    observed_numbers(&a->picture[i], room->numbers);
+    item[0] = (safetensor_item){
+        name_of("observation", i, room->name[0]), T_F32, 1, {OBSERVED_NUMBERS}, room->numbers};
     item[1] = (safetensor_item){
         name_of("image", i, room->name[1]), T_F32, 3, {image->height, image->width, 3}, image->data};
     if (!fine->data) return 2;
@@ -118,14 +119,15 @@ static sherf_status fine_load(context *c, const safetensors *s, const char *name
 static sherf_status picture_load(context *c, const safetensors *s, int i, sherf_avatar *a) {
     char room[ITEM_NAME];
     kept_array image = {name_of("image", i, room), T_F32, 3, {0, 0, 3}};
-    const int64_t numbers_dim[1] = {NUMBERS};
-    float numbers[NUMBERS];
+    const int64_t numbers_dim[1] = {OBSERVED_NUMBERS};
+    float numbers[OBSERVED_NUMBERS];
     observed_picture *p = &a->picture[i];
     sherf_status status = kept_array_read(c, s, &image);
     p->image = (sherf_image){(int)image.dim[1], (int)image.dim[0], 3, image.data};
     const char *name = name_of("observation", i, room);
     if (status == SHERF_OK) status = safetensors_floats(c, s, name, 1, numbers_dim, numbers);
-    if (status == SHERF_OK) status = numbers_get(c, name, numbers, p);
+    if (status == SHERF_OK)
+        status = observed_from_numbers(c, name, numbers, p->image.width, p->image.height, p);
     return status == SHERF_OK ? fine_load(c, s, name_of("picture", i, room), &a->fine[i]) : status;
 }
 

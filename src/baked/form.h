@@ -49,8 +49,8 @@ extern const avatar_form baked_avatar_form;
 /* ---- form_save.c, form_read.c ---- */
 #define BAKED_FORMAT "sherf-baked-avatar"
 enum {
-    BAKED_NUMBERS = 72 + 10 + 9 + 3 /* the pose */ + 9 + 9 + 3 + 2 /* the camera */
-};                                                                 /* of the observation */
+    BAKED_NUMBERS = OBSERVED_NUMBERS + 2 /* the picture's size */
+};                                       /* of the observation */
 sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
 /* A baked avatar from its file's tensors, every size and index of which is checked. */
 sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);

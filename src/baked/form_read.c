@@ -81,21 +81,13 @@ static sherf_status observation_read(context *c, const safetensors *s, observed_
     float n[BAKED_NUMBERS];
     sherf_status status = safetensors_floats(c, s, "observation", 1, dim, n);
     if (status != SHERF_OK) return status;
-    for (size_t i = 0; i < COUNT_OF(n); i++)
-        if (!isfinite(n[i])) return failure(c, SHERF_BAD_FILE, "tensor observation: not a finite number");
-    if (!(n[115] >= 1 && n[115] <= 32768 && n[116] >= 1 && n[116] <= 32768))
-        return failure(c, SHERF_BAD_FILE, "tensor observation: a picture of %g x %g", (double)n[115],
-                       (double)n[116]);
-    memcpy(out->pose.poses_rad, n, 72 * sizeof *n);
-    memcpy(out->pose.shapes, n + 72, 10 * sizeof *n);
-    memcpy(out->pose.R, n + 82, 9 * sizeof *n);
-    memcpy(out->pose.Th_m, n + 91, 3 * sizeof *n);
-    memcpy(out->camera.K, n + 94, 9 * sizeof *n);
-    memcpy(out->camera.R, n + 103, 9 * sizeof *n);
-    memcpy(out->camera.T_m, n + 112, 3 * sizeof *n);
-    out->camera.width_px = (int)n[115];
-    out->camera.height_px = (int)n[116];
-    return camera_check(c, &out->camera);
+    const float *size = n + OBSERVED_NUMBERS;
+    if (!isfinite(size[0]) || !isfinite(size[1]))
+        return failure(c, SHERF_BAD_FILE, "tensor observation: not a finite number");
+    if (!(size[0] >= 1 && size[0] <= 32768 && size[1] >= 1 && size[1] <= 32768))
+        return failure(c, SHERF_BAD_FILE, "tensor observation: a picture of %g x %g", (double)size[0],
+                       (double)size[1]);
+    return observed_from_numbers(c, "observation", n, (int)size[0], (int)size[1], out);
 }
 
 static sherf_status form_read(context *c, const safetensors *s, baked_form *f) {

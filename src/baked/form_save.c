@@ -5,24 +5,14 @@
 #include <stdio.h>
 #include <string.h>
 
-static void pose_put(const sherf_pose *p, const sherf_camera *k, float n[BAKED_NUMBERS]) {
-    memcpy(n, p->poses_rad, 72 * sizeof *n);
-    memcpy(n + 72, p->shapes, 10 * sizeof *n);
-    memcpy(n + 82, p->R, 9 * sizeof *n);
-    memcpy(n + 91, p->Th_m, 3 * sizeof *n);
-    memcpy(n + 94, k->K, 9 * sizeof *n);
-    memcpy(n + 103, k->R, 9 * sizeof *n);
-    memcpy(n + 112, k->T_m, 3 * sizeof *n);
-    n[115] = (float)k->width_px;
-    n[116] = (float)k->height_px;
-}
-
 sherf_status baked_save(context *c, const sherf_avatar *a, const char *path) {
     const baked_form *f = a->formed;
     float numbers[BAKED_NUMBERS];
     char fingerprint[32];
     snprintf(fingerprint, sizeof fingerprint, "%016" PRIx64, a->body_fingerprint);
-    pose_put(&a->picture[0].pose, &a->picture[0].camera, numbers);
+    observed_numbers(&a->picture[0], numbers);
+    numbers[OBSERVED_NUMBERS] = (float)a->picture[0].camera.width_px;
+    numbers[OBSERVED_NUMBERS + 1] = (float)a->picture[0].camera.height_px;
     safetensor_item item[9] = {
         {"observation", T_F32, 1, {BAKED_NUMBERS}, numbers},
         {"rest", T_F32, 2, {f->corners, 3}, f->rest},

@@ -219,16 +219,20 @@ bool surface_truth_is_there(context *c, const sherf_dataset *d, int person, int 
     return path_of(c, d, person, pose, path) == SHERF_OK && path_is_file(path);
 }
 
+sherf_status surface_truth_find(context *c, const sherf_dataset *d, int person, int pose,
+                                char path[PATH_LENGTH]) {
+    const sherf_status status = path_of(c, d, person, pose, path);
+    if (status != SHERF_OK || path_is_file(path)) return status;
+    return failure(c, SHERF_NO_FILE,
+                   "%s: not there: surfaces are wanted, which `sherf synth people --surfaces` adds to "
+                   "made people (docs/datasets.md has the files for others)",
+                   path);
+}
+
 sherf_status surface_truth_load(context *c, const sherf_dataset *d, int person, int pose, unsigned parts,
                                 surface_truth *out) {
     char path[PATH_LENGTH];
     *out = (surface_truth){0};
-    sherf_status status = path_of(c, d, person, pose, path);
-    if (status != SHERF_OK) return status;
-    if (!path_is_file(path))
-        return failure(c, SHERF_NO_FILE,
-                       "%s: not there: surfaces are wanted, which `sherf synth people --surfaces` adds to "
-                       "made people (docs/datasets.md has the files for others)",
-                       path);
-    return surface_truth_read(c, path, parts, out);
+    const sherf_status status = surface_truth_find(c, d, person, pose, path);
+    return status == SHERF_OK ? surface_truth_read(c, path, parts, out) : status;
 }

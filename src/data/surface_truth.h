@@ -42,8 +42,11 @@ sherf_status surface_truth_write(context *c, const surface_truth *t, const char 
 /* parts: TRUTH_MESH (vertices, triangles) and TRUTH_SAMPLES (places, points), checked: finite, indices in
  * range, points of both kinds. */
 sherf_status surface_truth_read(context *c, const char *path, unsigned parts, surface_truth *out);
-/* The surface of a data set's person in a pose. If there is none: SHERF_NO_FILE, with a line that says how to
+/* The file of a data set's person in a pose. If there is none: SHERF_NO_FILE, with a line that says how to
  * make it. */
+sherf_status surface_truth_find(context *c, const sherf_dataset *d, int person, int pose,
+                                char path[PATH_LENGTH]);
+/* Its surface. */
 sherf_status surface_truth_load(context *c, const sherf_dataset *d, int person, int pose, unsigned parts,
                                 surface_truth *out);
 /* Whether the data set has it. */

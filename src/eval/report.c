@@ -267,19 +267,25 @@ static bool add_error(cJSON *to, const pose_error *e) {
            add_number(to, "turn_deg", e->turn_deg) && add_number(to, "overlap", e->overlap);
 }
 
+/* A new entry of a list, which says what was observed; NULL where memory lacks. */
+static cJSON *add_observation(cJSON *list, const sherf_dataset *d, int person, picture observation) {
+    cJSON *o = cJSON_CreateObject();
+    if (!o || !cJSON_AddItemToArray(list, o)) {
+        cJSON_Delete(o);
+        return NULL;
+    }
+    const bool said = cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, person)) &&
+                      add_pair(o, "observation", observation);
+    return said ? o : NULL;
+}
+
 /* What every estimate is off by, and their mean and the worst of each number. */
 static bool add_estimates(cJSON *root, const estimate_list *l, const sherf_dataset *d) {
     cJSON *all = cJSON_AddObjectToObject(root, "estimates");
     cJSON *each = all ? cJSON_AddArrayToObject(all, "each") : NULL;
     for (int64_t i = 0; i < l->count && each; i++) {
-        cJSON *o = cJSON_CreateObject();
-        if (!o || !cJSON_AddItemToArray(each, o)) {
-            cJSON_Delete(o);
-            return false;
-        }
-        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, l->entry[i].person)) ||
-            !add_pair(o, "observation", l->entry[i].observation) || !add_error(o, &l->entry[i].error))
-            return false;
+        cJSON *o = add_observation(each, d, l->entry[i].person, l->entry[i].observation);
+        if (!o || !add_error(o, &l->entry[i].error)) return false;
     }
     estimate_summary s = estimate_list_summary(l, -1);
     cJSON *mean = each ? cJSON_AddObjectToObject(all, "mean") : NULL;
@@ -303,14 +309,8 @@ static bool add_surfaces(cJSON *root, const surface_list *l, const sherf_dataset
     cJSON *all = cJSON_AddObjectToObject(root, "surfaces");
     cJSON *each = all ? cJSON_AddArrayToObject(all, "each") : NULL;
     for (int64_t i = 0; i < l->count && each; i++) {
-        cJSON *o = cJSON_CreateObject();
-        if (!o || !cJSON_AddItemToArray(each, o)) {
-            cJSON_Delete(o);
-            return false;
-        }
-        if (!cJSON_AddStringToObject(o, "person", sherf_dataset_person(d, l->entry[i].person)) ||
-            !add_pair(o, "observation", l->entry[i].observation) || !add_surface(o, &l->entry[i].scores))
-            return false;
+        cJSON *o = add_observation(each, d, l->entry[i].person, l->entry[i].observation);
+        if (!o || !add_surface(o, &l->entry[i].scores)) return false;
     }
     cJSON *o = each ? cJSON_AddObjectToObject(all, "mean") : NULL;
     return o && add_surface(o, &mean) && add_number(all, "count", (double)count) &&

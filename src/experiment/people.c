@@ -5,7 +5,7 @@
 #include "data/dataset.h"
 #include "data/surface_truth.h"
 #include "experiment/experiment.h"
-#include "train/draw.h"
+#include "train/surfaces.h"
 
 /* People of the tests wear what nobody below this number does (sherf_people_options). */
 enum { TRAIN_FIRST = 1000, TEST_FIRST = 900000, VIEWS = 24 };
@@ -196,23 +196,13 @@ static sherf_status choose(experiment_job *j, const experiment_data *d, picture_
 }
 
 /* ---- surfaces ---- */
-static sherf_status surface_wanted(experiment_job *j, const sherf_dataset *data, int person, int pose) {
-    surface_truth t;
-    if (surface_truth_is_there(j->c, data, person, pose)) return SHERF_OK;
-    const sherf_status status = surface_truth_load(j->c, data, person, pose, TRUTH_MESH, &t);
-    surface_truth_free(&t);
-    return status;
-}
-
 /* Of the poses that a training observes. */
 static sherf_status trained_surfaces(experiment_job *j, const experiment_data *d) {
     sherf_dataset *data = NULL;
     sampling s = {0};
     sherf_status status = sherf_dataset_open(j->c, d->train, &data);
     if (status == SHERF_OK) status = sampling_create(j->c, data, data_train_people(j, d), false, 1, 0, &s);
-    for (int i = 0; i < s.people && status == SHERF_OK; i++)
-        for (int p = 0; p < s.poses[i] && status == SHERF_OK; p++)
-            status = surface_wanted(j, data, s.person[i], p * s.pose_step);
+    if (status == SHERF_OK) status = surfaces_are_there(j->c, data, &s);
     sampling_free(&s);
     sherf_dataset_free(data);
     return status;
@@ -222,6 +212,7 @@ static sherf_status trained_surfaces(experiment_job *j, const experiment_data *d
 static sherf_status tested_surfaces(experiment_job *j, const experiment_data *d) {
     picture_choice k;
     sherf_dataset *data = NULL;
+    char path[PATH_LENGTH];
     int *person = NULL, count = 0;
     sherf_status status = choose(j, d, &k);
     if (status == SHERF_OK) status = sherf_dataset_open(j->c, d->test, &data);
@@ -229,7 +220,7 @@ static sherf_status tested_surfaces(experiment_job *j, const experiment_data *d)
         status = dataset_people(j->c, data, data_test_people(j, d), false, &person, &count);
     for (int i = 0; i < count && status == SHERF_OK; i++)
         for (int p = 0; p < (k.whole ? k.poses : 1) && status == SHERF_OK; p++)
-            status = surface_wanted(j, data, person[i], k.pose[p]);
+            status = surface_truth_find(j->c, data, person[i], k.pose[p], path);
     mem_free(person);
     sherf_dataset_free(data);
     return status;

@@ -76,14 +76,10 @@ sherf_status surface_draw_create(context *c, const sherf_dataset *d, int person,
 }
 
 sherf_status surfaces_are_there(context *c, const sherf_dataset *d, const sampling *s) {
-    surface_truth t;
-    for (int i = 0; i < s->people; i++)
-        for (int p = 0; p < s->poses[i]; p++) {
-            const int pose = p * s->pose_step;
-            if (surface_truth_is_there(c, d, s->person[i], pose)) continue;
-            const sherf_status status = surface_truth_load(c, d, s->person[i], pose, TRUTH_SAMPLES, &t);
-            if (status != SHERF_OK) return status;
-            surface_truth_free(&t);
-        }
-    return SHERF_OK;
+    char path[PATH_LENGTH];
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < s->people && status == SHERF_OK; i++)
+        for (int p = 0; p < s->poses[i] && status == SHERF_OK; p++)
+            status = surface_truth_find(c, d, s->person[i], p * s->pose_step, path);
+    return status;
 }

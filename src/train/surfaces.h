@@ -12,7 +12,7 @@ sherf_status surface_draw_create(context *c, const sherf_dataset *d, int person,
 void surface_draw_free(surface_draw *s);
 /* Memory for so many, without values. */
 sherf_status surface_draw_room(context *c, int64_t count, surface_draw *out);
-/* Before a training: every pose of its people has a surface. */
+/* Before a training: whether every pose of its people has a surface; otherwise surface_truth_find's line. */
 sherf_status surfaces_are_there(context *c, const sherf_dataset *d, const sampling *s);
 
 #endif

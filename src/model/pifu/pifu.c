@@ -36,7 +36,7 @@ static void defaults(model_config *out) {
                          .coarse = 64};
     memcpy(own.hidden, pifu_paper.hidden, sizeof own.hidden);
     memcpy(out->own.bytes, &own, sizeof own);
-    out->samples = 2; /* nobody asks for them */
+    out->samples = 2; /* no ray is sampled */
     out->image_size = 512;
 }
 

@@ -20,17 +20,17 @@ typedef struct {
     float *world, *uv, *z; /* CHUNK x 3, x 2, x 1 */
     uint8_t *in;
     float *answer; /* CHUNK x 3 */
-} asker;
+} querier;
 
-static void asker_free(asker *a) {
+static void querier_free(querier *a) {
     tape_free(a->tape);
     mem_free(a->world);
     mem_free(a->in);
 }
 
-static sherf_status asker_create(context *c, const model *m, const observation_geometry *g,
-                                 const model_bank *bank, asker *a) {
-    *a = (asker){.m = m, .g = g, .bank = bank};
+static sherf_status querier_create(context *c, const model *m, const observation_geometry *g,
+                                   const model_bank *bank, querier *a) {
+    *a = (querier){.m = m, .g = g, .bank = bank};
     a->tape = tape_create(
         c, (tape_options){.backend = backend_of(c), .bf16 = c->precision == SHERF_PRECISION_BF16});
     a->world = mem_alloc(c, CHUNK, 9 * sizeof *a->world);
@@ -43,7 +43,7 @@ static sherf_status asker_create(context *c, const model *m, const observation_g
 }
 
 /* Of the points in a->world: occupancy, or three of colour. */
-static sherf_status ask(asker *a, bool color) {
+static sherf_status query(querier *a, bool color) {
     const pifu_network *n = a->m->network;
     tensor *const *map = a->bank->tensor;
     context *c = tape_context(a->tape);
@@ -62,19 +62,19 @@ static void grid_place(const cubes_grid *g, const int at[3], float out[3]) {
 }
 
 typedef struct {
-    asker *ask;
+    querier *querier;
     cubes_grid *grid;
     uint8_t *known;
-    size_t *where; /* CHUNK: places of the points that are asked for */
+    size_t *where; /* CHUNK: places of the points that are queried */
 } search;
 
 static sherf_status flush(search *s) {
-    const asker *a = s->ask;
+    const querier *a = s->querier;
     if (!a->count) return SHERF_OK;
-    const sherf_status status = ask(s->ask, false);
+    const sherf_status status = query(s->querier, false);
     for (int64_t i = 0; i < a->count && status == SHERF_OK; i++)
         s->grid->value[s->where[i]] = a->in[i] ? a->answer[i] : 0;
-    s->ask->count = 0;
+    s->querier->count = 0;
     return status;
 }
 
@@ -89,9 +89,9 @@ static sherf_status lattice(search *s, int step) {
                 const size_t place = cubes_at(g, at[0], at[1], at[2]);
                 if (s->known[place]) continue;
                 s->known[place] = 1;
-                s->where[s->ask->count] = place;
-                grid_place(g, at, s->ask->world + 3 * s->ask->count++);
-                if (s->ask->count == CHUNK && (status = flush(s)) != SHERF_OK) return status;
+                s->where[s->querier->count] = place;
+                grid_place(g, at, s->querier->world + 3 * s->querier->count++);
+                if (s->querier->count == CHUNK && (status = flush(s)) != SHERF_OK) return status;
             }
     return flush(s);
 }
@@ -129,7 +129,7 @@ static void close_rim(cubes_grid *g) {
                     g->value[cubes_at(g, x, y, z)] = 0;
 }
 
-static sherf_status grid_fill(context *c, asker *a, cubes_grid *g) {
+static sherf_status grid_fill(context *c, querier *a, cubes_grid *g) {
     const pifu_crop *crop = a->g->own;
     const pifu_settings *k = pifu_settings_of(&a->m->config);
     const int resolution = k->resolution;
@@ -152,12 +152,12 @@ static sherf_status grid_fill(context *c, asker *a, cubes_grid *g) {
 }
 
 /* ---- the surface ---- */
-static sherf_status colors_ask(asker *a, const surface *s, float *rgb) {
+static sherf_status colors_query(querier *a, const surface *s, float *rgb) {
     sherf_status status = SHERF_OK;
     for (int64_t begin = 0; begin < s->vertices && status == SHERF_OK; begin += CHUNK) {
         a->count = s->vertices - begin < CHUNK ? s->vertices - begin : CHUNK;
         memcpy(a->world, s->position + 3 * begin, 3 * (size_t)a->count * sizeof *a->world);
-        status = ask(a, true);
+        status = query(a, true);
         for (int64_t i = 0; i < 3 * a->count && status == SHERF_OK; i++)
             rgb[3 * begin + i] = (a->answer[i] + 1) / 2;
     }
@@ -176,11 +176,11 @@ static sherf_status nothing(context *c, const pifu_crop *crop, surface *s) {
 
 sherf_status pifu_surface(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                           kept_bank *out) {
-    asker a;
+    querier a;
     cubes_grid grid = {0};
     surface s = {0};
     float *rgb = NULL;
-    sherf_status status = asker_create(c, m, g, bank, &a);
+    sherf_status status = querier_create(c, m, g, bank, &a);
     if (status == SHERF_OK) status = grid_fill(c, &a, &grid);
     if (status == SHERF_OK) status = cubes_surface(c, &grid, level, &s);
     if (status == SHERF_OK && !s.triangles) {
@@ -189,9 +189,9 @@ sherf_status pifu_surface(context *c, const model *m, const observation_geometry
     }
     if (status == SHERF_OK && !(rgb = mem_alloc(c, (size_t)s.vertices, 3 * sizeof *rgb)))
         status = SHERF_NO_MEMORY;
-    if (status == SHERF_OK) status = colors_ask(&a, &s, rgb);
+    if (status == SHERF_OK) status = colors_query(&a, &s, rgb);
     cubes_grid_free(&grid);
-    asker_free(&a);
+    querier_free(&a);
     if (status != SHERF_OK) {
         surface_free(&s);
         mem_free(rgb);

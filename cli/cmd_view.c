@@ -191,11 +191,12 @@ const verb verb_view = {
     .name = "view",
     .arguments = "INPUT...",
     .summary = "turn, pose and play avatars in the browser",
-    .description = "Opens a page, served by the program itself, on which avatars are turned with the mouse, "
-                   "put into poses and made to move, at a small size while something moves and then at full "
-                   "size. INPUTs are avatar files or observations. The address that is printed "
-                   "holds a key, and without it nothing is shown; only this machine reaches it unless "
-                   "--listen says otherwise. Ctrl-C ends.",
+    .description =
+        "Opens a page, served by the program itself, on which avatars are turned with the mouse, "
+        "put into poses and made to move, at a small size while something moves and then at full "
+        "size. INPUTs are avatar files, baked or not, or observations. The address that is printed "
+        "holds a key, and without it nothing is shown; only this machine reaches it unless "
+        "--listen says otherwise. Ctrl-C ends.",
     .example = "sherf view ann.safetensors --open\n"
                "sherf view ann.safetensors bob.safetensors -b body.safetensors --motion walk.npz --motion "
                "dance.bvh\n"

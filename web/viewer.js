@@ -172,7 +172,7 @@ function measure(side, ms, live, width, height, baked) {
   if (!baked) costMs = costMs ? 0.8 * costMs + (0.2 * ms) / (side * side) : ms / (side * side);
   const now = performance.now();
   const text = `${width} × ${height} · ${Math.round(ms)} ms`;
-  const sideMost = baked ? about.side : limits.sideMost;
+  const sideMost = baked || about.avatars[view.avatar].baked ? about.side : limits.sideMost;
   if (live && side <= sideMost) {
     const wanted = clamp(Math.sqrt(limits.frameMs / (ms / (side * side))), limits.sideLeast, sideMost);
     moving = Math.round((0.75 * moving + 0.25 * wanted) / 8) * 8;
@@ -365,7 +365,10 @@ function setMotion(n) {
 function setAvatar(n) {
   view.avatar = n;
   $("avatar").value = n;
-  $("input-image").src = "picture?avatar=" + n;
+  const { picture } = about.avatars[n];
+  $("show-input").disabled = !picture;
+  if (picture) $("input-image").src = "picture?avatar=" + n;
+  else showInput(false); // a baked avatar does not hold it
   document.title = about.avatars[n].name + " · sherf";
   touch();
 }
@@ -402,9 +405,13 @@ function setTheme(name) {
   touch();
 }
 
+function showInput(on) {
+  $("input").hidden = !on;
+  setPressed("show-input", on);
+}
+
 function toggleInput() {
-  $("input").hidden = !$("input").hidden;
-  setPressed("show-input", !$("input").hidden);
+  showInput($("input").hidden && about.avatars[view.avatar].picture);
 }
 
 function toggleFollow() {

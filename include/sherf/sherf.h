@@ -299,9 +299,9 @@ SHERF_API void sherf_avatar_free(sherf_avatar *avatar);
 
 /* An avatar in another form: a skinned surface with a texture, which is drawn in milliseconds without the
  * network. sherf_render, sherf_animate and sherf_avatar_save take it as any avatar, sherf_avatar_load reads
- * its file. Exact frames, sherf_export and the viewer refuse it: they need the avatar it was baked from. The
- * surface keeps the person's shape, but not the pose-dependent offsets of a body's vertices (SMPL's blend
- * shapes). body: as given to sherf_avatar_create. options may be NULL. */
+ * its file, and the viewer shows it. Exact frames and sherf_export refuse it: they need the avatar it was
+ * baked from. The surface keeps the person's shape, but not the pose-dependent offsets of a body's vertices
+ * (SMPL's blend shapes). body: as given to sherf_avatar_create. options may be NULL. */
 typedef struct {
     int resolution; /* cells of the density along the body's longest side; 0: 256 */
     int triangles;  /* 0: 40000 */

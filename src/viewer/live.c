@@ -88,6 +88,19 @@ static void *work(void *arg) {
     return NULL;
 }
 
+/* Avatars that were baked before they came here. */
+static sherf_status take_baked(context *c, viewer *v) {
+    sherf_status status = SHERF_OK;
+    for (int i = 0; i < v->scene.avatar_count && status == SHERF_OK; i++) {
+        const sherf_avatar *a = v->scene.avatars[i].avatar;
+        live_surface *s = &v->live.surface[i];
+        if (!a->form) continue;
+        status = pack(c, a->formed, &s->data, &s->bytes);
+        if (status == SHERF_OK) s->state = LIVE_READY;
+    }
+    return status;
+}
+
 sherf_status live_open(context *c, viewer *v) {
     viewer_live *l = &v->live;
     const sherf_options own = {.threads = 1, .precision = c->precision, .device = SHERF_DEVICE_CPU};
@@ -95,6 +108,8 @@ sherf_status live_open(context *c, viewer *v) {
     pthread_cond_init(&l->news, NULL);
     l->open = true;
     l->resolution = RESOLUTION;
+    const sherf_status status = take_baked(c, v);
+    if (status != SHERF_OK) return status;
     if (c->device != SHERF_DEVICE_CPU)
         return SHERF_OK; /* avatars are in its memory: the page asks for pictures */
     if (sherf_context_create(&own, &l->c) == SHERF_OK) return SHERF_OK;
@@ -123,8 +138,10 @@ live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes) 
     viewer_live *l = &v->live;
     live_surface *s = &l->surface[avatar];
     pthread_mutex_lock(&l->lock);
-    if (!l->started && l->c) l->started = pthread_create(&l->thread, NULL, work, v) == 0;
-    if (!l->started) s->state = LIVE_FAILED;
+    if (s->state == LIVE_NONE) {
+        if (!l->started && l->c) l->started = pthread_create(&l->thread, NULL, work, v) == 0;
+        if (!l->started) s->state = LIVE_FAILED;
+    }
     if (s->state == LIVE_NONE || s->state == LIVE_REQUESTED) {
         s->state = LIVE_REQUESTED;
         s->request = ++l->request;
@@ -138,8 +155,10 @@ live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes) 
 }
 
 const sherf_avatar *live_avatar(viewer *v, int avatar) {
+    const sherf_avatar *a = v->scene.avatars[avatar].avatar;
     const uint8_t *data;
     size_t bytes;
+    if (a->form) return a;
     return live_ask(v, avatar, &data, &bytes) == LIVE_READY ? v->live.surface[avatar].avatar : NULL;
 }
 

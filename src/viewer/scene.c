@@ -14,12 +14,15 @@ static const double fov_rad = 30 * M_PI / 180; /* vertical, at zoom 1 in a squar
 
 /* ---- made once ---- */
 static cJSON *avatar_json(const sherf_viewer_avatar *a, int number) {
+    const sherf_image *image = &a->avatar->picture[0].image;
     char plain[32];
     cJSON *json = cJSON_CreateObject();
     snprintf(plain, sizeof plain, "avatar %d", number + 1);
     cJSON_AddStringToObject(json, "name", a->name ? a->name : plain);
-    cJSON_AddNumberToObject(json, "width", a->avatar->picture[0].image.width);
-    cJSON_AddNumberToObject(json, "height", a->avatar->picture[0].image.height);
+    cJSON_AddBoolToObject(json, "picture", image->data != NULL);
+    cJSON_AddNumberToObject(json, "width", image->width);
+    cJSON_AddNumberToObject(json, "height", image->height);
+    cJSON_AddBoolToObject(json, "baked", a->avatar->form != NULL);
     return json;
 }
 
@@ -66,10 +69,6 @@ static sherf_status options_check(context *c, const sherf_viewer_options *o) {
     for (int i = 0; i < o->avatar_count; i++)
         if (o->avatars[i].body->fingerprint != o->avatars[i].avatar->body_fingerprint)
             return failure(c, SHERF_MISMATCH, "viewer: avatar %d was made with another body", i);
-    for (int i = 0; i < o->avatar_count; i++) {
-        sherf_status status = avatar_needs_network(c, o->avatars[i].avatar, "the viewer");
-        if (status != SHERF_OK) return status;
-    }
     return SHERF_OK;
 }
 
@@ -301,6 +300,7 @@ sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, c
 
 sherf_status scene_picture(context *c, const viewer_scene *s, int avatar, uint8_t **out, size_t *bytes) {
     const sherf_image *image = &s->avatars[avatar].avatar->picture[0].image;
+    if (!image->data) return failure(c, SHERF_UNSUPPORTED, "a baked avatar does not hold its picture");
     size_t n = (size_t)image->width * (size_t)image->height * 3;
     uint8_t *rgb = mem_alloc(c, n, 1);
     if (!rgb) return SHERF_NO_MEMORY;

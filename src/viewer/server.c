@@ -223,8 +223,9 @@ static enum MHD_Result picture_send(http_request *r, struct MHD_Connection *conn
     size_t bytes;
     if (!query_read(connection, r->server->v, &q))
         return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such avatar");
-    if (scene_picture(&quiet, &r->server->v->scene, q.request.avatar, &data, &bytes) != SHERF_OK)
-        return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, "out of memory");
+    const sherf_status status = scene_picture(&quiet, &r->server->v->scene, q.request.avatar, &data, &bytes);
+    if (status == SHERF_UNSUPPORTED) return say(connection, MHD_HTTP_NOT_FOUND, quiet.message);
+    if (status != SHERF_OK) return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, "out of memory");
     return send_off(connection, MHD_HTTP_OK, of_memory(data, bytes, "image/png"));
 }
 

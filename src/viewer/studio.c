@@ -63,7 +63,7 @@ static sherf_status job_draw(context *c, viewer *v, viewer_job *job, const sherf
     memcpy(job->opacity, v->band.opacity.data, n * sizeof(float));
     memcpy(job->depth, v->band.depth.data, n * sizeof(float));
     job->rows_done = r->height;
-    job->baked = true;
+    job->baked = !v->scene.avatars[r->avatar].avatar->form;
     return SHERF_OK;
 }
 
@@ -73,7 +73,8 @@ sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete) 
     double begun = time_seconds();
     *complete = false;
     sherf_status status = job->framing ? SHERF_OK : job_begin(c, v, job);
-    const sherf_avatar *baked = r->quick && !job->rows_done ? live_avatar(v, r->avatar) : NULL;
+    const bool draws = r->quick || v->scene.avatars[r->avatar].avatar->form;
+    const sherf_avatar *baked = draws && !job->rows_done ? live_avatar(v, r->avatar) : NULL;
     if (status == SHERF_OK && baked) {
         status = job_draw(c, v, job, baked);
         *complete = status == SHERF_OK;

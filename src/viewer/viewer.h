@@ -39,7 +39,7 @@ typedef struct {
     bool transparent, follow;
     bool lossless; /* PNG; otherwise JPEG where nothing is transparent */
     bool fine;     /* a picture to stay: encoded better */
-    bool quick;    /* of the baked surface, where there is one */
+    bool quick;    /* of the baked surface, where there is one; a baked avatar has no other pictures */
     float background[3];
 } viewer_request;
 
@@ -148,7 +148,7 @@ typedef struct {
     float scale_m;
     float *color, *opacity, *depth; /* in one piece, which begins at color */
     int rows_done;
-    bool baked; /* it is the baked surface's */
+    bool baked; /* it is the baked surface's, and the network's can be requested */
     double render_s;
     int64_t points;
     /* the answer */
@@ -235,7 +235,7 @@ typedef enum { LIVE_NONE, LIVE_REQUESTED, LIVE_BAKING, LIVE_READY, LIVE_FAILED }
 typedef struct {
     live_state state;
     uint64_t request;     /* its number */
-    sherf_avatar *avatar; /* baked */
+    sherf_avatar *avatar; /* baked here; NULL where the scene's is a baked one */
     uint8_t *data;
     size_t bytes;
 } live_surface;

@@ -438,15 +438,11 @@ static void what_needs_the_network_is_refused(void **state) {
     const sherf_camera camera = camera_at(0, 64);
     const sherf_render_options exact = {.exact = 1};
     const sherf_bake_options bad[] = {{.resolution = 8}, {.triangles = 10}, {.texture_px = 100}};
-    const sherf_viewer_avatar shown = {"a", baked, body};
-    const sherf_viewer_options view = {.avatars = &shown, .avatar_count = 1};
-    sherf_viewer *viewer = NULL;
     sherf_avatar *other = NULL;
     sherf_frame f = {0};
     assert_int_equal(sherf_render(c, baked, body, pose, &camera, &exact, &f), SHERF_UNSUPPORTED);
     assert_int_equal(sherf_export(c, baked, body, NULL, test_path("a.glb"), NULL), SHERF_UNSUPPORTED);
     assert_non_null(strstr(c->message, "baked avatar has no network"));
-    assert_int_equal(sherf_viewer_create(c, &view, &viewer), SHERF_UNSUPPORTED);
     assert_int_equal(sherf_avatar_bake(c, baked, body, NULL, &other), SHERF_UNSUPPORTED);
     for (size_t i = 0; i < COUNT_OF(bad); i++)
         assert_int_equal(sherf_avatar_bake(c, avatar, body, &bad[i], &other), SHERF_BAD_ARGUMENT);

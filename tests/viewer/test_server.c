@@ -22,7 +22,7 @@ enum { ANSWER_MAX = 4 << 20, POSES = 6 };
 static struct {
     context *c, *runs; /* the second one renders */
     sherf_body *body;
-    sherf_avatar *avatar;
+    sherf_avatar *avatar, *baked;
     sherf_pose poses[POSES];
     sherf_viewer *viewer;
     pthread_t thread;
@@ -151,6 +151,11 @@ static void about(void **state) {
     assert_string_equal(cJSON_GetObjectItem(avatar, "name")->valuestring, "tube \"<b>\" man");
     assert_int_equal(cJSON_GetArraySize(motions), VIEWER_OWN_MOTIONS + 1);
     assert_int_equal(cJSON_GetObjectItem(cJSON_GetArrayItem(motions, 2), "frames")->valueint, POSES);
+    assert_true(cJSON_IsTrue(cJSON_GetObjectItem(avatar, "picture")));
+    assert_true(cJSON_IsFalse(cJSON_GetObjectItem(avatar, "baked")));
+    const cJSON *baked = avatar->next;
+    assert_true(cJSON_IsFalse(cJSON_GetObjectItem(baked, "picture")));
+    assert_true(cJSON_IsTrue(cJSON_GetObjectItem(baked, "baked")));
     cJSON_Delete(json);
 }
 
@@ -302,8 +307,48 @@ static void surface_stands_in_the_picture(void **state) {
     }
 }
 
+/* Pictures of a baked avatar are its own frames, whether or not they are requested quick; its surface is
+ * there at once. */
+static void baked_avatars(void **state) {
+    enum { SIDE = 160 };
+    uint32_t head[LIVE_HEAD];
+    const answer *a = get("/surface?avatar=1");
+    assert_status(a, 200);
+    memcpy(head, a->body, sizeof head);
+    assert_int_equal(head[0], LIVE_SURFACE);
+    assert_true(head[1] > 100 && head[2] > 100);
+    assert_status(get("/picture?avatar=1"), 404);
+    viewer_request r = {
+        .avatar = 1, .motion = 2, .frame = 4, .width = SIDE, .height = SIDE, .zoom = 1, .follow = true};
+    const viewer_framing *framing;
+    sherf_camera camera;
+    sherf_frame f = {0};
+    float scale_m;
+    assert_ok(all.c, scene_framing(all.c, &all.viewer->scene, 1, 2, &framing));
+    scene_camera(&all.viewer->scene, framing, &r, &camera, &scale_m);
+    const sherf_pose pose = scene_pose(&all.viewer->scene, 1, 2, 4);
+    assert_ok(all.c, sherf_render(all.c, all.baked, all.body, &pose, &camera, NULL, &f));
+    for (int quick = 0; quick < 2; quick++) {
+        a = get("/frame?client=baker&n=%d&avatar=1&motion=2&frame=4&w=%d&h=%d&png=1&quick=%d", quick + 1,
+                SIDE, SIDE, quick);
+        assert_false(has(a, "X-Baked"));
+        image_u8 picture = picture_of(a, "image/png", 3);
+        int64_t solid = 0;
+        for (size_t i = 0; i < SIDE * SIDE; i++) {
+            const float opacity = f.opacity.data[i];
+            if (opacity < 1) continue;
+            solid++;
+            for (size_t k = 0; k < 3; k++)
+                assert_int_equal(picture.data[3 * i + k], float_to_u8(f.color.data[3 * i + k]));
+        }
+        assert_true(solid > 200);
+        mem_free(picture.data);
+    }
+    sherf_frame_free(&f);
+}
+
 static void surfaces_and_moves_there_are_not(void **state) {
-    static const char *const wrong[] = {"/surface?avatar=1", "/surface?avatar=-1",      "/surface?avatar=x",
+    static const char *const wrong[] = {"/surface?avatar=2", "/surface?avatar=-1",      "/surface?avatar=x",
                                         "/moves?motion=3",   "/moves?motion=2&frame=6", "/moves?frame=1",
                                         "/moves?avatar=64"};
     for (size_t i = 0; i < COUNT_OF(wrong); i++) assert_status(get("%s", wrong[i]), 400);
@@ -394,7 +439,7 @@ static void nonsense(void **state) {
                                           "client=anna&n=1&zoom=nan",
                                           "client=anna&n=1&what=1",
                                           "client=anna&n=1&w=64&w=64",
-                                          "client=anna&n=1&avatar=1",
+                                          "client=anna&n=1&avatar=2",
                                           "client=anna&n=1&motion=3",
                                           "client=anna&n=1&motion=2&frame=6",
                                           "client=anna&n=1&w",
@@ -638,10 +683,12 @@ static int setup(void **state) {
         all.poses[i].Th_m[0] = 0.5f * (float)i;
         all.poses[i].poses_rad[3 * 16] = 0.1f * (float)i;
     }
-    sherf_viewer_avatar avatar = {"tube \"<b>\" man", all.avatar, all.body};
+    const sherf_bake_options coarse = {.resolution = 64, .triangles = 2000, .texture_px = 128};
+    assert_ok(c, sherf_avatar_bake(c, all.avatar, all.body, &coarse, &all.baked));
+    sherf_viewer_avatar avatars[] = {{"tube \"<b>\" man", all.avatar, all.body}, {"b", all.baked, all.body}};
     sherf_viewer_motion motion = {"walk", all.poses, POSES, 10};
     sherf_viewer_options options = {
-        .avatars = &avatar, .avatar_count = 1, .motions = &motion, .motion_count = 1};
+        .avatars = avatars, .avatar_count = 2, .motions = &motion, .motion_count = 1};
     sherf_status status = sherf_viewer_create(c, &options, &all.viewer);
     if (status == SHERF_UNSUPPORTED) return 1;
     assert_ok(c, status);
@@ -667,6 +714,7 @@ static int teardown(void **state) {
         if (status != 503 && status != 0) good = NULL;
     }
     sherf_avatar_free(all.avatar);
+    sherf_avatar_free(all.baked);
     sherf_body_free(all.body);
     sherf_context_free(all.runs);
     sherf_context_free(all.c);
@@ -684,6 +732,7 @@ int main(void) {
                                        cmocka_unit_test(about),
                                        cmocka_unit_test(pictures),
                                        cmocka_unit_test(surface_stands_in_the_picture),
+                                       cmocka_unit_test(baked_avatars),
                                        cmocka_unit_test(surfaces_and_moves_there_are_not),
                                        cmocka_unit_test(bands_and_following),
                                        cmocka_unit_test(strangers),

@@ -77,18 +77,24 @@ static void rest_place(const drawing *d, int64_t i, float rest[3]) {
     }
 }
 
+/* The corner before the camera, linearly blended. */
+static void corner_place(const drawing *d, int64_t i, float x[3]) {
+    const baked_form *f = d->f;
+    float m[12] = {0}, rest[3];
+    rest_place(d, i, rest);
+    for (int w = 0; w < 4; w++) {
+        const float weight = f->weight[4 * i + w], *joint = d->joint[f->joint[4 * i + w]];
+        for (int k = 0; k < 12; k++) m[k] += weight * joint[k];
+    }
+    for (int r = 0; r < 3; r++)
+        x[r] = m[4 * r] * rest[0] + m[4 * r + 1] * rest[1] + m[4 * r + 2] * rest[2] + m[4 * r + 3];
+}
+
 static void project(void *arg, int64_t begin, int64_t end, int thread) {
     const drawing *d = arg;
-    const baked_form *f = d->f;
     for (int64_t i = begin; i < end; i++) {
-        float m[12] = {0}, x[3], rest[3];
-        rest_place(d, i, rest);
-        for (int w = 0; w < 4; w++) {
-            const float weight = f->weight[4 * i + w], *joint = d->joint[f->joint[4 * i + w]];
-            for (int k = 0; k < 12; k++) m[k] += weight * joint[k];
-        }
-        for (int r = 0; r < 3; r++)
-            x[r] = m[4 * r] * rest[0] + m[4 * r + 1] * rest[1] + m[4 * r + 2] * rest[2] + m[4 * r + 3];
+        float x[3];
+        corner_place(d, i, x);
         corner *out = &d->corner[i];
         out->inverse_z = x[2] > near_m ? 1 / x[2] : 0;
         const float u = (d->focal[0] * x[0] + d->skew * x[1]) * out->inverse_z + d->centre[0],
@@ -379,5 +385,20 @@ sherf_status baked_draw(context *c, const baked_form *f, const body_model *body,
     mem_free(d.list);
     mem_free(d.sample_z);
     mem_free(d.sample_face);
+    return status;
+}
+
+sherf_status baked_places(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,
+                          float *world) {
+    const sherf_camera here = {.R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    drawing d = {.f = f};
+    posed_body *p = NULL;
+    const sherf_status status =
+        posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, &p);
+    if (status == SHERF_OK) {
+        joints_to_camera(p, &here, &d);
+        for (int64_t i = 0; i < f->corners; i++) corner_place(&d, i, world + 3 * i);
+    }
+    posed_body_free(p);
     return status;
 }

@@ -34,6 +34,9 @@ sherf_status baked_levels_make(context *c, baked_form *f);
 /* A frame of the body in a pose. Deterministic, whatever the number of threads. */
 sherf_status baked_draw(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,
                         const sherf_camera *camera, const float background[3], sherf_frame *frame);
+/* Where the corners are in the pose's world, C x 3, metres. */
+sherf_status baked_places(context *c, const baked_form *f, const body_model *body, const sherf_pose *pose,
+                          float *world);
 
 /* ---- soften.c ---- */
 typedef struct {

@@ -3,6 +3,7 @@
 
 #include <math.h>
 
+#include "baked/form.h"
 #include "data/surface_truth.h"
 
 enum { PLACES = 5000, TRIANGLES_MIN = 4 };
@@ -25,25 +26,50 @@ static sherf_status add(context *c, surface_list *l, const surface_entry *e) {
     return SHERF_OK;
 }
 
-sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d,
-                                  const sherf_avatar *avatar, int person, picture observation) {
-    surface_truth t;
-    surface_entry e = {.person = person, .observation = observation};
-    if (!avatar->field_kind || !avatar->field_kind->surface ||
-        !surface_truth_is_there(c, d, person, observation.pose))
-        return SHERF_OK;
-    const solid_mesh found = avatar->field_kind->surface(avatar->field);
-    if (found.triangles < TRIANGLES_MIN) {
-        l->missed++;
+static bool has_surface(const sherf_avatar *a) {
+    return a->form == &baked_avatar_form || (a->field_kind && a->field_kind->surface);
+}
+
+/* The avatar's surface in the observed pose; *room, which may hold its vertices, is mem_free'd, whatever the
+ * answer. */
+static sherf_status surface_of(context *c, const sherf_avatar *a, const body_model *body, float **room,
+                               solid_mesh *out) {
+    *room = NULL;
+    if (a->form != &baked_avatar_form) {
+        *out = a->field_kind->surface(a->field);
         return SHERF_OK;
     }
-    sherf_status status = surface_truth_load(c, d, person, observation.pose, TRUTH_MESH, &t);
+    const baked_form *f = a->formed;
+    *room = mem_alloc(c, (size_t)f->corners, 3 * sizeof **room);
+    if (!*room) return SHERF_NO_MEMORY;
+    *out = (solid_mesh){f->corners, f->triangles, *room, f->triangle};
+    return baked_places(c, f, body, sherf_avatar_pose(a), *room);
+}
+
+static sherf_status compare(context *c, const sherf_dataset *d, const solid_mesh *found, surface_entry *e) {
+    surface_truth t;
+    sherf_status status = surface_truth_load(c, d, e->person, e->observation.pose, TRUTH_MESH, &t);
     if (status != SHERF_OK) return status;
     const solid_mesh truth = {t.vertices, t.triangles, t.vertex, t.triangle};
-    const uint64_t key = random_key((uint64_t)person, "eval.surface", (uint64_t)observation.pose);
-    status = surfaces_compare(c, PLACES, key, cell_m, 1, &found, 1, &truth, &e.scores);
+    const uint64_t key = random_key((uint64_t)e->person, "eval.surface", (uint64_t)e->observation.pose);
+    status = surfaces_compare(c, PLACES, key, cell_m, 1, found, 1, &truth, &e->scores);
     surface_truth_free(&t);
-    return status == SHERF_OK ? add(c, l, &e) : status;
+    return status;
+}
+
+sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
+                                  const sherf_avatar *avatar, int person, picture observation) {
+    surface_entry e = {.person = person, .observation = observation};
+    solid_mesh found;
+    float *room;
+    if (!surface_truth_is_there(c, d, person, observation.pose) || !has_surface(avatar)) return SHERF_OK;
+    sherf_status status = surface_of(c, avatar, body, &room, &found);
+    if (status == SHERF_OK && found.triangles < TRIANGLES_MIN)
+        l->missed++;
+    else if (status == SHERF_OK && (status = compare(c, d, &found, &e)) == SHERF_OK)
+        status = add(c, l, &e);
+    mem_free(room);
+    return status;
 }
 
 surface_scores surface_list_mean(const surface_list *l, int person, int64_t *count) {

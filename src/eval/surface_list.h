@@ -18,7 +18,7 @@ typedef struct {
 void surface_list_free(surface_list *l);
 /* Compares the avatar's surface with that of the person in the observed pose; nothing where the avatar has
  * none, or the data set. */
-sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d,
+sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
                                   const sherf_avatar *avatar, int person, picture observation);
 /* Means of one person (-1: of all); *count: of how many. */
 surface_scores surface_list_mean(const surface_list *l, int person, int64_t *count);

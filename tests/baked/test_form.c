@@ -100,6 +100,20 @@ static void corners_world(context *c, const baked_form *f, const sherf_pose *pos
     posed_body_free(p);
 }
 
+static void corners_stand_in_the_poses_world(void **state) {
+    context *c = *state;
+    const baked_form *f = baked->formed;
+    const sherf_pose pose = bent();
+    float *is = malloc((size_t)f->corners * 3 * sizeof *is),
+          *should = malloc((size_t)f->corners * 3 * sizeof *should);
+    assert_null(f->fold); /* the body here has no volume to keep */
+    corners_world(c, f, &pose, should);
+    assert_ok(c, baked_places(c, f, body, &pose, is));
+    for (int64_t i = 0; i < 3 * f->corners; i++) assert_float_equal(is[i], should[i], 1e-5);
+    free(is);
+    free(should);
+}
+
 /* With the texture's columns and rows as its colours a frame has, inside, those of the scene's rasteriser. */
 static void colours_are_those_of_the_texture(void **state) {
     enum { SIDE = 120 };
@@ -453,6 +467,7 @@ static void what_needs_the_network_is_refused(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(stands_where_the_networks_frame_stands),
+        cmocka_unit_test(corners_stand_in_the_poses_world),
         cmocka_unit_test(the_surface_has_no_gaps),
         cmocka_unit_test(rims_are_as_soft_as_told),
         cmocka_unit_test(volume_is_kept_at_bent_joints),

@@ -1,6 +1,7 @@
 /* Distances of surfaces whose distances are known. */
 #include <stdlib.h>
 
+#include "baked/form.h"
 #include "ball.h"
 #include "data/surface_truth.h"
 #include "eval/surface_list.h"
@@ -80,6 +81,36 @@ static solid_mesh mesh_of(const void *field) {
     return *(const solid_mesh *)field;
 }
 
+/* A baked avatar's surface stands in the observed pose: here it is the truth at rest, all of it moved by the
+ * root. */
+static void assert_baked_one_is_compared(context *c, const sherf_dataset *d, const char *folder,
+                                         const surface_truth *t) {
+    const size_t n = (size_t)t->vertices;
+    body_model *body;
+    char path[600];
+    snprintf(path, sizeof path, "%s/tubeman.safetensors", folder);
+    assert_ok(c, sherf_body_load(c, path, &body));
+    baked_form form = {.corners = t->vertices,
+                       .triangles = t->triangles,
+                       .rest = t->vertex,
+                       .triangle = t->triangle,
+                       .joint = calloc(n, 4),
+                       .weight = calloc(n, 4 * sizeof(float))};
+    for (size_t i = 0; i < n; i++) form.weight[4 * i] = 1;
+    sherf_avatar avatar = {.form = &baked_avatar_form, .formed = &form};
+    sherf_pose_identity(&avatar.picture[0].pose);
+    surface_list l = {0};
+    assert_ok(c, surface_list_measure(c, &l, d, body, &avatar, 1, (picture){0, 1}));
+    assert_true(l.count == 1 && l.entry[0].scores.chamfer_m < 1e-6);
+    avatar.picture[0].pose.Th_m[1] = 0.5f; /* half a metre higher */
+    assert_ok(c, surface_list_measure(c, &l, d, body, &avatar, 1, (picture){0, 1}));
+    assert_true(l.count == 2 && l.entry[1].scores.chamfer_m > 0.05);
+    surface_list_free(&l);
+    free(form.joint);
+    free(form.weight);
+    sherf_body_free(body);
+}
+
 /* An avatar whose surface is the data set's is nothing off it, one centimetre beside at most one. */
 static void avatars_and_the_data_sets_surface(void **state) {
     static const field_kind known = {.surface = mesh_of};
@@ -98,12 +129,13 @@ static void avatars_and_the_data_sets_surface(void **state) {
     solid_mesh mesh = {t.vertices, t.triangles, t.vertex, t.triangle};
     const sherf_avatar with = {.field_kind = &known, .field = &mesh}, without = {.field_kind = &field_of_ops};
     const picture seen = {0, 1};
-    assert_ok(c, surface_list_measure(c, &l, d, &without, 1, seen));
+    assert_baked_one_is_compared(c, d, folder, &t);
+    assert_ok(c, surface_list_measure(c, &l, d, NULL, &without, 1, seen));
     assert_int_equal(l.count + l.missed, 0);
-    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
     assert_true(l.count == 1 && l.entry[0].scores.chamfer_m < 1e-6);
     for (int64_t i = 0; i < t.vertices; i++) t.vertex[3 * i] += 0.01f;
-    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
     const surface_scores *s = &l.entry[1].scores;
     assert_true(s->to_truth_m > 0.003 && s->to_truth_m < 0.01 && s->from_truth_m > 0.003 &&
                 s->from_truth_m < 0.01);
@@ -113,7 +145,7 @@ static void avatars_and_the_data_sets_surface(void **state) {
     surface_list_mean(&l, 0, &n);
     assert_int_equal(n, 0);
     mesh.triangles = 1; /* nothing came out */
-    assert_ok(c, surface_list_measure(c, &l, d, &with, 1, seen));
+    assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
     assert_true(l.count == 2 && l.missed == 1);
     char *text = surface_list_text(c, &l);
     assert_non_null(strstr(text, "surfaces of 2 observations: Chamfer 0."));

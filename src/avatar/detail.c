@@ -296,7 +296,7 @@ sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *
     detail_smooth(c, &frame->opacity, radius, job.depth, job.lent, room);
     if (d->variant.light != 1) detail_smooth(c, &frame->opacity, radius, job.depth, job.hidden, room);
     parallel_for(c, height, 8, add_rows, &job);
-    detail_clear_haze(c, drawn, detail_haze(d, posed, camera), background, frame);
+    detail_make_firm(c, drawn, detail_firmness_of(d, posed, camera), background, frame);
     status = detail_clear_islands(c, drawn, background, frame);
 done:
     raster_free(drawn);

@@ -65,7 +65,7 @@ void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, c
 /* Into a colour; seen, lent, hidden: the gift's (hidden: 1 - seen), or what they have been smoothed to. */
 void detail_give(const avatar_detail *d, const detail_gift *g, float seen, float lent, float hidden,
                  float rgb[3]);
-/* Into the colours of a frame over `background`; then detail_clear_haze. posed is whole, with its grid
+/* Into the colours of a frame over `background`; then detail_make_firm. posed is whole, with its grid
  * (points_prepare). */
 sherf_status detail_apply(context *c, const avatar_detail *d, const body_model *body, const posed_body *posed,
                           const sherf_camera *camera, const float background[3], sherf_frame *frame);
@@ -103,14 +103,18 @@ sherf_status detail_draw_body(context *c, const body_model *body, const posed_bo
 /* The picture's depths (metres along the camera's axis) that lie a little way in the body are brought to its
  * surface. */
 void detail_bound(const raster *drawn, float *depth);
-/* The opacity up to which what stands round a frame's person is haze: more where no picture shows about this
- * outline, that is, about this pose from about this side; less where pixels are so large that outlines are
- * soft by themselves. */
-float detail_haze(const avatar_detail *d, const posed_body *posed, const sherf_camera *camera);
+/* What is made of opacities round the person: up to `haze` 0, from `solid` on 1. */
+typedef struct {
+    float haze, solid;
+} detail_firmness;
+/* Firmer where no picture shows about this outline, that is, about this pose from about this side; `solid`
+ * is less than 1 only where pixels are large. */
+detail_firmness detail_firmness_of(const avatar_detail *d, const posed_body *posed,
+                                   const sherf_camera *camera);
 /* Opacities are made firm: haze round the person goes, and where the body is, little shines through. Colours
  * follow, as far as they are the frame's own and not the background's. */
-void detail_clear_haze(const context *c, const raster *drawn, float haze, const float background[3],
-                       sherf_frame *frame);
+void detail_make_firm(const context *c, const raster *drawn, detail_firmness firm, const float background[3],
+                      sherf_frame *frame);
 /* What floats goes: opaque pixels that no others join to the body's or to the picture's edge (slabs under
  * bare feet, where the network has learned soles). Nothing, where the body is not in the picture. */
 sherf_status detail_clear_islands(context *c, const raster *drawn, const float background[3],

@@ -13,11 +13,12 @@ static const float facing[2] = {-0.05f, 0.3f};
 static const float blend_m = 0.025f;
 /* Depths this far in the body are haze, up to the first number; from the second on another limb's. */
 static const float sunk_m[2] = {0.06f, 0.1f};
-/* Opacities of haze, which is cleared, and of what is taken for solid; less in the body. At an outline that
- * no picture shows the network's opacity rises early, outside the true one. */
-static const float haze_known = 0.15f, haze_guessed = 0.3f, solid = 1, solid_inside = 0.5f;
-/* Larger pixels than these soften outlines by themselves. */
-static const float fine_m = 0.004f;
+/* At an outline that no picture shows the network's opacity rises early, outside the true one, and over more
+ * than a large pixel. */
+static const detail_firmness of_known = {0.15f, 1}, of_guessed = {0.3f, 1}, of_coarse = {0.25f, 0.9f};
+static const float solid_inside = 0.5f;
+/* Pixels are coarse from the second of these sizes on, and fine up to the first. */
+static const float coarse_m[2] = {0.004f, 0.012f};
 /* The outline is known as far as the camera sees the pelvis from where an observed one did (cosines of the
  * angle between them) and the joints are where they were (metres, their mean). */
 static const float beside_observed[2] = {0.77f, 0.98f}, elsewhere_m[2] = {0.01f, 0.06f};
@@ -178,7 +179,12 @@ static float moved_m(const posed_body *a, const posed_body *b) {
     return (float)(sum / (BODY_JOINTS - 1));
 }
 
-float detail_haze(const avatar_detail *d, const posed_body *posed, const sherf_camera *camera) {
+static detail_firmness between(detail_firmness a, detail_firmness b, float share) {
+    return (detail_firmness){a.haze + share * (b.haze - a.haze), a.solid + share * (b.solid - a.solid)};
+}
+
+detail_firmness detail_firmness_of(const avatar_detail *d, const posed_body *posed,
+                                   const sherf_camera *camera) {
     double from[3];
     float known = 0;
     camera_side(camera, posed, from);
@@ -189,17 +195,16 @@ float detail_haze(const avatar_detail *d, const posed_body *posed, const sherf_c
         const float as_posed = 1 - detail_rise(moved_m(posed, v->posed), elsewhere_m);
         known = fmaxf(known, as_posed * detail_rise((float)dot3(from, observed), beside_observed));
     }
-    const float fine = fminf(fine_m * detail_px_per_m(camera, posed), 1),
-                guessed = fmaxf(haze_known, fine * haze_guessed);
-    return guessed + known * (haze_known - guessed);
+    const float pixel_m = 1 / fmaxf(detail_px_per_m(camera, posed), 1e-3f);
+    return between(between(of_guessed, of_coarse, detail_rise(pixel_m, coarse_m)), of_known, known);
 }
 
 typedef struct {
     const raster *drawn;
-    float haze;
+    detail_firmness firm;
     const float *background;
     sherf_frame *frame;
-} haze_job;
+} firm_job;
 
 /* 0 outside the body and at its outline, 1 a pixel further in. */
 static float inside_body(const raster *r, int x, int y) {
@@ -213,15 +218,16 @@ static float inside_body(const raster *r, int x, int y) {
     return fmaxf(0, (float)count / 4.5f - 1);
 }
 
-static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
-    const haze_job *j = arg;
+static void firm_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const firm_job *j = arg;
     for (int y = (int)begin; y < (int)end; y++)
         for (int x = 0; x < j->drawn->width; x++) {
             const size_t n = (size_t)y * (size_t)j->drawn->width + (size_t)x;
             float *opacity = j->frame->opacity.data + n, *color = j->frame->color.data + 3 * n;
             if (!(*opacity > 0)) continue;
-            const float inside = inside_body(j->drawn, x, y), min = j->haze * (1 - inside);
-            const float share = (*opacity - min) / (solid - inside * (solid - solid_inside) - min);
+            const float inside = inside_body(j->drawn, x, y), min = j->firm.haze * (1 - inside),
+                        max = j->firm.solid + inside * (solid_inside - j->firm.solid);
+            const float share = (*opacity - min) / (max - min);
             const float is = fminf(fmaxf(share, 0), 1);
             for (int k = 0; k < 3; k++) {
                 const float own = color[k] - (1 - *opacity) * j->background[k];
@@ -231,10 +237,10 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
         }
 }
 
-void detail_clear_haze(const context *c, const raster *drawn, float haze, const float background[3],
-                       sherf_frame *frame) {
-    haze_job job = {drawn, haze, background, frame};
-    parallel_for(c, drawn->height, 8, clear_rows, &job);
+void detail_make_firm(const context *c, const raster *drawn, detail_firmness firm, const float background[3],
+                      sherf_frame *frame) {
+    firm_job job = {drawn, firm, background, frame};
+    parallel_for(c, drawn->height, 8, firm_rows, &job);
 }
 
 /* ---- islands ---- */

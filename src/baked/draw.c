@@ -14,8 +14,8 @@
 
 enum { SUPER = 3, SAMPLES = SUPER * SUPER, BAND_ROWS = 8, SUBPIXEL = 256 };
 static const float near_m = 0.02f, far_px = 60000; /* what lies beyond is not drawn */
-/* Opacity rises over twice this at silhouettes. The network's does over more, but that costs more than it
- * wins (docs/baked.md). */
+/* Opacity rises over twice this at silhouettes, as far as pixels allow. The network's does over more, but
+ * that costs more than it wins (docs/baked.md). */
 static const float rim_m = 0.004f;
 /* Samples of one pixel whose depths differ by more are of different surfaces. */
 static const float one_surface_m = 0.03f;

@@ -41,10 +41,11 @@ sherf_status baked_places(context *c, const baked_form *f, const body_model *bod
 /* ---- soften.c ---- */
 typedef struct {
     int left, right, top, bottom; /* of the picture, in pixels: what is looked at */
-    float radius_px;              /* of the tent; up to 1: the frame stays as it is */
+    float radius_px;              /* of the tent */
     const float *background;
 } baked_soft;
-/* Makes opacity rise over twice the radius at silhouettes; over a background, colours follow. */
+/* Makes opacity rise over twice the radius at silhouettes; with a radius of less than a pixel, over
+ * 1 / (2 - radius) pixels, and two thirds of one at least. Over a background, colours follow. */
 sherf_status baked_soften(context *c, const baked_soft *s, sherf_frame *frame);
 
 extern const avatar_form baked_avatar_form;

@@ -298,19 +298,22 @@ static void faces_are_seen_whole(void **state) {
 
 /* Over any background, by opacity alone; a square of body in the middle. */
 /* A body with a hat that touches it and a slab below that does not; something that comes in at the edge. */
-/* The haze round a frame of the avatar in a pose. */
-static float haze_of(scene *s, const sherf_pose *pose, const sherf_camera *camera) {
+/* How firm a frame of the avatar in a pose becomes. */
+static detail_firmness firmness_of(scene *s, const sherf_pose *pose, const sherf_camera *camera) {
     const avatar_detail *d;
     posed_body *posed;
     assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
     assert_ok(s->c, avatar_pose(s->c, s->avatar, s->body, pose, &posed));
-    const float haze = detail_haze(d, posed, camera);
+    const detail_firmness firm = detail_firmness_of(d, posed, camera);
     posed_body_free(posed);
-    return haze;
+    return firm;
+}
+static float haze_of(scene *s, const sherf_pose *pose, const sherf_camera *camera) {
+    return firmness_of(s, pose, camera).haze;
 }
 
-/* Less round an outline that the picture shows: in its pose, from its side, wherever both are in the world;
- * and where pixels are large. */
+/* Less haze round an outline that the picture shows: in its pose, from its side, wherever both are in the
+ * world. Large pixels are firmer elsewhere. */
 static void haze_is_less_round_a_known_outline(void **state) {
     scene s;
     open_scene(&s, SHERF_PRECISION_AUTO);
@@ -318,6 +321,7 @@ static void haze_is_less_round_a_known_outline(void **state) {
     const sherf_camera observed = s.camera;
     for (int k = 0; k < 6; k++) s.camera.K[k] *= 8;
     assert_float_equal(haze_of(&s, &pose, &s.camera), 0.15, 1e-6);
+    assert_float_equal(firmness_of(&s, &pose, &observed).solid, 1, 1e-6);
     const double angles[] = {0.1, 0.4, 1, M_PI / 2, M_PI};
     float before = 0.15f - 1e-6f;
     for (size_t i = 0; i < COUNT_OF(angles); i++) {
@@ -325,11 +329,13 @@ static void haze_is_less_round_a_known_outline(void **state) {
         const float haze = haze_of(&s, &pose, &k);
         assert_true(haze >= before);
         if (angles[i] >= 1) assert_float_equal(haze, 0.3, 1e-6);
+        assert_float_equal(firmness_of(&s, &pose, &k).solid, 1, 1e-6);
         before = haze;
     }
     sherf_camera behind = turned_camera(&s, M_PI);
     for (int k = 0; k < 6; k++) behind.K[k] = observed.K[k] / 8; /* pixels of some centimetres */
-    assert_float_equal(haze_of(&s, &pose, &behind), 0.15, 1e-6);
+    assert_float_equal(haze_of(&s, &pose, &behind), 0.25, 1e-6);
+    assert_float_equal(firmness_of(&s, &pose, &behind).solid, 0.9, 1e-6);
     for (int k = 0; k < 3; k++) pose.Th_m[k] += (float)k; /* the person and the camera go elsewhere */
     sherf_camera moved = s.camera;
     for (int k = 0; k < 3; k++)
@@ -387,14 +393,15 @@ static void haze_is_cleared(void **state) {
         opacity[i] = (float)y / (W - 1);
         for (int k = 0; k < 3; k++) color[3 * i + k] = opacity[i] * own[k] + (1 - opacity[i]) * background[k];
     }
-    detail_clear_haze(s.c, &body, 0.4f, background, &frame);
+    detail_make_firm(s.c, &body, (detail_firmness){0.4f, 0.9f}, background, &frame);
     for (int i = 0; i < N; i++) {
         const int x = i % W, y = i / W;
         const float was = (float)y / (W - 1), is = opacity[i];
         if (was < 0.4f && face[i] < 0) assert_true(is == 0);
-        if (y == W - 1) assert_float_equal(is, 1, 1e-6f);
-        if (x == 0 && is > 0) assert_true(is > opacity[i - W]);
-        if (x == 8 && y == 8) assert_true(is == 1 && opacity[W * 8] < 0.25f);
+        if (was >= 0.9f) assert_float_equal(is, 1, 1e-6f);
+        if (x == 0 && was > 0.4f && was < 0.9f) assert_float_equal(is, (was - 0.4f) / 0.5f, 1e-5f);
+        if (x == 0 && is > 0 && is < 1) assert_true(is > opacity[i - W]);
+        if (x == 8 && y == 8) assert_true(is == 1 && opacity[W * 8] < 0.3f);
         for (int k = 0; k < 3; k++)
             assert_float_equal(color[3 * i + k], is * own[k] + (1 - is) * background[k], 1e-5f);
     }

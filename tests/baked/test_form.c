@@ -200,7 +200,7 @@ static void rims_are_as_soft_as_told(void **state) {
         depth[i] = 2 * o;
         for (int k = 0; k < 3; k++) color[3 * i + k] = o > 0 ? rgb[k] : background[k];
     }
-    assert_ok(c, baked_soften(c, &s, &f)); /* less than a pixel: nothing */
+    assert_ok(c, baked_soften(c, &s, &f)); /* as sharp as can be already */
     for (int i = 0; i < W * H; i++) assert_true(opacity[i] == (i % W < EDGE));
     s.radius_px = 3;
     assert_ok(c, baked_soften(c, &s, &f));
@@ -211,6 +211,33 @@ static void rims_are_as_soft_as_told(void **state) {
         assert_float_equal(depth[i], at < 5 ? 2 : 0, 1e-5);
         for (int k = 0; k < 3; k++)
             assert_float_equal(color[3 * i + k], rise[at] * rgb[k] + (1 - rise[at]) * background[k], 1e-5);
+    }
+}
+
+/* Over less than a pixel opacity rises faster, about a half; the person's own colours stay. */
+static void rims_of_large_pixels_are_sharp(void **state) {
+    context *c = *state;
+    static const float background[3] = {0.25f, 1, 0}, rgb[3] = {1, 0.5f, 0.125f};
+    static const struct {
+        float radius_px, was[6], is[6];
+    } cases[] = {{1, {0, 0.1f, 0.3f, 0.5f, 0.8f, 1}, {0, 0.1f, 0.3f, 0.5f, 0.8f, 1}},
+                 {0.75f, {0, 0.1f, 0.3f, 0.5f, 0.8f, 1}, {0, 0, 0.25f, 0.5f, 0.875f, 1}},
+                 {0.1f, {0, 0.1f, 0.3f, 0.5f, 0.8f, 1}, {0, 0, 0.2f, 0.5f, 0.95f, 1}}};
+    for (size_t n = 0; n < COUNT_OF(cases); n++) {
+        float color[3 * 6], opacity[6], depth[6] = {0};
+        sherf_frame f = {{6, 1, 3, color}, {6, 1, 1, opacity}, {6, 1, 1, depth}, 0};
+        const baked_soft s = {0, 6, 0, 1, cases[n].radius_px, background};
+        for (int i = 0; i < 6; i++) {
+            const float o = opacity[i] = cases[n].was[i];
+            for (int k = 0; k < 3; k++) color[3 * i + k] = o * rgb[k] + (1 - o) * background[k];
+        }
+        assert_ok(c, baked_soften(c, &s, &f));
+        for (int i = 0; i < 6; i++) {
+            const float o = cases[n].is[i];
+            assert_float_equal(opacity[i], o, 1e-6);
+            for (int k = 0; k < 3; k++)
+                assert_float_equal(color[3 * i + k], o * rgb[k] + (1 - o) * background[k], 1e-5);
+        }
     }
 }
 
@@ -470,6 +497,7 @@ int main(void) {
         cmocka_unit_test(corners_stand_in_the_poses_world),
         cmocka_unit_test(the_surface_has_no_gaps),
         cmocka_unit_test(rims_are_as_soft_as_told),
+        cmocka_unit_test(rims_of_large_pixels_are_sharp),
         cmocka_unit_test(volume_is_kept_at_bent_joints),
         cmocka_unit_test(threads_and_files_change_nothing),
         cmocka_unit_test(cameras_anywhere),

@@ -112,6 +112,15 @@ static bool add_data(cJSON *to, const sherf_experiment_options *o) {
     return body != NULL;
 }
 
+/* The rates of methods that have one of their own. */
+static bool add_rates(cJSON *to) {
+    cJSON *rates = cJSON_AddObjectToObject(to, "rates");
+    const experiment_method *m;
+    for (int i = 0; rates && (m = experiment_method_at(i)); i++)
+        if (m->rate > 0 && !m->own && !add_number(rates, m->key, m->rate)) return false;
+    return rates != NULL;
+}
+
 static bool add_recipe(cJSON *to, const experiment_job *j) {
     const experiment_settings *s = &j->set;
     const bool made = !j->options->data_count;
@@ -131,23 +140,25 @@ static bool add_recipe(cJSON *to, const experiment_job *j) {
 static cJSON *settings_json(const experiment_job *j) {
     const sherf_experiment_options *o = j->options;
     cJSON *s = cJSON_CreateObject();
-    if (s && add_recipe(s, j) && add_data(s, o) && add_text(s, "train_people", o->train_people) &&
-        add_text(s, "test_people", o->test_people) && add_text(s, "motions", file_name(o->motions)) &&
-        add_text(s, "resnet18", file_name(o->resnet18)) && add_text(s, "resnet34", file_name(o->resnet34)) &&
-        add_text(s, "lpips", file_name(o->lpips)) && add_text(s, "perceptual", file_name(o->perceptual)) &&
+    if (s && add_recipe(s, j) && add_rates(s) && add_data(s, o) &&
+        add_text(s, "train_people", o->train_people) && add_text(s, "test_people", o->test_people) &&
+        add_text(s, "motions", file_name(o->motions)) && add_text(s, "resnet18", file_name(o->resnet18)) &&
+        add_text(s, "resnet34", file_name(o->resnet34)) && add_text(s, "lpips", file_name(o->lpips)) &&
+        add_text(s, "perceptual", file_name(o->perceptual)) &&
         add_text(s, "precision", j->c->precision == SHERF_PRECISION_BF16 ? "bf16" : "fp32"))
         return s;
     cJSON_Delete(s);
     return NULL;
 }
 
-/* The first setting that has another value in the file, or NULL. Older programs wrote fewer. */
+/* The first setting that has another value in the file, or NULL. Older programs wrote fewer; without rates
+ * all methods had SHERF's. */
 static const char *settings_differ(const cJSON *now, const cJSON *old) {
     const cJSON *item;
     if (!cJSON_IsObject(old)) return "what it holds";
     cJSON_ArrayForEach(item, now) {
         const cJSON *before = cJSON_GetObjectItemCaseSensitive(old, item->string);
-        if (before && !cJSON_Compare(item, before, true)) return item->string;
+        if (before ? !cJSON_Compare(item, before, true) : !strcmp(item->string, "rates")) return item->string;
     }
     cJSON_ArrayForEach(item, old) {
         if (!cJSON_HasObjectItem(now, item->string)) return item->string;

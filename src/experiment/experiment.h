@@ -27,12 +27,14 @@ typedef struct {
     int resnet[SCALES];   /* layers of the ResNet that its encoder can start from; 0: none */
     const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
     const char *without;  /* terms left out of its loss, as in sherf_train_options */
+    double rate;          /* Adam's at the start, in the matched recipe; 0: SHERF's */
     bool front_view;      /* people are observed from the front alone */
     bool own;             /* its authors' recipe */
     bool on_request;      /* not otherwise */
     bool one_pose;        /* it shows no novel poses */
 } experiment_method;
 const experiment_method *experiment_method_find(const char *key);
+const experiment_method *experiment_method_at(int i); /* from 0; NULL after the last */
 
 /* How a run is scored. */
 typedef enum {

@@ -14,18 +14,18 @@
 #define PIXELNERF(recipe)                                                                                    \
     .preset = {"pixelnerf:" recipe "-small,encoder_width=8,width=16,samples=12",                             \
                "pixelnerf:" recipe "-small", "pixelnerf:" recipe},                                           \
-    .resnet = {0, 18, 34}, .one_pose = true
+    .resnet = {0, 18, 34}, .rate = 5e-4, .one_pose = true
 #define NHP(recipe)                                                                                          \
     .preset = {"nhp:" recipe "-small,encoder_width=8,width=16,volume_channels0=8,volume_channels1=8,"        \
                "volume_channels2=8,volume_channels3=8,voxel_size_m=0.05,samples=12",                         \
                "nhp:" recipe "-small", "nhp:" recipe},                                                       \
-    .resnet = {0, 18, 18}
+    .resnet = {0, 18, 18}, .rate = 5e-4
 #define MPS_NERF(recipe)                                                                                     \
     .preset = {"mps-nerf:" recipe                                                                            \
                "-small,encoder_width=8,value_width=24,mlp_width=16,width=16,view_width=8,"                   \
                "samples=12",                                                                                 \
                "mps-nerf:" recipe "-small", "mps-nerf:" recipe},                                             \
-    .resnet = {0, 18, 34}
+    .resnet = {0, 18, 34}, .rate = 5e-4
 /* Of quick a network of half the size of own-small, of which a few minutes of a processor are some thousand
  * steps. */
 #define PIFU                                                                                                 \
@@ -67,4 +67,8 @@ const experiment_method *experiment_method_find(const char *key) {
     for (size_t i = 0; i < COUNT_OF(methods); i++)
         if (!strcmp(methods[i].key, key)) return &methods[i];
     return NULL;
+}
+
+const experiment_method *experiment_method_at(int i) {
+    return i >= 0 && i < (int)COUNT_OF(methods) ? &methods[i] : NULL;
 }

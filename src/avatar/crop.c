@@ -1,4 +1,4 @@
-/* An observation as large as a model knows people. */
+/* Crops and scales an observation to the size of people that a model was trained on. */
 #include <math.h>
 #include <string.h>
 
@@ -7,18 +7,18 @@
 
 /* Scales within this factor of the model's are left alone, as people vary by as much in training. */
 static const double scale_tolerance = 1.25;
-/* What is too large becomes this much larger than the mean in training: most detail that is still common
- * there. */
+/* Larger people are scaled to this many times the mean size in training, which keeps the most detail at a
+ * size still common there. */
 static const double large = 1.15;
 /* Room round the body for clothes and hair, in metres. */
 static const double margin_m = 0.15;
-/* The picture before scaling is kept for the detail, at most twice as large and this many pixels wide, unless
- * it is hardly larger. */
+/* The picture before scaling is kept for detail, at most twice as large and at most this many pixels wide,
+ * unless it is hardly larger. */
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
 static const double fine_min = 1.2;
 
-/* The square of the picture that holds the body, at least `side_min` wide, in whole pixels. False where a
- * joint lies behind the camera. */
+/* The square of the picture that holds the body, at least `side_min` wide, in whole pixels. False: a joint
+ * lies behind the camera. */
 static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *camera, double margin_px,
                          double side_min, int *left, int *top, int *side) {
     double min[2] = {INFINITY, INFINITY}, max[2] = {-INFINITY, -INFINITY};
@@ -41,7 +41,7 @@ static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *
     return true;
 }
 
-/* The part of the picture and its mask, black and empty beyond their edges. */
+/* Copies a part of the picture and its mask; beyond their edges it is black and empty. */
 static sherf_status cut_out(context *c, const sherf_observation *o, int left, int top, int side,
                             sherf_image *image, image_u8 *mask) {
     const size_t n = (size_t)side * (size_t)side;
@@ -60,7 +60,8 @@ static sherf_status cut_out(context *c, const sherf_observation *o, int left, in
     return SHERF_OK;
 }
 
-/* An observation of this picture and mask, both taken over; NULL: they stay the caller's. */
+/* Makes an observation that takes over this picture and mask. After an error (NULL) they stay the
+ * caller's. */
 static sherf_observation *observation_of(context *c, sherf_image *image, uint8_t **mask,
                                          const sherf_camera *camera, const sherf_pose *pose) {
     sherf_observation *o = mem_zero(c, 1, sizeof *o);
@@ -134,7 +135,8 @@ sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *m, cons
     int left, top, side;
     *out = NULL;
     if (!config->px_per_m || !config->image_size) return observation_copy(c, o, out);
-    sherf_status status = observation_check_body(c, o, body); /* a cut round the body would hide it */
+    /* cropping to the body would hide the mismatch */
+    sherf_status status = observation_check_body(c, o, body);
     if (status != SHERF_OK) return status;
     status = body_px_per_m(c, body, &o->pose, &o->camera, &now);
     if (status == SHERF_OK) status = body_joints_camera(c, body, &o->pose, &o->camera, joint);
@@ -144,7 +146,7 @@ sherf_status sherf_observation_crop(sherf_context *c, const sherf_model *m, cons
     if (factor > large) factor /= large;
     if (!(factor > 0) || (fits && longest <= 1.5 * config->image_size) ||
         !square_round(joint, &o->camera, margin_m * now, factor * config->image_size, &left, &top, &side))
-        return observation_copy(c, o, out); /* what is wrong with it is told when it is encoded */
+        return observation_copy(c, o, out); /* encoding it reports what is wrong */
     const double wide = side / factor;
     const int width = wide < VIEW_OBSERVED_SIDE_MAX ? (int)(wide + 0.5) : VIEW_OBSERVED_SIDE_MAX;
     status = cut_and_scale(c, o, left, top, side, width > 0 ? width : 1, out);

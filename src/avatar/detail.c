@@ -1,14 +1,13 @@
-/* The picture's own detail. The network's colours are soft; what its picture of the observed view lacks
- * against the observation is kept once per avatar and given back where frames and exported surfaces show what
- * the observation saw: a point goes to the observation's space, as samples do, and is looked up there. What
- * it did not see is lent colour and pattern by what is opposite (detail_carry.c). Beyond the paper; the
- * network is not queried, so it costs a point a pixel.
+/* The picture's own detail. The network's colours are soft; the difference between the observation and the
+ * avatar's own picture of that view is kept once per avatar. Frames and exported surfaces add it wherever
+ * they show what the observation saw: a point is mapped to the observation's space, as samples are, and
+ * looked up there. Unseen places borrow colour and pattern from the opposite side (detail_carry.c). This goes
+ * beyond the paper. It does not query the network; the cost is one point per pixel.
  *
- * What the observation saw is told twice. The body's mesh tells it smoothly and without haze: front from
- * back, and limbs before each other. The depths of the observed view, smoothed, tell it of the rest: hair,
- * clothes. Neither view's depths may lie in the body (detail_body.c): where haze lets rays into it, one place
- * would have two depths, and what is looked up would lie beside itself.
- */
+ * Two sources say what the observation saw. The body's mesh gives a smooth answer without haze: it separates
+ * front from back and limbs that overlap. The smoothed depths of the observed view answer for the rest: hair,
+ * clothes. Depths of either view must not lie inside the body (detail_body.c): where haze lets rays in, one
+ * place would have two depths, and the look-up would be displaced. */
 #include <math.h>
 #include <string.h>
 
@@ -19,7 +18,7 @@ static const float facing[2] = {0.1f, 0.45f};
 static const float smooth_m = 0.01f, fade_m = 0.006f;
 enum { RADIUS_MAX = 8, FADE_MAX = 4 };
 
-/* ---- what the avatar's own picture of the observed view tells ---- */
+/* ---- from the avatar's own picture of the observed view ---- */
 static float facing_at(const detail_optics *o, const float *depth, int width, int height, int x, int y) {
     float p[5][3], u[3], v[3];
     if (x < 1 || y < 1 || x + 1 >= width || y + 1 >= height) return 0;
@@ -34,7 +33,8 @@ static float facing_at(const detail_optics *o, const float *depth, int width, in
     return fabsf(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) / sqrtf(nn * dd + 1e-30f);
 }
 
-/* The smallest value in a square of 2 r + 1, then the mean of one: edges fade inwards and hold none back. */
+/* The minimum over squares of side 2 r + 1, then the mean over them: the result fades to 0 inside the edge,
+ * not beyond it. */
 static void fade_inwards(float *weight, float *room, int width, int height, int r) {
     for (int pass = 0; pass < 4; pass++) {
         const bool across = pass % 2 == 0, min = pass < 2;
@@ -54,8 +54,8 @@ static void fade_inwards(float *weight, float *room, int width, int height, int 
     }
 }
 
-/* Whether a pixel is beyond the mask, where the picture is black, or at its edge, which was mixed with that.
- */
+/* Whether a pixel lies outside the mask, where the picture is black, or at its edge, where it is mixed with
+ * black. */
 static bool at_mask_edge(const float *image, int width, int height, int x, int y) {
     enum { STRAIGHT_EDGE = 3 };
     int black = 0;
@@ -104,12 +104,12 @@ void detail_free(avatar_detail *d) {
     *d = (avatar_detail){0};
 }
 
-/* The body in the pose of a picture, counted from 0; the avatar's. */
+/* The body in the pose of picture i, counted from 0. Owned by the avatar. */
 static const posed_body *posed_in(const sherf_avatar *a, int picture) {
     return a->pictures > 1 ? a->posed[picture] : a->sheet.body;
 }
 
-/* The observation's picture number i as it is compared: its image, or the finer one. */
+/* The observation's picture i that is compared: its image, or the finer picture behind it. */
 static float *picture_of(context *c, const sherf_avatar *a, int i, detail_view *d) {
     const observed_picture *p = &a->picture[i];
     const fine_picture *fine = &a->fine[i];
@@ -210,8 +210,8 @@ typedef struct {
     detail_gift gift[BATCH];
 } batch;
 
-/* A point is looked up by the vertex that it moves with in the frame: hair between head and shoulders would
- * be torn where another one is nearest in canonical space. */
+/* A point is looked up through the vertex that it moves with in the frame. Using the nearest vertex in
+ * canonical space instead would tear hair between head and shoulders. */
 static void look_up_batch(const apply_job *j, batch *b) {
     deform_to_canonical(j->body, j->posed, b->count, b->point, NULL, b->nearest, b->point, NULL);
     detail_look_up(j->d, j->body, b->count, b->point, b->nearest, b->gift);
@@ -225,7 +225,7 @@ static void look_up_batch(const apply_job *j, batch *b) {
 }
 
 /* A pixel's point in the body's space and its nearest vertex, or -1. Where haze lets a ray through, its mean
- * depth can lie so deep inside the body that none is near: then further out. */
+ * depth can lie so deep inside the body that no vertex is near; the point is then moved outwards. */
 static int32_t find_surface(const apply_job *j, int x, int y, int32_t guess, float point_smpl[3]) {
     const float *R = j->posed->R, *Th = j->posed->Th;
     const float depth = j->depth[(size_t)y * (size_t)j->frame->color.width + (size_t)x];

@@ -1,30 +1,31 @@
-/* What the body's mesh tells of a hazy surface: which of it the observation saw, and how deep it can lie. */
+/* What the body's mesh says about a hazy surface: which parts the observation saw, and how deep they can
+ * lie. */
 #include <math.h>
 #include <string.h>
 
 #include "avatar/detail.h"
 #include "base/vector3.h"
 
-/* How far a vertex may lie behind the body: from the first number on it counts less, at the second not at
- * all. */
+/* How far a vertex may lie behind the rasterised body: its weight falls from the first number on and is 0 at
+ * the second. */
 static const float behind_m[2] = {0.02f, 0.04f};
 /* Cosines of a vertex' angle to the ray. */
 static const float facing[2] = {-0.05f, 0.3f};
 static const float blend_m = 0.025f;
-/* Depths this far in the body are haze, up to the first number; from the second on another limb's. */
+/* Depths up to the first number inside the body are haze; from the second on they belong to another limb. */
 static const float sunk_m[2] = {0.06f, 0.1f};
-/* At an outline that no picture shows the network's opacity rises early, outside the true one, and over more
- * than a large pixel. */
+/* At an outline that no picture shows, the network's opacity rises too early, outside the true outline, and
+ * over more than a large pixel. */
 static const detail_firmness of_known = {0.15f, 1}, of_guessed = {0.3f, 1}, of_coarse = {0.25f, 0.9f};
 static const float solid_inside = 0.5f;
-/* Pixels are coarse from the second of these sizes on, and fine up to the first. */
+/* Pixels up to the first of these sizes are fine, those from the second on coarse. */
 static const float coarse_m[2] = {0.004f, 0.012f};
-/* The outline is known as far as the camera sees the pelvis from where an observed one did (cosines of the
- * angle between them) and the joints are where they were (metres, their mean). */
+/* The outline counts as known while the camera sees the pelvis from about the same direction as an observed
+ * camera (cosines of the angle between them) and the joints have moved little (mean, metres). */
 static const float beside_observed[2] = {0.77f, 0.98f}, elsewhere_m[2] = {0.01f, 0.06f};
 enum { ROUNDS = 4, HOLE_ROUNDS = 6, HEAD = 15 };
 
-/* The furthest depth of the body in the nine pixels round a place; 0 outside the picture. */
+/* The body's largest depth in the 3 x 3 pixels round a place; 0 outside the picture. */
 static float body_depth(const raster *r, const float px[2]) {
     float max = 0;
     if (!(fabsf(px[0]) < 1e6f && fabsf(px[1]) < 1e6f)) return 0;
@@ -63,9 +64,9 @@ static bool of_head(const body_model *body, int v) {
     return body->weights[(size_t)v * BODY_JOINTS + HEAD] > 0.5f;
 }
 
-/* Fills the head's holes (mouth, eyes, nostrils, ears) with what is around them: the largest value within
- * some edges, then the smallest of those. The rest of the body has thin parts, whose other side is not a
- * hole. */
+/* Fills the head's holes (mouth, eyes, nostrils, ears) from their surroundings: the maximum within a few
+ * edges, then the minimum (a morphological closing). The rest of the body is left alone: it has thin parts,
+ * and their far side is not a hole. */
 static void close_holes(const body_model *body, float *seen, float *room) {
     for (int round = 0; round < 2 * HOLE_ROUNDS; round++) {
         for (int v = 0; v < body->vertices; v++) {
@@ -166,7 +167,7 @@ static void camera_side(const sherf_camera *camera, const posed_body *posed, dou
     unit3(out);
 }
 
-/* Metres that joints have moved from one pose to another, relative to the pelvis; their mean. */
+/* The mean distance, in metres, that joints move from one pose to the other, relative to the pelvis. */
 static float moved_m(const posed_body *a, const posed_body *b) {
     double sum = 0;
     for (int j = 1; j < BODY_JOINTS; j++) {
@@ -245,7 +246,7 @@ void detail_make_firm(const context *c, const raster *drawn, detail_firmness fir
 
 /* ---- islands ---- */
 
-/* Marks the neighbours of place n that are opaque and not marked yet, and puts them behind the queue. */
+/* Marks the opaque, unmarked neighbours of place n and appends them to the queue. */
 static size_t reach(const sherf_frame *f, size_t n, uint8_t *reached, size_t *queue, size_t end) {
     const int width = f->opacity.width, height = f->opacity.height;
     const int column = (int)(n % (size_t)width), row = (int)(n / (size_t)width);

@@ -1,10 +1,10 @@
-/* Patterns and colours go on where no picture shows the person: the back of trunk and limbs is much like
- * their front, and one side like the other. The network averages what it has not seen; its backs are smooth
- * and dull. So what is not seen is lent something by the place opposite, if that one is seen.
+/* Continues patterns and colours where no picture shows the person. The back of trunk and limbs is much like
+ * their front, and one side like the other, but the network averages what it has not seen: its backs are
+ * smooth and dull. So an unseen place borrows from the opposite place, if that one is seen.
  *
- * Not everything goes on. Faces, feet and hands have no such front and back. A print on a plain shirt, a row
- * of buttons or a tie is no pattern: where a place has much more contrast than its garment has elsewhere, it
- * lends that much less of it. */
+ * Not everything continues. Faces, feet and hands differ in front and behind. A print on a plain shirt, a row
+ * of buttons or a tie is not a pattern: the more a place's contrast exceeds that of its garment elsewhere,
+ * the less of it is lent. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,12 +12,12 @@
 #include "avatar/detail.h"
 
 enum { PARTS = 6, HEAD = 1 };
-/* Trunk, head, upper arms, forearms, thighs, shins: what is usually of one cloth. */
+/* Trunk, head, upper arms, forearms, thighs, shins: parts that are usually covered by one cloth. */
 static const int8_t part_of[BODY_JOINTS] = {0, 4, 4, 0, 5, 5, 0, 5, 5, 0, 5, 5,
                                             0, 0, 0, 1, 2, 2, 3, 3, 3, 3, 3, 3};
-/* How many times the median contrast of its part a pattern may have. */
+/* The largest contrast of a pattern, as a multiple of its part's median. */
 static const float contrast_max = 1.5f;
-/* Cells in which the other side is looked for. */
+/* Grid cells for the search of the opposite side. */
 static const float cell_m = 0.02f;
 enum { CELLS = 128 };
 
@@ -31,7 +31,7 @@ static int part(const body_model *body, int v) {
 
 /* ---- the other side ---- */
 
-/* How much of a vertex belongs to what has a back like its front. */
+/* How far a vertex belongs to parts whose back is like their front. */
 static float has_two_sides(const body_model *body, int v) {
     static const int8_t not [] = {7, 8, 10, 11, 12, 15, 20, 21, 22, 23}; /* feet, neck, head, hands */
     float sum = 0;
@@ -60,7 +60,8 @@ static void sort_by_cell(const body_model *body, const float *min, int32_t *firs
     first[CELLS * CELLS] = body->vertices;
 }
 
-/* Nearest across the canonical body's z among those whose normal looks the other way; -1: none. */
+/* The nearest vertex in x and y among those across the canonical body's z whose normal looks the other way;
+ * -1: none. */
 static int32_t opposite(const body_model *body, const float *normal, const float *min, const int32_t *first,
                         const int32_t *list, int v) {
     const float *x = body->canonical->vertices_smpl, *p = x + 3 * v;
@@ -136,8 +137,8 @@ int carry_places(const detail_carry *d, const detail_variant *variant, const bod
 
 /* ---- patterns ---- */
 
-/* The picture in two: the colour about each pixel, and the pattern on it. room: two floats a texel; the
- * second half is left with the pattern's squared contrast about each pixel. */
+/* Splits the picture into the colour around each pixel and the pattern on it. room: two floats a texel; its
+ * second half receives the pattern's squared contrast around each pixel. */
 static void split_picture(const context *c, detail_view *d, const float *image, const sherf_frame *own,
                           int radius, float *room) {
     const size_t pixels = (size_t)d->width * (size_t)d->height;
@@ -162,7 +163,7 @@ static int ascending(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Medians by part of what is seen; 0 where nothing is. room: V. */
+/* The median over each part's seen vertices; 0 where none is seen. room: V. */
 static void part_medians(const body_model *body, const float *seen, const float *contrast, float *room,
                          float median[PARTS]) {
     for (int p = 0; p < PARTS; p++) {

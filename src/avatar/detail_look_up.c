@@ -1,20 +1,19 @@
-/* What the observation's pictures say of canonical points: what they add to a colour that they saw, and what
- * the opposite side lends to one that none saw (detail_carry.c).
- */
+/* Looks canonical points up in the observation's pictures: what to add to the colour of a seen point, and
+ * what the opposite side lends to an unseen one (detail_carry.c). */
 #include <math.h>
 #include <string.h>
 
 #include "avatar/detail.h"
 
-/* How far a point may lie behind the observed view's surface, and before it: from the first number on it
- * counts less, at the second not at all. */
+/* How far a point may lie behind the observed view's surface, and in front of it: its weight falls from the
+ * first number on and is 0 at the second. */
 static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
-/* How far a colour that no picture saw goes to that of the opposite side, and how much of that side's pattern
- * it takes. Chosen on made people (docs/model-card.md). */
+/* How far an unseen colour moves towards the opposite side's, and how much of that side's pattern it takes.
+ * Chosen on synthetic people (docs/model-card.md). */
 static const float toward_share = 0.5f, pattern_share = 0.6f;
 enum { SOME = 64 };
 
-/* Four texels round a place, and how much each counts. false: the place is outside the picture. */
+/* The four texels round a place and their weights. false: the place is outside the picture. */
 typedef struct {
     const detail_texel *texel[4];
     float share[4];
@@ -35,7 +34,7 @@ static float in_depth(const detail_texel *t, float depth) {
     return (1 - detail_rise(depth - t->depth, behind_m)) * (1 - detail_rise(t->depth - depth, before_m));
 }
 
-/* ---- what is seen ---- */
+/* ---- seen points ---- */
 
 static float seen_at(const detail_view *d, const float px[2], float depth, float add[3]) {
     float seen = 0;
@@ -50,7 +49,7 @@ static float seen_at(const detail_view *d, const float px[2], float depth, float
     return seen;
 }
 
-/* A mean over the pictures in which the one that sees the point best counts most. */
+/* A mean over the pictures; the one that sees the point best has the largest weight. */
 static void look_up_seen(const avatar_detail *d, const body_model *body, int64_t count,
                          const float *points_canonical, const int32_t *nearest, detail_gift *out) {
     float world[3 * SOME], px[2 * SOME], depth[SOME], sum[SOME] = {0};
@@ -75,9 +74,9 @@ static void look_up_seen(const avatar_detail *d, const body_model *body, int64_t
     }
 }
 
-/* ---- what is opposite ---- */
+/* ---- the opposite side ---- */
 
-/* The colour around a place, the pattern on it, and how far both are to be trusted. */
+/* The colour around a place, the pattern on it, and how far to trust both. */
 static float lent_at(const detail_view *d, const float px[2], float depth, float color[3], float pattern[3]) {
     float trust = 0;
     four f;
@@ -133,7 +132,7 @@ void detail_look_up(const avatar_detail *d, const body_model *body, int64_t n, c
 void detail_give(const avatar_detail *d, const detail_gift *g, float seen, float lent, float hidden,
                  float rgb[3]) {
     const float light = 1 + hidden * (d->variant.light - 1);
-    lent = fminf(lent, 2 * g->lent); /* smoothed over where there is no colour to go to */
+    lent = fminf(lent, 2 * g->lent); /* smoothing may have raised it where there is no colour to take */
     for (int k = 0; k < 3; k++) {
         const float take =
             toward_share * (g->toward[k] - rgb[k]) + pattern_share * d->variant.pattern * g->pattern[k];

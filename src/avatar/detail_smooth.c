@@ -1,12 +1,12 @@
-/* Depths of hazy surfaces flicker from pixel to pixel: they are smoothed along the surface, not across its
- * edges, and whatever depends on them after them. */
+/* Depths of hazy surfaces flicker from pixel to pixel. They are smoothed along the surface, not across its
+ * edges, and so is what depends on them. */
 #include <math.h>
 #include <string.h>
 
 #include "avatar/detail.h"
 #include "scene/ray.h"
 
-/* Neighbours further off in depth do not count. */
+/* Neighbours that differ more in depth have no weight. */
 static const float edge_m = 0.05f, faint = 0.3f;
 enum { ROUNDS = 2 };
 static const float jump_m[2] = {0.03f, 0.07f}, opaque[2] = {0.5f, 0.9f};

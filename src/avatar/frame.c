@@ -1,4 +1,4 @@
-/* A frame as the network has it: how many depths its rays have, and which points are left out. */
+/* A frame as the network gives it: how many depths its rays have, and which points are skipped. */
 #include <math.h>
 #include <string.h>
 
@@ -6,8 +6,8 @@
 #include "sampling/tiles.h"
 #include "scene/ray.h"
 
-/* Density is per metre, so that opacity does not depend on the length of steps; what lies between two depths
- * does. The model learned with 8 to 15 mm a step where people stand upright. */
+/* Density is per metre, so opacity does not depend on the step length, but long steps miss what lies between
+ * two depths. The model was trained with steps of 8 to 15 mm for upright people. */
 enum { SAMPLES_MAX = 1024 };
 static const float step_max_m = 0.012f;
 
@@ -17,7 +17,7 @@ static float depth_max(const ray_bundle *r) {
     return farthest;
 }
 
-/* The rays of a frame and how many depths they have; *farthest: the last depth of all in the box. */
+/* The rays of a frame and their number of depths; *farthest: the largest depth in the box over all rays. */
 static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_model *body,
                                const posed_body *posed, const sherf_camera *camera, int requested,
                                ray_bundle **rays, int *samples, float *farthest) {
@@ -28,7 +28,7 @@ static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_mod
     if (requested != SHERF_SAMPLES_MODEL) rays_repair(*rays, min, max);
     *farthest = depth_max(*rays);
     *samples = requested > 0 ? requested : a->config.samples;
-    const bool box = model_has_whole_box(&a->config); /* which has something past its end */
+    const bool box = model_has_whole_box(&a->config); /* whose field is not empty past the box */
     if (!box && (!requested || requested == SHERF_SAMPLES_AUTO))
         *samples = rays_even_steps(*rays, *samples, SAMPLES_MAX, step_max_m);
     return SHERF_OK;
@@ -50,7 +50,7 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
     return a->field_kind->render_joints(c, a->field, posed, camera, &on_gpu, frame);
 }
 
-/* The network's answers where they weigh, the coarse field's elsewhere. */
+/* Uses the network for samples of large weight, the coarse field for the others. */
 static sherf_status frame_coarse(context *c, const sherf_avatar *a, const body_model *body,
                                  const posed_body *posed, const ray_bundle *rays, int samples,
                                  const coarse_field *coarse, const float background[3], sherf_frame *frame) {
@@ -107,7 +107,7 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
     if (status != SHERF_OK) return status;
-    /* a picture of few pixels has hardly more points than the field has cells */
+    /* a small picture has hardly more points than the field has cells */
     if (coarse && !(rays_pitch(rays) * coarse->per_m < 1)) coarse = NULL;
     status = coarse ? frame_coarse(c, a, body, posed, rays, samples, coarse, o->background, frame)
                     : frame_of_points(c, a, body, posed, rays, samples, empty, o, frame);

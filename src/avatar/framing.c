@@ -1,4 +1,4 @@
-/* Cameras that have the whole person, or the whole motion, in their picture. */
+/* Cameras whose picture shows the whole person, or the whole motion. */
 #include <math.h>
 #include <string.h>
 
@@ -26,8 +26,8 @@ static void camera_around(const double B[9], const double centre[3], double dist
         }
 }
 
-/* How far away a camera on a circle must be for an upright cylinder about its centre, its near side included.
- * 8 % to spare. */
+/* The distance at which a camera on a circle sees all of an upright cylinder about its centre, near side
+ * included, with a margin of 8 %. */
 static double orbit_distance(double half_height, double radius, double fov, double aspect) {
     return spare * fmax(half_height, radius / aspect) / tan(fov / 2) + radius;
 }
@@ -77,14 +77,15 @@ sherf_status sherf_cameras_orbit(sherf_context *c, const sherf_body *body, const
     return SHERF_OK;
 }
 
-/* ---- along with a motion ----
- * Of the person only the joints are looked at, in every frame, each a ball that holds the flesh around it. */
+/* ---- along with a motion ---- The person is represented by its joints in every frame, each a ball that
+ * holds the flesh around it. */
 
 static const double ball_m[BODY_JOINTS] = {
     [0] = 0.2,   [3] = 0.18,  [6] = 0.18,  [9] = 0.2,   [4] = 0.12,  [5] = 0.12,  [7] = 0.1,   [8] = 0.1,
     [10] = 0.12, [11] = 0.12, [12] = 0.15, [15] = 0.24, [20] = 0.14, [21] = 0.14, [22] = 0.12, [23] = 0.12};
 
-/* What a picture must hold: balls a < tx w, in the axes of a camera, as far as they bound where it stands. */
+/* Bounds that balls put on the camera's place, in its axes: a ball must satisfy a < tx w to be in the
+ * picture. */
 typedef struct {
     double B[9], fov, tx, ty; /* tangents of half the view */
     int width, height;
@@ -100,7 +101,7 @@ static void view_aim(view *w, double azimuth, double elevation) {
     for (int i = 0; i < 9; i++) w->axis[i / 3][i % 3] = k.R[i];
 }
 
-/* Takes in a ball, its place relative to the path. */
+/* Adds a ball, placed relative to the path. */
 static void view_take(view *w, const double x[3], double r) {
     const double t[2] = {w->tx, w->ty}, up[3] = {w->B[1], w->B[4], w->B[7]};
     double depth = dot3(w->axis[2], x), rise = dot3(up, x);
@@ -130,9 +131,9 @@ static void view_take_clip(view *w, const sherf_motion *motion, const float (*pa
     }
 }
 
-/* Where a camera of these axes stands so that all balls are just in its picture: it looks at the middle of
- * them sideways, and is as near as the tighter of the two directions lets it. `distance`, if not 0, is kept
- * from the middle of the path instead. */
+/* Where a camera with these axes must stand to just show all balls. It is centred on them sideways and up,
+ * and as near as the tighter of the two directions allows. A `distance` other than 0 is kept from the middle
+ * of the path instead. */
 static void view_place(const view *w, double distance, double place[3]) {
     const double t[2] = {w->tx, w->ty};
     double across[2], depth = INFINITY;
@@ -151,7 +152,7 @@ static void camera_stand(sherf_camera *k, const double place[3]) {
             (float)-(k->R[3 * i] * place[0] + k->R[3 * i + 1] * place[1] + k->R[3 * i + 2] * place[2]);
 }
 
-/* From where the picture was taken, seen from the body in it. */
+/* The direction that the picture was taken from, relative to the body in it. */
 static void observed_aim(const sherf_avatar *avatar, const skeleton *s, double *azimuth, double *elevation) {
     float turn[BODY_JOINTS][4], pelvis[3], camera[3];
     double B[9], own[3], length;
@@ -176,7 +177,7 @@ static void observed_size(const sherf_camera *k, const sherf_animate_options *o,
     if (*height < 1) *height = 1;
 }
 
-/* The path that the camera keeps to: the middle of it, or the pelvis's, smoothed. */
+/* The path that the camera follows: its fixed middle, or the pelvis's path, smoothed. */
 static void path_find(const sherf_motion *motion, bool along, float (*path)[3]) {
     const clip *k = &motion->clip;
     if (along && k->frames > 1) {

@@ -1,14 +1,14 @@
-/* What an avatar is in cells of canonical space. The density at a point depends on its place there alone,
- * whatever the pose and the camera, and the colour hardly on the direction. So the network is queried once on
- * a lattice, the occupancy grid: frames skip the space that is empty there, or (coarse fields) query the
- * network only for what weighs. */
+/* The occupancy grid: an avatar's density and colour in cells of canonical space. The density at a point
+ * depends only on its canonical place, not on pose or camera, and colour hardly depends on the direction. So
+ * the network is queried once on a lattice. Frames skip the space that is empty there or, with coarse fields,
+ * query the network only for samples of large weight. */
 #include <math.h>
 #include <string.h>
 
 #include "avatar/canonical.h"
 
-/* The features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours do.
- * For that, cells below the skin are not queried: they are full, or hidden. */
+/* Features jump where the nearest vertex changes, so a cell counts as empty only when its neighbours are
+ * empty too. Cells below the skin are not queried for that: they are full, or hidden. */
 static const float cell_m = 0.01f, known_m = 0.06f, below_m = 0.01f;
 enum { CELLS_MAX = 1 << 24, UNKNOWN = 0, EMPTY = 1, FULL = 2 };
 
@@ -17,12 +17,12 @@ typedef struct {
     float min[3], per_m;
 } lattice;
 
-/* value: what is found, by cell; or else state. */
+/* Results by cell go to `value`, or else to `state`. */
 typedef struct {
     const sherf_avatar *a;
     const body_model *body;
     lattice cells;
-    float lowest; /* the least height above the skin that is queried */
+    float lowest; /* the smallest height above the skin that is queried */
     float (*value)[4];
     float *normal;    /* of the canonical vertices */
     int32_t *nearest; /* by cell: the canonical vertex nearest to its middle, -1: not queried */
@@ -62,7 +62,7 @@ static void near_range(void *arg, int64_t begin, int64_t end, int thread) {
         const size_t word =
             ((size_t)voxel[2] * (size_t)shell->cells[1] + (size_t)voxel[1]) * (size_t)shell->words +
             (size_t)voxel[0] / 32;
-        inside = inside && shell->bit[word] >> (voxel[0] % 32) & 1; /* elsewhere a search takes long */
+        inside = inside && shell->bit[word] >> (voxel[0] % 32) & 1; /* a search elsewhere takes long */
         const int32_t found = inside ? vertex_grid_nearest_from(grid, at, -1, &d2) : -1;
         j->nearest[i] = found >= 0 && d2 < known_m * known_m && height(j, at, found) > j->lowest ? found : -1;
     }
@@ -102,9 +102,7 @@ static sherf_status query_all(context *c, empty_job *j, int64_t count) {
     return status;
 }
 
-/* Bits of the cells that are empty and have no full one around them; false where they are too few to be of
- * use.
- */
+/* Sets the bits of empty cells without full neighbours; false where they are too few to be useful. */
 static bool mark(const empty_job *j, occupancy_grid *e) {
     const int X = e->cells[0], Y = e->cells[1], Z = e->cells[2];
     int64_t known = 0, empty = 0;
@@ -130,7 +128,7 @@ void occupancy_free(occupancy_grid *e) {
     *e = (occupancy_grid){0};
 }
 
-/* False for a body of a size nobody has. */
+/* False for a body of an impossible size. */
 static bool lattice_of(const body_model *body, lattice *out) {
     float max[3];
     double count = 1;
@@ -145,7 +143,7 @@ static bool lattice_of(const body_model *body, lattice *out) {
     return true;
 }
 
-/* Answers to all cells near the body, into the job's value or state. */
+/* Queries all cells near the body, into the job's value or state. */
 static sherf_status answers(context *c, empty_job *j) {
     const int64_t rows = (int64_t)j->cells.cells[1] * j->cells.cells[2], cells = rows * j->cells.cells[0];
     j->normal = mem_alloc(c, (size_t)j->body->vertices, 3 * sizeof *j->normal);
@@ -159,13 +157,13 @@ static sherf_status answers(context *c, empty_job *j) {
     return status;
 }
 
-/* values: of all cells near the body; NULL: those at its skin and outside are queried, and nothing is kept.
- */
+/* values: receives the results of all cells near the body; NULL: only cells at the skin and outside are
+ * queried, and no values are kept. */
 static sherf_status find(context *c, const sherf_avatar *a, const body_model *body, occupancy_grid *e,
                          coarse_field *values) {
     empty_job job = {.a = a, .body = body, .lowest = values ? -INFINITY : -below_m};
     const lattice *l = &job.cells;
-    if (!lattice_of(body, &job.cells)) return SHERF_OK; /* nothing is left out */
+    if (!lattice_of(body, &job.cells)) return SHERF_OK; /* nothing is skipped */
     *e = (occupancy_grid){.per_m = l->per_m, .words = (l->cells[0] + 31) / 32};
     memcpy(e->min, l->min, sizeof e->min);
     memcpy(e->cells, l->cells, sizeof e->cells);

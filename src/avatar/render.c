@@ -1,9 +1,9 @@
-/* Frames for people: the network's, with detail unless it is not wanted. */
+/* Frames for people to look at: the network's, with detail unless it is switched off. */
 #include <math.h>
 
 #include "avatar/detail.h"
 
-/* A GPU's frames get theirs from the host, which poses the body again for it. */
+/* Frames made on a GPU get their detail on the host, which poses the body again for it. */
 sherf_status avatar_give_detail(context *c, const sherf_avatar *a, const body_model *body,
                                 const posed_body *posed, const sherf_camera *camera,
                                 const float background[3], sherf_frame *frame) {

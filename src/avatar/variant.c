@@ -1,14 +1,13 @@
-/* Several ways in which what was not seen may look. What the best guess is off by is first of all the light:
- * one factor a person, 0.12 either way on made people, is 1.0 dB of it (docs/model-card.md). So the light on
- * what was not seen is drawn, and with it from where patterns go on and how strongly.
- */
+/* Several ways in which unseen parts may look. The best guess errs most in brightness: one factor per person,
+ * 0.12 either way on synthetic people, makes up 1.0 dB of its error (docs/model-card.md). So a variant draws
+ * the brightness of unseen parts, the places that patterns continue from, and their strength. */
 #include <math.h>
 
 #include "avatar/detail.h"
 
 static const float light_max = 0.1f, pattern_min = 1.1f, pattern_max = 1.7f, source_min = 0.05f;
 
-/* Seeds that follow each other lie far apart: steps of the golden section round the unit interval. */
+/* Consecutive seeds give values far apart: steps of the golden ratio round the unit interval. */
 static float spread_out(uint64_t seed) {
     return (float)((double)(seed * 0x9e3779b97f4a7c15u >> 11) * 0x1p-53);
 }

@@ -13,7 +13,7 @@ static const model_setting common[] = {{"samples", AT(samples), 2, 1024, 1},
                                        {"skin_blend_mm", AT(skin_blend_mm), 0, 200, 1},
                                        {"occlusion", AT(occlusion), 0, 2, 1}};
 
-/* Setting i: the model's own, then the common ones; NULL after the last. */
+/* Setting i: first the model's own, then the common ones; NULL after the last. */
 static const model_setting *setting(const model_kind *kind, size_t i) {
     size_t own = 0;
     while (kind->settings[own].name) own++;
@@ -71,7 +71,7 @@ static sherf_status set_one(context *c, model_config *config, const char *text) 
     return failure(c, SHERF_BAD_ARGUMENT, "model setting '%.60s': no such setting", text);
 }
 
-/* Settings with commas between; none is fine. */
+/* Comma-separated settings; none is fine. */
 static sherf_status set_all(context *c, model_config *config, const char *text) {
     char copy[1024];
     if (strlen(text) >= sizeof copy) return failure(c, SHERF_BAD_ARGUMENT, "model preset: text too long");
@@ -83,7 +83,7 @@ static sherf_status set_all(context *c, model_config *config, const char *text) 
     return SHERF_OK;
 }
 
-/* *found is false, and nothing else happens, where there is no such preset. */
+/* Where there is no such preset, sets *found to false and does nothing else. */
 static sherf_status preset_get(context *c, const model_kind *kind, const char *name, size_t length,
                                model_config *out, bool *found) {
     *found = false;

@@ -61,7 +61,7 @@ point_set *depths_jittered(tape *t, const point_set *points, float last_way, uin
 }
 
 /* ---- by what the first pass saw ---- */
-static const double weight_spare = 1e-5; /* so that every part can be drawn */
+static const double weight_spare = 1e-5; /* so that every interval can be drawn */
 
 typedef struct {
     const point_set *coarse;
@@ -81,7 +81,8 @@ static double chance(const fine_job *j, int which, int64_t ray, int i, double ot
     return j->key[which] ? random_uniform(j->key[which], (uint64_t)ray * 64 + (uint64_t)i) : otherwise;
 }
 
-/* Shares of the parts, summed from 0 to 1, into sum [samples + 1]; returns the mean depth, or far. */
+/* The cumulative distribution of the intervals, from 0 to 1, into sum [samples + 1]. Returns the mean depth,
+ * or far. */
 static double weigh(const fine_job *j, int64_t ray, double *sum) {
     const point_set *p = j->coarse;
     const int64_t first = p->first[ray], last = p->first[ray + 1] - 1;
@@ -141,7 +142,7 @@ static void fine_range(void *arg, int64_t begin, int64_t end, int thread) {
         if (j->coarse->first[n] < j->coarse->first[n + 1]) fine_ray(j, n, sum);
 }
 
-/* Whose place on which ray each of the finer set's points has. */
+/* The ray and the place on it of each point of the finer set. */
 static bool fine_shape(tape *t, const point_set *coarse, int samples, point_set *out) {
     const int64_t rays = coarse->rays, count = coarse->count / coarse->samples * samples;
     *out = (point_set){.count = count, .rays = rays, .samples = samples, .on = coarse->on};

@@ -1,5 +1,5 @@
-/* The field of a model that has no fused one: its query on a tape, all points of a frame before they are
- * composited. */
+/* The field of a model without a fused one: it queries all points of a frame on a tape, then composites
+ * them. */
 #include "model/field.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@ typedef struct {
     model *m;
     observation_geometry *g;
     const kept_bank *kept;
-    kept_bank restored; /* what the model makes of them, where it does */
+    kept_bank restored; /* the arrays after the model's `restore`, where it has one */
 } ops_field;
 
 static void release(void *field) {
@@ -23,7 +23,7 @@ static void release(void *field) {
     mem_free(f);
 }
 
-/* A whole model with the weights that were kept. */
+/* A whole model with the kept weights. */
 static sherf_status take_weights(context *c, const field_source *from, model **out) {
     sherf_status status = model_create(c, from->config, 0, out);
     for (int i = 0; status == SHERF_OK && i < from->weights->count; i++) {
@@ -94,7 +94,7 @@ static sherf_status query(tape *t, const ops_field *f, const body_model *body, c
     return status == SHERF_OK ? tensor_download(tape_context(t), color, rgb) : status;
 }
 
-/* The tape is the call's own: fields are for any thread. */
+/* Each call has its own tape, since any thread may use a field. */
 static sherf_status run(context *c, void *field, const body_model *body, const point_set *points, float *rgb,
                         float *sigma) {
     if (!points->count) return SHERF_OK;
@@ -104,7 +104,7 @@ static sherf_status run(context *c, void *field, const body_model *body, const p
     return status;
 }
 
-/* [N, 5] over black to a frame over `background`. */
+/* Turns [N, 5] over black into a frame over `background`. */
 static void frame_fill(const float *y, const float background[3], sherf_frame *frame) {
     const size_t n = (size_t)frame->color.width * (size_t)frame->color.height;
     for (size_t i = 0; i < n; i++) {
@@ -115,7 +115,7 @@ static void frame_fill(const float *y, const float background[3], sherf_frame *f
     }
 }
 
-/* A frame of a model that makes its own: of more than one pass, or at other depths. */
+/* A frame of a model with its own `frame`: with more than one pass, or at other depths. */
 static sherf_status render_whole(context *c, const ops_field *f, const body_model *body,
                                  const ray_bundle *rays, const point_set *points, const float background[3],
                                  sherf_frame *frame) {

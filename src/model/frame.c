@@ -69,7 +69,7 @@ static sherf_status seed(tape *inner, tensor *x, const tensor *from, int64_t beg
 static sherf_status points_backward(tape *t, void *payload) {
     points_node *n = payload;
     if (!n->sigma->grad && !n->rgb->grad) return SHERF_OK;
-    for (int i = 0; i < n->bank.count; i++) { /* made here, so that they outlive the inner tape */
+    for (int i = 0; i < n->bank.count; i++) { /* allocated here, so that they outlive the inner tape */
         tensor *outer = n->bank.tensor[i];
         if (outer->needs_grad && !tape_grad(t, outer)) return tape_status(t);
     }
@@ -90,8 +90,8 @@ static sherf_status points_backward(tape *t, void *payload) {
     return SHERF_OK;
 }
 
-/* Standard normal noise on the raw density, by point of the frame so that it does not depend on what was
- * kept. */
+/* Standard normal noise on the raw density, keyed by the sample's place in the frame so that it does not
+ * depend on which points were kept. */
 typedef struct {
     const point_set *points;
     uint64_t key;
@@ -115,7 +115,7 @@ static tensor *noise_add(tape *t, tensor *sigma, const point_set *points, uint64
     return op_add(t, sigma, tape_input(t, noise, 2, (int64_t[]){points->count, 1}));
 }
 
-/* [P, 2]: depth of each point, and the way to the next one or to the end of the box. */
+/* [P, 2]: depth of each point, and the distance to the next one or to the end of the box. */
 static tensor *own_depths(tape *t, const target_geometry *g, const point_set *p) {
     float *at = tape_alloc(t, (size_t)p->count, 2 * sizeof *at);
     if (!at) return NULL;

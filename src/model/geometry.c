@@ -1,4 +1,4 @@
-/* What the body and the cameras decide, before any weight is touched. */
+/* Geometry: what the body and the cameras determine before any weight is used. */
 #include <math.h>
 #include <string.h>
 
@@ -45,7 +45,7 @@ void observation_geometry_free(observation_geometry *g) {
 }
 
 static bool same_pose(const body_model *body, const posed_body *a, const posed_body *b) {
-    const float max = 1e-4f; /* metres, as after a way through files */
+    const float max = 1e-4f; /* metres: rounding of a file round trip */
     float far = 0;
     for (int64_t i = 0; i < 3 * (int64_t)body->vertices; i++)
         far = fmaxf(far, fabsf(a->vertices_smpl[i] - b->vertices_smpl[i]));
@@ -58,7 +58,7 @@ sherf_status model_points_create(context *c, const model_config *config, const b
                                  const posed_body *target, const ray_bundle *rays, int samples,
                                  const posed_body *observation, const sherf_camera *observation_camera,
                                  const occupancy_grid *empty, bool keep_stages, point_set **out) {
-    /* in another pose only what is near the body has a way to the observed one */
+    /* in another pose only points near the body can be mapped to the observed pose */
     if (model_has_whole_box(config) &&
         (config->kind->one_pose || !observation || same_pose(body, target, observation)))
         return points_of_box(c, rays, samples, out);
@@ -76,7 +76,8 @@ static void draw_some(int32_t *list, int64_t from, int64_t count, uint64_t key) 
     }
 }
 
-/* Leaves only the drawn rays at the box: first those of the mask, then others, or all that there are. */
+/* Keeps only the drawn rays at the box: first rays in the mask, then others; all rays if there are too
+ * few. */
 static sherf_status rays_draw(context *c, ray_bundle *rays, const ray_draw *draw) {
     const int64_t n = (int64_t)rays->width * rays->height;
     int64_t inside = 0, outside = 0;
@@ -102,7 +103,7 @@ static sherf_status rays_draw(context *c, ray_bundle *rays, const ray_draw *draw
     return SHERF_OK;
 }
 
-/* Depths of a ray that is moved by a part of a step are as far apart as before. */
+/* Moving a ray's depths by part of a step keeps their spacing. */
 static void rays_jitter(ray_bundle *rays, int samples, uint64_t key) {
     for (int64_t i = 0; i < (int64_t)rays->width * rays->height; i++) {
         const float step = samples > 1 ? (rays->far[i] - rays->near[i]) / (float)(samples - 1) : 0;

@@ -1,7 +1,7 @@
-/* model: what a model is, and what trainer, loader, evaluator, avatars, frames and exports do with one. The
- * way of the data: geometry (no tape: body, camera) -> encode (feature bank) -> query (raw density and colour
- * of points) -> compositing. The same functions run inference, training (a recording tape) and evaluation. A
- * model is an entry of the table (table.c); nothing outside its folder knows more of it than this. */
+/* model: what a model is, and the operations that trainer, loader, evaluator, avatars, frames and exports
+ * need. The data flow: geometry (no tape: body, camera) -> encode (feature bank) -> query (raw density and
+ * colour of points) -> compositing. The same functions run inference, training (a recording tape) and
+ * evaluation. A model is an entry of the table (table.c); code outside its folder knows only this. */
 #ifndef SHERF_MODEL_H
 #define SHERF_MODEL_H
 
@@ -16,26 +16,27 @@ typedef struct sherf_model model;
 
 /* ---- settings ---- */
 enum { MODEL_SETTINGS_ROOM = 256, MODEL_KEY = 64 };
-/* Every size of a network; kept in the weights' metadata. */
+/* All sizes of a network; stored in the weights' metadata. */
 typedef struct {
     const model_kind *kind;
     char preset[32];
     int samples;    /* per ray */
     int image_size; /* width of the pictures it was trained on; 0: unknown */
-    int px_per_m;   /* how large people were in them, at their distance; 0: unknown */
-    /* Points move with their nearest vertex's map, the paper's way (0), or with a blend of it and its
-     * neighbours' within so many millimetres (body.h, blend_m), which leaves no teeth at silhouettes. */
+    int px_per_m;   /* scale of people in these pictures, at their distance; 0: unknown */
+    /* Points move with their nearest vertex's map, as in the paper (0), or with a blend of it and its
+     * neighbours' within this many millimetres (body.h, blend_m), which avoids jagged silhouettes. */
     int skin_blend_mm;
-    /* What the observed picture does not show is read straight through the body, whatever limb is there (0,
-     * the paper's way), or beside the limb that covers it (1), or at its mirror image too (2): scene.h,
+    /* Where hidden points read the observed picture: straight through the body, whatever limb is in front (0,
+     * as in the paper), beside the limb that covers them (1), or also at the mirrored place (2); see scene.h,
      * body_read_pictures. */
     int occlusion;
-    union { /* the model's own, a struct of int and float */
+    union { /* the model's own settings, a struct of int and float */
         double alignment;
         unsigned char bytes[MODEL_SETTINGS_ROOM];
     } own;
 } model_config;
-/* offset: into model_config. multiple: an int, from low to high in steps of so many; 0: a float. */
+/* offset: into model_config. multiple: the setting is an int from low to high in steps of `multiple`; 0: it
+ * is a float. */
 typedef struct {
     const char *name;
     size_t offset;
@@ -55,46 +56,46 @@ sherf_status model_config_parse_as(context *c, const model_kind *kind, const cha
 /* One line "PRESET,name=value,...": what model_config_parse_as reads back. Free with mem_free. */
 char *model_config_text(context *c, const model_config *config);
 sherf_status model_config_check(context *c, const model_config *config);
-/* A file's metadata have its model's name under "model" and its settings under model_metadata_key, or under
- * `key` where that is not NULL. Files without a name are the first model's. infer: from the tensors, where
- * the file has no settings. */
+/* A file's metadata hold the model's name under "model" and its settings under model_metadata_key, or under
+ * `key` if that is not NULL. Files without a name belong to the table's first model. infer: derives the
+ * settings from the tensors where the file has none. */
 void model_metadata_key(const model_kind *kind, char key[MODEL_KEY]);
 sherf_status model_config_of_file(context *c, const safetensors *s, const char *key, bool infer,
                                   model_config *out);
 
-/* ---- what the body and the camera decide, once per observation ---- */
+/* ---- geometry of body and camera, once per observation ---- */
 typedef struct {
     const model_kind *kind;
     int width, height, vertices;
     float *image;     /* H x W x 3, black outside the mask; owned */
     posed_body *body; /* observation pose */
     sherf_camera camera;
-    void *own; /* the model's, from its observe */
+    void *own; /* the model's own geometry, from its observe */
 } observation_geometry;
-/* training: also what only training needs. */
+/* training: also makes what only training needs. */
 sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out);
 void observation_geometry_free(observation_geometry *g);
 
-/* ---- of several pictures (sheet.c) ---- */
+/* ---- several pictures (sheet.c) ---- */
 enum { OBSERVED_PICTURES_MAX = SHERF_PICTURES_MAX };
-/* The person in a pose of its own. image: H x W x 3, black outside the person; not owned. */
+/* One picture of the person, in its own pose. image: H x W x 3, black outside the person; not owned. */
 typedef struct {
     sherf_image image;
     sherf_camera camera;
     sherf_pose pose;
 } observed_picture;
-/* What models read of an observation. One picture: itself, its camera, its body. Several: side by side in one
- * picture, before one camera; the first one's body, of which each vertex is read in the picture that shows it
- * best. So nobody behind this needs to know of several. Owned. */
+/* What models read from an observation. One picture: itself, its camera, its body. Several pictures: they lie
+ * side by side in one sheet, before one camera, with the first one's body, each vertex of which is read in
+ * the picture that shows it best. So later stages need not know of several pictures. Owned. */
 typedef struct {
     int width, height;
     float *image; /* H x W x 3 */
     sherf_camera camera;
     posed_body *body;
 } observed_sheet;
-/* SHERF_UNSUPPORTED, in one line, where the model cannot read several. */
+/* SHERF_UNSUPPORTED, with a message, where the model cannot read several. */
 sherf_status observed_sheet_create(context *c, const model_config *config, const body_model *body, int count,
                                    const observed_picture *picture, observed_sheet *out);
 void observed_sheet_free(observed_sheet *s);
@@ -103,12 +104,12 @@ sherf_status observation_geometry_of(context *c, const model_config *config, con
                                      observation_geometry **out);
 
 /* ---- and once per target ---- */
-/* Some of a target's rays, for trainings of the kind. */
+/* Draws some of a target's rays, for trainings that do not render whole pictures. */
 typedef struct {
-    int count;           /* of the rays at the box, distinct; 0: all */
-    float inside;        /* this part of them from where mask is not 0, as far as there are */
+    int count;           /* distinct rays at the box to draw; 0: all */
+    float inside;        /* this share of them where mask is not 0, as far as there are enough */
     const uint8_t *mask; /* H x W */
-    bool jitter;         /* the depths of each ray are moved by up to half a step, all alike */
+    bool jitter;         /* moves all depths of a ray by the same amount, up to half a step */
     uint64_t key;
 } ray_draw;
 typedef struct {
@@ -121,7 +122,7 @@ sherf_status target_geometry_create(context *c, const model_config *config, cons
                                     const sherf_camera *camera, const sherf_pose *pose,
                                     const observation_geometry *observation, bool keep_stages,
                                     target_geometry **out);
-/* As if no other rays met the box than those that are drawn. */
+/* Treats rays that are not drawn as if they missed the box. */
 sherf_status target_geometry_draw(context *c, const model_config *config, const body_model *body,
                                   const sherf_camera *camera, const sherf_pose *pose,
                                   const observation_geometry *observation, const ray_draw *draw,
@@ -136,14 +137,13 @@ void target_geometry_free(target_geometry *g);
 /* ---- the feature bank, as tensors on a tape ---- */
 enum { MODEL_BANK = 16 };
 typedef struct {
-    int count; /* of the tensors that queries read, whose gradients they give */
+    int count; /* tensors that queries read and give gradients for */
     tensor *tensor[MODEL_BANK];
-    void *own; /* the model's, on the tape; or NULL */
-    tensor *
-        coarse; /* [N, 5] of the last frame's first pass, which is compared with the truth as well; or NULL */
+    void *own;      /* the model's own data, on the tape; or NULL */
+    tensor *coarse; /* [N, 5] of the last frame's first pass, which also enters the loss; or NULL */
 } model_bank;
 
-/* Arrays of a bank in the host's memory, as an avatar and its file keep them. */
+/* Arrays of a bank in the host's memory, as an avatar and its file store them. */
 typedef struct {
     const char *name; /* in the file */
     dtype type;       /* T_F32 or T_I32 */
@@ -158,26 +158,27 @@ typedef struct {
 void kept_free(kept_bank *k);
 /* An array from a float32 tensor, wherever it lies. */
 sherf_status kept_take(context *c, const tensor *x, kept_array *out);
-/* An array of a file, whose sizes must be those that out->dim gives. */
+/* An array from a file; its sizes must be those in out->dim. */
 sherf_status kept_array_read(context *c, const safetensors *s, kept_array *out);
 
-/* All of a model's bank, and from a file; free with kept_free, whatever the answer. */
+/* All kept arrays of a model's bank, from the bank or from a file. Free with kept_free, even after an
+ * error. */
 sherf_status kept_make(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                        kept_bank *out);
 sherf_status kept_read(context *c, const safetensors *s, const model_config *config, kept_bank *out);
 
-/* ---- surfaces, for models that learn from them ---- */
-/* Points of which half are inside a person, and places on what is seen of it, in the observed world; drawn
- * anew for every sample (train/surfaces.h). Owned. */
+/* ---- surfaces, for models that are trained on them ---- */
+/* Points, half of them inside a person, and places on the visible surface, in the observed world; drawn anew
+ * for every sample (train/surfaces.h). Owned. */
 typedef struct {
     int64_t points, places;
     float *point, *inside; /* P x 3; P: 1 or 0 */
     float *place, *color;  /* N x 3; N x 3, 0 to 1 */
 } surface_draw;
-/* In the place of frames and their losses. */
+/* Used instead of frames and their losses. */
 typedef struct {
     int64_t (*count)(const model_config *config); /* of points, and of places */
-    /* What is to become small: whether points are inside, and the places' colours. */
+    /* The losses: whether points are inside, and the places' colours. */
     sherf_status (*losses)(tape *t, const model *m, const observation_geometry *g, const model_bank *bank,
                            const surface_draw *truth, tensor **inside, tensor **color);
 } model_surface_training;
@@ -191,12 +192,12 @@ typedef struct {
                         model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
 } model_fused_training;
 
-/* How a model's authors train it, if not in SHERF's way (train/), for those who want their recipe. */
+/* How a model's authors train it, where that differs from SHERF's way (train/); used on request. */
 typedef struct {
     float mask_weight; /* the loss is mean squared colour, of both passes, plus this times the mean square of
                           (opacity - mask) */
-    int rays;          /* of an observed person, drawn anew for each sample and shared among its targets */
-    float rays_inside; /* this part of them from the mask */
+    int rays; /* rays of an observed person, drawn anew for each sample and shared among its targets */
+    float rays_inside; /* share of the rays in the mask */
     bool jitter;       /* as ray_draw's */
     int batch;         /* samples a step */
     double learning_rate, beta1, beta2;
@@ -206,64 +207,65 @@ typedef struct {
 struct model_kind {
     const char *name; /* in files and before presets: letters, digits, - */
     /* settings */
-    const model_preset *presets;   /* up to one without a name; the first is the default */
+    const model_preset *presets;   /* ends with one without a name; the first is the default */
     const model_setting *settings; /* up to one without a name */
     void (*defaults)(model_config *out);
-    sherf_status (*check)(context *c, const model_config *config); /* what ranges do not say; or NULL */
-    /* The settings of weights without metadata, from their tensors; or NULL. */
+    /* checks what ranges cannot express; or NULL */
+    sherf_status (*check)(context *c, const model_config *config);
+    /* Derives the settings of weights without metadata from their tensors; or NULL. */
     sherf_status (*infer)(context *c, const safetensors *s, model_config *out);
     /* parameters: declares them into layers, which lie in m->network: network_bytes, zeroed */
     size_t network_bytes;
     void (*declare)(declaration *d, const model_config *config, void *network);
-    /* how names begin, up to NULL */
-    const char *const *queried; /* of what `query` reads, and avatars keep; NULL: all */
-    const char *const *resnets; /* of the encoders that a converted ResNet starts; NULL: there are none */
-    /* geometry of an observation into g->own, which observed_free frees; both NULL: there is none */
+    /* prefixes of names, ended by NULL */
+    const char *const *queried; /* of the parameters that `query` reads and avatars keep; NULL: all */
+    /* of the encoders that can start from a converted ResNet; NULL: there are none */
+    const char *const *resnets;
+    /* makes the observation's geometry, g->own, which observed_free frees; both NULL: there is none */
     sherf_status (*observe)(context *c, const model_config *config, const body_model *body, bool training,
                             observation_geometry *g);
     void (*observed_free)(void *own);
-    /* the observation -> its bank */
+    /* encodes the observation into its bank */
     sherf_status (*encode)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                            model_bank *bank);
     /* Raw density [P, 1] and colour [P, 3] of the points [begin, end) of the set, op by op. NULL for a model
-     * that has a surface in the place of a density: it is trained with `surfaces`, is of one pose, and has a
-     * field of its own. */
+     * with a surface instead of a density: it is trained with `surfaces`, has one_pose, and its own field. */
     sherf_status (*query)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           const model_bank *bank, const point_set *points, int64_t begin, int64_t end,
                           tensor **sigma, tensor **rgb);
     const model_fused_training *fused_training; /* or NULL */
     const model_surface_training *surfaces;     /* or NULL */
-    /* A field of the observed moment's world: no other pose, no canonical space to look for nothing in or to
-     * export. */
+    /* The field lives in the observed moment's world: no other pose, no canonical space to find empty space
+     * in or to export. */
     bool one_pose;
-    /* What points read of the picture they read at point_set.observed_px, so that `occlusion` can move it. */
+    /* Points read the picture at point_set.observed_px, so that `occlusion` can move the place. */
     bool reads_observed_px;
-    /* Points of the observed pose are all samples of the box; or NULL. */
+    /* Whether, in the observed pose, all samples in the box are points; or NULL. */
     bool (*whole_box)(const model_config *config);
-    /* The frame of model_frame where that is not one pass over target->points (model_pass); or NULL. */
+    /* Makes the frame for model_frame where that is more than one pass over target->points (model_pass); or
+     * NULL. */
     sherf_status (*frame)(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, const target_geometry *target, float background,
                           uint64_t noise_key, tensor **frame);
-    const training_recipe *(*recipe)(const model_config *config); /* NULL, or gives NULL: SHERF's way */
-    /* Names and shapes of what an avatar keeps, without data. Where keep is NULL they are the bank's tensors
-     * in their order. */
+    const training_recipe *(*recipe)(const model_config *config); /* NULL, or it returns NULL: SHERF's way */
+    /* Names and shapes of the arrays that an avatar keeps, without data. Where keep is NULL they are the
+     * bank's tensors in their order. */
     void (*kept)(const model_config *config, kept_bank *out);
     sherf_status (*keep)(context *c, const model *m, const observation_geometry *g, const model_bank *bank,
                          kept_bank *out);
-    /* The bank from those arrays, which are tensors in the same order too; NULL: they are it. The geometry
-     * may be brought in line with them. */
+    /* Makes the bank from those arrays, which are passed as tensors in the same order too; NULL: the arrays
+     * are the bank. May adapt the geometry to them. */
     sherf_status (*restore)(tape *t, const model *m, observation_geometry *g, const kept_bank *arrays,
                             const model_bank *tensors, model_bank *bank);
-    /* Does the same as `query`, faster, for frames (field.h). If this is NULL, or returns NULL, frames go op
-     * by op. */
+    /* A faster `query` for frames (field.h). If this is NULL, or returns NULL, frames are made op by op. */
     const struct field_kind *(*field)(const model_config *config);
-    /* Multiply-adds that a point takes in such a frame, for `sherf bench`; or NULL. */
+    /* Multiply-adds per point in such a frame, for `sherf bench`; or NULL. */
     double (*point_products)(const model_config *config);
 };
 
 /* name NULL: the table's first. */
 sherf_status model_kind_find(context *c, const char *name, size_t length, const model_kind **out);
-void model_kind_add(const model_kind *kind); /* for tests: one more from now on; NULL: none */
+void model_kind_add(const model_kind *kind); /* for tests: adds a kind to the table; NULL: removes it */
 
 /* ---- a model ---- */
 struct sherf_model {
@@ -273,41 +275,39 @@ struct sherf_model {
 };
 
 sherf_status model_create(context *c, const model_config *config, uint64_t seed, model **out);
-/* The same with weights of any value, for those who give every one its own. */
+/* The same with undefined weights, for callers that set all of them. */
 sherf_status model_shape(context *c, const model_config *config, model **out);
 void model_free(model *m);
-/* Moves the weights to where the context's device computes; nothing for the CPU. Before there are gradients.
- */
+/* Moves the weights to the context's device; does nothing for the CPU. Call it before there are gradients. */
 sherf_status model_place(context *c, model *m);
 bool model_is_queried(const model_kind *kind, const char *name);
-/* By name; NULL where there is none. For tests. */
+/* A parameter by name; NULL: there is none. For tests. */
 tensor *model_tensor(const model *m, const char *format, ...) PRINTF_LIKE(2, 3);
 
 /* NULL: trained as SHERF is. */
 const training_recipe *model_recipe(const model_config *config);
-/* SHERF_UNSUPPORTED, in one line, where the model has no canonical space. */
+/* SHERF_UNSUPPORTED, with a message, where the model has no canonical space. */
 sherf_status model_needs_canonical(context *c, const model_config *config);
 bool model_has_whole_box(const model_config *config);
 
 sherf_status model_encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank);
-/* A tape for work whose results alone are wanted: `t` where it records. keep: such a result, on `t`; what
- * else is on `work` is gone. */
+/* A tape for work of which only the result is needed: a scratch tape, or `t` itself where it records. keep:
+ * moves such a result to `t`; everything else on `work` is dropped. */
 tape *tape_for_parts(tape *t);
 tensor *tape_keep(tape *t, tape *work, tensor *x);
 
-/* Raw density and colour of all points, in chunks of which the tape keeps nothing: into sigma [P, 1] and rgb
- * [P, 3]. */
+/* Raw density sigma [P, 1] and colour rgb [P, 3] of all points, in chunks of which the tape keeps nothing. */
 sherf_status model_query(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                          const model_bank *bank, const point_set *points, tensor *sigma, tensor *rgb);
-/* One pass: the points on the tape and composited, at their own depths where they have some: *sigma (or NULL)
- * [P, 1] without noise, *frame [N, 5]. The set must live as long as the tape. */
+/* One pass: queries the points on the tape and composites them, at their own depths where they have some.
+ * *sigma (or NULL): [P, 1] without noise; *frame: [N, 5]. The set must live as long as the tape. */
 sherf_status model_pass(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                         model_bank *bank, const target_geometry *target, const point_set *points,
                         float background, uint64_t noise_key, tensor **sigma, tensor **frame);
-/* The whole frame on the tape: [N, 5] colour, opacity, depth. The points go through in chunks whose inside is
- * not kept but computed again in the backward pass. noise_key != 0: standard normal noise is added to the raw
- * density (training). */
+/* The whole frame on the tape: [N, 5] colour, opacity, depth. The points are queried in chunks whose
+ * intermediate values are not kept but computed again in the backward pass. noise_key != 0: standard normal
+ * noise is added to the raw density (training). */
 sherf_status model_frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                          model_bank *bank, const target_geometry *target, float background,
                          uint64_t noise_key, tensor **frame);
@@ -315,12 +315,12 @@ sherf_status model_frame(tape *t, const model *m, const body_model *body, const 
 /* ---- files ---- */
 sherf_status model_load(context *c, const char *path, model **out); /* ours, or converted from the authors' */
 sherf_status model_save(context *c, const model *m, const char *path);
-/* With other values in the place of the weights' own (moving averages): total_floats of them. */
+/* Saves other values instead of the weights' own (moving averages): total_floats of them. */
 sherf_status model_save_values(context *c, const model *m, const float *values, const char *path);
-/* All tensors as a file holds them; mem_free both results. For checkpoints. */
+/* All tensors as a file holds them, for checkpoints; mem_free both results. */
 sherf_status model_items(context *c, const model *m, const float *values, safetensor_item **out,
                          float **memory);
-/* A converted ResNet's values into the model's encoders of its width. */
+/* Copies a converted ResNet's values into the model's encoders of the same width. */
 sherf_status model_load_resnet(context *c, model *m, const char *path);
 
 #endif

@@ -1,5 +1,5 @@
-/* MPS-NeRF of one picture (Gao et al., TPAMI 2022), as a rival of SHERF's, whose decoder and way to
- * canonical space are its children: pixel-aligned features alone (docs/rivals.md). */
+/* MPS-NeRF of one picture (Gao et al., TPAMI 2022), a rival of SHERF, which took its decoder and its map to
+ * canonical space from this model: pixel-aligned features alone (docs/rivals.md). */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -11,10 +11,10 @@
 typedef struct {
     int encoder;             /* layers of the ResNet, of which the stem and one stage are used [34] */
     int encoder_width;       /* channels of its stem [64] */
-    int layers, value_width; /* of the transformer over views, which sees one [2, 4 heads of 64] */
+    int layers, value_width; /* of the transformer over views, here a single one [2, 4 heads of 64] */
     int mlp_width;           /* [128] */
     int width, view_width;   /* of the decoder [256 128] */
-    int own; /* trained as its authors do, density a softplus; else as SHERF is, with ReLU [1] */
+    int own; /* 1: trained as its authors do, density by softplus; 0: trained as SHERF is, with ReLU [1] */
 } mpsnerf_settings;
 
 enum {
@@ -31,8 +31,8 @@ typedef struct {
     resnet encoder;
     struct {
         layer_norm norm[2];
-        tensor
-            *value; /* [value_width, point features]; keys and queries weigh one view 1, whatever they are */
+        tensor *value; /* [value_width, point features]; with one view its weight is 1, whatever keys and
+                          queries are */
         linear_layer out, mlp[2];
     } layer[LAYERS_MAX];
     linear_layer hidden[DEPTH], density, feature, view, color;
@@ -128,7 +128,7 @@ static void network_declare(declaration *d, const model_config *config, void *ne
 }
 
 /* ---- encode ---- */
-/* Half the size, each pixel the mean of four. */
+/* Halves the size; each pixel is the mean of four. */
 static tensor *halved(tape *t, tensor *image) {
     const int64_t height = image->dim[0] / 2, width = image->dim[1] / 2;
     float *at = tape_alloc(t, (size_t)(height * width), 2 * sizeof *at);
@@ -154,7 +154,7 @@ static sherf_status encode(tape *t, const model *m, const body_model *body, cons
 }
 
 /* ---- query ---- */
-/* Pixel u, v of a W x H picture is (u / W (W_f - 1), v / H (H_f - 1)) of a map, moved onto it. */
+/* Pixel (u, v) of a W x H picture is at (u / W (W_f - 1), v / H (H_f - 1)) in a map, clamped to it. */
 static tensor *positions(tape *t, const float *px, int64_t count, const observation_geometry *g,
                          int64_t height, int64_t width) {
     float *at = tape_alloc(t, (size_t)count + 1, 2 * sizeof *at);
@@ -173,7 +173,7 @@ static tensor *encode_pi(tape *t, tensor *x, int frequencies, int64_t width) {
     return op_concat(t, 2, (tensor *[]){x, op_slice(t, waves, 3, width - 3)});
 }
 
-/* Map and colour where the observation shows the points. */
+/* Map features and colour at the points' pixels in the observation. */
 static tensor *features(tape *t, const observation_geometry *g, tensor *map, const float *px, int64_t count) {
     const int64_t shape[3] = {g->height, g->width, 3};
     tensor *image = tape_constant(t, T_F32, 3, shape, g->image);
@@ -183,7 +183,7 @@ static tensor *features(tape *t, const observation_geometry *g, tensor *map, con
     return op_concat(t, 2, (tensor *[]){feature, encode_pi(t, rgb, COLOR_FREQUENCIES, COLOR_WIDTH)});
 }
 
-/* Pre-norm layers over the views: over one attention is the value itself. */
+/* Pre-norm layers over the views: with one view attention returns the value itself. */
 static tensor *fused(tape *t, const mpsnerf_network *n, int layers, tensor *x) {
     for (int i = 0; i < layers; i++) {
         tensor *y =

@@ -1,13 +1,13 @@
-/* What models read of an observation: its picture, or several side by side in one (network.md, "Several
- * pictures"). A camera's projection is linear before the division by depth, and so is moving a picture by so
- * many pixels. So each picture's camera becomes an affine map into the world of one camera that sees them
- * all, and the ways of the body's vertices into the pictures stay affine maps. */
+/* The sheet that models read: an observation's picture, or several side by side in one (network.md, "Several
+ * pictures"). A camera's projection is linear before the division by depth, and so is shifting a picture by
+ * some pixels. So each picture's camera becomes an affine map into the world of one camera that sees them
+ * all, and the maps of the body's vertices into the pictures stay affine. */
 #include <math.h>
 #include <string.h>
 
 #include "model/model.h"
 
-/* Pictures begin where strides of encoders do, and far enough from each other that no convolution over the
+/* Pictures start at multiples of the encoders' strides, and far enough apart that no convolution over the
  * person sees the next one. */
 enum { GRID = 32, SHEET_SIDE_MAX = 16384 };
 
@@ -59,8 +59,8 @@ static sherf_status draw(context *c, int count, const observed_picture *picture,
     return SHERF_OK;
 }
 
-/* Before the sheet's camera a point of the picture's world is K_sheet^-1 (K + left e_x row_3(K)) (R x + T).
- */
+/* In the sheet camera's world, a point of the picture's world is at K_sheet^-1 (K + left e_x row_3(K)) (R x +
+ * T). */
 static void into_sheet(const sherf_camera *from, int left, const sherf_camera *sheet, float map[12]) {
     const double f = (double)sheet->K[0];
     double K[9], view[12];

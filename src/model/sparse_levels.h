@@ -1,5 +1,5 @@
-/* sparse_levels: what the voxels of a volume that have something decide for its sparse convolutions, level by
- * level, each of half the size of the one before (network.md 3). */
+/* sparse_levels: the active voxels and sparse convolution rules of a volume's levels, each half the size of
+ * the one before, from its occupied voxels (network.md 3). */
 #ifndef SHERF_SPARSE_LEVELS_H
 #define SHERF_SPARSE_LEVELS_H
 
@@ -18,7 +18,7 @@ static inline int64_t sparse_voxel(const sparse_level *level, const int32_t zyx[
     return ((int64_t)zyx[0] * level->size[1] + zyx[1]) * level->size[2] + zyx[2];
 }
 /* Fills the levels, whose sizes are given, from the occupied voxels [V, 3] of level 0. The first `ruled`
- * levels get a rule of their own. Call sparse_levels_free in any case. */
+ * levels get a `rule`. Call sparse_levels_free in any case. */
 sherf_status sparse_levels_create(context *c, sparse_level *level, int levels, int ruled, int vertices,
                                   const int32_t *vertex_zyx);
 void sparse_levels_free(sparse_level *level, int levels);

@@ -1,4 +1,4 @@
-/* Stages of an encoder side by side. */
+/* Joins an encoder's stages side by side. */
 #include "model/stages.h"
 
 #include <math.h>

@@ -9,7 +9,7 @@
 sherf_status encoder_check(context *c, int layers);
 /* Maps [h, w, C], 2 to 4 of them, resized to the size of the first, corners on corners, side by side. */
 tensor *stages_side_by_side(tape *t, int count, tensor *const *stage);
-/* Pixel u, v of a W x H picture is (u W_f / W, v H_f / H) of a map, moved onto it where it is outside. */
+/* Pixel (u, v) of a W x H picture is at (u W_f / W, v H_f / H) in a map, clamped to it. */
 typedef struct {
     float across, down, right, bottom;
 } map_place;

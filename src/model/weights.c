@@ -7,7 +7,7 @@
 #include "io/safetensors.h"
 #include "model/model.h"
 
-/* Shapes agree up to dimensions of 1 at the end (1 x 1 convolutions kept as such). */
+/* Shapes agree up to trailing dimensions of 1 (1 x 1 convolutions are stored with them). */
 static bool same_values(const tensor *x, const safetensor *t) {
     int a = x->rank, b = t->rank;
     while (a > 0 && x->dim[a - 1] == 1) a--;
@@ -87,7 +87,7 @@ done:
     return status;
 }
 
-/* Floats of the tensors that lie otherwise in files. */
+/* Number of floats in tensors whose layout differs in files. */
 static size_t turned_floats(const parameters *p) {
     size_t n = 0;
     for (int i = 0; i < p->count; i++)
@@ -152,8 +152,8 @@ sherf_status model_save(context *c, const model *m, const char *path) {
     return status;
 }
 
-/* The parameters named PREFIX..., where there are any, take the values, whole or not at all: not where the
- * network has another width (*other). */
+/* Sets the parameters named PREFIX..., if any, all or none. None are set where the network has another width
+ * (*other). */
 static sherf_status take_resnet(context *c, model *m, const safetensors *s, const char *prefix, bool *taken,
                                 bool *other) {
     const size_t length = strlen(prefix);

@@ -8,7 +8,7 @@
 #include "model/stages.h"
 
 enum { DIRECTION_FREQUENCIES = 4, DIRECTION_WIDTH = 27, BANK_MAP = 0, BANK_LEVEL = 1 };
-static const float last_way = 1e10f; /* behind the last sample of a ray */
+static const float last_way = 1e10f; /* the distance behind a ray's last sample */
 
 /* ---- settings ---- */
 #define SMALL                                                                                                \
@@ -117,7 +117,7 @@ typedef struct {
     point_inputs in;
 } input_job;
 
-/* Where the observation has a point: the point itself, or by way of canonical space. */
+/* A point's place in the observation's world: the point itself, or through canonical space. */
 static void observed_place(const input_job *j, int64_t i, float world[3]) {
     if (!j->points->canonical) {
         point_world(j->points, i, world);
@@ -181,8 +181,8 @@ static sherf_status query(tape *t, const model *m, const body_model *body, const
     return tape_status(t);
 }
 
-/* ---- the frame: even depths; in the authors' training anywhere between the middles to their neighbours ----
- */
+/* ---- the frame: even depths; in the authors' training moved within the halfway points to their neighbours
+ * ---- */
 static sherf_status frame(tape *t, const model *m, const body_model *body, const observation_geometry *g,
                           model_bank *bank, const target_geometry *target, float background, uint64_t key,
                           tensor **out) {

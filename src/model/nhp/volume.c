@@ -9,7 +9,7 @@
 static const float hidden_m = 0.02f;
 
 /* ---- geometry ---- */
-/* Not behind what the body's mesh, drawn by the camera, has at the vertex's pixel. */
+/* Visible: not behind the body's rasterised mesh at the vertex's pixel. */
 static sherf_status see(context *c, const body_model *body, const sherf_camera *camera, nhp_geometry *own,
                         const float *world, const float *depth) {
     raster *drawn = NULL;

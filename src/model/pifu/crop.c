@@ -13,7 +13,7 @@ void pifu_crop_free(void *crop) {
     mem_free(k);
 }
 
-/* Of the body at rest, without offsets of the pose. */
+/* Height of the body at rest, without pose-dependent offsets. */
 static float standing_height(const body_model *body, const posed_body *p) {
     float low = INFINITY, high = -INFINITY;
     for (int64_t v = 0; v < body->vertices; v++) {
@@ -88,7 +88,7 @@ static sherf_status lay_out(context *c, const body_model *body, const observatio
     return SHERF_OK;
 }
 
-/* Bilinear, black beyond the border. */
+/* Bilinear; black outside the picture. */
 static void picture_at(const observation_geometry *g, float x, float y, float rgb[3]) {
     const float column = floorf(x), row = floorf(y),
                 weight[2][2] = {{column + 1 - x, x - column}, {row + 1 - y, y - row}};
@@ -100,7 +100,7 @@ static void picture_at(const observation_geometry *g, float x, float y, float rg
     }
 }
 
-/* Means over as many places a pixel as the picture has pixels there. */
+/* Averages over as many places per pixel as the picture has pixels there. */
 static void fill(const observation_geometry *g, pifu_crop *crop) {
     enum { PLACES_MAX = 16 };
     const float step = crop->side_px / (float)(crop->side - 1);

@@ -62,7 +62,7 @@ static void stack_declare(declaration *d, int number, bool last, int64_t width, 
     s->out_back = mix_declare(d, name, "out_back", width);
 }
 
-/* in values of a point, which every layer reads beside the layer before. */
+/* in: a point's values, which every layer reads besides the layer before. */
 static void points_declare(declaration *d, const char *name, const pifu_sizes *s, int64_t in, int64_t out,
                            pifu_points *p) {
     char full[LAYER_NAME + 16];
@@ -116,8 +116,8 @@ void pifu_declare(declaration *d, const pifu_sizes *s, pifu_network *n) {
     color_declare(d, s, n);
 }
 
-/* ---- maps read at other places ---- */
-/* [height, width, C] of the map at (x(j), y(i)), one function of both axes. */
+/* ---- resampled maps ---- */
+/* [height, width, C] of the map read at (x(j), y(i)), where the two axes are independent. */
 static tensor *map_read(tape *t, tensor *map, int64_t height, int64_t width,
                         float (*at)(int64_t i, int64_t from, int64_t to)) {
     if (!map) return NULL;

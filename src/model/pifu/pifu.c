@@ -1,4 +1,4 @@
-/* PIFu as an entry of the table: one picture to what is inside and what colour it has. */
+/* PIFu as an entry of the table: from one picture to occupancy and colour. */
 #include <string.h>
 
 #include "model/pifu/settings.h"
@@ -50,7 +50,7 @@ static sherf_status check(context *c, const model_config *config) {
                    k->coarse);
 }
 
-/* Adam without a first moment in the place of RMSprop, for both networks at a time. */
+/* Adam without a first moment instead of RMSprop, for both networks at once. */
 static const training_recipe *recipe(const model_config *config) {
     static const training_recipe own = {
         .batch = 2, .learning_rate = 1e-3, .beta1 = 0, .beta2 = 0.99, .halve_every = 0};
@@ -73,7 +73,7 @@ static sherf_status observe(context *c, const model_config *config, const body_m
     return status;
 }
 
-/* Values alone, which give no gradient back. */
+/* Copies values so that no gradient flows back. */
 static tensor *detached(tape *t, tensor *x) {
     tensor *copy = x ? tape_tensor(t, x->type, x->rank, x->dim) : NULL;
     if (!copy) return NULL;
@@ -81,7 +81,7 @@ static tensor *detached(tape *t, tensor *x) {
     return status == SHERF_OK ? copy : tape_fail(t, status, "%s", tape_context(t)->message);
 }
 
-/* The bank: the last stack's map without its gradient, the colour's map, the maps of all stacks. */
+/* The bank: the last stack's map without gradient, the colour's map, the maps of all stacks. */
 enum { LAST, COLOR, STACK };
 
 static sherf_status encode(tape *t, const model *m, const body_model *body, const observation_geometry *g,
@@ -101,7 +101,7 @@ static int64_t count(const model_config *config) {
     return pifu_settings_of(config)->points;
 }
 
-/* uv and z of points on the tape's memory, and which of them are in the square. */
+/* uv and z of points, in the tape's memory, and which of them lie in the square. */
 static const float *placed(tape *t, const observation_geometry *g, int64_t n, const float *world, tensor **z,
                            tensor **rows) {
     float *uv = tape_alloc(t, (size_t)n, 3 * sizeof *uv);

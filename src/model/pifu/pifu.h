@@ -1,6 +1,5 @@
 /* pifu: the networks of PIFu with colour (Saito et al., ICCV 2019), with batch norms, bilinear resizing and
- * one picture: what is inside and what colour it has, at points of the picture and a depth. settings.h has
- * what makes a model of them. */
+ * one picture: occupancy and colour at pixels and depths. settings.h has what makes a model of them. */
 #ifndef SHERF_PIFU_H
 #define SHERF_PIFU_H
 
@@ -14,8 +13,8 @@ typedef struct {
 } pifu_sizes;
 extern const pifu_sizes pifu_paper; /* the authors' */
 
-/* Norm, ReLU and a 3 x 3 convolution, three times, each half as wide or as wide as the one before; side by
- * side they are added to the input. */
+/* Norm, ReLU and a 3 x 3 convolution, three times, each as wide as the one before or half as wide. Their
+ * outputs, side by side, are added to the input. */
 typedef struct {
     batch_norm norm[3], way_norm;
     tensor *conv[3], *way; /* way: 1 x 1, where the widths differ, else NULL */
@@ -59,7 +58,7 @@ tensor *pifu_color_map(tape *t, const pifu_network *n, tensor *image);
  * behind the root over the person's height. -> [P, 1] in (0, 1). */
 tensor *pifu_occupancy(tape *t, const pifu_network *n, tensor *map, const float *uv, tensor *z,
                        int64_t count);
-/* -> [P, 3] in (-1, 1). map: of the last stack, not to be trained with the colour. */
+/* -> [P, 3] in (-1, 1). map: of the last stack; the colour's loss must not train it. */
 tensor *pifu_color(tape *t, const pifu_network *n, tensor *map, tensor *color_map, const float *uv, tensor *z,
                    int64_t count);
 

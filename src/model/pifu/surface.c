@@ -7,7 +7,7 @@
 #include "scene/cubes.h"
 
 enum { CHUNK = 8192, SAMPLES = 4 };
-static const float level = 0.5f, alike = 0.01f;    /* corners of a cell that differ by less: all of it does */
+static const float level = 0.5f, alike = 0.01f;    /* a cell whose corners differ by less is uniform */
 static const float cube_heights = 256.0f / 180.0f; /* the cube's side */
 
 /* ---- the network at many points ---- */
@@ -42,7 +42,7 @@ static sherf_status querier_create(context *c, const model *m, const observation
     return SHERF_OK;
 }
 
-/* Of the points in a->world: occupancy, or three of colour. */
+/* Queries the points in a->world: occupancy, or colour (three values). */
 static sherf_status query(querier *a, bool color) {
     const pifu_network *n = a->m->network;
     tensor *const *map = a->bank->tensor;
@@ -78,7 +78,7 @@ static sherf_status flush(search *s) {
     return status;
 }
 
-/* Every point of the lattice that is not known yet. */
+/* Queries every lattice point that is not known yet. */
 static sherf_status lattice(search *s, int step) {
     const cubes_grid *g = s->grid;
     sherf_status status = SHERF_OK;
@@ -96,7 +96,7 @@ static sherf_status lattice(search *s, int step) {
     return flush(s);
 }
 
-/* Where the eight corners of a cell agree, all that is in it has their value. */
+/* Where a cell's eight corners agree, all points in it take their value. */
 static void fill(search *s, int step) {
     const cubes_grid *g = s->grid;
     for (int z = 0; z + step < g->size[2]; z += step)
@@ -120,7 +120,7 @@ static void fill(search *s, int step) {
             }
 }
 
-/* The outermost points are outside, so that the surface closes. */
+/* Marks the outermost points as outside, so that the surface is closed. */
 static void close_rim(cubes_grid *g) {
     for (int z = 0; z < g->size[2]; z++)
         for (int y = 0; y < g->size[1]; y++)
@@ -164,7 +164,7 @@ static sherf_status colors_query(querier *a, const surface *s, float *rgb) {
     return status;
 }
 
-/* An avatar's arrays are not empty. */
+/* An avatar's arrays must not be empty. */
 static sherf_status nothing(context *c, const pifu_crop *crop, surface *s) {
     s->position = mem_alloc(c, 1, 3 * sizeof *s->position);
     s->triangle = mem_zero(c, 1, 3 * sizeof *s->triangle);
@@ -216,7 +216,7 @@ static void release(void *field) {
     mem_free(field);
 }
 
-/* An avatar's file may say anything. */
+/* Checked, since an avatar's file may hold anything. */
 static sherf_status create(context *c, const field_source *from, const body_model *body, void **out) {
     const kept_array *k = from->kept->array;
     const drawn d = {
@@ -239,7 +239,7 @@ static sherf_status create(context *c, const field_source *from, const body_mode
     return SHERF_OK;
 }
 
-/* Sums colour and depth of a pixel's samples; how many are of the surface. */
+/* Sums colour and depth over a pixel's samples; returns how many hit the surface. */
 static int pixel(const drawn *d, const raster *r, int x, int y, float rgb[3], float *depth) {
     int hits = 0;
     for (int i = 0; i < SAMPLES * SAMPLES; i++) {

@@ -97,7 +97,7 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     for (int i = 0; i < k->passes; i++) field_declare(d, name[i], k, &n->field[i]);
 }
 
-/* ---- the observation: where its body's box has its middle ---- */
+/* ---- the observation: the middle of its body's box ---- */
 static sherf_status observe(context *c, const model_config *config, const body_model *body, bool training,
                             observation_geometry *g) {
     float *middle = mem_alloc(c, 3, sizeof *middle), min[3], max[3];
@@ -113,8 +113,8 @@ static void observed_free(void *own) {
 }
 
 /* ---- encode ---- */
-/* A linear layer and bilinear sampling commute where no neighbour is outside the map, as here: so features
- * are made ready to be added once per picture, not once per point. */
+/* A linear layer and bilinear sampling commute where no neighbour is outside the map, as here. So the layers
+ * that feed features in are applied once per picture, not once per point. */
 static sherf_status maps(tape *t, const model *m, tensor *const stage[PIXELNERF_STAGES], model_bank *bank) {
     const pixelnerf_network *n = m->network;
     tape *work = tape_for_parts(t);
@@ -244,7 +244,7 @@ static sherf_status frame(tape *t, const model *m, const body_model *body, const
     return model_pass(t, m, body, g, &second, target, fine, background, 0, NULL, out);
 }
 
-/* ---- what avatars keep: the stages, a thirtieth of the maps ---- */
+/* ---- what avatars keep: the stages, which take a thirtieth of the maps' memory ---- */
 static void kept(const model_config *config, kept_bank *out) {
     static const char *const name[PIXELNERF_STAGES] = {"stage.0", "stage.1", "stage.2", "stage.3"};
     const int64_t width = settings_of(config)->encoder_width;

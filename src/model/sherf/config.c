@@ -1,4 +1,4 @@
-/* SHERF's settings: presets, ranges, and the sizes of weights that do not tell theirs. */
+/* SHERF's settings: presets, ranges, and the sizes of weights without metadata. */
 #include <stdio.h>
 #include <string.h>
 
@@ -122,7 +122,7 @@ static int dimension(const safetensors *s, const char *name, int axis) {
     return t && t->rank > axis && t->dim[axis] < 1 << 20 ? (int)t->dim[axis] : 0;
 }
 
-/* The sizes a checkpoint without our metadata was built with. */
+/* Derives the sizes of a checkpoint without our metadata. */
 sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *out) {
     sherf_status status = model_config_parse_as(c, out->kind, "paper", out);
     if (status != SHERF_OK) return status;

@@ -4,7 +4,7 @@
 
 #include "model/sherf/sherf.h"
 
-/* How many values a position or direction has after positional encoding. */
+/* Number of values of a position or direction after positional encoding. */
 static int encoded(int frequencies) {
     return 3 + 6 * frequencies;
 }

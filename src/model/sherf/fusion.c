@@ -1,5 +1,5 @@
 /* The feature fusion transformer (section 3.4; network.md 4): each point has three tokens, and one pre-norm
- * layer of self-attention runs over them. Also the fusions that the paper compares it with
+ * layer of self-attention runs over them. Also the alternatives that the paper compares it with
  * (docs/experiments.md). */
 #include <math.h>
 
@@ -29,9 +29,9 @@ static void adain_declare(declaration *d, int64_t D, fusion_stage *s) {
     s->style[1] = declare_from(d, "renderer.adain.shift", D, D, small, 0);
 }
 
-/* The mapping's first values are pi-GAN's, the sines' SIREN's: with the deviation of uniform numbers of
- * +/- 1 / n, and of +/- sqrt(6 / n) / 25. Those are for frequencies of about 30; FiLM's are a linear layer's.
- */
+/* The mapping starts with pi-GAN's values, the sine layers with SIREN's: their deviations are those of
+ * uniform numbers within +/- 1 / n and within +/- sqrt(6 / n) / 25. SIREN's suit frequencies of about 30;
+ * FiLM's layers start as linear layers do. */
 static void siren_declare(declaration *d, int64_t D, fusion_stage *s) {
     const double mapping = sqrt(2 / (1.04 * (double)D)), n = (double)D;
     const bool film = s->kind == FUSION_FILM;
@@ -62,7 +62,7 @@ void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s) {
     if (s->kind >= FUSION_FAIR) s->fair = linear_declare(d, "renderer.fair", false, 2 * D, 3 * D);
 }
 
-/* [3 P, D]: what the transformer changes, x += out(attention(norm x)), x += mlp(norm x). */
+/* [3 P, D] after the transformer: x += out(attention(norm x)), x += mlp(norm x). */
 static tensor *transformer(tape *t, const fusion_stage *s, tensor *x) {
     tensor *y = layer_norm_forward(t, &s->norm[0], x);
     y = op_linear(t, y, s->qkv, NULL, 1, 1);
@@ -73,7 +73,7 @@ static tensor *transformer(tape *t, const fusion_stage *s, tensor *x) {
     return op_add(t, x, linear_forward(t, &s->mlp[1], y));
 }
 
-/* Rows of mean 0 and variance 1. */
+/* Normalises rows to mean 0 and variance 1. */
 static tensor *normalised(tape *t, tensor *x) {
     const int64_t C = x ? tensor_columns(x) : 0;
     float *one = tape_alloc(t, (size_t)C + 1, sizeof *one);
@@ -116,7 +116,7 @@ static tensor *below_each_other(tape *t, tensor *const token[POINT_TOKENS]) {
                         (int64_t[]){tensor_rows(x) * POINT_TOKENS, tensor_columns(x) / POINT_TOKENS});
 }
 
-/* Token i: the features that are on, side by side. */
+/* Token i: the enabled features, side by side. */
 static tensor *token_of(tape *t, const fusion_stage *s, int i, tensor *plane, tensor *pixel, tensor *point) {
     const int64_t D = s->token_width;
     tensor *part[POINT_TOKENS];

@@ -19,8 +19,8 @@ sherf_status model_sherf_volume_size(context *c, const model_config *config, con
     return SHERF_OK;
 }
 
-/* Voxel of each vertex, the volume's sizes, the active voxels and rules of every level (network.md 3). The
- * observation's vertices go to canonical space by the inverse LBS, which puts them on the canonical body. */
+/* Voxel of each vertex, the volume's sizes, the active voxels and rules of every level (network.md 3).
+ * Inverse LBS takes the observation's vertices to canonical space, which puts them on the canonical body. */
 static sherf_status volume_layout(context *c, const model_config *config, const body_model *body,
                                   const posed_body *observed, sherf_geometry *g, bool further,
                                   const int32_t *fixed_voxels) {

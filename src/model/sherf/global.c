@@ -1,5 +1,5 @@
 /* Hierarchical features, the global one (section 3.3; network.md 1 and 2): a ResNet-18 sees the whole
- * picture, its latent is the style of a StyleGAN2 generator, which makes three planes of canonical space. */
+ * picture. Its latent is the style of a StyleGAN2 generator, which makes three planes of canonical space. */
 #include <math.h>
 #include <stdio.h>
 
@@ -27,7 +27,8 @@ static modulated_layer modulated_declare(declaration *d, int resolution, const c
 }
 
 void global_declare(declaration *d, const sherf_settings *k, global_stage *s) {
-    const first_values mapping = {.deviation = 1 / 0.01}; /* undone by mapping_rate */
+    /* the learning rate multiplier mapping_rate cancels it */
+    const first_values mapping = {.deviation = 1 / 0.01};
     const int64_t latent = 8 * (int64_t)k->encoder_width, style = k->style_width;
     s->style_width = (float)k->style_width;
     s->mapping_layers = k->mapping_layers;

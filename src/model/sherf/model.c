@@ -8,7 +8,8 @@ static void network_declare(declaration *d, const model_config *config, void *ne
     const sherf_settings *k = model_sherf_settings(config);
     if (k->use_global) global_declare(d, k, &n->global);
     if (k->use_point) point_declare(d, k, &n->point);
-    if (k->use_point || k->use_pixel) pixel_declare(d, k, &n->pixel); /* vertices read it too */
+    if (k->use_point || k->use_pixel)
+        pixel_declare(d, k, &n->pixel); /* vertices read the pixel features too */
     fusion_declare(d, k, &n->fusion);
     decoder_declare(d, k, &n->decoder);
 }
@@ -23,7 +24,7 @@ static void encode_global(tape *t, tape *work, const sherf_network *n, tensor *i
     for (int k = 0; k < 3; k++) bank->tensor[BANK_PLANE + k] = op_slice(t, planes, k * D, D);
 }
 
-/* In the place of tensors that no query reads: as small as they can be. */
+/* A stand-in for tensors that no query reads, as small as possible. */
 static void fill_absent(tape *t, const sherf_settings *k, model_bank *bank) {
     for (int i = 0; i < 3 && !k->use_global; i++)
         bank->tensor[BANK_PLANE + i] = tape_zeros(t, T_F32, 3, (int64_t[]){1, 1, k->token_width});
@@ -87,7 +88,7 @@ static sherf_status query(tape *t, const model *m, const body_model *body, const
 }
 
 /* ---- what avatars keep ---- */
-/* Of the fused network planes in one piece, and voxels by number; otherwise the bank. */
+/* For the fused network: planes in one piece, and voxels by number. Otherwise the bank's tensors. */
 static void bank_kept(const model_config *config, kept_bank *out) {
     static const char *const plane[] = {"planes.0", "planes.1", "planes.2"};
     static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value",
@@ -128,7 +129,7 @@ static void kept(const model_config *config, kept_bank *out) {
     }
 }
 
-/* Linear voxel numbers of a level's rows: the grid turned round. */
+/* Linear voxel numbers of a level's rows: the inverse of the grid. */
 static int32_t *voxel_numbers(context *c, const sherf_geometry *g, int l) {
     int32_t *number = mem_zero(c, (size_t)g->level[l].voxels, sizeof *number);
     const int64_t cells = (int64_t)g->level[l].size[0] * g->level[l].size[1] * g->level[l].size[2];

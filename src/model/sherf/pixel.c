@@ -1,6 +1,6 @@
 /* Hierarchical features, the pixel-aligned ones (section 3.3; network.md 1): a feature map of the picture and
- * its colours, read where points project to. The way there, from canonical space to the observation, is in
- * body/deform.c (network.md, "Canonical to observation"). */
+ * its colours, read where points project to. body/deform.c maps them from canonical space to the observation
+ * (network.md, "Canonical to observation"). */
 #include "model/sherf/sherf.h"
 
 void pixel_declare(declaration *d, const sherf_settings *k, pixel_stage *s) {

@@ -18,7 +18,7 @@ void point_declare(declaration *d, const sherf_settings *k, point_stage *s) {
         for (int i = 0; i < (l == 1 ? 2 : POINT_CONVOLUTIONS); i++)
             s->conv[l][i] = sparse_declare(d, conv, 3 * i, true, v[l - 1], v[l - 1]);
     }
-    /* runs in training only, for its statistics: never trained */
+    /* runs in training only, to update its statistics; it is never trained */
     snprintf(down, sizeof down, "renderer.encoder_3d.down%d", last);
     s->down[last] = sparse_declare(d, down, 0, false, v[last - 1], v[last - 1]);
 }
@@ -27,7 +27,8 @@ static tensor *rule_tensor(tape *t, const int32_t *rule, int64_t voxels) {
     return tape_input_i32(t, rule, 2, (int64_t[]){voxels, 27});
 }
 
-/* 96 sampled values of each vertex, projected; what the camera does not see becomes 0, bias included. */
+/* The 96 sampled values of each vertex, projected. Vertices that the camera does not see become 0, bias
+ * included. */
 static tensor *vertex_features(tape *t, const point_stage *s, const pixel_stage *pixel,
                                const sherf_geometry *g, const model_bank *bank, int64_t V) {
     tensor *x = linear_forward(t, &s->projection, pixel_sample(t, pixel, bank, g->vertex_px, V));
@@ -76,7 +77,8 @@ tensor *point_sample(tape *t, const observation_geometry *observation, const mod
             p[i] = (n + 1) / 2 * (float)(size[2 - a] - 1); /* corners aligned */
         }
         int64_t cells[3] = {size[0], size[1], size[2]};
-        /* The grid is constant and large: a shell around the geometry's own memory, not a copy. */
+        /* The grid is constant and large, so the tensor wraps the geometry's own memory instead of copying
+         * it. */
         tensor *grid = tape_constant(t, T_I32, 3, cells, g->level[l + 1].grid);
         out[l] = op_sample_trilinear(t, bank->tensor[BANK_LEVEL + l], grid,
                                      tape_input(t, p, 2, (int64_t[]){count, 3}));

@@ -5,18 +5,18 @@
 #include "model/sherf/sherf.h"
 #include "model/sherf/fused/gpu.h"
 
-/* An encoded observation's, for all its frames. */
+/* Made once for an encoded observation and used for all its frames. */
 struct fused_bank {
-    radiance_field *network; /* the processor's, */
+    radiance_field *network; /* on the processor, */
     const gpu_point_training *gpu;
-    gpu_points *there; /* or a GPU's */
+    gpu_points *there; /* or on a GPU */
     radiance_weights weights;
     const model *m;
     tensor *plane[3], *map, *level[POINT_LEVELS]; /* merged */
 };
 typedef struct fused_bank fused_bank;
 
-/* A frame's. */
+/* One frame's points and their results. */
 typedef struct {
     const fused_bank *bank;
     const point_set *points;
@@ -24,7 +24,7 @@ typedef struct {
     tensor *sigma, *rgb;
 } fused_node;
 
-/* The GPU's training functions, if the tape's backend works in that GPU's memory; else NULL. */
+/* The GPU's training functions if the tape's backend works in that GPU's memory, else NULL. */
 static const gpu_point_training *gpu_of(tape *t) {
     const gpu_renderer *r = gpu_renderer_of(tape_context(t));
     const tensor_memory *memory = tape_backend(t)->memory;
@@ -98,7 +98,7 @@ static void bank_of(const model *m, const body_model *body, const observation_ge
     }
 }
 
-/* The bank's image and grids, which are the host's, in the GPU's memory. */
+/* Copies the bank's image and grids from the host to the GPU. */
 static sherf_status place_bank(tape *t, const model_bank *bank, radiance_bank *b) {
     const tensor *image = bank->tensor[BANK_IMAGE];
     b->image = image ? tensor_f32(image) : NULL;

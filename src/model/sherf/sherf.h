@@ -1,7 +1,7 @@
-/* sherf: the paper's model (Hu, Hong et al., ICCV 2023), a stage a file. Hierarchical features (section 3.3):
- * global (global.c), point-level (point.c, with visible vertices and voxels in geometry.c), pixel-aligned
- * (pixel.c). Section 3.4: the feature fusion transformer (fusion.c) and the NeRF decoder (decoder.c). model.c
- * joins them. docs/network.md has a table of the paper's terms. */
+/* sherf: the paper's model (Hu, Hong et al., ICCV 2023), one file per stage. Hierarchical features (section
+ * 3.3): global (global.c), point-level (point.c, with visible vertices and voxels in geometry.c),
+ * pixel-aligned (pixel.c). Section 3.4: the feature fusion transformer (fusion.c) and the NeRF decoder
+ * (decoder.c). model.c joins them. docs/network.md has a table of the paper's terms. */
 #ifndef SHERF_MODEL_SHERF_H
 #define SHERF_MODEL_SHERF_H
 
@@ -27,17 +27,17 @@ typedef struct {
     int decoder_width, decoder_depth, decoder_skip, view_width;         /* [128 8 4 64] */
     int position_frequencies, direction_frequencies, color_frequencies; /* of the encodings [6 4 5] */
     float voxel_size_m;                                                 /* [0.005] */
-    /* Variants of the paper's ablation; what is off is not there. */
+    /* Variants of the paper's ablation; features that are off have no parameters. */
     int use_global, use_point, use_pixel; /* features [1] */
     int fusion;                           /* a fusion_kind [FUSION_TRANSFORMER] */
 } sherf_settings;
-/* Without the transformer, what decoder and points read of the three projected tokens. */
+/* Without the transformer: what the decoder reads of the three projected tokens. */
 typedef enum {
     FUSION_TRANSFORMER,
-    FUSION_NONE, /* density reads token 0, colour token 1: the release's switch, which loses token 2 */
-    FUSION_FAIR, /* a linear layer of all three gives what density and colour read */
-    /* Without the projection: the global token is the style of the other two; then a linear layer as FAIR's.
-     */
+    FUSION_NONE, /* density reads token 0, colour token 1: the release's switch, which drops token 2 */
+    FUSION_FAIR, /* a linear layer of all three tokens gives what density and colour read */
+    /* Without the projection: the global token is the style of the other two; then a linear layer as in
+     * FUSION_FAIR. */
     FUSION_ADAIN, /* scale and shift of their normalised mixture */
     FUSION_SIREN, /* frequency and phase of two layers of sines, 15 f + 30 */
     FUSION_FILM,  /* the same with f + 1 */
@@ -52,10 +52,10 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
 /* Whether the fused network supports these settings; otherwise points go op by op. */
 bool model_sherf_is_fused(const model_config *config);
 void model_sherf_sizes(const model_config *config, radiance_sizes *out);
-/* Multiply-adds of a point, without what is done once an avatar (docs/speed.md). */
+/* Multiply-adds per point, without what is computed once per avatar (docs/speed.md). */
 double model_sherf_point_products(const model_config *config);
 
-/* ---- geometry.c: what the body and the camera decide for the point-level features ---- */
+/* ---- geometry.c: what body and camera determine for the point-level features ---- */
 typedef struct {
     int32_t *visible; /* V */
     float *vertex_px; /* V x 2 */
@@ -72,7 +72,7 @@ typedef struct {
 sherf_geometry *model_sherf_geometry(const observation_geometry *g);
 sherf_status model_sherf_observe(context *c, const model_config *config, const body_model *body,
                                  bool training, observation_geometry *g);
-/* With the vertices' voxels given, V x 3, where that is not NULL: for tests. Replaces g->own. */
+/* Replaces g->own, with the vertices' voxels given, V x 3, unless that is NULL. For tests. */
 sherf_status model_sherf_observe_at(context *c, const model_config *config, const body_model *body,
                                     bool training, const int32_t *voxels, observation_geometry *g);
 void model_sherf_geometry_free(void *geometry);
@@ -88,9 +88,9 @@ enum {
     BANK_LEVEL = 5 /* point_levels of them */
 };
 typedef struct {    /* model_bank.own; planes [R, R, D], features [H/2, W/2, F], levels [voxels, channels] */
-    tensor *latent; /* [L] the global feature's */
+    tensor *latent; /* [L] of the global feature */
     tensor *style;  /* [style_width] */
-    struct fused_bank *fused; /* points_fused.c; made at the first frame when NULL */
+    struct fused_bank *fused; /* points_fused.c; NULL until the first frame makes it */
 } sherf_bank;
 
 /* ---- the stages: each declares its parameters and goes forwards ---- */
@@ -141,7 +141,7 @@ typedef struct {
     sparse_layer conv[POINT_LEVELS_MAX + 1][POINT_CONVOLUTIONS], down[POINT_LEVELS_MAX + 1];
 } point_stage;
 void point_declare(declaration *d, const sherf_settings *k, point_stage *s);
-/* Into the bank's levels; features and image are there. */
+/* Computes the bank's levels; features and image must be there. */
 sherf_status point_encode(tape *t, const point_stage *s, const pixel_stage *pixel,
                           const observation_geometry *g, model_bank *bank);
 /* [P, sum of channels] at canonical points. */
@@ -159,8 +159,8 @@ typedef struct {
     tensor *qkv;
 } fusion_stage;
 void fusion_declare(declaration *d, const sherf_settings *k, fusion_stage *s);
-/* [P, 3 D]: the three tokens side by side; [P, 2 D] of FUSION_FAIR and behind. Features that are off are
- * NULL, plane[0] among them. */
+/* [P, 3 D]: the three tokens side by side; [P, 2 D] from FUSION_FAIR on. Features that are off are NULL, and
+ * so is plane[0] then. */
 tensor *fusion_forward(tape *t, const fusion_stage *s, tensor *const plane[3], tensor *pixel, tensor *volume);
 
 /* decoder.c: the NeRF decoder. */

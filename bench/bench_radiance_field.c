@@ -89,7 +89,7 @@ typedef struct {
 } way;
 
 /* Rounds of all ways in turn. False: one failed. */
-static bool measure(context *c, const made *m, way ways[WAYS], int rounds) {
+static bool measure(context *c, const made *fixture, way ways[WAYS], int rounds) {
     static const float black[3];
     sherf_frame frame = {0};
     const char *only = getenv("BENCH_ONLY");
@@ -101,11 +101,13 @@ static bool measure(context *c, const made *m, way ways[WAYS], int rounds) {
             if (!w->n) {
                 setenv("SHERF_ISA", w->isa, 1);
                 double t = time_seconds();
-                if (radiance_field_create(c, &m->s, &m->w, &m->bank, w->bf16, &w->n)) return false;
+                if (radiance_field_create(c, &fixture->s, &fixture->w, &fixture->bank, w->bf16, &w->n))
+                    return false;
                 printf("%-20s made in %.3f s\n", w->name, time_seconds() - t);
             }
             double t = busy_seconds(c->threads), wall = time_seconds();
-            if (radiance_field_render(c, w->n, &m->rays, &m->points, black, w->early_stop, &frame))
+            if (radiance_field_render(c, w->n, &fixture->rays, &fixture->points, black, w->early_stop,
+                                      &frame))
                 return false;
             if (r < 0) continue;
             w->wall[w->count] = time_seconds() - wall;
@@ -116,7 +118,7 @@ static bool measure(context *c, const made *m, way ways[WAYS], int rounds) {
 }
 
 /* Medians, beside the peaks that a way can come to. */
-static void report(way ways[WAYS], const made *m, double macs, double fma, double amx) {
+static void report(way ways[WAYS], const made *fixture, double macs, double fma, double amx) {
     double first = 0;
     for (int i = 0; i < WAYS; i++) {
         way *w = &ways[i];
@@ -125,11 +127,11 @@ static void report(way ways[WAYS], const made *m, double macs, double fma, doubl
         qsort(w->wall, (size_t)w->count, sizeof(double), by_value);
         double median = w->seconds[w->count / 2];
         if (!first) first = median;
-        double rate = macs * (double)m->points.count / median, top = w->bf16 ? amx : fma;
+        double rate = macs * (double)fixture->points.count / median, top = w->bf16 ? amx : fma;
         printf("%-20s median %.4f s (best %.4f; wall %.4f, best %.4f), %.0f ns a point, %.1f x the first, "
                "%.0f GMAC/s",
                w->name, median, w->seconds[0], w->wall[w->count / 2], w->wall[0],
-               median / (double)m->points.count * 1e9, first / median, rate * 1e-9);
+               median / (double)fixture->points.count * 1e9, first / median, rate * 1e-9);
         if (top > 0) printf(", %.0f %% of peak", 100 * rate / top);
         printf("\n");
         radiance_field_free(w->n);
@@ -143,13 +145,13 @@ int main(int argc, char **argv) {
     sherf_options options = {.threads = threads};
     context *c = NULL;
     if (sherf_context_create(&options, &c) != SHERF_OK) return 1;
-    made m;
-    made_create(&m, &made_paper, 256, 512, 0.005f, side, side, 48);
+    made fixture;
+    made_create(&fixture, &made_paper, 256, 512, 0.005f, side, side, 48);
     isa_level best = isa_best();
     double macs = 32 * 32 + 3 * (32 * 144 + 48 * 32 + 2 * 32 * 32) + 71 * 128 + 6 * 128 * 128 + 199 * 128 +
                   128 + 187 * 64 + 64 * 3;
     printf("%lld points, %d x %d, %d threads, best %s; %.0f multiply-adds a point after merging\n",
-           (long long)m.points.count, side, side, threads, isa_name(best), macs);
+           (long long)fixture.points.count, side, side, threads, isa_name(best), macs);
     double fma = 0, amx = 0;
 #if defined(__x86_64__)
     if (best >= ISA_AVX512) fma = peak(c, fma_peak, 1e6 * 16 * 16);
@@ -168,9 +170,9 @@ int main(int argc, char **argv) {
          .needs = ISA_AMX,
          .every = 1},
     };
-    if (!measure(c, &m, ways, rounds)) return 1;
-    report(ways, &m, macs, fma, amx);
-    made_free(&m);
+    if (!measure(c, &fixture, ways, rounds)) return 1;
+    report(ways, &fixture, macs, fma, amx);
+    made_free(&fixture);
     sherf_context_free(c);
     return 0;
 }

@@ -131,8 +131,8 @@ static inline float detail_rise(float x, const float edge[2]) {
 }
 /* The scale at which a picture shows the body's root. */
 float detail_px_per_m(const sherf_camera *camera, const posed_body *posed);
-/* The number of pixels that `m` metres take at the body's root; 1 to max. */
-int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max);
+/* The number of pixels that length_m takes at the body's root; 1 to max. */
+int detail_pixels(const sherf_camera *camera, const posed_body *posed, float length_m, int max);
 /* Smooths `value` in place (NULL: the depths themselves) by means over neighbours within `radius` pixels,
  * taken twice and weighted by opacity and by how close their depths are. room: scratch as large as one of
  * them. Pixels with an opacity below 0.3 neither count nor change. */

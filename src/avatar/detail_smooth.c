@@ -34,8 +34,8 @@ float detail_px_per_m(const sherf_camera *camera, const posed_body *posed) {
     return fabsf(camera->K[4]) / depth;
 }
 
-int detail_pixels(const sherf_camera *camera, const posed_body *posed, float m, int max) {
-    const float wide = m * detail_px_per_m(camera, posed) + 0.5f;
+int detail_pixels(const sherf_camera *camera, const posed_body *posed, float length_m, int max) {
+    const float wide = length_m * detail_px_per_m(camera, posed) + 0.5f;
     return wide < 1 ? 1 : wide < (float)max ? (int)wide : max;
 }
 

@@ -140,10 +140,10 @@ static bool is_part(const char *key) {
 
 /* The word or its plural. */
 static bool word_is(const char *text, size_t n, const char *word) {
-    const size_t m = strlen(word);
-    if (n < m || strncasecmp(text, word, m)) return false;
-    return n == m || (n == m + 1 && tolower((unsigned char)text[m]) == 's') ||
-           (n == m + 2 && !strncasecmp(text + m, "es", 2));
+    const size_t length = strlen(word);
+    if (n < length || strncasecmp(text, word, length)) return false;
+    return n == length || (n == length + 1 && tolower((unsigned char)text[length]) == 's') ||
+           (n == length + 2 && !strncasecmp(text + length, "es", 2));
 }
 
 /* Whether one of the key's words is among these: letters in a row, a capital behind a small one being the

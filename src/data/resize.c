@@ -44,9 +44,9 @@ static sherf_status area_general(context *c, const sherf_image *source, sherf_im
     float *row = mem_alloc(c, row_values, sizeof *row);
     if (!across || !down || !row) goto done;
     int n = area_shares(source->width, target->width, across);
-    int m = area_shares(source->height, target->height, down);
+    int count = area_shares(source->height, target->height, down);
     int previous = -1;
-    for (int j = 0; j < m; j++) {
+    for (int j = 0; j < count; j++) {
         const float *in = source->data + (size_t)down[j].from * source->width * channels;
         float *out = target->data + (size_t)down[j].to * row_values;
         memset(row, 0, row_values * sizeof *row);

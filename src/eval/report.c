@@ -77,14 +77,14 @@ sherf_score report_mean(const report *r, int kind, int person, bool novel_pose) 
 /* The model's gain over the better baseline in each number (the better one may differ between numbers).
  * Positive is better, also where smaller numbers are. */
 static sherf_score report_gain(const report *r, int person, bool novel_pose) {
-    const sherf_score m = report_mean(r, SCORE_MODEL, person, novel_pose);
+    const sherf_score mean = report_mean(r, SCORE_MODEL, person, novel_pose);
     const sherf_score a = report_mean(r, SCORE_MEAN_COLOR, person, novel_pose);
     const sherf_score b = report_mean(r, SCORE_PAINTED_BODY, person, novel_pose);
-    return (sherf_score){.psnr = m.psnr - fmax(a.psnr, b.psnr),
-                         .ssim = m.ssim - fmax(a.ssim, b.ssim),
-                         .lpips = fmin(a.lpips, b.lpips) - m.lpips,
-                         .count = m.count,
-                         .resnet50 = fmin(a.resnet50, b.resnet50) - m.resnet50};
+    return (sherf_score){.psnr = mean.psnr - fmax(a.psnr, b.psnr),
+                         .ssim = mean.ssim - fmax(a.ssim, b.ssim),
+                         .lpips = fmin(a.lpips, b.lpips) - mean.lpips,
+                         .count = mean.count,
+                         .resnet50 = fmin(a.resnet50, b.resnet50) - mean.resnet50};
 }
 
 /* The person after `previous` in the report, -1 at its end; `at` is where the walk stands. */

@@ -163,7 +163,7 @@ sherf_status run_scorings(experiment_job *j, const run *r, scoring_function *onc
 /* Measures, where trainings are so many minutes, how many steps those that are to come take. */
 sherf_status steps_ready(experiment_job *j);
 /* Pictures of a step: samples times targets. */
-sherf_status training_step_pictures(const experiment_job *j, const experiment_method *m, int *out);
+sherf_status training_step_pictures(const experiment_job *j, const experiment_method *method, int *out);
 /* Unless it is finished. */
 sherf_status training_do(experiment_job *j, const run *r);
 /* What a finished one says of itself, for tables. */

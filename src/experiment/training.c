@@ -164,11 +164,11 @@ static sherf_status weights_count(context *c, const char *path, double *out) {
     return status;
 }
 
-sherf_status training_step_pictures(const experiment_job *j, const experiment_method *m, int *out) {
+sherf_status training_step_pictures(const experiment_job *j, const experiment_method *method, int *out) {
     model_config config;
     *out = j->set.batch * j->set.targets;
-    if (!m->own) return SHERF_OK;
-    sherf_status status = model_config_parse(j->c, m->preset[j->set.scale], &config);
+    if (!method->own) return SHERF_OK;
+    sherf_status status = model_config_parse(j->c, method->preset[j->set.scale], &config);
     if (status == SHERF_OK) *out = model_recipe(&config)->batch;
     return status;
 }

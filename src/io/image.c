@@ -200,9 +200,10 @@ static void cmyk_to_rgb(uint8_t *row, size_t width, bool inverted) {
 }
 
 static void jpeg_exif(decoder *d, const struct jpeg_decompress_struct *j) {
-    for (jpeg_saved_marker_ptr m = j->marker_list; m; m = m->next)
-        if (m->marker == JPEG_APP0 + 1 && m->data_length >= 6 && !memcmp(m->data, "Exif\0", 6)) {
-            exif_read(m->data, m->data_length, &d->exif);
+    for (jpeg_saved_marker_ptr marker = j->marker_list; marker; marker = marker->next)
+        if (marker->marker == JPEG_APP0 + 1 && marker->data_length >= 6 &&
+            !memcmp(marker->data, "Exif\0", 6)) {
+            exif_read(marker->data, marker->data_length, &d->exif);
             return;
         }
 }

@@ -126,17 +126,17 @@ static sherf_status one_tensor(reader *r, const value *key, const value *item, i
     return t->name ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-static sherf_status read_metadata(reader *r, const value *m) {
-    if (m->kind != VALUE_DICT) return failure(r->c, SHERF_BAD_FILE, "metadata that is no dict");
-    size_t n = value_count(m);
+static sherf_status read_metadata(reader *r, const value *metadata) {
+    if (metadata->kind != VALUE_DICT) return failure(r->c, SHERF_BAD_FILE, "metadata that is no dict");
+    size_t n = value_count(metadata);
     r->s->metadata_key = arena_alloc(r->c, r->a, n, sizeof(char *));
     r->s->metadata_value = arena_alloc(r->c, r->a, n, sizeof(char *));
     if (!r->s->metadata_key || !r->s->metadata_value) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < n; i++) {
-        if (m->dict.pair[i].item->kind != VALUE_STRING)
+        if (metadata->dict.pair[i].item->kind != VALUE_STRING)
             return failure(r->c, SHERF_BAD_FILE, "metadata that is no text");
-        r->s->metadata_key[i] = copy_text(r, m->dict.pair[i].key);
-        r->s->metadata_value[i] = copy_text(r, m->dict.pair[i].item);
+        r->s->metadata_key[i] = copy_text(r, metadata->dict.pair[i].key);
+        r->s->metadata_value[i] = copy_text(r, metadata->dict.pair[i].item);
         if (!r->s->metadata_key[i] || !r->s->metadata_value[i]) return SHERF_NO_MEMORY;
     }
     r->s->metadata_count = n;

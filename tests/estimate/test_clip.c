@@ -55,11 +55,11 @@ static void look_like(clip_frame *f, double yaw, bool wrong) {
     for (int side = 0; side < 2; side++)
         for (int l = LANDMARK_LEFT_SHOULDER; l <= LANDMARK_LEFT_HIP;
              l += LANDMARK_LEFT_HIP - LANDMARK_LEFT_SHOULDER) {
-            landmark *m = &f->landmark[l + (wrong ? 1 - side : side)];
+            landmark *mark = &f->landmark[l + (wrong ? 1 - side : side)];
             const double out = side ? -0.15 : 0.15;
-            m->place_m[0] = (float)(out * cos(yaw));
-            m->place_m[2] = (float)(out * sin(yaw) * (wrong ? -1 : 1));
-            m->place_px[0] = (float)(side ? 100 : 200); /* left and right stand where they stand */
+            mark->place_m[0] = (float)(out * cos(yaw));
+            mark->place_m[2] = (float)(out * sin(yaw) * (wrong ? -1 : 1));
+            mark->place_px[0] = (float)(side ? 100 : 200); /* left and right stand where they stand */
         }
 }
 
@@ -98,7 +98,7 @@ static void noise_and_gaps(void **state) {
     enum { N = 60 };
     context *c = *state;
     const double pitch = 0.2, high_m = 1.5, noise_rad = 0.08;
-    sherf_motion *m;
+    sherf_motion *motion;
     body_fit_result known = {.pitch_rad = pitch};
     clip_track t = {.count = N, .fps = 30, .width = 512, .height = 512};
     t.frame = mem_zero(c, N, sizeof *t.frame);
@@ -122,26 +122,26 @@ static void noise_and_gaps(void **state) {
             f->fit.camera.T_m[a] = 0;
         }
     }
-    assert_ok(c, clip_settle(c, body, &t, 0, N - 5, &known, 1, &m));
-    assert_int_equal(sherf_motion_frame_count(m), N - 4);
+    assert_ok(c, clip_settle(c, body, &t, 0, N - 5, &known, 1, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), N - 4);
     double off = 0, lowest = 0;
     for (int i = 0; i < N - 4; i++) {
         sherf_pose p;
         double joint[BODY_JOINTS][3];
         static const double up[3] = {0, 1, 0};
-        sherf_motion_pose(m, i, &p);
-        skeleton_joints(&bones, (const float(*)[4])m->clip.turn[i], m->clip.pelvis_m[i], joint);
+        sherf_motion_pose(motion, i, &p);
+        skeleton_joints(&bones, (const float(*)[4])motion->clip.turn[i], motion->clip.pelvis_m[i], joint);
         off += fabs((double)p.poses_rad[3 * 16 + 2] - (-0.6 + 0.5 * sin(2 * M_PI * i / 30))) / (N - 4);
-        lowest =
-            fmax(lowest,
-                 fabs(skeleton_lowest(&bones, (const float(*)[4])m->clip.turn[i], m->clip.pelvis_m[i], up)));
+        lowest = fmax(lowest, fabs(skeleton_lowest(&bones, (const float(*)[4])motion->clip.turn[i],
+                                                   motion->clip.pelvis_m[i], up)));
         /* sideways as it went, in spite of gaps; 5 cm of noise of the distance become 2 */
-        assert_true(fabs((double)(m->clip.pelvis_m[i][0] - m->clip.pelvis_m[0][0]) - 0.04 * i) < 0.04);
-        assert_true(fabs((double)(m->clip.pelvis_m[i][2] - m->clip.pelvis_m[0][2])) < 0.06);
+        assert_true(fabs((double)(motion->clip.pelvis_m[i][0] - motion->clip.pelvis_m[0][0]) - 0.04 * i) <
+                    0.04);
+        assert_true(fabs((double)(motion->clip.pelvis_m[i][2] - motion->clip.pelvis_m[0][2])) < 0.06);
     }
     if (off > 0.045) fail_msg("the arm is off by %.3f rad, after noise of %.3f", off, noise_rad);
     if (lowest > 0.03) fail_msg("%.3f m off the floor", lowest);
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     clip_track_free(&t);
 }
 
@@ -201,7 +201,7 @@ static double leg_length(const double joint[BODY_JOINTS][3]) {
 
 /* How far a clip's joints are from the observation's on average, metres; truth and found: the last frame's,
  * in the camera's. */
-static double joints_off(context *c, const sherf_observation *o, const sherf_motion *m,
+static double joints_off(context *c, const sherf_observation *o, const sherf_motion *motion,
                          const sherf_clip_facts *facts, double truth[BODY_JOINTS][3],
                          double found[BODY_JOINTS][3]) {
     const double cp = cos(facts->pitch_rad), sp = sin(facts->pitch_rad), cr = cos(facts->roll_rad),
@@ -213,7 +213,7 @@ static double joints_off(context *c, const sherf_observation *o, const sherf_mot
     sherf_pose pose;
     joints_camera(c, &o->pose, o->camera.R, truth);
     for (int i = 0; i < FRAMES; i++) {
-        sherf_motion_pose(m, i, &pose);
+        sherf_motion_pose(motion, i, &pose);
         joints_camera(c, &pose, R, found);
         /* what is moved across the picture is turned with its ray */
         const double turn = SHIFT_PX * (i - FRAMES / 2) / facts->focal_px;
@@ -231,7 +231,7 @@ static void a_known_person(void **state) {
     context *c = *state;
     sherf_dataset *d;
     sherf_observation *o;
-    sherf_motion *m;
+    sherf_motion *motion;
     sherf_clip_facts facts;
     pose_networks *n;
     char path[512], moves[512];
@@ -248,16 +248,17 @@ static void a_known_person(void **state) {
     assert_int_equal(facts.left_out, 0);
     assert_int_equal(facts.repaired, 0);
     assert_true(facts.landmarks < 0.02);
-    assert_ok(c, sherf_motion_load(c, moves, &(sherf_motion_options){.body = body, .their_shape = 1}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), FRAMES);
-    assert_true(fabs(sherf_motion_fps(m) - 20) < 0.01);
+    assert_ok(c,
+              sherf_motion_load(c, moves, &(sherf_motion_options){.body = body, .their_shape = 1}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), FRAMES);
+    assert_true(fabs(sherf_motion_fps(motion) - 20) < 0.01);
     double truth[BODY_JOINTS][3], found[BODY_JOINTS][3];
-    const double off = joints_off(c, o, m, &facts, truth, found);
+    const double off = joints_off(c, o, motion, &facts, truth, found);
     sherf_pose first, last;
     print_message("joints are off by %.1f mm\n", 1000 * off);
     if (off > 0.08) fail_msg("joints are off by %.0f mm", 1000 * off);
-    sherf_motion_pose(m, 0, &first);
-    sherf_motion_pose(m, FRAMES - 1, &last);
+    sherf_motion_pose(motion, 0, &first);
+    sherf_motion_pose(motion, FRAMES - 1, &last);
     double z = (double)o->camera.T_m[2]; /* of the pelvis, nearly */
     for (int k = 0; k < 3; k++) z += (double)o->camera.R[6 + k] * (double)o->pose.Th_m[k];
     /* how large somebody is nobody can see: what is wrong with that is wrong with the way, too */
@@ -266,13 +267,13 @@ static void a_known_person(void **state) {
                  wanted = SHIFT_PX * (FRAMES - 1) * z / (double)o->camera.K[0];
     assert_true(fabs(larger - 1) < 0.25);
     if (fabs(went / wanted - 1) > 0.1) fail_msg("went %.2f m, not %.2f", went, wanted);
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     assert_ok(c, pose_networks_load(c, "../assets/models/blazepose.safetensors", &n));
     write_clip(c, path, o, true);
-    assert_int_equal(clip_estimate(c, n, body, path, &(sherf_clip_options){.fps = 2}, &m, NULL),
+    assert_int_equal(clip_estimate(c, n, body, path, &(sherf_clip_options){.fps = 2}, &motion, NULL),
                      SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "nobody is seen"));
-    assert_null(m);
+    assert_null(motion);
     pose_networks_free(n);
     sherf_observation_free(o);
     sherf_dataset_free(d);
@@ -280,13 +281,14 @@ static void a_known_person(void **state) {
 
 static void bad_options(void **state) {
     context *c = *state;
-    sherf_motion *m;
-    assert_int_equal(clip_estimate(c, NULL, body, "x.mp4", &(sherf_clip_options){.person = 8}, &m, NULL),
+    sherf_motion *motion;
+    assert_int_equal(clip_estimate(c, NULL, body, "x.mp4", &(sherf_clip_options){.person = 8}, &motion, NULL),
                      SHERF_BAD_ARGUMENT);
-    assert_int_equal(clip_estimate(c, NULL, body, "x.mp4", &(sherf_clip_options){.fps = NAN}, &m, NULL),
+    assert_int_equal(clip_estimate(c, NULL, body, "x.mp4", &(sherf_clip_options){.fps = NAN}, &motion, NULL),
                      SHERF_BAD_ARGUMENT);
-    assert_int_equal(clip_estimate(c, NULL, body, test_path("absent"), &(sherf_clip_options){0}, &m, NULL),
-                     SHERF_NO_FILE);
+    assert_int_equal(
+        clip_estimate(c, NULL, body, test_path("absent"), &(sherf_clip_options){0}, &motion, NULL),
+        SHERF_NO_FILE);
 }
 
 int main(void) {

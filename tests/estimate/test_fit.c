@@ -321,10 +321,10 @@ static void what_is_cut_off_stays_at_rest(void **state) {
     w.distance_m = 2.4, w.rise_m = 0.75, w.focal_px = 700;
     take(c, &w, &o);
     for (int l = LANDMARK_LEFT_KNEE; l < LANDMARKS; l++) {
-        landmark *m = &o.person.landmark[l];
-        m->place_px[1] = SIDE + 30;
-        m->visible = 0.02f;
-        m->place_m[0] += 0.3f, m->place_m[2] -= 0.4f;
+        landmark *mark = &o.person.landmark[l];
+        mark->place_px[1] = SIDE + 30;
+        mark->visible = 0.02f;
+        mark->place_m[0] += 0.3f, mark->place_m[2] -= 0.4f;
     }
     assert_ok(c, body_fit(c, body, &o.in, &r));
     assert_true(r.cut_feet && !r.cut_head);

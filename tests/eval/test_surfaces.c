@@ -46,7 +46,7 @@ static void places_by_a_triangle(void **state) {
     context *c = test_context();
     float v[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
     uint32_t t[3] = {0, 1, 2};
-    const solid_mesh m = {3, 1, v, t};
+    const solid_mesh mesh = {3, 1, v, t};
     static const struct {
         float at[3];
         double distance;
@@ -57,7 +57,7 @@ static void places_by_a_triangle(void **state) {
     for (size_t i = 0; i < COUNT_OF(some); i++) {
         surface_scores s;
         ball_make(&tiny, some[i].at, 0.001f, 0, RINGS);
-        assert_ok(c, surfaces_compare(c, 400, 5, 0.05f, 1, &tiny.mesh, 1, &m, &s));
+        assert_ok(c, surfaces_compare(c, 400, 5, 0.05f, 1, &tiny.mesh, 1, &mesh, &s));
         assert_true(fabs(s.to_truth_m - some[i].distance) < 2e-4);
     }
     sherf_context_free(c);

@@ -347,13 +347,13 @@ static void the_plan_holds_together(void **state) {
         assert_ptr_equal(experiment_find(e->name), e);
         assert_non_null(e->report);
         for (int k = 0; k < EXPERIMENT_METHODS && e->method[k]; k++) {
-            const experiment_method *m = experiment_method_find(e->method[k]);
-            assert_non_null(m);
+            const experiment_method *method = experiment_method_find(e->method[k]);
+            assert_non_null(method);
             for (int scale = 0; scale < SCALES; scale++) {
                 model_config config;
-                assert_ok(c, model_config_parse(c, m->preset[scale], &config));
-                assert_int_equal(config.kind->one_pose, m->one_pose);
-                assert_int_equal(model_recipe(&config) != NULL, m->own);
+                assert_ok(c, model_config_parse(c, method->preset[scale], &config));
+                assert_int_equal(config.kind->one_pose, method->one_pose);
+                assert_int_equal(model_recipe(&config) != NULL, method->own);
             }
         }
     }

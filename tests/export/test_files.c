@@ -183,7 +183,7 @@ static const void *accessor(const glb *g, int i, int *count, size_t size) {
 /* A clip of three poses, as EasyMocap writes them. */
 static sherf_motion *walk(context *c) {
     char folder[600], path[700];
-    sherf_motion *m = NULL;
+    sherf_motion *motion = NULL;
     snprintf(folder, sizeof folder, "%s", test_path("clip"));
     assert_ok(c, folder_make(c, folder));
     for (int i = 0; i < 3; i++) {
@@ -198,9 +198,9 @@ static sherf_motion *walk(context *c) {
     }
     const sherf_motion_options o = {
         .body = body, .shapes = sherf_avatar_pose(avatar)->shapes, .up = SHERF_UP_Y, .source_fps = 25};
-    assert_ok(c, sherf_motion_load(c, folder, &o, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 3);
-    return m;
+    assert_ok(c, sherf_motion_load(c, folder, &o, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 3);
+    return motion;
 }
 
 /* Vertices, joined where they lie at one place, are the closed surface again. */
@@ -221,22 +221,22 @@ static void assert_welded(const float *position, int vertices, const uint32_t *i
 
 /* The animation, read as any other motion, is the one that was written. */
 static void assert_reads_back(context *c, const char *path, const sherf_motion *wrote) {
-    sherf_motion *m = NULL;
+    sherf_motion *motion = NULL;
     const sherf_motion_options o = {.body = body, .shapes = sherf_avatar_pose(avatar)->shapes};
-    sherf_status status = sherf_motion_load(c, path, &o, &m);
+    sherf_status status = sherf_motion_load(c, path, &o, &motion);
     if (status == SHERF_UNSUPPORTED && strstr(c->message, "libassimp")) return; /* a build without it */
     assert_ok(c, status);
-    assert_non_null(strstr(sherf_motion_description(m), "GLB"));
-    assert_int_equal(sherf_motion_frame_count(m), sherf_motion_frame_count(wrote));
-    assert_float_equal(sherf_motion_fps(m), sherf_motion_fps(wrote), 1e-3);
-    for (int i = 0; i < sherf_motion_frame_count(m); i++) {
+    assert_non_null(strstr(sherf_motion_description(motion), "GLB"));
+    assert_int_equal(sherf_motion_frame_count(motion), sherf_motion_frame_count(wrote));
+    assert_float_equal(sherf_motion_fps(motion), sherf_motion_fps(wrote), 1e-3);
+    for (int i = 0; i < sherf_motion_frame_count(motion); i++) {
         sherf_pose now, then;
-        sherf_motion_pose(m, i, &now);
+        sherf_motion_pose(motion, i, &now);
         sherf_motion_pose(wrote, i, &then);
         for (int k = 0; k < 72; k++) assert_float_equal(now.poses_rad[k], then.poses_rad[k], 1e-3);
         for (int k = 0; k < 3; k++) assert_float_equal(now.Th_m[k], then.Th_m[k], 1e-3);
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 }
 
 /* Joints, weights and normals of a mesh's corners. */

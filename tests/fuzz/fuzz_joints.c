@@ -26,13 +26,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     const sherf_motion_options o = {.joints = fuzz_file("map.json", data, size)};
     const size_t live = mem_live();
-    sherf_motion *m = NULL;
+    sherf_motion *motion = NULL;
     sherf_pose pose;
-    sherf_status status = motion_parse(c, text, strlen((char *)text), &o, &m);
-    if ((status == SHERF_OK) != (m != NULL)) abort();
-    if (m) sherf_motion_pose(m, 0, &pose);
-    for (int k = 0; k < 72 && m; k++)
+    sherf_status status = motion_parse(c, text, strlen((char *)text), &o, &motion);
+    if ((status == SHERF_OK) != (motion != NULL)) abort();
+    if (motion) sherf_motion_pose(motion, 0, &pose);
+    for (int k = 0; k < 72 && motion; k++)
         if (!isfinite(pose.poses_rad[k])) abort();
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     return fuzz_end(c, status, live);
 }

@@ -20,17 +20,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
                                     .smooth_s = bits & 16 ? 0.01 : 0,
                                     .their_shape = bits & 32,
                                     .rotations = (sherf_rotations)(bits >> 6)};
-    sherf_motion *m;
+    sherf_motion *motion;
     if (!size) return 0;
-    sherf_status status = motion_parse(c, data + 1, size - 1, &o, &m);
-    if ((status == SHERF_OK) != (m != NULL)) abort();
-    if (m && (sherf_motion_frame_count(m) < 1 || !(sherf_motion_fps(m) > 0))) abort();
-    int step = m ? sherf_motion_frame_count(m) / 50 + 1 : 1;
-    for (int i = 0; m && i < sherf_motion_frame_count(m); i += step) {
-        sherf_motion_pose(m, i, &pose);
+    sherf_status status = motion_parse(c, data + 1, size - 1, &o, &motion);
+    if ((status == SHERF_OK) != (motion != NULL)) abort();
+    if (motion && (sherf_motion_frame_count(motion) < 1 || !(sherf_motion_fps(motion) > 0))) abort();
+    int step = motion ? sherf_motion_frame_count(motion) / 50 + 1 : 1;
+    for (int i = 0; motion && i < sherf_motion_frame_count(motion); i += step) {
+        sherf_motion_pose(motion, i, &pose);
         for (int k = 0; k < 72; k++)
             if (!isfinite(pose.poses_rad[k]) || !isfinite(pose.Th_m[k % 3])) abort();
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     return fuzz_end(c, status, live);
 }

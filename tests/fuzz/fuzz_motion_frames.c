@@ -10,18 +10,18 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const sherf_motion_options o;
     document *d;
     source s = {0};
-    sherf_motion *m = NULL;
+    sherf_motion *motion = NULL;
     sherf_pose pose;
     sherf_status status = json_parse(c, (const char *)data, size, &d);
     if (!status && frame_list_is(d->root)) {
         status = frame_list_read(c, d->root, &o, &s);
-        if (!status) status = motion_finish(c, &s, &o, &m);
-        if ((status == SHERF_OK) != (m != NULL)) abort();
+        if (!status) status = motion_finish(c, &s, &o, &motion);
+        if ((status == SHERF_OK) != (motion != NULL)) abort();
     }
-    if (m) sherf_motion_pose(m, sherf_motion_frame_count(m) / 2, &pose);
-    for (int k = 0; k < 72 && m; k++)
+    if (motion) sherf_motion_pose(motion, sherf_motion_frame_count(motion) / 2, &pose);
+    for (int k = 0; k < 72 && motion; k++)
         if (!isfinite(pose.poses_rad[k])) abort();
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     source_free(&s);
     document_free(d);
     return fuzz_end(c, status, live);

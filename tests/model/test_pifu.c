@@ -54,9 +54,9 @@ static const char *named(const char *name, const char *part) {
 }
 
 static rival_map of_image(const second *s) {
-    rival_map m = rival_map_new(SIDE, SIDE, 3);
-    memcpy(m.v, s->image, sizeof s->image);
-    return m;
+    rival_map map = rival_map_new(SIDE, SIDE, 3);
+    memcpy(map.v, s->image, sizeof s->image);
+    return map;
 }
 
 /* conv(relu(norm(x))); x stays. */

@@ -65,11 +65,11 @@ static void norm(const double *x, int n, const float *w, const float *b, double 
     for (int i = 0; i < n; i++) y[i] = (x[i] - mean) / sqrt(variance + 1e-5) * w[i] + b[i];
 }
 
-static void reference_tokens(const made *m, int64_t p, double token[3][WIDE]) {
+static void reference_tokens(const made *fixture, int64_t p, double token[3][WIDE]) {
     static const int axis[3][2] = {{0, 1}, {0, 2}, {2, 1}};
-    const radiance_bank *b = &m->bank;
-    int d = m->s.token_width, f = m->s.feature_channels;
-    const float *x = m->points.canonical + 3 * p, *uv = m->points.observed_px + 2 * p;
+    const radiance_bank *b = &fixture->bank;
+    int d = fixture->s.token_width, f = fixture->s.feature_channels;
+    const float *x = fixture->points.canonical + 3 * p, *uv = fixture->points.observed_px + 2 * p;
     double plane[3][WIDE], pixel[WIDE], volume[WIDE], point[WIDE], rgb[3], n[3];
     for (int i = 0; i < 3; i++)
         n[i] = ((double)x[i] - b->plane_min[i]) / ((double)b->plane_max[i] - b->plane_min[i]) * 2 - 1;
@@ -82,30 +82,30 @@ static void reference_tokens(const made *m, int64_t p, double token[3][WIDE]) {
              v * (b->feature_height - 1), pixel);
     bilinear(b->image, b->image_width, b->image_height, 3, u * (b->image_width - 1),
              v * (b->image_height - 1), rgb);
-    encode(rgb, m->s.color_frequencies, pixel + f);
+    encode(rgb, fixture->s.color_frequencies, pixel + f);
     int columns = 0;
     for (int l = 0; l < 3; l++) {
-        trilinear(b, l, x, m->s.volume_channels[l], volume + columns);
-        columns += m->s.volume_channels[l];
+        trilinear(b, l, x, fixture->s.volume_channels[l], volume + columns);
+        columns += fixture->s.volume_channels[l];
     }
-    linear(m->w.volume_projection_w, m->w.volume_projection_b, volume, columns, 3 * d, point);
+    linear(fixture->w.volume_projection_w, fixture->w.volume_projection_b, volume, columns, 3 * d, point);
     for (int i = 0; i < 3; i++) {
         double in[WIDE];
         memcpy(in, plane[i], (size_t)d * sizeof *in);
         memcpy(in + d, pixel + i * d, (size_t)d * sizeof *in);
         memcpy(in + 2 * d, point + i * d, (size_t)d * sizeof *in);
-        linear(m->w.token_projection_w, m->w.token_projection_b, in, 3 * d, d, token[i]);
+        linear(fixture->w.token_projection_w, fixture->w.token_projection_b, in, 3 * d, d, token[i]);
     }
 }
 
-static void reference_transformer(const made *m, double token[3][WIDE]) {
-    int d = m->s.token_width, head = m->s.head_width, all = m->s.heads * head;
+static void reference_transformer(const made *fixture, double token[3][WIDE]) {
+    int d = fixture->s.token_width, head = fixture->s.head_width, all = fixture->s.heads * head;
     double qkv[3][WIDE], mixed[3][WIDE], y[WIDE], z[WIDE];
     for (int i = 0; i < 3; i++) {
-        norm(token[i], d, m->w.norm0_w, m->w.norm0_b, y);
-        linear(m->w.qkv_w, NULL, y, d, 3 * all, qkv[i]);
+        norm(token[i], d, fixture->w.norm0_w, fixture->w.norm0_b, y);
+        linear(fixture->w.qkv_w, NULL, y, d, 3 * all, qkv[i]);
     }
-    for (int h = 0; h < m->s.heads; h++)
+    for (int h = 0; h < fixture->s.heads; h++)
         for (int i = 0; i < 3; i++) {
             double e[3], sum = 0;
             for (int j = 0; j < 3; j++) {
@@ -120,32 +120,32 @@ static void reference_transformer(const made *m, double token[3][WIDE]) {
             }
         }
     for (int i = 0; i < 3; i++) {
-        linear(m->w.attention_out_w, m->w.attention_out_b, mixed[i], all, d, y);
+        linear(fixture->w.attention_out_w, fixture->w.attention_out_b, mixed[i], all, d, y);
         for (int k = 0; k < d; k++) token[i][k] += y[k];
-        norm(token[i], d, m->w.norm1_w, m->w.norm1_b, y);
-        linear(m->w.mlp0_w, m->w.mlp0_b, y, d, d, z);
+        norm(token[i], d, fixture->w.norm1_w, fixture->w.norm1_b, y);
+        linear(fixture->w.mlp0_w, fixture->w.mlp0_b, y, d, d, z);
         for (int k = 0; k < d; k++) z[k] *= 0.5 * (1 + erf(z[k] / sqrt(2)));
-        linear(m->w.mlp1_w, m->w.mlp1_b, z, d, d, y);
+        linear(fixture->w.mlp1_w, fixture->w.mlp1_b, z, d, d, y);
         for (int k = 0; k < d; k++) token[i][k] += y[k];
     }
 }
 
-static void reference_point(const made *m, int64_t p, double out[4]) {
-    const radiance_sizes *s = &m->s;
+static void reference_point(const made *fixture, int64_t p, double out[4]) {
+    const radiance_sizes *s = &fixture->s;
     int d = s->token_width, h = s->decoder_width;
     double token[3][WIDE], x[WIDE], a[WIDE], y[WIDE], at[3], direction[3];
-    reference_tokens(m, p, token);
-    reference_transformer(m, token);
+    reference_tokens(fixture, p, token);
+    reference_transformer(fixture, token);
     for (int i = 0; i < 3; i++) {
-        at[i] = m->points.canonical[3 * p + i];
-        direction[i] = m->points.direction_canonical[3 * p + i];
+        at[i] = fixture->points.canonical[3 * p + i];
+        direction[i] = fixture->points.direction_canonical[3 * p + i];
     }
     int n = encode(at, s->position_frequencies, x);
     memcpy(x + n, token[0], (size_t)d * sizeof *x);
     n += d;
     memcpy(a, x, (size_t)n * sizeof *x);
     for (int i = 0, in = n; i < s->decoder_depth; i++) {
-        linear(m->w.pts_w[i], m->w.pts_b[i], a, in, h, y);
+        linear(fixture->w.pts_w[i], fixture->w.pts_b[i], a, in, h, y);
         for (int k = 0; k < h; k++) y[k] = y[k] > 0 ? y[k] : 0;
         in = h;
         memcpy(a, y, (size_t)h * sizeof *y);
@@ -155,22 +155,22 @@ static void reference_point(const made *m, int64_t p, double out[4]) {
             in += n;
         }
     }
-    linear(m->w.alpha_w, m->w.alpha_b, y, h, 1, out + 3);
-    linear(m->w.feature_w, m->w.feature_b, y, h, h, a);
+    linear(fixture->w.alpha_w, fixture->w.alpha_b, y, h, 1, out + 3);
+    linear(fixture->w.feature_w, fixture->w.feature_b, y, h, h, a);
     n = h + encode(direction, s->direction_frequencies, a + h);
     memcpy(a + n, token[1], (size_t)d * sizeof *a);
-    linear(m->w.views_w, m->w.views_b, a, n + d, s->view_width, y);
+    linear(fixture->w.views_w, fixture->w.views_b, a, n + d, s->view_width, y);
     for (int k = 0; k < s->view_width; k++) y[k] = y[k] > 0 ? y[k] : 0;
-    linear(m->w.rgb_w, m->w.rgb_b, y, s->view_width, 3, out);
+    linear(fixture->w.rgb_w, fixture->w.rgb_b, y, s->view_width, 3, out);
     for (int k = 0; k < 3; k++) out[k] = 1.002 / (1 + exp(-out[k])) - 0.001;
 }
 
 /* Compositing with every sample of the ray, kept or not. */
-static void reference_ray(const made *m, int64_t ray, const double *out, const float background[3],
+static void reference_ray(const made *fixture, int64_t ray, const double *out, const float background[3],
                           double y[5], double depth_min, double depth_max) {
-    const point_set *p = &m->points;
-    const float *d = m->rays.direction + 3 * ray;
-    double near = m->rays.near[ray], far = m->rays.far[ray], left = 1,
+    const point_set *p = &fixture->points;
+    const float *d = fixture->rays.direction + 3 * ray;
+    double near = fixture->rays.near[ray], far = fixture->rays.far[ray], left = 1,
            length = sqrt((double)d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     memset(y, 0, 5 * sizeof *y);
     int64_t at = p->first[ray];
@@ -191,26 +191,26 @@ static void reference_ray(const made *m, int64_t ray, const double *out, const f
 
 /* ---- fixtures ---- */
 typedef struct {
-    made m;
+    made fixture;
     double *out; /* P x 4 */
 } example;
 static example paper, narrow, odd;
 
 static void example_create(example *e, const radiance_sizes *s) {
-    made_create(&e->m, s, 40, 64, 0.02f, 56, 60, 24);
+    made_create(&e->fixture, s, 40, 64, 0.02f, 56, 60, 24);
     /* hostile places: far away, exactly on borders, not a number */
-    float *x = e->m.points.canonical, *uv = e->m.points.observed_px;
+    float *x = e->fixture.points.canonical, *uv = e->fixture.points.observed_px;
     x[0] = 100;
-    x[3] = e->m.bank.plane_min[0];
-    for (int i = 0; i < 3; i++) x[6 + i] = e->m.bank.plane_max[i];
+    x[3] = e->fixture.bank.plane_min[0];
+    for (int i = 0; i < 3; i++) x[6 + i] = e->fixture.bank.plane_max[i];
     x[9] = x[10] = x[11] = -40;
     uv[8] = -1e9f;
     uv[10] = INFINITY;
     uv[13] = NAN;
-    uv[14] = (float)e->m.bank.image_width;
+    uv[14] = (float)e->fixture.bank.image_width;
     uv[17] = -0.5f;
-    e->out = malloc((size_t)e->m.points.count * 4 * sizeof(double));
-    for (int64_t p = 0; p < e->m.points.count; p++) reference_point(&e->m, p, e->out + 4 * p);
+    e->out = malloc((size_t)e->fixture.points.count * 4 * sizeof(double));
+    for (int64_t p = 0; p < e->fixture.points.count; p++) reference_point(&e->fixture, p, e->out + 4 * p);
 }
 
 static int create(void **state) {
@@ -224,15 +224,15 @@ static int destroy(void **state) {
     free(paper.out);
     free(narrow.out);
     free(odd.out);
-    made_free(&paper.m);
-    made_free(&narrow.m);
-    made_free(&odd.m);
+    made_free(&paper.fixture);
+    made_free(&narrow.fixture);
+    made_free(&odd.fixture);
     return 0;
 }
 
 static radiance_field *network(context *c, const example *e, bool bf16) {
     radiance_field *n = NULL;
-    assert_ok(c, radiance_field_create(c, &e->m.s, &e->m.w, &e->m.bank, bf16, &n));
+    assert_ok(c, radiance_field_create(c, &e->fixture.s, &e->fixture.w, &e->fixture.bank, bf16, &n));
     return n;
 }
 
@@ -240,7 +240,7 @@ static radiance_field *network(context *c, const example *e, bool bf16) {
 static void compare_points(const example *e, const float *rgb, const float *sigma, double worst[2],
                            double rms[2]) {
     double top[2] = {0, 0}, error[2] = {0, 0}, sum[2] = {0, 0};
-    int64_t n = e->m.points.count;
+    int64_t n = e->fixture.points.count;
     for (int64_t p = 0; p < n; p++)
         for (int k = 0; k < 4; k++) {
             double want = e->out[4 * p + k], got = k < 3 ? rgb[3 * p + k] : sigma[p], d = fabs(want - got);
@@ -260,13 +260,13 @@ static void check_run(const example *e, isa_level level, bool bf16, double worst
     if (!test_isa(level)) return;
     context *c = test_context();
     radiance_field *n = network(c, e, bf16);
-    size_t count = (size_t)e->m.points.count;
+    size_t count = (size_t)e->fixture.points.count;
     float *rgb = malloc(count * 3 * sizeof *rgb), *sigma = malloc(count * sizeof *sigma);
-    assert_ok(c, radiance_field_run(c, n, &e->m.points, rgb, sigma));
+    assert_ok(c, radiance_field_run(c, n, &e->fixture.points, rgb, sigma));
     double worst[2], rms[2];
     compare_points(e, rgb, sigma, worst, rms);
     print_message("%s%s D %d: colour %.1e (rms %.1e), density %.1e (rms %.1e)\n", isa_name(level),
-                  bf16 ? " bf16" : "", e->m.s.token_width, worst[0], rms[0], worst[1], rms[1]);
+                  bf16 ? " bf16" : "", e->fixture.s.token_width, worst[0], rms[0], worst[1], rms[1]);
     for (int i = 0; i < 2; i++) {
         assert_true(worst[i] < worst_allowed);
         assert_true(rms[i] < rms_allowed);
@@ -274,7 +274,7 @@ static void check_run(const example *e, isa_level level, bool bf16, double worst
     /* the same again, and with one thread: bit for bit */
     float *again = malloc(count * 3 * sizeof *rgb), *sigma_again = malloc(count * sizeof *sigma);
     c->threads = 1;
-    assert_ok(c, radiance_field_run(c, n, &e->m.points, again, sigma_again));
+    assert_ok(c, radiance_field_run(c, n, &e->fixture.points, again, sigma_again));
     assert_memory_equal(rgb, again, count * 3 * sizeof *rgb);
     assert_memory_equal(sigma, sigma_again, count * sizeof *sigma);
     free(rgb);
@@ -302,7 +302,7 @@ static void bf16_points(void **state) {
 
 /* Where bf16 is requested and cannot be had: the bits of float32. */
 static void bf16_in_vain(void **state) {
-    const size_t count = (size_t)narrow.m.points.count;
+    const size_t count = (size_t)narrow.fixture.points.count;
     float *y[2] = {malloc(count * 4 * sizeof(float)), malloc(count * 4 * sizeof(float))};
     for (int level = ISA_PLAIN; level <= ISA_AVX512; level++) {
         if (!test_isa((isa_level)level)) continue;
@@ -310,7 +310,7 @@ static void bf16_in_vain(void **state) {
         for (int bf16 = 0; bf16 < 2; bf16++) {
             radiance_field *n = network(c, &narrow, bf16);
             assert_false(radiance_field_in_bf16(n));
-            assert_ok(c, radiance_field_run(c, n, &narrow.m.points, y[bf16], y[bf16] + 3 * count));
+            assert_ok(c, radiance_field_run(c, n, &narrow.fixture.points, y[bf16], y[bf16] + 3 * count));
             radiance_field_free(n);
         }
         assert_memory_equal(y[0], y[1], count * 4 * sizeof(float));
@@ -329,17 +329,19 @@ static void check_frame(const example *e, isa_level level, bool bf16, bool early
     context *c = test_context();
     radiance_field *n = network(c, e, bf16);
     sherf_frame frame = {0};
-    assert_ok(c, radiance_field_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
+    assert_ok(
+        c, radiance_field_render(c, n, &e->fixture.rays, &e->fixture.points, background, early_stop, &frame));
     long before = mem_count();
     float *data = frame.color.data;
-    assert_ok(c, radiance_field_render(c, n, &e->m.rays, &e->m.points, background, early_stop, &frame));
+    assert_ok(
+        c, radiance_field_render(c, n, &e->fixture.rays, &e->fixture.points, background, early_stop, &frame));
     assert_ptr_equal(data, frame.color.data);
     assert_true(mem_count() - before <= 1); /* scratch */
     double worst = 0, sum = 0, depth_error = 0;
-    int64_t rays = e->m.points.rays;
+    int64_t rays = e->fixture.points.rays;
     for (int64_t i = 0; i < rays; i++) {
         double y[5];
-        reference_ray(&e->m, i, e->out, background, y, 0, 2.41);
+        reference_ray(&e->fixture, i, e->out, background, y, 0, 2.41);
         for (int k = 0; k < 4; k++) {
             double d = fabs(y[k] - (k < 3 ? frame.color.data[3 * i + k] : frame.opacity.data[i]));
             worst = d >= 0 ? fmax(worst, d) : INFINITY;
@@ -350,12 +352,12 @@ static void check_frame(const example *e, isa_level level, bool bf16, bool early
     }
     double psnr = -10 * log10(sum / (double)(3 * rays));
     print_message("%s%s%s D %d: picture worst %.1e, %.1f dB, depth %.1e m\n", isa_name(level),
-                  bf16 ? " bf16" : "", early_stop ? " early" : "", e->m.s.token_width, worst, psnr,
+                  bf16 ? " bf16" : "", early_stop ? " early" : "", e->fixture.s.token_width, worst, psnr,
                   depth_error);
     assert_true(worst < allowed);
     assert_true(depth_error < 20 * allowed);
     assert_true(psnr > psnr_needed);
-    assert_int_equal(frame.points, e->m.points.count);
+    assert_int_equal(frame.points, e->fixture.points.count);
     mem_free(frame.color.data);
     mem_free(frame.opacity.data);
     mem_free(frame.depth.data);
@@ -384,17 +386,17 @@ static void nothing_to_do(void **state) {
     radiance_field *n = network(c, &odd, true);
     point_set none = {.samples = 24};
     assert_ok(c, radiance_field_run(c, n, &none, NULL, NULL));
-    point_set lacking = odd.m.points;
+    point_set lacking = odd.fixture.points;
     lacking.observed_px = NULL;
     float sigma[1], rgb[3];
     assert_int_equal(radiance_field_run(c, n, &lacking, rgb, sigma), SHERF_BAD_ARGUMENT);
     sherf_frame frame = {0};
     static const float black[3];
-    assert_int_equal(radiance_field_render(c, n, &odd.m.rays, &none, black, false, &frame),
+    assert_int_equal(radiance_field_render(c, n, &odd.fixture.rays, &none, black, false, &frame),
                      SHERF_BAD_ARGUMENT);
     sherf_cancel(c);
-    float *all = malloc((size_t)odd.m.points.count * 4 * sizeof(float));
-    assert_int_equal(radiance_field_run(c, n, &odd.m.points, all, all + odd.m.points.count * 3),
+    float *all = malloc((size_t)odd.fixture.points.count * 4 * sizeof(float));
+    assert_int_equal(radiance_field_run(c, n, &odd.fixture.points, all, all + odd.fixture.points.count * 3),
                      SHERF_CANCELLED);
     free(all);
     radiance_field_free(n);
@@ -406,7 +408,7 @@ static void bad_sizes(void **state) {
     radiance_field *n = NULL;
     for (int i = 0; i < 6; i++) {
         radiance_sizes s = made_odd;
-        radiance_bank b = odd.m.bank;
+        radiance_bank b = odd.fixture.bank;
         int32_t row = (int32_t)b.level[1].voxels;
         if (i == 0) s.token_width = 0;
         if (i == 1) s.decoder_depth = POINT_DECODER_MAX + 1;
@@ -417,7 +419,7 @@ static void bad_sizes(void **state) {
             b.level[1].size[0] = b.level[1].size[1] = b.level[1].size[2] = 1;
             b.level[1].grid = &row;
         }
-        assert_int_equal(radiance_field_create(c, &s, &odd.m.w, &b, false, &n), SHERF_BAD_ARGUMENT);
+        assert_int_equal(radiance_field_create(c, &s, &odd.fixture.w, &b, false, &n), SHERF_BAD_ARGUMENT);
         assert_null(n);
         assert_true(c->message[0]);
     }
@@ -434,10 +436,11 @@ static void every_allocation_fails(void **state) {
             sherf_frame frame = {0};
             static const float black[3];
             mem_fail_after(k);
-            sherf_status status =
-                radiance_field_create(c, &narrow.m.s, &narrow.m.w, &narrow.m.bank, bf16, &n);
+            sherf_status status = radiance_field_create(c, &narrow.fixture.s, &narrow.fixture.w,
+                                                        &narrow.fixture.bank, bf16, &n);
             if (!status)
-                status = radiance_field_render(c, n, &narrow.m.rays, &narrow.m.points, black, false, &frame);
+                status = radiance_field_render(c, n, &narrow.fixture.rays, &narrow.fixture.points, black,
+                                               false, &frame);
             mem_fail_after(-1);
             done = !status;
             assert_true(done || status == SHERF_NO_MEMORY);

@@ -9,29 +9,29 @@
 static inline void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *options,
                                double fps, const char *part, const char *other) {
     sherf_motion_options o = options ? *options : (sherf_motion_options){0};
-    sherf_motion *m;
+    sherf_motion *motion;
     o.body = f->body;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    assert_float_equal(sherf_motion_fps(m), fps, 1e-4);
-    const char *text = sherf_motion_description(m);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    assert_float_equal(sherf_motion_fps(motion), fps, 1e-4);
+    const char *text = sherf_motion_description(motion);
     if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
     for (int i = 0; i < WALK_FRAMES; i++) {
         sherf_pose p;
-        sherf_motion_pose(m, i, &p);
+        sherf_motion_pose(motion, i, &p);
         double off = walk_distance(f->c, f->body, &p, &f->walk.pose[i]);
         if (!(off < 1e-3)) fail_msg("%s, frame %d: a vertex is %g m off", path, i, off);
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 }
 
 static inline void refused(const walk_fixture *f, const char *path, const sherf_motion_options *o,
                            sherf_status status, const char *part) {
-    sherf_motion *m;
+    sherf_motion *motion;
     f->c->message[0] = 0;
-    sherf_status got = sherf_motion_load(f->c, path, o, &m);
+    sherf_status got = sherf_motion_load(f->c, path, o, &motion);
     if (got != status) fail_msg("status %d, not %d: %s", (int)got, (int)status, f->c->message);
-    assert_null(m);
+    assert_null(motion);
     if (!strstr(f->c->message, part)) fail_msg("\"%s\" does not say \"%s\"", f->c->message, part);
 }
 
@@ -60,20 +60,21 @@ static inline void floats(pickle_writer *w, const char *key, int count, const fl
 /* Where joints are tells all but twist: the joints come out where they were. */
 static inline void assert_joints(const walk_fixture *f, const char *path, const double at[WALK_FRAMES][22][3],
                                  const char *part, const char *other) {
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    const char *text = sherf_motion_description(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    const char *text = sherf_motion_description(motion);
     if (!strstr(text, part) || !strstr(text, other)) fail_msg("\"%s\": no %s, or no %s", text, part, other);
     for (int i = 0; i < WALK_FRAMES; i++) {
         double now[BODY_JOINTS][3];
-        skeleton_joints(&f->walk.skeleton, (const float(*)[4])m->clip.turn[i], m->clip.pelvis_m[i], now);
+        skeleton_joints(&f->walk.skeleton, (const float(*)[4])motion->clip.turn[i], motion->clip.pelvis_m[i],
+                        now);
         for (int j = 0; j < 22; j++)
             for (int k = 0; k < 3; k++)
                 if (!(fabs(now[j][k] - at[i][j][k]) < 2e-3))
                     fail_msg("%s: frame %d, joint %d is %g m off", path, i, j, now[j][k] - at[i][j][k]);
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 }
 
 #endif

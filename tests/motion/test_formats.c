@@ -27,17 +27,17 @@ static void amass(void **state) {
                           {.name = "gender", .text = "female"}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(smplh), smplh));
     assert_walk(f, path, NULL, 20, "AMASS, SMPL+H", "z up");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-    assert_float_equal(sherf_motion_shapes(m)[1], -0.25, 0);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    assert_float_equal(sherf_motion_shapes(motion)[1], -0.25, 0);
     sherf_pose p;
-    sherf_motion_pose(m, 0, &p);
+    sherf_motion_pose(motion, 0, &p);
     assert_float_equal(p.shapes[0], 0, 0); /* not requested */
-    sherf_motion_free(m);
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.their_shape = 1}, &m));
-    sherf_motion_pose(m, 0, &p);
+    sherf_motion_free(motion);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.their_shape = 1}, &motion));
+    sherf_motion_pose(motion, 0, &p);
     assert_float_equal(p.shapes[0], 0.5, 0);
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 
     npz_member smplx[] = {{"poses", 2, {WALK_FRAMES, 165}, a.whole[0]},
                           {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
@@ -96,10 +96,11 @@ static void found_by_content(void **state) {
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
     assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
     assert_walk(f, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_XYZW}, 20, "AMASS", "y up");
-    sherf_motion *m; /* the wrong order turns the person over, or is no rotation: but it is what was asked */
-    assert_ok(f->c,
-              sherf_motion_load(f->c, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_WXYZ}, &m));
-    sherf_motion_free(m);
+    sherf_motion
+        *motion; /* the wrong order turns the person over, or is no rotation: but it is what was asked */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_WXYZ},
+                                      &motion));
+    sherf_motion_free(motion);
 }
 
 static void aist(void **state) {
@@ -121,13 +122,13 @@ static void aist(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 60, "AIST++", "y up");
-    sherf_motion *m; /* at 25 frames a second */
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps = 25}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 5); /* 11 / 60 s */
-    sherf_motion_free(m);
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps_max = 40}, &m));
-    assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
-    sherf_motion_free(m);
+    sherf_motion *motion; /* at 25 frames a second */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps = 25}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 5); /* 11 / 60 s */
+    sherf_motion_free(motion);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.fps_max = 40}, &motion));
+    assert_float_equal(sherf_motion_fps(motion), 30, 1e-9);
+    sherf_motion_free(motion);
 }
 
 static void gvhmr(void **state) {
@@ -202,10 +203,10 @@ static void wham(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "WHAM", "track 7 of 3");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "3"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 4);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "3"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 4);
+    sherf_motion_free(motion);
     refused(f, path, &(sherf_motion_options){.track = "4"}, SHERF_BAD_ARGUMENT, "'4' among the 3");
     refused(f, path, &(sherf_motion_options){.track = "9"}, SHERF_BAD_FILE, "ascend");
 }
@@ -278,10 +279,10 @@ static void other_dicts(void **state) {
                            {"track_mask", 2, {2, WALK_FRAMES}, mask[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(slahmr), slahmr));
     assert_walk(f, path, NULL, 30, "SLAHMR", "track 1 of 2");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "0"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 4);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "0"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 4);
+    sherf_motion_free(motion);
     refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
     npz_member aitviewer[] = {{"poses_body", 2, {WALK_FRAMES, 63}, body[1][0]},
                               {"poses_root", 2, {WALK_FRAMES, 3}, up.root[0]},
@@ -464,11 +465,11 @@ static void joints_alone(void **state) {
     npz_member results[] = {{"motion", 4, {2, 22, 3, WALK_FRAMES + 3}, samples[0][0][0]},
                             {"lengths", 1, {2}, lengths}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(results), results));
-    sherf_motion *m;
-    assert_int_equal(sherf_motion_load(f->c, path, NULL, &m), SHERF_BAD_FILE); /* zeros are no body */
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_int_equal(sherf_motion_load(f->c, path, NULL, &motion), SHERF_BAD_FILE); /* zeros are no body */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    sherf_motion_free(motion);
     path = test_path("features.npy");
     assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 263}, features[0]));
     const double begin[3] = {at[0][0][0], 0, at[0][0][2]};
@@ -496,10 +497,10 @@ static void folders_of_arrays(void **state) {
             assert_ok(f->c, npz_write(f->c, path, COUNT_OF(one), one));
         }
     assert_walk(f, folder, NULL, 30, "SMPL poses", "track 0 of 2");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "1"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 3);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "1"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 3);
+    sherf_motion_free(motion);
     snprintf(folder, sizeof folder, "%s", test_path("smplifyx"));
     for (int i = 0; i < WALK_FRAMES; i++) {
         static const float unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -567,14 +568,14 @@ static void phalp(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "PHALP", "track 12 of 3");
-    sherf_motion *m; /* person 1 is there in every third frame, from 2 to 11: gaps are filled */
+    sherf_motion *motion; /* person 1 is there in every third frame, from 2 to 11: gaps are filled */
     assert_ok(f->c,
-              sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1", .body = f->body}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 10);
+              sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1", .body = f->body}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 10);
     sherf_pose p;
-    sherf_motion_pose(m, 3, &p);
+    sherf_motion_pose(motion, 3, &p);
     assert_true(walk_distance(f->c, f->body, &p, &f->walk.pose[5]) < 1e-3);
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 }
 
 /* Written by joblib 1.x's rules: the bytes of arrays stand in the stream, behind wrappers; packed or not. */
@@ -582,18 +583,18 @@ static void joblib(void **state) {
     const walk_fixture *f = *state;
     static const char *const path[] = {"data/io/joblib.pkl", "data/io/joblib_zlib.pkl"};
     for (size_t n = 0; n < COUNT_OF(path); n++) {
-        sherf_motion *m;
+        sherf_motion *motion;
         sherf_pose p;
-        assert_ok(f->c, sherf_motion_load(f->c, path[n], NULL, &m));
-        assert_non_null(strstr(sherf_motion_description(m), "WHAM"));
-        assert_int_equal(sherf_motion_frame_count(m), 5);
+        assert_ok(f->c, sherf_motion_load(f->c, path[n], NULL, &motion));
+        assert_non_null(strstr(sherf_motion_description(motion), "WHAM"));
+        assert_int_equal(sherf_motion_frame_count(motion), 5);
         for (int i = 0; i < 5;
              i++) { /* pose_world[i, k] = (i + k / 100) / 10, trans_world in Fortran's order */
-            sherf_motion_pose(m, i, &p);
+            sherf_motion_pose(motion, i, &p);
             assert_float_equal(p.poses_rad[10], (i + 0.1) / 10, 1e-5);
             for (int a = 0; a < 3; a++) assert_float_equal(p.Th_m[a], i + 0.25 * a, 1e-5);
         }
-        sherf_motion_free(m);
+        sherf_motion_free(motion);
     }
 }
 
@@ -641,10 +642,10 @@ static void easymocap(void **state) {
         fclose(out);
     }
     assert_walk(f, folder, NULL, 30, "EasyMocap", "person 2");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "5"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 8);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, folder, &(sherf_motion_options){.track = "5"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 8);
+    sherf_motion_free(motion);
     refused(f, folder, &(sherf_motion_options){.track = "6"}, SHERF_BAD_ARGUMENT, "'6'");
     const char *list = test_path("easymocap.json");
     for (int nested = 0; nested < 2; nested++) { /* a list of people a frame, or of one person */
@@ -829,16 +830,16 @@ static void bvh_tangled_rest(void **state) {
         along_bone(f->walk.skeleton.rest_m[from], f->walk.skeleton.rest_m[to], 0.7 * j, own[j]);
     }
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, .own = (const double(*)[9])own});
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
-    assert_non_null(strstr(sherf_motion_description(m), "calibrated"));
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    assert_non_null(strstr(sherf_motion_description(motion), "calibrated"));
     double worst = 0;
     for (int i = 0; i < WALK_FRAMES; i++) {
         sherf_pose p;
-        sherf_motion_pose(m, i, &p);
+        sherf_motion_pose(motion, i, &p);
         worst = fmax(worst, walk_distance(f->c, f->body, &p, &f->walk.pose[i]));
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     if (!(worst < 0.03)) fail_msg("a vertex is %g m off", worst);
 }
 
@@ -852,9 +853,9 @@ static void broken_scenes(void **state) {
         FILE *out = fopen(path, "wb");
         fwrite(begins[i], 1, i ? strlen(begins[i]) : 12, out);
         fclose(out);
-        sherf_motion *m;
-        const sherf_status status = sherf_motion_load(f->c, path, NULL, &m);
-        assert_null(m);
+        sherf_motion *motion;
+        const sherf_status status = sherf_motion_load(f->c, path, NULL, &motion);
+        assert_null(motion);
         assert_true(status == SHERF_BAD_FILE ||
                     (status == SHERF_UNSUPPORTED && strstr(f->c->message, "libassimp")));
         assert_non_null(strstr(f->c->message, "broken.fbx: "));
@@ -869,33 +870,33 @@ static void captured_clips(void **state) {
                                           "/usr/share/assimp/models/BVH/01_03.bvh"};
     static const double y[3] = {0, 1, 0};
     for (size_t n = 0; n < COUNT_OF(clip_of); n++) {
-        sherf_motion *m;
+        sherf_motion *motion;
         if (!path_is_file(clip_of[n])) skip();
         assert_ok(f->c, sherf_motion_load(f->c, clip_of[n],
-                                          &(sherf_motion_options){.body = f->body, .fps_max = 30}, &m));
-        assert_non_null(strstr(sherf_motion_description(m), "names of CMU"));
-        assert_float_equal(sherf_motion_fps(m), 30, 1e-9);
+                                          &(sherf_motion_options){.body = f->body, .fps_max = 30}, &motion));
+        assert_non_null(strstr(sherf_motion_description(motion), "names of CMU"));
+        assert_float_equal(sherf_motion_fps(motion), 30, 1e-9);
         double lowest = INFINITY;
-        for (int i = 1; i < m->clip.frames; i++)
-            lowest = fmin(lowest, skeleton_lowest(&m->skeleton, (const float(*)[4])m->clip.turn[i],
-                                                  m->clip.pelvis_m[i], y));
+        for (int i = 1; i < motion->clip.frames; i++)
+            lowest = fmin(lowest, skeleton_lowest(&motion->skeleton, (const float(*)[4])motion->clip.turn[i],
+                                                  motion->clip.pelvis_m[i], y));
         assert_float_equal(lowest, 0, 0.08);
-        sherf_motion_free(m);
+        sherf_motion_free(motion);
     }
 }
 
 /* The file's animation, read as any other motion, is m. */
-static void assert_glb_is(const walk_fixture *f, const char *path, const sherf_motion *m) {
+static void assert_glb_is(const walk_fixture *f, const char *path, const sherf_motion *motion) {
     sherf_motion *got = NULL;
     sherf_pose now, then;
     sherf_status status = sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &got);
     if (status == SHERF_UNSUPPORTED && strstr(f->c->message, "libassimp")) return; /* a build without it */
     assert_ok(f->c, status);
-    assert_int_equal(got->clip.frames, m->clip.frames);
-    assert_float_equal(got->clip.fps, m->clip.fps, 1e-3);
-    for (int i = 0; i < m->clip.frames; i++) {
+    assert_int_equal(got->clip.frames, motion->clip.frames);
+    assert_float_equal(got->clip.fps, motion->clip.fps, 1e-3);
+    for (int i = 0; i < motion->clip.frames; i++) {
         sherf_motion_pose(got, i, &now);
-        sherf_motion_pose(m, i, &then);
+        sherf_motion_pose(motion, i, &then);
         for (int k = 0; k < 72; k++) assert_float_equal(now.poses_rad[k], then.poses_rad[k], 1e-3);
         for (int k = 0; k < 3; k++) assert_float_equal(now.Th_m[k], then.Th_m[k], 1e-3);
     }
@@ -907,17 +908,17 @@ static void saved(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("walk2.bvh"), *npz = test_path("saved.npz");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &m));
-    assert_ok(f->c, sherf_motion_save(f->c, m, npz));
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    assert_ok(f->c, sherf_motion_save(f->c, motion, npz));
     const char *text = test_path("saved.bvh");
-    assert_ok(f->c, sherf_motion_save(f->c, m, text));
+    assert_ok(f->c, sherf_motion_save(f->c, motion, text));
     assert_walk(f, text, NULL, 20, "names of SMPL", "a unit is 0.01 m");
-    assert_int_equal(sherf_motion_save(f->c, m, test_path("saved.fbx")), SHERF_BAD_ARGUMENT);
+    assert_int_equal(sherf_motion_save(f->c, motion, test_path("saved.fbx")), SHERF_BAD_ARGUMENT);
     const char *scene = test_path("saved.glb");
-    assert_ok(f->c, sherf_motion_save(f->c, m, scene));
-    assert_glb_is(f, scene, m);
-    sherf_motion_free(m);
+    assert_ok(f->c, sherf_motion_save(f->c, motion, scene));
+    assert_glb_is(f, scene, motion);
+    sherf_motion_free(motion);
     assert_walk(f, npz, NULL, 20, "AMASS, SMPL", "z up");
     document *d;
     assert_ok(f->c, npz_read(f->c, npz, &d));
@@ -934,30 +935,30 @@ static void options_together(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("options.bvh");
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_smpl_names, 24, 0.01});
-    sherf_motion *m;
+    sherf_motion *motion;
     sherf_pose p, start = f->walk.pose[2];
     start.Th_m[2] = 7;
     sherf_motion_options o = {.body = f->body, .first = 2, .last = 9, .start = &start, .blend_s = 0.5};
-    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
-    assert_int_equal(sherf_motion_blend_frames(m), 10);
-    assert_int_equal(sherf_motion_frame_count(m), 18);
-    sherf_motion_pose(m, 0, &p);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &motion));
+    assert_int_equal(sherf_motion_blend_frames(motion), 10);
+    assert_int_equal(sherf_motion_frame_count(motion), 18);
+    sherf_motion_pose(motion, 0, &p);
     assert_true(walk_distance(f->c, f->body, &p, &start) < 1e-3);
-    sherf_motion_pose(m, 10, &p); /* the pose is the walk's frame 2, so nothing moves until then */
+    sherf_motion_pose(motion, 10, &p); /* the pose is the walk's frame 2, so nothing moves until then */
     assert_true(walk_distance(f->c, f->body, &p, &start) < 1e-3);
-    sherf_motion_pose_at(m, 10.5 / walk_fps, &p);
+    sherf_motion_pose_at(motion, 10.5 / walk_fps, &p);
     assert_true(walk_distance(f->c, f->body, &p, &start) > 5e-3);
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     o.loop = 1;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 17);
+    assert_ok(f->c, sherf_motion_load(f->c, path, &o, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 17);
     sherf_pose q;
     for (int i = 0; i < 30; i++) { /* 7 frames go round behind the blend of 10 */
-        sherf_motion_pose_at(m, (10 + i * 0.3) / walk_fps, &p);
-        sherf_motion_pose_at(m, (10 + i * 0.3 + 21) / walk_fps, &q);
+        sherf_motion_pose_at(motion, (10 + i * 0.3) / walk_fps, &p);
+        sherf_motion_pose_at(motion, (10 + i * 0.3 + 21) / walk_fps, &q);
         assert_true(walk_distance(f->c, f->body, &p, &q) < 1e-3);
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
     refused(f, path, &(sherf_motion_options){.first = 12}, SHERF_BAD_ARGUMENT, "frame 12");
     refused(f, path, &(sherf_motion_options){.first = 10, .loop = 1}, SHERF_BAD_ARGUMENT, "loop");
     refused(f, path, &(sherf_motion_options){.smooth_s = NAN}, SHERF_BAD_ARGUMENT, "smooth");
@@ -999,11 +1000,11 @@ static void wrong_numbers(void **state) {
     } shaped[] = {
         {0, 12, 71, "71 numbers"}, {0, 0, 72, "no rows"}, {1, 11, 3, "33 numbers"}, {1, 18, 2, "not three"}};
     for (size_t i = 0; i < COUNT_OF(shaped); i++) {
-        npz_member *m = &member[shaped[i].member], was = *m;
-        m->dim[0] = shaped[i].rows, m->dim[1] = shaped[i].width;
+        npz_member *entry = &member[shaped[i].member], was = *entry;
+        entry->dim[0] = shaped[i].rows, entry->dim[1] = shaped[i].width;
         assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
         refused(f, path, NULL, SHERF_BAD_FILE, shaped[i].says);
-        *m = was;
+        *entry = was;
     }
     member[2].data = &none;
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
@@ -1033,20 +1034,21 @@ static void damaged(void **state) {
             uint64_t key = random_key(3, made[n], (uint64_t)round);
             size_t length = round < 60 ? (size_t)random_below(key, 0, (int64_t)bytes) : bytes;
             unsigned char *copy = malloc(length + 1);
-            sherf_motion *m;
+            sherf_motion *motion;
             memcpy(copy, data, length);
             for (int k = 0; k < 4 && round >= 60; k++)
                 copy[random_below(key, 2 * (uint64_t)k + 1, (int64_t)length)] =
                     (unsigned char)random_below(key, 2 * (uint64_t)k + 2, 256);
             f->c->message[0] = 0;
-            sherf_status status = motion_parse(f->c, copy, length, &(sherf_motion_options){0}, &m);
-            if (status ? m != NULL || !f->c->message[0] : !m) fail_msg("%s, round %d", made[n], round);
-            for (int i = 0; m && i < sherf_motion_frame_count(m); i++) {
+            sherf_status status = motion_parse(f->c, copy, length, &(sherf_motion_options){0}, &motion);
+            if (status ? motion != NULL || !f->c->message[0] : !motion)
+                fail_msg("%s, round %d", made[n], round);
+            for (int i = 0; motion && i < sherf_motion_frame_count(motion); i++) {
                 sherf_pose p;
-                sherf_motion_pose(m, i, &p);
+                sherf_motion_pose(motion, i, &p);
                 for (int k = 0; k < 72; k++) assert_true(isfinite(p.poses_rad[k]));
             }
-            sherf_motion_free(m);
+            sherf_motion_free(motion);
             free(copy);
         }
         mem_free(data);
@@ -1089,13 +1091,13 @@ static void without_memory(void **state) {
         size_t live = mem_live();
         sherf_status status = SHERF_NO_MEMORY;
         for (long k = 0; status; k++) {
-            sherf_motion *m;
+            sherf_motion *motion;
             mem_fail_after(k);
-            status = sherf_motion_load(f->c, test_path(made[n]), &o, &m);
+            status = sherf_motion_load(f->c, test_path(made[n]), &o, &motion);
             mem_fail_after(-1);
             if (status && status != SHERF_NO_MEMORY) fail_msg("%s: %s", made[n], f->c->message);
             assert_true(k < 5000);
-            sherf_motion_free(m);
+            sherf_motion_free(motion);
             assert_int_equal(mem_live(), live);
         }
     }

@@ -65,19 +65,19 @@ static void frames_by_picture(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_npy(&w, path));
     assert_walk(f, path, NULL, 30, "ROMP", "row 0 of each frame's up to 2 people");
-    sherf_motion *m; /* row 1 is there in frames 1, 4, 7, 10: gaps are filled */
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 10);
-    sherf_motion_free(m);
+    sherf_motion *motion; /* row 1 is there in frames 1, 4, 7, 10: gaps are filled */
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 10);
+    sherf_motion_free(motion);
     path = test_path("picture.npz"); /* of one picture: two people are no two frames */
     const float sure[2] = {1, 1};
     npz_member picture[] = {{"smpl_thetas", 2, {2, 72}, down.smpl[0]},
                             {"cam_trans", 2, {2, 3}, down.trans[0]},
                             {"center_confs", 2, {2, 1}, sure}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(picture), picture));
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 1);
-    sherf_motion_free(m);
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 1);
+    sherf_motion_free(motion);
 }
 
 /* {person: {body_pose (F, 69), ...}}: whoever is there longest, or by name. {frame: {body_pose (1, 69),
@@ -104,10 +104,10 @@ static void dicts_of_dicts(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "track person_0 of 2", "y up");
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "person_1"}, &m));
-    assert_int_equal(sherf_motion_frame_count(m), 2);
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "person_1"}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), 2);
+    sherf_motion_free(motion);
     refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
     for (int people = 2; people; people--) { /* a list of people; of one alone, too */
         pickle_begin(&w, f->c);
@@ -170,11 +170,11 @@ static void said_not_guessed(void **state) {
     arrays_of(&f->walk, walk_y_up, &a);
     npz_member member[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]}};
     assert_ok(f->c, npz_write(f->c, path, 1, member));
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-    if (!strstr(sherf_motion_description(m), "no translation"))
-        fail_msg("\"%s\"", sherf_motion_description(m));
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    if (!strstr(sherf_motion_description(motion), "no translation"))
+        fail_msg("\"%s\"", sherf_motion_description(motion));
+    sherf_motion_free(motion);
     for (int i = 0; i < WALK_FRAMES * 72; i++) a.smpl[i / 72][i % 72] *= (float)(180 / M_PI);
     assert_ok(f->c, npz_write(f->c, path, 1, member));
     refused(f, path, NULL, SHERF_BAD_FILE, "these are degrees");
@@ -201,10 +201,10 @@ static void knees_that_bend_forwards(void **state) {
             R[1 + transposed][2 - transposed] = -(float)sin(angle);
         }
         assert_ok(f->c, npz_write(f->c, path, 1, member));
-        sherf_motion *m;
-        assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-        assert_int_equal(strstr(sherf_motion_description(m), "knees bend forwards") != NULL, transposed);
-        sherf_motion_free(m);
+        sherf_motion *motion;
+        assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+        assert_int_equal(strstr(sherf_motion_description(motion), "knees bend forwards") != NULL, transposed);
+        sherf_motion_free(motion);
     }
 }
 
@@ -222,11 +222,11 @@ static void frames_before_people(void **state) {
             memcpy(frames_first[i][person], people_first[person][i], sizeof a.smpl[i]);
         }
     npz_member member[] = {{"poses", 3, {2, WALK_FRAMES, 72}, people_first[0][0]}};
-    sherf_motion *m;
+    sherf_motion *motion;
     assert_ok(f->c, npz_write(f->c, path, 1, member));
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-    assert_int_equal(sherf_motion_frame_count(m), WALK_FRAMES);
-    sherf_motion_free(m);
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    sherf_motion_free(motion);
     member[0] = (npz_member){"poses", 3, {WALK_FRAMES, 2, 72}, frames_first[0][0]};
     assert_ok(f->c, npz_write(f->c, path, 1, member));
     refused(f, path, NULL, SHERF_BAD_FILE, "frames come first");
@@ -285,14 +285,14 @@ static void arrays_of_three(void **state) {
     assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "from joints");
     arrays_of(&f->walk, walk_y_up, &up);
     assert_ok(f->c, npy_write_f32(f->c, path, 3, (const int64_t[]){WALK_FRAMES, 24, 3}, up.smpl[0]));
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
     for (int i = 0; i < WALK_FRAMES; i++) {
         sherf_pose p;
-        sherf_motion_pose(m, i, &p);
+        sherf_motion_pose(motion, i, &p);
         for (int k = 3; k < 72; k++) assert_float_equal(p.poses_rad[k], up.smpl[i][k], 1e-4);
     }
-    sherf_motion_free(m);
+    sherf_motion_free(motion);
 }
 
 /* ---- BVH ---- */
@@ -315,10 +315,11 @@ static void bvh_by_place(void **state) {
         assert_walk(f, path, NULL, 20, "names of Unreal", "y up");
     }
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_unreal_names, 20, 0.01});
-    sherf_motion *m;
-    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
-    if (!strstr(sherf_motion_description(m), ", without wrists")) fail_msg("%s", sherf_motion_description(m));
-    sherf_motion_free(m);
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    if (!strstr(sherf_motion_description(motion), ", without wrists"))
+        fail_msg("%s", sherf_motion_description(motion));
+    sherf_motion_free(motion);
 }
 
 static char *text_of(context *c, const char *path) {

@@ -68,10 +68,10 @@ static void scene_close(scene *s) {
     assert_int_equal(mem_live(), 0);
 }
 
-static gpu_avatar *avatar(scene *s, const made *m, bool bf16) {
+static gpu_avatar *avatar(scene *s, const made *fixture, bool bf16) {
     radiance_parts parts;
     gpu_avatar *a;
-    assert_ok(s->c, radiance_parts_create(s->c, &m->s, &m->w, &m->bank, &parts));
+    assert_ok(s->c, radiance_parts_create(s->c, &fixture->s, &fixture->w, &fixture->bank, &parts));
     assert_ok(s->c, s->gpu->place(s->c, s->body, s->seen, &s->seen_by, &parts, bf16, &a));
     radiance_parts_free(&parts);
     return a;
@@ -157,25 +157,25 @@ static void check_points(scene *s, gpu_avatar *a, float angle_rad, float blend_m
 
 static void points_agree(void **state) {
     scene s;
-    made m;
+    made fixture;
     scene_open(&s);
-    made_create(&m, &made_odd, 12, 24, 0.03f, 8, 8, 12);
-    gpu_avatar *a = avatar(&s, &m, false);
+    made_create(&fixture, &made_odd, 12, 24, 0.03f, 8, 8, 12);
+    gpu_avatar *a = avatar(&s, &fixture, false);
     check_points(&s, a, 0.5f, 0, 48, 0, false);
     check_points(&s, a, -0.6f, 0.02f, 33, 0, true);
     check_points(&s, a, -0.6f, 0.02f, 12, 0.03f, false);
     s.gpu->release(a);
-    made_free(&m);
+    made_free(&fixture);
     scene_close(&s);
 }
 
 /* The CPU's values of a made network's points. */
-static void host_values(context *c, const made *m, float **rgb, float **sigma) {
+static void host_values(context *c, const made *fixture, float **rgb, float **sigma) {
     radiance_field *n;
-    *rgb = mem_alloc(c, (size_t)m->points.count, 3 * sizeof(float));
-    *sigma = mem_alloc(c, (size_t)m->points.count, sizeof(float));
-    assert_ok(c, radiance_field_create(c, &m->s, &m->w, &m->bank, false, &n));
-    assert_ok(c, radiance_field_run(c, n, &m->points, *rgb, *sigma));
+    *rgb = mem_alloc(c, (size_t)fixture->points.count, 3 * sizeof(float));
+    *sigma = mem_alloc(c, (size_t)fixture->points.count, sizeof(float));
+    assert_ok(c, radiance_field_create(c, &fixture->s, &fixture->w, &fixture->bank, false, &n));
+    assert_ok(c, radiance_field_run(c, n, &fixture->points, *rgb, *sigma));
     radiance_field_free(n);
 }
 
@@ -195,19 +195,19 @@ static void compare(const float *got, const float *want, int64_t n, double *wors
 static void check_network(scene *s, const radiance_sizes *sizes, int side, bool bf16, bool fits,
                           double worst_allowed, double rms_allowed) {
     context *c = s->c;
-    made m;
+    made fixture;
     float *rgb[2], *sigma[2], *want_rgb, *want_sigma;
-    made_create(&m, sizes, 24, 32, 0.04f, side, side, 12);
-    const int64_t n = m.points.count;
-    m.points.canonical[0] = NAN; /* such a point harms no other */
-    host_values(c, &m, &want_rgb, &want_sigma);
-    gpu_avatar *a = avatar(s, &m, bf16);
+    made_create(&fixture, sizes, 24, 32, 0.04f, side, side, 12);
+    const int64_t n = fixture.points.count;
+    fixture.points.canonical[0] = NAN; /* such a point harms no other */
+    host_values(c, &fixture, &want_rgb, &want_sigma);
+    gpu_avatar *a = avatar(s, &fixture, bf16);
     assert_int_equal(s->gpu->in_bf16(a), bf16 && fits);
     for (int order = 0; order < 2; order++) {
         rgb[order] = mem_alloc(c, (size_t)n, 3 * sizeof(float));
         sigma[order] = mem_alloc(c, (size_t)n, sizeof(float));
         cuda_emulated_order = order;
-        assert_ok(c, s->gpu->run(c, a, &m.points, rgb[order], sigma[order]));
+        assert_ok(c, s->gpu->run(c, a, &fixture.points, rgb[order], sigma[order]));
     }
     cuda_emulated_order = 0;
     assert_memory_equal(rgb[0] + 3, rgb[1] + 3, (size_t)(n - 1) * 3 * sizeof(float));
@@ -216,7 +216,7 @@ static void check_network(scene *s, const radiance_sizes *sizes, int side, bool 
     compare(rgb[0] + 3, want_rgb + 3, 3 * (n - 1), &worst[0], &rms[0]);
     compare(sigma[0] + 1, want_sigma + 1, n - 1, &worst[1], &rms[1]);
     print_message("%lld points, %s, decoder %d: colour %.1e (rms %.1e), density %.1e (rms %.1e)\n",
-                  (long long)n, bf16 && fits ? "bf16" : "float32", m.s.decoder_width, worst[0], rms[0],
+                  (long long)n, bf16 && fits ? "bf16" : "float32", fixture.s.decoder_width, worst[0], rms[0],
                   worst[1], rms[1]);
     for (int i = 0; i < 2; i++) assert_true(worst[i] <= worst_allowed && rms[i] <= rms_allowed);
     for (int k = 0; k < 2; k++) {
@@ -226,7 +226,7 @@ static void check_network(scene *s, const radiance_sizes *sizes, int side, bool 
     mem_free(want_rgb);
     mem_free(want_sigma);
     s->gpu->release(a);
-    made_free(&m);
+    made_free(&fixture);
 }
 
 static void float_network_agrees(void **state) {
@@ -246,7 +246,7 @@ static void bf16_network_agrees(void **state) {
     scene_close(&s);
 }
 
-static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, double psnr_needed) {
+static void check_frame(scene *s, const made *fixture, bool bf16, bool early_stop, double psnr_needed) {
     context *c = s->c;
     posed_body *whole, *joints;
     sherf_camera camera;
@@ -262,9 +262,9 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
     assert_ok(c, rays_create(c, &camera, min, max, &rays));
     assert_ok(c,
               points_create(c, s->body, whole, rays, o.samples, s->seen, &s->seen_by, NULL, false, &points));
-    assert_ok(c, radiance_field_create(c, &m->s, &m->w, &m->bank, false, &n));
+    assert_ok(c, radiance_field_create(c, &fixture->s, &fixture->w, &fixture->bank, false, &n));
     assert_ok(c, radiance_field_render(c, n, rays, points, o.background, false, &want));
-    gpu_avatar *a = avatar(s, m, bf16);
+    gpu_avatar *a = avatar(s, fixture, bf16);
     assert_ok(c, s->gpu->render(c, a, joints, &camera, &o, &got));
     assert_int_equal(got.points, points->count);
     cuda_emulated_order = 1;
@@ -293,26 +293,26 @@ static void check_frame(scene *s, const made *m, bool bf16, bool early_stop, dou
 
 static void frames_agree(void **state) {
     scene s;
-    made m;
+    made fixture;
     scene_open(&s);
-    made_create(&m, &made_narrow, 24, 32, 0.04f, 8, 8, 12);
-    check_frame(&s, &m, false, false, 60);
-    check_frame(&s, &m, true, true, 45);
-    made_free(&m);
+    made_create(&fixture, &made_narrow, 24, 32, 0.04f, 8, 8, 12);
+    check_frame(&s, &fixture, false, false, 60);
+    check_frame(&s, &fixture, true, true, 45);
+    made_free(&fixture);
     scene_close(&s);
 }
 
 /* A pose that is too large, and a camera that sees nothing. */
 static void refusals(void **state) {
     scene s;
-    made m;
+    made fixture;
     posed_body *whole, *joints;
     sherf_camera camera;
     sherf_frame frame = {0};
     gpu_frame_options o = {.samples = 12};
     scene_open(&s);
-    made_create(&m, &made_odd, 12, 24, 0.03f, 8, 8, 12);
-    gpu_avatar *a = avatar(&s, &m, false);
+    made_create(&fixture, &made_odd, 12, 24, 0.03f, 8, 8, 12);
+    gpu_avatar *a = avatar(&s, &fixture, false);
     target_pose(&s, 0.5f, 0, &whole, &joints);
     camera_at(0.7f, 20, 20, &camera);
     camera.T_m[2] = -5; /* the person is behind it */
@@ -326,7 +326,7 @@ static void refusals(void **state) {
     s.gpu->release(a);
     posed_body_free(whole);
     posed_body_free(joints);
-    made_free(&m);
+    made_free(&fixture);
     scene_close(&s);
 }
 

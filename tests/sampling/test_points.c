@@ -124,31 +124,16 @@ static void nobody_in_sight(void **state) {
 }
 
 /* ---- every allocation failing in turn ---- */
+static sherf_status make_points(body_reference *r, const sherf_camera *small, const ray_bundle *rays) {
+    point_set *p = NULL;
+    const sherf_status status =
+        points_create(r->c, r->body, r->target, rays, 48, r->observation, small, NULL, true, &p);
+    points_free(p);
+    return status;
+}
+
 static void allocations_may_fail(void **state) {
-    body_reference *r = *state;
-    context *c = r->c;
-    sherf_camera small = r->target_camera;
-    camera_resize(&small, 16, 16);
-    float min[3], max[3];
-    body_world_box(r->body, r->target, min, max);
-    size_t live = mem_live();
-    for (long n = 0;; n++) {
-        ray_bundle *rays = NULL;
-        point_set *p = NULL;
-        mem_fail_after(n);
-        sherf_status status = rays_create(c, &small, min, max, &rays);
-        if (status == SHERF_OK)
-            status = points_create(c, r->body, r->target, rays, 48, r->observation, &small, NULL, true, &p);
-        mem_fail_after(-1);
-        rays_free(rays);
-        points_free(p);
-        assert_int_equal(mem_live(), live);
-        if (status == SHERF_OK) {
-            assert_true(n > 20);
-            return;
-        }
-        assert_int_equal(status, SHERF_NO_MEMORY);
-    }
+    target_no_memory(*state, make_points, 20);
 }
 
 int main(void) {

@@ -248,32 +248,16 @@ static void raster_draws_the_body(void **state) {
 }
 
 /* ---- every allocation failing in turn ---- */
+static sherf_status draw_body(body_reference *r, const sherf_camera *small, const ray_bundle *rays) {
+    raster *picture = NULL;
+    const sherf_status status = raster_create(r->c, small, 1, 6890, r->target->vertices_smpl, r->body->faces,
+                                              r->body->face, &picture);
+    raster_free(picture);
+    return status;
+}
+
 static void allocations_may_fail(void **state) {
-    body_reference *r = *state;
-    context *c = r->c;
-    sherf_camera small = r->target_camera;
-    camera_resize(&small, 16, 16);
-    float min[3], max[3];
-    body_world_box(r->body, r->target, min, max);
-    size_t live = mem_live();
-    for (long n = 0;; n++) {
-        ray_bundle *rays = NULL;
-        raster *picture = NULL;
-        mem_fail_after(n);
-        sherf_status status = rays_create(c, &small, min, max, &rays);
-        if (status == SHERF_OK)
-            status = raster_create(c, &small, 1, 6890, r->target->vertices_smpl, r->body->faces,
-                                   r->body->face, &picture);
-        mem_fail_after(-1);
-        rays_free(rays);
-        raster_free(picture);
-        assert_int_equal(mem_live(), live);
-        if (status == SHERF_OK) {
-            assert_true(n > 10);
-            return;
-        }
-        assert_int_equal(status, SHERF_NO_MEMORY);
-    }
+    target_no_memory(*state, draw_body, 10);
 }
 
 int main(void) {

@@ -103,4 +103,31 @@ static inline ray_bundle *target_rays(body_reference *r, const sherf_camera *cam
     return rays;
 }
 
+/* Rays at the target and then `make`, which frees its own result, with every allocation failing in turn;
+ * there are more than `least` of them. */
+static inline void target_no_memory(body_reference *r,
+                                    sherf_status (*make)(body_reference *r, const sherf_camera *small,
+                                                         const ray_bundle *rays),
+                                    long least) {
+    sherf_camera small = r->target_camera;
+    camera_resize(&small, 16, 16);
+    float min[3], max[3];
+    body_world_box(r->body, r->target, min, max);
+    const size_t live = mem_live();
+    for (long n = 0;; n++) {
+        ray_bundle *rays = NULL;
+        mem_fail_after(n);
+        sherf_status status = rays_create(r->c, &small, min, max, &rays);
+        if (status == SHERF_OK) status = make(r, &small, rays);
+        mem_fail_after(-1);
+        rays_free(rays);
+        assert_int_equal(mem_live(), live);
+        if (status == SHERF_OK) {
+            assert_true(n > least);
+            return;
+        }
+        assert_int_equal(status, SHERF_NO_MEMORY);
+    }
+}
+
 #endif

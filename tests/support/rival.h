@@ -95,6 +95,7 @@ void rival_losses(context *c, const char *preset, const char *folder, int steps,
 void rival_trains(const char *preset, int steps, double factor);
 /* Six steps in two goes are six steps in one. */
 void rival_goes_on(const char *preset);
-void rival_eval(const char *preset, int *novel_view, int *novel_pose); /* how many pictures are scored */
+/* A new model is scored on two novel views and `novel_poses` pictures in novel poses. */
+void rival_is_scored(const char *preset, int novel_poses);
 
 #endif

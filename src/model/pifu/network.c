@@ -167,8 +167,8 @@ static tensor *block_forward(tape *t, const pifu_block *b, tensor *x) {
     return op_add(t, op_concat(t, 3, part), way);
 }
 
-static tensor *mix_forward(tape *t, const pifu_mix *m, tensor *x) {
-    return op_bias_act(t, op_conv2d(t, x, m->w, 1, 0, 1), m->b, 1, 1, 0);
+static tensor *mix_forward(tape *t, const pifu_mix *mix, tensor *x) {
+    return op_bias_act(t, op_conv2d(t, x, mix->w, 1, 0, 1), mix->b, 1, 1, 0);
 }
 
 /* Two levels: the upper branch at this size, the lower one at half of it and back. blocks: of the outer level

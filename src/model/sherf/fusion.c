@@ -101,11 +101,11 @@ static tensor *sine_layer(tape *t, const fusion_stage *s, tensor *mapped, int64_
 
 /* pi-GAN's FiLM layers; the content is normalised, since frequencies suit values of about 1. */
 static tensor *siren(tape *t, const fusion_stage *s, tensor *style, tensor *content) {
-    tensor *m = op_bias_act(t, linear_forward(t, &s->style[0], style), NULL, 0.2f, 1, 0);
-    m = linear_forward(t, &s->style[1], m);
+    tensor *mapping = op_bias_act(t, linear_forward(t, &s->style[0], style), NULL, 0.2f, 1, 0);
+    mapping = linear_forward(t, &s->style[1], mapping);
     tensor *x = linear_forward(t, &s->sine[0], normalised(t, content));
-    x = linear_forward(t, &s->sine[1], sine_layer(t, s, m, 0, x));
-    return sine_layer(t, s, m, 2 * (int64_t)s->token_width, x);
+    x = linear_forward(t, &s->sine[1], sine_layer(t, s, mapping, 0, x));
+    return sine_layer(t, s, mapping, 2 * (int64_t)s->token_width, x);
 }
 
 /* [3 P, C] of the tokens' C columns each. */

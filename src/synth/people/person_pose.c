@@ -263,43 +263,43 @@ static double draw(dice *d, range r) {
     return r.low + (r.high - r.low) * u;
 }
 
-static void posture_pose(uint64_t key, size_t m, float pose[72]) {
+static void posture_pose(uint64_t key, size_t kind, float pose[72]) {
     dice d = {key, 10};
     memset(pose, 0, 72 * sizeof *pose);
     bool alike = random_uniform(key, 1) < 0.3; /* both sides do the same */
     dice sides = d;
     for (int side = 0; side < 2; side++) {
         if (alike) d = sides;
-        double hip = draw(&d, manner[m].hip), knee = draw(&d, manner[m].knee);
-        set_limb(pose, HIP, side, draw(&d, (range){-0.2, 0.35}), hip, draw(&d, manner[m].spread), 0);
+        double hip = draw(&d, manner[kind].hip), knee = draw(&d, manner[kind].knee);
+        set_limb(pose, HIP, side, draw(&d, (range){-0.2, 0.35}), hip, draw(&d, manner[kind].spread), 0);
         set_limb(pose, KNEE, side, 0, knee, 0, 0);
         set_limb(pose, ANKLE, side, draw(&d, (range){-0.1, 0.1}),
                  -0.5 * (hip + knee) + draw(&d, (range){-0.15, 0.15}), 0, 0);
         set_limb(pose, 13, side, draw(&d, (range){-0.15, 0.1}), 0, draw(&d, (range){-0.1, 0.15}), 0);
-        double turn = draw(&d, manner[m].turn), swing = draw(&d, manner[m].swing),
-               lift = draw(&d, manner[m].lift);
+        double turn = draw(&d, manner[kind].turn), swing = draw(&d, manner[kind].swing),
+               lift = draw(&d, manner[kind].lift);
         set_limb(pose, SHOULDER, side, turn, swing, lift, draw(&d, (range){-0.5, 0.5}));
-        set_limb(pose, ELBOW, side, -draw(&d, manner[m].elbow), 0, 0, draw(&d, (range){-0.5, 0.5}));
+        set_limb(pose, ELBOW, side, -draw(&d, manner[kind].elbow), 0, 0, draw(&d, (range){-0.5, 0.5}));
         set_limb(pose, WRIST, side, draw(&d, (range){-0.3, 0.3}), draw(&d, (range){-0.3, 0.3}),
                  draw(&d, (range){-0.5, 0.4}), 0);
     }
-    double bend = draw(&d, manner[m].bend), lean = draw(&d, (range){-0.14, 0.14}),
+    double bend = draw(&d, manner[kind].bend), lean = draw(&d, (range){-0.14, 0.14}),
            turn = draw(&d, (range){-0.25, 0.25});
     for (int i = 0; i < 3; i++) set_joint(pose, spine[i], turn, bend, lean, 0);
     set_joint(pose, 12, draw(&d, (range){-0.45, 0.45}), draw(&d, (range){-0.25, 0.3}),
               draw(&d, (range){-0.2, 0.2}), 0);
     set_joint(pose, 15, draw(&d, (range){-0.45, 0.45}), draw(&d, (range){-0.25, 0.3}),
               draw(&d, (range){-0.2, 0.2}), 0);
-    set_joint(pose, 0, 0, draw(&d, manner[m].root), draw(&d, (range){-0.06, 0.06}), 0);
+    set_joint(pose, 0, 0, draw(&d, manner[kind].root), draw(&d, (range){-0.06, 0.06}), 0);
 }
 
 static void free_pose(uint64_t key, float pose[72]) {
     double sum = 0, at = 0;
-    size_t m = 0;
+    size_t kind = 0;
     for (size_t i = 0; i < COUNT_OF(manner); i++) sum += manner[i].share;
     at = sum * random_uniform(key, 0);
-    while (m + 1 < COUNT_OF(manner) && at >= manner[m].share) at -= manner[m++].share;
-    posture_pose(key, m, pose);
+    while (kind + 1 < COUNT_OF(manner) && at >= manner[kind].share) at -= manner[kind++].share;
+    posture_pose(key, kind, pose);
 }
 
 /* Every joint of the posture turned a little. */

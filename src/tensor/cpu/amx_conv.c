@@ -108,12 +108,12 @@ AMX static void pack_range(void *arg, int64_t begin, int64_t end, int thread) {
                     const int64_t k = q->k_is_output ? k0 + 2 * j : k0, n = q->k_is_output ? n0 : n0 + j;
                     __m512 low = zero, high = zero;
                     if (q->k_is_output) { /* pairs of w's outputs k, k + 1 for its inputs n .. n + 15 */
-                        const __mmask16 m = lanes(q->N - n);
+                        const __mmask16 mask = lanes(q->N - n);
                         if (k < q->K)
-                            low = _mm512_mask_i32gather_ps(zero, m, step, w + (k * q->I + n) * q->T, 4);
+                            low = _mm512_mask_i32gather_ps(zero, mask, step, w + (k * q->I + n) * q->T, 4);
                         if (k + 1 < q->K)
-                            high =
-                                _mm512_mask_i32gather_ps(zero, m, step, w + ((k + 1) * q->I + n) * q->T, 4);
+                            high = _mm512_mask_i32gather_ps(zero, mask, step, w + ((k + 1) * q->I + n) * q->T,
+                                                            4);
                         v[j] = _mm512_permutexvar_epi16(order, (__m512i)_mm512_cvtne2ps_pbh(high, low));
                     } else { /* w's inputs k .. k + 31 for its output n */
                         if (n < q->N) {

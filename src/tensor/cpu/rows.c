@@ -7,8 +7,8 @@
 row_view rows_of(const tensor *t) {
     const int64_t R = tensor_rows(t), C = tensor_columns(t);
     if (R <= 0 || C <= 0) return (row_view){.channels = C};
-    const int64_t m = C >= 128 ? 1 : 128 / C;
-    row_view v = {.rows = (R + m - 1) / m, .width = C * m, .channels = C};
+    const int64_t fold = C >= 128 ? 1 : 128 / C;
+    row_view v = {.rows = (R + fold - 1) / fold, .width = C * fold, .channels = C};
     v.last = R * C - (v.rows - 1) * v.width;
     const int64_t few = (1 << 14) / v.width + 1, many = (v.rows + 255) / 256; /* 64 KiB; 256 blocks */
     v.block_rows = few > many ? few : many;

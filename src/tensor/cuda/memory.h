@@ -18,9 +18,9 @@ sherf_status wait_for_all(context *c);
 
 /* A place in the stream's order, to be waited for. */
 struct mark;
-mark *mark_make();      /* NULL: it cannot be */
-void mark_set(mark *m); /* here, anew */
-void mark_wait(mark *m);
+mark *mark_make();          /* NULL: it cannot be */
+void mark_set(mark *place); /* here, anew */
+void mark_wait(mark *place);
 
 } // namespace cuda_backend
 #endif

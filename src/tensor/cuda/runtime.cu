@@ -85,12 +85,12 @@ mark *mark_make() {
     return nullptr;
 }
 
-void mark_set(mark *m) {
-    cudaEventRecord((cudaEvent_t)m, stream());
+void mark_set(mark *place) {
+    cudaEventRecord((cudaEvent_t)place, stream());
 }
 
-void mark_wait(mark *m) {
-    cudaEventSynchronize((cudaEvent_t)m);
+void mark_wait(mark *place) {
+    cudaEventSynchronize((cudaEvent_t)place);
 }
 
 } // namespace cuda_backend

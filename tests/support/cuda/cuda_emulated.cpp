@@ -497,12 +497,12 @@ mark *mark_make() {
     return new mark();
 }
 
-void mark_set(mark *m) {
-    m->at = late_done + late.size();
+void mark_set(mark *place) {
+    place->at = late_done + late.size();
 }
 
-void mark_wait(mark *m) {
-    copy_late(m->at);
+void mark_wait(mark *place) {
+    copy_late(place->at);
     lock_memory(true);
 }
 

@@ -32,81 +32,81 @@ static void whole_package(context *c) {
 
 static void reads(void **state) {
     context *c = test_context();
-    makehuman *m = NULL;
+    makehuman *data = NULL;
     whole_package(c);
     size_t live = mem_live();
-    assert_ok(c, makehuman_open(c, folder(), &m));
-    assert_string_equal(m->version, "9.8");
-    assert_int_equal(m->vertices, V);
-    assert_int_equal(m->body_vertices, 8);
-    assert_int_equal(m->quads, 8);
-    assert_int_equal(m->triangles, 5 * 2 + 2);
-    assert_int_equal(m->part[0].quad_count, 7); /* the hat's quad stood in between */
-    assert_int_equal(m->part[1].quad_first, 7);
-    assert_int_equal(m->part[makehuman_part_find(m, "helper-hat")].vertex_first, 8);
-    assert_int_equal(m->quad[4 * 5 + 3], m->quad[4 * 5 + 2]); /* a triangle repeats its last */
-    assert_float_equal(m->vertex[3 * 8 + 1], 0.2, 1e-7);
-    assert_string_equal(m->bone[0].name, "a");
-    assert_int_equal(m->bone[0].parent, -1);
-    assert_int_equal(m->bone[1].parent, 0);
+    assert_ok(c, makehuman_open(c, folder(), &data));
+    assert_string_equal(data->version, "9.8");
+    assert_int_equal(data->vertices, V);
+    assert_int_equal(data->body_vertices, 8);
+    assert_int_equal(data->quads, 8);
+    assert_int_equal(data->triangles, 5 * 2 + 2);
+    assert_int_equal(data->part[0].quad_count, 7); /* the hat's quad stood in between */
+    assert_int_equal(data->part[1].quad_first, 7);
+    assert_int_equal(data->part[makehuman_part_find(data, "helper-hat")].vertex_first, 8);
+    assert_int_equal(data->quad[4 * 5 + 3], data->quad[4 * 5 + 2]); /* a triangle repeats its last */
+    assert_float_equal(data->vertex[3 * 8 + 1], 0.2, 1e-7);
+    assert_string_equal(data->bone[0].name, "a");
+    assert_int_equal(data->bone[0].parent, -1);
+    assert_int_equal(data->bone[1].parent, 0);
     double points[9];
-    makehuman_points(m, m->vertex, points);
-    assert_float_equal(points[3 * m->bone[0].head + 1], -0.1, 1e-7);
-    assert_float_equal(points[3 * m->bone[1].head + 1], 0.1, 1e-7);
-    assert_float_equal(points[3 * m->bone[1].head], 0, 1e-7);
-    assert_int_equal(m->skin_bone[4 * 4], 1);             /* "b____head" is b */
-    assert_float_equal(m->skin_weight[4 * 6], 0.5, 1e-7); /* made to sum to 1 */
-    makehuman_close(m);
+    makehuman_points(data, data->vertex, points);
+    assert_float_equal(points[3 * data->bone[0].head + 1], -0.1, 1e-7);
+    assert_float_equal(points[3 * data->bone[1].head + 1], 0.1, 1e-7);
+    assert_float_equal(points[3 * data->bone[1].head], 0, 1e-7);
+    assert_int_equal(data->skin_bone[4 * 4], 1);             /* "b____head" is b */
+    assert_float_equal(data->skin_weight[4 * 6], 0.5, 1e-7); /* made to sum to 1 */
+    makehuman_close(data);
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
 }
 
-static double shift(context *c, const makehuman *m, const makehuman_macro *macro, int vertex) {
+static double shift(context *c, const makehuman *data, const makehuman_macro *macro, int vertex) {
     float out[V * 3];
-    assert_ok(c, makehuman_shape(c, m, macro, 0, NULL, out));
-    return (double)out[3 * vertex] - (double)m->vertex[3 * vertex];
+    assert_ok(c, makehuman_shape(c, data, macro, 0, NULL, out));
+    return (double)out[3 * vertex] - (double)data->vertex[3 * vertex];
 }
 
 static void shapes(void **state) {
     context *c = test_context();
-    makehuman *m = NULL;
+    makehuman *data = NULL;
     whole_package(c);
-    assert_ok(c, makehuman_open(c, folder(), &m));
+    assert_ok(c, makehuman_open(c, folder(), &data));
     /* by path: breast/female-..., breast/nipple, macro/asian, macro/height, nose */
-    assert_int_equal(makehuman_target_find(m, "breast/female-young-maxcup-minfirmness"), 0);
-    assert_int_equal(makehuman_target_find(m, "nose/nose-up"), 4);
-    assert_int_equal(makehuman_target_find(m, "nose"), -1);
-    assert_int_equal(m->target[1].factors, 0); /* a detail of the breast */
-    assert_int_equal(m->target[3].factors, 5);
-    assert_int_equal(m->target[3].first, 3);
-    assert_int_equal(m->target[3].count, 2);
+    assert_int_equal(makehuman_target_find(data, "breast/female-young-maxcup-minfirmness"), 0);
+    assert_int_equal(makehuman_target_find(data, "nose/nose-up"), 4);
+    assert_int_equal(makehuman_target_find(data, "nose"), -1);
+    assert_int_equal(data->target[1].factors, 0); /* a detail of the breast */
+    assert_int_equal(data->target[3].factors, 5);
+    assert_int_equal(data->target[3].first, 3);
+    assert_int_equal(data->target[3].count, 2);
 
     makehuman_macro macro = makehuman_average;
-    for (int v = 0; v < V; v++) assert_float_equal(shift(c, m, &macro, v), 0, 1e-7);
+    for (int v = 0; v < V; v++) assert_float_equal(shift(c, data, &macro, v), 0, 1e-7);
     macro.sex = 0.25, macro.cup = 0.75, macro.firmness = 0; /* female .75, young, maxcup .5, minfirmness 1 */
-    assert_float_equal(shift(c, m, &macro, 0), 0.75 * 0.5 * 0.1, 1e-6);
+    assert_float_equal(shift(c, data, &macro, 0), 0.75 * 0.5 * 0.1, 1e-6);
     macro = makehuman_average;
     macro.sex = 1, macro.age_years = 57.5, macro.asian = 3; /* male, half old, 3/5 Asian */
-    assert_float_equal(shift(c, m, &macro, 2), 0.5 * 0.6 * 0.3, 1e-6);
+    assert_float_equal(shift(c, data, &macro, 2), 0.5 * 0.6 * 0.3, 1e-6);
     macro.asian = macro.african = macro.caucasian = 0; /* equal parts */
-    assert_float_equal(shift(c, m, &macro, 2), 0.5 / 3 * 0.3, 1e-6);
+    assert_float_equal(shift(c, data, &macro, 2), 0.5 / 3 * 0.3, 1e-6);
     macro = makehuman_average;
     macro.sex = -3, macro.weight = 0.1, macro.height = 7, macro.age_years = NAN; /* clamped; NaN is average */
-    assert_float_equal(shift(c, m, &macro, 4), 0.8 * 0.4, 1e-6);
+    assert_float_equal(shift(c, data, &macro, 4), 0.8 * 0.4, 1e-6);
 
     float out[V * 3];
     makehuman_detail detail = {4, -0.5}, wrong = {5, 1};
-    assert_ok(c, makehuman_shape(c, m, &makehuman_average, 1, &detail, out));
-    assert_float_equal(out[3 * 5] - m->vertex[3 * 5], -0.25, 1e-6);
-    assert_int_equal(makehuman_shape(c, m, &makehuman_average, 1, &wrong, out), SHERF_BAD_ARGUMENT);
-    makehuman_close(m);
+    assert_ok(c, makehuman_shape(c, data, &makehuman_average, 1, &detail, out));
+    assert_float_equal(out[3 * 5] - data->vertex[3 * 5], -0.25, 1e-6);
+    assert_int_equal(makehuman_shape(c, data, &makehuman_average, 1, &wrong, out), SHERF_BAD_ARGUMENT);
+    makehuman_close(data);
     sherf_context_free(c);
 }
 
 /* Every file cut short anywhere is refused, by name, and nothing is left over. */
 static void truncated(void **state) {
     context *c = test_context();
-    makehuman *m = NULL;
+    makehuman *loaded = NULL;
     whole_package(c);
     size_t live = mem_live();
     for (int which = 0; which < FILES; which++) {
@@ -117,31 +117,31 @@ static void truncated(void **state) {
         assert_ok(c, file_read(c, path, 1 << 20, &data, &bytes));
         for (size_t n = 0; n < bytes; n += 1 + bytes / 97) {
             write_file(which, data, n);
-            sherf_status status = makehuman_open(c, folder(), &m);
+            sherf_status status = makehuman_open(c, folder(), &loaded);
             if (status != SHERF_BAD_FILE)
                 fail_msg("%s, %zu bytes: status %d", makehuman_names[which], n, (int)status);
             assert_non_null(strstr(c->message, makehuman_names[which]));
-            assert_null(m);
+            assert_null(loaded);
         }
         write_file(which, data, bytes);
         mem_free(data);
         assert_int_equal(mem_live(), live);
     }
-    assert_ok(c, makehuman_open(c, folder(), &m));
-    makehuman_close(m);
+    assert_ok(c, makehuman_open(c, folder(), &loaded));
+    makehuman_close(loaded);
     sherf_context_free(c);
 }
 
 /* One text in one file replaced by another. */
 static void refused(context *c, int which, const char *from, const char *to) {
-    makehuman *m = NULL;
+    makehuman *data = NULL;
     const char *at = strstr(makehuman_texts[which], from);
     if (!at) fail_msg("no %s", from);
     char *text = malloc(strlen(makehuman_texts[which]) + strlen(to) + 1);
     int n = sprintf(text, "%.*s%s%s", (int)(at - makehuman_texts[which]), makehuman_texts[which], to,
                     at + strlen(from));
     write_file(which, text, (size_t)n);
-    if (makehuman_open(c, folder(), &m) != SHERF_BAD_FILE) fail_msg("%s for %s was taken", to, from);
+    if (makehuman_open(c, folder(), &data) != SHERF_BAD_FILE) fail_msg("%s for %s was taken", to, from);
     write_file(which, makehuman_texts[which], strlen(makehuman_texts[which]));
     free(text);
 }
@@ -177,8 +177,8 @@ static void hostile(void **state) {
     refused(c, 3, "asian-male-old", "nobody");
     refused(c, 3, "\"data/targets/nose/nose-up.target\": [],", "");
     assert_int_equal(mem_live(), live);
-    makehuman *m = NULL;
-    assert_int_equal(makehuman_open(c, "/nowhere", &m), SHERF_NO_FILE);
+    makehuman *data = NULL;
+    assert_int_equal(makehuman_open(c, "/nowhere", &data), SHERF_NO_FILE);
     sherf_context_free(c);
 }
 
@@ -189,12 +189,12 @@ static void short_of_memory(void **state) {
     size_t live = mem_live();
     sherf_status status = SHERF_NO_MEMORY;
     for (long n = 0; status == SHERF_NO_MEMORY; n++) {
-        makehuman *m = NULL;
+        makehuman *data = NULL;
         mem_fail_after(n);
-        status = makehuman_open(c, folder(), &m);
+        status = makehuman_open(c, folder(), &data);
         mem_fail_after(-1);
         if (n > 100000) fail_msg("it never succeeds");
-        makehuman_close(m);
+        makehuman_close(data);
         assert_int_equal(mem_live(), live);
     }
     assert_int_equal(status, SHERF_OK);

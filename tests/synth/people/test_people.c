@@ -184,20 +184,20 @@ static void test_dye(void **state) {
     static uint8_t texel[4 * W * H];
     make_texels(texel);
     image_u8 texture = {W, H, 4, texel}, out;
-    dye_map *m;
-    assert_ok(c, dye_map_create(c, p, at, true, 0.3f, &texture, &m));
-    assert_int_equal(m->parts, 2);
-    int blue = m->part[20 * W + 2], white = m->part[20 * W + 36];
+    dye_map *map;
+    assert_ok(c, dye_map_create(c, p, at, true, 0.3f, &texture, &map));
+    assert_int_equal(map->parts, 2);
+    int blue = map->part[20 * W + 2], white = map->part[20 * W + 36];
     assert_int_not_equal(blue, white);
-    assert_float_equal(m->of[blue].share, 0.5f, 0.05f);
-    assert_float_equal(m->of[white].low[1], 0.5f, 0.02f);
-    assert_float_equal(m->place[3 * (H / 2 * W + 8)], 0.1f, 0.02f); /* halfway along the first square */
+    assert_float_equal(map->of[blue].share, 0.5f, 0.05f);
+    assert_float_equal(map->of[white].low[1], 0.5f, 0.02f);
+    assert_float_equal(map->place[3 * (H / 2 * W + 8)], 0.1f, 0.02f); /* halfway along the first square */
     dye_recipe r[DYE_PARTS] = {0};
     r[blue] = (dye_recipe){.pattern = DYE_PLAIN, .color = {{0.1f, 0.6f, 0.2f}}, .detail = 1};
     r[white] = (dye_recipe){
         .pattern = DYE_BANDS, .color = {{1, 1, 0}, {0, 0, 1}}, .scale_m = 0.05f, .ratio = 0.5f, .key = 7};
     dye_cut cut = {-INFINITY, INFINITY};
-    assert_ok(c, dye_apply(c, m, &texture, r, &cut, &out));
+    assert_ok(c, dye_apply(c, map, &texture, r, &cut, &out));
     const uint8_t *plain = out.data + 4 * (30 * W + 2), *print = out.data + 4 * (12 * W + 6);
     assert_in_range(plain[1], 140, 165);
     assert_in_range(plain[0], 20, 32);
@@ -211,13 +211,13 @@ static void test_dye(void **state) {
     assert_in_range(yellow, 12, 28);
     mem_free(out.data);
     cut = (dye_cut){0.1f, INFINITY}; /* shorts: the lower half of the lower square goes */
-    assert_ok(c, dye_apply(c, m, &texture, r, &cut, &out));
+    assert_ok(c, dye_apply(c, map, &texture, r, &cut, &out));
     assert_int_equal(out.data[4 * ((H - 2) * W + 2) + 3], 0);
     assert_int_equal(out.data[4 * (2 * W + 2) + 3], 255);
     assert_int_equal(out.data[4 * ((H - 2) * W + 36) + 3], 255);
     mem_free(out.data);
-    assert_int_equal(dye_apply(c, m, &(image_u8){W, H / 2, 4, texel}, r, &cut, &out), SHERF_BAD_ARGUMENT);
-    dye_map_free(m);
+    assert_int_equal(dye_apply(c, map, &(image_u8){W, H / 2, 4, texel}, r, &cut, &out), SHERF_BAD_ARGUMENT);
+    dye_map_free(map);
     proxy_free(p);
     sherf_context_free(c);
 }

@@ -53,11 +53,12 @@ static void patterns_follow_from_their_key(void **state) {
 
 static const uint32_t two_faces[6] = {0, 1, 2, 0, 2, 3};
 
-static void add_square(context *c, trace_scene *s, float side, float y, trace_material m, float corner[12]) {
+static void add_square(context *c, trace_scene *s, float side, float y, trace_material material,
+                       float corner[12]) {
     const float at[12] = {-side, y, -side, -side, y, side, side, y, side, side, y, -side};
     memcpy(corner, at, sizeof at);
     const trace_mesh mesh = {.vertices = 4, .faces = 2, .face = two_faces, .rest = corner};
-    assert_ok(c, trace_scene_add(c, s, &mesh, &m));
+    assert_ok(c, trace_scene_add(c, s, &mesh, &material));
 }
 
 /* The brightness of a floor below a roof, straight down from a camera between them or above both. */
@@ -68,13 +69,13 @@ static float floor_below(trace_seen roof, bool lamp, float eye_m) {
     sherf_camera camera;
     float a[12], b[12];
     const float *position[2] = {a, b}, centre[3] = {0, 0, 0};
-    trace_material m = trace_material_plain();
+    trace_material material = trace_material_plain();
     trace_light light = {.up = {0, 1, 0}};
     assert_ok(c, trace_scene_create(c, 0.1f, &s));
-    add_square(c, s, 0.5f, 0, m, a);
-    m.seen = roof;
-    for (int k = 0; k < 3; k++) m.tint[k] = 0.25f;
-    add_square(c, s, 40, 1, m, b);
+    add_square(c, s, 0.5f, 0, material, a);
+    material.seen = roof;
+    for (int k = 0; k < 3; k++) material.tint[k] = 0.25f;
+    add_square(c, s, 40, 1, material, b);
     if (lamp)
         light.lamps = 1, light.lamp[0] = (trace_lamp){.to_lamp = {0, 1, 0}, .color = {0.5f, 0.5f, 0.5f}};
     else
@@ -114,11 +115,11 @@ static void glowing_things_need_no_light(void **state) {
     sherf_camera camera;
     float a[12];
     const float *position[1] = {a}, centre[3] = {0, 0, 0};
-    trace_material m = trace_material_plain();
+    trace_material material = trace_material_plain();
     const trace_light dark = {.up = {0, 1, 0}};
-    m.glow[0] = 0.75f, m.tint[0] = 0.5f;
+    material.glow[0] = 0.75f, material.tint[0] = 0.5f;
     assert_ok(c, trace_scene_create(c, 0.1f, &s));
-    add_square(c, s, 1, 0, m, a);
+    add_square(c, s, 1, 0, material, a);
     assert_ok(c, trace_scene_pose(c, s, position, &dark));
     sherf_camera_orbit(centre, 1, 0, (float)M_PI_2, 0.1f, 4, 4, &camera);
     assert_ok(c, trace_render(c, s, &camera, NULL, &p));
@@ -138,10 +139,10 @@ static const float board[12] = {-0.3f, -0.9f, 0, 0.3f, -0.9f, 0, 0.3f, 0.7f, 0, 
 
 static void draw_place(place_kind kind, uint64_t key, bool with_board, int threads, trace_picture *out) {
     context *c = test_context();
-    const trace_material m = trace_material_plain();
+    const trace_material material = trace_material_plain();
     const trace_mesh mesh = {.vertices = 4, .faces = 2, .face = two_faces, .rest = board};
     const float *position = board, centre[3] = {0, -0.1f, 0};
-    const place_people people = {with_board, &mesh, &m, &position};
+    const place_people people = {with_board, &mesh, &material, &position};
     const trace_light light = {.up = {0, 1, 0},
                                .zenith = {0.5f, 0.5f, 0.5f},
                                .horizon = {0.4f, 0.4f, 0.4f},

@@ -78,15 +78,15 @@ static void sample_point(const radiance_field *n, const point_tile *t, int p, fl
         texel[i] = (t->position[i][p] - n->plane_min[i]) * n->plane_scale[i] - 0.5f;
     }
     for (int i = 0; i < 3; i++) {
-        const radiance_map *m = &n->plane[i];
-        int k = bilinear_taps(m->texel, m->width, m->height, m->stride, texel[plane_axis[i][0]],
+        const radiance_map *map = &n->plane[i];
+        int k = bilinear_taps(map->texel, map->width, map->height, map->stride, texel[plane_axis[i][0]],
                               texel[plane_axis[i][1]], taps);
         add_taps(taps, k, width, token + i * width);
     }
     float u = t->pixel[0][p], v = t->pixel[1][p];
-    const radiance_map *m = &n->map;
-    int k = bilinear_taps(m->texel, m->width, m->height, m->stride, u * n->map_scale[0], v * n->map_scale[1],
-                          taps);
+    const radiance_map *map = &n->map;
+    int k = bilinear_taps(map->texel, map->width, map->height, map->stride, u * n->map_scale[0],
+                          v * n->map_scale[1], taps);
     add_taps(taps, k, n->map_tokens * width, token);
     k = 0;
     for (int i = 0; i < POINT_LEVELS; i++) k += trilinear_taps(&n->level[i], at, taps + k);

@@ -27,19 +27,20 @@ typedef struct {
 } moments;
 
 INLINE moments moments_of(const vf *x, int width, int row) {
-    moments m = {splat(0), splat(0)};
+    moments stats = {splat(0), splat(0)};
     vf variance = splat(0);
-    for (int i = 0; i < width; i++) m.mean += x[i * row];
-    m.mean /= (float)width;
-    for (int i = 0; i < width; i++) variance += (x[i * row] - m.mean) * (x[i * row] - m.mean);
+    for (int i = 0; i < width; i++) stats.mean += x[i * row];
+    stats.mean /= (float)width;
+    for (int i = 0; i < width; i++) variance += (x[i * row] - stats.mean) * (x[i * row] - stats.mean);
     variance = variance / (float)width + 1e-5f;
-    for (int i = 0; i < LANES; i++) m.scale[i] = 1.0f / sqrtf(variance[i]);
-    return m;
+    for (int i = 0; i < LANES; i++) stats.scale[i] = 1.0f / sqrtf(variance[i]);
+    return stats;
 }
 
 INLINE void norm_vector(const vf *x, int width, const float *weight, const float *bias, vf *y, int row) {
-    const moments m = moments_of(x, width, row);
-    for (int i = 0; i < width; i++) y[i * row] = (x[i * row] - m.mean) * m.scale * weight[i] + bias[i];
+    const moments stats = moments_of(x, width, row);
+    for (int i = 0; i < width; i++)
+        y[i * row] = (x[i * row] - stats.mean) * stats.scale * weight[i] + bias[i];
 }
 
 /* ---- attention ---- */

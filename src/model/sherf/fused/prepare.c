@@ -237,20 +237,20 @@ static sherf_status halve(context *c, const half_part *p, float scale) {
 /* The bank in float16, scaled so that a sum of all its parts stays far from the type's 65504 and its small
  * values far from 6e-8. */
 static sherf_status prepare_half(context *c, radiance_field *n, const radiance_bank *bank) {
-    const radiance_merged *m = bank->merged;
+    const radiance_merged *merged = bank->merged;
     half_part part[4 + POINT_LEVELS];
     for (int i = 0; i < 3; i++) {
         radiance_map *p = &n->plane[i];
-        part[i] = (half_part){p->texel, m ? m->plane[i] : p->texel, &p->half,
+        part[i] = (half_part){p->texel, merged ? merged->plane[i] : p->texel, &p->half,
                               (int64_t)p->width * p->height * p->stride, 0};
         p->texel = NULL;
     }
-    part[3] = (half_part){n->map.texel, m ? m->map : n->map.texel, &n->map.half,
+    part[3] = (half_part){n->map.texel, merged ? merged->map : n->map.texel, &n->map.half,
                           (int64_t)n->map.width * n->map.height * n->map.stride, 0};
     n->map.texel = NULL;
     for (int i = 0; i < POINT_LEVELS; i++) {
         radiance_level *l = &n->level[i];
-        part[4 + i] = (half_part){l->value, m ? m->level[i] : l->value + l->stride, &l->half,
+        part[4 + i] = (half_part){l->value, merged ? merged->level[i] : l->value + l->stride, &l->half,
                                   (l->rows - 1) * l->stride, l->stride};
         l->value = NULL;
     }
@@ -288,7 +288,7 @@ static sherf_status keep(context *c, const float *from, int64_t count, int64_t z
 }
 
 /* A merged bank in float32, which has rows without padding. */
-static sherf_status keep_merged(context *c, radiance_field *n, const radiance_merged *m) {
+static sherf_status keep_merged(context *c, radiance_field *n, const radiance_merged *merged) {
     if (n->s.token_width % POINT_PAD != 0 || n->s.feature_channels % n->s.token_width != 0)
         return failure(c, SHERF_UNSUPPORTED,
                        "radiance field: no merged bank for tokens of %d and %d features", n->s.token_width,
@@ -296,13 +296,13 @@ static sherf_status keep_merged(context *c, radiance_field *n, const radiance_me
     sherf_status status = SHERF_OK;
     for (int i = 0; i < 3 && !status; i++) {
         radiance_map *p = &n->plane[i];
-        status = keep(c, m->plane[i], (int64_t)p->width * p->height * p->stride, 0, &p->texel);
+        status = keep(c, merged->plane[i], (int64_t)p->width * p->height * p->stride, 0, &p->texel);
     }
     radiance_map *p = &n->map;
-    if (!status) status = keep(c, m->map, (int64_t)p->width * p->height * p->stride, 0, &p->texel);
+    if (!status) status = keep(c, merged->map, (int64_t)p->width * p->height * p->stride, 0, &p->texel);
     for (int i = 0; i < POINT_LEVELS && !status; i++) { /* row 0 is for corners without a voxel */
         radiance_level *l = &n->level[i];
-        status = keep(c, m->level[i], (l->rows - 1) * l->stride, l->stride, &l->value);
+        status = keep(c, merged->level[i], (l->rows - 1) * l->stride, l->stride, &l->value);
     }
     return status;
 }

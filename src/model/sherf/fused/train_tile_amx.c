@@ -104,15 +104,16 @@ static void to_columns(const groups *g, int blocks, char *columns) {
 }
 
 /* The matrix's gradient in the lane += dy x^T over all groups; its bias' += dy's sums unless with_ones. */
-static void add_gradient(const space *s, float *lane, const sum_place *m, const groups *dy, const groups *x) {
+static void add_gradient(const space *s, float *lane, const sum_place *place, const groups *dy,
+                         const groups *x) {
     const int chunks = dy->count / 2;
     const size_t strip = (size_t)chunks * TILE;
-    to_rows(dy, m->padded_rows / 32, s->rows, lane + m->b);
-    to_columns(x, m->padded_columns / 32, s->columns);
+    to_rows(dy, place->padded_rows / 32, s->rows, lane + place->b);
+    to_columns(x, place->padded_columns / 32, s->columns);
     ORDER();
-    float *w = lane + m->w;
-    for (int o = 0; o < m->padded_rows / 16; o += 2)
-        for (int i = 0; i < m->padded_columns / 16; i += 2, w += 1024) {
+    float *w = lane + place->w;
+    for (int o = 0; o < place->padded_rows / 16; o += 2)
+        for (int i = 0; i < place->padded_columns / 16; i += 2, w += 1024) {
             const char *a = s->rows + (size_t)o * strip, *b = s->columns + (size_t)i * strip;
             tile_load(0, w, 64);
             tile_load(1, w + 256, 64);
@@ -626,21 +627,22 @@ typedef struct {
     float scale[2], shift[2];
 } texels;
 
-static void scatter_map(const texels *m, const int axis[2], bool pixel, int token, const point_set *points,
-                        const int32_t *index, int64_t count, const float *dtoken, float *out) {
+static void scatter_map(const texels *texture, const int axis[2], bool pixel, int token,
+                        const point_set *points, const int32_t *index, int64_t count, const float *dtoken,
+                        float *out) {
     samples s;
     for (int64_t first = 0; first < count; first += GROUP) {
         sixteen at = points_at(points, index + first, count - first);
         __m512 x[2];
         for (int i = 0; i < 2; i++)
-            x[i] = _mm512_fmsub_ps(pixel ? at.pixel[i] : at.position[axis[i]], _mm512_set1_ps(m->scale[i]),
-                                   _mm512_set1_ps(m->shift[i]));
-        map_taps(&s, 0, m->width, m->height, 1, x[0], x[1], false);
+            x[i] = _mm512_fmsub_ps(pixel ? at.pixel[i] : at.position[axis[i]],
+                                   _mm512_set1_ps(texture->scale[i]), _mm512_set1_ps(texture->shift[i]));
+        map_taps(&s, 0, texture->width, texture->height, 1, x[0], x[1], false);
         for (int p = 0; p < at.count; p++) {
             const float *d = dtoken + (first + p) * 3 * WIDTH + token * WIDTH;
             const __m512 a = _mm512_loadu_ps(d), b = _mm512_loadu_ps(d + 16);
             for (int k = 0; k < 4; k++)
-                add_row(out + (size_t)(uint32_t)s.offset[k][p] * (size_t)m->stride,
+                add_row(out + (size_t)(uint32_t)s.offset[k][p] * (size_t)texture->stride,
                         one_weight(&s.weight[k][p]), a, b);
         }
     }
@@ -653,17 +655,18 @@ void radiance_scatter_amx(const radiance_field *n, int job, const point_set *poi
         scatter_level(&n->level[which], n->volume_min, token, points, index, count, dtoken,
                       out->level[which]);
     } else if (which == POINT_LEVELS) {
-        texels m = {n->plane[token].width, n->plane[token].height, WIDTH, {0}, {0}};
+        texels texture = {n->plane[token].width, n->plane[token].height, WIDTH, {0}, {0}};
         for (int i = 0; i < 2; i++) {
             const int a = plane_axis[token][i];
-            m.scale[i] = n->plane_scale[a];
-            m.shift[i] = n->plane_min[a] * n->plane_scale[a] + 0.5f;
+            texture.scale[i] = n->plane_scale[a];
+            texture.shift[i] = n->plane_min[a] * n->plane_scale[a] + 0.5f;
         }
-        scatter_map(&m, plane_axis[token], false, token, points, index, count, dtoken, out->plane[token]);
+        scatter_map(&texture, plane_axis[token], false, token, points, index, count, dtoken,
+                    out->plane[token]);
     } else if (token < n->map_tokens) {
-        const texels m = {
+        const texels texture = {
             n->map.width, n->map.height, n->map_tokens * WIDTH, {n->map_scale[0], n->map_scale[1]}, {0}};
-        scatter_map(&m, NULL, true, token, points, index, count, dtoken, out->map + token * WIDTH);
+        scatter_map(&texture, NULL, true, token, points, index, count, dtoken, out->map + token * WIDTH);
     }
 }
 #else

@@ -153,14 +153,14 @@ static void add_sums(channels x, int count, float *sums) {
 
 /* The matrix' gradient in the lane, from the block of first_row on, += dy x^T; its bias' += dy's sums. room:
  * a panel of x. */
-static void add_gradient(const sum_place *m, int first_row, channels dy, channels x, float *lane,
+static void add_gradient(const sum_place *place, int first_row, channels dy, channels x, float *lane,
                          float *room) {
-    add_sums(dy, m->rows, lane + m->b);
-    float *w = lane + m->w;
-    for (int k = 0; k < m->columns; k += STRIP, w += (size_t)m->padded_rows * STRIP) {
+    add_sums(dy, place->rows, lane + place->b);
+    float *w = lane + place->w;
+    for (int k = 0; k < place->columns; k += STRIP, w += (size_t)place->padded_rows * STRIP) {
         for (int s = 0; s < STRIPS; s++)
             transpose((const float *)row_of(x, s, k), STRIP, STRIP, STRIP, room + s * STRIP * STRIP, STRIP);
-        for (int r = first_row / ROWS * ROWS; r < m->rows; r += ROWS)
+        for (int r = first_row / ROWS * ROWS; r < place->rows; r += ROWS)
             block_gradient(from_channel(dy, r), room, w + (size_t)r * STRIP);
     }
 }
@@ -363,9 +363,9 @@ static void norm_back(channels from, channels dy, int width, const float *weight
         for (int v = 0; v < VECTORS; v++) {
             const vf *x = row_of(from, s, 0) + v, *d = row_of(dy, s, 0) + v;
             vf *to = row_of(dx, s, 0) + v, share = splat(0), along = splat(0);
-            const moments m = moments_of(x, width, VECTORS);
+            const moments stats = moments_of(x, width, VECTORS);
             for (int i = 0; i < width; i++) {
-                const vf unit = (x[i * VECTORS] - m.mean) * m.scale, du = d[i * VECTORS] * weight[i];
+                const vf unit = (x[i * VECTORS] - stats.mean) * stats.scale, du = d[i * VECTORS] * weight[i];
                 share += du;
                 along += du * unit;
                 ((vf *)dweight)[i] += d[i * VECTORS] * unit;
@@ -374,8 +374,8 @@ static void norm_back(channels from, channels dy, int width, const float *weight
             share /= (float)width;
             along /= (float)width;
             for (int i = 0; i < width; i++) {
-                const vf unit = (x[i * VECTORS] - m.mean) * m.scale;
-                to[i * VECTORS] += (d[i * VECTORS] * weight[i] - share - unit * along) * m.scale;
+                const vf unit = (x[i * VECTORS] - stats.mean) * stats.scale;
+                to[i * VECTORS] += (d[i * VECTORS] * weight[i] - share - unit * along) * stats.scale;
             }
         }
 }
@@ -506,27 +506,27 @@ static void scatter_level(const radiance_field *n, const radiance_level *l, cons
 
 static void scatter_plane(const radiance_field *n, int plane, const point_set *points, const int32_t *index,
                           int64_t count, const float *d, float *out) {
-    const radiance_map *m = &n->plane[plane];
+    const radiance_map *map = &n->plane[plane];
     for (int64_t i = 0; i < count; i++, d += n->fused) {
         const float *x = points->canonical + 3 * (int64_t)index[i];
         float texel[3];
         tap taps[4];
         for (int k = 0; k < 3; k++) texel[k] = (x[k] - n->plane_min[k]) * n->plane_scale[k] - 0.5f;
-        const int k = bilinear_taps(m->texel, m->width, m->height, m->stride, texel[plane_axis[plane][0]],
-                                    texel[plane_axis[plane][1]], taps);
-        scatter_taps(taps, k, m->texel, d + plane * n->s.token_width, n->s.token_width, out);
+        const int k = bilinear_taps(map->texel, map->width, map->height, map->stride,
+                                    texel[plane_axis[plane][0]], texel[plane_axis[plane][1]], taps);
+        scatter_taps(taps, k, map->texel, d + plane * n->s.token_width, n->s.token_width, out);
     }
 }
 
 static void scatter_map(const radiance_field *n, const point_set *points, const int32_t *index, int64_t count,
                         const float *d, float *out) {
-    const radiance_map *m = &n->map;
+    const radiance_map *map = &n->map;
     for (int64_t i = 0; i < count; i++, d += n->fused) {
         const float *px = points->observed_px + 2 * (int64_t)index[i];
         tap taps[4];
-        const int k = bilinear_taps(m->texel, m->width, m->height, m->stride, px[0] * n->map_scale[0],
+        const int k = bilinear_taps(map->texel, map->width, map->height, map->stride, px[0] * n->map_scale[0],
                                     px[1] * n->map_scale[1], taps);
-        scatter_taps(taps, k, m->texel, d, n->map_tokens * n->s.token_width, out);
+        scatter_taps(taps, k, map->texel, d, n->map_tokens * n->s.token_width, out);
     }
 }
 

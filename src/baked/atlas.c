@@ -1,5 +1,6 @@
-/* Charts grow from triangle to triangle while these face the chart's direction, are laid flat along it, and
- * give back what would overlap; then they are packed on shelves, as large as fits. */
+/* Makes the atlas. Charts grow from triangle to triangle as long as the triangles face the chart's direction.
+ * They are projected along it and give up triangles that would overlap; then they are packed on shelves, at
+ * the largest scale that fits. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,11 +9,12 @@
 
 enum { NOBODY = -1, GUTTER_PX = 3, TURNS = 12 };
 static const double grow_cosine = 0.6, flat_cosine = 0.25;
-/* Charts end so far from where they begin, in roots of the surface's area: large ones pack badly. */
+/* The largest extent of a chart from its seed, in square roots of the surface's area: large charts pack
+ * badly. */
 static const double chart_reach = 0.3;
 
 typedef struct {
-    double axis[3], u[3], v[3]; /* direction it faces, and the plane's */
+    double axis[3], u[3], v[3]; /* the direction it faces, and the axes of its plane */
     double min[2], max[2];      /* of its corners, metres in the plane */
     int32_t first, count;       /* in `order` */
     int x, y, width, height;    /* in the picture, with gutter */
@@ -77,7 +79,7 @@ static void find_normals(const surface *s, float *facing, float *flat) {
         }
         for (int k = 0; k < 3; k++) {
             facing[3 * t + k] = (float)(long_sum > 0 ? sum[k] / sqrt(long_sum) : k == 1);
-            /* a triangle without area faces as its corners do */
+            /* a triangle without area takes its corners' direction */
             flat[3 * t + k] = long_flat > 0 ? (float)(n[k] / sqrt(long_flat)) : facing[3 * t + k];
         }
     }
@@ -110,7 +112,7 @@ static bool within_reach(const cutter *w, int32_t seed, int32_t t) {
     return d2 <= w->reach_m * w->reach_m;
 }
 
-/* The triangles that can be reached from `seed` and face the axis; marks them with the chart's number. */
+/* Marks the triangles that can be reached from `seed` and face the axis with the chart's number. */
 static int32_t grow(cutter *w, int32_t seed, const chart *k, int32_t number, int32_t *queue) {
     int32_t count = 0;
     queue[count++] = seed;
@@ -128,7 +130,7 @@ static int32_t grow(cutter *w, int32_t seed, const chart *k, int32_t number, int
     return count;
 }
 
-/* Grows about the seed's direction, then again about the mean of what that reached. */
+/* Grows along the seed's direction, then again along the mean direction of the triangles reached. */
 static int32_t grow_chart(cutter *w, int32_t seed, chart *k, int32_t number) {
     enum { ROUNDS = 3 };
     int32_t *queue = w->order + w->placed, count = 0;
@@ -187,7 +189,7 @@ static bool free_here(void *user, int i, int j, const double bary[3]) {
 
 static bool take(void *user, int i, int j, const double bary[3]) {
     overlap_job *o = user;
-    if (bary[0] > 1e-6 && bary[1] > 1e-6 && bary[2] > 1e-6) /* edges are everybody's */
+    if (bary[0] > 1e-6 && bary[1] > 1e-6 && bary[2] > 1e-6) /* points on edges belong to several triangles */
         o->taken[(size_t)j * (size_t)o->width + (size_t)i] = o->self;
     return true;
 }
@@ -196,7 +198,8 @@ static bool strictly_free(void *user, int i, int j, const double bary[3]) {
     return !(bary[0] > 1e-6 && bary[1] > 1e-6 && bary[2] > 1e-6) || free_here(user, i, j, bary);
 }
 
-/* Triangles in the order they were reached: those that would cover others' places leave the chart. */
+/* Goes through the triangles in the order in which they were reached; those that would overlap earlier ones
+ * leave the chart. */
 static sherf_status drop_overlaps(context *c, cutter *w, chart *k, double cell_m) {
     const surface *s = w->s;
     int32_t *queue = w->order + w->placed, kept = 0;
@@ -236,7 +239,7 @@ static void measure(const cutter *w, chart *k, const int32_t *triangle) {
         }
 }
 
-/* Turns the chart in its plane to where its box is smallest, longer side across. */
+/* Turns the chart in its plane so that its box is smallest, with the longer side horizontal. */
 static void turn_chart(const cutter *w, chart *k, const int32_t *triangle) {
     chart best = *k, tried = *k;
     double min = INFINITY;
@@ -287,7 +290,7 @@ static int compare_heights(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* On shelves, tallest first; false: the side is too short. */
+/* Packs on shelves, tallest first; false: the side is too short. */
 static bool pack(chart **by_height, int32_t charts, double texels_per_m, int side) {
     int x = 0, y = 0, shelf = 0;
     for (int32_t i = 0; i < charts; i++) {
@@ -471,7 +474,8 @@ sherf_status atlas_make(context *c, const surface *s, int side_px, atlas *out) {
 }
 
 /* ---- painting ---- */
-/* Rings of empty texels take the mean of their painted neighbours, the rest the mean of all. */
+/* Rings of empty texels around charts take the mean of their painted neighbours; the others take the mean of
+ * all. */
 sherf_status atlas_paint(context *c, const atlas *a, const float *rgb, uint8_t *picture) {
     enum { RINGS = 8 };
     const int side = a->side_px;

@@ -1,5 +1,5 @@
-/* Colours of a surface: what a camera in front of each place sees of it, by short rays along the normals from
- * a little outside to a little inside, composited as a frame's. */
+/* Colours of a surface, as a camera in front of each place would see it: short rays along the normals, from
+ * slightly outside to slightly inside, are composited as in a frame. */
 #include <math.h>
 #include <string.h>
 
@@ -7,8 +7,8 @@
 #include "avatar/canonical.h"
 #include "avatar/detail.h"
 
-/* Frames have a sample each 10 to 20 mm; these rays are finer and end where most of a surface's opacity is
- * behind them. What is missing to 1 is left out by division. */
+/* Frames have a sample every 10 to 20 mm. These rays are finer, and end when they have passed most of a
+ * surface's opacity. Dividing by the opacity corrects for the rest. */
 enum { RAY_SAMPLES = 10, RAYS_WIDE = 256, RAYS_HIGH = 64, RAYS = RAYS_WIDE * RAYS_HIGH };
 static const float ray_start_m = 0.01f, ray_step_m = 0.005f;
 
@@ -84,7 +84,7 @@ static sherf_status job_make(context *c, bake_job *j) {
         !j->set.observed_px || !j->nearest || !j->bundle.direction || !j->bundle.near || !j->bundle.far)
         return SHERF_NO_MEMORY;
     for (int n = 0; n < RAYS; n++) {
-        j->bundle.direction[3 * n] = 1; /* lengths alone count */
+        j->bundle.direction[3 * n] = 1; /* only lengths matter */
         j->bundle.far[n] = ray_step_m * RAY_SAMPLES;
     }
     return SHERF_OK;
@@ -130,7 +130,7 @@ typedef struct {
     float *rgb;
 } detail_job;
 
-/* A place that haze has let sink into the body is where its nearest vertex' surface is. */
+/* A place that haze has let sink into the body is moved to the surface at its nearest vertex. */
 static void raise_to_body(const body_model *body, int32_t nearest, const float *body_normal, float p[3]) {
     if (nearest < 0) return;
     const float *v = body->canonical->vertices_smpl + 3 * (size_t)nearest,

@@ -1,9 +1,9 @@
 /* Frames of baked avatars: skinning before the camera, and a rasteriser of small triangles.
  *
- * The person's rows are cut into bands, which threads take one by one; a band's samples, SUPER x SUPER a
- * pixel, fit into the second cache. A corner's place is rounded to 1/256 of a sample, so that edges are exact
- * integers and neighbours leave no gaps. A pixel's colour is that of its samples, or of its middle where all
- * of them are of one surface; its opacity is the share of samples that meet one. */
+ * The person's rows are cut into bands, which threads take one by one; a band's samples, SUPER x SUPER per
+ * pixel, fit into the L2 cache. A corner's place is rounded to 1/256 of a sample, so that edges are exact
+ * integers and neighbours leave no gaps. A pixel's colour is the mean over its samples, or the colour at its
+ * middle where all samples hit one surface; its opacity is the share of samples that hit a surface. */
 #include "baked/form.h"
 
 #include <math.h>
@@ -13,15 +13,15 @@
 #include "scene/scene.h"
 
 enum { SUPER = 3, SAMPLES = SUPER * SUPER, BAND_ROWS = 8, SUBPIXEL = 256 };
-static const float near_m = 0.02f, far_px = 60000; /* what lies beyond is not drawn */
-/* Opacity rises over twice this at silhouettes, as far as pixels allow. The network's does over more, but
- * that costs more than it wins (docs/baked.md). */
+static const float near_m = 0.02f, far_px = 60000; /* triangles beyond these are not drawn */
+/* At silhouettes opacity rises over twice this length, as far as pixels allow. The network's rises over more,
+ * but imitating that costs more than it gains (docs/baked.md). */
 static const float rim_m = 0.004f;
-/* Samples of one pixel whose depths differ by more are of different surfaces. */
+/* Samples of a pixel whose depths differ by more belong to different surfaces. */
 static const float one_surface_m = 0.03f;
 
 typedef struct {
-    float u, v, inverse_z; /* in samples; inverse_z 0: not before the camera */
+    float u, v, inverse_z; /* in samples; inverse_z 0: not in front of the camera */
 } corner;
 
 typedef struct {
@@ -34,7 +34,8 @@ typedef struct {
     float joint[BODY_JOINTS][12]; /* rest pose to the camera */
     float bend[BODY_JOINTS][9];   /* -(F + F^T) / 2, see form.h */
     float focal[2], centre[2], skew, pelvis_z;
-    int width, height, left, right, top, bottom; /* in pixels: the picture, and the person in it */
+    /* in pixels: the picture, and the person's rectangle in it */
+    int width, height, left, right, top, bottom;
     corner *corner;
     span *span;
     int bands;
@@ -66,7 +67,7 @@ static void joints_to_camera(const posed_body *p, const sherf_camera *k, drawing
     }
 }
 
-/* The corner in the rest pose, its volume kept. */
+/* The corner in the rest pose, with the correction that keeps the body's volume. */
 static void rest_place(const drawing *d, int64_t i, float rest[3]) {
     const baked_form *f = d->f;
     memcpy(rest, f->rest + 3 * i, 3 * sizeof *rest);
@@ -105,7 +106,7 @@ static void project(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Which level of the texture has texels as large as pixels are. */
+/* The texture level whose texels are as large as the picture's pixels. */
 static uint8_t level_of(const baked_form *f, const uint32_t t[3], float area_samples) {
     const float *a = f->uv + 2 * (size_t)t[0], *b = f->uv + 2 * (size_t)t[1], *e = f->uv + 2 * (size_t)t[2];
     const float texels = fabsf((b[0] - a[0]) * (e[1] - a[1]) - (b[1] - a[1]) * (e[0] - a[0]));
@@ -122,7 +123,8 @@ static void bound(void *arg, int64_t begin, int64_t end, int thread) {
         const corner *a = &d->corner[t[0]], *b = &d->corner[t[1]], *e = &d->corner[t[2]];
         d->span[i] = (span){0};
         const float area = (b->u - a->u) * (e->v - a->v) - (b->v - a->v) * (e->u - a->u);
-        if (!(a->inverse_z > 0 && b->inverse_z > 0 && e->inverse_z > 0 && area < 0)) continue; /* its back */
+        if (!(a->inverse_z > 0 && b->inverse_z > 0 && e->inverse_z > 0 && area < 0))
+            continue; /* it shows its back */
         const float low = fminf(a->v, fminf(b->v, e->v)), high = fmaxf(a->v, fmaxf(b->v, e->v));
         const int32_t row0 = low < 0 ? 0 : (int32_t)low,
                       row1 = high < 0 ? 0 : (int32_t)fminf(high + 2, (float)(d->height * SUPER));
@@ -234,7 +236,7 @@ static void draw_triangle(const drawing *d, const band *b, int32_t n) {
     }
 }
 
-/* The texture's colour of a triangle at a place, in samples; between four texels. */
+/* The texture's colour of a triangle at a place in samples, bilinear between four texels. */
 static void shade(const drawing *d, int32_t n, float x, float y, float rgb[3]) {
     const baked_form *f = d->f;
     const uint32_t *t = f->triangle + 3 * (size_t)n;
@@ -327,7 +329,8 @@ static void clear_rows(void *arg, int64_t begin, int64_t end, int thread) {
     memset(d->frame->depth.data + first, 0, n * sizeof(float));
 }
 
-/* The rim's width at the pelvis' depth, over the person's rectangle and as much around. */
+/* Softens the silhouette by the rim's width at the pelvis' depth, over the person's rectangle enlarged by
+ * that width. */
 static sherf_status soften(context *c, const drawing *d) {
     const float z = d->pelvis_z > near_m ? d->pelvis_z : near_m;
     const float radius = rim_m * sqrtf(fabsf(d->focal[0] * d->focal[1])) / z;

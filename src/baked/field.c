@@ -5,8 +5,8 @@
 #include "baked/baked.h"
 #include "avatar/canonical.h"
 
-/* So far below the body's skin everything is solid: the network's density there is nobody's business and has
- * holes. */
+/* Deeper than this below the body's skin everything is solid: nobody sees the network's density there, and it
+ * has holes. */
 static const float core_m = 0.015f, sigma_max = 1e6f;
 
 /* ---- any points ---- */
@@ -90,7 +90,8 @@ static sherf_status grid_make(context *c, const body_model *body, int resolution
 }
 
 typedef struct {
-    const vertex_grid *near; /* of the canonical vertices, answers within the shell only: quick far outside */
+    /* of the canonical vertices; finds vertices within the shell only, so it is quick far outside */
+    const vertex_grid *near;
     const cubes_grid *g;
     int32_t *nearest; /* of the grid's points */
 } shell_job;
@@ -122,8 +123,8 @@ static bool in_core(const body_model *body, const cubes_grid *g, const float *no
     return height < -core_m;
 }
 
-/* Nearest vertices of the grid's points, -1 outside the shell and in the body's core; the core's value
- * becomes negative: less the density that is half opaque after one step. */
+/* Nearest vertices of the grid's points, -1 outside the shell and in the body's core. The core's value
+ * becomes negative: minus the density that is half opaque after one step. */
 static sherf_status find_shell(context *c, const body_model *body, const float *normal, cubes_grid *g,
                                int32_t *nearest) {
     const size_t count = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];

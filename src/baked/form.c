@@ -1,4 +1,4 @@
-/* Baked avatars: made of an avatar, drawn, freed. */
+/* Baked avatars: making one from an avatar, drawing, freeing. */
 #include "baked/form.h"
 
 #include <math.h>
@@ -23,7 +23,7 @@ void baked_form_free(baked_form *f) {
     mem_free(f);
 }
 
-/* The mean of four texels each. */
+/* Each texel is the mean of four. */
 static void halve(const uint8_t *from, int side, uint8_t *to) {
     const size_t row = 3 * (size_t)side;
     for (int y = 0; y < side / 2; y++)
@@ -55,8 +55,8 @@ static void corners_fill(const baked_person *p, baked_form *f) {
     memcpy(f->triangle, a->triangle, 3 * (size_t)f->triangles * sizeof *f->triangle);
 }
 
-/* Sums, over the body's vertices that a surface's vertex moves with, of their pose_volume times the way from
- * the joint to them; the four largest count. */
+/* Sums pose_volume times the vector from the joint, over the body's vertices that a surface's vertex moves
+ * with; keeps the four largest joints. */
 static void fold_of(const body_model *body, const skin *s, size_t v, uint8_t joint[4], float fold[12]) {
     float sum[BODY_JOINTS][3] = {{0}}, size[BODY_JOINTS];
     for (size_t i = SKIN_NEAR * v; i < SKIN_NEAR * (v + 1); i++) {

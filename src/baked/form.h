@@ -11,7 +11,7 @@ enum { BAKED_LEVELS = 4, BAKED_CORNERS_MAX = 1 << 22, BAKED_SIDE_MIN = 64, BAKED
 /* Owned. */
 typedef struct {
     int64_t corners, triangles;
-    float *rest;    /* C x 3, metres: where the surface is in the rest pose */
+    float *rest;    /* C x 3, metres: the surface in the rest pose */
     float *uv;      /* C x 2, in texels from the middle of the upper left one */
     uint8_t *joint; /* C x 4 */
     float *weight;  /* C x 4, sum 1 */
@@ -22,7 +22,7 @@ typedef struct {
     float *fold;         /* C x 4 x 3, metres */
     uint32_t *triangle;  /* T x 3 corners, counter-clockwise seen from outside */
     int side_px;
-    uint8_t *texture[BAKED_LEVELS]; /* side x side x 3, and half as many texels a side from level to level */
+    uint8_t *texture[BAKED_LEVELS]; /* side x side x 3; each level has half the side of the one before */
     uint8_t *png;                   /* of the texture, as files have it */
     size_t png_bytes;
 } baked_form;
@@ -40,8 +40,8 @@ sherf_status baked_places(context *c, const baked_form *f, const body_model *bod
 
 /* ---- soften.c ---- */
 typedef struct {
-    int left, right, top, bottom; /* of the picture, in pixels: what is looked at */
-    float radius_px;              /* of the tent */
+    int left, right, top, bottom; /* the rectangle of the picture to soften, in pixels */
+    float radius_px;              /* of the tent filter */
     const float *background;
 } baked_soft;
 /* Makes opacity rise over twice the radius at silhouettes; with a radius of less than a pixel, over
@@ -56,7 +56,7 @@ enum {
     BAKED_NUMBERS = OBSERVED_NUMBERS + 2 /* the picture's size */
 };                                       /* of the observation */
 sherf_status baked_save(context *c, const sherf_avatar *a, const char *path);
-/* A baked avatar from its file's tensors, every size and index of which is checked. */
+/* Makes a baked avatar from its file's tensors; every size and index is checked. */
 sherf_status baked_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
 
 #endif

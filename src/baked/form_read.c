@@ -1,4 +1,4 @@
-/* Files of avatars read: sherf_avatar_load, and baked ones (form_save.c). */
+/* Reads avatars' files: sherf_avatar_load, and baked avatars (form_save.c). */
 #include "baked/form.h"
 
 #include <inttypes.h>
@@ -10,8 +10,8 @@
 #include "io/image.h"
 #include "io/safetensors.h"
 
-/* A tensor of N x width with all its values finite, or none of this kind; *rows is what it has, or must have
- * where it is not 0. */
+/* Finds a tensor of N x width with finite values, or fails. *rows: its number of rows; if not 0, the number
+ * it must have. */
 static sherf_status array_read(context *c, const safetensors *s, const char *name, dtype type, int64_t width,
                                int64_t *rows, void **out) {
     const safetensor *t = safetensors_find(s, name);
@@ -31,7 +31,7 @@ static sherf_status array_read(context *c, const safetensors *s, const char *nam
     return SHERF_OK;
 }
 
-/* Every index and share that a frame relies on. */
+/* Checks every index and weight that a frame relies on. */
 static sherf_status form_check(context *c, const baked_form *f) {
     for (int64_t i = 0; i < 4 * f->corners; i++)
         if (f->joint[i] >= BODY_JOINTS)

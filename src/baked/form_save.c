@@ -1,4 +1,4 @@
-/* Files of baked avatars written: safetensors with the surface and its texture. */
+/* Writes baked avatars' files: safetensors with the surface and its texture. */
 #include "baked/form.h"
 
 #include <inttypes.h>

@@ -1,6 +1,6 @@
-/* The level of the surface: the density at which its silhouettes are the person's. One number for the whole
- * person first; then places of the surface are looked at along their tangents, since how opaque an outline is
- * depends on how much of the body a ray grazes: a finger has to be denser than a back. */
+/* The level of the surface: the density at which its silhouettes are the person's. First one number is found
+ * for the whole person. Then a level is found for places of the surface, along their tangents: an outline's
+ * opacity depends on how much of the body a ray grazes, so a finger must be denser than a back. */
 #include <math.h>
 #include <string.h>
 
@@ -16,7 +16,7 @@ static size_t grid_count(const cubes_grid *g) {
 enum { LEVEL_BINS = 512 };
 static const double bins_per_octave = 32;
 
-/* Densities 1 to 65536 per metre, logarithmically. */
+/* Bins of densities 1 to 65536 per metre, logarithmic. */
 static int bin_of(double density) {
     if (!(density > 1)) return 0;
     double b = bins_per_octave * log2(density);
@@ -24,7 +24,8 @@ static int bin_of(double density) {
 }
 
 sherf_status field_level(context *c, const cubes_grid *g, float *level) {
-    /* by bin of a column's largest density: columns that are opaque, and that are not but hold something */
+    /* columns by the bin of their largest density: opaque ones, and those that are not but hold some
+     * density */
     int64_t opaque[LEVEL_BINS] = {0}, clear[LEVEL_BINS] = {0}, opaque_total = 0;
     const size_t stride[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]};
     for (int a = 0; a < 3; a++) {
@@ -48,8 +49,8 @@ sherf_status field_level(context *c, const cubes_grid *g, float *level) {
         return failure(
             c, SHERF_BAD_ARGUMENT,
             "export: the avatar is nowhere opaque, so that it has no surface (was its model trained?)");
-    /* wrong columns when the level lies below bin b: clear ones from b on, opaque ones before it. The middle
-     * of the best, which are many where the density jumps. */
+    /* columns judged wrongly when the level lies below bin b: clear ones from b on, opaque ones before it.
+     * Takes the middle of the best bins, which are many where the density jumps. */
     int64_t wrong = 0, best;
     int first = 0, last = 0;
     for (int b = 0; b < LEVEL_BINS; b++) wrong += clear[b];
@@ -65,12 +66,12 @@ sherf_status field_level(context *c, const cubes_grid *g, float *level) {
 
 /* ---- a level for each place ---- */
 enum { TANGENTS = 8, TANGENT_SAMPLES = 16, OFFSETS = 19 };
-/* The outline lies where the network is sure of it. Where it is half opaque it is a few millimetres outside
- * the true one: docs/baked.md has scores. */
+/* The opacity that defines the outline. At 0.5 the outline lies a few millimetres outside the true one:
+ * docs/baked.md has scores. */
 static const float outline_opacity_min = 0.75f;
 static const float tangent_step_m = 0.005f, offset_first_m = 0.0225f, offset_step_m = 0.0025f;
 static const float site_m = 0.014f, coarse_m = 0.015f;         /* between sites; between smooth levels */
-static const float level_lowest = 0.2f, level_highest = 10.0f; /* of the level for all */
+static const float level_lowest = 0.2f, level_highest = 10.0f; /* relative to the global level */
 
 /* The grid's magnitude at a point, trilinear; 0 outside. (The core is opaque, with a negative sign.) */
 static float density_at(const cubes_grid *g, const float p[3]) {
@@ -93,9 +94,9 @@ static float density_at(const cubes_grid *g, const float p[3]) {
     return z0 + part[2] * (z1 - z0);
 }
 
-/* What cameras that see the place on the body's outline see there: the mean opacity of rays through it across
- * the normal. A direction in which the body curves much shows the place to many cameras and has a short way
- * through the body, so it counts by the way's optical depth to the power of -4. */
+/* What cameras see at a place on the body's outline: the mean opacity of rays through it at right angles to
+ * the normal. In a direction of strong curvature many cameras see the place on the outline, and the path
+ * through the body is short, so a direction is weighted by the path's optical depth to the power of -4. */
 static float outline_opacity(const cubes_grid *g, const float p[3], const float u[3], const float v[3]) {
     float sum = 0, weights = 0;
     for (int d = 0; d < TANGENTS; d++) {
@@ -114,7 +115,7 @@ static float outline_opacity(const cubes_grid *g, const float p[3], const float 
 }
 
 typedef struct {
-    float place[3], level; /* level 0: none was found */
+    float place[3], level; /* level 0: no level was found */
 } level_site;
 
 typedef struct {
@@ -123,7 +124,7 @@ typedef struct {
     level_site *site;
 } site_job;
 
-/* Two unit vectors across the downhill direction; false where it is flat. */
+/* Two unit vectors at right angles to the downhill direction; false where it is flat. */
 static bool tangents_of(const cubes_grid *g, const float p[3], float n[3], float u[3], float v[3]) {
     float length = 0;
     for (int k = 0; k < 3; k++) {
@@ -144,8 +145,8 @@ static bool tangents_of(const cubes_grid *g, const float p[3], float n[3], float
     return true;
 }
 
-/* From outside inwards along the normal to the outline. Where nothing is so opaque there is only a wisp, and
- * the level lies above all of it; where all is from the start other parts are in the way. */
+/* Goes inwards along the normal to the outline. Where nothing is opaque enough there is only haze, and the
+ * level is put above all of it. Where it is opaque from the start, other parts are in the way. */
 static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
     const site_job *job = arg;
     for (int64_t i = begin; i < end; i++) {
@@ -176,8 +177,8 @@ static void site_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Where the value passes the level between grid points some site_m apart; sites: room for all, or NULL to
- * count them. */
+/* Places about site_m apart where the value crosses the level between grid points; sites: room for all, or
+ * NULL to count them. */
 static int64_t sites_list(const cubes_grid *g, float level, level_site *sites) {
     const int stride = (int)fmaxf(1, roundf(site_m / g->step_m));
     int64_t count = 0;
@@ -202,7 +203,7 @@ static int64_t sites_list(const cubes_grid *g, float level, level_site *sites) {
 }
 
 /* ---- smooth levels ---- */
-/* Sums over sites about the points of a coarse lattice: of weights, and of weights times log2(level). */
+/* Sums over sites at the points of a coarse lattice: of weights, and of weights times log2(level). */
 typedef struct {
     int size[3];
     float min[3];
@@ -213,7 +214,7 @@ static size_t lattice_count(const level_lattice *l) {
     return (size_t)l->size[0] * (size_t)l->size[1] * (size_t)l->size[2];
 }
 
-/* The eight lattice points about p with their shares. */
+/* The eight lattice points around p with their weights. */
 static void lattice_corners(const level_lattice *l, const float p[3], size_t at[8], float share[8]) {
     int low[3];
     float part[3];
@@ -232,7 +233,7 @@ static void lattice_corners(const level_lattice *l, const float p[3], size_t at[
     }
 }
 
-/* 1 2 1 along each axis, so often; what lies outside has no weight. */
+/* Blurs with 1 2 1 along each axis, `times` times; points outside have no weight. */
 static void lattice_blur(level_lattice *l, int times) {
     const size_t stride[3] = {2, 2 * (size_t)l->size[0], 2 * (size_t)l->size[0] * (size_t)l->size[1]};
     for (int pass = 0; pass < 3 * times; pass++) {
@@ -279,7 +280,7 @@ static void even_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* The sites' levels, spread over some centimetres, divide the densities. */
+/* Divides the densities by the sites' levels, which are spread over some centimetres. */
 static sherf_status even_out(context *c, cubes_grid *g, float level, const level_site *site, int64_t sites) {
     level_lattice l;
     for (int k = 0; k < 3; k++) {

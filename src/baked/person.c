@@ -1,4 +1,4 @@
-/* The way from an avatar to a posed surface with its colours, or to splats. */
+/* From an avatar to a posed surface with its colours, or to splats. */
 #include "baked/person.h"
 
 #include "baked/texels.h"
@@ -88,7 +88,7 @@ static void texel_places(const surface *s, const atlas *a, float *position, floa
     }
 }
 
-/* The colours of places, with detail where it is requested. */
+/* The colours of places, with detail if requested. */
 static sherf_status places_color(context *c, const bake_steps *j, int64_t n, const float *position,
                                  const float *normal, float *rgb) {
     sherf_status status = bake_colors(c, j->a, j->body, n, position, normal, rgb);
@@ -96,8 +96,8 @@ static sherf_status places_color(context *c, const bake_steps *j, int64_t n, con
     return status;
 }
 
-/* Colours of an atlas's texels. The network's pictures are softer than texels are small: where its four
- * neighbours (texel_mean) are there, a texel takes their mean, and only the detail is its own. */
+/* Colours of an atlas's texels. The network's colours are too soft to need every texel: a texel with all four
+ * neighbours (texel_mean) takes their mean, and only its detail is computed for itself. */
 static sherf_status texels_color(context *c, const bake_steps *j, const float *position, const float *normal,
                                  float *rgb) {
     const atlas *a = &j->out->atlas;

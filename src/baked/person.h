@@ -8,14 +8,15 @@
 #include "baked/splats.h"
 
 typedef struct {
-    int resolution;         /* cells along the longest side of the canonical body */
-    double level;           /* density of the surface, per metre; 0: where its silhouettes are the frames' */
-    double islands;         /* components with less than this share of the largest one's area are dropped */
-    int triangles;          /* reduce the surface to so many; 0: leave all */
-    int texture_px;         /* side of the texture; 0: colours of the vertices */
-    int splats;             /* so many splats instead of colours of the surface; 0: none */
-    bool detail;            /* colours with the observation's detail */
-    const sherf_pose *pose; /* in whose world and pose the surface stands; NULL: the rest pose of its shape */
+    int resolution; /* cells along the longest side of the canonical body */
+    double level;   /* density of the surface, per metre; 0: where its silhouettes match the frames' */
+    double islands; /* components with less than this share of the largest one's area are removed */
+    int triangles;  /* reduce the surface to so many; 0: leave all */
+    int texture_px; /* side of the texture; 0: colours of the vertices */
+    int splats;     /* so many splats instead of colours of the surface; 0: none */
+    bool detail;    /* colours with the observation's detail */
+    /* the world and pose in which the surface stands; NULL: the rest pose of its shape */
+    const sherf_pose *pose;
 } baked_options;
 
 typedef struct {
@@ -25,7 +26,7 @@ typedef struct {
     float *rgb;       /* V x 3; NULL with a texture or splats */
     atlas atlas;      /* with a texture */
     uint8_t *picture; /* side x side x 3, of the atlas; NULL: none */
-    splats splats;    /* their places are canonical: splats_place takes them to the surface */
+    splats splats;    /* in canonical space: splats_place moves them to the surface */
     sherf_exported report;
 } baked_person;
 

@@ -84,7 +84,7 @@ static double quadric_at(const quadric *q, const double x[3]) {
            2 * (b[0] * x[0] + b[1] * x[1] + b[2] * x[2]) + q->c;
 }
 
-/* Where the quadric is least; false: it is flat in some direction. */
+/* The minimum of the quadric; false: it is flat in some direction. */
 static bool quadric_minimum(const quadric *q, double x[3]) {
     const double *A = q->A, *b = q->b;
     double c0 = A[3] * A[5] - A[4] * A[4], c1 = A[2] * A[4] - A[1] * A[5], c2 = A[1] * A[4] - A[2] * A[3];
@@ -125,7 +125,7 @@ static sherf_status add_edge(context *c, reducer *r, uint32_t a, uint32_t b) {
     best = quadric_at(&q, x);
     candidate e = {.a = a, .b = b, .stamp_a = r->stamp[a], .stamp_b = r->stamp[b]};
     for (int k = 0; k < 3; k++) e.place[k] = (float)x[k];
-    /* where it is flat, short edges first: triangles stay of a size */
+    /* on flat parts short edges collapse first, which keeps triangles of similar size */
     e.cost = fmax(best, 0) + 1e-4 * length2 * length2;
     return heap_push(c, r, &e);
 }
@@ -141,8 +141,8 @@ static int degree_of(const reducer *r, uint32_t v) {
     return count;
 }
 
-/* Marks the neighbours of v with `mark`. Those that had the mark `common` are counted; one that has three
- * triangles, and would have two, counts as many. */
+/* Marks the neighbours of v with `mark`. Counts those that had the mark `common`; a neighbour with three
+ * triangles, which would be left with two, counts as three. */
 static int mark_neighbours(reducer *r, uint32_t v, uint32_t mark, uint32_t common) {
     int shared = 0;
     for (int32_t i = r->first[v]; i != END; i = r->next[i]) {
@@ -157,7 +157,7 @@ static int mark_neighbours(reducer *r, uint32_t v, uint32_t mark, uint32_t commo
     return shared;
 }
 
-/* Would a triangle at v, but not at `other`, turn by more than 75 degrees or lose its area? */
+/* Whether a triangle at v, but not at `other`, would turn by more than 75 degrees or lose its area. */
 static bool turns_over(const reducer *r, uint32_t v, uint32_t other, const float place[3]) {
     for (int32_t i = r->first[v]; i != END; i = r->next[i]) {
         const uint32_t *t = triangle_of(r, i);
@@ -257,12 +257,12 @@ static sherf_status start(context *c, reducer *r) {
     for (size_t t = 0; t < T && status == SHERF_OK; t++)
         for (int k = 0; k < 3 && status == SHERF_OK; k++) {
             uint32_t a = s->triangle[3 * t + (size_t)k], b = s->triangle[3 * t + (size_t)(k + 1) % 3];
-            if (a < b) status = add_edge(c, r, a, b); /* the other triangle has it as b, a */
+            if (a < b) status = add_edge(c, r, a, b); /* the other triangle has the edge as b, a */
         }
     return status;
 }
 
-/* Vertices and triangles that are left, in their order. */
+/* Writes the remaining vertices and triangles, in their order. */
 static void finish(reducer *r) {
     surface *s = r->s;
     uint32_t *number = r->stamp;

@@ -1,6 +1,6 @@
-/* Skin: how places of the canonical surface move with the joints. A place takes the weights and offsets of
- * its nearest canonical vertices, blended so that they change without jumps, where a frame takes the nearest
- * one's alone; and at most four joints, as other programs want. */
+/* Skin: how places of the canonical surface move with the joints. A place takes a blend of the weights and
+ * offsets of its nearest canonical vertices, which changes without jumps; a frame takes only the nearest
+ * one's. It keeps at most four joints, as other programs require. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -115,7 +115,7 @@ typedef struct {
     skin *s;
 } skin_job;
 
-/* Shares of the nearest vertices: (1 - d / d_last)^2, so that a vertex enters and leaves with share 0. */
+/* Weights of the nearest vertices: (1 - d / d_last)^2, so that a vertex enters and leaves with weight 0. */
 static void shares_of(const near_list *l, int32_t *index, float *share) {
     float sum = 0, last = sqrtf(l->d2[l->count - 1]);
     for (int i = 0; i < SKIN_NEAR; i++) {
@@ -178,7 +178,7 @@ static void skin_range(void *arg, int64_t begin, int64_t end, int thread) {
         heaviest(weight, s->joint + 4 * v, s->weight + 4 * v);
         blend(s->joint + 4 * v, s->weight + 4 * v, body->canonical->transform, B);
         double det = adjugate(B, inverse);
-        if (!(fabs(det) > 1e-6)) { /* joints twisted against each other: the heaviest alone */
+        if (!(fabs(det) > 1e-6)) { /* joints twisted against each other: only the heaviest is used */
             memcpy(s->weight + 4 * v, (float[]){1, 0, 0, 0}, 4 * sizeof(float));
             memset(s->joint + 4 * v + 1, 0, 3);
             blend(s->joint + 4 * v, s->weight + 4 * v, body->canonical->transform, B);

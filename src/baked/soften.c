@@ -1,15 +1,15 @@
-/* Edges of baked frames. The opacity of a surface, the share of samples that meet it, rises over one pixel.
+/* Edges of baked frames. The opacity of a surface, the share of samples that hit it, rises over one pixel.
  * Where pixels are small, a tent filter makes it rise over some millimetres; where a pixel is wider than
  * that, it rises faster instead. The line of half opacity stays where it was, and so do the colours inside.
- * Pixels that the edge gains outside take the colours of the surface beside them. */
+ * Pixels that become visible outside take the colours of the surface beside them. */
 #include "baked/form.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { REACH_MAX = 32, LOOK = 4 };
-static const float faint = 0.01f; /* less is not drawn */
-static const float slope_max = 1.5f;
+static const float faint = 0.01f;    /* opacities below this are not drawn */
+static const float slope_max = 1.5f; /* how much faster than over a pixel it rises at most */
 
 typedef struct {
     const baked_soft *s;
@@ -33,7 +33,7 @@ static const float *opacity_row(const soften_job *j, int row) {
     return o->data + (size_t)(j->s->top + row) * (size_t)o->width + (size_t)j->s->left;
 }
 
-/* Outside the rectangle the picture continues as its edge: empty, or cut off. */
+/* Outside the rectangle the picture continues like its edge, which is empty or cut off. */
 static int clamped(int i, int count) {
     return i < 0 ? 0 : i < count ? i : count - 1;
 }
@@ -67,8 +67,8 @@ static void along_columns(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Colour, not multiplied by opacity, and depth of what is beside a pixel that meets nothing; false: nothing.
- */
+/* Colour, not multiplied by opacity, and depth of the surface beside a pixel that hits nothing; false: there
+ * is none. */
 static bool beside(const soften_job *j, int x, int y, float rgb[3], float *depth) {
     const int step = 1 + (j->reach - 1) / LOOK;
     const float *bg = j->s->background;
@@ -92,7 +92,7 @@ static bool beside(const soften_job *j, int x, int y, float rgb[3], float *depth
     return true;
 }
 
-/* Pixels that meet nothing first: they read the others as they were drawn. */
+/* Pixels that hit nothing come first: they read the others as they were drawn. */
 static void outside(void *arg, int64_t begin, int64_t end, int thread) {
     const soften_job *j = arg;
     for (int64_t y = begin; y < end; y++) {

@@ -1,4 +1,4 @@
-/* From density to a solid: smoothing, and what lies enclosed. */
+/* From density to a solid: smoothing, and filling enclosed cavities. */
 #include <math.h>
 #include <string.h>
 

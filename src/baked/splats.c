@@ -1,11 +1,11 @@
-/* Splats: places by throwing darts. A dart that comes too near to an earlier one is thrown away; when too
- * many are, they may come nearer. */
+/* Splats: places by dart throwing (Poisson disks). A dart too near to an earlier one is rejected; after too
+ * many rejections the minimum distance shrinks. */
 #include <math.h>
 #include <string.h>
 
 #include "baked/splats.h"
 
-/* ---- places that are taken, in a hash of cells ---- */
+/* ---- taken places, in a hash of cells ---- */
 typedef struct {
     int32_t *head, *next; /* END: none */
     size_t mask;
@@ -23,7 +23,7 @@ static void cell_of(const taken *h, const float p[3], int64_t cell[3]) {
     for (int k = 0; k < 3; k++) cell[k] = (int64_t)floorf(p[k] / h->cell_m);
 }
 
-/* Is any place nearer than radius (at most a cell's side)? */
+/* Whether any place is nearer than radius (at most a cell's side). */
 static bool near_taken(const taken *h, const splats *s, const float p[3], float radius) {
     int64_t own[3], cell[3];
     cell_of(h, p, own);
@@ -48,7 +48,7 @@ static void take(taken *h, const splats *s, int32_t i) {
 }
 
 /* ---- darts ---- */
-/* Sums of areas: of the triangles before and including t. */
+/* Cumulative areas: of the triangles up to and including t. */
 static double areas_of(const surface *s, double *sum) {
     double all = 0;
     for (int64_t t = 0; t < s->triangles; t++) {

@@ -13,8 +13,8 @@ typedef struct {
     float opacity;
 } splats;
 enum { SPLATS_MAX = 10000000 };
-/* Exactly `count` places, evenly over the surface: none much nearer to another than its share of the area
- * says. Positions, normals and colours are left for splats_place and others. */
+/* Exactly `count` places spread evenly over the surface: none much nearer to another than its share of the
+ * area allows. splats_place and others fill positions, normals and colours. */
 sherf_status splats_make(context *c, const surface *s, int64_t count, splats *out);
 /* Positions and normals from those of the surface's vertices. */
 void splats_place(const surface *s, const float *position, const float *normal, splats *p);

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* Two texels side by side on the surface are at most this many times the usual distance apart. */
+/* Texels that are neighbours on the surface are at most this many times the usual distance apart. */
 static const float apart_max = 3;
 
 static float square_apart(const float *p, const float *q) {
@@ -24,8 +24,8 @@ static float square_side(const atlas *a, const float *positions) {
     return count ? (float)(sum / (double)count) : 0;
 }
 
-/* The texels of even row and column around texel i, one to four; 0: one of them is not there, or on another
- * piece. at: the texel of each place of the picture, -1: none. */
+/* Finds the texels of even row and column around texel i, one to four. Returns 0 if one of them is missing or
+ * on another piece. at: the texel of each place of the picture, -1: none. */
 static int neighbours(const atlas *a, const float *positions, const int32_t *at, float square_max, int64_t i,
                       int32_t out[4]) {
     const int row = a->texel[i] / a->side_px, column = a->texel[i] % a->side_px;

@@ -1,4 +1,4 @@
-/* Frames by a coarse field: the model's answers to samples that weigh move those between them. */
+/* Frames with a coarse field: queried samples correct the samples between them. */
 #include <math.h>
 #include <string.h>
 
@@ -15,9 +15,7 @@ typedef struct {
     int32_t at, end;
 } ray_cursor;
 
-/* Adds what the sample was moved by, where this ray has it and it was queried; returns the weight that
- * counts.
- */
+/* Adds the sample's correction, if this ray has the sample and it was queried; returns the weight used. */
 static float add_moved(const answer_job *j, ray_cursor *ray, int32_t sample, float weight, float sum[4]) {
     const coarse_points *p = j->p;
     while (ray->at < ray->end && p->all.sample[ray->at] < sample) ray->at++;
@@ -27,8 +25,9 @@ static float add_moved(const answer_job *j, ray_cursor *ray, int32_t sample, flo
     return weight;
 }
 
-/* How much a sample before or behind counts against one beside: the root of how much nearer that is
- * (measured; less would be left of what differs along a ray, more of what differs across). */
+/* The weight of a sample before or behind relative to one beside: the square root of the ratio of their
+ * distances (measured; a smaller weight would lose variation along the ray, a larger one variation across
+ * it). */
 static float behind_weight(const ray_bundle *r, int samples, int64_t n) {
     const int64_t other = n % r->width + 1 < r->width ? n + 1 : n - 1;
     const float *d = r->direction + 3 * n, *e = r->direction + 3 * other;

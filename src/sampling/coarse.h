@@ -1,5 +1,5 @@
-/* coarse: frames whose rays go through what is known of the avatar in cells of canonical space, and query the
- * model only for the samples that weigh. */
+/* coarse: frames whose rays go through a coarse field of the avatar in cells of canonical space, and query
+ * the model only for samples of large weight. */
 #ifndef SHERF_COARSE_H
 #define SHERF_COARSE_H
 
@@ -7,16 +7,17 @@
 
 #include "sampling/sampling.h"
 
-/* What a model answers in the middles of canonical cells, for any pose and camera: where it weighs little in
- * a frame, that is close enough. value: [z][y][x] raw density, red, green, blue; owned. NULL: none. */
+/* A model's density and colour in the middles of canonical cells, for any pose and camera. It is close enough
+ * where a sample has little weight in a frame. value: [z][y][x] raw density, red, green, blue; owned. NULL:
+ * none. */
 typedef struct {
     int cells[3];
     float min[3], per_m;
     float (*value)[4];
 } coarse_field;
 
-/* The coarse field's answer at a canonical place, trilinear between middles; the outermost ones' beyond them.
- */
+/* The coarse field's value at a canonical place, trilinear between cell middles, constant beyond the
+ * outermost ones. */
 static inline void coarse_at(const coarse_field *f, const float canonical[3], float out[4]) {
     typedef float four __attribute__((vector_size(16), may_alias));
     float part[3];
@@ -36,25 +37,25 @@ static inline void coarse_at(const coarse_field *f, const float canonical[3], fl
     *(four *)out = near * (1 - z) + far * z;
 }
 
-/* The samples near the body that have density in it and are not hidden, with its answers; `queried`: those of
- * them that the model is to answer instead. A frame is made of `all` by points_render. */
+/* The samples near the body that have density in the coarse field and are not hidden, with its values;
+ * `queried`: those to query the model for instead. points_render makes a frame of `all`. */
 typedef struct {
     point_set *queried;
     point_set all;       /* without places: first and sample */
     float *rgb, *sigma;  /* of `all`: [P, 3], [P] */
-    int32_t *queried_at; /* of `all`: place in `queried`, or one of the two below */
+    int32_t *queried_at; /* of `all`: index in `queried`, or one of the two below */
 } coarse_points;
-/* Where a sample weighs too little to be queried; where its neighbours' answers are to move it. */
+/* The sample's weight is too small to query it; its neighbours' results correct it. */
 enum { COARSE_KEPT = -1, COARSE_MOVED = -2 };
-/* As points_create; free with coarse_points_free, whatever the answer. A ray queries its heaviest samples, so
- * that the others weigh little, each and together; where pixels are close, every other one of them, as
- * on a chequerboard over columns, rows and depths. */
+/* As points_create; free with coarse_points_free, even after an error. A ray queries its samples of largest
+ * weight, so that the others weigh little, each and together; where pixels are close, only every other one of
+ * them, on a chequerboard over columns, rows and depths. */
 sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
                                   const ray_bundle *rays, int samples, const posed_body *observation,
                                   const sherf_camera *observation_camera, const coarse_field *coarse,
                                   coarse_points *out);
-/* The model's answers to `queried`, rgb [P, 3] and raw density [P], into `all`; what the
- * chequerboard left out is moved as its neighbours are. */
+/* Writes the model's results for `queried`, rgb [P, 3] and raw density [P], into `all`; samples that the
+ * chequerboard skipped are corrected as their neighbours were. */
 sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
                                   coarse_points *points);
 void coarse_points_free(coarse_points *p);

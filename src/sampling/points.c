@@ -1,5 +1,5 @@
-/* The samples near the body. A bit per voxel says whether any of it is within 5 cm of a vertex, so that a
- * ray's samples are tested many at a time and only those near the shell meet the exact search. */
+/* The samples near the body. A bit per voxel says whether any part of it is within 5 cm of a vertex, so a
+ * ray's samples are tested many at a time, and only those near the shell need the exact search. */
 #include <math.h>
 #include <string.h>
 #if defined(__x86_64__)
@@ -27,7 +27,7 @@ typedef struct {
     /* coarse frames only: `out` has what is queried, `sample` the bits of all */
     const coarse_field *coarse;
     coarse_points *answer;
-    float heavy_per_m;  /* what weighs more than that a metre of its ray is queried */
+    float heavy_per_m;  /* samples with a larger weight per metre of their ray are queried */
     bool sparse;        /* every other sample is queried */
     uint64_t *query;    /* rays x words: bits of what is queried */
     float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
@@ -182,7 +182,7 @@ static inline void sample_smpl(const points_job *job, int64_t n, int i, float ou
     ray_point_smpl(r->origin_world, d, t, R, Th, out);
 }
 
-/* Pass 2: the exact test; `sample` keeps the bits of what is closer than 5 cm, first[n + 1] their number. */
+/* Pass 2: the exact test; `sample` keeps the bits of samples closer than 5 cm, first[n + 1] their number. */
 static void keep_near(const points_job *job, int64_t chunk) {
     int32_t *nearest = job->nearest + job->candidate[chunk], total = 0;
     for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
@@ -207,7 +207,7 @@ static void keep_near(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
-/* After pass 2: what the occupancy grid has as empty space is kept no longer. */
+/* After pass 2: drops samples in space that the occupancy grid marks as empty. */
 static void drop_empty(const points_job *job, int64_t chunk) {
     enum { SOME = 64 };
     int32_t *nearest = job->nearest + job->candidate[chunk], total = 0;
@@ -241,9 +241,10 @@ static void drop_empty(const points_job *job, int64_t chunk) {
 
 /* ---- coarse frames: pass 2 ---- */
 
-/* Light below which the rest of a ray is hidden; what may weigh that much together without being queried. */
+/* Transmittance below which the rest of a ray is hidden; the total weight that samples may have without being
+ * queried. */
 static const float hidden = 3e-3f, spared = 0.1f;
-/* Where pixels are closer together than that, every other sample is queried. */
+/* Where pixels are closer together than this, only every other sample is queried. */
 static const float sparse_m = 0.005f;
 
 /* Samples of a ray that are near the body, from front to back. */
@@ -253,7 +254,7 @@ typedef struct {
     float place[3 * 8];
 } walk_step;
 
-/* The next ones of a word's candidates; what is not near is passed over. */
+/* Takes a word's next candidates; skips those not near the body. */
 static uint64_t step_on(const points_job *job, int64_t n, int word, uint64_t bits, int32_t *guess,
                         walk_step *s) {
     for (s->count = 0; bits && s->count < (int)COUNT_OF(s->sample); bits &= bits - 1) {
@@ -283,7 +284,7 @@ static float step_of(const points_job *job, int64_t n) {
     return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
 }
 
-/* From front to back, until the rest is hidden; their answers to value. */
+/* Goes from front to back until the rest is hidden; writes the coarse field's values to value. */
 static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *k) {
     const float delta = step_of(job, n);
     float light = 1;
@@ -308,8 +309,7 @@ static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *
     }
 }
 
-/* The weight from which on samples are queried, so that those below it are not more than `spared` together.
- */
+/* The weight from which samples are queried, so that the weights below it sum to at most `spared`. */
 static float weight_threshold(const walk *k, float heavy) {
     for (float threshold = heavy;; threshold *= 0.7f) {
         float sum = 0;

@@ -1,4 +1,4 @@
-/* sampling: the points near the body that a frame's rays meet, and room for frames. */
+/* sampling: the samples of a frame's rays that lie near the body, and room for frames. */
 #ifndef SHERF_SAMPLING_H
 #define SHERF_SAMPLING_H
 
@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* ---- the samples the network meets (network.md: Rays and points 2, 3) ---- */
+/* ---- the samples that the network is queried for (network.md: Rays and points 2, 3) ---- */
 typedef struct {
     int64_t count, rays;
     int samples;
@@ -23,12 +23,12 @@ typedef struct {
     int32_t *nearest;         /* P, target vertex; only when requested (keep_stages) */
     const ray_bundle *on;     /* the rays, which outlive the set; NULL: the points lie on none */
     float *depth;             /* P, where they are not the rays' even ones; else NULL */
-    float last_way;           /* with these: the way behind a ray's last point; 0: to the box's end */
+    float last_way;           /* with `depth`: the distance behind a ray's last point; 0: to the box's end */
 } point_set;
 /* The raw density of the samples of a ray that are not kept; their colour is 0. */
 #define SIGMA_EMPTY -80.0f
-/* Where canonical space is occupied, by cells; a bit is set where there is known to be nothing: bit x % 32 of
- * bit[(z * cells[1] + y) * words + x / 32]. Without bits nothing is known. */
+/* Occupancy of canonical space by cells. A set bit marks a cell known to be empty: bit x % 32 of bit[(z *
+ * cells[1] + y) * words + x / 32]. Without bits nothing is known. */
 typedef struct {
     int cells[3], words;
     float min[3], per_m;
@@ -53,30 +53,30 @@ sherf_status points_create(context *c, const body_model *body, const posed_body 
                            const ray_bundle *rays, int samples, const posed_body *observation,
                            const sherf_camera *observation_camera, const occupancy_grid *empty,
                            bool keep_stages, point_set **out);
-/* Every sample of the rays that meet the box, whatever is near: count, rays, first, ray, sample and `on`
- * alone are filled. For fields that live in the world and know of no body. */
+/* Every sample of the rays that meet the box, near the body or not; fills only count, rays, first, ray,
+ * sample and `on`. For fields that live in the world and do not use the body. */
 sherf_status points_of_box(context *c, const ray_bundle *rays, int samples, point_set **out);
 void points_free(point_set *p);
-/* Of a point on a ray: its depth, and where that is in the world. */
+/* The depth of a point on a ray, and its place in the world. */
 float point_depth(const point_set *p, int64_t i);
 void point_world(const point_set *p, int64_t i, float out_world[3]);
-/* Makes what points_create needs of a posed body, once, for many pictures of one pose. Without it each call
- * makes its own. */
+/* Prepares a posed body for points_create, once for many pictures of one pose. Without it each call prepares
+ * its own. */
 sherf_status points_prepare(context *c, const body_model *body, posed_body *target);
 
-/* Room for the three pictures of a frame, kept where it has that size. */
+/* Allocates the three pictures of a frame; keeps them if they have that size already. */
 sherf_status frame_shape(context *c, int width, int height, sherf_frame *frame);
 
 /* A frame made whole on a GPU, from a pose. */
 typedef struct {
-    int samples;     /* depths a ray, */
-    int samples_max; /* and up to so many where steps would be longer than step_max_m (rays_even_steps); 0:
-                         not */
+    int samples; /* depths a ray, */
+    /* or up to this many where steps would be longer than step_max_m (rays_even_steps); 0: never more */
+    int samples_max;
     float step_max_m;
     bool repair; /* rays_repair */
     float background[3];
     bool early_stop;             /* rays that are opaque skip the rest of their points */
-    const occupancy_grid *empty; /* or NULL; all frames of an avatar that give one give the same */
+    const occupancy_grid *empty; /* or NULL; all frames of an avatar that pass one pass the same */
 } gpu_frame_options;
 
 #ifdef __cplusplus

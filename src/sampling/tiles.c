@@ -22,11 +22,11 @@ void point_tile_fill(const point_set *points, const int64_t *index, int64_t firs
 
 typedef struct {
     context *c;
-    const tile_source *source; /* NULL: known_rgb and known_sigma have the answers */
+    const tile_source *source; /* NULL: known_rgb and known_sigma have the results */
     const point_set *points;
     char *scratch; /* one part a thread */
     size_t part;
-    atomic_llong next; /* the next piece of work that nobody has */
+    atomic_llong next; /* the next piece of work that no thread has taken */
     int64_t pieces;
     float *rgb, *sigma;
     const float *known_rgb, *known_sigma;
@@ -162,7 +162,7 @@ static void write_ray(const work *w, const ray_state *s) {
     f->depth.data[s->ray] = fminf(fmaxf(depth, w->depth_min), w->depth_max);
 }
 
-/* As write_ray for a ray without points, whose direction and range need not be read. */
+/* As write_ray, for a ray without points; its direction and range need not be read. */
 static void write_nothing(const work *w, int64_t ray) {
     sherf_frame *f = w->frame;
     for (int k = 0; k < 3; k++) f->color.data[3 * ray + k] = w->background[k];
@@ -190,9 +190,9 @@ static int start_block(const work *w, block_space *b, int64_t block) {
     return count;
 }
 
-/* Takes the points in the order ray by ray; with early_stop in rounds of CHUNK a ray, so that rays that have
- * become opaque drop out: what a round leaves of a tile waits for the next one. Points of a ray stay in
- * order, whichever tile they fall into. */
+/* Takes the points ray by ray. With early_stop it takes rounds of CHUNK points per ray, so that opaque rays
+ * drop out; a tile that a round does not fill is filled by the next. Points of a ray stay in order, whichever
+ * tile they fall into. */
 static void run_blocks(void *arg, int64_t begin, int64_t end, int thread) {
     work *w = arg;
     char *scratch = w->scratch + (size_t)thread * w->part;

@@ -1,5 +1,5 @@
-/* tiles: points in the order of their rays, a tile at a time through whatever answers them, and composited
- * into a frame (network.md 6). */
+/* tiles: queries points in the order of their rays, a tile at a time, and composites them into a frame
+ * (network.md 6). */
 #ifndef SHERF_TILES_H
 #define SHERF_TILES_H
 
@@ -15,12 +15,12 @@ typedef struct {
     int count;                                                  /* of POINT_TILE; the others hold zeros */
 } point_tile;
 
-/* What answers points a tile at a time, on any thread. */
+/* A field that is queried a tile at a time, on any thread. */
 typedef struct {
     const void *self;
     void (*answer)(const void *self, point_tile *t, void *scratch); /* fills t->out */
     size_t scratch_bytes;                                           /* one a thread, 64-byte aligned */
-    bool stops_early; /* frames may leave out what lies behind opaque points */
+    bool stops_early; /* frames may skip points behind opaque ones */
 } tile_source;
 
 /* Loads points into a tile: index[0 .. count), or those from `first` on. */
@@ -35,7 +35,7 @@ sherf_status tiles_run(context *c, const tile_source *source, const point_set *p
 sherf_status tiles_render(context *c, const tile_source *source, const ray_bundle *rays,
                           const point_set *points, const float background[3], bool early_stop,
                           sherf_frame *frame);
-/* The same of points whose answers are there: rgb [P, 3] and raw density [P]. */
+/* The same for points whose rgb [P, 3] and raw density [P] are known. */
 sherf_status points_render(context *c, const ray_bundle *rays, const point_set *points, const float *rgb,
                            const float *sigma, const float background[3], sherf_frame *frame);
 

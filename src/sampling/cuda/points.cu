@@ -73,7 +73,7 @@ static __device__ float direction_length(const placed_points &p, int64_t n) {
     return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-/* Of each part of the rays: the least and the largest depth, the longest way through the box. */
+/* For each part of the rays: the smallest and largest depth, and the longest path through the box. */
 __global__ static void range_kernel(placed_points p) {
     __shared__ float low[BLOCK], high[BLOCK], way[BLOCK];
     const int t = (int)threadIdx.x;
@@ -162,7 +162,8 @@ __global__ static void many_kernel(placed_points p) {
 static void find_candidates(const placed_pose &pose, const placed_points &p) {
     each_row(p.rays, [=] __device__(int64_t n, int lane) {
         int count = 0;
-        for (int w = 0; p.at_box[n] && WORD * w < p.head->samples; w++) { /* the warp is of one mind */
+        for (int w = 0; p.at_box[n] && WORD * w < p.head->samples;
+             w++) { /* the condition is the same for the whole warp */
             const int i = WORD * w + lane;
             float x[3];
             bool candidate = false;
@@ -176,7 +177,7 @@ static void find_candidates(const placed_pose &pose, const placed_points &p) {
         }
         if (lane == 0) p.first[n] = count;
     });
-    /* more than a number can say: none, and an error in the end */
+    /* too many for an int32: none are taken, and the frame ends in an error */
     launch(many_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p);
     each(1, [=] __device__(int64_t) {
         int64_t sum = 0;

@@ -22,13 +22,13 @@ struct body_points {
     bool volume;
 };
 
-/* What is the same for all points. */
+/* The quantities shared by all points. */
 typedef struct {
     double local[BODY_JOINTS][9];     /* R of each joint about its parent */
     double change[BODY_JOINTS][3][9]; /* its derivative by each component */
     double global[BODY_JOINTS][9], rest[BODY_JOINTS][3], place[BODY_JOINTS][3];
     double axis[BODY_JOINTS][9];                     /* columns: o for each component of bend */
-    double place_shape[BODY_JOINTS][3][BODY_SHAPES]; /* d g_j - R_j d J_j: the joint's part by shape */
+    double place_shape[BODY_JOINTS][3][BODY_SHAPES]; /* d g_j - R_j d J_j: the joint's derivative by shape */
     double feature[BODY_JOINTS][9];                  /* R - I */
 } chain;
 
@@ -193,7 +193,7 @@ static void rest_place(const body_points *p, size_t i, const body_state *s, cons
         for (int k = 0; k < 3; k++) u[k] += t->feature[1 + f / 9][f % 9] * (double)dirs[3 * f + k];
 }
 
-/* How the point's rest place moves with component `a` of joint j; false: not at all. */
+/* The derivative of the point's rest place by component `a` of joint j; false: it is zero. */
 static bool rest_slope(const body_points *p, size_t i, const chain *t, int j, int a, double du[3]) {
     const point_data *q = &p->point[i];
     const double *dR = t->change[j][a];

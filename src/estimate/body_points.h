@@ -1,5 +1,5 @@
-/* body_points: some points of the body, where they are for given unknowns, and how they move with each of
- * them. A fit looks at a few hundred points only: joints, places fixed to joints, and vertices. */
+/* body_points: positions of chosen points of the body for given unknowns, and their derivatives by each of
+ * them. A fit uses only a few hundred points: joints, places fixed to joints, and vertices. */
 #ifndef SHERF_ESTIMATE_BODY_POINTS_H
 #define SHERF_ESTIMATE_BODY_POINTS_H
 
@@ -37,7 +37,7 @@ sherf_status body_points_create(context *c, const body_model *body, int count, c
 void body_points_free(body_points *p);
 int body_points_count(const body_points *p);
 /* place: count x 3. slope (may be NULL): count x 3 x BODY_UNKNOWNS. blend (may be NULL): count x 9, the
- * blended rotation of each point, for what turns with it. */
+ * blended rotation of each point, for vectors that turn with it. */
 void body_points_place(const body_points *p, const body_state *s, double *place, double *slope,
                        double *blend);
 /* s moved by a step: BODY_UNKNOWNS numbers. out may be s. */

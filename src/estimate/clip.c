@@ -9,9 +9,9 @@
 #include "estimate/clip_inside.h"
 
 enum { SAMPLES = 12 };
-static const double begun_s = 0.3; /* a fit that long ago is a start */
+static const double begun_s = 0.3; /* a fit at most this old can start the next one */
 
-static bool hopeless(sherf_status status) { /* of a frame; others can be better */
+static bool hopeless(sherf_status status) { /* a frame that failed for good reason; others may succeed */
     return status == SHERF_BAD_ARGUMENT || status == SHERF_MISMATCH;
 }
 
@@ -44,7 +44,7 @@ static double median(double *x, int count) {
     return 0.5 * (x[(count - 1) / 2] + x[count / 2]);
 }
 
-/* Frame i of `parts` stretches: the one in it in which most is seen; NULL: nobody. */
+/* The frame of stretch i of `parts` in which most of the person is seen; NULL: nobody is. */
 static const clip_frame *best_of(const clip_track *t, int part, int parts) {
     const clip_frame *best = NULL;
     double max = 0;
@@ -59,8 +59,8 @@ static const clip_frame *best_of(const clip_track *t, int part, int parts) {
     return best;
 }
 
-/* Where somebody walks nearer, the ground under them says how far the camera looks down, better than any
- * frame alone: floor_m are places on it in the camera's frame, y and z. */
+/* When a person walks nearer, the ground under them tells how far the camera looks down, better than any
+ * single frame. floor_m: places on it in the camera's frame, y and z. */
 static double pitch_of(const double (*floor_m)[2], int count, double guess_rad) {
     const double spread_m = 0.04, spread_rad = 0.05;
     double mean[2] = {0}, zz = 0, zy = 0;
@@ -75,7 +75,7 @@ static double pitch_of(const double (*floor_m)[2], int count, double guess_rad) 
     return atan((sure * tan(guess_rad) - zy) / (sure + zz));
 }
 
-/* Medians of what some frames' own fits say. */
+/* Medians over some frames' own fits. */
 static sherf_status find_known(context *c, const body_model *body, const clip_track *t, double focal_px,
                                body_fit_result *known) {
     double value[BODY_SHAPES + 3][SAMPLES], floor_m[SAMPLES][2];
@@ -111,7 +111,7 @@ static double worth(const body_fit_result *r) {
     return r->iou - 10 * r->landmarks_px / fmax(r->height_px, 1);
 }
 
-/* From the frame before, and anew where that lies badly. */
+/* Fits from the frame before, and anew where that fits badly. */
 static sherf_status fit_next(context *c, const body_model *body, const clip_track *t, clip_frame *f,
                              const body_fit_result *known, const body_fit_result *before) {
     body_fit_result anew;

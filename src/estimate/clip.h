@@ -1,7 +1,6 @@
 /* clip: a video of one person to a motion. Landmarks are tracked from frame to frame; the shape, the focal
  * length and the camera's pitch are found once; a body is fitted to every frame, beginning with the one
- * before; then noise is taken out of the rotations and the place, and feet that stand are held
- * (docs/photo.md). */
+ * before; then rotations and places are smoothed, and standing feet are held in place (docs/photo.md). */
 #ifndef SHERF_ESTIMATE_CLIP_H
 #define SHERF_ESTIMATE_CLIP_H
 

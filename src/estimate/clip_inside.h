@@ -1,4 +1,4 @@
-/* clip_inside: what the parts of clip share. */
+/* clip_inside: shared by the files of clip. */
 #ifndef SHERF_ESTIMATE_CLIP_INSIDE_H
 #define SHERF_ESTIMATE_CLIP_INSIDE_H
 
@@ -12,7 +12,7 @@ typedef struct {
     photo_region region, next;
     landmark landmark[LANDMARKS];
     uint8_t inside[CLIP_MASK_SIDE * CLIP_MASK_SIDE]; /* probabilities of 2 x 2, in 255ths */
-    bool swapped; /* left and right were taken for each other; the landmarks here are put right */
+    bool swapped; /* left and right were exchanged; the landmarks here are corrected */
     bool fitted;
     body_fit_result fit;
 } clip_frame;
@@ -21,17 +21,17 @@ typedef struct {
     clip_frame **frame; /* NULL: the person was not seen, or the video's picture is the one before */
     int count, room;
     bool *repeated;    /* the picture was the one before */
-    int width, height; /* of the pictures that were looked at */
-    int people;        /* where anybody was seen first */
-    double fps, scale; /* pixels of the full video in one of those looked at */
+    int width, height; /* of the pictures that the networks saw */
+    int people;        /* in the first frame that shows anybody */
+    double fps, scale; /* pixels of the full video per pixel of those pictures */
 } clip_track;
 void clip_track_free(clip_track *t);
-/* All frames of the video are looked at (clip_look.c). */
+/* Runs the networks on all frames of the video (clip_look.c). */
 sherf_status clip_look(context *c, const pose_networks *n, const char *path, const sherf_clip_options *o,
                        clip_track *t);
 void clip_frame_person(const clip_frame *f, photo_person *out);
-/* Where the networks took front for back for less than a second or so, left and right are exchanged again;
- * returns in how many frames. */
+/* Where the networks took front for back for less than about a second, exchanges left and right again;
+ * returns the number of such frames. */
 sherf_status clip_repair(context *c, clip_track *t, int *repaired);
 
 /* min over x of sum_i weight_i (x_i - value_i)^2 + stiffness sum_i (x_{i-1} - 2 x_i + x_{i+1})^2
@@ -44,7 +44,7 @@ typedef struct {
     const double *weight, *value, *pull, *step;
 } path_problem;
 sherf_status path_solve(context *c, const path_problem *p, double *out);
-/* The stiffness at which a swing of `cut_hz` is halved. */
+/* The stiffness that halves a swing of `cut_hz`. */
 double path_stiffness(double fps, double cut_hz);
 
 /* From fits to a motion (clip_smooth.c). first and last: the first and last frame fitted. known: the shape

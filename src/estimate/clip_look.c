@@ -1,5 +1,5 @@
-/* A video's frames through the networks: who is followed, what is kept of each frame, and which frames show
- * left and right exchanged. */
+/* Runs a video's frames through the networks: follows the person, keeps what is needed of each frame, and
+ * finds frames with left and right exchanged. */
 #include <math.h>
 #include <string.h>
 
@@ -7,7 +7,7 @@
 #include "estimate/landmarks.h"
 #include "io/video_read.h"
 
-/* While nobody is seen, the detector looks this often; it takes as long as ten frames of tracking. */
+/* While nobody is seen, the detector runs this often; it takes as long as tracking ten frames. */
 static const double search_s = 0.2;
 
 void clip_track_free(clip_track *t) {
@@ -17,7 +17,7 @@ void clip_track_free(clip_track *t) {
     *t = (clip_track){0};
 }
 
-/* ---- what is kept ---- */
+/* ---- kept data ---- */
 
 static void pack(const photo_person *p, clip_frame *out) {
     memset(out, 0, sizeof *out);
@@ -77,7 +77,7 @@ static sherf_status add(context *c, clip_track *t, const photo_person *person, b
     return SHERF_OK;
 }
 
-/* ---- who is followed ---- */
+/* ---- following the person ---- */
 
 typedef struct {
     const pose_networks *n;
@@ -85,11 +85,11 @@ typedef struct {
     int wanted;
     sherf_image image;
     photo_person person; /* as last seen */
-    bool known, there;   /* has been seen at all; in the frame before */
-    int search_at;       /* the next frame in which the detector may look */
+    bool known, there;   /* has been seen at all; was seen in the frame before */
+    int search_at;       /* the next frame in which the detector may run */
 } follower;
 
-/* How different two detections of one person are, by position and by size. */
+/* The difference of two detections in position and size. */
 static double apart(const photo_person *a, const photo_person *b) {
     const double side = (double)fmaxf(a->next.side_px, b->next.side_px);
     return hypot((double)(a->next.centre_px[0] - b->next.centre_px[0]),
@@ -107,7 +107,7 @@ static sherf_status search(context *c, follower *f, clip_track *t) {
         t->people = count;
         best = f->wanted < count ? f->wanted : -1;
     } else {
-        double min = 1.5; /* further away it is somebody else */
+        double min = 1.5; /* a detection further away is somebody else */
         for (int i = 0; i < count; i++) {
             const double d = apart(&people[i], &f->person);
             if (d < min) min = d, best = i;
@@ -206,7 +206,7 @@ static void exchange(clip_frame *f) {
     f->swapped = !f->swapped;
 }
 
-/* Where the trunk's left side points, seen from above; exchanged: what it would be then. */
+/* Where the trunk's left side points, seen from above; exchanged: with left and right exchanged. */
 static double facing(const clip_frame *f, bool exchanged) {
     const landmark *l = f->landmark;
     double left[2] = {0};
@@ -218,7 +218,7 @@ static double facing(const clip_frame *f, bool exchanged) {
 }
 
 /* The cheapest sequence of "as seen" and "exchanged": nobody turns faster than `turn_rate`, and the networks
- * are mostly right. A wrong stretch is put right while it is shorter than about a second. */
+ * are mostly right. A wrong stretch is corrected if it is shorter than about a second. */
 sherf_status clip_repair(context *c, clip_track *t, int *repaired) {
     const double turn_rate = 8, slack = 0.4, jump_cost = 4, wrong_s = 25;
     uint8_t(*from)[2] = mem_zero(c, (size_t)t->count, sizeof *from);

@@ -1,6 +1,6 @@
-/* From a body in every frame to a motion: what is noise is taken out, gaps are filled, feet that stand are
- * held. All by penalised least squares of accelerations, which looks as far ahead as back and leaves a
- * steady motion as it is. */
+/* From a body in every frame to a motion: smooths, fills gaps and holds standing feet in place. All of it by
+ * least squares with a penalty on accelerations, which looks as far ahead as back and leaves a steady motion
+ * unchanged. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,13 +8,13 @@
 
 #include "estimate/clip_inside.h"
 
-/* Above these a motion is more noise than motion. */
+/* Above these frequencies there is more noise than motion. */
 static const double cut_limbs_hz = 3.5, cut_trunk_hz = 2.5, cut_root_hz = 3.5, cut_across_hz = 3,
                     cut_depth_hz = 0.9, cut_held_hz = 4;
-/* Over longer than this, or twice in depth, the picture is believed where feet that stand go another way. */
+/* Over longer times than this (twice that in depth) the picture wins where standing feet say otherwise. */
 static const double held_s = 0.2;
 static const double turn_tail_rad = 0.35, root_tail_rad = 0.7,
-                    place_tail = 0.03; /* further off it is a mistake */
+                    place_tail = 0.03; /* larger distances are mistakes */
 enum { ROUNDS = 3 };
 
 double path_stiffness(double fps, double cut_hz) {
@@ -102,7 +102,7 @@ static double cut(const settling *s, double usual_hz) {
     return usual_hz / (s->smooth > 0 ? s->smooth : 1);
 }
 
-/* The landmark (left's) that tells how well a joint is known; -1: others do. */
+/* The landmark (of the left side) whose visibility says how well a joint is known; -1: other landmarks do. */
 static const int8_t tells[BODY_JOINTS] = {-1, 25, 25, -1, 27, 27, -1, 31, 31, -1, 31, 31,
                                           -1, -1, -1, -1, 13, 13, 15, 15, 19, 19, 19, 19};
 
@@ -115,7 +115,8 @@ static double known_of(const clip_frame *f, int joint) {
     return certainty * (0.1 + 0.9 * (double)(l->visible * l->present));
 }
 
-/* Quaternions as numbers, each on the side of the one before; then made unit again. */
+/* Smooths quaternions as plain numbers, each with the sign that is nearest to the one before; then normalises
+ * them. */
 static sherf_status smooth_joint(context *c, settling *s, int joint) {
     const double cut_hz = !joint ? cut_root_hz : tells[joint] >= 0 ? cut_limbs_hz : cut_trunk_hz;
     const double tail = joint ? turn_tail_rad : root_tail_rad;
@@ -139,7 +140,7 @@ static sherf_status smooth_joint(context *c, settling *s, int joint) {
     }
     for (int round = 0; round < (s->smooth < 0 ? 1 : ROUNDS) && status == SHERF_OK; round++) {
         path_problem now = p;
-        if (s->smooth < 0) now.stiffness = 1e-6; /* gaps are filled all the same */
+        if (s->smooth < 0) now.stiffness = 1e-6; /* gaps are filled even so */
         status = path_solve(c, &now, s->out);
         for (int i = 0; i < s->count && status == SHERF_OK; i++) {
             double length = 0, along = 0;
@@ -159,7 +160,7 @@ static sherf_status smooth_joint(context *c, settling *s, int joint) {
 
 /* ---- the place ---- */
 
-/* Directions are seen well, distances badly: each its own band. In the camera's frame. */
+/* Directions are seen well, distances badly, so each has its own band. In the camera's frame. */
 static sherf_status smooth_place(context *c, settling *s) {
     const sherf_camera *k = NULL;
     float R[9];
@@ -229,7 +230,7 @@ static void stance_of(const settling *s, int i, stance *out) {
     out->lowest = skeleton_lowest(k, (const float(*)[4])s->clip.turn[i], none, up);
 }
 
-/* How sure it is that a foot carries between frame i and the next: it is the lowest part, and slow. */
+/* How likely a foot carries the body between frame i and the next: it is the lowest part, and slow. */
 static double carries(const settling *s, const stance *st, int i, int side) {
     double speed = 0;
     for (int a = 0; a < 3; a++) {
@@ -241,7 +242,8 @@ static double carries(const settling *s, const stance *st, int i, int side) {
            fade(st[i + 1].low[side] - st[i + 1].lowest, 0.03, 0.09);
 }
 
-/* Steps of the pelvis by the feet that carry, into pull and step (rows of 3); floor: what is under them. */
+/* Steps of the pelvis according to the carrying feet, into pull and step (rows of 3); floor: the height under
+ * them. */
 static void find_steps(settling *s, const stance *st, double *pull, double (*step)[3]) {
     memset(pull, 0, (size_t)s->count * sizeof *pull);
     for (int i = 0; i + 1 < s->count; i++) {
@@ -263,7 +265,7 @@ static int by_value(const void *a, const void *b) {
     return x < y ? -1 : x > y;
 }
 
-/* The median height of what is lowest, of frames in which a foot carries if there are any. */
+/* The median height of the lowest part, over frames in which a foot carries, if there are any. */
 static double find_floor(settling *s, const stance *st, const double *pull) {
     int count = 0;
     for (int round = 0; round < 2 && !count; round++)
@@ -273,7 +275,7 @@ static double find_floor(settling *s, const stance *st, const double *pull) {
     return s->value[count / 2];
 }
 
-/* Across, the feet that carry say how the pelvis moves; upwards, that they are on the floor. */
+/* Horizontally, carrying feet give the pelvis' movement; vertically, they are on the floor. */
 static sherf_status hold_feet(context *c, settling *s) {
     const double stiffness = path_stiffness(s->t->fps, cut(s, cut_held_hz));
     const double held = s->t->fps * s->t->fps * held_s * held_s;
@@ -291,7 +293,7 @@ static sherf_status hold_feet(context *c, settling *s) {
         for (int i = 0; i < s->count; i++) {
             double stands = i + 1 < s->count ? pull[i] : 0;
             if (i > 0) stands = fmax(stands, pull[i - 1]);
-            /* who is hardly above the floor is on it, sliding or not */
+            /* a person hardly above the floor is on it, sliding or not */
             stands = fmax(stands, fade(fabs(s->place[i][1] + st[i].lowest - floor_m), 0.05, 0.12));
             s->value[i] = s->place[i][a];
             s->weight[i] = a == 2 ? 0.3 : 1; /* the camera looks along -z */

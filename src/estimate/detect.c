@@ -1,5 +1,5 @@
-/* BlazePose's detector on a photo and on ever smaller squares of it: its anchors are decoded, and of boxes
- * that overlap the best one stays. */
+/* BlazePose's detector on a photo and on ever smaller squares of it: decodes its anchors and keeps the best
+ * of overlapping boxes. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,11 +7,11 @@
 #include "estimate/detect.h"
 #include "estimate/region.h"
 
-/* Less than this is no person; of two boxes that overlap by more than this the better one stays. */
+/* A lower score is no person; of two boxes that overlap by more than the second number the better one
+ * stays. */
 static const float score_min = .5f, overlap_max = .3f;
-/* Of a closer look, people are taken whose region is not larger than this part of what was looked at: of
- * others only a piece was seen. And if none in the photo is larger than `small` of it, a still closer look
- * follows. */
+/* From a closer look, only people are taken whose region is at most this share of the square: of others it
+ * showed only a piece. If nobody in the photo is larger than `small` of it, a still closer look follows. */
 static const float whole_max = 1.3f, small = .5f;
 /* Photos are scaled down to about this: a quarter of it is twice the network's input. */
 enum { KEPT_MAX = 256, LOOKED_AT_SIDE_MAX = 1792, SHORT_SIDE_MIN = 32, REFINED_MAX = 8 };
@@ -76,7 +76,7 @@ static int by_size(const void *x, const void *y) {
     return by_score(x, y);
 }
 
-/* Adds it unless a better one is there; it replaces worse ones. */
+/* Adds a detection unless an overlapping one is better; it replaces worse ones. */
 static void keep(found *f, const detection *d) {
     for (int i = 0; i < f->count; i++)
         if (overlap(f->item[i].box_px, d->box_px) > overlap_max && f->item[i].score >= d->score) return;
@@ -110,7 +110,7 @@ done:
     return status;
 }
 
-/* Squares of that side over the whole photo, each half upon its neighbours. */
+/* Squares of this side over the whole photo, each overlapping its neighbours by half. */
 static sherf_status look_closer(context *c, const pose_networks *n, const sherf_image *photo, float side_px,
                                 found *f) {
     const float size[2] = {(float)photo->width, (float)photo->height};
@@ -137,7 +137,7 @@ static float largest(const found *f) {
     return side;
 }
 
-/* A look at each of the small people alone: their turn and size are seen badly from far. */
+/* Looks at each small person alone: rotation and size are estimated badly from far away. */
 static sherf_status look_at_each(context *c, const pose_networks *n, const sherf_image *photo, float side_max,
                                  found *f) {
     detection small_one[REFINED_MAX];
@@ -154,8 +154,8 @@ static sherf_status look_at_each(context *c, const pose_networks *n, const sherf
     return status;
 }
 
-/* The network sees the largest person of a picture well, and others beside it only if they are as large in
- * what it looks at. */
+/* The network detects the largest person of a picture well, and others only if they are about as large in its
+ * input. */
 static sherf_status look(context *c, const pose_networks *n, const sherf_image *photo, found *f) {
     const float width = (float)photo->width, height = (float)photo->height, longest = fmaxf(width, height);
     const photo_region whole = {.centre_px = {.5f * (width - 1), .5f * (height - 1)}, .side_px = longest};

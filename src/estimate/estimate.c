@@ -1,4 +1,4 @@
-/* Photo to observation: the steps in their order, and what is said of them. */
+/* From a photo to an observation: the steps in their order, and the facts reported about them. */
 #include "estimate/estimate.h"
 
 #include <math.h>
@@ -74,7 +74,7 @@ static sherf_status take_channels(context *c, const image_u8 *from, int first, i
     return picture_shrink(c, channels_row, &k, from->width, from->height, out);
 }
 
-/* A transparent background is a mask, if anything of the picture is transparent. */
+/* The alpha channel is a mask, if any of the picture is transparent. */
 static bool has_cutout(const image_u8 *picture) {
     const size_t n = (size_t)picture->width * (size_t)picture->height;
     size_t clear = 0;
@@ -97,7 +97,7 @@ static sherf_status given_mask(context *c, const char *path, const image_u8 *pho
 
 /* ---- the steps ---- */
 
-/* Which of the people is meant: most of the given mask's pixels, or the one requested by number. */
+/* Chooses the person: the one with most of the given mask's pixels, or the one requested by number. */
 static sherf_status choose(context *c, const photo_person *people, int count, int wanted,
                            const sherf_image *mask, int *chosen) {
     if (count < 1)
@@ -135,7 +135,7 @@ static void find_box(const sherf_image *mask, float box_px[4]) {
     for (int k = 0; k < 4; k++) box_px[k] = (float)box[k];
 }
 
-/* Refused: of a head alone no body can be told, and one that is guessed lies anywhere, of any size. */
+/* Refused: a head alone does not determine a body; a guessed one could be anywhere, of any size. */
 static sherf_status only_a_piece(context *c) {
     return failure(c, SHERF_MISMATCH,
                    "only a head, or a small part of a person, is in the photo: take one of the whole person");
@@ -175,7 +175,7 @@ static void describe(sherf_estimate *e) {
     for (size_t i = 0; i < COUNT_OF(warned); i++) f->warnings |= warned[i] ? 1u << i : 0;
 }
 
-/* The body of the person who was found, with this shape, or, for NULL, with one that is found too. */
+/* Fits the found person's body, with this shape, or estimates the shape too if it is NULL. */
 static sherf_status fit(context *c, const body_model *body, const float *shape, sherf_estimate *e) {
     const double begun_s = time_seconds();
     const body_fit_input input = {.person = &e->person,
@@ -210,7 +210,7 @@ static sherf_status estimate(context *c, const sherf_estimator *n, const body_mo
     begun_s = time_seconds();
     if ((status = progress(c, "cutting out", 1, STEPS))) goto done;
     if (!e->mask.data) {
-        const photo_person person = people[chosen]; /* the others then lie together */
+        const photo_person person = people[chosen]; /* the others are then contiguous */
         people[chosen] = people[0];
         people[0] = person;
         status = person_mask(c, &e->photo, people, people + 1, count - 1, &e->mask, &mask);
@@ -296,7 +296,7 @@ sherf_status sherf_estimate_picture(sherf_context *c, const sherf_estimator *n, 
     return finish(c, estimate(c, n, body, o, o ? o->focal_px : 0, e), e, out);
 }
 
-/* How much an estimate says of the shape: little where the body lies badly or is cut off. */
+/* How well an estimate determines the shape: little where the body fits badly or is cut off. */
 static double worth(const sherf_estimate *e) {
     const unsigned partly = SHERF_ESTIMATE_CUT_FEET | SHERF_ESTIMATE_CUT_HEAD | SHERF_ESTIMATE_POOR;
     return e->facts.warnings & partly ? 0.25 * e->fit.iou + 1e-3 : e->fit.iou + 1e-3;

@@ -1,5 +1,5 @@
-/* estimate: from a photo to an observation: who is there (landmarks.h), where the person ends (mask.h), which
- * camera and body that is (fit.h). */
+/* estimate: from a photo to an observation: finds the people (landmarks.h), the mask (mask.h), the camera and
+ * the body (fit.h). */
 #ifndef SHERF_ESTIMATE_ESTIMATE_H
 #define SHERF_ESTIMATE_ESTIMATE_H
 
@@ -15,16 +15,16 @@ struct sherf_estimator {
 };
 
 struct sherf_estimate {
-    sherf_image photo; /* RGB, as it was estimated from */
-    sherf_image color; /* the same with the person's own colours at the rim */
+    sherf_image photo; /* RGB, the input of the estimate */
+    sherf_image color; /* the same, with the person's own colours at the mask's edge */
     sherf_image mask;  /* [H, W, 1], soft */
     photo_person person;
-    double focal_px; /* that was given; 0: none */
+    double focal_px; /* the given focal length; 0: none */
     body_fit_result fit;
     bool mask_over; /* of person_mask_facts */
     sherf_estimate_facts facts;
 };
 
-/* The person as body silhouette and mask show it: the photo, darker outside the mask, under the body. PNG. */
+/* Writes a PNG of the photo, darkened outside the mask, with the body over it. */
 sherf_status estimate_draw(context *c, const sherf_estimate *e, const body_model *body, const char *path);
 #endif

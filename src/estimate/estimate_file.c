@@ -1,5 +1,5 @@
-/* An estimate as a folder that one can look at and correct: an observation (docs/observation.md), and a
- * drawing of it. */
+/* Writes an estimate as a folder to look at and correct: an observation (docs/observation.md) and an
+ * overlay. */
 #include <cjson/cJSON.h>
 #include <errno.h>
 #include <stdio.h>
@@ -42,7 +42,7 @@ static cJSON *matrix(const float *from) {
     return rows;
 }
 
-/* NULL when memory lacks. */
+/* NULL: out of memory. */
 static char *observation_text(const sherf_estimate *e) {
     const sherf_camera *k = &e->fit.camera;
     const sherf_pose *p = &e->fit.pose;
@@ -109,7 +109,7 @@ sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, cons
                                  const char *folder) {
     char path[PATH_LENGTH];
     const bool fresh = !path_is_folder(folder);
-    /* the text last: a folder without it is no observation */
+    /* the JSON last: a folder without it is no observation */
     part parts[PARTS] = {{"image.png"}, {"mask.png"}, {"observation.json"}};
     char *text = observation_text(e);
     if (!text) return failure(c, SHERF_NO_MEMORY, "out of memory: an observation as text");
@@ -122,7 +122,7 @@ sherf_status sherf_estimate_save(sherf_context *c, const sherf_estimate *e, cons
     if (!status) status = folder_make(c, folder);
     if (!status) status = estimate_draw(c, e, body, path);
     if (!status) status = write_parts(c, folder, parts);
-    if (status && fresh) { /* what was made for it */
+    if (status && fresh) { /* removes the folder made for it */
         remove(path);
         remove(folder);
     }

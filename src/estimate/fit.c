@@ -1,5 +1,4 @@
-/* The fit: what is looked at, from where it starts, in which stages it goes on, and what is made of its end.
- */
+/* The fit: its input, its starts, its stages, and the result. */
 #include "estimate/fit.h"
 
 #include <math.h>
@@ -28,7 +27,7 @@ static bool unit(double v[3]) {
     return true;
 }
 
-/* ---- what counts ---- */
+/* ---- weights ---- */
 
 static sherf_status check_input(context *c, const body_fit_input *in) {
     enum { SIDE_MAX = 1 << 16 };
@@ -58,8 +57,9 @@ static bool in_photo(const body_fit_input *in, int l) {
            at[1] <= (float)(in->height_px - 1);
 }
 
-/* What is hidden is guessed by the networks not badly (5 cm off instead of 2), so it counts a little; what
- * lies outside the photo hardly. Of fingers and faces several landmarks say the same. */
+/* The networks guess hidden landmarks rather well (5 cm off instead of 2), so these have a small weight;
+ * landmarks outside the photo have hardly any. Several landmarks of fingers and faces say the same, so each
+ * weighs less. */
 static void weigh_landmarks(fit_problem *p) {
     for (int l = 0; l < LANDMARKS; l++) {
         if (fit_landmarks[l].joint < 0) continue;
@@ -96,7 +96,7 @@ static double standing_of(const body_fit_input *in) {
     return min;
 }
 
-/* A trunk that looks upright in the picture is most likely upright in depth too. */
+/* A trunk that looks upright in the picture is probably upright in depth too. */
 static double upright_of(const body_fit_input *in) {
     const landmark *l = in->person->landmark;
     double trunk[2];
@@ -212,9 +212,9 @@ void fit_problem_clear(fit_problem *p) {
     mem_free(p->skin_blend);
 }
 
-/* ---- beginning ---- */
+/* ---- starts ---- */
 
-/* Up and left of the trunk in 3D; false where they are nothing. */
+/* The trunk's up and left directions in 3D; false where they have no length. */
 static bool first_turn(const fit_problem *p, double root[9]) {
     const landmark *l = p->in->person->landmark;
     double left[3], up[3], front[3], turned[9];
@@ -235,7 +235,7 @@ static bool first_turn(const fit_problem *p, double root[9]) {
     return true;
 }
 
-/* The place that puts the marks where they are seen, by linear least squares. */
+/* The body's place that best projects the marks to where they are seen, by linear least squares. */
 static bool first_place(fit_problem *p, fit_state *s) {
     double A[9] = {0}, b[3] = {0}, focal = exp(s->log_focal);
     memset(s->body.pelvis_m, 0, sizeof s->body.pelvis_m);
@@ -273,7 +273,7 @@ static void keep_known(const body_fit_input *in, fit_state *s) {
     s->log_focal = log((double)known->camera.K[0]);
 }
 
-/* A fit's end as a start. */
+/* Starts from the end of another fit. */
 static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s, fit_equations *e) {
     double turned[9], camera[9], w[3], place[3];
     *s = (fit_state){.clothes = 1};
@@ -297,7 +297,7 @@ static double start_from(fit_problem *p, const body_fit_result *r, fit_state *s,
     return fit_solve(p, s, STAGE_LANDMARKS, e);
 }
 
-/* One start: the turn of the trunk, turned on by `yaw` about its own axis. */
+/* One start: the trunk's orientation, rotated by `yaw` about its own axis. */
 static double try_start(fit_problem *p, double yaw, fit_state *s, fit_equations *e) {
     const double axis[3] = {0, yaw, 0};
     double R[9];
@@ -331,7 +331,7 @@ static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equati
     }
     if (!(min < INFINITY)) return failure(c, SHERF_MISMATCH, "fit: no body lies where the landmarks are");
     p->weight_mask = 100;
-    if (!begun) p->weight_3d = 0.35; /* their depths have decided which way the limbs go */
+    if (!begun) p->weight_3d = 0.35; /* the depths have already decided the limbs' directions */
     for (int round = 0; round < (begun ? 1 : ROUNDS_MASK); round++) {
         p->px_per_m = exp(best->log_focal) / best->body.pelvis_m[2];
         ray_of(p, exp(best->log_focal));
@@ -341,7 +341,7 @@ static sherf_status find(context *c, fit_problem *p, fit_state *best, fit_equati
     return SHERF_OK;
 }
 
-/* ---- the end ---- */
+/* ---- the result ---- */
 
 static void set_camera(const body_fit_input *in, const fit_problem *p, const fit_state *s,
                        body_fit_result *out) {
@@ -362,7 +362,7 @@ static void set_camera(const body_fit_input *in, const fit_problem *p, const fit
     out->roll_rad = s->roll;
 }
 
-/* With the pelvis at the origin; the floor is found with the vertices. */
+/* With the pelvis at the origin; the floor follows from the vertices. */
 static void set_pose(const body_model *body, const fit_state *s, body_fit_result *out) {
     float root[9];
     for (int i = 0; i < 3; i++)
@@ -383,7 +383,7 @@ static void set_pose(const body_model *body, const fit_state *s, body_fit_result
     }
 }
 
-/* The floor to y = 0, the body's extent in the picture. */
+/* Moves the floor to y = 0 and finds the body's extent in the picture. */
 static void set_floor(const body_model *body, const float *vertices, body_fit_result *out) {
     float lowest = INFINITY, low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};
     sherf_camera *k = &out->camera;

@@ -1,8 +1,8 @@
-/* fit: camera, pose and shape of a body from what networks see of a person in a photo.
+/* fit: camera, pose and shape of a body from the networks' landmarks and mask of a person in a photo.
  *
  * Nonlinear least squares over the body's turn, 23 rotations, 10 shapes, its place, the focal length, which
  * way is up, and the scale of the landmarks in 3D, with analytic derivatives (body_points.h). docs/photo.md
- * says what is measured against what, and how good it is. */
+ * has the terms and the accuracy. */
 #ifndef SHERF_ESTIMATE_FIT_H
 #define SHERF_ESTIMATE_FIT_H
 
@@ -13,12 +13,13 @@ typedef struct body_fit_result body_fit_result;
 typedef struct {
     const photo_person *person;
     int width_px, height_px; /* of the photo */
-    double focal_px;         /* 0: unknown; then it is found, near 1.3 times the longer side */
+    double focal_px;         /* 0: unknown; then it is estimated, near 1.3 times the longer side */
     const sherf_image *mask; /* width_px x height_px x 1, probabilities; NULL: the person's own `inside` */
-    /* For a video's frames, or NULL. known: its shape, focal length, pitch and roll are kept. before: the
-     * same person a moment ago, by the known camera; the fit starts from there. */
+    /* For a video's frames, or NULL. known: its shape, focal length, pitch and roll are kept. before: the fit
+     * of the same person a moment ago, with the known camera; this fit starts from it. */
     const body_fit_result *known, *before;
-    const float *shape; /* BODY_SHAPES, which are kept, as known's are; NULL: they are found */
+    /* BODY_SHAPES numbers, kept fixed as those of `known` are; NULL: they are estimated */
+    const float *shape;
 } body_fit_input;
 
 /* The world is upright: y up, floor at y = 0 under the lowest part of the body, the pelvis above the origin;
@@ -33,17 +34,17 @@ struct body_fit_result {
     double body_inside;         /* share of the body's silhouette that lies in the mask */
     double iou;                 /* of the two, in the picture */
     double lean_rad;            /* of the trunk against the vertical, forward positive */
-    /* What a caller may say in a line. */
+    /* Facts for a caller's warnings. */
     bool from_behind;        /* the person's back is turned to the camera */
     bool cut_feet, cut_head; /* outside the picture */
-    bool stands;             /* on straight legs: then the feet carried the body in the fit */
+    bool stands;             /* on straight legs: the fit then assumed that the feet carry the body */
     bool hidden_arms;        /* an elbow or wrist is not seen: its pose is a guess */
     bool small;              /* fewer than 150 pixels high */
-    bool poor;               /* landmarks or mask lie badly on the body: look at the overlay */
+    bool poor;               /* the body fits landmarks or mask badly: look at the overlay */
 };
 
 /* Same input, same bits, for any number of threads. SHERF_BAD_ARGUMENT where the input is not finite or no
- * landmark is seen; SHERF_MISMATCH where no body lies anywhere near the landmarks. */
+ * landmark is seen; SHERF_MISMATCH where no body comes near the landmarks. */
 sherf_status body_fit(context *c, const body_model *body, const body_fit_input *in, body_fit_result *out);
 
 #endif

@@ -1,11 +1,12 @@
-/* Depths of the landmarks: the network's are short, bent at straight knees, and wrong together, so each is
- * corrected by all, linearly (ridge regression over people whose bodies are known: bench/fit_depths.c). */
+/* Corrects the landmarks' depths. The network's are too short, bent at straight knees, and have correlated
+ * errors, so each depth is corrected linearly by all (ridge regression over people with known bodies:
+ * bench/fit_depths.c). */
 #include <math.h>
 #include <string.h>
 
 #include "estimate/fit_inside.h"
 
-/* No depth is corrected by more. */
+/* The largest correction of a depth. */
 static const double correction_max_m = 0.3;
 
 static void turn(double cosine, double sine, const float at[2], double out[2]) {

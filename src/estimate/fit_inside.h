@@ -1,4 +1,4 @@
-/* fit_inside: what the parts of the fit share. Everything is in the camera's frame, metres, until the result
+/* fit_inside: shared by the files of the fit. Everything is in the camera's frame, metres, until the result
  * is made. */
 #ifndef SHERF_ESTIMATE_FIT_INSIDE_H
 #define SHERF_ESTIMATE_FIT_INSIDE_H
@@ -6,13 +6,13 @@
 #include "estimate/body_points.h"
 #include "estimate/fit.h"
 
-/* Beside the body's unknowns. */
+/* Unknowns besides the body's. */
 enum {
     FIT_PITCH = BODY_UNKNOWNS,
     FIT_ROLL,
     FIT_FOCAL,   /* its logarithm */
     FIT_SCALE,   /* the logarithm of the scale of the landmarks in 3D */
-    FIT_CLOTHES, /* how far clothes lie beyond the body, as a part of what is usual */
+    FIT_CLOTHES, /* how far clothes lie beyond the body, relative to the usual */
     FIT_UNKNOWNS
 };
 typedef struct {
@@ -24,21 +24,21 @@ typedef struct {
 typedef struct {
     int joint; /* -1: not used */
     double offset_m[3];
-    double spread_m;          /* of its place in 2D, across the ray */
-    double across_m, along_m; /* of its place in 3D, across the ray and along it, its depth being corrected */
+    double spread_m; /* of its place in 2D, across the ray */
+    /* of its place in 3D, across the ray and along it, after the depth's correction */
+    double across_m, along_m;
 } fit_landmark;
 extern const fit_landmark fit_landmarks[LANDMARKS];
 
 /* ---- the networks' depths corrected (fit_depths.c) ---- */
-/* What is looked at: of each landmark that is used its place in 3D, how far the picture's place is from that
- * one's, and whether it is seen; and 1. Lengths are the networks' metres, axes those of the region. */
+/* The regressors: for each used landmark its place in 3D, the difference of its place in the picture from
+ * that, and its visibility; and 1. Lengths are the networks' metres, axes those of the region. */
 enum { FIT_DEPTHS = 27, FIT_DEPTH_NUMBERS = 6 * FIT_DEPTHS + 1 };
 #define FIT_DEPTH_UNIT (1. / 8192)
 extern const int16_t fit_depth_weights[FIT_DEPTHS][FIT_DEPTH_NUMBERS];
-/* numbers: what is looked at. *px_per_m: of the networks' metres. false: the landmarks lie in one place. */
+/* numbers: the regressors. *px_per_m: of the networks' metres. false: all landmarks are in one place. */
 bool fit_depth_numbers(const photo_person *p, double number[FIT_DEPTH_NUMBERS], double *px_per_m);
-/* Depths as they most likely are behind the middle of the hips, in the networks' metres; 0 for landmarks that
- * are not used. */
+/* The most likely depths behind the middle of the hips, in the networks' metres; 0 for unused landmarks. */
 void fit_depths(const photo_person *p, double depth_m[LANDMARKS]);
 
 /* ---- what people wear (fit_clothes_table.c) ---- */
@@ -48,10 +48,10 @@ typedef struct {
     float beyond_m, along_m[3];
 } fit_clothes;
 extern const fit_clothes fit_clothes_table[BODY_JOINTS];
-/* Of one vertex, blended as skin is. */
+/* The same for one vertex, blended with its skinning weights. */
 double fit_clothes_at(const body_model *body, int vertex, const double normal[3]);
 
-/* One joint: the usual bend, where a fit starts, and how far it goes. */
+/* One joint: the usual bend, from which a fit starts, and its limits. */
 typedef struct {
     double usual[3], lowest[3], highest[3];
 } fit_joint;
@@ -60,9 +60,9 @@ extern const fit_joint fit_joints[BODY_JOINTS];
 extern const double fit_mass[BODY_JOINTS];
 
 /* ---- poses that people are photographed in (fit_poses.c) ---- */
-/* The numbers that are looked at: the bends of fit_pose_joint's joints, and the vertical's parts along the
+/* The numbers that describe a pose: the bends of fit_pose_joint's joints, and the vertical's parts along the
  * pelvis' x and z (a tilted root). A mixture of Gaussians: each kind of pose has a mean and the upper
- * triangle, row by row, of a matrix that whitens what is off it, in units of FIT_POSE_..._UNIT. */
+ * triangle, row by row, of a matrix that whitens deviations from it, in units of FIT_POSE_..._UNIT. */
 enum { FIT_POSE_JOINTS = 19, FIT_POSE_NUMBERS = 3 * FIT_POSE_JOINTS + 2, FIT_POSE_KINDS = 6 };
 #define FIT_POSE_MEAN_UNIT 1e-4
 #define FIT_POSE_WHITEN_UNIT (1. / 1024)
@@ -72,8 +72,8 @@ typedef struct {
 } fit_pose_kind;
 extern const int fit_pose_joint[FIT_POSE_JOINTS];
 extern const fit_pose_kind fit_pose_kinds[FIT_POSE_KINDS];
-/* The kind that costs least at x, and its whitened residuals. *cost: -2 log of the density, less the first
- * kind's peak. */
+/* The kind with the lowest cost at x, and its whitened residuals. *cost: -2 log of the density, less the
+ * first kind's peak. */
 const fit_pose_kind *fit_pose_nearest(const double x[FIT_POSE_NUMBERS], double r[FIT_POSE_NUMBERS],
                                       double *cost);
 
@@ -84,13 +84,13 @@ typedef struct {
     double left, top,
         cell_px;       /* cell (x, y) has its centre at left + cell_px x, top + cell_px y in the photo */
     float *inside;     /* width x height, probabilities */
-    float *outside_px; /* how far outside of the mask a cell lies; 0 inside */
+    float *outside_px; /* distance of a cell outside the mask; 0 inside */
     int outline;       /* points of the mask's edge that do not lie at the photo's border */
     double point_px[FIT_OUTLINE_MAX][2], normal[FIT_OUTLINE_MAX][2]; /* normals outwards */
 } fit_mask;
 sherf_status fit_mask_create(context *c, const body_fit_input *in, fit_mask **out);
 void fit_mask_free(fit_mask *mask);
-/* Distance outside the mask at a place, and its slope. Beyond the grid it goes on growing. */
+/* Distance outside the mask at a place, and its gradient. It keeps growing beyond the grid. */
 double fit_mask_outside(const fit_mask *mask, const double place_px[2], double slope[2]);
 
 /* ---- terms (fit_terms.c) ---- */
@@ -101,35 +101,35 @@ typedef struct {
     fit_mask *mask;            /* owned */
     body_points *marks, *skin; /* landmarks and then joints; vertices all over the body */
     double (*skin_normal)[3];  /* in the rest pose */
-    double *skin_clothes_m;    /* how far the mask's edge usually lies beyond it */
+    double *skin_clothes_m;    /* the usual distance of the mask's edge beyond it */
     int *skin_vertex;
     double centre_px[2], focal_guess_px, focal_spread;
-    double seen[LANDMARKS]; /* 0 to 1: how much a landmark counts */
+    double seen[LANDMARKS]; /* 0 to 1: weight of a landmark */
     double seen_3d[LANDMARKS];
     double depth_m[LANDMARKS]; /* corrected */
     double ray[9];             /* the rotation that does so */
     double px_per_m;           /* at the body, of the state at hand; fixed during a stage */
-    double upright;            /* how much a trunk that leans costs */
-    double stands;             /* 0 to 1: how sure it is that the feet carry the body */
+    double upright;            /* cost of a leaning trunk */
+    double stands;             /* 0 to 1: confidence that the feet carry the body */
     /* which terms count */
     double weight_2d, weight_3d, weight_mask;
     /* scratch */
     double *mark_place, *mark_slope, *skin_place, *skin_slope, *skin_blend;
 } fit_problem;
 
-/* A problem of that input, without weights; p->in and p->body are kept by pointer. fit_problem_clear frees
- * what it holds, also after a failure. */
+/* Makes a problem of this input, without weights; it points to `in` and `body`. fit_problem_clear frees what
+ * it holds, even after a failure. */
 sherf_status fit_problem_begin(context *c, const body_model *body, const body_fit_input *in, fit_problem *p);
 void fit_problem_clear(fit_problem *p);
 
-/* The skin that makes the body's contour where the mask's edge is. off_px: how far the contour lies beyond
- * the edge, negative where clothes cover it. */
+/* A place of the skin on the body's contour near a point of the mask's edge. off_px: how far the contour lies
+ * beyond the edge, negative where clothes cover it. */
 typedef struct {
     int outline, skin;
     double off_px;
 } fit_edge;
-/* Of the mask's outline whatever has such skin near it, at p->skin_place with p->skin_blend; at most
- * FIT_OUTLINE_MAX. */
+/* The points of the mask's outline that have such skin near them, for vertices at p->skin_place with
+ * p->skin_blend; at most FIT_OUTLINE_MAX. */
 int fit_edges(fit_problem *p, double focal_px, fit_edge *edge);
 
 typedef struct {
@@ -138,7 +138,7 @@ typedef struct {
 /* The sum of all terms at s, and where `equations` is not NULL the Gauss-Newton normal equations A step = -b.
  */
 double fit_cost(fit_problem *p, const fit_state *s, fit_equations *equations);
-const float *fit_shape(const body_fit_input *in); /* that is kept; NULL: it is found */
+const float *fit_shape(const body_fit_input *in); /* the fixed shape; NULL: it is estimated */
 void fit_up(const fit_state *s, double up[3]);    /* against gravity, in the camera's frame */
 
 /* ---- solving (fit_solve.c) ---- */

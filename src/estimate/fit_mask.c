@@ -1,4 +1,4 @@
-/* The mask on a grid round the person: distances outside of it, and points on its edge. */
+/* The mask on a grid round the person: distances outside it, and points on its edge. */
 #include <math.h>
 #include <string.h>
 
@@ -10,7 +10,7 @@ static double clamp(double x, double low, double high) {
 
 /* ---- the grid ---- */
 
-/* Round the network's region and all landmarks, as far as that lies in the photo. */
+/* Covers the network's region and all landmarks, clipped to the photo. */
 static bool place_grid(const body_fit_input *in, fit_mask *mask) {
     const photo_region *r = &in->person->region;
     double low[2] = {1e30, 1e30}, high[2] = {-1e30, -1e30};
@@ -154,7 +154,7 @@ double fit_mask_outside(const fit_mask *mask, const double place_px[2], double s
 
 /* ---- the edge ---- */
 
-/* Downhill of the mask's probabilities about a cell, by least squares over 5 x 5. */
+/* The downhill direction of the mask's probabilities at a cell, by least squares over 5 x 5. */
 static bool downhill(const fit_mask *mask, int x, int y, double n[2]) {
     n[0] = n[1] = 0;
     for (int j = -2; j <= 2; j++)
@@ -170,7 +170,7 @@ static bool downhill(const fit_mask *mask, int x, int y, double n[2]) {
     return true;
 }
 
-/* Between neighbouring cells of which one is in the mask; `every` steps over crossings. */
+/* Points between neighbouring cells of which one is in the mask; takes one of `every` crossings. */
 static int crossings(const body_fit_input *in, fit_mask *mask, int every) {
     int seen = 0;
     mask->outline = 0;

@@ -1,4 +1,4 @@
-/* How usual a pose is. */
+/* The prior of poses. */
 #include <math.h>
 #include <string.h>
 
@@ -8,7 +8,7 @@
 const int fit_pose_joint[FIT_POSE_JOINTS] = {1,  2,  3,  4,  5,  6,  7,  8,  9, 12,
                                              13, 14, 15, 16, 17, 18, 19, 20, 21};
 
-/* The whitened residuals and their squares' sum; it ends early where that is over `max`. */
+/* The whitened residuals and their squares' sum; ends early where the sum exceeds `max`. */
 static double off(const fit_pose_kind *g, const double x[FIT_POSE_NUMBERS], double max,
                   double r[FIT_POSE_NUMBERS]) {
     double away[FIT_POSE_NUMBERS], sum = 0;

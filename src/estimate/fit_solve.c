@@ -32,7 +32,7 @@ static bool step_of(const fit_equations *e, double damping, double L[FIT_UNKNOWN
     return true;
 }
 
-/* Angles move by half a radian at most, the body by a fifth of its distance: a long step is a wrong one. */
+/* Angles move by half a radian at most, the body by a fifth of its distance: longer steps are wrong. */
 static void shorten(const fit_state *s, double step[FIT_UNKNOWNS]) {
     double max = 0;
     for (int i = 0; i < BODY_SHAPE; i++) max = fmax(max, fabs(step[i]) / 0.5);

@@ -1,10 +1,10 @@
-/* What is known of landmarks, joints and masses. */
+/* Tables of landmarks, joints and masses. */
 #include "estimate/fit_inside.h"
 
-/* Measured on 320 pictures of 40 made people (`sherf synth people --seed 5000 --people 40 --poses 2 --views 4
- * --size 512` before plain backgrounds; BlazePose heavy), whose bodies are known, by robust least squares,
- * left and right mirrored: where on the body a landmark lies and how far it strays in the picture; in 3D
- * along the ray it is what is left by bench/fit_depths.c. */
+/* Measured on 320 pictures of 40 synthetic people (`sherf synth people --seed 5000 --people 40 --poses 2
+ * --views 4 --size 512` before plain backgrounds; BlazePose heavy), whose bodies are known, by robust least
+ * squares, left and right mirrored: where on the body a landmark lies and how far it strays in the picture;
+ * in 3D along the ray, the residual after bench/fit_depths.c. */
 #define SIDES(left, right, j, x, y, z, spread, across, along)                                                \
     [left] = {j, {x, y, z}, spread, across, along}, [right] = {j + 1, {-(x), y, z}, spread, across, along}
 #define HEAD(left, right, x, y, z, spread, across, along)                                                    \
@@ -35,8 +35,8 @@ const fit_landmark fit_landmarks[LANDMARKS] = {
     SIDES(LANDMARK_LEFT_TOE, LANDMARK_RIGHT_TOE, 7, 0.015, -0.075, 0.159, 0.040, 0.165, 0.084),
 };
 
-/* The usual bend of a joint is that of somebody who stands with hanging arms. Limits: people/person_pose.c.
- * The right side mirrors the left. */
+/* The usual bend of a joint is that of a person standing with hanging arms. Limits: people/person_pose.c. The
+ * right side mirrors the left. */
 #define JOINT(u0, u1, u2, l0, l1, l2, h0, h1, h2)                                                            \
     {                                                                                                        \
         {u0, u1, u2}, {l0, l1, l2}, {                                                                        \

@@ -12,7 +12,7 @@
 typedef struct {
     fit_problem *p;
     const fit_state *s;
-    fit_equations *e; /* NULL: the cost alone is wanted */
+    fit_equations *e; /* NULL: only the cost is wanted */
     double cost, up[3], up_pitch[3], up_roll[3], focal;
 } terms;
 
@@ -109,7 +109,7 @@ static void landmark_in_3d(terms *t, int l) {
     add(t, 3, r, (const row *)slope, p->weight_3d * p->seen_3d[l], 2.5);
 }
 
-/* ---- what people are like ---- */
+/* ---- priors of poses and shapes ---- */
 
 static void one(terms *t, int unknown, double value, double spread, double weight, double tail) {
     row slope = {0};
@@ -118,7 +118,8 @@ static void one(terms *t, int unknown, double value, double spread, double weigh
     add(t, 1, &r, (const row *)&slope, weight, tail);
 }
 
-/* Like one of the poses that people are photographed in. What is like none costs less and less: tail. */
+/* Pulls towards the poses that people are photographed in. A pose unlike any of them costs less than its
+ * square: tail. */
 static void usual_pose(terms *t, double weight, double tail) {
     enum { N = FIT_POSE_NUMBERS, TILT = N - 2 };
     const double *root = t->s->body.root;
@@ -195,7 +196,7 @@ void fit_up(const fit_state *s, double up[3]) {
     up[2] = -sin(s->pitch);
 }
 
-/* A vector made of marks: v = sum_i share_i mark_i. */
+/* A linear combination of marks: v = sum_i share_i mark_i. */
 typedef struct {
     int count, mark[2 * BODY_JOINTS];
     double share[2 * BODY_JOINTS];
@@ -212,8 +213,8 @@ static void blend_place(const terms *t, const blend *b, double v[3]) {
         for (int k = 0; k < 3; k++) v[k] += b->share[i] * mark(t, b->mark[i])[k];
 }
 
-/* The row (axis . v - aim) / spread. The axis turns with what is up: `along` is the derivative of the row,
- * before the division, by a small change of `up`. */
+/* The row (axis . v - aim) / spread. The axis turns with `up`: `along` is the derivative of the row, before
+ * the division, by a small change of `up`. */
 static void along_axis(terms *t, const blend *b, const double axis[3], double aim, const double along[3],
                        double spread, double weight, double tail) {
     double v[3], r;
@@ -242,14 +243,14 @@ static void upright(terms *t, const blend *b, double spread, double weight, doub
     along_axis(t, b, t->up, 0, v, spread, weight, tail);
 }
 
-/* Where a foot carries: 5 cm in front of the ankle. */
+/* The place where a foot carries: 5 cm in front of the ankle. */
 static void take_foot(blend *b, int side, double share) {
     take(b, LANDMARK_LEFT_HEEL + side, 0.55 * share);
     take(b, LANDMARK_LEFT_TOE + side, 0.45 * share);
 }
 
-/* Someone who stands on straight legs is carried by the feet: the centre of mass is above the line between
- * them, soles and ankles are level, and the trunk leans little. */
+/* A person on straight legs is carried by the feet: the centre of mass is above the line between them, soles
+ * and ankles are level, and the trunk leans little. */
 static void standing(terms *t) {
     double weight = t->p->stands, apart[3], v[3], line[3], across[3], half;
     if (!(weight > 0)) return;
@@ -309,7 +310,7 @@ static void trunk_upright(terms *t) {
 
 /* ---- the mask ---- */
 
-/* Vertices that lie outside: clothes are wider than the body, so that costs much. */
+/* Vertices outside the mask: clothes are wider than the body, so these cost much. */
 static void body_in_mask(terms *t, int points, double weight) {
     const fit_problem *p = t->p;
     double spread = 0.012 * p->px_per_m;
@@ -329,7 +330,7 @@ static void body_in_mask(terms *t, int points, double weight) {
     }
 }
 
-/* Places and outward normals in the picture of the skin that makes the contour; a normal of 0 elsewhere. */
+/* Places and outward normals, in the picture, of skin on the contour; the normal is 0 elsewhere. */
 static void find_contour(fit_problem *p, double focal_px, double (*px)[2], double (*n)[2]) {
     const terms t = {.p = p, .focal = focal_px};
     for (int i = 0; i < body_points_count(p->skin); i++) {
@@ -369,8 +370,8 @@ int fit_edges(fit_problem *p, double focal_px, fit_edge *edge) {
     return count;
 }
 
-/* The mask's edge lies as far beyond the body's contour as clothes, hair and soles usually do there. Wider
- * clothes cost less than narrower ones. */
+/* Expects the mask's edge as far beyond the body's contour as clothes, hair and soles usually reach there.
+ * Wider clothes cost less than narrower ones. */
 static void edge_on_body(terms *t, double weight) {
     fit_problem *p = t->p;
     fit_edge edge[FIT_OUTLINE_MAX];

@@ -15,7 +15,7 @@ static int index_of(const value *v, int count, const char *const *names) {
     return -1;
 }
 
-/* A list of min to max whole numbers; *count of them. Left alone where there is no such field. */
+/* Reads a list of min to max whole numbers; *count of them. Changes nothing where there is no such field. */
 static sherf_status integers(context *c, const value *node, const char *key, int min, int max, int64_t *out,
                              int *count) {
     const value *list = value_get(node, key);

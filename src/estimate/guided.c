@@ -1,12 +1,12 @@
-/* guided: sums over windows slide down and along in bands of rows. A band starts afresh, so that what a row
- * gets does not depend on how the rows are shared among threads. */
+/* guided: sums over windows slide down and along in bands of rows. Each band starts afresh, so a row's result
+ * does not depend on how rows are shared among threads. */
 #include "estimate/guided.h"
 
 #include <string.h>
 
 enum { BAND_ROWS = 64, MOMENTS = 14, PLANE = 4 };
 
-/* What is summed of one pixel to out[MOMENTS] or out[PLANE]. */
+/* Writes one pixel's summands to out[MOMENTS] or out[PLANE]. */
 typedef struct {
     const sherf_image *guide;
     const float *value, *weight; /* of the moments */
@@ -58,7 +58,7 @@ static void plane_solve(const double sum[MOMENTS], double epsilon, float out[PLA
     out[3] = (float)(m[10] - a[0] * m[1] - a[1] * m[2] - a[2] * m[3]);
 }
 
-/* One row out of the sums of its columns. n: sums a column. rows: how many they hold. */
+/* Makes one row from the sums of its columns. n: sums per column. rows: the number of rows they hold. */
 static void row_finish(const fitting *f, int y, int rows, int n, const double *columns) {
     const int width = f->guide->width, radius = f->radius;
     double sum[MOMENTS] = {0};

@@ -1,7 +1,7 @@
 /* guided: the guided filter with a colour picture as its guide (He, Sun and Tang 2010), with weights. In
  * every window the value is fitted as a plane over colour, value = a . colour + b, by least squares; a pixel
  * takes the mean of the planes of all windows that hold it. So values follow the picture's edges, and where
- * weights are small, a pixel takes what pixels of its colour nearby have. */
+ * weights are small, a pixel takes the value of nearby pixels of its colour. */
 #ifndef SHERF_ESTIMATE_GUIDED_H
 #define SHERF_ESTIMATE_GUIDED_H
 

@@ -9,17 +9,18 @@
 #include "estimate/look.h"
 #include "estimate/region.h"
 
-/* What is less probably a person is dropped. */
+/* A look with a lower probability of a person is dropped. */
 static const float score_min = .5f;
 /* Two people are one when their landmarks lie this close, as a part of the region's side. */
 static const float same_place = .08f;
-/* Or when this much of one's mask is the other's. */
+/* Or when this share of one's mask is in the other's. */
 static const float part_min = .7f;
 /* Parts of a region's side. */
 static const float settled_size = .15f, settled_place = .08f;
-/* Of a straight and a mirrored look (look_mirrored): so little is usual, and so much is nobody. */
+/* Disagreement of a straight and a mirrored look (look_mirrored): up to the first is usual, from the second
+ * it is no person. */
 static const float doubt_little = .015f, doubt_cut = .03f, doubt_max = .15f;
-/* Part of a region's side in which no knee or ankle of a person lies who is wholly in it. */
+/* The part of a region's side in which no knee or ankle lies, if the person is wholly in the region. */
 static const float rim = .06f;
 enum { OTHER_REGIONS = 3, SHORT_SIDE_MIN = 32 };
 static const float pi = 3.14159265f;
@@ -29,7 +30,7 @@ sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_imag
     return look_once(c, n, photo, region, false, out);
 }
 
-/* The next look would be at much the same square. */
+/* Whether the next look would be at nearly the same square. */
 static bool settled(const photo_region *a, const photo_region *b) {
     const float moved = hypotf(a->centre_px[0] - b->centre_px[0], a->centre_px[1] - b->centre_px[1]);
     return fabsf(logf(a->side_px / b->side_px)) < settled_size && moved < settled_place * a->side_px;
@@ -60,7 +61,7 @@ static float inside_at(const photo_person *p, const float place_px[2]) {
     return p->inside[at[1] * PERSON_MASK_SIDE + at[0]];
 }
 
-/* Most of a's mask belongs to b's: a detection of somebody's upper half, say. */
+/* Whether most of a's mask belongs to b's: a detection of a person's upper half, for example. */
 static bool is_part(const photo_person *a, const photo_person *b) {
     enum { STEP = 4 };
     int all = 0, shared = 0;
@@ -76,7 +77,7 @@ static bool is_part(const photo_person *a, const photo_person *b) {
     return all && (float)shared >= part_min * (float)all;
 }
 
-/* The detection lies so near a person who was found from another that a look would find that one again. */
+/* Whether the detection lies so near a person already found that a look would find the same person again. */
 static bool is_known(const detection *d, const photo_person *people, int count) {
     for (int i = 0; i < count; i++) {
         const photo_region *r = &people[i].next;
@@ -86,8 +87,8 @@ static bool is_known(const detection *d, const photo_person *people, int count) 
     return false;
 }
 
-/* Puts the last of the people, who come by the detector's score, among those before: a twin goes, and so does
- * somebody's piece. Whoever takes in several is none. Returns how many there are then. */
+/* Merges the last person into those before (people come in order of the detector's score): drops duplicates
+ * and parts of others. One that covers several others is not a person. Returns the new count. */
 static int settle_newest(photo_person *people, int count) {
     const photo_person *p = &people[count - 1];
     int piece = -1;
@@ -102,8 +103,9 @@ static int settle_newest(photo_person *people, int count) {
     return count - 1;
 }
 
-/* Where else somebody may be whom a look at that region (NULL: none) does not show well: below it, if it took
- * in a head or a trunk, at the photo's height there, or in the photo's middle. Returns how many. */
+/* Other regions for a person whom a look at this region (NULL: none) does not show well: below it, if it
+ * showed a head or a trunk; at the photo's full height there; or in the photo's middle. Returns their
+ * number. */
 static int other_regions(const sherf_image *photo, const photo_region *seen, photo_region *out) {
     const float width = (float)photo->width, height = (float)photo->height;
     int count = 0;
@@ -118,8 +120,8 @@ static int other_regions(const sherf_image *photo, const photo_region *seen, pho
     return count;
 }
 
-/* The limbs reach the region's rim, where it may have cut them off; beyond the photo there is nothing to see.
- */
+/* Whether limbs reach the region's edge, which may have cut them off; edges outside the photo do not
+ * count. */
 static bool is_cut(const sherf_image *photo, const photo_person *p) {
     static const int end[] = {LANDMARK_NOSE,       LANDMARK_LEFT_HIP,   LANDMARK_RIGHT_HIP,
                               LANDMARK_LEFT_KNEE,  LANDMARK_RIGHT_KNEE, LANDMARK_LEFT_ANKLE,
@@ -142,8 +144,8 @@ static sherf_status look_mirrored_and_judge(context *c, const pose_networks *n, 
     return status;
 }
 
-/* Looks at a person found in a region once more, mirrored, and elsewhere if the two do not agree well. `p` is
- * the last of `people`; nobody is found twice. *there: somebody. */
+/* Looks at a found person's region again, mirrored, and at other regions if the two disagree. `p` is the last
+ * of `people`; nobody is found twice. *there: a person was found. */
 static sherf_status look_elsewhere(context *c, const pose_networks *n, const sherf_image *photo,
                                    const photo_person *others, int count, photo_person *p, bool *there) {
     photo_region region[OTHER_REGIONS];
@@ -168,7 +170,7 @@ static sherf_status look_elsewhere(context *c, const pose_networks *n, const she
     return status;
 }
 
-/* The second round: all that were found, mirrored; nobody: the photo as a whole. */
+/* The second round: checks everybody mirrored; if nobody was found, tries the photo as a whole. */
 static sherf_status look_again(context *c, const pose_networks *n, const sherf_image *photo,
                                photo_person *people, int *count) {
     sherf_status status = SHERF_OK;

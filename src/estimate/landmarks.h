@@ -1,4 +1,4 @@
-/* landmarks: people in a photo or in a video's frames, as far as networks see them. */
+/* landmarks: finds people and their landmarks in a photo or in a video's frames. */
 #ifndef SHERF_ESTIMATE_LANDMARKS_H
 #define SHERF_ESTIMATE_LANDMARKS_H
 
@@ -13,8 +13,8 @@ sherf_status people_find(context *c, const pose_networks *n, const sherf_image *
 /* One look at one region; out->score says whether a person is there. */
 sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,
                             const photo_region *region, photo_person *out);
-/* The person of the frame before, in the next frame and without the detector. *there: still seen; else *out
- * is what was seen instead. `out` may be `before`. */
+/* Finds the person of the frame before in the next frame, without the detector. *there: the person is still
+ * seen; else *out is what was seen instead. `out` may be `before`. */
 sherf_status landmarks_track(context *c, const pose_networks *n, const sherf_image *frame,
                              const photo_person *before, photo_person *out, bool *there);
 #endif

@@ -5,7 +5,7 @@
 #include <string.h>
 
 enum { BINS = 12, COLORS = BINS * BINS * BINS, SPLAT_PIXELS = 300000 };
-/* What of a colour's share is taken as noise, so that colours seen nowhere say nothing. */
+/* Added to a colour's share as noise, so that colours seen nowhere say nothing. */
 static const float rare = 1e-3f;
 
 typedef struct {
@@ -39,7 +39,7 @@ static void splat(const histograms *h) {
         }
 }
 
-/* 1 2 1 along one axis; the ends count as twice. */
+/* Blurs with 1 2 1 along one axis; the ends count twice. */
 static void blur_cells(void *arg, int64_t begin, int64_t end, int thread) {
     const histograms *h = arg;
     const int count[5] = {h->rows, h->columns, BINS, BINS, BINS};
@@ -77,7 +77,7 @@ static void blur(context *c, histograms *h) {
     }
 }
 
-/* Between which cells v (in cells, their centres at whole numbers + 1/2) lies. */
+/* The two cells between which v lies (in cells, their centres at whole numbers + 1/2). */
 static float between(float v, int n, int *a, int *b) {
     v -= 0.5f;
     if (v < 0) v = 0;
@@ -87,7 +87,7 @@ static float between(float v, int n, int *a, int *b) {
     return v - *a;
 }
 
-/* Person's and background's share of this colour hereabouts, and the sums they are shares of. */
+/* The person's and the background's local share of this colour, and the sums they are shares of. */
 static void look_up(const histograms *h, int x, int y, const float I[3], float found[2], float total[2]) {
     int at[5][2];
     float f[5];

@@ -1,4 +1,4 @@
-/* local_color: which colours the person has hereabouts, and which the background. */
+/* local_color: the colours that person and background have locally. */
 #ifndef SHERF_ESTIMATE_LOCAL_COLOR_H
 #define SHERF_ESTIMATE_LOCAL_COLOR_H
 

@@ -1,17 +1,17 @@
-/* Looks with BlazePose's landmark network: a region is followed until it settles, straight and mirrored looks
- * vote on which way the person is turned, and one is had with the head hidden. */
+/* Looks with BlazePose's landmark network: moves a region until it settles, lets straight and mirrored looks
+ * vote on which way the person faces, and looks once with the head hidden. */
 #include <math.h>
 #include <string.h>
 
 #include "estimate/look.h"
 #include "estimate/region.h"
 
-/* What is less probably a person is dropped: after any look, and after the last. */
+/* Lower probabilities of a person are dropped: after any look, and after the last. */
 static const float score_first = .1f, score_min = .5f;
 /* The region is settled when it would move by less; parts of its side. */
 static const float settled_size = .06f, settled_place = .05f;
-/* The network says a tenth when the region is a third too small or too large: so the next look goes further
- * than it says. */
+/* The network asks for a tenth when the region is a third too small or too large, so the next look goes
+ * further than it says. */
 static const float stride = 2.2f, grow_max = 1.8f;
 /* Two looks show one person if `apart` is less. */
 static const float same_place = .1f;
@@ -43,7 +43,7 @@ static void place_of(const photo_region *region, const float *places, int i, boo
     region_place(region, mirrored ? 1 - unit * p[0] : unit * p[0], unit * p[1], place_px);
 }
 
-/* The network's numbers to the photo's and the camera's axes: both are turned as the region is. */
+/* Converts the network's numbers to the photo's and the camera's axes: both are rotated with the region. */
 static void read_outputs(const float *const *output, bool mirrored, photo_person *out) {
     const float *places = output[LANDMARKS_PICTURE], *world = output[LANDMARKS_WORLD];
     const float cosine = cosf(out->region.angle_rad), sine = sinf(out->region.angle_rad);
@@ -81,7 +81,7 @@ static void mirror_rows(float *picture, int side) {
             }
 }
 
-/* A disc of the network's input under the mean colour of what is above and beside it. */
+/* Fills a disc of the network's input with the mean colour of its surroundings above and beside it. */
 typedef struct {
     float u, v, radius; /* pixels of the input */
 } disc;
@@ -158,7 +158,7 @@ static photo_region further(const photo_region *from, const photo_region *to) {
     return r;
 }
 
-/* From the right to the left side as seen from above, to unit length. */
+/* The unit vector from the right to the left side, as seen from above. */
 static void line_across(const photo_person *p, float line[2]) {
     const landmark *l = p->landmark;
     for (int k = 0; k < 2; k++)
@@ -175,7 +175,7 @@ static float agreement(const photo_person *a, const photo_person *b) {
     return p[0] * q[0] + p[1] * q[1];
 }
 
-/* Mean distance of the middles between left and right, so that exchanged sides do not count. */
+/* Mean distance of the midpoints between left and right, so that exchanged sides do not matter. */
 static float apart(const photo_person *a, const photo_person *b) {
     static const int left[] = {LANDMARK_LEFT_SHOULDER, LANDMARK_LEFT_ELBOW, LANDMARK_LEFT_WRIST,
                                LANDMARK_LEFT_HIP,      LANDMARK_LEFT_KNEE,  LANDMARK_LEFT_ANKLE};
@@ -222,7 +222,7 @@ static bool same_region(const photo_person *a, const photo_person *b) {
     return !memcmp(&a->region, &b->region, sizeof a->region);
 }
 
-/* The mean of those that agree with the chosen one; the mask's of those that looked at the same region. */
+/* The mean of the looks that agree with the chosen one; masks of those that looked at the same region. */
 static void join(const photo_person *vote, int count, int chosen, photo_person *out) {
     const photo_person *first = NULL;
     int members = 0, masks = 0;
@@ -248,7 +248,7 @@ static void join(const photo_person *vote, int count, int chosen, photo_person *
     }
 }
 
-/* Whom most agree with, by the sum of the cosines. */
+/* The look that agrees most with the others, by the sum of the cosines. */
 static int choose(const photo_person *vote, int count, float *lead) {
     int best = 0;
     float max = -1e9f;
@@ -289,7 +289,7 @@ sherf_status look_mirrored(context *c, const pose_networks *n, const sherf_image
     return status;
 }
 
-/* Where the head is in what the network sees of p's region. */
+/* The head's place in the network's input for p's region. */
 static disc head_of(const photo_person *p) {
     static const int head[] = {LANDMARK_NOSE, LANDMARK_LEFT_EYE, LANDMARK_RIGHT_EYE, LANDMARK_LEFT_EAR,
                                LANDMARK_RIGHT_EAR};
@@ -318,7 +318,7 @@ static photo_region upper_half(const photo_person *p) {
 
 sherf_status look_without_head(context *c, const pose_networks *n, const sherf_image *photo,
                                photo_person *p) {
-    enum { LOOKS = 4 }; /* straight and mirrored: without the head, and at the upper half */
+    enum { LOOKS = 4 }; /* straight and mirrored, each without the head and at the upper half */
     photo_person *look = mem_alloc(c, LOOKS, sizeof *look);
     sherf_status status = look ? SHERF_OK : SHERF_NO_MEMORY;
     const disc head = head_of(p);

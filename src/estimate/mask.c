@@ -1,7 +1,7 @@
-/* mask: the network's mask, followed along the picture's edges by two guided filters: a wide one in which
- * only what the network is sure of counts, so that a doubtful pixel goes with what is of its colour nearby;
- * and a narrow one for hair and edges, whose planes over colour are then laid over the photo at its own
- * resolution. */
+/* mask: the network's mask, followed along the picture's edges by two guided filters: a wide one, in which
+ * only pixels count that the network is sure of, so that an uncertain pixel follows nearby pixels of its
+ * colour; and a narrow one for hair and edges, whose planes over colour are then applied to the photo at its
+ * own resolution. */
 #include "estimate/mask.h"
 
 #include <math.h>
@@ -23,7 +23,7 @@ static const float epsilon = 1e-4f, certainty_min = 0.02f;
 static const float cut_wide = 0.2f, cut_narrow = 0.1f;
 static const float over_share = 0.02f;
 
-/* The piece of the photo that is worked on, and what it is scaled to. */
+/* The part of the photo to work on, and its scaled size. */
 typedef struct {
     int left, top, width, height; /* photo pixels */
     int to_width, to_height;
@@ -88,7 +88,7 @@ typedef struct {
     float *out;
 } reading;
 
-/* ---- whose a pixel is that two people claim: theirs whose bones are nearer ---- */
+/* ---- pixels that two people claim: they belong to the one whose bones are nearer ---- */
 static float distance_to_bone(const landmark *a, const landmark *b, float x, float y) {
     const float dx = b->place_px[0] - a->place_px[0], dy = b->place_px[1] - a->place_px[1];
     const float length2 = dx * dx + dy * dy;
@@ -116,7 +116,7 @@ static float distance_to_bones(const photo_person *p, float x, float y) {
     return min;
 }
 
-/* What is left of `mine` where others claim the pixel, too. */
+/* The share of `mine` that remains where others claim the pixel too. */
 static float without_others(const reading *r, float mine, float x, float y) {
     float left = mine, own = -1;
     for (int i = 0; i < r->other_count && left > 0.01f; i++) {
@@ -172,7 +172,7 @@ static void work_free(work *k) {
     mem_free(k->planes);
 }
 
-/* From 0 at `from` to 1 at `to`, smooth. */
+/* Smooth step from 0 at `from` to 1 at `to`. */
 static float ramp(float v, float from, float to) {
     float t = (v - from) / (to - from);
     t = t < 0 ? 0 : t > 1 ? 1 : t;
@@ -194,7 +194,7 @@ static void planes_apply(work *k, float cut) {
     for (size_t i = 0; i < n; i++) k->value[i] = fitted(k->planes + 4 * i, k->picture.data + 3 * i, cut);
 }
 
-/* The narrow filter's planes, between those of the small picture, over the photo's own pixels. */
+/* Applies the narrow filter's planes, interpolated from the small picture, to the photo's own pixels. */
 static void lay_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const laying *l = arg;
     const window *w = &l->k->window;
@@ -257,7 +257,7 @@ static sherf_status refine(context *c, work *k, float mask_px) {
                       k->planes);
 }
 
-/* ---- what is said of it ---- */
+/* ---- facts ---- */
 static bool is_person(const sherf_image *mask, float x, float y, bool *in_photo) {
     const long column = lrintf(x), row = lrintf(y);
     *in_photo = column >= 0 && row >= 0 && column < mask->width && row < mask->height;

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double piece_share = 0.03; /* of the largest: a foot behind a rail stays */
+static const double piece_share = 0.03; /* of the largest: a foot cut off by a rail stays */
 static const float hole_mask_px = 3, soft_mask_px = 5;
 
 typedef struct {

@@ -111,19 +111,25 @@ uint64_t random_key(uint64_t seed, const char *stream, uint64_t index); /* one k
 int64_t random_below(uint64_t key, uint64_t i, int64_t n);              /* integer in [0, n) */
 
 /* ---- processor (processor.c) ---- */
-typedef enum { ISA_PLAIN, ISA_AVX2, ISA_AVX512, ISA_AMX } isa_level;
-/* The best level this machine has (AMX means AVX-512 with BF16 and FP16, and AMX tiles that the kernel lets
- * us use), lowered by SHERF_ISA=plain|avx2|avx512|amx. */
+typedef enum { ISA_PLAIN, ISA_NEON, ISA_AVX2, ISA_AVX512, ISA_AMX } isa_level;
+/* The best level this machine has (NEON is aarch64's, the others are x86-64's; AMX means AVX-512 with BF16
+ * and FP16, and AMX tiles that the kernel lets us use), lowered by SHERF_ISA=plain|neon|avx2|avx512|amx to
+ * another level of this machine. */
 isa_level isa_best(void);
 bool isa_has_bf16(void); /* isa_best() is a level with products in bf16: AMX */
 const char *isa_name(isa_level level);
-/* Of what files compiled once per instruction set define, NAME_plain, NAME_avx2, NAME_avx512, the one for a
- * level; NAME may begin with &. */
+/* Of what files compiled once per instruction set define, NAME_plain, NAME_neon, NAME_avx2, NAME_avx512, the
+ * one for a level; NAME may begin with &. ISA_CHOICE_X86: of what has no NAME_neon. */
 #if defined(__x86_64__)
 #define ISA_CHOICE(level, NAME)                                                                              \
     ((level) >= ISA_AVX512 ? NAME##_avx512 : (level) >= ISA_AVX2 ? NAME##_avx2 : NAME##_plain)
+#define ISA_CHOICE_X86(level, NAME) ISA_CHOICE(level, NAME)
+#elif defined(__aarch64__)
+#define ISA_CHOICE(level, NAME) ((level) >= ISA_NEON ? NAME##_neon : NAME##_plain)
+#define ISA_CHOICE_X86(level, NAME) (NAME##_plain)
 #else
 #define ISA_CHOICE(level, NAME) (NAME##_plain)
+#define ISA_CHOICE_X86(level, NAME) (NAME##_plain)
 #endif
 
 double time_seconds(void);      /* monotonic */

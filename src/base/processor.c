@@ -31,12 +31,23 @@ static isa_level detect(void) {
     unsigned a, b, c, d;
     if (!__get_cpuid_count(7, 1, &a, &b, &c, &d) || !(a & (1u << 5))) return ISA_AVX512; /* AVX512-BF16 */
     return amx_permitted() ? ISA_AMX : ISA_AVX512;
+#elif defined(__aarch64__)
+    return ISA_NEON; /* every one has it */
 #else
     return ISA_PLAIN;
 #endif
 }
 
-static const char *const names[] = {"plain", "avx2", "avx512", "amx"};
+static const char *const names[] = {"plain", "neon", "avx2", "avx512", "amx"};
+
+/* Whether a level below the best one is this processor's. */
+static bool is_ours(int level) {
+#if defined(__x86_64__)
+    return level != ISA_NEON;
+#else
+    return true;
+#endif
+}
 
 isa_level isa_best(void) {
     static atomic_int known = -1;
@@ -47,7 +58,7 @@ isa_level isa_best(void) {
     }
     const char *mask = getenv("SHERF_ISA");
     for (int i = 0; mask && i < level; i++)
-        if (!strcmp(mask, names[i])) level = i;
+        if (is_ours(i) && !strcmp(mask, names[i])) level = i;
     return (isa_level)level;
 }
 

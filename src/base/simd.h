@@ -37,6 +37,27 @@ INLINE void store_some(float *p, vf x, int64_t n) {
     store(buffer, x);
     memcpy(p, buffer, (size_t)n * sizeof(float));
 }
+/* NUMBERS floats side by side, each of which multiplies whole vectors: NEON multiplies by one lane of a
+ * vector, so there four come with one load; elsewhere each is spread over a vector by itself. */
+#if defined(__aarch64__) && LANES == 4
+enum { NUMBERS = 4 };
+typedef vf numbers;
+INLINE numbers numbers_load(const float *p) {
+    return load(p);
+}
+INLINE vf number(numbers n, const int i) {
+    return splat(n[i]);
+}
+#else
+enum { NUMBERS = 1 };
+typedef float numbers;
+INLINE numbers numbers_load(const float *p) {
+    return *p;
+}
+INLINE vf number(numbers n, const int i) {
+    return splat(n);
+}
+#endif
 INLINE vf choose(vi mask, vf yes, vf no) {
     return (vf)(((vi)yes & mask) | ((vi)no & ~mask));
 }

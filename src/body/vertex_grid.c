@@ -143,7 +143,7 @@ AVX512 static void search_avx512(const vertex_grid *g, const float p[3], nearest
 #endif
 
 static search_function *search_best(void) {
-    return ISA_CHOICE(isa_best(), search);
+    return ISA_CHOICE_X86(isa_best(), search);
 }
 
 /* About a dozen cells a vertex: for a person cells of 2.5 cm, two vertices in each that is not empty. */

@@ -89,7 +89,7 @@ AVX512 static void list_avx512(const vertex_block *block, int blocks, const floa
 #endif
 
 list_function *vertex_list_best(void) {
-    return ISA_CHOICE(isa_best(), list);
+    return ISA_CHOICE_X86(isa_best(), list);
 }
 
 /* ---- making the lists ---- */
@@ -383,7 +383,7 @@ sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float
                        voxel_m);
     sherf_status status = shell_create(c, g, reach_m, voxel_m);
     if (status != SHERF_OK) return status;
-    refine_job job = {.g = g, .choose = ISA_CHOICE(isa_best(), choose)};
+    refine_job job = {.g = g, .choose = ISA_CHOICE_X86(isa_best(), choose)};
     for (int k = 0; k < 3; k++) job.blocks[k] = (g->shell.cells[k] + SIDE - 1) / SIDE;
     g->list = vertex_list_best();
     parallel_for(c, job.blocks[2], 1, refine_layers, &job);

@@ -8,6 +8,7 @@
 
 /* ---- the peak ---- */
 float bench_peak_plain(int64_t rounds);
+float bench_peak_neon(int64_t rounds);
 float bench_peak_avx2(int64_t rounds);
 float bench_peak_avx512(int64_t rounds);
 
@@ -15,7 +16,7 @@ typedef struct {
     float (*run)(int64_t rounds);
     float *sum; /* a thread's */
 } peak_job;
-enum { PEAK_ROUNDS = 400000, PEAK_RUNS = 5, PEAK_CHAINS = 12, PEAK_THREADS_MAX = 1024 };
+enum { PEAK_ROUNDS = 400000, PEAK_RUNS = 5, PEAK_THREADS_MAX = 1024 };
 
 static void peak_range(void *arg, int64_t begin, int64_t end, int thread) {
     const peak_job *j = arg;
@@ -28,13 +29,14 @@ double bench_fma_gflops(const context *c) {
     if (known > 0) return known;
     const isa_level isa = isa_best();
     const int lanes = isa >= ISA_AVX512 ? 16 : isa >= ISA_AVX2 ? 8 : 4;
+    const int chains = isa == ISA_NEON ? 24 : 12; /* bench_peak.h */
     const int threads = c->threads < PEAK_THREADS_MAX ? c->threads : PEAK_THREADS_MAX;
     peak_job job = {ISA_CHOICE(isa, bench_peak), sum};
     double best = 0;
     for (int i = 0; i < PEAK_RUNS; i++) {
         const double from = time_seconds();
         parallel_for(c, threads, 1, peak_range, &job);
-        const double flops = 2.0 * PEAK_ROUNDS * PEAK_CHAINS * lanes * threads;
+        const double flops = 2.0 * PEAK_ROUNDS * chains * lanes * threads;
         best = fmax(best, 1e-9 * flops / (time_seconds() - from));
     }
     return known = best;

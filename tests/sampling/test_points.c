@@ -68,9 +68,9 @@ static void points_are_exact(void **state) {
     ray_bundle *rays = target_rays(r, &small);
     vertex_grid *g;
     assert_ok(r->c, vertex_grid_create(r->c, r->body->vertices, r->target->vertices_smpl, BODY_SHELL_M, &g));
-    for (int run = 0; run < 6; run++) {
-        if (!test_isa((isa_level)(run % 3))) continue;
-        r->c->threads = run < 3 ? 1 : 3;
+    for (int run = 0; run < 2 * ISA_AMX; run++) {
+        if (!test_isa((isa_level)(run % ISA_AMX))) continue;
+        r->c->threads = run < ISA_AMX ? 1 : 3;
         point_set *p;
         assert_ok(r->c, points_create(r->c, r->body, r->target, rays, samples, NULL, NULL, NULL, true, &p));
         assert_null(p->observed_px);

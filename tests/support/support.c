@@ -90,6 +90,12 @@ isa_level test_isa_highest(void) {
 
 bool test_isa(isa_level level) {
     if (level > test_isa_highest()) return false;
+    const char *now = getenv("SHERF_ISA");
+    char *kept = now ? strdup(now) : NULL;
     setenv("SHERF_ISA", isa_name(level), 1);
-    return true;
+    const bool done = isa_best() == level;
+    if (!done && kept) setenv("SHERF_ISA", kept, 1);
+    if (!done && !kept) unsetenv("SHERF_ISA");
+    free(kept);
+    return done;
 }

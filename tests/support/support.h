@@ -21,9 +21,9 @@ const char *test_path(const char *name);
 /* Levels of the processor, for tests that compare them. The highest is what SHERF_ISA let the program begin
  * with: a test never leaves a mask that was put on it. */
 isa_level test_isa_highest(void);
-bool test_isa(
-    isa_level level);        /* masks the processor to it; false: it is above the highest, nothing is done */
-void test_isa_restore(void); /* as the program began */
+bool test_isa(isa_level level); /* masks the processor to it; false: it is above the highest or of another
+                                 * processor, nothing is done */
+void test_isa_restore(void);    /* as the program began */
 /* In a test that is about products in bf16 on the processor: skips it, and says so, where there are none. */
 #define skip_without_bf16()                                                                                  \
     do {                                                                                                     \

@@ -152,7 +152,7 @@ static void bf16_agrees(void **state) {
 static void levels_agree(void **state) {
     context *c = test_context();
     for (int level = ISA_PLAIN; level <= ISA_AVX2 && level < (int)test_isa_highest(); level++) {
-        test_isa((isa_level)level);
+        if (!test_isa((isa_level)level)) continue;
         for (int i = 0; i < cases_spatial_count; i++)
             check_backend(c, &cases_spatial[i], &backend_cpu, false);
     }

@@ -37,6 +37,7 @@ static void forget_all(void) {
 
 static void mask_set(void) {
     static const dnnl_cpu_isa_t isa[] = {[ISA_PLAIN] = dnnl_cpu_isa_sse41,
+                                         [ISA_NEON] = dnnl_cpu_isa_all,
                                          [ISA_AVX2] = dnnl_cpu_isa_avx2,
                                          [ISA_AVX512] = dnnl_cpu_isa_avx512_core,
                                          [ISA_AMX] = dnnl_cpu_isa_avx512_core_amx};

@@ -1,5 +1,5 @@
 /* Between the spatial ops' drivers (spatial_sample.c and so on) and their inner loops, which are compiled
- * once per instruction set (spatial_plain.c, spatial_avx2.c, spatial_avx512.c from spatial_*.inc). Every
+ * once per instruction set (spatial_plain.c, spatial_neon.c and so on from spatial_*.inc). Every
  * inner loop is a range_function for parallel_for; its argument is one of the structs below. No result
  * depends on how a range was split: each element is computed, or summed up in a fixed order, by one thread.
  */
@@ -112,7 +112,7 @@ typedef struct {
         encode, composite, composite_back, ssim_statistics, ssim_gradient, square, square_back, distance,
         distance_back;
 } spatial_table;
-extern const spatial_table spatial_plain, spatial_avx2, spatial_avx512;
+extern const spatial_table spatial_plain, spatial_neon, spatial_avx2, spatial_avx512;
 const spatial_table *spatial_best(void);
 
 /* What the call's tensors hold, NULL for what is not there. */

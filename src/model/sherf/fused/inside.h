@@ -119,7 +119,7 @@ typedef struct {
     void (*tile)(const radiance_field *n, point_tile *t, void *scratch);
     radiance_project *project;
 } radiance_kernels;
-extern const radiance_kernels radiance_plain, radiance_avx2, radiance_avx512;
+extern const radiance_kernels radiance_plain, radiance_neon, radiance_avx2, radiance_avx512;
 size_t radiance_tile_float_bytes(const radiance_field *n);
 
 /* amx_pack.c: bf16. m is used up. */

@@ -22,8 +22,11 @@ static inline __attribute__((always_inline)) void block_product(const int rows, 
     for (int k = 0; k < columns; k++, w += rows, x += POINT_TILE) {
         vf in[VECTORS];
         for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
+        numbers some[ROWS];
+        for (int i = 0; i < rows / NUMBERS; i++) some[i] = numbers_load(w + i * NUMBERS);
         for (int r = 0; r < rows; r++) {
-            vf weight = splat(w[r]);
+            const vf weight =
+                r < rows / NUMBERS * NUMBERS ? number(some[r / NUMBERS], r % NUMBERS) : splat(w[r]);
             for (int v = 0; v < VECTORS; v++) sum[r][v] += weight * in[v];
         }
     }
@@ -55,6 +58,14 @@ static void product_from(const radiance_layer *l, int from, const float *x, floa
                 break;
             case 5:
                 BLOCK(5);
+                break;
+#endif
+#if ROWS > 6
+            case 6:
+                BLOCK(6);
+                break;
+            case 7:
+                BLOCK(7);
                 break;
 #endif
             default:
@@ -139,19 +150,6 @@ static inline int more(int a, int b) {
     return a > b ? a : b;
 }
 
-#if LANES == 4 /* the same for all */
-size_t radiance_tile_float_bytes(const radiance_field *n) {
-    const radiance_sizes *s = &n->s;
-    int a = more(9 * n->attention_width, more(s->view_width, s->decoder_width));
-    a = more(a, more(n->fused, 8)); /* four points' tokens with a margin each */
-    int b = more(3 * n->attention_width, more(s->decoder_width, more(n->fused, n->color_width + 6)));
-    int x = n->position_width + s->token_width + s->decoder_width;
-    int v = s->decoder_width + n->direction_width + s->token_width;
-    int rows = n->fused + a + b + x + v;
-    return (size_t)rows * POINT_TILE * sizeof(float);
-}
-#endif
-
 static void tile(const radiance_field *n, point_tile *t, void *scratch) {
     const radiance_sizes *s = &n->s;
     int width = s->token_width;
@@ -190,6 +188,9 @@ static void tile(const radiance_field *n, point_tile *t, void *scratch) {
 }
 
 /* ---- the bank ---- */
+/* Rows that go together: their sums stay in registers. */
+enum { PROJECTED = LANES == 4 ? 2 : 4 };
+
 /* COUNT rows of x through one block of POINT_PAD columns. */
 #define PROJECT_ROWS(COUNT)                                                                                  \
     do {                                                                                                     \
@@ -209,7 +210,11 @@ static void project(const float *from, int64_t rows, int columns, const float *m
         const float *x = from;
         float *y = to + block;
         int64_t r = 0;
-        for (; r + 4 <= rows; r += 4, x += 4 * (int64_t)columns, y += 4 * (int64_t)stride) PROJECT_ROWS(4);
+        for (; r + PROJECTED <= rows; r += PROJECTED) {
+            PROJECT_ROWS(PROJECTED);
+            x += PROJECTED * (int64_t)columns;
+            y += PROJECTED * (int64_t)stride;
+        }
         for (; r < rows; r++, x += columns, y += stride) PROJECT_ROWS(1);
     }
 }

@@ -14,7 +14,7 @@ typedef struct {
     void (*scatter)(const radiance_field *n, int job, const point_set *points, const int32_t *index,
                     int64_t count, const float *dtoken, const radiance_gradients *out);
 } train_float_kernels;
-extern const train_float_kernels train_float_plain, train_float_avx2, train_float_avx512;
+extern const train_float_kernels train_float_plain, train_float_neon, train_float_avx2, train_float_avx512;
 
 /* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. Sums are [panel
  * of `strip` inputs][outputs, in whole blocks of `rows`][strip]. */

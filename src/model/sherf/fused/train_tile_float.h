@@ -39,8 +39,11 @@ INLINE void block_product(const float *w, const float *b, const float *x, int co
     for (int k = 0; k < columns; k++, w += ROWS, x += STRIP) {
         vf in[VECTORS];
         UNROLL for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
+        numbers some[ROWS];
+        UNROLL for (int i = 0; i < ROWS / NUMBERS; i++) some[i] = numbers_load(w + i * NUMBERS);
         UNROLL for (int r = 0; r < ROWS; r++) {
-            const vf weight = splat(w[r]);
+            const vf weight =
+                r < ROWS / NUMBERS * NUMBERS ? number(some[r / NUMBERS], r % NUMBERS) : splat(w[r]);
             UNROLL for (int v = 0; v < VECTORS; v++) sum[r][v] += weight * in[v];
         }
     }
@@ -129,12 +132,14 @@ INLINE void block_gradient(channels dy, const float *x, float *w) {
         ((const vf *)(w + r * STRIP))[v];
     for (int s = 0; s < STRIPS; s++) {
         const float *d = dy.at + (size_t)s * dy.pitch;
-        for (int p = 0; p < STRIP; p++, x += STRIP) {
-            vf in[VECTORS];
-            UNROLL for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
-            UNROLL for (int r = 0; r < ROWS; r++) {
-                const vf one = splat(d[r * STRIP + p]);
-                UNROLL for (int v = 0; v < VECTORS; v++) sum[r][v] += one * in[v];
+        for (int p = 0; p < STRIP; p += NUMBERS) {
+            numbers some[ROWS];
+            UNROLL for (int r = 0; r < ROWS; r++) some[r] = numbers_load(d + r * STRIP + p);
+            UNROLL for (int i = 0; i < NUMBERS; i++, x += STRIP) {
+                vf in[VECTORS];
+                UNROLL for (int v = 0; v < VECTORS; v++) in[v] = ((const vf *)x)[v];
+                UNROLL for (int r = 0; r < ROWS; r++) UNROLL for (int v = 0; v < VECTORS; v++) sum[r][v] +=
+                    number(some[r], i) * in[v];
             }
         }
     }

@@ -12,7 +12,7 @@ typedef struct {
     int64_t n;
     double beta1, beta2;
     float *first;                /* as `second`; NULL where beta1 is 0 */
-    const tensor_memory *memory; /* of the arrays, and of those that it works on; NULL: the host's */
+    const tensor_memory *memory; /* where these arrays and those passed to it lie; NULL: the host's memory */
     float *second;               /* n, zero before the first update; owned */
     double *sums;                /* SQUARE_SUMS, in that memory; owned */
     int64_t updates;
@@ -31,10 +31,9 @@ sherf_status gradients_square_sum(context *c, const adam *a, const float *gradie
 /* rate / 2^floor(step / halve_every). */
 double schedule_rate(double rate, int64_t step, int64_t halve_every);
 
-/* Exponential moving average: half of what is in it is forgotten after `half_life` steps,
- * min(312.5, 5 % of the steps so far), StyleGAN's choice (10 000 / 32 steps, with a ramp), so that short
- * trainings are not ruled by their beginning. average <- value + decay (average - value), decay 0.5^(1 /
- * half_life). */
+/* Exponential moving average: old values lose half their weight in `half_life` steps, min(312.5, 5 % of the
+ * steps so far). That is StyleGAN's choice (10 000 / 32 steps, with a ramp); the ramp keeps the beginning
+ * from dominating short trainings. average <- value + decay (average - value), decay 0.5^(1 / half_life). */
 double average_decay(int64_t step);
 sherf_status average_update(context *c, const tensor_memory *memory, int64_t n, float *average,
                             const float *values, double decay);

@@ -1,5 +1,5 @@
 /* sherf bench: how long an avatar, a frame and a training step take, on the built-in tube person with made-up
- * weights, and what people meet (bench_real.c). The medians of the repeats count. */
+ * weights, and the work that people wait for (bench_real.c). Reports medians of the repeats. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -155,7 +155,7 @@ static const char *peak_name(const context *c) {
     return c->device == SHERF_DEVICE_CUDA ? "gpu" : "rss";
 }
 
-/* Behind the measured: what they were measured with. Freed with mem_free. */
+/* Appends the conditions of the measurement. Freed with mem_free. */
 static char *setting_json(context *c, const bench_shares *shares) {
     char *told = bench_shares_json(c, shares);
     char *text =
@@ -280,7 +280,7 @@ static sherf_status bench_export(bench *b, int json, char **text) {
 }
 
 /* ---- bake ---- */
-/* As dense as a person's surface wherever made-up weights would be a haze. */
+/* Raises the density to that of a person's surface where made-up weights would give haze. */
 static void make_dense(model *m) {
     parameter *bias = parameter_find(m->weights, "decoder.alpha_linear.bias");
     if (bias) *tensor_f32(&bias->value) = 100;
@@ -407,7 +407,7 @@ static sherf_status made_up_lpips(context *c, lpips_network **out) {
     return status;
 }
 
-/* What a training holds, where the context's device computes. */
+/* The memory of a training, on the context's device. */
 static sherf_status step_open(bench *b, step_job *job, lpips_network *lpips, resnet50_network *resnet50) {
     context *c = b->c;
     const backend *on = backend_of(c);

@@ -32,20 +32,20 @@ enum { SHARE_CONVOLUTIONS, SHARE_SPARSE, SHARE_LINEAR, SHARE_NETWORK, SHARES };
 typedef struct {
     double gflops[SHARES];
 } bench_shares;
-/* Of an encoding's ops, forwards and with `training` backwards too, on the tube person. */
+/* Measures an encoding's ops, forwards and with `training` also backwards, on the tube person. */
 sherf_status bench_encode_shares(bench *b, bool training, bench_shares *out);
-/* Of the points of one frame, answered with nothing left out. Nothing where the model does not say what a
- * point takes. */
+/* Measures querying all points of one frame, skipping none. Not measured where the model does not give its
+ * multiply-adds per point. */
 sherf_status bench_network_share(bench *b, const sherf_avatar *a, bench_shares *out);
 /* `"fma_gflops": X, "share_of_peak": {"convolutions": X, ...}`, and for people a line. Free with mem_free. */
 char *bench_shares_json(context *c, const bench_shares *s);
 char *bench_shares_text(context *c, const bench_shares *s);
 
-/* ---- bench_real.c: a made person by the model that ships, as people use them ---- */
+/* ---- bench_real.c: a person rendered by the model that ships, as people use it ---- */
 /* All three are given. */
 bool bench_has_real(const bench *b);
-/* Milliseconds of an avatar; of its first frame, with what is found once; and of a frame with detail, from
- * before it, size x size. */
+/* Milliseconds of an avatar, of its first frame, including what is computed once, and of a further frame with
+ * detail, seen from the front, size x size. */
 typedef struct {
     double avatar_ms, first_frame_ms, frame_ms;
 } bench_real_times;

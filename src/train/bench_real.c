@@ -1,5 +1,5 @@
-/* sherf bench, the part that people meet: an avatar, its first and its further frames and its file for other
- * programs, of a made person by the model that ships. */
+/* sherf bench, the work that people wait for: an avatar of a person by the model that ships, its first and
+ * further frames, and its export. */
 #include <math.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -36,7 +36,7 @@ static sherf_status frame_once(bench *b, void *arg) {
                         &j->camera, NULL, &j->frame);
 }
 
-/* Each of an avatar of its own: what an avatar finds with its first frame, it keeps. */
+/* Each run has its own avatar, since an avatar keeps what its first frame computes. */
 static sherf_status first_once(bench *b, frame_job *j, double *ms) {
     sherf_status status = avatar_once(b, &j->avatar);
     const double from = time_seconds();

@@ -1,5 +1,5 @@
-/* How near the processor's peak the parts of the work are: multiply-adds are counted from the shapes of what
- * a backend is called with, beside the time that its kernels take. */
+/* How near the parts of the work come to the processor's peak: counts multiply-adds from the shapes passed to
+ * a backend and times its kernels. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -114,7 +114,7 @@ sherf_status bench_encode_shares(bench *b, bool training, bench_shares *out) {
     const sherf_observation *o = b->observation;
     const backend *on = backend_of(c);
     observation_geometry *g = NULL;
-    if (on->memory) return SHERF_OK; /* a GPU's kernels are not waited for */
+    if (on->memory) return SHERF_OK; /* a GPU's kernels run asynchronously */
     tape *t = tape_create(c, (tape_options){.backend = counting(on),
                                             .record = training,
                                             .training = training,
@@ -174,7 +174,7 @@ done:
     return status;
 }
 
-/* ---- told ---- */
+/* ---- the report ---- */
 static const char *const share_name[SHARES] = {"convolutions", "sparse_convolutions", "linear", "network"};
 
 char *bench_shares_json(context *c, const bench_shares *s) {

@@ -1,8 +1,8 @@
 /* Sums of gradients over processes, a stretch of the block at a time. */
 #include "train/buckets.h"
 
-/* A sum should be long enough that starting it costs little, and short enough that the last one does not keep
- * everybody waiting. */
+/* Stretches should be long enough that starting a sum costs little, and short enough that nobody waits long
+ * for the last one. */
 enum { BUCKET_FLOATS = 4 << 20 };
 
 typedef struct {

@@ -9,7 +9,7 @@
 #include "train/ranks.h"
 
 typedef struct buckets buckets;
-/* Before a stretch of n floats is summed: what is still to be added to it. */
+/* Called before a stretch of n floats is summed: adds what is still missing. */
 typedef sherf_status (*buckets_ready_function)(context *c, void *user, int64_t begin, int64_t n);
 sherf_status buckets_create(context *c, const parameters *weights, const ranks *r,
                             buckets_ready_function ready, void *user, buckets **out);
@@ -17,7 +17,7 @@ void buckets_free(buckets *b); /* NULL is fine */
 /* Between buckets_begin and buckets_finish, gradients that are final are summed: for tape_on_final. */
 void buckets_begin(buckets *b);
 void buckets_final(void *b, tensor *value);
-/* Sums the rest; what is requested from now on comes behind all sums. */
+/* Sums the rest; work requested from now on runs after all sums. */
 sherf_status buckets_finish(context *c, buckets *b);
 
 #endif

@@ -140,7 +140,7 @@ static bool group_has(const adam *a, int group, const parameter *q) {
     return group < 2 || (!q->buffer && (group < 3 || a->first));
 }
 
-/* The groups' blocks for the host to read; `copies` are mem_free'd, whatever the answer. */
+/* The groups' blocks, readable by the host; mem_free `copies`, even after an error. */
 static sherf_status blocks_read(context *c, const model *m, const model *average, const adam *a,
                                 const float *block[GROUPS], float *copies[GROUPS]) {
     sherf_status status = parameters_read(c, m->weights, &block[0], &copies[0]);

@@ -1,4 +1,4 @@
-/* checkpoint: all that a training needs to go on with the same bits, in one safetensors file. */
+/* checkpoint: everything that a training needs to continue with the same bits, in one safetensors file. */
 #ifndef SHERF_TRAIN_CHECKPOINT_H
 #define SHERF_TRAIN_CHECKPOINT_H
 
@@ -9,7 +9,7 @@
 
 enum { BATCH_MAX = 65536 };
 
-/* Steps made, and what has to be the same for the coming ones to be the same. */
+/* The number of steps made, and all settings that the following steps depend on. */
 typedef struct {
     int64_t step, skipped; /* skipped: steps without an update, their gradients were not finite */
     uint64_t seed;
@@ -17,10 +17,11 @@ typedef struct {
     double learning_rate, estimated;
     int64_t halve_every;
     double beta2;     /* Adam's; 0: the model's */
-    unsigned without; /* terms of the loss that are left out, LOSS_COLOR and so on */
+    unsigned without; /* terms that the loss leaves out, LOSS_COLOR and so on */
 } train_state;
 
-/* Adam as the model is trained (model_recipe), in the host's memory; beta2 0: that one's. */
+/* Adam with the settings of the model's recipe (model_recipe), in the host's memory; beta2 0: the
+ * recipe's. */
 sherf_status adam_of_model(context *c, const model *m, double beta2, adam *out);
 /* The tensors: model.NAME, average.NAME (moving average), second.NAME and, where beta1 is
  * not 0, first.NAME (Adam's moments). The metadata:

@@ -1,8 +1,8 @@
-/* Which person, pose and views a sample is of. */
+/* Draws a sample's person, pose and views. */
 #include "data/dataset.h"
 #include "train/draw.h"
 
-/* People are most often looked at before black, so random backgrounds are black this often. */
+/* People are usually shown before black, so random backgrounds are black with this probability. */
 enum { BLACK_ONE_IN = 4 };
 
 void sampling_free(sampling *s) {

@@ -1,4 +1,4 @@
-/* sampling: which pictures each sample of a step is made of. Sample number n (counted from the start of the
+/* draw: chooses the pictures of each sample of a step. Sample number n (counted from the start of the
  * training, over all processes) is a pure function of the seed and n. */
 #ifndef SHERF_DRAW_H
 #define SHERF_DRAW_H
@@ -19,9 +19,9 @@ typedef struct {
     int targets;            /* of a sample, 1 to TARGETS_MAX */
     bool one_pose;          /* further targets keep the observation's pose */
     bool random_background; /* false: always black, the paper's */
-    double estimated;       /* share of the samples that are observed by estimate, 0 to 1 */
-    int pictures;           /* from 2 on, every other sample that is not observed by estimate is observed in
-                               2 to so many pictures */
+    double estimated;       /* share of the samples whose observation is estimated, 0 to 1 */
+    /* from 2 on, every other sample whose observation is not estimated has 2 to this many pictures */
+    int pictures;
 } sampling;
 
 /* people: as in sherf_train_options. */
@@ -35,11 +35,11 @@ typedef struct {
     int person, pose, view; /* the target's */
     int observed_view;      /* of the same pose */
     bool estimated;         /* its camera, body and mask are estimated from its picture */
-    int also;               /* pictures of an observation beside the first: of distinct views, in any pose */
+    int also; /* pictures of the observation besides the first: from distinct views, in any pose */
     struct {
         int pose, view;
     } also_of[OBSERVED_PICTURES_MAX - 1];
-    int further; /* targets beside the first: any view of the person, and any pose */
+    int further; /* targets besides the first: any view of the person, in any pose */
     struct {
         int pose, view;
     } more[TARGETS_MAX - 1];

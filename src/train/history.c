@@ -1,4 +1,4 @@
-/* What every step gave, in log.jsonl. */
+/* The results of every step, in log.jsonl. */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-/* history: what every step gave, as lines of log.jsonl and as the picture loss.png. */
+/* history: the results of every step, as lines of log.jsonl and as the picture loss.png. */
 #ifndef SHERF_HISTORY_H
 #define SHERF_HISTORY_H
 

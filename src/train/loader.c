@@ -17,7 +17,7 @@ void sample_free(sample *s) {
     *s = (sample){0};
 }
 
-/* Whose picture it was that could not be computed with. */
+/* Adds to the message whose picture failed. */
 static sherf_status named(context *c, sherf_status status, const sherf_dataset *d, int person, int pose,
                           int view) {
     if (status == SHERF_OK) return status;
@@ -74,8 +74,8 @@ static sherf_status observation_load(context *c, const sample_source *from, draw
     return status;
 }
 
-/* What the encoders read: the observation's picture o and the further ones beside it, which nobody needs
- * afterwards. */
+/* Makes what the encoders read: the observation's picture o with the further ones beside it, which are not
+ * needed afterwards. */
 static sherf_status geometry_load(context *c, const sample_source *from, const draw *drawn,
                                   const data_view *o, observation_geometry **out) {
     data_view *also[OBSERVED_PICTURES_MAX - 1] = {NULL};
@@ -95,7 +95,7 @@ static sherf_status geometry_load(context *c, const sample_source *from, const d
     return SHERF_OK;
 }
 
-/* A sample of a model that learns from surfaces: what is observed, and what its surface is. */
+/* A sample of a model that is trained on surfaces: the observation and the surface. */
 static sherf_status surface_load(context *c, const sample_source *from, draw drawn, sample *out) {
     const model_surface_training *k = from->config->kind->surfaces;
     sherf_status status = dataset_person_view(c, from->data, drawn.person, drawn.pose, drawn.observed_view,
@@ -136,7 +136,7 @@ sherf_status sample_load(context *c, const sample_source *from, draw drawn, samp
 fail:
     sample_free(out);
     if (status != SHERF_MISMATCH || !by_estimate) return status;
-    drawn.estimated = false; /* an estimate that lies nowhere */
+    drawn.estimated = false; /* an estimate that cannot be used */
     return sample_load(c, from, drawn, out);
 }
 

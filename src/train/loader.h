@@ -27,9 +27,9 @@ typedef struct {
     const eval_estimator *estimator; /* for samples that are observed by estimate; used by many threads */
     int width;                       /* 0: the protocol's */
 } sample_source;
-/* One sample, here and now; sizes as in sherf_train_options. Where it is to be observed by estimate, the
- * targets' cameras and poses are carried over to the estimate's world, as evaluation does; where nobody is
- * found, it is observed as the data set has it. */
+/* Loads one sample synchronously; sizes as in sherf_train_options. If its observation is estimated, the
+ * targets' cameras and poses are mapped to the estimate's world, as in evaluation; if nobody is found, the
+ * data set's observation is used. */
 sherf_status sample_load(context *c, const sample_source *source, draw drawn, sample *out);
 
 typedef struct {
@@ -46,6 +46,6 @@ sherf_status loader_create(context *c, const loader_options *options, loader **o
 void loader_free(loader *l);
 /* The next sample in order, whatever the number of workers; it is the caller's (sample_free). */
 sherf_status loader_next(context *c, loader *l, sample *out);
-double loader_waited(const loader *l); /* seconds that loader_next stood still, in all */
+double loader_waited(const loader *l); /* total seconds that loader_next waited */
 
 #endif

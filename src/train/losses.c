@@ -8,8 +8,8 @@
 enum { SSIM_WINDOW = 11 };
 static const float weight_color = 100, weight_mask = 10; /* of SSIM and LPIPS: 1 */
 
-/* Rays that count, as a row mask, and the bounding rectangle of those at the box; NULL when there are none.
- */
+/* The rays in the loss, as a row mask, and the bounding rectangle of those at the box; NULL when there are
+ * none. */
 static tensor *selected(tape *t, const loss_target *g, bool by_box, shift_scale_attr *rectangle) {
     int64_t N = (int64_t)g->width * g->height;
     int64_t left = g->width, right = -1, top = g->height, bottom = -1;

@@ -1,4 +1,4 @@
-/* losses: what the network is trained to make small (network.md, Training). */
+/* losses: the terms that training minimises (network.md, Training). */
 #ifndef SHERF_LOSSES_H
 #define SHERF_LOSSES_H
 
@@ -24,12 +24,12 @@ enum { LOSS_COLOR = 1, LOSS_MASK = 2, LOSS_SSIM = 4, LOSS_PERCEPTUAL = 8, LOSS_A
 /* Bits of "mask,ssim": color, mask, ssim, perceptual, and not all of them; "" and NULL: 0. */
 sherf_status losses_parse(context *c, const char *list, unsigned *out);
 
-/* Networks that losses look through; each may be NULL, and is then left out. */
+/* Networks of the perceptual losses; each may be NULL, and its term is then left out. */
 typedef struct {
     const lpips_network *lpips;
     const resnet50_network *resnet50;
     double resnet50_weight; /* 0: losses_resnet50_weight */
-    unsigned without;       /* terms that are left out; colour and mask are told all the same */
+    unsigned without;       /* terms that are left out; colour and mask are still computed and reported */
 } loss_networks;
 /* At the paper's 24.7 dB its LPIPS is 0.10, and the distance of people blurred, bent or tinted to that PSNR
  * is 0.14 to 0.55, 0.31 in the geometric mean: so both terms weigh about the same (docs/training.md). */
@@ -42,7 +42,7 @@ typedef struct {
 
 /* The same as scalars of the tape, NULL where not computed. */
 typedef struct {
-    tensor *total; /* what to go back from: without the 1 of 1 - ssim */
+    tensor *total; /* the loss to differentiate: without the 1 of 1 - ssim */
     tensor *color, *mask, *ssim, *lpips, *resnet50;
 } loss_tensors;
 
@@ -55,7 +55,7 @@ sherf_status losses_forward(tape *t, const loss_networks *networks, tensor *fram
                             loss_tensors *out);
 /* Puts them into row, LOSSES floats in the memory of the tape's backend, without waiting. */
 sherf_status losses_store(tape *t, const loss_tensors *losses, float *row);
-/* What such a row says; all 0, or NaN, where no ray met the box. */
+/* The losses in such a row; all 0, or NaN, where no ray met the box. */
 loss_values losses_values(const float row[LOSSES]);
 
 #endif

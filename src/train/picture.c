@@ -13,7 +13,7 @@ static void place(uint8_t *canvas, size_t stride, size_t left, const sherf_image
 
 sherf_status picture_write(context *c, const sherf_dataset *d, const model *m, const body_model *body,
                            draw drawn, int width, const char *path) {
-    /* exact: one frame an avatar is not worth a search of its empty space */
+    /* exact: with one frame per avatar an occupancy grid does not pay */
     const sherf_render_options model_steps = {
         .samples = SHERF_SAMPLES_MODEL, .exact = 1, .detail = SHERF_DETAIL_OFF};
     data_view *observation = NULL, *target = NULL;

@@ -1,4 +1,4 @@
-/* picture: what the averaged model makes of one draw: observation | target | prediction. */
+/* picture: the averaged model's result for one draw: observation | target | prediction. */
 #ifndef SHERF_PICTURE_H
 #define SHERF_PICTURE_H
 

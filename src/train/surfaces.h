@@ -1,4 +1,4 @@
-/* surfaces: what a sample of a model that learns from surfaces is made of. */
+/* surfaces: points and places for a sample of a model that is trained on surfaces. */
 #ifndef SHERF_TRAIN_SURFACES_H
 #define SHERF_TRAIN_SURFACES_H
 
@@ -10,9 +10,10 @@
 sherf_status surface_draw_create(context *c, const sherf_dataset *d, int person, int pose, int64_t count,
                                  uint64_t key, surface_draw *out);
 void surface_draw_free(surface_draw *s);
-/* Memory for so many, without values. */
+/* Allocates this many, without values. */
 sherf_status surface_draw_room(context *c, int64_t count, surface_draw *out);
-/* Before a training: whether every pose of its people has a surface; otherwise surface_truth_find's line. */
+/* Checks before a training that every pose of its people has a surface; otherwise fails with
+ * surface_truth_find's message. */
 sherf_status surfaces_are_there(context *c, const sherf_dataset *d, const sampling *s);
 
 #endif

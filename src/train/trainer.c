@@ -18,7 +18,7 @@ static const char *const checkpoint_now = "checkpoint.safetensors";
 static const char *const checkpoint_before = "checkpoint-before.safetensors";
 enum { SKIPS_IN_A_ROW = 20 };
 static const int64_t halve_never = (int64_t)1 << 40;
-/* Smaller people cannot be learned from: something is wrong with their cameras. */
+/* Smaller people are refused: something must be wrong with their cameras. */
 static const double px_per_m_min = 2;
 
 typedef struct {
@@ -44,7 +44,7 @@ typedef struct {
     int skips_in_a_row;
     bool resumed;
     bool folder_is_new;
-    int lock;           /* rank 0's hold on the output folder, or -1 */
+    int lock;           /* rank 0's lock on the output folder, or -1 */
     int64_t saved_step; /* of the checkpoint that is there, or -1 where that one is not worth keeping */
 } trainer;
 
@@ -70,9 +70,9 @@ static sherf_status output_path(trainer *t, char path[PATH_LENGTH], const char *
     return failure(t->c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", t->options->output);
 }
 
-/* Two trainings in one folder would write over each other's files. The hold is the system's (flock), on the
- * folder itself, and ends with the process however it ends: nothing that is left behind can be in the way.
- * File systems that have none go without. */
+/* Two trainings in one folder would write over each other's files. So the folder itself is locked (flock).
+ * The system releases the lock when the process ends, however it ends, so no stale lock can be in the way.
+ * File systems without locks go without. */
 static sherf_status folder_hold(trainer *t) {
     const char *folder = t->options->output;
     if (t->ranks.rank || t->lock >= 0) return SHERF_OK;
@@ -104,8 +104,8 @@ static sherf_status options_check(context *c, const sherf_train_options *o) {
     return SHERF_OK;
 }
 
-/* What weights tell those who use them on pictures of another size: the width of these, and how large people
- * are in them (the mean over the first pictures of the first people). */
+/* What weights record for use on pictures of other sizes: the training pictures' width, and the scale of
+ * people in them (the mean over the first pictures of the first people). */
 static sherf_status pictures_measure(trainer *t, model_config *config) {
     enum { PEOPLE_MAX = 16 };
     const int people = t->sampling.people < PEOPLE_MAX ? t->sampling.people : PEOPLE_MAX;
@@ -132,8 +132,8 @@ static sherf_status pictures_measure(trainer *t, model_config *config) {
     return SHERF_OK;
 }
 
-/* A data set may have too many masks to look at each before the first step: one of each of these people, so
- * that masks which are wrong as a whole are not found hours later. */
+/* A data set may have too many masks to check all before the first step. One mask of each of these people is
+ * checked, so that wholly wrong masks are not found hours later. */
 static sherf_status masks_look_over(trainer *t) {
     enum { PEOPLE_MAX = 64 };
     const sampling *s = &t->sampling;
@@ -148,7 +148,7 @@ static sherf_status masks_look_over(trainer *t) {
     return SHERF_OK;
 }
 
-/* A preset that is given must be that of the weights; what a training measures itself is not compared. */
+/* A given preset must match the weights; settings that a training measures itself are not compared. */
 static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
     const char *colon = strchr(preset, ':');
     model_config wanted;
@@ -168,7 +168,7 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     return status;
 }
 
-/* Whether all of a model's tensors are another's, by name and shape; then with their values. */
+/* Copies another model's values, if all tensors agree by name and shape. */
 static bool take_values(const model *from, const model *to) {
     if (from->config.kind != to->config.kind || from->weights->count != to->weights->count) return false;
     for (int i = 0; i < to->weights->count; i++) {
@@ -182,7 +182,7 @@ static bool take_values(const model *from, const model *to) {
     return true;
 }
 
-/* Settings that have no weights may be others than those the weights were trained with. */
+/* Settings that no weight depends on may differ from those the weights were trained with. */
 static sherf_status change_settings(trainer *t, const char *preset) {
     model_config wanted;
     model *other = NULL;
@@ -199,7 +199,7 @@ static sherf_status change_settings(trainer *t, const char *preset) {
     return status;
 }
 
-/* The settings of the weights that a training begins with, which are new or those of another training. */
+/* The settings of the weights that a training starts from: new ones, or those of another training. */
 static sherf_status config_new(trainer *t, model_config *config) {
     const sherf_train_options *o = t->options;
     if (!o->start) return model_config_parse(t->c, o->preset ? o->preset : "paper", config);
@@ -222,14 +222,14 @@ static sherf_status weights_new(trainer *t, model_config *config) {
     return status;
 }
 
-/* Steps after which the rate is halved, where the options say it; 0: they do not. */
+/* The number of steps after which the rate is halved, if the options give one; else 0. */
 static int64_t halve_steps(const sherf_train_options *o, const train_state *s) {
     const int64_t pictures = (int64_t)s->batch * s->targets, n = o->halve_pictures;
     if (!n) return o->halve_every;
     return n > pictures ? (n + pictures / 2) / pictures : 1;
 }
 
-/* New weights, and the state as the options say. */
+/* New weights, and the state from the options. */
 static sherf_status begin_new(trainer *t) {
     const sherf_train_options *o = t->options;
     model_config config;
@@ -289,7 +289,7 @@ static sherf_status folder_checkpoint(trainer *t, const char *path) {
     return SHERF_OK;
 }
 
-/* The checkpoint's state; what the options say otherwise is taken and told. */
+/* The checkpoint's state; options that differ override it and are logged. */
 static sherf_status begin_again(trainer *t, const char *path) {
     const sherf_train_options *o = t->options;
     train_state *s = &t->state;
@@ -319,7 +319,7 @@ static sherf_status begin_again(trainer *t, const char *path) {
         log_line(t->c, SHERF_LOG_WARNING,
                  "%s was made with other options: the training goes on with those given now", path);
     status = sampling_create(t->c, t->data, o->people, s->front_view, s->targets, s->seed, &t->sampling);
-    if (status == SHERF_OK && !t->model->config.px_per_m) { /* weights that did not say so yet */
+    if (status == SHERF_OK && !t->model->config.px_per_m) { /* older weights without this record */
         status = pictures_measure(t, &t->model->config);
         t->average->config = t->model->config;
     }
@@ -531,7 +531,7 @@ static bool finite_weights(const model *m, const float *values) {
     return true;
 }
 
-/* What is lost does not take the place of the checkpoint that is there. */
+/* A diverged state must not replace the existing checkpoint. */
 static sherf_status lost_check(trainer *t) {
     const model *const m[] = {t->model, t->average};
     bool finite = true;
@@ -550,8 +550,8 @@ static sherf_status lost_check(trainer *t) {
                    t->state.step);
 }
 
-/* The checkpoint under the other name as well, of which the next one takes the first: at no moment is there
- * none. */
+/* Links the checkpoint under its second name as well; the next one then takes the first name, so there is a
+ * checkpoint at every moment. */
 static sherf_status keep_before(trainer *t, const char *path) {
     char before[PATH_LENGTH], between[PATH_LENGTH];
     sherf_status status = output_path(t, before, checkpoint_before);
@@ -559,8 +559,8 @@ static sherf_status keep_before(trainer *t, const char *path) {
     if (status != SHERF_OK || t->saved_step < 0 || t->saved_step == t->state.step || !path_is_file(path))
         return status;
     unlink(between);
-    /* Where a file cannot have two names it is moved; until the next is written the folder goes on from it.
-     */
+    /* Where a file cannot have two names it is moved; until the next one is written, training continues from
+     * it. */
     if ((link(path, between) ? rename(path, before) : rename(between, before)) == 0) return SHERF_OK;
     return failure(t->c, SHERF_WRITE_FAILED, "%s: %s", before, strerror(errno));
 }
@@ -646,7 +646,7 @@ static sherf_status loop(trainer *t, bool *cancel) {
     return SHERF_OK;
 }
 
-/* A first run that failed before its first step leaves nothing. */
+/* A first run that fails before its first step leaves nothing behind. */
 static void leave_nothing(trainer *t) {
     char path[PATH_LENGTH];
     if (t->ranks.rank || !t->folder_is_new) return;
@@ -656,7 +656,7 @@ static void leave_nothing(trainer *t) {
     rmdir(t->options->output);
 }
 
-/* Runs the loop and saves what it made, also after a failure, whose message then stands. */
+/* Runs the loop and saves the result, even after a failure, whose message is kept. */
 static sherf_status run(trainer *t) {
     context *c = t->c;
     bool cancel = false;

@@ -40,8 +40,8 @@ typedef struct {
 } step_total;
 sherf_status total_create(context *c, parameters *weights, int samples, int begin, int end, int targets,
                           step_total *out);
-/* Sums over these processes begin in the backward pass of the last sample, where they have joined a group.
- * Neither the total nor the ranks may move from now on. */
+/* If the processes have joined a group, their sums start in the backward pass of the last sample. Neither the
+ * total nor the ranks may move in memory from now on. */
 sherf_status total_overlap(context *c, step_total *s, const ranks *r);
 void total_free(step_total *s);
 sherf_status total_start(context *c, step_total *s); /* zeroes gradients */
@@ -49,8 +49,7 @@ sherf_status total_start(context *c, step_total *s); /* zeroes gradients */
 float *total_rows(const step_total *s, int number);
 /* Before sample_gradients of that sample on this tape. */
 void total_watch(step_total *s, tape *t, int number);
-/* Takes over sample number `number`, whose gradients are in the parameters' block, and makes ready for the
- * next. */
+/* Takes over sample `number`, whose gradients are in the parameters' block, and prepares for the next. */
 sherf_status total_add(context *c, step_total *s, int number);
 /* Sums over samples and ranks: the gradients end in the parameters' block, the statistics in the model. Waits
  * for the losses. */

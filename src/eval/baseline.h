@@ -1,7 +1,7 @@
-/* baseline: pictures that need no network, for a model's scores to be held against.
+/* baseline: pictures that need no network, to compare a model's scores with.
  * - mean colour: inside the true mask the mean colour of the observed person, black elsewhere;
- * - painted body: the posed body mesh, each vertex in the colour of the observed picture where it was seen.
- */
+ * - painted body: the posed body mesh, each vertex in the colour of the observed picture where it was
+ * seen. */
 #ifndef SHERF_BASELINE_H
 #define SHERF_BASELINE_H
 
@@ -16,7 +16,7 @@ typedef struct {
 sherf_status baselines_create(context *c, const body_model *body, const sherf_observation *o, baselines *out);
 void baselines_free(baselines *y); /* its arrays; fine on zeroes */
 
-/* Into out, H x W x 3 of the target. */
+/* Draws them into out, H x W x 3 of the target. */
 void baseline_mean_color(const baselines *y, const data_view *target, float *out);
 sherf_status baseline_painted_body(context *c, const baselines *y, const body_model *body,
                                    const sherf_camera *camera, const sherf_pose *pose, float *out);

@@ -1,4 +1,4 @@
-/* From the world of the truth to that of an estimate, and what the estimates are off by. */
+/* Maps the true world to an estimate's, and computes the estimates' errors. */
 #include "eval/estimated.h"
 
 #include <math.h>
@@ -76,7 +76,7 @@ sherf_status carried_create(context *c, const body_model *body, const sherf_obse
     if (status) return status;
     out->scale = metres_a_pixel(&estimate->camera, to[0]) / metres_a_pixel(&truth->camera, from[0]);
     if (!(out->scale > 0.01 &&
-          out->scale < 100)) /* a pelvis behind the camera: nothing is to be seen anyway */
+          out->scale < 100)) /* a pelvis behind the camera: nothing would be visible anyway */
         out->scale = 1;
     for (int k = 0; k < 3; k++) {
         out->t_m[k] = to[0][k];

@@ -1,8 +1,7 @@
 /* estimated: evaluating with bodies and cameras that were estimated from the observed picture alone.
  *
- * An estimate has a world of its own. What it is compared with is carried over: directions by way of the
- * observed camera, in whose frame both worlds are known, places so that the pelvis of the true body comes to
- * the estimate's. */
+ * An estimate has a world of its own. The truth is mapped to it: directions through the observed camera, in
+ * whose frame both worlds are known, and places so that the true body's pelvis meets the estimate's. */
 #ifndef SHERF_ESTIMATED_H
 #define SHERF_ESTIMATED_H
 
@@ -11,8 +10,8 @@
 #include "eval/pose_error.h"
 #include "eval/selection.h"
 
-/* From a picture with its background to an observation of the same size in pixels: *out NULL where nobody is
- * found. truth is for tests, which bend it. */
+/* Makes an observation of the same size in pixels from a picture with its background; *out NULL: nobody was
+ * found. truth is for tests, which modify it. */
 typedef struct {
     sherf_status (*estimate)(context *c, void *state, const sherf_image *photo,
                              const sherf_observation *truth, sherf_observation **out);
@@ -25,8 +24,8 @@ typedef struct {
 } photo_estimator;
 sherf_status estimate_by_photo(context *c, void *state, const sherf_image *photo,
                                const sherf_observation *truth, sherf_observation **out);
-/* From the data set's picture at its own size, scaled to that of truth, which it was read from; *out NULL
- * where nobody is found. */
+/* Estimates from the data set's picture at its own size and scales the result to the size of truth, which was
+ * read from it; *out NULL: nobody was found. */
 sherf_status estimated_observation(context *c, const eval_estimator *e, const sherf_dataset *d, int person,
                                    int pose, int view, const sherf_observation *truth,
                                    sherf_observation **out);
@@ -40,8 +39,8 @@ typedef struct {
 sherf_status carried_create(context *c, const body_model *body, const sherf_observation *truth,
                             const sherf_observation *estimate, carried *out);
 void carried_camera(const carried *w, const sherf_camera *truth, sherf_camera *out);
-/* The truth's joints with the estimate's shape; the pelvis is where the true one comes to. own: the
- * estimate's own pose, where it was observed. */
+/* The truth's joint rotations with the estimate's shape; the pelvis is where the true one is mapped to. own:
+ * the estimate's own pose, where it was observed. */
 sherf_status carried_pose(context *c, const carried *w, const body_model *body, const sherf_pose *truth,
                           bool own, sherf_pose *out);
 
@@ -67,7 +66,7 @@ typedef struct {
     pose_error mean, worst;
 } estimate_summary;
 estimate_summary estimate_list_summary(const estimate_list *l, int person);
-/* To print below the scores; mem_free it. NULL when memory lacks. */
+/* Text to print below the scores; mem_free it. NULL: out of memory. */
 char *estimate_list_table(context *c, const estimate_list *l, const sherf_dataset *d);
 
 #endif

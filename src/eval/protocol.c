@@ -26,7 +26,7 @@ typedef struct {
     resnet50_network *resnet50; /* NULL: not computed */
     tape *tape;                 /* of these two */
     baselines baselines;        /* of the observation */
-    uint8_t *shown;             /* what it shows of the body */
+    uint8_t *shown;             /* the parts of the body that it shows */
     sherf_image painted;        /* the painted body's picture */
     int *people, people_count;
     selection *selection; /* one a person */
@@ -120,8 +120,8 @@ static sherf_status evaluation_open(evaluation *e) {
 typedef struct {
     uint8_t *mask;
     rectangle r;
-    float *truth,
-        *prediction; /* r.height x r.width x 3, black outside the mask; NULL: the box is not to be seen */
+    float *truth, *prediction; /* r.height x r.width x 3, black outside the mask; NULL: the box is outside the
+                                  picture */
 } comparison;
 
 static void comparison_free(comparison *k) {
@@ -281,14 +281,14 @@ static sherf_status show_observation(evaluation *e, const sherf_observation *o) 
     return sheet_put(e->c, &e->sheet, e->sheet_row, 0, &o->image, r);
 }
 
-/* Whose picture it was that could not be computed with. */
+/* Adds to the message whose picture failed. */
 static sherf_status named(evaluation *e, sherf_status status, int person, picture p) {
     if (status == SHERF_OK || status == SHERF_NO_MEMORY || status == SHERF_CANCELLED) return status;
     return failure_prefix(e->c, status, "%s, pose %d, view %d", sherf_dataset_person(e->data, person), p.pose,
                           p.view);
 }
 
-/* Camera and pose of a target; with an estimator in the estimate's world. */
+/* A target's camera and pose; with an estimator, in the estimate's world. */
 static sherf_status target_of(evaluation *e, const data_view *truth, const report_entry *entry,
                               sherf_camera *camera, sherf_pose *pose) {
     *camera = truth->camera;
@@ -352,15 +352,15 @@ static int observation_targets(const selection *s, int i) {
     return count;
 }
 
-/* Which pair of the sheet target n of `count` is, so that they are spread evenly. */
+/* The sheet's pair that target n of `count` takes, so that pairs are spread evenly. */
 static int sheet_pair(const evaluation *e, int n, int count) {
     if (!e->sheet.rgb) return -1;
     const int pairs = count < SHEET_PAIRS ? count : SHEET_PAIRS, pair = n * pairs / count;
     return n == (2 * pair + 1) * count / (2 * pairs) ? pair : -1;
 }
 
-/* Puts an estimate from the picture alone, as large as the protocol has it, in the observation's place, and
- * notes what it is off by; *o NULL where nobody was found. first: targets are carried over to its world. */
+/* Replaces the observation by an estimate from the picture alone, at the protocol's size, and records its
+ * errors; *o NULL: nobody was found. first: targets are mapped to its world. */
 static sherf_status estimate(evaluation *e, int person, picture from, bool first, sherf_observation **o) {
     context *c = e->c;
     sherf_observation *truth = *o, *found = NULL;
@@ -381,8 +381,8 @@ static sherf_status estimate(evaluation *e, int person, picture from, bool first
     return named(e, status, person, from);
 }
 
-/* A picture of an observation, as the network is to have it: *out NULL where it was to be estimated and
- * nobody was found. What it shows is added to e->shown. */
+/* Makes an observation's picture for the network; *out NULL: it was to be estimated and nobody was found.
+ * Adds what it shows to e->shown. */
 static sherf_status observe(evaluation *e, int person, picture from, bool first, sherf_observation **out) {
     context *c = e->c;
     uint8_t *shown = NULL;
@@ -408,8 +408,8 @@ static sherf_status observe_all(evaluation *e, const selection *s, int i,
     return status;
 }
 
-/* As users make it: of pictures that were cut out and scaled to what the network knows, where frames have
- * their detail; otherwise, as the paper does, of the pictures as they are. */
+/* Makes the avatar as users do, from pictures cropped and scaled for the network, if frames have detail;
+ * otherwise, as in the paper, from the pictures as they are. */
 static sherf_status make_avatar(evaluation *e, int pictures, sherf_observation *const *observation,
                                 sherf_avatar **out) {
     context *c = e->c;
@@ -426,7 +426,7 @@ static sherf_status make_avatar(evaluation *e, int pictures, sherf_observation *
     return status;
 }
 
-/* Puts the baked avatar in its place. */
+/* Replaces the avatar by its baked form. */
 static sherf_status bake(evaluation *e, sherf_avatar **avatar) {
     const sherf_bake_options how = {.detail = e->options->detail ? e->options->detail : SHERF_DETAIL_OFF};
     sherf_avatar *baked = NULL;

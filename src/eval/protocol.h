@@ -1,4 +1,4 @@
-/* protocol: sherf_eval, with observations as they are or as an estimator sees them. */
+/* protocol: sherf_eval, with the data set's observations or an estimator's. */
 #ifndef SHERF_PROTOCOL_H
 #define SHERF_PROTOCOL_H
 

@@ -1,4 +1,4 @@
-/* selection: which pictures an evaluation looks at, from the command line or the paper's protocol. */
+/* selection: the pictures that an evaluation uses, from the command line or the paper's protocol. */
 #ifndef SHERF_SELECTION_H
 #define SHERF_SELECTION_H
 
@@ -34,8 +34,8 @@ typedef struct {
 /* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one
  * of the person's listed poses from any view, and the same whoever else is evaluated. Where they are NULL the
  * paper's protocol stands: each of its poses is observed from each of its observation views, and novel poses
- * are made from one of them, the `pose_count` - 1 that follow it. What of it the person does not have is left
- * out with a warning. */
+ * are made from one of them, the `pose_count` - 1 that follow it. Pictures that the person does not have are
+ * left out with a warning. */
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
                               const char *poses, const char *views, uint64_t seed, selection *out);
 bool selection_is_random(const char *observations);

@@ -16,13 +16,13 @@ typedef struct {
     surface_entry *entry;
 } surface_list;
 void surface_list_free(surface_list *l);
-/* Compares the avatar's surface with that of the person in the observed pose; nothing where the avatar has
- * none, or the data set. */
+/* Compares the avatar's surface with the person's in the observed pose; does nothing where the avatar or the
+ * data set has none. */
 sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
                                   const sherf_avatar *avatar, int person, picture observation);
 /* Means of one person (-1: of all); *count: of how many. */
 surface_scores surface_list_mean(const surface_list *l, int person, int64_t *count);
-/* A line to print, NULL where memory lacks; mem_free it. */
+/* A line to print, or NULL: out of memory; mem_free it. */
 char *surface_list_text(context *c, const surface_list *l);
 
 #endif

@@ -11,8 +11,9 @@ typedef struct {
     double chamfer_m;    /* the mean of both */
     double normal_deg;   /* between a place's normal and that of its nearest place, both ways */
 } surface_scores;
-/* `places` of each, drawn by `key`; cell_m: of the grids that tell what is seen (solid.h). Normals are those
- * of the triangles, whichever side they were made from. SHERF_BAD_ARGUMENT where a surface has no outside. */
+/* `places` of each, drawn by `key`; cell_m: cells of the grids that determine visibility (solid.h). Normals
+ * are those of the triangles, whichever side they were made from. SHERF_BAD_ARGUMENT where a surface has no
+ * outside. */
 sherf_status surfaces_compare(context *c, int64_t places, uint64_t key, float cell_m, int meshes,
                               const solid_mesh *prediction, int truth_meshes, const solid_mesh *truth,
                               surface_scores *out);

@@ -108,7 +108,7 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
 }
 
 /* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
-static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out) {
+static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out, bool *smplx) {
     static const int whole[] = {22, 52, 55};
     const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
     if (poses->item && !(body->item && root->item)) {
@@ -116,6 +116,7 @@ static sherf_status parse_turns(context *c, const named_value *part, sherf_pose 
         int given = BODY_JOINTS;
         for (size_t i = 0; i < COUNT_OF(whole); i++)
             if (numbers == whole[i] * 3 || numbers == whole[i] * 9) given = whole[i];
+        *smplx |= given == JOINTS_MAX;
         return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22,
                             out->poses_rad);
     }
@@ -124,6 +125,12 @@ static sherf_status parse_turns(context *c, const named_value *part, sherf_pose 
     sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, out->poses_rad);
     if (!status && root->item) status = parse_joints(c, root->item, root->name, 0, 1, 1, out->poses_rad);
     return status;
+}
+
+/* SMPL-X's own space is SMPL's, moved: R (x + d) + Th. */
+static void place_smplx(sherf_pose *pose) {
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) pose->Th_m[i] += pose->R[3 * i + k] * (float)smplx_pelvis_m[k];
 }
 
 /* x_camera = R_c (R x_smpl + Th) + T_c: into R and Th. */
@@ -147,13 +154,15 @@ sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
                       *Tc = &part[PART_CAMERA_PLACE];
     float turn[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, place[3] = {0};
     sherf_pose_identity(out);
-    sherf_status status = parse_turns(c, part, out);
+    bool smplx = parts->smplx;
+    sherf_status status = parse_turns(c, part, out, &smplx);
     if (!status && shapes->item)
         status = parse_prefix(c, shapes->item, shapes->name, BODY_SHAPES, out->shapes);
     if (!status && R->item) status = parse_rotation(c, R->item, R->name, out->R);
     if (!status && Th->item) status = value_floats(c, Th->item, Th->name, 3, out->Th_m);
     if (!status && Rc->item) status = parse_rotation(c, Rc->item, Rc->name, turn);
     if (!status && Tc->item) status = value_floats(c, Tc->item, Tc->name, 3, place);
+    if (!status && smplx && (Th->item || Tc->item)) place_smplx(out);
     if (!status && (Rc->item || Tc->item)) put_before_camera(turn, place, out);
     return status;
 }

@@ -83,6 +83,15 @@ static const char *const origin_words[] = {
 static const char *const part_words[] = {"pose",  "theta", "beta", "shape",  "transl", "trans", "translation",
                                          "place", "root",  "rot",  "orient", "rotmat", "th",    "rh"};
 
+/* The neutral templates' pelves: (0.0031, -0.3514, 0.0120) less (-0.0018, -0.2233, 0.0282). */
+const double smplx_pelvis_m[3] = {0.0049, -0.1281, -0.0162};
+
+static bool among(const char *key, const char *const *names) {
+    for (; *names; names++)
+        if (!strcmp(key, *names)) return true;
+    return false;
+}
+
 named_value value_first(const value *dict, const char *const *names) {
     for (; *names; names++) {
         const value *item = value_get(dict, *names);
@@ -117,27 +126,6 @@ static const value *inner_of(const value *v) {
     return has_poses(inner) ? inner : only_inside(v);
 }
 
-void body_parts_find(const value *v, body_parts *out) {
-    v = value_unwrapped(v);
-    const value *inner = inner_of(v);
-    for (int p = 0; p < PARTS; p++) {
-        out->part[p] = value_first(inner, part_names[p]);
-        if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
-    }
-}
-
-static bool among(const char *key, const char *const *names) {
-    for (; *names; names++)
-        if (!strcmp(key, *names)) return true;
-    return false;
-}
-
-static bool is_part(const char *key) {
-    for (int p = 0; p < PARTS; p++)
-        if (among(key, part_names[p])) return true;
-    return among(key, inner_names);
-}
-
 /* The word or its plural. */
 static bool word_is(const char *text, size_t n, const char *word) {
     const size_t length = strlen(word);
@@ -156,6 +144,37 @@ static bool has_word(const char *key, const char *const *words, size_t count) {
             if (word_is(key + i, n, words[k])) return true;
     }
     return false;
+}
+
+/* A jaw, eyes and expressions have SMPL-X's bodies alone; GVHMR's parameters are SMPL-X's too. */
+static bool smplx_told(const value *v) {
+    static const char *const words[] = {"jaw", "eye", "leye", "reye", "expression", "expr", "smplx"};
+    static const char *const models[] = {"surface_model_type", "model_type", "model", NULL};
+    if (v && v->kind == VALUE_RECORD) v = v->record.state;
+    const value *model = value_first(v, models).item;
+    if (model && model->kind == VALUE_STRING && !strncasecmp(model->string.text, "smplx", 5)) return true;
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
+        const value *key = v->dict.pair[i].key, *item = v->dict.pair[i].item;
+        if (key->kind != VALUE_STRING || !item || item->kind == VALUE_NONE) continue;
+        if (has_word(key->string.text, words, COUNT_OF(words))) return true;
+    }
+    return value_get(v, "smpl_params_incam") || value_get(v, "smpl_params_global");
+}
+
+void body_parts_find(const value *v, body_parts *out) {
+    v = value_unwrapped(v);
+    const value *inner = inner_of(v);
+    out->smplx = smplx_told(inner) || smplx_told(v);
+    for (int p = 0; p < PARTS; p++) {
+        out->part[p] = value_first(inner, part_names[p]);
+        if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
+    }
+}
+
+static bool is_part(const char *key) {
+    for (int p = 0; p < PARTS; p++)
+        if (among(key, part_names[p])) return true;
+    return among(key, inner_names);
 }
 
 static bool is_idle(const char *key) {

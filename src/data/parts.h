@@ -23,7 +23,11 @@ typedef struct {
 } named_value;
 typedef struct {
     named_value part[PARTS];
+    /* Of SMPL-X, as faces and eyes beside it and names tell (55 joints tell it as well): its pelvis at rest
+     * lies elsewhere than SMPL's, by smplx_pelvis_m, so its translation means another place. */
+    bool smplx;
 } body_parts;
+extern const double smplx_pelvis_m[3];
 
 /* The first of these names (up to NULL) that the dict has and that is not null; item NULL: none. */
 named_value value_first(const value *dict, const char *const *names);

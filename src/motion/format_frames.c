@@ -106,7 +106,7 @@ static sherf_status person_frame(context *c, const body_parts *all, const sherf_
     if (!status) status = place_of(c, &part[PART_PLACE], Th);
     if (!status) status = place_of(c, &part[PART_CAMERA_PLACE], Tc);
     if (status) return status;
-    quaternion_rotate(world, s->skeleton.rest_m[0], pelvis);
+    quaternion_rotate(world, s->pelvis_m, pelvis);
     for (int a = 0; a < 3; a++) pelvis[a] = Th[a] + pelvis[a] / s->unit_m;
     quaternion_rotate(camera, pelvis, pelvis);
     for (int a = 0; a < 3; a++) s->clip.pelvis_m[at][a] = (float)(pelvis[a] + Tc[a]);
@@ -152,6 +152,7 @@ static sherf_status take_first(context *c, taker *t, const value *person, const 
     s->up = lhm || place ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;
+    s->smplx = p->smplx || (!p->part[PART_BODY].item && value_numbers(p->part[PART_POSES].item) == 165);
     s->unplaced = !place && !p->part[PART_PLACE].item;
     body_parts_warn(c, person, s->format);
     sherf_status status = source_shapes(c, s, p->part[PART_SHAPES].item);

@@ -194,6 +194,7 @@ static sherf_status motion_x_read(context *c, const value *v, const sherf_motion
     const int64_t frames = v->array.dim[0];
     double row[MOTION_X];
     s->format = "Motion-X";
+    s->smplx = true;
     s->up = SHERF_UP_Y;
     s->unit_m = 1;
     sherf_status status = parse_row(c, v, 0, "row", MOTION_X, row);

@@ -39,7 +39,7 @@ static void find_parts(const value *root, body_parts *out) {
         body_parts_find(gvhmr_params(root) ? gvhmr_params(root) : root, out);
         return;
     }
-    *out = (body_parts){0};
+    *out = (body_parts){.smplx = true};
     out->part[PART_BODY] = (named_value){"body_pose", get_prefixed(root, "body_pose")};
     out->part[PART_ROOT] = (named_value){"global_orient", get_prefixed(root, "global_orient")};
     out->part[PART_PLACE] = (named_value){"transl", get_prefixed(root, "transl")};
@@ -239,9 +239,8 @@ static sherf_status read_world(context *c, const named_value *turn, source *s) {
             rotation_frame(c, turn->name, &own, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, world);
         if (status) return status;
         quaternion_multiply(world[0], s->clip.turn[i][0], s->clip.turn[i][0]);
-        quaternion_rotate(world[0], s->skeleton.rest_m[0], J0);
-        for (int a = 0; a < 3; a++)
-            s->clip.pelvis_m[i][a] += (float)((J0[a] - s->skeleton.rest_m[0][a]) / unit_m);
+        quaternion_rotate(world[0], s->pelvis_m, J0);
+        for (int a = 0; a < 3; a++) s->clip.pelvis_m[i][a] += (float)((J0[a] - s->pelvis_m[a]) / unit_m);
     }
     return SHERF_OK;
 }
@@ -312,7 +311,9 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
         source_take_person(&mask, all.people, person, &mask_room);
         all.frames = layout_of(rows_of(&p)).frames;
     }
-    recognise(root, &p, value_numbers(rows_of(&p)) / all.frames, s, &fps);
+    const int64_t numbers = value_numbers(rows_of(&p)) / all.frames;
+    recognise(root, &p, numbers, s, &fps);
+    s->smplx = p.smplx || gvhmr_is(root) || (!p.part[PART_BODY].item && (numbers == 165 || numbers == 495));
     body_parts_warn(c, gvhmr_is(root) ? NULL : root, s->format);
     const named_value *place = p.part[PART_PLACE].item ? &p.part[PART_PLACE] : &p.part[PART_CAMERA_PLACE];
     status = source_shapes(c, s, p.part[PART_SHAPES].item);

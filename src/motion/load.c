@@ -53,7 +53,7 @@ static sherf_status place_pelvis(context *c, source *s, const sherf_motion_optio
     sherf_status status = *unit_m > 0 ? SHERF_OK : unit_find(c, s, up, unit_m);
     for (int i = 0; i < s->clip.frames && !status; i++)
         for (int a = 0; a < 3; a++) {
-            double place = *unit_m * s->clip.pelvis_m[i][a] + (s->is_pelvis ? 0 : s->skeleton.rest_m[0][a]);
+            double place = *unit_m * s->clip.pelvis_m[i][a] + (s->is_pelvis ? 0 : s->pelvis_m[a]);
             if (!(fabs(place) < 1e5))
                 return failure(c, SHERF_BAD_FILE, "frame %d is %g m away", i, fabs(place));
             s->clip.pelvis_m[i][a] = (float)place;

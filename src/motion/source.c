@@ -14,6 +14,8 @@ sherf_status source_frames(context *c, source *s, const sherf_motion_options *o,
         return failure(c, SHERF_BAD_FILE, "%s: %lld frames, of 1 to %d", s->format, (long long)frames,
                        MOTION_FRAMES_MAX);
     skeleton_of(o->body, o->their_shape && s->has_shapes ? s->shapes : o->shapes, &s->skeleton);
+    for (int k = 0; k < 3; k++)
+        s->pelvis_m[k] = s->skeleton.rest_m[0][k] + (s->smplx ? smplx_pelvis_m[k] : 0);
     sherf_status status = clip_create(c, (int)frames, o->source_fps > 0 ? o->source_fps : fps, &s->clip);
     for (int i = 0; i < s->clip.frames; i++)
         for (int j = 0; j < BODY_JOINTS; j++) s->clip.turn[i][j][0] = 1;

@@ -19,9 +19,11 @@ typedef struct {
     /* The translations are the pelvis's place itself; otherwise SMPL's, from which the pelvis at rest is
      * missing: pelvis = J0 + translation. */
     bool is_pelvis;
+    bool smplx; /* the translations are SMPL-X's; told before source_frames */
     bool has_shapes;
     float shapes[BODY_SHAPES];
-    skeleton skeleton; /* whose pelvis is meant: of the options' body, or of the file's shapes */
+    skeleton skeleton;  /* whose pelvis is meant: of the options' body, or of the file's shapes */
+    double pelvis_m[3]; /* at rest in the file's body: J0 above */
 } source;
 
 void source_free(source *s);

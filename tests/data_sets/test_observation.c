@@ -170,6 +170,40 @@ static void body_names(void **state) {
     sherf_context_free(c);
 }
 
+/* Translations of SMPL-X's bodies are told from a pelvis that lies 0.128 m lower at rest: they are brought to
+ * SMPL's, so that the pelvis comes to the same place. */
+static void smplx_bodies(void **state) {
+    static const struct {
+        const char *body;
+        float Th[3];
+    } cases[] = {
+        {"{\"body_pose\": %s, \"transl\": [4, 5, 6], \"left_hand_pose\": [0]}", {4, 5, 6}}, /* SMPL+H */
+        {"{\"body_pose\": %s, \"transl\": [4, 5, 6], \"jaw_pose\": [0, 0, 0]}", {4.0049f, 4.8719f, 5.9838f}},
+        {"{\"body_pose\": %s, \"cam_t\": [4, 5, 6], \"expression\": [0]}", {4.0049f, 4.8719f, 5.9838f}},
+        {"{\"smplx_body_pose\": %s, \"cam_trans\": [4, 5, 6]}", {4.0049f, 4.8719f, 5.9838f}},
+        {"{\"smpl_params_incam\": {\"body_pose\": %s, \"transl\": [4, 5, 6]}}", {4.0049f, 4.8719f, 5.9838f}},
+        {"{\"body_pose\": %s, \"Th\": [4, 5, 6], \"expression\": [0], \"Rh\": [0, 0, 1.5707963]}",
+         {4.1281f, 5.0049f, 5.9838f}},
+        {"{\"body_pose\": %s, \"jaw_pose\": [0, 0, 0]}", {0, 0, 0}}, /* no place, none to move */
+    };
+    char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}", body[4096];
+    context *c = test_context();
+    sherf_observation *o;
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        snprintf(body, sizeof body, cases[i].body, zeros_69);
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+        for (int k = 0; k < 3; k++) assert_float_equal(o->pose.Th_m[k], cases[i].Th[k], 1e-5);
+        sherf_observation_free(o);
+    }
+    size_t n = (size_t)sprintf(body, "{\"poses\": [0");
+    for (int i = 1; i < 165; i++) n += (size_t)sprintf(body + n, ", 0");
+    sprintf(body + n, "], \"trans\": [4, 5, 6]}");
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+    assert_float_equal(o->pose.Th_m[1], 4.8719f, 1e-5);
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
 /* What is not understood is named, in a body, a camera and the whole. */
 static void unknown_keys_are_named(void **state) {
     static const struct {
@@ -673,6 +707,7 @@ int main(void) {
         cmocka_unit_test(from_json),
         cmocka_unit_test(body_forms),
         cmocka_unit_test(body_names),
+        cmocka_unit_test(smplx_bodies),
         cmocka_unit_test(unknown_keys_are_named),
         cmocka_unit_test(camera_names),
         cmocka_unit_test(camera_files_have_lenses),

@@ -38,13 +38,15 @@ static inline void refused(const walk_fixture *f, const char *path, const sherf_
 /* ---- arrays of the walk ---- */
 typedef struct {
     float whole[WALK_FRAMES][165], root[WALK_FRAMES][3], body[WALK_FRAMES][69], trans[WALK_FRAMES][3],
-        smpl[WALK_FRAMES][72];
+        smpl[WALK_FRAMES][72], transx[WALK_FRAMES][3]; /* transx: of SMPL-X, whose pelvis at rest is lower */
 } arrays;
 
 static inline void arrays_of(const walk *w, const double C[9], arrays *a) {
+    static const float offset[3] = {0.0031f + 0.0018f, -0.3514f + 0.2233f, 0.0120f - 0.0282f};
     memset(a, 0, sizeof *a);
     for (int i = 0; i < WALK_FRAMES; i++) {
         walk_in(w, i, C, a->root[i], a->trans[i]);
+        for (int k = 0; k < 3; k++) a->transx[i][k] = a->trans[i][k] - offset[k];
         memcpy(a->body[i], w->pose[i].poses_rad + 3, sizeof a->body[i]);
         memcpy(a->smpl[i], a->root[i], sizeof a->root[i]);
         memcpy(a->smpl[i] + 3, a->body[i], sizeof a->body[i]);

@@ -40,12 +40,12 @@ static void amass(void **state) {
     sherf_motion_free(motion);
 
     npz_member smplx[] = {{"poses", 2, {WALK_FRAMES, 165}, a.whole[0]},
-                          {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                          {"trans", 2, {WALK_FRAMES, 3}, a.transx[0]},
                           {"mocap_frame_rate", 1, {1}, &rate}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(smplx), smplx));
     assert_walk(f, path, NULL, 20, "AMASS, SMPL-X", "z up");
 
-    float body[WALK_FRAMES][63];
+    float body[WALK_FRAMES][63], jaw[WALK_FRAMES][3] = {{0}};
     for (int i = 0; i < WALK_FRAMES; i++) memcpy(body[i], a.body[i], sizeof body[i]);
     npz_member parts[] = {{"root_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
                           {"pose_body", 2, {WALK_FRAMES, 63}, body[0]},
@@ -54,6 +54,16 @@ static void amass(void **state) {
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
     assert_walk(f, path, NULL, 20, "SMPL-X by parts", "z up");
     assert_walk(f, path, &(sherf_motion_options){.source_fps = 24}, 24, "24 a second", "z up");
+    npz_member faced[] = {parts[0],
+                          parts[1],
+                          {"trans", 2, {WALK_FRAMES, 3}, a.transx[0]},
+                          parts[3],
+                          {"pose_jaw", 2, {WALK_FRAMES, 3}, jaw[0]}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(faced), faced)); /* a jaw: SMPL-X */
+    assert_walk(f, path, NULL, 20, "SMPL-X by parts", "z up");
+    faced[4] = (npz_member){.name = "surface_model_type", .text = "smplx"};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(faced), faced));
+    assert_walk(f, path, NULL, 20, "SMPL-X by parts", "z up");
     parts[2].data = a.trans[0]; /* the same in centimetres and millimetres, found by how high the pelvis is */
     for (int i = 0; i < WALK_FRAMES * 3; i++) a.trans[i / 3][i % 3] *= 100;
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
@@ -140,11 +150,12 @@ static void gvhmr(void **state) {
     for (int i = 0; i < WALK_FRAMES; i++) memcpy(body[i], a.body[i], sizeof body[i]);
     npz_member member[] = {{"smpl_params_global/body_pose", 2, {WALK_FRAMES, 63}, body[0]},
                            {"smpl_params_global/global_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
-                           {"smpl_params_global/transl", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                           {"smpl_params_global/transl", 2, {WALK_FRAMES, 3}, a.transx[0]},
                            {"smpl_params_global/betas", 2, {WALK_FRAMES, 10}, shape[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
     assert_walk(f, path, NULL, 30, "GVHMR", "(assumed)");
     for (int i = 0; i < 4; i++) member[i].name += strlen("smpl_params_global/");
+    member[2].data = a.trans[0]; /* nothing tells of SMPL-X now */
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
     assert_walk(f, path, NULL, 30, "SMPL poses", "body shape");
     pickle_writer w;
@@ -155,7 +166,7 @@ static void gvhmr(void **state) {
     floats(&w, "body_pose", 63, body[0]);
     floats(&w, "betas", 10, shape[0]);
     floats(&w, "global_orient", 3, a.root[0]);
-    floats(&w, "transl", 3, a.trans[0]);
+    floats(&w, "transl", 3, a.transx[0]);
     pickle_dict_close(&w);
     pickle_string(&w, "K_fullimg");
     pickle_list_open(&w);
@@ -291,7 +302,7 @@ static void other_dicts(void **state) {
     assert_walk(f, path, NULL, 30, "aitviewer", "y up");
     npz_member batch[] = {{"smpl_params_global/body_pose", 3, {1, WALK_FRAMES, 63}, body[1][0]},
                           {"smpl_params_global/global_orient", 3, {1, WALK_FRAMES, 3}, up.root[0]},
-                          {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.trans[0]}};
+                          {"smpl_params_global/transl", 3, {1, WALK_FRAMES, 3}, up.transx[0]}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(batch), batch));
     assert_walk(f, path, NULL, 30, "GVHMR", "y up");
 }
@@ -400,7 +411,7 @@ static void other_arrays(void **state) {
     arrays_of(&f->walk, walk_y_up, &up);
     for (int i = 0; i < WALK_FRAMES; i++) {
         memcpy(row[i], up.smpl[i], 66 * sizeof(float));
-        memcpy(row[i] + 309, up.trans[i], 3 * sizeof(float));
+        memcpy(row[i] + 309, up.transx[i], 3 * sizeof(float));
         for (int j = 0; j < 24; j++) {
             float R[9];
             rodrigues(up.smpl[i] + 3 * j, R);

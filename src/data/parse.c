@@ -73,6 +73,9 @@ sherf_status parse_rotation(context *c, const value *v, const char *what, float 
     if (n == 3) {
         float axis_angle[3];
         status = value_floats(c, v, what, 3, axis_angle);
+        double square = 0;
+        for (int k = 0; k < 3 && !status; k++) square += (double)axis_angle[k] * axis_angle[k];
+        if (!status) status = radians_check(c, what, true, square, 1);
         if (!status) rodrigues(axis_angle, R);
         return status;
     }
@@ -82,11 +85,20 @@ sherf_status parse_rotation(context *c, const value *v, const char *what, float 
     return status ? status : rotation_check(c, R, what);
 }
 
-sherf_status radians_check(context *c, const char *what, double squares, int64_t count) {
-    static const double largest = 4; /* an axis-angle is at most pi long, unless it was wound up */
+sherf_status radians_check(context *c, const char *what, bool root, double squares, int64_t count) {
+    const double largest = root ? 12.6 : 4; /* an axis-angle is at most pi long, unless it was wound up */
     if (count < 1 || !(sqrt(squares / (double)count) > largest)) return SHERF_OK;
     return failure(c, SHERF_BAD_FILE, "%s: %.3g radians a joint on average: these are degrees", what,
                    sqrt(squares / (double)count));
+}
+
+sherf_status joints_last_check(context *c, const char *what, const value *v, int joints) {
+    enum { NUMBERS_MAX = 9 };
+    if (v->kind != VALUE_ARRAY || v->array.rank < 2 || joints <= NUMBERS_MAX) return SHERF_OK;
+    if (v->array.dim[v->array.rank - 1] != joints) return SHERF_OK;
+    return failure(c, SHERF_BAD_FILE,
+                   "%s: its last axis is that of the %d joints: the numbers of a joint must be last (%d x 3)",
+                   what, joints, joints);
 }
 
 /* Joint rotations from `first` on: axis-angle, or 3 x 3 matrices, of `given` joints, of which those beyond
@@ -96,6 +108,7 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
     float all[JOINTS_MAX * 9];
     const bool matrices = value_numbers(v) == given * 9;
     sherf_status status = value_floats(c, v, what, (size_t)given * (matrices ? 9 : 3), all);
+    if (!status) status = joints_last_check(c, what, v, given);
     double squares = 0;
     for (int j = 0; j < joints && !status; j++) {
         float *pose = poses + (first + j) * 3;
@@ -104,7 +117,7 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
         if (!matrices) memcpy(pose, all + 3 * j, 3 * sizeof *pose);
         for (int k = 0; k < 3; k++) squares += (double)pose[k] * pose[k];
     }
-    return status || joints < 2 ? status : radians_check(c, what, squares, joints);
+    return status ? status : radians_check(c, what, joints < 2, squares, joints);
 }
 
 /* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */

@@ -18,8 +18,10 @@ sherf_status parse_prefix(context *c, const value *v, const char *what, int max,
 sherf_status parse_rotation(context *c, const value *v, const char *what, float R[9]);
 sherf_status rotation_check(context *c, const float R[9], const char *what);
 /* Fails where a body's rotations are too large on average to be radians: `squares` is the sum of their
- * squared lengths, over `count` of them. */
-sherf_status radians_check(context *c, const char *what, double squares, int64_t count);
+ * squared lengths, over `count` of them. A root alone may be wound up. */
+sherf_status radians_check(context *c, const char *what, bool root, double squares, int64_t count);
+/* Fails where the last axis is that of the joints, and not of a joint's numbers. */
+sherf_status joints_last_check(context *c, const char *what, const value *v, int joints);
 
 /* One body by the names of parts.h. A camera that stands in the body's file (camera_rotation, cam_t, ...)
  * goes into R and Th: the body is then in that camera's frame. */

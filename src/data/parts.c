@@ -52,6 +52,8 @@ static const char *const *const part_names[PARTS] = {
 
 /* Dicts that hold the body inside another one. Of GVHMR's two, that in the camera's frame. */
 static const char *const inner_names[] = {"smpl_params_incam",
+                                          "smplx_cam",
+                                          "smpl_cam",
                                           "pred_smpl_params",
                                           "smpl_params",
                                           "smplx_params",

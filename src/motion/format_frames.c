@@ -49,6 +49,18 @@ bool frame_list_is(const value *root) {
     return false;
 }
 
+const value *frame_list_within(const value *root) {
+    const value *found = NULL;
+    if (!root || root->kind != VALUE_DICT || person_is(root) || people_of(root)) return NULL;
+    for (size_t i = 0; i < root->dict.count; i++) {
+        const value *item = root->dict.pair[i].item;
+        if (!frame_is(item)) continue;
+        if (item->kind != VALUE_LIST || found) return NULL;
+        found = item;
+    }
+    return found;
+}
+
 static void person_name(const value *person, size_t place, char out[64]) {
     const value *id = value_get(person, "id");
     snprintf(out, 64, "%zu", place);
@@ -166,8 +178,7 @@ static sherf_status take(context *c, taker *t, const value *frame, int64_t numbe
     value room[PARTS];
     if (!person) return SHERF_OK;
     body_parts_find(person, &p);
-    const bool rows = person_is_row(&p);
-    const int64_t people = rows ? source_people(&p) : 1, row = rows ? row_wanted(t->o) : 0;
+    const int64_t people = source_people(&p), row = people > 1 || person_is_row(&p) ? row_wanted(t->o) : 0;
     if (row < 0 || row >= people) return SHERF_OK; /* not in this frame */
     if (people > t->people) t->people = people;
     for (int i = 0; i < PARTS && people > 1; i++) source_take_person(&p.part[i], people, row, &room[i]);

@@ -14,9 +14,10 @@ static const char *const rate_names[] = {"mocap_framerate", "mocap_frame_rate", 
 static const char *const number_names[] = {"frame", "frame_ids", "frame_id", NULL};
 static const char *const mask_names[] = {"track_mask", "vis_mask", NULL};
 
-/* GVHMR's own, in a dict, or with the dict's name before the keys. */
+/* GVHMR's own, in a dict, or with the dict's name before the keys; PromptHMR's. */
 static const value *gvhmr_params(const value *root) {
-    return value_unwrapped(value_get(root, "smpl_params_global"));
+    static const char *const names[] = {"smpl_params_global", "smplx_world", NULL};
+    return value_unwrapped(value_first(root, names).item);
 }
 
 static const value *get_prefixed(const value *root, const char *key) {
@@ -160,7 +161,7 @@ static void recognise(const value *root, const body_parts *p, int64_t numbers, s
             return;
         }
     if (gvhmr_is(root)) {
-        s->format = "GVHMR";
+        s->format = value_get(root, "smplx_world") ? "PromptHMR" : "GVHMR";
         s->unit_m = 1;
     } else if (!strcmp(pose, "smpl_thetas")) {
         s->format = "ROMP";
@@ -175,20 +176,6 @@ static void recognise(const value *root, const body_parts *p, int64_t numbers, s
                     : value_get(root, "pose_body") ? "AMASS, SMPL-X by parts"
                                                    : "AMASS, SMPL";
     }
-}
-
-/* What the options say counts more, and helps where the file talks nonsense. */
-static sherf_status read_rate(context *c, const value *root, const sherf_motion_options *o, double *fps,
-                              bool *said) {
-    const value *v = value_first(root, rate_names).item;
-    if (!v || o->source_fps > 0) return SHERF_OK;
-    double rate;
-    sherf_status status = value_doubles(c, v, "frame rate", 1, &rate);
-    if (!status && !(rate >= 0.01 && rate <= 10000))
-        status =
-            failure(c, SHERF_BAD_FILE, "frame rate: %g a second, must be 0.01 to 10000; give another", rate);
-    if (!status) *fps = rate, *said = true;
-    return status;
 }
 
 /* ---- reading ---- */
@@ -317,7 +304,7 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     body_parts_warn(c, gvhmr_is(root) ? NULL : root, s->format);
     const named_value *place = p.part[PART_PLACE].item ? &p.part[PART_PLACE] : &p.part[PART_CAMERA_PLACE];
     status = source_shapes(c, s, p.part[PART_SHAPES].item);
-    if (!status) status = read_rate(c, root, o, &fps, &s->fps_said);
+    if (!status && !(o->source_fps > 0)) status = source_rate(c, root, &fps, &s->fps_said);
     if (!status) status = source_frames(c, s, o, all.frames, fps);
     if (!status) status = read_turns(c, &p, o, &s->clip);
     s->unplaced = !place->item;

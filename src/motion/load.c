@@ -133,6 +133,13 @@ static bool knees_forward(const clip *k) {
     return sum < -0.2 * 2 * k->frames && backward * 20 < 2 * k->frames;
 }
 
+/* The body's own up, over the frames, is far from the file's. */
+static bool lies(const clip *k, sherf_up up) {
+    double mean[3];
+    clip_mean_up(k, mean);
+    return (up == SHERF_UP_Z ? mean[2] : up == SHERF_UP_Y ? mean[1] : -mean[1]) < 0.35;
+}
+
 static void describe(const source *s, int frames, sherf_up up, double unit_m, char *out, size_t size) {
     char unit[48] = "metres";
     if (unit_m == 0.01) snprintf(unit, sizeof unit, "centimetres");
@@ -140,10 +147,11 @@ static void describe(const source *s, int frames, sherf_up up, double unit_m, ch
     if (unit_m != 1 && unit_m != 0.01 && unit_m != 0.001)
         snprintf(unit, sizeof unit, "%.4g m a unit", unit_m);
     const bool told = s->is_pelvis && *s->detail; /* a BVH's detail has its unit */
-    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s%s%s", s->format, frames,
+    snprintf(out, size, "%s: %d frame%s, %.4g a second%s, %s%s%s%s%s%s%s%s%s", s->format, frames,
              frames == 1 ? "" : "s", s->clip.fps, s->fps_said ? "" : " (assumed)", up_name[up],
              told ? "" : ", ", told ? "" : unit, *s->detail ? ", " : "", s->detail,
              s->unplaced ? ", no translation: on the spot" : "", s->has_shapes ? ", with a body shape" : "",
+             lies(&s->clip, up) ? ", lying or upside down: is another axis up (--up)?" : "",
              knees_forward(&s->clip) ? ", knees bend forwards: are the rotations transposed?" : "");
 }
 
@@ -220,8 +228,8 @@ static const value *unpacked(const value *root) {
     return root;
 }
 
-static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
-    root = unpacked(root);
+static sherf_status source_of_family(context *c, const value *root, const sherf_motion_options *o,
+                                     source *s) {
     if (track_file_is(root)) return track_file_read(c, root, o, s);
     if (joints_file_is(root)) return joints_file_read(c, root, o, s);
     if (picture_is(root)) return frame_list_read(c, root, o, s);
@@ -229,6 +237,22 @@ static sherf_status source_of_tree(context *c, const value *root, const sherf_mo
     if (smpl_file_is(root)) return smpl_file_read(c, root, o, s);
     if (frame_list_is(root)) return frame_list_read(c, root, o, s);
     return not_known(c, root);
+}
+
+/* What is beside the bodies may be packed with them: a list of frames, people, a frame rate. */
+static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    double fps = 0;
+    bool said = false;
+    const value *within = unpacked(root), *people = value_unwrapped(value_get(within, "people"));
+    if (people && people->kind == VALUE_DICT && nested_file_is(people)) within = unpacked(people);
+    const value *list = frame_list_within(within);
+    sherf_status status = list && value_get(within, "frames") == list
+                              ? frame_list_read(c, list, o, s)
+                              : source_of_family(c, list ? list : within, o, s);
+    if (status || s->fps_said || o->source_fps > 0) return status;
+    status = source_rate(c, root, &fps, &said);
+    if (!status && said) s->clip.fps = fps, s->fps_said = true;
+    return status;
 }
 
 sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, const sherf_motion_options *o,

@@ -73,10 +73,10 @@ static sherf_status rotation_read(context *c, const char *what, const rotation_f
     return SHERF_OK;
 }
 
-/* Squared lengths of a body's axis-angles; a root alone may be wound up. */
+/* Squared lengths of axis-angles. */
 static void turns_add(const rotation_form *f, const double *numbers, int j, double *squares, int64_t *count) {
     const double *v = numbers + 3 * j;
-    if (f->per != 3 || f->joints == 1) return;
+    if (f->per != 3) return;
     *squares += v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
     ++*count;
 }
@@ -102,6 +102,7 @@ sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_
     int64_t n = value_numbers(v), counted = 0;
     double squares = 0;
     sherf_status status = rotation_form_find(c, what, n, joints, given, &f);
+    if (!status) status = joints_last_check(c, what, v, f.joints);
     if (!status) status = value_doubles(c, v, what, (size_t)n, numbers);
     if (status) return status;
     rotation_form_guess(&f, given, numbers);
@@ -109,7 +110,7 @@ sherf_status rotation_frame(context *c, const char *what, const value *v, sherf_
         status = rotation_read(c, what, &f, numbers, j, turn[first + j]);
         turns_add(&f, numbers, j, &squares, &counted);
     }
-    return status ? status : radians_check(c, what, squares, counted);
+    return status ? status : radians_check(c, what, f.joints == 1, squares, counted);
 }
 
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
@@ -123,6 +124,7 @@ sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_r
         return failure(c, SHERF_BAD_FILE, "%s: %lld numbers are not one row for each of %d frames", what,
                        (long long)n, k->frames);
     sherf_status status = rotation_form_find(c, what, n / k->frames, joints, given, &f);
+    if (!status) status = joints_last_check(c, what, v, f.joints);
     for (int i = 0; i < k->frames && !status; i++) {
         status = one ? value_doubles(c, v, what, (size_t)n, numbers)
                      : parse_row(c, v, (size_t)i, what, (size_t)(f.joints * f.per), numbers);
@@ -132,5 +134,5 @@ sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_r
             turns_add(&f, numbers, j, &squares, &counted);
         }
     }
-    return status ? status : radians_check(c, what, squares, counted);
+    return status ? status : radians_check(c, what, f.joints == 1, squares, counted);
 }

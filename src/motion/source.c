@@ -1,4 +1,5 @@
 /* What all families of formats need. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "motion/source.h"
@@ -35,6 +36,40 @@ void source_take_person(named_value *part, int64_t people, int64_t person, value
     if (!v || parse_rows(v) != people || (v->kind == VALUE_ARRAY && v->array.rank < 2)) return;
     *room = parse_row_of(v, (size_t)person);
     part->item = room;
+}
+
+static sherf_status rate_read(context *c, named_value rate, bool seconds, double *fps, bool *said) {
+    double number = 0;
+    char *end = NULL;
+    sherf_status status = SHERF_OK;
+    if (rate.item->kind == VALUE_STRING) {
+        number = strtod(rate.item->string.text, &end);
+        if (end == rate.item->string.text || *end) return SHERF_OK; /* "auto" */
+    } else
+        status = value_doubles(c, rate.item, "frame rate", 1, &number);
+    if (!status && seconds) number = 1 / number;
+    if (!status && !(number >= 0.01 && number <= 10000))
+        status = failure(c, SHERF_BAD_FILE, "frame rate: %g a second, must be 0.01 to 10000; give another",
+                         number);
+    if (!status) *fps = number, *said = true;
+    return status;
+}
+
+sherf_status source_rate(context *c, const value *root, double *fps, bool *said) {
+    static const char *const names[] =
+        {"mocap_framerate", "mocap_frame_rate", "fps",       "frame_rate", "framerate", "frameRate",
+         "mocap_fps",       "motion_fps",       "video_fps", "FPS",        NULL},
+                             *const times[] = {"frame_time", "frametime", "frameTime", NULL};
+    if (!root || root->kind != VALUE_DICT) return SHERF_OK;
+    const named_value rate = value_first(root, names), time = value_first(root, times);
+    if (rate.item) return rate_read(c, rate, false, fps, said);
+    if (time.item && value_numbers(time.item) <= 1) return rate_read(c, time, true, fps, said);
+    for (size_t i = 0; i < root->dict.count; i++) {
+        const value *inner = value_unwrapped(root->dict.pair[i].item);
+        const named_value own = value_first(inner, names);
+        if (own.item) return rate_read(c, own, false, fps, said);
+    }
+    return SHERF_OK;
 }
 
 int64_t source_people(const body_parts *p) {

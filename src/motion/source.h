@@ -31,6 +31,10 @@ void source_free(source *s);
 sherf_status source_frames(context *c, source *s, const sherf_motion_options *o, int64_t frames, double fps);
 /* One person's part of what has as many rows as there are people. room: for the row, as long as the part. */
 void source_take_person(named_value *part, int64_t people, int64_t person, value *room);
+/* The frame rate that a dict or one of the dicts in it says, under any usual name; left alone where it says
+ * none.
+ */
+sherf_status source_rate(context *c, const value *root, double *fps, bool *said);
 /* How many people the rows of one frame are; 1 where there is no axis for them. */
 int64_t source_people(const body_parts *p);
 /* Whether so many numbers are the rotations of one frame. */
@@ -64,6 +68,8 @@ sherf_status track_file_read(context *c, const value *root, const sherf_motion_o
 bool frame_list_is(const value *root);
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
+/* Of a dict with a list of frames beside other things: the list; else NULL. */
+const value *frame_list_within(const value *root);
 /* What a picture's people are told by: ROMP's results of one, a row each. */
 bool picture_is(const value *root);
 /* Dicts of dicts: a frame each, by the picture's name (ROMP's videos), or a person each. */

@@ -366,13 +366,145 @@ static void bvh_texts(void **state) {
     free(text);
 }
 
+/* A frame rate by any usual name, beside the bodies and in a dict beside them. */
+static void rates(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("rates.npz");
+    static const char *const names[] = {"framerate", "mocap_fps", "frame_time"};
+    arrays a;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (size_t i = 0; i < COUNT_OF(names); i++) {
+        const float rate = i == 2 ? 0.02f : 50;
+        npz_member member[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]},
+                               {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                               {names[i], 0, {0}, &rate}};
+        assert_ok(f->c, npz_write(f->c, path, 3, member));
+        assert_walk(f, path, NULL, 50, "50 a second,", "y up");
+        assert_walk(f, path, &(sherf_motion_options){.source_fps = 20}, 20, "20 a second,", "y up");
+    }
+    npz_member text[] = {{"poses", 2, {WALK_FRAMES, 72}, a.smpl[0]},
+                         {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                         {.name = "fps", .text = "50"}};
+    assert_ok(f->c, npz_write(f->c, path, 3, text));
+    assert_walk(f, path, NULL, 50, "50 a second,", "y up");
+    for (int inside = 0; inside < 2; inside++) { /* of two people, as InterHuman has it; MoSh++ */
+        pickle_begin(&w, f->c);
+        pickle_dict_open(&w);
+        pickle_string(&w, inside ? "details" : "mocap_framerate");
+        if (inside) pickle_dict_open(&w), pickle_string(&w, "mocap_frame_rate");
+        pickle_int(&w, 50);
+        if (inside) pickle_dict_close(&w);
+        for (int i = 0; i < 2; i++) {
+            pickle_string(&w, i ? "person2" : "person1");
+            pickle_dict_open(&w);
+            floats(&w, "poses", 72, a.smpl[0]);
+            floats(&w, "trans", 3, a.trans[0]);
+            pickle_dict_close(&w);
+        }
+        pickle_dict_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, NULL, 50, "track person1 of 2", "50 a second,");
+    }
+}
+
+/* A list of frames beside other things; rows of people in each; PromptHMR's people. */
+static void packed_with_more(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("more.pkl");
+    arrays a;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int rows = 1; rows <= 2; rows++) {
+        pickle_begin(&w, f->c);
+        pickle_dict_open(&w);
+        pickle_string(&w, "fps");
+        pickle_int(&w, 50);
+        pickle_string(&w, "frames");
+        pickle_list_open(&w);
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            float pose[2][72] = {{0}}, place[2][3] = {{0}};
+            memcpy(pose[rows - 1], a.smpl[i], sizeof pose[0]);
+            memcpy(place[rows - 1], a.trans[i], sizeof place[0]);
+            pickle_dict_open(&w);
+            pickle_string(&w, "poses");
+            pickle_floats(&w, 2, (const int[]){rows, 72}, pose[0]);
+            pickle_string(&w, "trans");
+            pickle_floats(&w, 2, (const int[]){rows, 3}, place[0]);
+            pickle_dict_close(&w);
+        }
+        pickle_list_close(&w);
+        pickle_dict_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, &(sherf_motion_options){.track = rows > 1 ? "1" : NULL}, 50, "50 a second,",
+                    rows > 1 ? "row 1 of each frame's up to 2 people" : "SMPL poses");
+    }
+    pickle_begin(&w, f->c);
+    pickle_dict_open(&w);
+    pickle_string(&w, "camera");
+    pickle_dict_open(&w);
+    pickle_dict_close(&w);
+    pickle_string(&w, "people");
+    pickle_dict_open(&w);
+    pickle_int(&w, 7);
+    pickle_dict_open(&w);
+    for (int world = 0; world < 2; world++) {
+        pickle_string(&w, world ? "smplx_world" : "smplx_cam");
+        pickle_dict_open(&w);
+        pickle_string(&w, "pose");
+        pickle_floats(&w, 2, (const int[]){WALK_FRAMES, 165},
+                      world ? a.whole[0] : (const float[WALK_FRAMES * 165]){0});
+        floats(&w, "trans", 3, a.transx[0]);
+        pickle_dict_close(&w);
+    }
+    pickle_dict_close(&w);
+    pickle_dict_close(&w);
+    pickle_dict_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_walk(f, path, NULL, 30, "PromptHMR", "y up");
+}
+
+/* Axes of joints and their numbers exchanged; a root in degrees; a world that stands on another axis. */
+static void exchanged(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("exchanged.npz");
+    static float across[WALK_FRAMES][3][24];
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES; i++)
+        for (int j = 0; j < 72; j++) across[i][j % 3][j / 3] = a.smpl[i][j];
+    npz_member member[] = {{"poses", 3, {WALK_FRAMES, 3, 24}, across[0][0]},
+                           {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, 2, member));
+    refused(f, path, NULL, SHERF_BAD_FILE, "must be last");
+    for (int i = 0; i < WALK_FRAMES * 3; i++) a.root[i / 3][i % 3] = i % 3 == 1 ? 90 : 0;
+    npz_member parts[] = {{"body_pose", 2, {WALK_FRAMES, 69}, a.body[0]},
+                          {"global_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
+                          {"transl", 2, {WALK_FRAMES, 3}, a.trans[0]}};
+    assert_ok(f->c, npz_write(f->c, path, 3, parts));
+    refused(f, path, NULL, SHERF_BAD_FILE, "global_orient: 90 radians");
+    for (int i = 0; i < WALK_FRAMES * 3; i++) a.root[i / 3][i % 3] = i % 3 == 2 ? 1.5f : 0; /* x is up */
+    assert_ok(f->c, npz_write(f->c, path, 3, parts));
+    sherf_motion *m;
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &m));
+    assert_non_null(strstr(sherf_motion_description(m), "is another axis up (--up)?"));
+    sherf_motion_free(m);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(in_one_dict),         cmocka_unit_test(frames_by_picture),
-        cmocka_unit_test(dicts_of_dicts),      cmocka_unit_test(quaternions_apart),
-        cmocka_unit_test(said_not_guessed),    cmocka_unit_test(arrays_of_three),
-        cmocka_unit_test(other_programs),      cmocka_unit_test(bvh_by_place),
-        cmocka_unit_test(bvh_texts),           cmocka_unit_test(knees_that_bend_forwards),
-        cmocka_unit_test(frames_before_people)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(in_one_dict),
+                                       cmocka_unit_test(frames_by_picture),
+                                       cmocka_unit_test(dicts_of_dicts),
+                                       cmocka_unit_test(quaternions_apart),
+                                       cmocka_unit_test(said_not_guessed),
+                                       cmocka_unit_test(arrays_of_three),
+                                       cmocka_unit_test(other_programs),
+                                       cmocka_unit_test(bvh_by_place),
+                                       cmocka_unit_test(bvh_texts),
+                                       cmocka_unit_test(knees_that_bend_forwards),
+                                       cmocka_unit_test(frames_before_people),
+                                       cmocka_unit_test(rates),
+                                       cmocka_unit_test(packed_with_more),
+                                       cmocka_unit_test(exchanged)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

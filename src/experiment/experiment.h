@@ -1,9 +1,8 @@
-/* experiment: the paper's comparisons as data (methods.c, plan.c), the people they look at (people.c), what
- * they train and score (runs.c, run.c), and the folder of tables, plots and sheets that comes of it
- * (report.c, page.h).
+/* experiment: the paper's comparisons as data (methods.c, plan.c), their people (people.c), what they train
+ * and score (runs.c, run.c), and the resulting folder of tables, plots and sheets (report.c, page.h).
  *
  * A run is a training of one method on one data set with one seed, and lies in a folder of its own with its
- * scores. What is finished there is not done again, so that an experiment goes on after any end, and
+ * scores. Finished work is not repeated, so an experiment can be interrupted at any time and continued, and
  * experiments share their runs. */
 #ifndef SHERF_EXPERIMENT_INSIDE_H
 #define SHERF_EXPERIMENT_INSIDE_H
@@ -26,7 +25,7 @@ typedef struct {
     const char *preset[SCALES];
     int resnet[SCALES];   /* layers of the ResNet that its encoder can start from; 0: none */
     const char *steps_of; /* key of the method whose number of steps it takes; NULL: its own */
-    const char *without;  /* terms left out of its loss, as in sherf_train_options */
+    const char *without;  /* terms that its loss leaves out, as in sherf_train_options */
     double rate;          /* Adam's at the start, in the matched recipe; 0: SHERF's */
     bool front_view;      /* people are observed from the front alone */
     bool own;             /* its authors' recipe */
@@ -42,7 +41,7 @@ typedef enum {
     SCORING_FRONT,     /* the same, observed from the front view alone */
     SCORING_ANGLES,    /* observed from each target view in turn, compared with the others */
     SCORING_ESTIMATED, /* the protocol with bodies, cameras and masks estimated from the pictures */
-    SCORING_DISTURBED, /* the protocol with bodies that are off by so many millimetres (disturb.h) */
+    SCORING_DISTURBED, /* the protocol with bodies disturbed by a given number of millimetres (disturb.h) */
     SCORING_VIEWS,     /* a few pictures to look at, in the observed pose */
     SCORING_POSES,     /* and in others */
     SCORING_STUDY,     /* pictures for a study of preferences, kept as files */
@@ -80,12 +79,12 @@ typedef struct {
     char train[PATH_LENGTH + 16], test[PATH_LENGTH + 16]; /* specs */
     char train_people[32], test_people[32];               /* of made people; "": the options' */
     char body[PATH_LENGTH];
-    bool made, tubes;  /* drawn by this program where it is not there; people of tubes */
+    bool made, tubes;  /* synthetic people, drawn by this program where missing; people of tubes */
     bool only_crossed; /* for other models to be tested on, and back */
 } experiment_data;
-/* Those that are given, or the made ones. */
+/* The given data sets, or the synthetic one. */
 sherf_status data_choose(experiment_job *j);
-/* Draws made people that are not there yet, and surfaces where the experiment at hand wants them. */
+/* Draws missing synthetic people, and surfaces where the current experiment needs them. */
 sherf_status data_make(experiment_job *j, const experiment_data *d);
 /* Whether people have the surfaces that are learned from and, of the tests, compared with; otherwise the
  * first that is not there, as the message of a failure. */
@@ -149,8 +148,7 @@ sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *
 void run_tell(experiment_job *j, const run *r, const char *what);
 
 /* ---- run.c ---- */
-/* What the experiment at hand needs and does not have, as words that stay until the next call; NULL: nothing.
- */
+/* What the current experiment needs and lacks, as text that is valid until the next call; NULL: nothing. */
 const char *experiment_lack(experiment_job *j);
 /* Trains and scores what the experiment at hand lacks. */
 sherf_status runs_do(experiment_job *j);
@@ -166,7 +164,7 @@ sherf_status steps_ready(experiment_job *j);
 sherf_status training_step_pictures(const experiment_job *j, const experiment_method *method, int *out);
 /* Unless it is finished. */
 sherf_status training_do(experiment_job *j, const run *r);
-/* What a finished one says of itself, for tables. */
+/* A finished training's own record, for tables. */
 typedef struct {
     double steps, pictures, minutes, step_ms, weights;
 } training_facts;

@@ -168,7 +168,7 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     return status;
 }
 
-/* Copies another model's values, if all tensors agree by name and shape. */
+/* Copies another model's values; false where their tensors differ by name or shape. */
 static bool take_values(const model *from, const model *to) {
     if (from->config.kind != to->config.kind || from->weights->count != to->weights->count) return false;
     for (int i = 0; i < to->weights->count; i++) {
@@ -531,7 +531,7 @@ static bool finite_weights(const model *m, const float *values) {
     return true;
 }
 
-/* A diverged state must not replace the existing checkpoint. */
+/* Refuses weights that are not finite: a diverged state must not replace the existing checkpoint. */
 static sherf_status lost_check(trainer *t) {
     const model *const m[] = {t->model, t->average};
     bool finite = true;

@@ -18,8 +18,8 @@ sherf_status annots_pose_files(context *c, const person_record *r, const char *f
 /* ---- annots_folders.c ---- */
 /* Poses and pictures from the folders of views, where there is no ims. r has its cameras. */
 sherf_status annots_from_folders(context *c, const char *folder, person_record *r);
-/* The picture that is meant, and its mask: with another ending (.jpg for .png), or below images/, where it is
- * there alone; else as usual. */
+/* Finds a picture and its mask: with another ending (.jpg for .png), or below images/ if it is only there;
+ * else at the usual place. */
 sherf_status annots_image(context *c, const char *folder, const char *image, char out[PATH_LENGTH]);
 sherf_status annots_mask(context *c, const char *folder, const char *image, char out[PATH_LENGTH]);
 

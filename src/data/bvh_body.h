@@ -16,9 +16,9 @@ typedef struct {
  * shoulders or elbows are not found. */
 sherf_status bvh_body_match(context *c, const bvh *b, const value *given,
                             const float joints_rest[BODY_JOINTS][3], bvh_body *out);
-/* For rigs whose rest pose is none of a person (all bones along one axis, as in LAFAN1): `align` of the
- * joints matched, from the bones' directions in the joints' own axes, and from the frames, in which no bone
- * is twisted against the one before on average. Fails where the pelvis' axes cannot be told. */
+/* For rigs whose rest pose is not a person's (all bones along one axis, as in LAFAN1): computes `align` of
+ * the matched joints from the bones' directions in the joints' own axes, and from the frames, assuming that
+ * on average no bone is twisted against its parent. Fails where the pelvis' axes cannot be determined. */
 sherf_status bvh_calibrate(context *c, const bvh *b, const float joints_rest[BODY_JOINTS][3], bvh_body *map);
 /* The body's pose in one frame; joint 0 takes the root's rotation. */
 void bvh_body_pose(const bvh *b, const bvh_body *map, int frame, float pose_rad[72]);

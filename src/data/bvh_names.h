@@ -1,4 +1,4 @@
-/* bvh_names: which of a BVH file's joints are the body's, by their names and by what hangs on what. */
+/* bvh_names: finds the body's joints in a BVH file, by their names and by the hierarchy. */
 #ifndef SHERF_BVH_NAMES_H
 #define SHERF_BVH_NAMES_H
 
@@ -6,13 +6,13 @@
 #include "io/bvh.h"
 #include "io/value.h"
 
-/* SMPL's name of joint j, in small letters: "left_hip". */
+/* SMPL's name of joint j, in lower case: "left_hip". */
 const char *joint_name(int j);
 
-/* The file's joint for each of the body's, or -1; and whose names they are ("Mixamo"; static). Limbs are told
- * by name, on both sides; the trunk by what hangs on what: the pelvis carries legs and spine, the chest the
- * arms. given: a dict of SMPL's names and the file's (or the other way round), which go first; or NULL. Fails
- * when hips, knees, shoulders or elbows are not found, or a name is not there. */
+/* The file's joint for each of the body's, or -1; and whose names they are ("Mixamo"; static). Limbs are
+ * found by name, on both sides, and the trunk by the hierarchy: the pelvis carries legs and spine, the chest
+ * the arms. given: a dict of SMPL's names and the file's (or the other way round), which go first; or NULL.
+ * Fails when hips, knees, shoulders or elbows are not found, or a name is not there. */
 sherf_status bvh_names_match(context *c, const bvh *b, const value *given, int joint[BODY_JOINTS],
                              const char **whose);
 

@@ -1,4 +1,4 @@
-/* data: body files, observations, data sets, images as the protocol wants them. */
+/* data: body files, observations, data sets, and images as the protocol requires them. */
 #ifndef SHERF_DATA_H
 #define SHERF_DATA_H
 
@@ -42,7 +42,8 @@ struct sherf_observation {
 typedef struct sherf_observation data_view;
 /* Scales a size down to VIEW_OBSERVED_SIDE_MAX, and logs it. */
 void observation_limit_size(context *c, const char *what, int *width, int *height);
-/* Of a mask's `total` pixels: some are the person's, and not all of them (`uncertain` ones may be). */
+/* Checks that a mask of `total` pixels shows some of the person but not only the person (`uncertain` pixels
+ * may belong to it). */
 sherf_status observation_check_shares(context *c, size_t person, size_t uncertain, size_t total);
 sherf_status observation_check_mask(context *c, const sherf_observation *o); /* neither empty nor full */
 sherf_status observation_check(context *c,
@@ -75,8 +76,8 @@ sherf_status dataset_view(context *c, const sherf_dataset *d, int person, int po
 /* Its picture alone, with the background. sherf_image_free it. */
 sherf_status dataset_photo(context *c, const sherf_dataset *d, int person, int pose, int view, int width,
                            sherf_image *out);
-/* dataset_view, where the mask is neither empty nor of the whole picture, or its file is named: for what is
- * learned from. */
+/* As dataset_view, for training: fails with the mask's file name where the mask is empty or covers the whole
+ * picture. */
 sherf_status dataset_person_view(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, data_view **out);
 /* Of a view that was read with these numbers. */
@@ -84,10 +85,10 @@ sherf_status dataset_view_check_mask(context *c, const sherf_dataset *d, int per
                                      const data_view *v);
 /* Of the mask's file alone: cheaper than to read the picture. */
 sherf_status dataset_mask_check(context *c, const sherf_dataset *d, int person, int pose, int view);
-/* dataset_person_view, and fit to be observed (observation_check). */
+/* As dataset_person_view, and checks that it can be observed (observation_check). */
 sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, sherf_observation **out);
-/* Pose and shape alone, without the picture. */
+/* Reads only pose and shape, not the picture. */
 sherf_status dataset_pose(context *c, const sherf_dataset *d, int person, int pose, sherf_pose *out);
 sherf_status dataset_camera(context *c, const sherf_dataset *d, int person, int view, sherf_camera *out);
 /* People by names or list lines ("a,b" or "90-99"); NULL: the paper's split. *indices is mem_free'd. */

@@ -10,7 +10,7 @@
 
 enum { DATASET_PEOPLE_MAX = 100000, DATASET_VIEWS_MAX = 10000, DATASET_POSES_MAX = 1000000 };
 
-/* What is known of a person after the first request. It never changes afterwards. */
+/* The record of a person, made by the first request. It never changes afterwards. */
 typedef struct {
     int poses, views;
     parsed_camera *camera; /* views; T in metres */
@@ -31,7 +31,7 @@ enum { DATASET_POSE_KEYS = 4 };
  * views lie inside the record. */
 typedef struct {
     data_protocol protocol;
-    /* The folder is laid out this way. Where several say so, the first of DATA_SETS has it. */
+    /* Whether the folder has this layout. If several readers say so, the first of DATA_SETS takes it. */
     bool (*recognise)(const char *folder);
     sherf_status (*record)(context *c, const char *folder, person_record *r); /* fills *r, which is zeroed */
     sherf_status (*picture)(context *c, const person_record *r, const char *folder, int pose, int view,

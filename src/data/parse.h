@@ -1,5 +1,5 @@
-/* Cameras, poses and body arrays out of the values that files hold. Messages name the key; the caller puts
- * the file before it. */
+/* Reads cameras, poses and body arrays from the values in files. Messages name the key; the caller prefixes
+ * the file. */
 #ifndef SHERF_DATA_PARSE_H
 #define SHERF_DATA_PARSE_H
 
@@ -46,8 +46,8 @@ sherf_status parse_distortion(context *c, const value *v, double D[DISTORTION_MA
 sherf_status parsed_camera_placed(context *c, const parsed_camera *camera); /* fails without R or T */
 /* Finite, K with focal lengths and no zero determinant, R a rotation. */
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera);
-/* The keys of a camera that are not read, in a warning; and of what was read (NULL: nothing is asked) R
- * without T. */
+/* Warns of a camera's keys that are not read, and, where `camera` is not NULL, of an R that it has without
+ * T. */
 void camera_warn(context *c, const value *v, const parsed_camera *camera, const char *what);
 /* Whether a dict is a camera. */
 bool camera_is(const value *v);
@@ -55,7 +55,7 @@ bool camera_is(const value *v);
 void parsed_camera_to(const parsed_camera *in, int file_width, int file_height, int width, int height,
                       sherf_camera *out);
 
-/* A tree from any file with its name in every message. */
+/* Reads any file's values; every message names the file. */
 sherf_status parse_file(context *c, const char *path, document **out, const char **kind);
 /* folder/name into `out`; fails when it is too long. */
 sherf_status path_join(context *c, char *out, size_t size, const char *folder, const char *name);

@@ -38,7 +38,7 @@ void body_parts_find(const value *v, body_parts *out);
 /* Logs the keys that are no parts, and not known to be of no use here, in one warning that begins with
  * `what`; and a body whose root has no rotation in another one. */
 void body_parts_warn(context *c, const value *v, const char *what);
-/* Fails for a dict without poses: says what it has in their place. */
+/* Fails for a dict without poses; the message says what it has instead. */
 sherf_status body_parts_missing(context *c, const value *v);
 /* Fails with `what`, and with the keys that are there. */
 sherf_status keys_missing(context *c, const value *v, const char *what);

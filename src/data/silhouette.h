@@ -1,4 +1,4 @@
-/* The posed body as a camera sees it: how well it covers a mask, and a drawing of it. */
+/* The silhouette of the posed body: its overlap with a mask, and a drawing of it. */
 #ifndef SHERF_DATA_SILHOUETTE_H
 #define SHERF_DATA_SILHOUETTE_H
 

@@ -1,7 +1,7 @@
-/* surface_truth: a person's surface in a pose, as models that learn from surfaces and scores of surfaces want
- * it: its triangles, places on it with their colours, and points near and far of which is known whether they
- * are inside. It lies in the person's folder as surface/POSE.safetensors (docs/datasets.md). Positions are in
- * the data set's world, metres. */
+/* surface_truth: a person's surface in a pose, for models that are trained on surfaces and for scores of
+ * surfaces: its triangles, places on it with their colours, and points near and far that are known to be
+ * inside or outside. It lies in the person's folder as surface/POSE.safetensors (docs/datasets.md). Positions
+ * are in the data set's world, metres. */
 #ifndef SHERF_SURFACE_TRUTH_H
 #define SHERF_SURFACE_TRUTH_H
 
@@ -42,8 +42,8 @@ sherf_status surface_truth_write(context *c, const surface_truth *t, const char 
 /* parts: TRUTH_MESH (vertices, triangles) and TRUTH_SAMPLES (places, points), checked: finite, indices in
  * range, points of both kinds. */
 sherf_status surface_truth_read(context *c, const char *path, unsigned parts, surface_truth *out);
-/* The file of a data set's person in a pose. If there is none: SHERF_NO_FILE, with a line that says how to
- * make it. */
+/* The file of a data set's person in a pose. SHERF_NO_FILE: there is none; the message says how to make
+ * it. */
 sherf_status surface_truth_find(context *c, const sherf_dataset *d, int person, int pose,
                                 char path[PATH_LENGTH]);
 /* Its surface. */

@@ -1,5 +1,5 @@
-/* motion: a person moving: clips of rotations, what is done to them, and where they are read from.
- * A clip lives in a world of metres; its quaternions are unit ones, real part first. */
+/* motion: clips of a person's rotations, operations on them, and their sources. A clip lives in a world of
+ * metres; its quaternions are unit ones, real part first. */
 #ifndef SHERF_MOTION_H
 #define SHERF_MOTION_H
 
@@ -45,25 +45,27 @@ sherf_status clip_create(context *c, int frames, double fps, clip *out);
 void clip_free(clip *k); /* and zeroes it */
 /* The clip at frame `at` (0 to frames - 1, need not be whole). */
 void clip_at(const clip *k, double at, float turn[BODY_JOINTS][4], float pelvis_m[3]);
-/* These take the clip's content and put another in its place. On failure it is as it was. */
-/* Frame i becomes number[i] - number[0]; the gaps between are filled in. number ascends. */
+/* These replace the clip's content. On failure the clip is unchanged. */
+/* Frame i becomes frame number[i] - number[0]; gaps are filled by interpolation. number ascends. */
 sherf_status clip_spread(context *c, clip *k, const int64_t *number);
 sherf_status clip_crop(context *c, clip *k, int first, int count);
 sherf_status clip_resample(context *c, clip *k, double fps);
-/* Gaussian of that standard deviation. What moves and turns at constant speed is left as it is. */
+/* Smooths with a Gaussian of this standard deviation. Movement and rotation at constant speed stay
+ * unchanged. */
 sherf_status clip_smooth(context *c, clip *k, double seconds);
 /* The same for a path of places; sigma in frames, more than 0. out: another array. */
 void path_smooth(const float (*path)[3], int count, double sigma, float (*out)[3]);
-/* What the root has gained from beginning to end is taken back evenly over the clip, what the joints differ
- * by in its last half second (or half); the last frame, now the first again, is left out. 2 frames at least.
- */
+/* Closes a loop: removes the root's change from beginning to end evenly over the clip, and the joints'
+ * difference within its last half second (or half). The last frame, now equal to the first, is dropped. Needs
+ * at least 2 frames. */
 void clip_loop(clip *k);
-/* `count` frames put in front, from the pose given to the clip's first, beginning and ending slowly. */
+/* Puts `count` frames in front that blend from the given pose to the clip's first, with a slow start and
+ * end. */
 sherf_status clip_lead_in(context *c, clip *k, int count, const float turn[BODY_JOINTS][4],
                           const float pelvis_m[3]);
 
-/* ---- where a clip is (place.c) ---- */
-/* Turns a world into one with y up. The inverse of a proper up (not AUTO). */
+/* ---- placing a clip (place.c) ---- */
+/* Turns the clip from a world with this up axis (not AUTO) into one with y up. */
 void clip_upright(clip *k, sherf_up up);
 /* Mean of the body's own up over the frames. */
 void clip_mean_up(const clip *k, double up[3]);

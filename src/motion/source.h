@@ -1,5 +1,5 @@
-/* source: a motion as a file has it, before it is made upright, resampled and placed. One file a family of
- * formats; every one of them believes no size and refuses what is not finite. */
+/* source: a motion as a file stores it, before it is made upright, resampled and placed. One file per family
+ * of formats; each checks every size and refuses numbers that are not finite. */
 #ifndef SHERF_MOTION_SOURCE_H
 #define SHERF_MOTION_SOURCE_H
 
@@ -9,11 +9,11 @@
 
 typedef struct {
     const char *format; /* "AMASS, SMPL+H"; static */
-    char detail[192];   /* more to say: which track of how many; may be empty */
+    char detail[192];   /* further details, such as which track of how many; may be empty */
     clip clip;          /* file's axes; pelvis_m is the translation in the file's unit until it is placed */
     int64_t *number;    /* of each frame, ascending; NULL: one after the other. mem_free'd with the source */
     sherf_up up;        /* as the format usually has it */
-    double unit_m;      /* metres in the unit of the translations; 0: to be found */
+    double unit_m;      /* metres in the unit of the translations; 0: to be detected */
     bool fps_said;      /* by the file, not assumed */
     bool unplaced;      /* there is no translation in the file */
     /* The translations are the pelvis's place itself; otherwise SMPL's, from which the pelvis at rest is
@@ -29,19 +29,17 @@ typedef struct {
 void source_free(source *s);
 /* Frames of zeros, and the skeleton, for which shapes must have been read before. */
 sherf_status source_frames(context *c, source *s, const sherf_motion_options *o, int64_t frames, double fps);
-/* One person's part of what has as many rows as there are people. room: for the row, as long as the part. */
+/* One person's part of an array with a row per person. room: for the row, as long as the part. */
 void source_take_person(named_value *part, int64_t people, int64_t person, value *room);
-/* The frame rate that a dict or one of the dicts in it says, under any usual name; left alone where it says
- * none.
- */
+/* The frame rate in a dict or in one of its dicts, under any usual name; fps keeps its value without one. */
 sherf_status source_rate(context *c, const value *root, double *fps, bool *said);
 /* How many people the rows of one frame are; 1 where there is no axis for them. */
 int64_t source_people(const body_parts *p);
-/* Whether so many numbers are the rotations of one frame. */
+/* Whether this many numbers can be the rotations of one frame. */
 bool source_is_frame(int64_t numbers);
 /* Shapes of a file, one row or one for every frame (the first is taken). NULL is fine. */
 sherf_status source_shapes(context *c, source *s, const value *betas);
-/* Fewer frames than were made room for. */
+/* Reduces the number of frames. */
 sherf_status source_numbers(context *c, source *s); /* room for frames' numbers, counting from 0 */
 
 /* ---- rotations (rotations.c) ---- */
@@ -49,8 +47,9 @@ enum { ROTATION_JOINTS_MAX = 60 };
 /* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `max`. */
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k);
-/* The form of a root's quaternions: the one of the body's, which are many and tell where the real part is;
- * `given` where that is no AUTO, or they are no quaternions. joints: a list that ends with 0. */
+/* The form of a root's quaternions: that of the body's quaternions, which are many enough to show where the
+ * real part is. `given` if that is not AUTO, or the body has no quaternions. joints: a list that ends with
+ * 0. */
 sherf_rotations rotation_root_form(context *c, const value *body, const value *root, int64_t frames,
                                    const int *joints, sherf_rotations given);
 /* One frame's: as rotation_rows on a clip of one frame. */
@@ -68,11 +67,11 @@ sherf_status track_file_read(context *c, const value *root, const sherf_motion_o
 bool frame_list_is(const value *root);
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 sherf_status frame_folder_read(context *c, const char *path, const sherf_motion_options *o, source *out);
-/* Of a dict with a list of frames beside other things: the list; else NULL. */
+/* The list in a dict that has one list of frames beside other things; else NULL. */
 const value *frame_list_within(const value *root);
-/* What a picture's people are told by: ROMP's results of one, a row each. */
+/* ROMP's results for one picture, a row per person. */
 bool picture_is(const value *root);
-/* Dicts of dicts: a frame each, by the picture's name (ROMP's videos), or a person each. */
+/* Dicts of dicts: one per frame, by the picture's name (ROMP's videos), or one per person. */
 bool nested_file_is(const value *root);
 sherf_status nested_file_read(context *c, const value *root, const sherf_motion_options *o, source *out);
 /* Bare arrays, and where joints are: HumanML3D, MDM, Motion-X, plain poses. */

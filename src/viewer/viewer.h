@@ -37,13 +37,14 @@ typedef struct {
     float offset_m[3]; /* of the point looked at: right, up and front of the body */
     viewer_mode mode;
     bool transparent, follow;
-    bool lossless; /* PNG; otherwise JPEG where nothing is transparent */
-    bool fine;     /* a picture to stay: encoded better */
+    bool lossless; /* PNG; otherwise JPEG if nothing is transparent */
+    bool fine;     /* the final picture of a view: encoded better */
     bool quick;    /* of the baked surface, where there is one; a baked avatar has no other pictures */
     float background[3];
 } viewer_request;
 
-/* A query's fields, taken one by one; what they may be is checked here, and what there is by request_fits. */
+/* Parses a query's fields one by one and checks their form; request_fits checks that the scene has what they
+ * name. */
 typedef struct {
     viewer_request request;
     char client[VIEWER_NAME + 1];
@@ -60,16 +61,16 @@ bool query_take(viewer_query *q, const char *name, const char *value);
 
 /* ---- who may send requests (guard.c) ---- */
 sherf_status token_make(context *c, char out[VIEWER_TOKEN + 1]);
-/* Whether `path` begins with "/token"; the time taken does not depend on how much of it is right. *rest: what
+/* Whether `path` begins with "/token"; the time taken does not depend on how many letters match. *rest: what
  * follows. */
 bool token_matches(const char token[VIEWER_TOKEN + 1], const char *path, const char **rest);
-/* A Host line that a page of another site cannot bring about by pointing its own name here: an address in
- * figures, or localhost; any port, as a tunnel may change it. */
+/* Whether a Host line is safe from DNS rebinding (another site's name pointing here): a numeric address, or
+ * localhost; any port, since a tunnel may change it. */
 bool host_is_allowed(const char *host);
 /* Whether the Origin (NULL: none was sent, which is fine) is the page's own, http://HOST. */
 bool origin_is_allowed(const char *origin, const char *host);
 
-/* ---- what there is to see (scene.c) ---- */
+/* ---- the scene (scene.c) ---- */
 typedef struct {
     bool known;
     double axes[9]; /* columns: right, up, front of the body in its first pose, in the world */
@@ -99,7 +100,7 @@ typedef struct {
     sherf_pose rest;
     viewer_posed posed[VIEWER_POSED];
     uint64_t clock;
-    pthread_mutex_t framing_lock; /* of framings: any thread may want one */
+    pthread_mutex_t framing_lock; /* guards framings, which any thread may request */
     int side_max;
     bool detail;
     char *about; /* JSON */
@@ -110,9 +111,9 @@ bool request_fits(const viewer_scene *s, const viewer_request *r);
 /* The pose of a motion's frame, with the avatar's own shape. */
 sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame);
 sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out);
-/* The way of the root joint along the ground since the motion's first frame; as it is in the world. */
+/* The root joint's displacement along the ground since the motion's first frame, in world axes. */
 void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]);
-/* The rest is for the thread that renders. */
+/* The following functions are for the rendering thread only. */
 sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, const posed_body **out);
 /* camera of r; *scale_m: metres a picture's height spans at the point looked at. */
 void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
@@ -132,7 +133,7 @@ void paint(const viewer_request *r, const viewer_optics *o, const float *color, 
 /* ---- the desk (desk.c) ---- */
 typedef enum { JOB_WAITING, JOB_RUNNING, JOB_DONE, JOB_REPLACED, JOB_FAILED, JOB_CLOSED } job_state;
 
-/* A picture that a client waits for. */
+/* A picture for which a client waits. */
 typedef struct {
     viewer_request request;
     uint64_t sequence;
@@ -161,7 +162,7 @@ typedef struct {
 typedef enum { FILM_NONE, FILM_RUNNING, FILM_DONE, FILM_FAILED } film_state;
 typedef struct {
     film_state state;
-    bool stop;              /* nobody wants it any more */
+    bool stop;              /* it is no longer wanted */
     viewer_request request; /* of frame 0 */
     bool turns;             /* round the body; otherwise through the motion */
     int frames, done;
@@ -195,20 +196,20 @@ typedef struct {
 } viewer_desk;
 
 bool desk_open(viewer_desk *d);
-void desk_close(viewer_desk *d);  /* no more jobs: those that wait are closed and woken */
+void desk_close(viewer_desk *d);  /* accepts no more jobs; closes and wakes the waiting ones */
 void desk_finish(viewer_desk *d); /* after desk_close, when no job is left */
 /* The seat of a client, a new one where it has none: one that is free, or whose client was not seen for a
  * while. -1: all are taken. Under the lock. */
 int desk_seat(viewer_desk *d, const char *name);
 typedef enum { ADMITTED, ADMITTED_NO_SEAT, ADMITTED_TOO_MANY, ADMITTED_NO_MEMORY } admission;
-/* A job, which is the caller's until desk_release; it is put up with desk_submit. */
+/* Makes a job, which the caller holds until desk_release; desk_submit queues it. */
 admission desk_admit(viewer_desk *d, const viewer_query *q, viewer_job **out);
 void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void *arg);
 void desk_release(viewer_desk *d, viewer_job *job);
 typedef enum { TURN_NONE, TURN_JOB, TURN_FILM, TURN_CLOSED } viewer_turn;
 /* Decides whose turn it is; waits at most `wait_s`. The caller owns the job until desk_release. */
 viewer_turn desk_turn(viewer_desk *d, double wait_s, viewer_job **job, int *seat);
-/* The end of a job that has not been replaced meanwhile. */
+/* Ends a job, unless it has been replaced meanwhile. */
 void desk_done(viewer_desk *d, viewer_job *job, job_state state);
 viewer_job *job_create(context *c, const viewer_request *r);
 void job_free(viewer_job *job);
@@ -250,10 +251,10 @@ typedef struct {
     live_surface surface[VIEWER_AVATARS];
 } viewer_live;
 sherf_status live_open(context *c, viewer *v);
-void live_close(viewer *v); /* when nobody can ask any more */
-/* The surface of an avatar, which is made now where it was not yet; data is the viewer's. */
+void live_close(viewer *v); /* when no requests can come any more */
+/* An avatar's surface, made by the first call; the viewer owns data. */
 live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes);
-/* The baked avatar, for pictures that are drawn here; NULL: not yet, or there is none. */
+/* The baked avatar, for pictures drawn on the server; NULL: not made yet, or there is none. */
 const sherf_avatar *live_avatar(viewer *v, int avatar);
 /* Up to LIVE_FRAMES from `frame` on. Freed with mem_free. */
 sherf_status live_moves(context *c, viewer_scene *s, int avatar, int motion, int frame, uint8_t **out,
@@ -274,7 +275,7 @@ struct sherf_viewer {
 };
 
 /* ---- rendering (studio.c) ---- */
-/* A band of the job's picture; *complete when that was the last. */
+/* Renders a band of the job's picture; *complete: it was the last. */
 sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete);
 /* To 8 bit, by the request's mode. Freed with mem_free. */
 sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t **out);
@@ -291,7 +292,7 @@ void films_close(viewer *v);
 
 /* ---- HTTP (server.c) ---- */
 sherf_status server_open(context *c, viewer *v, const char *listen, int port);
-void server_tend(struct viewer_server *s); /* ends connections that take too long; now and then */
+void server_tend(struct viewer_server *s); /* ends connections that take too long; call it now and then */
 void server_close(struct viewer_server *s);
 extern _Atomic double server_patience; /* factor of all time limits but that of silence; tests lower it */
 

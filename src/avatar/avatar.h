@@ -34,9 +34,8 @@ struct sherf_avatar {
     int pictures;                                    /* pictures of the observation, at least 1 */
     observed_picture picture[OBSERVED_PICTURES_MAX]; /* as they were encoded; images are owned */
     fine_picture fine[OBSERVED_PICTURES_MAX];
-    posed_body
-        /* the body in the pose of each picture; with one picture it is the sheet's body */
-        *posed[OBSERVED_PICTURES_MAX];
+    /* the body in the pose of each picture; with one picture it is the sheet's body */
+    posed_body *posed[OBSERVED_PICTURES_MAX];
     observed_sheet sheet; /* where features are read */
     const field_kind *field_kind;
     void *field; /* answers queries, in the context that the avatar was made or loaded in */

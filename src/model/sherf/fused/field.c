@@ -10,11 +10,11 @@
 
 typedef struct {
     field_source from;
-    radiance_bank canonical; /* of the bank what the canonical body decides */
+    radiance_bank canonical; /* the bank's members that the canonical body determines */
     radiance_field *network; /* NULL on a GPU, unless the processor is queried too */
     gpu_avatar *gpu;         /* or NULL */
     const gpu_renderer *renderer;
-    pthread_mutex_t lock; /* of `network` being made, and of the GPU's room for frames */
+    pthread_mutex_t lock; /* guards making `network`, and the GPU's room for frames */
 } fused_field;
 
 static void release(void *field) {
@@ -27,7 +27,7 @@ static void release(void *field) {
 }
 
 /* ---- the bank, from what the avatar keeps ---- */
-/* *out: the grid, freed by the caller, whatever the answer. */
+/* *out: the grid; the caller frees it, even after an error. */
 static sherf_status level_of(context *c, const kept_array *value, const kept_array *voxel, int l,
                              radiance_bank *b, int32_t **out) {
     int64_t cells = 1;
@@ -55,7 +55,8 @@ static void grids_free(int32_t *grid[POINT_LEVELS]) {
     for (int l = 0; l < POINT_LEVELS; l++) mem_free(grid[l]);
 }
 
-/* grid: NULLs; the bank's, freed with grids_free, whatever the answer. The other arrays stay the source's. */
+/* grid: NULL on entry; receives the bank's grids, to be freed with grids_free even after an error. The source
+ * keeps owning the other arrays. */
 static sherf_status bank_of(context *c, const fused_field *f, radiance_bank *b, int32_t *grid[POINT_LEVELS]) {
     const field_source *from = &f->from;
     const kept_array *k = from->kept->array; /* features, planes, then values and voxels by level */
@@ -139,7 +140,7 @@ static sherf_status run(context *c, void *field, const body_model *body, const p
     return status;
 }
 
-/* The processor's network, made now where it is on a GPU alone. */
+/* The processor's network; made now if so far only a GPU has it. */
 static sherf_status render(context *c, void *field, const body_model *body, const ray_bundle *rays,
                            const point_set *points, const float background[3], bool early_stop,
                            sherf_frame *frame) {

@@ -1,4 +1,4 @@
-/* What a point reads from the bank in float32; for files that define LANES. */
+/* Sampling the bank at points in float32; for files that define LANES. */
 #ifndef SHERF_RADIANCE_FLOAT_SAMPLE_H
 #define SHERF_RADIANCE_FLOAT_SAMPLE_H
 

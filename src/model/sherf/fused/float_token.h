@@ -1,4 +1,4 @@
-/* What happens to one vector of points' encodings and tokens in float32, in frames as in training; for files
+/* Encodings, norms and attention of one vector of points in float32, for frames and for training; for files
  * that define LANES. Channels are rows, `row` vectors apart. */
 #ifndef SHERF_RADIANCE_FLOAT_TOKEN_H
 #define SHERF_RADIANCE_FLOAT_TOKEN_H

@@ -13,6 +13,6 @@ const gpu_renderer *gpu_renderer_of(const context *c) {
 #ifdef SHERF_HAVE_CUDA
     return &gpu_renderer_cuda;
 #else
-    return NULL; /* no context of a GPU is made without */
+    return NULL; /* contexts of a GPU exist only in builds with one */
 #endif
 }

@@ -1,6 +1,6 @@
-/* Frames on a GPU: what host code asks of src/model/sherf/cuda. An avatar's body, observation, bank and
- * weights are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits for
- * the host between. */
+/* Frames on a GPU: the interface of src/model/sherf/cuda for host code. An avatar's body, observation, bank
+ * and weights are placed once; a frame sends a pose and a camera and gets the picture back, and nothing waits
+ * for the host between. */
 #ifndef SHERF_RADIANCE_GPU_H
 #define SHERF_RADIANCE_GPU_H
 
@@ -34,14 +34,14 @@ typedef struct {
 /* The functions of one device. Not for two threads at once with one avatar. */
 typedef struct {
     const tensor_memory *memory;
-    /* The result keeps nothing of what it is given but `m`'s sizes. */
+    /* The result keeps no pointers to its arguments, only `m`'s sizes. */
     sherf_status (*place)(context *c, const body_model *body, const posed_body *observed,
                           const sherf_camera *observed_camera, const radiance_parts *network, bool bf16,
                           gpu_avatar **out);
     void (*release)(gpu_avatar *a);       /* NULL is fine */
-    bool (*in_bf16)(const gpu_avatar *a); /* what it was placed with, where the kernel can */
+    bool (*in_bf16)(const gpu_avatar *a); /* as it was created, where the kernel supports bf16 */
     size_t (*bytes)(const gpu_avatar *a); /* of the device's memory, so far */
-    /* `posed` has joints (posed_joints_create). As points_create and radiance_field_render together. */
+    /* `posed` has joints (posed_joints_create). Does the work of points_create and radiance_field_render. */
     sherf_status (*render)(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
                            const gpu_frame_options *options, sherf_frame *frame);
     /* The points that a frame is made of, for tests; free with points_free. */

@@ -1,5 +1,5 @@
-/* The inside of the radiance field: what its files share. The network is prepared once (prepare.c), then
- * every tile of points goes through one function of the best instruction set. */
+/* The inside of the radiance field, shared by its files. The network is prepared once (prepare.c), then every
+ * tile of points goes through one function of the best instruction set. */
 #ifndef SHERF_RADIANCE_INSIDE_H
 #define SHERF_RADIANCE_INSIDE_H
 
@@ -33,8 +33,8 @@ typedef struct {
     uint16_t *half;
 } radiance_level;
 
-/* y = w x + b; rows in blocks of `block`: w[row block][column][row]. The last block has the rows that are
- * left; in training it is whole, padded with zeros. */
+/* y = w x + b; rows in blocks of `block`: w[row block][column][row]. The last block has the remaining rows;
+ * in training it is padded with zeros to a whole block. */
 typedef struct {
     int rows, columns, block;
     float *w, *b;
@@ -89,9 +89,8 @@ struct radiance_field {
     size_t scratch_bytes;
 };
 
-/* radiance_field.c: all but the packing of the layers for a kind of tile. *m is made even where it fails;
- * free it.
- */
+/* radiance_field.c: all but the packing of the layers for a kind of tile. *m must be freed even after a
+ * failure. */
 sherf_status radiance_field_start(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
                                   const radiance_bank *bank, bool bf16, radiance_matrices *m,
                                   radiance_field **out);
@@ -115,14 +114,14 @@ typedef void radiance_project(const float *from, int64_t rows, int columns, cons
                               float *to);
 /* float32: one file per instruction set, all from tile_float.h. */
 typedef struct {
-    int rows; /* of a product that are kept in registers */
+    int rows; /* of a product's block that stays in registers */
     void (*tile)(const radiance_field *n, point_tile *t, void *scratch);
     radiance_project *project;
 } radiance_kernels;
 extern const radiance_kernels radiance_plain, radiance_neon, radiance_avx2, radiance_avx512;
 size_t radiance_tile_float_bytes(const radiance_field *n);
 
-/* amx_pack.c: bf16. m is used up. */
+/* amx_pack.c: bf16. Overwrites m. */
 bool radiance_amx_fits(const radiance_sizes *s);
 sherf_status radiance_amx_create(context *c, radiance_field *n, radiance_matrices *m);
 void radiance_amx_free(radiance_amx *a);

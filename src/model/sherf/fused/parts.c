@@ -1,4 +1,4 @@
-/* A prepared network: what radiance_field_start and radiance_matrices_make made. */
+/* A prepared network: the results of radiance_field_start and radiance_matrices_make. */
 #include "model/sherf/fused/parts.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
-/* Once per avatar: the linear layers before fusion go into the bank. Sampling is linear and zero outside, so
- * a layer without bias may as well be applied to what is sampled; biases are added once per point. */
+/* Preparation, once per avatar: applies the linear layers before fusion to the bank. Sampling is linear and
+ * zero outside, so a layer without bias commutes with it; biases are added once per point. */
 #include <math.h>
 #include <string.h>
 
@@ -108,7 +108,7 @@ static sherf_status prepare_map(context *c, radiance_field *n, const radiance_we
     return SHERF_OK;
 }
 
-/* Numbers the cells that touch a voxel and notes the 8 rows at their corners. */
+/* Numbers the cells that touch a voxel and stores the 8 rows at their corners. */
 static sherf_status make_cells(context *c, radiance_level *l, const int32_t *grid) {
     int64_t sx = l->size[2], sy = l->size[1], sz = l->size[0];
     size_t cells = (size_t)(sx + 1) * (size_t)(sy + 1) * (size_t)(sz + 1);
@@ -183,7 +183,7 @@ typedef struct {
 static void cells_range(void *arg, int64_t begin, int64_t end, int thread) {
     cells_job *j = arg;
     for (int64_t l = begin; l < end; l++) {
-        context own = *j->c; /* for its message; memory is everybody's */
+        context own = *j->c; /* a copy for its own message; memory is shared */
         j->status[l] = make_cells(&own, &j->n->level[l], j->bank->level[l].grid);
     }
 }
@@ -278,7 +278,7 @@ static void copy_range(void *arg, int64_t begin, int64_t end, int thread) {
     memcpy(j->to + begin, j->from + begin, (size_t)(end - begin) * sizeof(float));
 }
 
-/* *to is new: `zeros` values 0, then the values. */
+/* Allocates *to: `zeros` zeros, then the values. */
 static sherf_status keep(context *c, const float *from, int64_t count, int64_t zeros, float **to) {
     *to = mem_alloc(c, (size_t)(zeros + count), sizeof(float));
     if (!*to) return SHERF_NO_MEMORY;

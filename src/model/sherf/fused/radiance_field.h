@@ -1,7 +1,7 @@
-/* radiance_field: what every point goes through (network.md 2 to 6), fused: points in tiles that stay
- * in cache from sampling through fusion and decoder. It equals the op-by-op path (model/) within: float32
- * 3e-4 of each stage's largest value, bf16 45 dB of the picture. Linear layers before fusion are applied once
- * per avatar to planes, volumes and map instead of per point. */
+/* radiance_field: the per-point network (network.md 2 to 6), fused: tiles of points stay in cache from
+ * sampling through fusion and decoder. It equals the op-by-op path (model/) within: float32 3e-4 of each
+ * stage's largest value, bf16 45 dB of the picture. Linear layers before fusion are applied once per avatar
+ * to planes, volumes and map instead of per point. */
 #ifndef SHERF_RADIANCE_FIELD_H
 #define SHERF_RADIANCE_FIELD_H
 
@@ -57,7 +57,7 @@ typedef struct {
     const float *rgb_w, *rgb_b;         /* decoder.rgb_linear [3, view_width] */
 } radiance_weights;
 
-/* What sampling reads after the linear layers before fusion have been applied, without their biases: planes
+/* The arrays to sample after the linear layers before fusion have been applied, without their biases: planes
  * and map through the token projection's columns for them, levels through volume and token projection.
  * float32. */
 typedef struct {
@@ -94,14 +94,14 @@ typedef struct radiance_field radiance_field;
 sherf_status radiance_field_create(context *c, const radiance_sizes *sizes, const radiance_weights *weights,
                                    const radiance_bank *bank, bool bf16, radiance_field **out);
 void radiance_field_free(radiance_field *n);
-bool radiance_field_in_bf16(const radiance_field *n); /* what it was made with, where the machine can */
+bool radiance_field_in_bf16(const radiance_field *n); /* as it was created, where the machine supports bf16 */
 
 /* rgb [P, 3] and raw density [P] of every point of the set. */
 sherf_status radiance_field_run(context *c, const radiance_field *n, const point_set *points, float *rgb,
                                 float *sigma);
 
 /* Colour, opacity, depth pictures of one frame from rays and points (compositing as network.md 6); out as in
- * sherf_frame, background RGB; early_stop: rays that are opaque skip the rest of their points. */
+ * sherf_frame, background RGB; early_stop: opaque rays skip the rest of their points. */
 sherf_status radiance_field_render(context *c, const radiance_field *n, const ray_bundle *rays,
                                    const point_set *points, const float background[3], bool early_stop,
                                    sherf_frame *frame);

@@ -1,12 +1,12 @@
-/* What the bf16 tiles for AMX with AVX512-FP16 share, for inference and for training; included by files that
- * the build compiles for these instructions, after #define AMX_GROUPS (groups of 16 points in a tile, even).
+/* The bf16 tile for AMX with AVX512-FP16, shared by inference and training; included by files that the build
+ * compiles for these instructions, after #define AMX_GROUPS (groups of 16 points in a tile, even).
  *
- * All layers run as y^T = W x^T: the A tiles are weights (16 outputs x 32 inputs), the B tiles activations
- * of 16 points (16 pairs of inputs x 16 points), so that sums come out as [channel][point] and everything
- * between two products (norms, attention, GELU, encodings) works on 16 points a vector without a shuffle.
- * An activation buffer is [group of points][pair of channels][16 points][2] bf16: 16 pairs are a B tile of
- * contiguous memory. Sums are [group][channel][16 points].
- * The bank is float16: 32 channels a vector, one FMA for every texel or voxel row of 32. */
+ * All layers run as y^T = W x^T: the A tiles are weights (16 outputs x 32 inputs), the B tiles activations of
+ * 16 points (16 pairs of inputs x 16 points), so that sums come out as [channel][point] and everything
+ * between two products (norms, attention, GELU, encodings) works on 16 points a vector without a shuffle. An
+ * activation buffer is [group of points][pair of channels][16 points][2] bf16: 16 pairs are a B tile of
+ * contiguous memory. Sums are [group][channel][16 points]. The bank is float16: 32 channels a vector, one FMA
+ * for every texel or voxel row of 32. */
 #ifndef SHERF_RADIANCE_AMX_H
 #define SHERF_RADIANCE_AMX_H
 

@@ -1,4 +1,4 @@
-/* The backward pass of the radiance field: the points that have a gradient and the loop over their tiles. */
+/* The backward pass of the radiance field: finds the points with a gradient and loops over their tiles. */
 #include "model/sherf/fused/train.h"
 
 #include <stdatomic.h>
@@ -30,7 +30,7 @@ typedef struct {
     char *scratch; /* one part a thread */
     size_t part;   /* bytes */
     const radiance_gradients *out;
-    atomic_int next_scatter; /* the job that nobody has */
+    atomic_int next_scatter; /* the next job that no thread has taken */
 } back_work;
 
 /* The tile's points from the first on, and their gradients; colour's through its sigmoid (y = 1.002 s -
@@ -72,7 +72,7 @@ static void lanes_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Jobs differ in length, and each has a part of the gradients to itself: who does it does not matter. */
+/* Jobs differ in length, and each writes its own part of the gradients, so any thread may take any job. */
 static void scatter_range(void *arg, int64_t begin, int64_t end, int thread) {
     back_work *w = arg;
     for (int job; (job = atomic_fetch_add(&w->next_scatter, 1)) < w->t->scatter_jobs;)

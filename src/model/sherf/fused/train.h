@@ -22,7 +22,7 @@ typedef struct {
     float *plane[3], *map, *level[POINT_LEVELS];
 } radiance_gradients;
 
-/* Whether these sizes and, in bf16, this processor have the fused way. */
+/* Whether the fused kernel supports these sizes and, in bf16, this processor. */
 bool radiance_training_possible(const radiance_sizes *s, bool bf16);
 
 /* d(loss) of every point's rgb [P, 3] and raw density [P] -> gradients. n: made from weights and a merged

@@ -1,4 +1,4 @@
-/* The backward pass in bf16 on AMX: its preparation, and where its sums are. */
+/* The backward pass in bf16 on AMX: its preparation, and the layout of its sums. */
 #if defined(__x86_64__)
 #include "model/sherf/fused/train_amx.h"
 
@@ -36,7 +36,7 @@ static sherf_status pack_all_back(context *c, radiance_matrices *m, amx_trainer 
     radiance_matrix both;
     sherf_status s = radiance_views_and_alpha(c, m, t->base.alpha_row, &both);
     for (int i = 0; i < n->attention_width * WIDTH; i++)
-        m->qkv.w[i] *= t->base.q_scale; /* as the forward pass has them */
+        m->qkv.w[i] *= t->base.q_scale; /* scaled as in the forward pass */
 #define BACK(to, name, from, first, count)                                                                   \
     if (!s) s = pack_back(c, from, first, count, &to->back.name);
     RADIANCE_BACK_LAYERS(BACK, t)

@@ -9,7 +9,7 @@
 /* One backward pass. "Back" tiles are transposed weights. Sums are tiles [pair of row tiles][pair of column
  * tiles][2][2][16][16] over outputs and inputs as packed. */
 typedef struct {
-    radiance_trainer base; /* first: what others know it as */
+    radiance_trainer base; /* first member: the type that other files use */
     struct {
         RADIANCE_BACK_MEMBERS(tiles)
     } back;

@@ -1,5 +1,5 @@
-/* Preparation of the backward pass in float32, and what becomes of its sums: gradients of the weights as the
- * checkpoints have them. */
+/* Preparation of the backward pass in float32, and turning its sums into gradients of the weights in the
+ * checkpoints' layout. */
 #include "model/sherf/fused/train_float.h"
 
 bool radiance_training_float_fits(const radiance_sizes *s) {

@@ -19,7 +19,7 @@ extern const train_float_kernels train_float_plain, train_float_neon, train_floa
 /* Layers forwards, and backwards their transposed weights; all in blocks of `rows` outputs. Sums are [panel
  * of `strip` inputs][outputs, in whole blocks of `rows`][strip]. */
 typedef struct {
-    radiance_trainer base; /* first: what others know it as */
+    radiance_trainer base; /* first member: the type that other files use */
     const train_float_kernels *kernels;
     RADIANCE_MEMBERS(radiance_layer)
     struct {

@@ -1,10 +1,10 @@
-/* What a lane of the backward pass sums, and how it becomes gradients of the weights as the checkpoints have
- * them: the same for every way of arithmetic. */
+/* The layout of a lane's sums in the backward pass, and turning them into gradients of the weights in the
+ * checkpoints' layout; the same for float32 and bf16. */
 #include <string.h>
 
 #include "model/sherf/fused/train_inside.h"
 
-/* ---- where sums are ---- */
+/* ---- the layout of sums ---- */
 static size_t place_rows(radiance_trainer *t, int rows) {
     const size_t at = t->lane_floats;
     t->lane_floats += (size_t)rows * 16; /* whole cache lines */

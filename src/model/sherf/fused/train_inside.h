@@ -1,4 +1,4 @@
-/* The inside of training: what the ways of arithmetic share. */
+/* The inside of training, shared by float32 and bf16. */
 #ifndef SHERF_RADIANCE_TRAIN_INSIDE_H
 #define SHERF_RADIANCE_TRAIN_INSIDE_H
 
@@ -51,7 +51,7 @@ typedef struct {
     float factor;
 } sum_block;
 
-/* One backward pass in one way of arithmetic. */
+/* One backward pass, in float32 or bf16. */
 typedef struct radiance_trainer radiance_trainer;
 struct radiance_trainer {
     const radiance_field *n;
@@ -74,7 +74,7 @@ struct radiance_trainer {
     void (*release)(radiance_trainer *r);
 };
 
-/* Makes *out, to be released; m is used up. */
+/* Makes *out, to be released; overwrites m. */
 sherf_status radiance_trainer_float(context *c, const radiance_field *n, radiance_matrices *m,
                                     radiance_trainer **out); /* train_float.c */
 sherf_status radiance_trainer_amx(context *c, const radiance_field *n, radiance_matrices *m,
@@ -82,7 +82,7 @@ sherf_status radiance_trainer_amx(context *c, const radiance_field *n, radiance_
 bool radiance_training_float_fits(const radiance_sizes *s);
 bool radiance_training_amx_fits(const radiance_sizes *s);
 
-/* Where the gradient of the weights at p goes. */
+/* The place of the gradient of the weights at p. */
 static inline float *radiance_gradient(const radiance_gradients *g, const float *p) {
     return g->grads + (p - g->values);
 }
@@ -90,7 +90,7 @@ static inline float *radiance_gradient(const radiance_gradients *g, const float 
 /* train_give.c */
 /* Gives every layer its place; padded_columns that are set stay. */
 void radiance_sums_place(radiance_trainer *t, const radiance_matrices *m);
-/* A lane's sums are added to the weights' gradients, back through the algebra of radiance_matrices_make. */
+/* Adds a lane's sums to the weights' gradients, back through the algebra of radiance_matrices_make. */
 sherf_status radiance_sums_give(context *c, const radiance_trainer *t, const float *lane,
                                 const radiance_weights *w, const radiance_gradients *g);
 /* views' first h columns and, in row alpha_row, alpha's; b is NULL. Free w. */

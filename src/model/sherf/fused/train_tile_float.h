@@ -198,8 +198,8 @@ static float *take(room *r, size_t floats) {
     return p;
 }
 
-/* Products read up to a block, gradients up to a panel behind the last channel; what is there counts nowhere.
- */
+/* Products read up to a block, and gradients up to a panel, behind the last channel; those values are not
+ * used. */
 static channels take_channels(room *r, int count) {
     const size_t pitch = ((size_t)count + STRIP) * STRIP;
     return (channels){take(r, STRIPS * pitch), pitch};

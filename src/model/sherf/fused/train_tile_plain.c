@@ -1,4 +1,5 @@
-/* The float32 backward tile for any processor: short vectors, which the compiler lowers to what there is. */
+/* The float32 backward tile for any processor: short vectors, which the compiler lowers to its
+ * instructions. */
 #define LANES 4
 #define ROWS 6
 #define VECTORS 2

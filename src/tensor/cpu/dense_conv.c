@@ -1,4 +1,4 @@
-/* conv2d, conv2d_transpose: our own kernels where they fit (AMX in bf16, wide pictures on AVX2), else
+/* conv2d, conv2d_transpose: our own kernels where they fit (AMX in bf16, wide pictures on AVX2, NEON), else
  * oneDNN. */
 #include <string.h>
 
@@ -82,7 +82,7 @@ static sherf_status backward(op_call *call, bool transpose) {
     arena_rewind(call->scratch, mark);
     if (status != SHERF_OK || !call->din[1]) return status;
     if (amx && !few) return amx_conv_weights(call, &s, x, dy, call->din[1]->data);
-    if (conv_weights_fits(&s)) return conv_weights_avx2(call, &s, x, dy, call->din[1]->data);
+    if (conv_weights_fits(&s)) return conv_weights_add(call, &s, x, dy, call->din[1]->data);
     if (!transpose && s.k == 1 && !s.pad && (s.stride == 1 || isa_best() <= ISA_AVX2))
         return pixel_weights(call, &s, x, dy, call->din[1]->data);
     return dnnl_on(call, s.I < FEW && s.O < FEW, dnnl_conv_weights, transpose, is_bf16(call) && !few);

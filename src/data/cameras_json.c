@@ -18,7 +18,7 @@ static sherf_status cameras_parse(context *c, const char *name, int digits, cons
     r->views = views;
     for (int v = 0; v < views; v++) {
         snprintf(key, sizeof key, "%s%0*d", name, digits, v);
-        sherf_status status = parse_camera(c, value_get(root, key), NULL, &r->camera[v]);
+        sherf_status status = parse_camera(c, value_get(root, key), NULL, NULL, &r->camera[v]);
         if (!status) status = parsed_camera_placed(c, &r->camera[v]);
         if (status) return failure_prefix(c, status, "%s", key);
     }

@@ -41,11 +41,17 @@ static sherf_status camera_object(context *c, const char *what, const value *v, 
                                   parsed_camera *out) {
     char name[PATH_LENGTH + 16];
     v = value_unwrapped(v);
-    sherf_status status = parse_camera(c, v, size, out);
+    sherf_status status = parse_camera(c, v, NULL, size, out);
     if (!status) status = camera_size_check(c, out->width, out->height, size);
     snprintf(name, sizeof name, "%s: camera", what);
     if (!status) camera_warn(c, v, out, name);
     return status;
+}
+
+/* Of several and without an index the first is taken, which is said. */
+static void several_warn(context *c, const char *path, const value *root, const char *key, int count) {
+    if (count < 2 || value_get(root, key)) return;
+    log_line(c, SHERF_LOG_WARNING, "%s: the first of %d is taken; \"%s\" takes another", path, count, key);
 }
 
 static sherf_status camera_from_file(context *c, const char *path, const value *root, const int size[2],
@@ -54,6 +60,7 @@ static sherf_status camera_from_file(context *c, const char *path, const value *
     int count, i = 0;
     sherf_status status = cameras_read(c, path, size, &camera, &count);
     if (!status) status = optional_index(c, root, "camera_index", count, &i);
+    if (!status) several_warn(c, path, root, "camera_index", count);
     if (!status) status = camera_size_check(c, camera[i].width, camera[i].height, size);
     if (!status) *out = camera[i];
     mem_free(camera);
@@ -65,6 +72,7 @@ static sherf_status pose_from_file(context *c, const char *path, const value *ro
     int count, i = 0;
     sherf_status status = sherf_poses_load(c, path, &pose, &count);
     if (!status) status = optional_index(c, root, "body_index", count, &i);
+    if (!status) several_warn(c, path, root, "body_index", count);
     if (!status) *out = pose[i];
     mem_free(pose);
     return status;

@@ -36,9 +36,11 @@ typedef struct {
     int width, height;  /* of the picture it is for, where the file says so; else 0 */
     bool turned, moved; /* R, and T, were there; else they are 1 and 0 */
 } parsed_camera;
-/* K, or what stands for it; R and T, or one matrix; D; width and height: by the names of docs/observation.md.
+/* shared: of a file, where lens and size stand that the camera does not say itself; NULL: none.
+ * K, or what stands for it; R and T, or one matrix; D; width and height: by the names of docs/observation.md.
  * size: of the picture, where focal lengths without a centre are to be taken; NULL: K must be whole. */
-sherf_status parse_camera(context *c, const value *v, const int size[2], parsed_camera *out);
+sherf_status parse_camera(context *c, const value *v, const value *shared, const int size[2],
+                          parsed_camera *out);
 /* All of a file (sherf_cameras_load); *out is mem_free'd. size as above. */
 sherf_status cameras_read(context *c, const char *path, const int size[2], parsed_camera **out, int *count);
 /* 0 (or none), 4, 5, 8, 12 or 14 coefficients. */

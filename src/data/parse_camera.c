@@ -6,34 +6,59 @@
 
 static const char *const K_names[] = {
     "K", "intrinsic", "intrinsics", "cam_intrinsics", "intrinsic_matrix", "camera_matrix", "intrins", NULL};
-static const char *const focal_names[] = {"focal_px", "focal",     "focal_length", "focal_l",
-                                          "f",        "img_focal", "focals",       NULL};
+static const char *const focal_names[] = {"focal_px",  "focal",  "focal_length", "focal_l", "f",
+                                          "img_focal", "focals", "camera_f",     NULL};
 static const char *const focal_x_names[] = {"fx", "fl_x", NULL}, *const focal_y_names[] = {"fy", "fl_y",
                                                                                            NULL};
-static const char *const centre_names[] = {
-    "princpt", "principal_point", "camera_center", "center", "c", "img_center", NULL};
+static const char *const centre_names[] = {"princpt", "principal_point", "camera_center", "center",
+                                           "c",       "img_center",      "camera_c",      NULL};
 static const char *const centre_x_names[] = {"cx", NULL}, *const centre_y_names[] = {"cy", NULL};
 static const char *const field_names[] = {"fov_deg", NULL};
-static const char *const R_names[] = {"R",   "Rvec", "rvec", "rotation", "cam_R", "camera_rotation",
-                                      "Rot", NULL};
+/* Radians: across, and up and down. */
+static const char *const angle_x_names[] = {"camera_angle_x", NULL}, *const angle_y_names[] = {
+                                                                         "camera_angle_y", "yfov", NULL};
+static const char *const R_names[] = {"R",   "Rvec",      "rvec", "rotation", "cam_R", "camera_rotation",
+                                      "Rot", "camera_rt", NULL};
 static const char *const T_names[] = {
-    "T", "t", "Tvec", "tvec", "trans", "cam_t", "translation", "camera_translation", NULL};
+    "T", "t", "Tvec", "tvec", "trans", "cam_t", "translation", "camera_translation", "camera_t", NULL};
 static const char *const to_camera_names[] = {
     "RT",  "Rt",        "extrinsic",       "extrinsics",     "extri",
     "w2c", "world2cam", "world_to_camera", "cam_extrinsics", "extrinsic_matrix",
     NULL};
 static const char *const to_world_names[] = {"c2w", "cam2world", "camera_to_world", "cam_to_world", NULL};
+/* OpenGL's axes, x to the right, y up, z backward: NeRF's transforms.json, Blender. */
+static const char *const gl_to_world_names[] = {"transform_matrix", "matrix_world", NULL};
+/* COLMAP's, the real part first; the place of a camera whose rotation is that to the world (3D Gaussian
+ * splatting's cameras.json). */
+static const char *const quaternion_names[] = {"qvec", NULL}, *const position_names[] = {"position", NULL};
 static const char *const D_names[] = {
-    "D", "distortion", "dist", "dist_coeffs", "distCoeffs", "distortion_coefficients", "dist_coeff", NULL};
+    "D",          "distortion",  "dist",     "dist_coeffs", "distCoeffs", "distortion_coefficients",
+    "dist_coeff", "distortions", "distCoef", "camera_k",    NULL};
+static const char *const lens_names[] = {"k1", "k2", "p1", "p2", "k3", NULL};
 static const char *const width_names[] = {"width", "w", "W", "image_width", NULL}, *const height_names[] = {
                                                                                        "height", "h", "H",
                                                                                        "image_height", NULL};
-static const char *const idle_names[] = {"name", "id", "comment", NULL};
+static const char *const idle_names[] = {"name", "id", "comment", "img_name", "file_path", NULL};
 
-static const char *const *const all_names[] = {K_names,      focal_names,    focal_x_names,   focal_y_names,
-                                               centre_names, centre_x_names, centre_y_names,  field_names,
-                                               R_names,      T_names,        to_camera_names, to_world_names,
-                                               D_names,      width_names,    height_names,    idle_names};
+static const char *const *const all_names[] = {
+    K_names,           focal_names,      focal_x_names,  focal_y_names, centre_names,    centre_x_names,
+    centre_y_names,    field_names,      R_names,        T_names,       to_camera_names, to_world_names,
+    D_names,           width_names,      height_names,   idle_names,    angle_x_names,   angle_y_names,
+    gl_to_world_names, quaternion_names, position_names, lens_names};
+
+bool camera_is(const value *v) {
+    return value_first(v, K_names).item || value_first(v, focal_names).item ||
+           value_first(v, focal_x_names).item || value_first(v, field_names).item ||
+           value_first(v, angle_x_names).item || value_first(v, angle_y_names).item;
+}
+
+/* Whether a key is read. */
+static bool camera_key(const char *key) {
+    for (size_t i = 0; i < COUNT_OF(all_names); i++)
+        for (const char *const *name = all_names[i]; *name; name++)
+            if (!strcmp(key, *name)) return true;
+    return false;
+}
 
 static sherf_status number_of(context *c, named_value n, double *out) {
     return value_doubles(c, n.item, n.name, 1, out);
@@ -47,10 +72,18 @@ static sherf_status pair_of(context *c, named_value n, double out[2]) {
     return status;
 }
 
-/* 3 x 3, or fx fy cx cy. */
+/* 3 x 3, fx fy cx cy, or the corner of 3 x 4 or 4 x 4. */
 static sherf_status K_whole(context *c, named_value n, double K[9]) {
-    double four[4];
-    if (value_numbers(n.item) != 4) return value_doubles(c, n.item, n.name, 9, K);
+    double four[4], wide[16];
+    const int64_t numbers = value_numbers(n.item);
+    if (numbers == 12 || numbers == 16) {
+        sherf_status status = value_doubles(c, n.item, n.name, (size_t)numbers, wide);
+        for (int i = 0; i < 9; i++) K[i] = wide[i / 3 * 4 + i % 3];
+        if (!status && (wide[3] != 0 || wide[7] != 0))
+            status = failure(c, SHERF_BAD_FILE, "%s: 3 x 4, but its last column is not 0", n.name);
+        return status;
+    }
+    if (numbers != 4) return value_doubles(c, n.item, n.name, 9, K);
     sherf_status status = value_doubles(c, n.item, n.name, 4, four);
     K[0] = four[0], K[4] = four[1], K[2] = four[2], K[5] = four[3];
     return status;
@@ -61,7 +94,19 @@ static sherf_status K_field(context *c, named_value n, const int size[2], double
     sherf_status status = number_of(c, n, &degrees);
     if (!status && !(degrees > 0.1 && degrees < 179))
         status = failure(c, SHERF_BAD_FILE, "fov_deg should lie between 0.1 and 179");
+    if (!status && degrees < 1.6)
+        status = failure(c, SHERF_BAD_FILE, "fov_deg is %g: are these radians?", degrees);
     if (!status) K[0] = K[4] = size[1] / 2. / tan(degrees * 3.14159265358979323846 / 360);
+    return status;
+}
+
+/* A field of view in radians, across `side` pixels. */
+static sherf_status K_angle(context *c, named_value n, int side, double K[9]) {
+    double angle;
+    sherf_status status = number_of(c, n, &angle);
+    if (!status && !(angle > 0.002 && angle < 3.12))
+        status = failure(c, SHERF_BAD_FILE, "%s is %g: radians are expected", n.name, angle);
+    if (!status) K[0] = K[4] = side / 2. / tan(angle / 2);
     return status;
 }
 
@@ -81,12 +126,21 @@ static sherf_status K_of(context *c, const value *v, const int size[2], double K
     const named_value whole = value_first(v, K_names), focal = value_first(v, focal_names),
                       x = value_first(v, focal_x_names), y = value_first(v, focal_y_names),
                       field = value_first(v, field_names);
+    const named_value across = value_first(v, angle_x_names), along = value_first(v, angle_y_names);
     double two[2];
+    sherf_status status = SHERF_OK;
     if (whole.item) return K_whole(c, whole, K);
+    if (focal.item && value_get(v, "sensor_width"))
+        return failure(c, SHERF_BAD_FILE, "%s beside sensor_width is in millimetres: pixels are expected",
+                       focal.name);
     if (!size) return keys_missing(c, v, "K is missing");
     if (field.item) return K_field(c, field, size, K);
+    if (!focal.item && !x.item && (across.item || along.item)) {
+        status = across.item ? K_angle(c, across, size[0], K) : K_angle(c, along, size[1], K);
+        return status ? status : centre_of(c, v, K);
+    }
     if (!focal.item && !x.item) return keys_missing(c, v, "needs K, fov_deg or focal_px");
-    sherf_status status = focal.item ? pair_of(c, focal, two) : pair_of(c, x, two);
+    status = focal.item ? pair_of(c, focal, two) : pair_of(c, x, two);
     if (!status && !focal.item && y.item) status = number_of(c, y, &two[1]);
     if (!status) K[0] = two[0], K[4] = two[1];
     return status ? status : centre_of(c, v, K);
@@ -129,9 +183,44 @@ static sherf_status R_of(context *c, named_value n, double R[9]) {
     return status;
 }
 
+/* qvec: w x y z. */
+static sherf_status quaternion_of(context *c, named_value n, double R[9]) {
+    double q[4], length = 0;
+    sherf_status status = value_doubles(c, n.item, n.name, 4, q);
+    for (int k = 0; k < 4 && !status; k++) length += q[k] * q[k];
+    if (!status && !(fabs(length - 1) < 0.05))
+        status = failure(c, SHERF_BAD_FILE, "%s: a quaternion of length %g", n.name, sqrt(length));
+    if (status) return status;
+    for (int k = 0; k < 4; k++) q[k] /= sqrt(length);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double twist = i == j ? 0 : (j == (i + 1) % 3 ? -1 : 1) * q[0] * q[1 + (3 - i - j)];
+            R[3 * i + j] = (i == j ? 2 * (q[0] * q[0]) - 1 : 0) + 2 * (q[1 + i] * q[1 + j] + twist);
+        }
+    return SHERF_OK;
+}
+
+/* What is told as a camera's place in the world, the other way round; gl: with OpenGL's axes. */
+static sherf_status from_world(context *c, const char *name, bool gl, parsed_camera *out) {
+    float checked[9];
+    for (int i = 0; i < 9 && gl; i++)
+        if (i % 3) out->R[i] = -out->R[i];
+    for (int i = 0; i < 9; i++) checked[i] = (float)out->R[i];
+    sherf_status status = rotation_check(c, checked, name);
+    if (!status) inverted(out->R, out->T);
+    return status;
+}
+
 static sherf_status place_of(context *c, const value *v, parsed_camera *out) {
-    const named_value R = value_first(v, R_names), T = value_first(v, T_names),
-                      to_camera = value_first(v, to_camera_names), to_world = value_first(v, to_world_names);
+    const named_value quaternion = value_first(v, quaternion_names),
+                      position = value_first(v, position_names);
+    named_value R = value_first(v, R_names), T = value_first(v, T_names);
+    const named_value to_camera = value_first(v, to_camera_names), gl = value_first(v, gl_to_world_names),
+                      cv_to_world = value_first(v, to_world_names), to_world = gl.item ? gl : cv_to_world;
+    const bool splat = !T.item && position.item && value_numbers(R.item) == 9; /* R is to the world, too */
+    if (gl.item && R.item && value_numbers(R.item) < 0) R.item = NULL; /* a step, in NeRF's own files */
+    if (!R.item) R = quaternion;
+    if (splat) T = position;
     const named_value matrix = to_camera.item ? to_camera : to_world;
     sherf_status status = SHERF_OK;
     out->turned = R.item || matrix.item;
@@ -142,14 +231,11 @@ static sherf_status place_of(context *c, const value *v, parsed_camera *out) {
                        : T.item ? T.name
                                 : to_world.name);
     if (matrix.item) status = matrix_of(c, matrix, out);
-    if (!status && R.item) status = R_of(c, R, out->R);
+    if (!status && R.item)
+        status = R.item == quaternion.item ? quaternion_of(c, R, out->R) : R_of(c, R, out->R);
     if (!status && T.item) status = value_doubles(c, T.item, T.name, 3, out->T);
-    if (!status && to_world.item) {
-        float checked[9];
-        for (int i = 0; i < 9; i++) checked[i] = (float)out->R[i];
-        status = rotation_check(c, checked, to_world.name);
-        if (!status) inverted(out->R, out->T);
-    }
+    if (!status && (to_world.item || splat))
+        status = from_world(c, splat ? R.name : to_world.name, gl.item != NULL, out);
     return status;
 }
 
@@ -168,6 +254,17 @@ sherf_status parse_distortion(context *c, const value *v, double D[DISTORTION_MA
         (long long)n);
 }
 
+/* A list of coefficients, or one by one. */
+static sherf_status D_of(context *c, const value *v, double D[DISTORTION_MAX]) {
+    const value *whole = value_first(v, D_names).item;
+    sherf_status status = parse_distortion(c, whole, D);
+    for (int i = 0; lens_names[i] && !whole && !status; i++) {
+        const named_value one = {lens_names[i], value_get(v, lens_names[i])};
+        if (one.item && one.item->kind != VALUE_NONE) status = number_of(c, one, &D[i]);
+    }
+    return status;
+}
+
 static sherf_status side_of(context *c, named_value n, int *out) {
     int64_t side = 0;
     sherf_status status = n.item ? value_integer(c, n.item, n.name, &side) : SHERF_OK;
@@ -177,19 +274,71 @@ static sherf_status side_of(context *c, named_value n, int *out) {
     return status;
 }
 
-static sherf_status parse_all(context *c, const value *v, const int size[2], parsed_camera *out) {
-    sherf_status status = K_of(c, v, size, out->K);
-    if (!status) status = place_of(c, v, out);
-    if (!status) status = parse_distortion(c, value_first(v, D_names).item, out->D);
-    if (!status) status = side_of(c, value_first(v, width_names), &out->width);
+/* Keys that are not read, though they may hold what is lacking: a matrix, or numbers by the name of a place.
+ */
+static sherf_status unread_place(context *c, const value *v, const parsed_camera *camera) {
+    static const char *const words[] = {"pos",   "rot",    "quat", "trans", "loc",
+                                        "euler", "orient", "eye",  "target"};
+    for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
+        const value *key = v->dict.pair[i].key;
+        const int64_t numbers = value_numbers(v->dict.pair[i].item);
+        const char *text = key->kind == VALUE_STRING ? key->string.text : NULL;
+        if (!text || (camera->turned && camera->moved) || camera_key(text) || *text == 'K' || *text == 'i')
+            continue;
+        bool named = false;
+        for (size_t k = 0; k < COUNT_OF(words); k++) named |= strcasestr(text, words[k]) != NULL;
+        if (numbers == 9 || numbers == 12 || numbers == 16 || (named && (numbers == 3 || numbers == 4)))
+            return failure(
+                c, SHERF_BAD_FILE,
+                "%s of %lld numbers is not read: where the camera stands is told by R and T, RT (world to "
+                "camera), c2w, or transform_matrix (OpenGL's axes)",
+                text, (long long)numbers);
+    }
+    return SHERF_OK;
+}
+
+/* Focal lengths in millimetres, or in parts of the picture's side, are a few pixels. */
+static sherf_status view_check(context *c, const double K[9], const int size[2]) {
+    static const double least = 0.1; /* of the longer side: 157 degrees */
+    const int longer = size[0] > size[1] ? size[0] : size[1];
+    const double focal = fmin(fabs(K[0]), fabs(K[4]));
+    if (!(focal > 1e-6) || focal >= least * longer) return SHERF_OK; /* a singular K is told as such */
+    return failure(
+        c, SHERF_BAD_FILE,
+        "a focal length of %.3g pixels for a picture of %d x %d, which no lens has: is it in millimetres, or "
+        "in parts of the picture?",
+        focal, size[0], size[1]);
+}
+
+/* shared: what holds for all cameras of a file; what the camera itself says goes before. */
+static sherf_status parse_all(context *c, const value *v, const value *shared, const int size[2],
+                              parsed_camera *out) {
+    const value *lens = shared && !camera_is(v) ? shared : v,
+                *nested = value_unwrapped(value_first(lens, K_names).item),
+                *place = value_unwrapped(value_first(v, to_camera_names).item);
+    double none[DISTORTION_MAX] = {0};
+    sherf_status status = side_of(c, value_first(v, width_names), &out->width);
     if (!status) status = side_of(c, value_first(v, height_names), &out->height);
+    if (!status && !out->width && shared) status = side_of(c, value_first(shared, width_names), &out->width);
+    if (!status && !out->height && shared)
+        status = side_of(c, value_first(shared, height_names), &out->height);
+    const int own[2] = {out->width, out->height}, *sides = size                        ? size
+                                                           : out->width && out->height ? own
+                                                                                       : NULL;
+    if (sides) out->K[2] = sides[0] / 2., out->K[5] = sides[1] / 2.;
+    if (!status) status = K_of(c, nested && nested->kind == VALUE_DICT ? nested : lens, sides, out->K);
+    if (!status && size) status = view_check(c, out->K, size);
+    if (!status) status = place_of(c, place && place->kind == VALUE_DICT ? place : v, out);
+    if (!status) status = unread_place(c, v, out);
+    if (!status) status = D_of(c, v, out->D);
+    if (!status && shared && !memcmp(out->D, none, sizeof none)) status = D_of(c, shared, out->D);
     return status;
 }
 
-sherf_status parse_camera(context *c, const value *v, const int size[2], parsed_camera *out) {
+sherf_status parse_camera(context *c, const value *v, const value *shared, const int size[2],
+                          parsed_camera *out) {
     *out = (parsed_camera){.K = {0, 0, 0, 0, 0, 0, 0, 0, 1}, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    if (size) out->K[2] = size[0] / 2., out->K[5] = size[1] / 2.;
-    sherf_status status = parse_all(c, v, size, out);
+    sherf_status status = parse_all(c, v, shared, size, out);
     if (status) return failure_prefix(c, status, "camera");
     return parsed_camera_check(c, out);
 }
@@ -199,13 +348,8 @@ sherf_status parsed_camera_placed(context *c, const parsed_camera *camera) {
     return failure(c, SHERF_BAD_FILE, "camera: %s is missing", camera->turned ? "T" : "R");
 }
 
-bool camera_is(const value *v) {
-    return value_first(v, K_names).item || value_first(v, focal_names).item ||
-           value_first(v, focal_x_names).item || value_first(v, field_names).item;
-}
-
 void camera_warn(context *c, const value *v, const parsed_camera *camera, const char *what) {
-    const char *known[100];
+    const char *known[160];
     size_t n = 0;
     for (size_t i = 0; i < COUNT_OF(all_names); i++)
         for (const char *const *name = all_names[i]; *name && n + 1 < COUNT_OF(known); name++)
@@ -233,7 +377,10 @@ sherf_status parsed_camera_check(context *c, const parsed_camera *camera) {
     if (!(fabs(determinant) > 1e-12) || !(fabs(K[0]) > 1e-6) || !(fabs(K[4]) > 1e-6))
         return failure(c, SHERF_BAD_FILE, "camera: K is singular");
     if (fabs(K[6]) > 1e-9 || fabs(K[7]) > 1e-9 || fabs(K[8] - 1) > 1e-9)
-        return failure(c, SHERF_BAD_FILE, "camera: K's last row is not 0 0 1");
+        return failure(c, SHERF_BAD_FILE, "camera: K's last row is not 0 0 1%s",
+                       K[2] == 0 && K[5] == 0 && fabs(K[8] - 1) < 1e-9
+                           ? ", its last column is: this is the transposed matrix"
+                           : "");
     float R[9];
     for (int i = 0; i < 9; i++) R[i] = (float)camera->R[i];
     return rotation_check(c, R, "camera: R");

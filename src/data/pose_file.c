@@ -118,6 +118,12 @@ static size_t camera_values(const value *root, const value **out) {
         for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
         return list->list.count;
     }
+    list = value_get(root, "frames"); /* NeRF's transforms.json: the lens may stand beside */
+    if (list && list->kind == VALUE_LIST && value_get(value_at(list, 0), "transform_matrix")) {
+        for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
+        return list->list.count;
+    }
+    list = value_get(root, "cameras");
     if (value_get(root, "camera")) root = value_get(root, "camera");
     if (camera_is(root)) {
         if (out) out[0] = root;
@@ -158,7 +164,7 @@ sherf_status cameras_read(context *c, const char *path, const int size[2], parse
     camera_warn(c, found[0], NULL, path);
     status = SHERF_OK;
     for (size_t i = 0; i < n && !status; i++) {
-        status = parse_camera(c, found[i], size, &camera[i]);
+        status = parse_camera(c, found[i], d->root, size, &camera[i]);
         if (!status) status = parsed_camera_placed(c, &camera[i]);
         if (status) failure_prefix(c, status, "%s: camera %zu", path, i);
     }

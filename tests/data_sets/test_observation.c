@@ -249,6 +249,19 @@ static void camera_names(void **state) {
         "{\"fx\": 50, \"fy\": 55, \"cx\": 20, \"cy\": 15, \"w\": 40, \"h\": 30, "
         "\"extrinsic\": [[%s, 1], [%s, 2], [%s, 3], [0, 0, 0, 1]], \"D\": [0, 0, 0, 0, 0, 0, 0, 0]}",
         "[{\"img_focal\": [50, 55], \"img_center\": [20, 15], \"Rot\": [%s, %s, %s], \"T\": [1, 2, 3]}]",
+        "{\"K\": [[50, 0, 20, 0], [0, 55, 15, 0], [0, 0, 1, 0], [0, 0, 0, 1]], \"tvec\": [1, 2, 3], "
+        "\"qvec\": [0.96891242, 0, 0, 0.24740396]}", /* COLMAP */
+        "{\"camera_f\": [50, 55], \"camera_c\": [20, 15], \"camera_rt\": [0, 0, 0.5], \"camera_t\": [1, 2, "
+        "3], "
+        "\"camera_k\": [0, 0, 0, 0, 0]}", /* People-Snapshot */
+        "{\"intrinsics\": {\"fx\": 50, \"fy\": 55, \"cx\": 20, \"cy\": 15}, \"extrinsics\": {\"R\": [0, 0, "
+        "0.5], "
+        "\"T\": [1, 2, 3]}, \"distortions\": [0, 0, 0, 0, 0]}",
+        "{\"fx\": 50, \"fy\": 55, \"cx\": 20, \"cy\": 15, \"position\": [-1.83643364, -1.27573958, -3], "
+        "\"rotation\": [[0.87758256, 0.47942554, 0], [-0.47942554, 0.87758256, 0], [0, 0, 1]]}", /* splats */
+        "{\"fl_x\": 50, \"fl_y\": 55, \"cx\": 20, \"cy\": 15, \"rotation\": 0.01, \"transform_matrix\": "
+        "[[0.87758256, -0.47942554, 0, -1.83643364], [-0.47942554, -0.87758256, 0, -1.27573958], "
+        "[0, 0, -1, -3], [0, 0, 0, 1]]}", /* NeRF: OpenGL's axes */
     };
     static const char rows[3][64] = {"0.87758256, -0.47942554, 0", "0.47942554, 0.87758256, 0", "0, 0, 1"};
     context *c = listening_context();
@@ -260,7 +273,7 @@ static void camera_names(void **state) {
         const double K[9] = {50, 0, 20, 0, 55, 15, 0, 0, 1};
         for (int k = 0; k < 9; k++) assert_float_equal(o->camera.K[k], K[k], 0);
         assert_float_equal(o->camera.R[1], -0.47942554, 1e-6);
-        for (int k = 0; k < 3; k++) assert_float_equal(o->camera.T_m[k], k + 1, 0);
+        for (int k = 0; k < 3; k++) assert_float_equal(o->camera.T_m[k], k + 1, i < 5 ? 0 : 1e-5);
         assert_string_equal(warned, "");
         sherf_observation_free(o);
     }
@@ -275,6 +288,66 @@ static void camera_names(void **state) {
     assert_true(o->camera.T_m[0] == 7 && o->camera.T_m[1] == -6 && o->camera.T_m[2] == -5);
     assert_true(o->camera.R[2] == -1 && o->camera.R[6] == 1);
     sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
+/* NeRF's transforms.json: the lens beside the frames, or in them; a field of view across. */
+static void transforms(void **state) {
+    static const char frames[] =
+        "\"frames\": [{\"file_path\": \"a\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, "
+        "0], "
+        "[0, 0, 0, 1]]}, {\"transform_matrix\": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]%s}]";
+    static const char lens[] = "\"fl_x\": 50, \"fl_y\": 55, \"cx\": 20, \"cy\": 15, \"w\": 40, \"h\": 30";
+    context *c = listening_context();
+    for (int i = 0; i < 3; i++) {
+        sherf_observation *o = NULL;
+        char inside[256] = "", text[1024];
+        size_t n = 1;
+        strcpy(text, "{");
+        if (i == 2) snprintf(inside, sizeof inside, ", %s", lens);
+        n += (size_t)sprintf(text + n, "%s, ", i ? lens : "\"camera_angle_x\": 0.7610127542247298");
+        n += (size_t)snprintf(text + n, sizeof text - n, frames, inside);
+        strcat(text, "}");
+        make_text(c, join(folder, "transforms.json"), text);
+        warned[0] = 0;
+        assert_ok(c, sherf_observation_load(
+                         c, json(c, "a.png", "m.png", "\"transforms.json\", \"camera_index\": 1", NULL), &o));
+        const double K[9] = {50, 0, 20, 0, i ? 55 : 50, 15, 0, 0, 1};
+        for (int k = 0; k < 9; k++) assert_float_equal(o->camera.K[k], K[k], 1e-5);
+        assert_true(o->camera.R[0] == 1 && o->camera.R[4] == -1 && o->camera.R[8] == -1);
+        assert_true(o->camera.T_m[0] == -1 && o->camera.T_m[1] == 2 && o->camera.T_m[2] == 3);
+        assert_null(strstr(warned, "camera_index"));
+        sherf_observation_free(o);
+    }
+    sherf_observation *o = NULL; /* of several the first, said */
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", "\"transforms.json\"", NULL), &o));
+    assert_non_null(strstr(warned, "the first of 2 is taken; \"camera_index\""));
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
+/* Cameras whose place stands where it is not read, and lenses in other units, are no guesses. */
+static void cameras_refused(void **state) {
+    static const struct {
+        const char *camera, *says;
+    } cases[] = {
+        {"{\"fov_deg\": 50, \"viewmatrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}",
+         "viewmatrix of 16 numbers is not read"},
+        {"{\"fov_deg\": 50, \"tvec\": [0, 0, 3], \"cam_quat\": [1, 0, 0, 0]}", "cam_quat of 4 numbers"},
+        {"{\"K\": [1.2, 0, 0.5, 0, 1.6, 0.5, 0, 0, 1]}",
+         "a focal length of 1.2 pixels for a picture of 40 x 30"},
+        {"{\"focal_length\": 50, \"sensor_width\": 36}", "millimetres"},
+        {"{\"fov_deg\": 0.7}", "radians?"},
+        {"{\"K\": [50, 0, 0, 0, 55, 0, 20, 15, 1]}", "this is the transposed matrix"},
+        {"{\"K\": [50, 0, 20, 7, 0, 55, 15, 0, 0, 0, 1, 0]}", "its last column is not 0"},
+        {"{\"fov_deg\": 50, \"R\": [178, 40, 2], \"T\": [0, 0, 3]}", "these are degrees"},
+    };
+    context *c = test_context();
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        sherf_observation *o = NULL;
+        assert_fails(c, sherf_observation_load(c, json(c, "a.png", "m.png", cases[i].camera, NULL), &o),
+                     SHERF_BAD_FILE, cases[i].says);
+    }
     sherf_context_free(c);
 }
 
@@ -408,7 +481,7 @@ static const struct {
     {"a.png", "full.png", NULL, NULL, "covers the whole picture", SHERF_BAD_ARGUMENT},
     {"wide.jpg", "m.png", NULL, NULL, "33000 x 2 pixels: from 1 to 32768 on a side", SHERF_BAD_FILE},
     {"a.png", "m.png", "{}", NULL, "needs K, fov_deg or focal_px", SHERF_BAD_FILE},
-    {"a.png", "m.png", "{\"camera_angle_x\": 1}", NULL, "focal_px; this has camera_angle_x", SHERF_BAD_FILE},
+    {"a.png", "m.png", "{\"fov_x\": 1}", NULL, "focal_px; this has fov_x", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 55, 15, 0, 0]}", NULL, "camera: K", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [50, 0, 20, 0, 0, 15, 0, 0, 1]}", NULL, "K is singular", SHERF_BAD_FILE},
     {"a.png", "m.png", "{\"K\": [1e999, 0, 20, 0, 5, 15, 0, 0, 1]}", NULL, "finite", SHERF_BAD_FILE},
@@ -708,6 +781,8 @@ int main(void) {
         cmocka_unit_test(body_forms),
         cmocka_unit_test(body_names),
         cmocka_unit_test(smplx_bodies),
+        cmocka_unit_test(transforms),
+        cmocka_unit_test(cameras_refused),
         cmocka_unit_test(unknown_keys_are_named),
         cmocka_unit_test(camera_names),
         cmocka_unit_test(camera_files_have_lenses),

@@ -101,20 +101,41 @@ sherf_status joints_last_check(context *c, const char *what, const value *v, int
                    what, joints, joints);
 }
 
-/* Joint rotations from `first` on: axis-angle, or 3 x 3 matrices, of `given` joints, of which those beyond
- * `joints` (fingers, a face) are left. Joints that are not given stay 0. */
+/* Where the real part of quaternions is: most joints turn by less than a right angle. */
+static bool real_is_last(const float *q, int joints) {
+    double first = 0, last = 0;
+    for (int j = 0; j < joints; j++) first += fabs(q[4 * j]), last += fabs(q[4 * j + 3]);
+    return last > first;
+}
+
+static sherf_status quaternion_turn(context *c, const char *what, const float *q, bool last, float turn[3]) {
+    const double w = q[last ? 3 : 0];
+    const float *v = q + !last;
+    const double sine = sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]);
+    if (!(fabs(w * w + sine * sine - 1) < 0.05))
+        return failure(c, SHERF_BAD_FILE, "%s: a quaternion of length %g", what, sqrt(w * w + sine * sine));
+    const double angle = 2 * atan2(sine, fabs(w)) * (w < 0 ? -1 : 1);
+    for (int k = 0; k < 3; k++) turn[k] = sine > 1e-9 ? (float)(v[k] / sine * angle) : 0;
+    return SHERF_OK;
+}
+
+/* Joint rotations from `first` on: axis-angle, quaternions, or 3 x 3 matrices, of `given` joints, of which
+ * those beyond `joints` (fingers, a face) are left. Joints that are not given stay 0. last: where the real
+ * part of quaternions is, told by a body and used for its root. */
 static sherf_status parse_joints(context *c, const value *v, const char *what, int first, int given,
-                                 int joints, float *poses) {
+                                 int joints, bool *last, float *poses) {
     float all[JOINTS_MAX * 9];
-    const bool matrices = value_numbers(v) == given * 9;
-    sherf_status status = value_floats(c, v, what, (size_t)given * (matrices ? 9 : 3), all);
+    const bool matrices = value_numbers(v) == given * 9, quaternions = value_numbers(v) == given * 4;
+    sherf_status status = value_floats(c, v, what, (size_t)given * (matrices ? 9 : quaternions ? 4 : 3), all);
+    if (quaternions && given > 1 && !status) *last = real_is_last(all, given);
     if (!status) status = joints_last_check(c, what, v, given);
     double squares = 0;
     for (int j = 0; j < joints && !status; j++) {
         float *pose = poses + (first + j) * 3;
         if (matrices) status = rotation_check(c, all + j * 9, what);
         if (!status && matrices) rotation_to_axis_angle(all + j * 9, pose);
-        if (!matrices) memcpy(pose, all + 3 * j, 3 * sizeof *pose);
+        if (!status && quaternions) status = quaternion_turn(c, what, all + 4 * j, *last, pose);
+        if (!matrices && !quaternions) memcpy(pose, all + 3 * j, 3 * sizeof *pose);
         for (int k = 0; k < 3; k++) squares += (double)pose[k] * pose[k];
     }
     return status ? status : radians_check(c, what, joints < 2, squares, joints);
@@ -122,21 +143,25 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
 
 /* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
 static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out, bool *smplx) {
-    static const int whole[] = {22, 52, 55};
+    static const int whole[] = {22, 52, 55, 26,
+                                29}; /* the last two: EasyMocap's hands in 12 numbers, a face in 9 */
+    bool last = false;
     const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
     if (poses->item && !(body->item && root->item)) {
         const int64_t numbers = value_numbers(poses->item);
         int given = BODY_JOINTS;
         for (size_t i = 0; i < COUNT_OF(whole); i++)
-            if (numbers == whole[i] * 3 || numbers == whole[i] * 9) given = whole[i];
-        *smplx |= given == JOINTS_MAX;
-        return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22,
+            if (numbers == whole[i] * 3 || (i < 3 && (numbers == whole[i] * 9 || numbers == whole[i] * 4)))
+                given = whole[i];
+        *smplx |= given == JOINTS_MAX || given == 29;
+        return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22, &last,
                             out->poses_rad);
     }
     int64_t n = value_numbers(body->item);
-    int joints = n == 63 || n == 21 * 9 ? 21 : 23;
-    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, out->poses_rad);
-    if (!status && root->item) status = parse_joints(c, root->item, root->name, 0, 1, 1, out->poses_rad);
+    int joints = n == 63 || n == 21 * 9 || n == 21 * 4 ? 21 : 23;
+    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, &last, out->poses_rad);
+    if (!status && root->item)
+        status = parse_joints(c, root->item, root->name, 0, 1, 1, &last, out->poses_rad);
     return status;
 }
 
@@ -161,6 +186,15 @@ static void put_before_camera(const float Rc[9], const float Tc[3], sherf_pose *
     memcpy(pose->Th_m, Th, sizeof Th);
 }
 
+/* The world in the body's unit. */
+static sherf_status unscaled(context *c, const named_value *scaling, sherf_pose *pose) {
+    double s;
+    sherf_status status = value_doubles(c, scaling->item, scaling->name, 1, &s);
+    if (!status && !(s > 1e-6 && s < 1e6)) status = failure(c, SHERF_BAD_FILE, "%s is %g", scaling->name, s);
+    for (int k = 0; k < 3 && !status; k++) pose->Th_m[k] = (float)(pose->Th_m[k] / s);
+    return status;
+}
+
 sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
     const named_value *part = parts->part, *R = &part[PART_TURN], *Th = &part[PART_PLACE],
                       *shapes = &part[PART_SHAPES], *Rc = &part[PART_CAMERA_TURN],
@@ -173,6 +207,7 @@ sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
         status = parse_prefix(c, shapes->item, shapes->name, BODY_SHAPES, out->shapes);
     if (!status && R->item) status = parse_rotation(c, R->item, R->name, out->R);
     if (!status && Th->item) status = value_floats(c, Th->item, Th->name, 3, out->Th_m);
+    if (!status && parts->scaling.item) status = unscaled(c, &parts->scaling, out);
     if (!status && Rc->item) status = parse_rotation(c, Rc->item, Rc->name, turn);
     if (!status && Tc->item) status = value_floats(c, Tc->item, Tc->name, 3, place);
     if (!status && smplx && (Th->item || Tc->item)) place_smplx(out);

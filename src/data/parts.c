@@ -167,6 +167,7 @@ void body_parts_find(const value *v, body_parts *out) {
     v = value_unwrapped(v);
     const value *inner = inner_of(v);
     out->smplx = smplx_told(inner) || smplx_told(v);
+    out->scaling = (named_value){"smpl_scaling", value_get(v, "smpl_scaling")};
     for (int p = 0; p < PARTS; p++) {
         out->part[p] = value_first(inner, part_names[p]);
         if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
@@ -184,7 +185,7 @@ static bool is_idle(const char *key) {
     if (has_word(key, origin_words, COUNT_OF(origin_words)))
         return !has_word(key, part_words, COUNT_OF(part_words));
     return !strcasecmp(key, "mask") || !strcasecmp(key, "camera") || /* an observation's */
-           !strcmp(key, "smpl_scaling");                             /* a motion's, which reads it */
+           !strcmp(key, "smpl_scaling");                             /* read by its own name */
 }
 
 /* Keys met so far, "a, b, c"; what no longer fits is counted. */

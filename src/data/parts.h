@@ -26,6 +26,7 @@ typedef struct {
     /* Of SMPL-X, as faces and eyes beside it and names tell (55 joints tell it as well): its pelvis at rest
      * lies elsewhere than SMPL's, by smplx_pelvis_m, so its translation means another place. */
     bool smplx;
+    named_value scaling; /* AIST++'s: its vertices are SMPL's times it, and moved by the translation */
 } body_parts;
 extern const double smplx_pelvis_m[3];
 

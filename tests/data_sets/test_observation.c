@@ -204,6 +204,46 @@ static void smplx_bodies(void **state) {
     sherf_context_free(c);
 }
 
+/* Quaternions, the real part first or last, whole and with the root apart; EasyMocap's hands and AIST++'s
+ * scaling. */
+static void quaternions_and_scaling(void **state) {
+    context *c = test_context();
+    char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}", body[4096];
+    sherf_observation *o;
+    for (int i = 0; i < 4; i++) { /* joints turned by 0.6 about y, the root by 3 about x */
+        const bool last = i & 1, apart = i & 2;
+        size_t n =
+            (size_t)sprintf(body, "{\"transl\": [1, 2, 3], \"%s\": [", apart ? "global_orient" : "poses");
+        for (int j = 0; j < 24; j++) {
+            const double w = cos(j ? 0.3 : 1.5), x = j ? 0 : sin(1.5), y = j ? sin(0.3) : 0;
+            if (apart && j == 1) n += (size_t)sprintf(body + n - 2, "], \"body_pose\": [") - 2;
+            n += (size_t)(last ? sprintf(body + n, "%.8f, %.8f, 0, %.8f, ", x, y, w)
+                               : sprintf(body + n, "%.8f, %.8f, %.8f, 0, ", w, x, y));
+        }
+        strcpy(body + n - 2, "]}");
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+        for (int j = 0; j < 72; j++)
+            assert_float_equal(o->pose.poses_rad[j], !j ? 3 : j > 3 && j % 3 == 1 ? 0.6 : 0, 1e-5);
+        sherf_observation_free(o);
+    }
+    for (int joints = 26; joints <= 29; joints += 3) { /* 29 are SMPL-X's */
+        size_t n = (size_t)sprintf(body, "{\"Th\": [4, 5, 6], \"poses\": [");
+        for (int j = 0; j < joints * 3; j++)
+            n += (size_t)sprintf(body + n, "%s%g", j ? ", " : "", j < 66 ? 0.2 : 0.9);
+        strcpy(body + n, "]}");
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+        for (int j = 0; j < 72; j++) assert_float_equal(o->pose.poses_rad[j], j < 66 ? 0.2 : 0, 1e-6);
+        assert_float_equal(o->pose.Th_m[1], joints == 26 ? 5 : 4.8719, 1e-5);
+        sherf_observation_free(o);
+    }
+    snprintf(body, sizeof body,
+             "{\"smpl_poses\": %s, \"smpl_trans\": [200, 100, 300], \"smpl_scaling\": [100]}", zeros_72);
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+    assert_true(o->pose.Th_m[0] == 2 && o->pose.Th_m[1] == 1 && o->pose.Th_m[2] == 3);
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
 /* What is not understood is named, in a body, a camera and the whole. */
 static void unknown_keys_are_named(void **state) {
     static const struct {
@@ -781,6 +821,7 @@ int main(void) {
         cmocka_unit_test(body_forms),
         cmocka_unit_test(body_names),
         cmocka_unit_test(smplx_bodies),
+        cmocka_unit_test(quaternions_and_scaling),
         cmocka_unit_test(transforms),
         cmocka_unit_test(cameras_refused),
         cmocka_unit_test(unknown_keys_are_named),

@@ -7,7 +7,7 @@
 static struct {
     const char *data, *people, *model, *body, *lpips, *perceptual, *observation, *poses, *views, *output,
         *sheet;
-    bool baked, npy, no_png, baselines, detail, estimated, own_pose, batch_statistics, round_psnr;
+    bool baked, surfaces, npy, no_png, baselines, detail, estimated, own_pose, batch_statistics, round_psnr;
     int64_t size, samples, pictures, variant;
 } set = {.samples = SHERF_SAMPLES_MODEL, .pictures = 1};
 
@@ -26,6 +26,8 @@ static const option options[] = {
      1, SHERF_PICTURES_MAX},
     {0, "baked", OPTION_FLAG, &set.baked, NULL,
      "bake each avatar (sherf bake) and score its frames in the place of the network's"},
+    {0, "surfaces", OPTION_FLAG, &set.surfaces, NULL,
+     "also compare the surface that each avatar would be baked to with the data set's, where it has them"},
     {0, "poses", OPTION_LIST, &set.poses, "LIST", "target poses: 0,2 or first:step:count (the paper's)"},
     {0, "views", OPTION_LIST, &set.views, "LIST", "target views (the paper's)"},
     SHARED_LPIPS(&set.lpips, "; without it no LPIPS"),
@@ -123,6 +125,7 @@ static int run(session *s, int count, char **argument) {
                             .round_psnr = set.round_psnr,
                             .pictures = (int)set.pictures,
                             .baked = set.baked,
+                            .surfaces = set.surfaces,
                             .variant = (uint64_t)set.variant,
                             .samples = set.samples ? (int)set.samples : SHERF_SAMPLES_AUTO,
                             .detail = set.detail ? SHERF_DETAIL_ON : SHERF_DETAIL_OFF,

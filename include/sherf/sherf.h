@@ -697,6 +697,9 @@ typedef struct {
     int batch_statistics; /* batch norms take the observed picture's own statistics, as the paper's release
                              does; 0: the running ones of the training */
     int round_psnr;       /* a picture's PSNR is rounded to three decimals before means are taken, as there */
+    /* non-zero: where the data set has surfaces, avatars without one are baked, and that surface is compared;
+     * frames stay the network's. Baked avatars' and PIFu's surfaces are compared in any case */
+    int surfaces;
 } sherf_eval_options;
 
 typedef struct {
@@ -714,7 +717,7 @@ typedef struct {
     double turn_deg;              /* of the direction that hips and shoulders face */
     double overlap, overlap_min;  /* of the masks, intersection over union */
 } sherf_estimate_scores;
-/* Surfaces of avatars that have one (model pifu) against the data set's (surface/); count 0: there are
+/* Surfaces of avatars (`surfaces` of the options) against the data set's (surface/); count 0: there are
  * none. */
 typedef struct {
     int count, missed; /* observations; observations that gave no surface */

@@ -36,8 +36,8 @@ sherf_status field_level_places(context *c, cubes_grid *g, float level);
 static inline float field_saturate(float density, float level) {
     return 2 * level * density / (density + level);
 }
-static inline float field_desaturate(float value, float level) {
-    return level * value / fmaxf(2 * level - value, 1e-3f * level);
+static inline float field_desaturate(float saturated, float level) {
+    return level * saturated / fmaxf(2 * level - saturated, 1e-3f * level);
 }
 /* Blurs with 1 2 1 along each axis; the grid's rim stays. */
 void field_smooth(const context *c, cubes_grid *g);

@@ -7,8 +7,6 @@
 #include "baked/person.h"
 #include "io/image.h"
 
-enum { RESOLUTION = 256, TRIANGLES = 40000, TEXTURE = 1024 };
-
 void baked_form_free(baked_form *f) {
     if (!f) return;
     mem_free(f->rest);
@@ -131,10 +129,10 @@ sherf_status sherf_avatar_bake(sherf_context *c, const sherf_avatar *a, const sh
     if (a->form) return failure(c, SHERF_UNSUPPORTED, "this avatar is baked already");
     sherf_status status = options_check(c, o);
     if (status != SHERF_OK) return status;
-    const baked_options how = {.resolution = o->resolution ? o->resolution : RESOLUTION,
-                               .islands = 0.02,
-                               .triangles = o->triangles ? o->triangles : TRIANGLES,
-                               .texture_px = o->texture_px ? o->texture_px : TEXTURE,
+    const baked_options how = {.resolution = o->resolution ? o->resolution : BAKED_RESOLUTION,
+                               .islands = BAKED_ISLANDS,
+                               .triangles = o->triangles ? o->triangles : BAKED_TRIANGLES,
+                               .texture_px = o->texture_px ? o->texture_px : BAKED_TEXTURE,
                                .detail = o->detail != SHERF_DETAIL_OFF};
     sherf_avatar *baked = avatar_new(c);
     baked_form *f = mem_zero(c, 1, sizeof *f);

@@ -6,6 +6,8 @@
 #include "avatar/avatar.h"
 #include "io/safetensors.h"
 
+enum { BAKED_RESOLUTION = 256, BAKED_TRIANGLES = 40000, BAKED_TEXTURE = 1024 }; /* unless said otherwise */
+#define BAKED_ISLANDS 0.02 /* as islands of baked_options */
 enum { BAKED_LEVELS = 4, BAKED_CORNERS_MAX = 1 << 22, BAKED_SIDE_MIN = 64, BAKED_SIDE_MAX = 4096 };
 
 /* Owned. */

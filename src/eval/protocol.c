@@ -457,7 +457,8 @@ static sherf_status evaluate_observation(evaluation *e, const selection *s, int 
     if (status == SHERF_OK && e->options->baked) status = bake(e, &avatar);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (!e->estimator) /* estimates have a world of their own */
-        status = surface_list_measure(c, &e->report.surfaces, e->data, e->body, avatar, s->person, from);
+        status = (e->options->surfaces ? surface_list_bake : surface_list_measure)(
+            c, &e->report.surfaces, e->data, e->body, avatar, s->person, from);
     if ((status = named(e, status, s->person, from)) != SHERF_OK) goto done;
     if (e->sheet.rgb && (status = show_observation(e, observation[0])) != SHERF_OK) goto done;
     const int targets = observation_targets(s, i);

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "baked/form.h"
+#include "baked/person.h"
 #include "data/surface_truth.h"
 
 enum { PLACES = 5000, TRIANGLES_MIN = 4 };
@@ -57,18 +58,48 @@ static sherf_status compare(context *c, const sherf_dataset *d, const solid_mesh
     return status;
 }
 
+static sherf_status take(context *c, surface_list *l, const sherf_dataset *d, const solid_mesh *found,
+                         int person, picture observation) {
+    surface_entry e = {.person = person, .observation = observation};
+    if (found->triangles < TRIANGLES_MIN) {
+        l->missed++;
+        return SHERF_OK;
+    }
+    const sherf_status status = compare(c, d, found, &e);
+    return status == SHERF_OK ? add(c, l, &e) : status;
+}
+
 sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
                                   const sherf_avatar *avatar, int person, picture observation) {
-    surface_entry e = {.person = person, .observation = observation};
     solid_mesh found;
     float *room;
     if (!surface_truth_is_there(c, d, person, observation.pose) || !has_surface(avatar)) return SHERF_OK;
     sherf_status status = surface_of(c, avatar, body, &room, &found);
-    if (status == SHERF_OK && found.triangles < TRIANGLES_MIN)
-        l->missed++;
-    else if (status == SHERF_OK && (status = compare(c, d, &found, &e)) == SHERF_OK)
-        status = add(c, l, &e);
+    if (status == SHERF_OK) status = take(c, l, d, &found, person, observation);
     mem_free(room);
+    return status;
+}
+
+sherf_status surface_list_bake(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
+                               const sherf_avatar *avatar, int person, picture observation) {
+    const baked_options how = {.resolution = BAKED_RESOLUTION,
+                               .islands = BAKED_ISLANDS,
+                               .triangles = BAKED_TRIANGLES,
+                               .pose = sherf_avatar_pose(avatar)};
+    baked_person p = {0};
+    if (has_surface(avatar)) return surface_list_measure(c, l, d, body, avatar, person, observation);
+    if (!surface_truth_is_there(c, d, person, observation.pose)) return SHERF_OK;
+    sherf_status status = baked_person_make(c, avatar, body, &how, &p);
+    if (status == SHERF_BAD_ARGUMENT) {
+        log_line(c, SHERF_LOG_WARNING, "%s", c->message);
+        l->missed++;
+        status = SHERF_OK;
+    } else if (status == SHERF_OK) {
+        const solid_mesh found = {p.surface.vertices, p.surface.triangles, p.surface.position,
+                                  p.surface.triangle};
+        status = take(c, l, d, &found, person, observation);
+    }
+    baked_person_free(&p);
     return status;
 }
 

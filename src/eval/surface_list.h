@@ -20,6 +20,10 @@ void surface_list_free(surface_list *l);
  * data set has none. */
 sherf_status surface_list_measure(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
                                   const sherf_avatar *avatar, int person, picture observation);
+/* The same, but of an avatar without a surface it takes the one that it would be baked to. Where it is
+ * nowhere dense enough, it counts as missed. */
+sherf_status surface_list_bake(context *c, surface_list *l, const sherf_dataset *d, const body_model *body,
+                               const sherf_avatar *avatar, int person, picture observation);
 /* Means of one person (-1: of all); *count: of how many. */
 surface_scores surface_list_mean(const surface_list *l, int person, int64_t *count);
 /* A line to print, or NULL: out of memory; mem_free it. */

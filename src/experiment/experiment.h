@@ -45,6 +45,7 @@ typedef enum {
     SCORING_VIEWS,     /* a few pictures to look at, in the observed pose */
     SCORING_POSES,     /* and in others */
     SCORING_STUDY,     /* pictures for a study of preferences, kept as files */
+    SCORING_SURFACE,   /* surfaces; few pictures, which are not looked at */
     SCORING_KINDS
 } scoring_kind;
 typedef struct {

@@ -267,6 +267,13 @@ static void pick_protocol(const picture_choice *k, picks *p) {
     p->poses = k->poses, p->views = k->views;
 }
 
+/* One or two pictures of each observation: only its surface is looked at. */
+static void pick_surface(const picture_choice *k, picks *p) {
+    pick_protocol(k, p);
+    if (p->poses > 1) p->poses = 1;
+    if (p->views > 2) p->views = 2;
+}
+
 static void pick_front(const picture_choice *k, bool paper, picks *p) {
     pick_protocol(k, p);
     p->observations = 0;
@@ -358,6 +365,8 @@ sherf_status scoring_select(experiment_job *j, const experiment_data *d, const s
         pick_study(&k, &p);
         people = people < STUDY_PEOPLE ? people : STUDY_PEOPLE;
         snprintf(out->people, sizeof out->people, "%s", k.names);
+    } else if (s->kind == SCORING_SURFACE) {
+        pick_surface(&k, &p);
     } else if (k.whole) {
         out->pictures = people * protocol_pairs(&k);
         return SHERF_OK;

@@ -95,14 +95,16 @@ static const experiment experiments[] = {
      "PIFu: a surface from one picture",
      report_pifu,
      {"pifu", "sherf"},
-     2,
-     {{SCORING_PROTOCOL}, {SCORING_VIEWS}},
+     3,
+     {{SCORING_PROTOCOL}, {SCORING_SURFACE}, {SCORING_VIEWS}},
      .surfaces = true,
-     .note = "PIFu learned from the people's surfaces and had no body; SHERF had pictures and bodies. "
-             "PIFu shows the observed pose alone, so there are no novel poses; SHERF makes no surface here. "
-             "The paper shows PIFu's pictures and gives no numbers. For scale, of other people: the authors "
-             "of SiTH measured PIFu on 60 scans of CustomHumans, 2.21 cm from its points to the scan and "
-             "2.58 cm back."},
+     .note =
+         "PIFu learned from the people's surfaces and had no body; SHERF had pictures and bodies. "
+         "PIFu shows the observed pose alone, so there are no novel poses. SHERF's surface is the one that "
+         "sherf bake makes. "
+         "The paper shows PIFu's pictures and gives no numbers. For scale, of other people: the authors "
+         "of SiTH measured PIFu on 60 scans of CustomHumans, 2.21 cm from its points to the scan and "
+         "2.58 cm back."},
 };
 
 const experiment *experiment_at(int i) {

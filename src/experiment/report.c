@@ -199,7 +199,7 @@ static sherf_status surfaces_note(experiment_job *j, page *p) {
     for (int i = 0; i < methods_of(j) && status == SHERF_OK; i++) {
         scores of[SEEDS_MAX];
         int count;
-        status = report_read(j, method_at(j, i), &j->data[0], &(scoring){SCORING_PROTOCOL}, 0, of, &count);
+        status = report_read(j, method_at(j, i), &j->data[0], &(scoring){SCORING_SURFACE}, 0, of, &count);
         if (status == SHERF_OK && of->surfaces + of->surfaces_missed)
             status = page_add_note(j->c, p,
                                    "%s: surfaces of %d observations are compared with the truth's "
@@ -212,7 +212,7 @@ static sherf_status surfaces_note(experiment_job *j, page *p) {
 
 sherf_status report_pifu(experiment_job *j, page *p) {
     static const score_group group[] = {{"novel view", {SCORING_PROTOCOL}, SCORED_VIEW},
-                                        {"surface", {SCORING_PROTOCOL}, SCORED_SURFACE}};
+                                        {"surface", {SCORING_SURFACE}, SCORED_SURFACE}};
     score_layout l = {group, COUNT_OF(group), {0}}, pictures = {group, 1, {0}};
     metrics_known(j, &l);
     metrics_known(j, &pictures);

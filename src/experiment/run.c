@@ -80,6 +80,7 @@ static sherf_status score(experiment_job *j, const run *r, const scoring *s, int
                                   .seed = j->options->seed,
                                   .sheet = looks ? sheet : NULL,
                                   .write_png = s->kind == SCORING_STUDY,
+                                  .surfaces = s->kind == SCORING_SURFACE,
                                   .estimated = s->kind == SCORING_ESTIMATED ? j->options->estimator : NULL};
     run_tell(j, r, looks ? "pictures to look at" : "scoring");
     const double begun = time_seconds();

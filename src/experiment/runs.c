@@ -51,8 +51,8 @@ sherf_status run_path(const experiment_job *j, const run *r, const char *name, c
 
 sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *s, int pose, const char *name,
                           char out[PATH_LENGTH]) {
-    static const char *const kind[SCORING_KINDS] = {"protocol",  "front", "angles", "estimated",
-                                                    "disturbed", "views", "poses",  "study"};
+    static const char *const kind[SCORING_KINDS] = {"protocol", "front", "angles", "estimated", "disturbed",
+                                                    "views",    "poses", "study",  "surface"};
     char part[200];
     size_t n = (size_t)snprintf(part, sizeof part, "scores/%s", kind[s->kind]);
     if (s->level) n += (size_t)snprintf(part + n, sizeof part - n, "-%d", s->level);

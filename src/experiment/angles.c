@@ -1,4 +1,4 @@
-/* Scores by where the observing camera stands, and by how far from it the target's does. */
+/* Scores by the observing camera's angle, and by the angle between it and the target's camera. */
 #include "experiment/angles.h"
 
 #include <math.h>
@@ -49,14 +49,14 @@ int angle_rounded(double degrees) {
 }
 
 /* ---- scores by angle ---- */
-/* What is known of the test people's cameras. */
+/* What the test people's files say about their cameras. */
 typedef struct {
     experiment_job *j;
     sherf_dataset *data;
     sherf_body *body;
     int front;
 } angle_source;
-/* Sums of one person's pictures by bin; bins are twelfths of a turn. */
+/* Sums of one person's pictures by bin; a bin is a twelfth of a turn. */
 typedef struct {
     double sum[ANGLES];
     int count[ANGLES];
@@ -102,7 +102,7 @@ static sherf_status add_pictures(const angle_source *s, const scores *of, bool d
     return SHERF_OK;
 }
 
-/* All poses' scorings of a method into each person's sums; *sums is mem_free'd. */
+/* Adds all poses' scorings of a method to each person's sums; mem_free *sums. */
 static sherf_status method_sums(const angle_source *s, const experiment_method *method, bool difference,
                                 angle_sums **sums, int *people) {
     experiment_job *j = s->j;

@@ -8,7 +8,7 @@
  * from the camera `from` to `to`; counter-clockwise as seen from above is positive. */
 sherf_status camera_angle(context *c, const sherf_body *body, const sherf_pose *pose,
                           const sherf_camera *from, const sherf_camera *to, double *degrees);
-/* To the nearest of twelve angles, -150, -120, ... 180. */
+/* Rounds to the nearest of twelve angles, -150, -120, ... 180. */
 int angle_rounded(double degrees);
 
 #endif

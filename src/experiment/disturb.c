@@ -1,4 +1,4 @@
-/* True bodies bent at random, by as much as estimators are off. */
+/* Disturbs true bodies at random, by as much as estimators err. */
 #include "experiment/disturb.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 
 static const double shape_deviation = 0.5, depth_share = 0.05, deviation_max = 1.5;
 
-/* A number that the true body alone decides. */
+/* A number that depends on the true body alone. */
 static uint64_t key_of(const sherf_pose *p) {
     uint64_t key = fnv1a64("experiment.disturb");
     for (int i = 0; i < 72; i++) {
@@ -27,7 +27,7 @@ static void bend(const sherf_pose *truth, double deviation, uint64_t key, sherf_
         out->shapes[i] = (float)(truth->shapes[i] + shape_deviation * random_normal(key, 72 + (uint64_t)i));
 }
 
-/* Moves the root along its ray from the camera: from where the true one is to `scale` times the distance. */
+/* Moves the root along its ray from the camera, to `scale` times the true distance. */
 static sherf_status root_place(context *c, const sherf_body *body, const sherf_camera *camera,
                                const sherf_pose *truth, double scale, sherf_pose *out) {
     float was[24][3], is[24][3], eye[3];

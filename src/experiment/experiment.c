@@ -1,4 +1,4 @@
-/* sherf_experiment: the settings of a folder, and its experiments one after another. */
+/* sherf_experiment: a folder's settings, and its experiments in order. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
 #include <string.h>
@@ -12,8 +12,8 @@ const char *sherf_experiment_name(int i) {
 }
 
 /* ---- settings ---- */
-/* The paper's are the release's: its rate is halved every 16,000 pictures, and behind 200,000 nothing moves;
- * beta2 is 0.99^0.8. */
+/* The paper's settings are the release's: the rate is halved every 16,000 pictures, and nothing changes any
+ * more after 200,000; beta2 is 0.99^0.8. */
 static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48,
                                                                    .people = 4,
                                                                    .train_poses = 2,
@@ -45,7 +45,7 @@ static const experiment_settings scale[SCALES] = {[SCALE_SMOKE] = {.size_px = 48
 static const char *const scale_name[SCALES] = {"smoke", "quick", "paper"};
 enum { PEOPLE_MAX = 100000, MADE_PAPER_PX = 512 };
 
-/* SCALES: there is none of that name. */
+/* SCALES: no scale has that name. */
 static experiment_scale scale_of(const char *name) {
     int i = 0;
     if (!name) return SCALE_QUICK;
@@ -83,7 +83,7 @@ static void settings_take(const sherf_experiment_options *o, experiment_settings
     s->test_people = s->people / 10 < 2 ? 2 : s->people / 10 > 30 ? 30 : s->people / 10;
 }
 
-/* Without its folders: assets may lie elsewhere the next time. */
+/* The name without its folders: assets may be elsewhere the next time. */
 static const char *file_name(const char *path) {
     const char *slash = path ? strrchr(path, '/') : NULL;
     return slash ? slash + 1 : path;
@@ -112,7 +112,7 @@ static bool add_data(cJSON *to, const sherf_experiment_options *o) {
     return body != NULL;
 }
 
-/* The rates of methods that have one of their own. */
+/* Adds the rates of methods that have their own. */
 static bool add_rates(cJSON *to) {
     cJSON *rates = cJSON_AddObjectToObject(to, "rates");
     const experiment_method *m;
@@ -136,7 +136,7 @@ static bool add_recipe(cJSON *to, const experiment_job *j) {
              add_number(to, "train_views", s->train_views)));
 }
 
-/* All that decides what a run's numbers come to; how many seeds there are does not. NULL: no memory. */
+/* Everything that determines a run's numbers; the number of seeds does not. NULL: out of memory. */
 static cJSON *settings_json(const experiment_job *j) {
     const sherf_experiment_options *o = j->options;
     cJSON *s = cJSON_CreateObject();
@@ -151,8 +151,8 @@ static cJSON *settings_json(const experiment_job *j) {
     return NULL;
 }
 
-/* The first setting that has another value in the file, or NULL. Older programs wrote fewer; without rates
- * all methods had SHERF's. */
+/* The first setting whose value in the file differs, or NULL. Older programs wrote fewer; without rates all
+ * methods had SHERF's. */
 static const char *settings_differ(const cJSON *now, const cJSON *old) {
     const cJSON *item;
     if (!cJSON_IsObject(old)) return "what it holds";
@@ -182,7 +182,7 @@ static sherf_status settings_compare(const experiment_job *j, const cJSON *now, 
     return status;
 }
 
-/* A folder's numbers belong together: the same settings, or it is refused. */
+/* Refuses a folder with other settings: its numbers belong together. */
 static sherf_status settings_same(const experiment_job *j) {
     char path[PATH_LENGTH];
     cJSON *now = settings_json(j);
@@ -229,7 +229,7 @@ static sherf_status trainings_json(const experiment_job *j, cJSON *made) {
     return status;
 }
 
-/* How the page came about. */
+/* Records how the page was made. */
 static sherf_status made_json(const experiment_job *j, page *p) {
     cJSON *settings = settings_json(j);
     p->made = cJSON_CreateObject();
@@ -274,7 +274,7 @@ static sherf_status experiment_do(experiment_job *j, text_builder *text) {
     return status;
 }
 
-/* index.html of the folder: those experiments whose pages are there. */
+/* Writes the folder's index.html, which lists the experiments that have pages. */
 static sherf_status index_write(const experiment_job *j) {
     text_builder t = {.c = j->c};
     char path[PATH_LENGTH];
@@ -307,7 +307,7 @@ static sherf_status no_such(context *c, const char *name) {
     return status;
 }
 
-/* Calls `once` with each experiment of that name; of `all`, with those that lack nothing. */
+/* Calls `once` with each experiment of that name; for "all", with those that lack nothing. */
 static sherf_status each(experiment_job *j, const char *name,
                          sherf_status (*once)(experiment_job *j, void *arg), void *arg) {
     const bool all = !strcmp(name, "all");
@@ -335,7 +335,7 @@ static sherf_status tell_once(experiment_job *j, void *arg) {
     return runs_tell(j, arg);
 }
 
-/* The plan as text. */
+/* Appends the plan as text. */
 static sherf_status dry_run(experiment_job *j, const char *name, text_builder *text) {
     run_tally t = {.text = {.c = j->c}};
     sherf_status status = each(j, name, tell_once, &t);
@@ -347,7 +347,7 @@ static sherf_status dry_run(experiment_job *j, const char *name, text_builder *t
     return status;
 }
 
-/* Made and said, or only scored where there are answers. */
+/* Makes it and reports it, or only scores the answers where there are some. */
 static sherf_status make(experiment_job *j, const char *name, text_builder *text) {
     sherf_status status;
     if (j->options->answer_count && strcmp(name, "preference"))

@@ -1,5 +1,5 @@
-/* Sheets of pictures side by side, as the paper's figures: what was observed, the truth, and what each method
- * makes of it, put together from the sheets of the methods' scorings. */
+/* Sheets of pictures side by side, as in the paper's figures: the observation, the truth and each method's
+ * result, assembled from the sheets of the methods' scorings. */
 #include <stdio.h>
 #include <string.h>
 
@@ -8,7 +8,7 @@
 #include "io/canvas.h"
 
 enum { CELL = SHEET_CELL_PX, COLUMNS_MAX = EXPERIMENT_METHODS + 2, SHOWN_PAIRS = 2, HEAD = 20, ROWS_MAX = 8 };
-/* Which of a sheet's pairs are shown. */
+/* The pairs of a sheet that are shown. */
 static const int shown_pair[SHOWN_PAIRS] = {1, 3};
 
 typedef struct {
@@ -25,7 +25,7 @@ static void cell_copy(const image_u8 *from, int row, int column, canvas *to, int
                3 * CELL);
 }
 
-/* As many letters as a cell's width holds. */
+/* Draws as many letters as fit in a cell. */
 static void heading(canvas *to, int column, const char *text) {
     char cut[CELL / CANVAS_LETTER_WIDTH];
     snprintf(cut, sizeof cut, "%s", text);
@@ -46,7 +46,7 @@ static void draw(const gallery *g, canvas *to) {
         }
 }
 
-/* The methods' sheets, of the first seed and the first data set; those that have none are left out. */
+/* Reads the methods' sheets of the first seed and the first data set; skips methods that have none. */
 static sherf_status gallery_read(experiment_job *j, const scoring *s, gallery *g) {
     run r;
     char path[PATH_LENGTH];

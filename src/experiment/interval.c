@@ -19,7 +19,7 @@ void numbers_sort(int n, double *x) {
     qsort(x, (size_t)n, sizeof *x, by_value);
 }
 
-/* Linear between the sorted values. */
+/* Interpolates linearly between the sorted values. */
 static double percentile(int n, const double *sorted, double share) {
     const double at = share * (n - 1);
     const int i = (int)at < n - 1 ? (int)at : n - 2;
@@ -30,7 +30,7 @@ typedef struct {
     double x, weight;
 } weighted;
 
-/* The mean of all, or of as many drawn by chance. */
+/* The mean of all values, or of a random sample of the same size. */
 static double mean_of(int n, const weighted *v, const uint64_t *key, int round) {
     double sum = 0, weight = 0;
     for (int i = 0; i < n; i++) {

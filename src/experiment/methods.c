@@ -1,6 +1,6 @@
-/* The methods that are compared, as they are trained. Recipes are `matched`, which isolates the architecture,
- * but for those marked own: PIFu has no other. The rows of the ablation are the release's switches: without
- * the transformer concatenation and projection stay. */
+/* The methods that are compared, and how they are trained. Recipes are `matched`, which isolates the
+ * architecture, except those marked own: PIFu has no other. The ablation's rows are the release's switches:
+ * without the transformer, concatenation and projection stay. */
 #include <string.h>
 
 #include "experiment/experiment.h"
@@ -26,8 +26,8 @@
                "samples=12",                                                                                 \
                "mps-nerf:" recipe "-small", "mps-nerf:" recipe},                                             \
     .resnet = {0, 18, 34}, .rate = 5e-4
-/* Of quick a network of half the size of own-small, of which a few minutes of a processor are some thousand
- * steps. */
+/* For quick: a network half the size of own-small. In a few minutes a CPU trains it for some thousand steps.
+ */
 #define PIFU                                                                                                 \
     .preset = {"pifu:own-small,stacks=1,width=16,color_width=4,hidden0=16,hidden1=8,hidden2=0,side_px=64,"   \
                "points=512,resolution=32,coarse=16,image_size=64",                                           \

@@ -1,4 +1,4 @@
-/* A page put together. */
+/* Builds a page in memory. */
 #include "experiment/page.h"
 
 #include <stdio.h>

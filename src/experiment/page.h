@@ -1,5 +1,5 @@
-/* page: what an experiment comes to, and the folder it is written to: table.md, table.tex, results.json,
- * NAME.svg and NAME.png for each plot, and index.html, which shows all of it. */
+/* page: an experiment's results, and the folder that they are written to: table.md, table.tex, results.json,
+ * NAME.svg and NAME.png for each plot, and index.html, which shows them all. */
 #ifndef SHERF_PAGE_H
 #define SHERF_PAGE_H
 
@@ -17,7 +17,7 @@ enum {
 };
 
 typedef struct {
-    char group[64], name[32]; /* columns of one group stand together below its name; "": none */
+    char group[64], name[32]; /* columns of one group are adjacent, under its name; "": none */
     int decimals, better;     /* 1: larger is better, -1: smaller, 0: neither */
 } page_column;
 typedef struct {
@@ -41,7 +41,7 @@ typedef struct {
     page_point *point; /* owned */
 } page_series;
 typedef struct {
-    char name[32], title[160], x[64], y[64]; /* of files; above it; of the axes */
+    char name[32], title[160], x[64], y[64]; /* of files; above the plot; of the axes */
     double step;                             /* between ticks of x */
     int series;
     page_series line[PAGE_SERIES];
@@ -58,7 +58,7 @@ typedef struct {
     page_plot plot[PAGE_PLOTS];
     page_sheet sheet[PAGE_SHEETS];
     char *note[PAGE_NOTES]; /* paragraphs; owned */
-    cJSON *made;            /* how: settings and trainings, for results.json; owned */
+    cJSON *made;            /* how it was made: settings and trainings, for results.json; owned */
 } page;
 void page_free(page *p);
 
@@ -73,13 +73,13 @@ sherf_status page_add_point(context *c, page_series *s, double x, interval y);
 sherf_status page_add_note(context *c, page *p, const char *format, ...) PRINTF_LIKE(3, 4);
 sherf_status page_add_sheet(context *c, page *p, const char *file, const char *caption);
 
-/* A text as one of its files; NULL: memory ran out. */
+/* Writes a text as one of the page's files; NULL: out of memory. */
 sherf_status page_file_write(context *c, const char *folder, const char *name, const char *text);
-/* page_write.c: all of it. The folder is there, and so are the sheets' files. */
+/* page_write.c: writes all of it. The folder and the sheets' files must exist. */
 sherf_status page_write(context *c, const page *p, const char *folder);
 /* plot.c: NAME.svg and NAME.png. */
 sherf_status page_plot_write(context *c, const page_plot *p, const char *folder);
-/* "24.66 [24.10, 25.20]"; "-" where there is none. */
+/* "24.66 [24.10, 25.20]"; "-" if there is none. */
 void page_value_text(interval v, int decimals, char text[64]);
 /* Whether a row's value is the best of several in its column. */
 bool page_is_best(const page_table *t, int row, int column);

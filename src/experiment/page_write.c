@@ -1,11 +1,11 @@
-/* A page as files: Markdown, LaTeX, JSON and HTML, all of the same tables. */
+/* A page as files: Markdown, LaTeX, JSON and HTML, with the same tables in each. */
 #include <stdio.h>
 #include <string.h>
 
 #include "data/text.h"
 #include "experiment/page.h"
 
-/* Columns from `column` on that stand below the same group. */
+/* The number of columns from `column` on in the same group. */
 static int group_span(const page_table *t, int column) {
     int n = 1;
     while (column + n < t->columns && !strcmp(t->column[column].group, t->column[column + n].group)) n++;

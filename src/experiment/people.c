@@ -1,4 +1,4 @@
-/* Which people are trained on and tested, and which of their pictures a scoring looks at. */
+/* The people to train on and to test, and the pictures of them that a scoring uses. */
 #include <stdio.h>
 #include <string.h>
 
@@ -7,7 +7,7 @@
 #include "experiment/experiment.h"
 #include "train/surfaces.h"
 
-/* People of the tests wear what nobody below this number does (sherf_people_options). */
+/* Test people wear clothes that nobody below this number wears (sherf_people_options). */
 enum { TRAIN_FIRST = 1000, TEST_FIRST = 900000, VIEWS = 24 };
 
 /* ---- data sets ---- */
@@ -108,13 +108,13 @@ enum {
     STUDY_PEOPLE = 10,
     STUDY_VIEWS = 6
 };
-/* As much of the protocol as the people have; of quick, fewer poses and every other view, of smoke every
+/* As much of the protocol as the people allow; for quick, fewer poses and every other view, for smoke every
  * fourth. */
 typedef struct {
     const data_protocol *protocol;
     int people, poses, views, angles, observed_views;
     int pose[POSES_MAX], view[VIEWS_MAX], angle[VIEWS_MAX], observed_view[3];
-    bool whole;       /* the protocol as it is */
+    bool whole;       /* the whole protocol */
     char names[2048]; /* of the first people, for galleries, angles and studies */
 } picture_choice;
 
@@ -124,7 +124,7 @@ typedef struct {
     int pose[POSES_MAX], view[VIEWS_MAX];
 } picks;
 
-/* What made people will have, before they are drawn. */
+/* Counts for made people, before they are drawn. */
 static void counts_made(const experiment_job *j, const data_protocol *p, picture_choice *out, int *poses,
                         int *views) {
     *poses = j->set.test_poses;
@@ -196,7 +196,7 @@ static sherf_status choose(experiment_job *j, const experiment_data *d, picture_
 }
 
 /* ---- surfaces ---- */
-/* Of the poses that a training observes. */
+/* Whether there are surfaces of the poses that a training observes. */
 static sherf_status trained_surfaces(experiment_job *j, const experiment_data *d) {
     sherf_dataset *data = NULL;
     sampling s = {0};
@@ -208,7 +208,7 @@ static sherf_status trained_surfaces(experiment_job *j, const experiment_data *d
     return status;
 }
 
-/* Of the poses that a scoring by the protocol observes. */
+/* Whether there are surfaces of the poses that a scoring by the protocol observes. */
 static sherf_status tested_surfaces(experiment_job *j, const experiment_data *d) {
     picture_choice k;
     sherf_dataset *data = NULL;
@@ -253,7 +253,7 @@ static void observe(picks *p, int pose, int view) {
     if (p->observations < PAIRS_MAX) p->observation[p->observations++] = (picture){pose, view};
 }
 
-/* The names in order, cut behind the first `max`. */
+/* The names in order, at most `max` of them. */
 static void first_names(const char *names, int max, char out[2048]) {
     snprintf(out, 2048, "%s", names);
     for (char *p = out; *p; p++)
@@ -288,8 +288,8 @@ static void pick_angles(const picture_choice *k, int pose, picks *p) {
     p->pose[p->poses++] = k->pose[pose];
 }
 
-/* Four pictures: of the observed pose, or of two others from two views (of one from four); the views spread
- * evenly. */
+/* Four pictures: of the observed pose, or of two others from two views each (of one from four). The views are
+ * evenly spread. */
 static void pick_looks(const picture_choice *k, bool poses, picks *p) {
     const int seen = k->observed_view[0], max = poses && k->poses > 2 ? LOOKED_AT / 2 : LOOKED_AT;
     int other[VIEWS_MAX], n = 0;
@@ -301,7 +301,7 @@ static void pick_looks(const picture_choice *k, bool poses, picks *p) {
         p->pose[p->poses++] = k->pose[i];
 }
 
-/* Six views evenly round the person, in the observed pose and in another. */
+/* Six views evenly spaced round the person, in the observed pose and in another. */
 static void pick_study(const picture_choice *k, picks *p) {
     const int n = k->angles < STUDY_VIEWS ? k->angles : STUDY_VIEWS;
     observe(p, k->pose[0], k->observed_view[0]);
@@ -318,7 +318,7 @@ static int64_t pairs(const picks *p) {
     return n;
 }
 
-/* What the protocol itself comes to. */
+/* The number of pairs in the protocol itself. */
 static int64_t protocol_pairs(const picture_choice *k) {
     const int64_t observed = k->observed_views;
     return k->poses * observed * (k->views - 1) + observed * (k->poses - 1) * k->views;

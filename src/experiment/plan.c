@@ -1,4 +1,4 @@
-/* The paper's experiments: which methods (methods.c), trained on what, scored how. */
+/* The paper's experiments: their methods (methods.c), training data and scorings. */
 #include <string.h>
 
 #include "experiment/experiment.h"

@@ -1,4 +1,4 @@
-/* Lines with error bars, as SVG and as PNG: each stroke goes to both. */
+/* Lines with error bars, as SVG and as PNG: each stroke goes to both files. */
 #include <stdio.h>
 #include <string.h>
 
@@ -19,13 +19,13 @@ typedef struct {
 } pen;
 
 static void stroke(pen *p, double x0, double y0, double x1, double y1, int thick, color v) {
-    const double half = (thick - 1) / 2.0; /* the canvas's lines lie right of and below their points */
+    const double half = (thick - 1) / 2.0; /* the canvas draws lines right of and below their points */
     canvas_segment(&p->png, x0 - half, y0 - half, x1 - half, y1 - half, thick, v);
     text_add(&p->svg, "<path d=\"M%.1f %.1fL%.1f %.1f\" stroke=\"#%06x\" stroke-width=\"%d\"/>\n", x0, y0, x1,
              y1, (unsigned)v, thick);
 }
 
-/* anchor: 0 begins at x, 1 is centred there, 2 ends there; y is the letters' top. */
+/* x is the text's left end (anchor 0), centre (1) or right end (2); y is the letters' top. */
 static void words(pen *p, double x, double y, int anchor, const char *text) {
     static const char *const anchors[] = {"start", "middle", "end"};
     canvas_text(&p->png, (int)x - anchor * canvas_text_width(text) / 2, (int)y, text, ink);

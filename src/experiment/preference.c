@@ -1,5 +1,5 @@
 /* The study's material: pictures of the test people near the observed camera, far from it and in another
- * pose, by every method. It is drawn before anybody looks at it. */
+ * pose, by every method. It is chosen before anybody looks at it. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,7 +10,7 @@
 #include "experiment/study.h"
 #include "io/value.h"
 
-static const double near_deg = 60.5, far_deg = 119.5; /* up to, and from */
+static const double near_deg = 60.5, far_deg = 119.5; /* near: up to this; far: from this */
 enum { PICTURES_MAX = 4096, CANDIDATES_MAX = 64 };
 
 typedef struct {
@@ -62,7 +62,7 @@ static bool read_picture(const value *o, const study *s, made_picture *out) {
            whole(value_get(o, "view"), &out->view);
 }
 
-/* The people, by the first list that is read. */
+/* Takes the people of the first list that is read. */
 static sherf_status people_take(study_material *material, const value *root) {
     const value *people = value_get(root, "people");
     const size_t n = people ? value_count(people) : 0;
@@ -104,7 +104,7 @@ static sherf_status read_method(study_material *material, int method) {
     return status == SHERF_OK ? status : failure_prefix(material->j->c, status, "%s", path);
 }
 
-/* The subject is SHERF, wherever it stands among the methods. */
+/* The subject is SHERF, at any place among the methods. */
 static sherf_status methods_read(study_material *material) {
     run r;
     int other = 1;
@@ -120,7 +120,7 @@ static sherf_status methods_read(study_material *material) {
 }
 
 /* ---- which of it ---- */
-/* STUDY_STRATA: none of them. */
+/* STUDY_STRATA: in no stratum. */
 static sherf_status stratum_of(const study_material *material, const made_picture *k, int *stratum) {
     context *c = material->j->c;
     sherf_camera seen, shown;
@@ -140,7 +140,7 @@ static sherf_status stratum_of(const study_material *material, const made_pictur
     return status;
 }
 
-/* One of a person's pictures, by chance; *out NULL: there is none. */
+/* Draws one of a person's pictures at random; *out NULL: there is none. */
 static sherf_status choose(const study_material *material, int person, int stratum,
                            const made_picture **out) {
     const made_picture *candidate[CANDIDATES_MAX];
@@ -168,7 +168,7 @@ static const made_picture *same_picture(const study_material *material, int meth
 }
 
 /* ---- onto the page ---- */
-/* *index: its number. */
+/* *index: the picture's number. */
 static sherf_status picture_add(study_material *material, const image_u8 *image, int *index) {
     study_picture *p = &material->picture[material->pictures];
     *index = material->pictures;
@@ -178,7 +178,7 @@ static sherf_status picture_add(study_material *material, const image_u8 *image,
     return status;
 }
 
-/* The left part of an evaluation's picture: what a method made. */
+/* Reads the left part of an evaluation's picture: the method's result. */
 static sherf_status result_read(const study_material *material, int method, const made_picture *k,
                                 image_u8 *out) {
     char path[PATH_LENGTH];
@@ -212,7 +212,7 @@ static sherf_status input_add(study_material *material, const made_picture *k, i
     return status;
 }
 
-/* A pair with its sides by chance. */
+/* Adds a pair with its sides in random order. */
 static void trial_add(study_material *material, study_trial t) {
     const uint64_t key = random_key(material->j->options->seed, "study.sides", (uint64_t)material->s.trials);
     if (random_below(key, 0, 2)) {
@@ -223,7 +223,7 @@ static void trial_add(study_material *material, study_trial t) {
     material->s.trial[material->s.trials++] = t;
 }
 
-/* The subject against each other method that has the picture, and perhaps against its own blurred copy. */
+/* Pairs the subject with each other method that has the picture, and perhaps with its own blurred copy. */
 static sherf_status pairs_add(study_material *material, const made_picture *k, int input, int stratum,
                               bool with_catch) {
     context *c = material->j->c;
@@ -255,7 +255,7 @@ static sherf_status pairs_add(study_material *material, const made_picture *k, i
     return status;
 }
 
-/* The first catch trials go to people in turn, one stratum after the other. */
+/* Whether a person gets a catch trial: the first ones go to people in turn, stratum by stratum. */
 static bool has_catch(const study_material *material, int person, int stratum) {
     const int at = stratum * material->s.people + (person + stratum) % material->s.people;
     const int all = STUDY_STRATA * material->s.people;

@@ -1,4 +1,4 @@
-/* Files of answers to scores: shares of preference with their intervals, and how far raters agree. */
+/* Scores files of answers: shares of preference with their intervals, and agreement between raters. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -42,7 +42,7 @@ static sherf_status raters_check(votes *v) {
     return failure(v->c, SHERF_BAD_ARGUMENT, "no rater is left: all missed two catch trials or more");
 }
 
-/* The method that stands against the subject in a vote that counts, or 0. */
+/* The method that is compared with the subject in a counted vote, or 0. */
 static int other_of(const votes *v, const study_vote *k) {
     const study_trial *t = &v->s.trial[k->trial];
     return t->is_catch || k->repeat || !v->kept[k->rater] ? 0 : t->method[0] + t->method[1];
@@ -53,7 +53,7 @@ static bool subject_won(const votes *v, const study_vote *k) {
 }
 
 /* ---- shares ---- */
-/* stratum -1: all. */
+/* stratum -1: all strata. */
 static void count_wins(const votes *v, int other, int stratum, int64_t *won, int64_t *all) {
     *won = *all = 0;
     for (int i = 0; i < v->a.votes; i++) {
@@ -69,7 +69,7 @@ static void resample(uint64_t key, int round, int n, double *weight) {
     for (int i = 0; i < n; i++) weight[random_below(key, (uint64_t)round * (uint64_t)n + (uint64_t)i, n)]++;
 }
 
-/* Votes of one rater, and those on one person, hang together: both are drawn anew. */
+/* Votes of one rater are correlated, and so are votes on one person: both are resampled. */
 static sherf_status share_bootstrap(const votes *v, int other, interval *out) {
     const int raters = v->a.raters, people = v->s.people;
     const uint64_t key[2] = {random_key(1, "study.raters", 0), random_key(1, "study.people", 0)};
@@ -171,7 +171,7 @@ static sherf_status kappa_of(const votes *v, double *kappa) {
     return SHERF_OK;
 }
 
-/* Repeats that were answered as before. */
+/* Counts repeats with the same answer as before. */
 static void repeats_count(const votes *v, int64_t *same, int64_t *all) {
     *same = *all = 0;
     for (int i = 0; i < v->a.votes; i++) {

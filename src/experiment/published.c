@@ -1,5 +1,5 @@
-/* The paper's own numbers (Hu, Hong et al., ICCV 2023, and its appendix), which stand beside
- * ours and never in one table with them. */
+/* The paper's own numbers (Hu, Hong et al., ICCV 2023, and its appendix). They appear next to ours, never in
+ * the same table. */
 #include <string.h>
 
 #include "experiment/experiment.h"
@@ -11,7 +11,7 @@ typedef struct {
     const char *group[GROUPS]; /* of columns, up to NULL */
     int metrics;               /* in each: PSNR, SSIM, LPIPS; or PSNR alone */
     struct {
-        const char *label; /* NULL ends them */
+        const char *label; /* NULL ends the list */
         double value[NUMBERS];
     } row[ROWS];
 } published_table;

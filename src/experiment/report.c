@@ -1,4 +1,4 @@
-/* Scores to tables: a row a method, beside the paper's numbers. */
+/* Scores as tables, with a row for each method, next to the paper's numbers. */
 #include <stdio.h>
 #include <string.h>
 
@@ -25,7 +25,7 @@ sherf_status report_read(experiment_job *j, const experiment_method *method, con
 }
 
 /* ---- tables of scores ---- */
-/* A column group of a table: how its scores are made, and which of them. */
+/* A column group of a table: a scoring and the part of its scores. */
 typedef struct {
     const char *label;
     scoring scoring;
@@ -35,13 +35,13 @@ enum { GROUPS_MAX = 4 };
 typedef struct {
     const score_group *group;
     int groups;
-    bool metric[METRICS]; /* those that are known; a group has those of pictures or those of surfaces */
+    bool metric[METRICS]; /* the known ones; a group has those of pictures or those of surfaces */
 } score_layout;
 
 static const score_group by_protocol[] = {{"novel view", {SCORING_PROTOCOL}, SCORED_VIEW},
                                           {"novel pose", {SCORING_PROTOCOL}, SCORED_POSE}};
 
-/* Which distances were computed depends on the networks that were there. */
+/* The metrics that were computed depend on which networks were present. */
 static void metrics_known(const experiment_job *j, score_layout *l) {
     l->metric[METRIC_PSNR] = l->metric[METRIC_SSIM] = true;
     l->metric[METRIC_LPIPS] = j->options->lpips != NULL;
@@ -63,7 +63,7 @@ static sherf_status columns_add(context *c, const score_layout *l, page_table *t
     return status;
 }
 
-/* A method's values, or its difference to another's. */
+/* Fills in a method's values, or its differences from another's. */
 static sherf_status row_fill(experiment_job *j, const score_layout *l, const experiment_method *method,
                              const experiment_method *minus, const experiment_data *data, page_row *row) {
     scores of[SEEDS_MAX], other[SEEDS_MAX];
@@ -115,7 +115,7 @@ static sherf_status scores_table(experiment_job *j, page *p, const score_layout 
     return status;
 }
 
-/* SHERF less each of the others, whose intervals say whether an order holds. */
+/* SHERF's difference to each other method; the interval shows whether the order holds. */
 static sherf_status differences_table(experiment_job *j, page *p, const score_layout *l,
                                       const experiment_data *data, const char *title) {
     const experiment_method *subject = subject_of(j);
@@ -193,7 +193,7 @@ sherf_status report_scores(experiment_job *j, page *p) {
     return status == SHERF_OK ? report_end(j, p) : status;
 }
 
-/* How many surfaces there are, and of how many observations none came out. */
+/* Notes how many surfaces were compared, and how many observations gave none. */
 static sherf_status surfaces_note(experiment_job *j, page *p) {
     sherf_status status = SHERF_OK;
     for (int i = 0; i < methods_of(j) && status == SHERF_OK; i++) {
@@ -250,7 +250,7 @@ sherf_status report_cross(experiment_job *j, page *p) {
 }
 
 /* ---- estimated bodies ---- */
-/* A method's PSNR over how far bodies are off, as their scorings measured it. */
+/* A method's PSNR as a function of the bodies' error, as its scorings measured it. */
 static sherf_status disturbed_line(experiment_job *j, const experiment_method *method, scored_part part,
                                    page_plot *plot) {
     page_series *line = page_add_series(j->c, plot, method->label);

@@ -1,4 +1,4 @@
-/* An experiment's runs (runs.c) trained and scored, each scoring left as a finished file. */
+/* Trains and scores an experiment's runs (runs.c); each finished scoring is a file. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "experiment/experiment.h"
 
 /* ---- scorings ---- */
-/* Bodies of the first observed pose of some test people. */
+/* The bodies of some test people in their first observed pose. */
 static sherf_status disturbance_make(experiment_job *j, const experiment_data *d, int mm, sherf_body *body,
                                      disturbance *out) {
     enum { BODIES = 8 };
@@ -120,7 +120,7 @@ static sherf_status count_once(experiment_job *j, const run *r, const scoring *s
 }
 
 /* ---- all of an experiment ---- */
-/* Of data sets that are given: made people get theirs. */
+/* For given data sets only; made people get their surfaces. */
 static const char *surfaces_lack(experiment_job *j) {
     for (int i = 0; i < j->data_count; i++) {
         if (j->data[i].made || !data_is_trained_on(j, i)) continue;

@@ -1,4 +1,4 @@
-/* Which runs an experiment has, and where they and their scorings lie. */
+/* The runs of an experiment, and the paths of their files and scorings. */
 #include <math.h>
 #include <stdio.h>
 

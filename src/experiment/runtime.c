@@ -1,4 +1,4 @@
-/* How long the methods take on this machine: an avatar and frames of one person, in turn, in one process. */
+/* The methods' run times on this machine: an avatar and frames of one person, in turn, in one process. */
 #include <stdio.h>
 #include <string.h>
 
@@ -12,7 +12,7 @@ typedef enum { ENCODE, RENDER, BOTH, SHOW, TIMES } timing;
 typedef struct {
     const experiment_method *method;
     sherf_model *model;
-    sherf_avatar *avatar; /* for the frames that people look at, which look for empty space once */
+    sherf_avatar *avatar; /* for frames to look at; finds empty space once */
     double ms[TIMES][REPEATS];
     int64_t points[2]; /* of frames as scored and as shown */
 } timed_method;
@@ -37,7 +37,7 @@ static void runtime_free(runtime *t) {
 }
 
 /* ---- what is timed ---- */
-/* Zooms so that the body's larger extent takes this share of the picture, and centres it. */
+/* Zooms and centres the picture so that the body's larger extent takes this share of it. */
 static sherf_status zoom(context *c, const sherf_body *body, const sherf_pose *pose, sherf_camera *camera) {
     const int V = sherf_body_vertex_count(body);
     float low[2] = {INFINITY, INFINITY}, high[2] = {-INFINITY, -INFINITY};

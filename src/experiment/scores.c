@@ -1,4 +1,4 @@
-/* scores.json read, and its people's means. */
+/* Reads scores.json, and computes people's means. */
 #include "experiment/scores.h"
 
 #include <string.h>
@@ -22,7 +22,7 @@ void scores_free(scores *s) {
     *s = (scores){0};
 }
 
-/* NaN where there is none. */
+/* NaN: there is none. */
 static double number(const value *o, const char *key) {
     const value *v = o ? value_get(o, key) : NULL;
     if (v && v->kind == VALUE_REAL) return v->real;
@@ -97,7 +97,7 @@ static void read_estimates(const value *root, scores *s) {
     s->missed = whole(number(all, "missed"));
 }
 
-/* Into sums, of which read_surfaces makes means. */
+/* Adds to sums, which read_surfaces turns into means. */
 static sherf_status surface_take(context *c, const value *o, scores *s) {
     const value *name = o ? value_get(o, "person") : NULL;
     const int at = name ? find_person(s, name) : -1;
@@ -154,7 +154,7 @@ done:
     return status;
 }
 
-/* One person's mean over the scorings, found by name. */
+/* The mean over the scorings for one person, found by name. */
 static double person_mean(const scores *of, int count, const char *name, scored_part part, int metric) {
     double sum = 0;
     int n = 0;

@@ -1,10 +1,11 @@
-/* scores: what scorings left in their scores.json, by person. */
+/* scores: the scores of each person in scorings' scores.json. */
 #ifndef SHERF_EXPERIMENT_SCORES_H
 #define SHERF_EXPERIMENT_SCORES_H
 
 #include "experiment/interval.h"
 
-/* What is scored: pictures of novel views and of novel poses, and the surfaces of methods that make some. */
+/* What is scored: pictures of novel views, pictures of novel poses, and the surfaces of methods that make
+ * some. */
 typedef enum { SCORED_VIEW, SCORED_POSE, SCORED_SURFACE, SCORED_PARTS } scored_part;
 enum {
     METRIC_PSNR,
@@ -39,16 +40,17 @@ typedef struct {
     int people, pictures;
     person_scores *person;         /* owned */
     picture_scores *picture;       /* owned */
-    int estimates, missed;         /* bodies that were estimated; pictures in which nobody was found */
-    double aligned_mm;             /* what they are off by on average; NaN: none were */
-    int surfaces, surfaces_missed; /* that were compared; observations of which none came out */
+    int estimates, missed;         /* number of estimated bodies; of pictures in which nobody was found */
+    double aligned_mm;             /* their mean error; NaN: none were estimated */
+    int surfaces, surfaces_missed; /* number compared; of observations without one */
 } scores;
 void scores_free(scores *s); /* its arrays; fine on zeroes */
-/* Refuses a file that is not of an evaluation. */
+/* Refuses a file that no evaluation wrote. */
 sherf_status scores_read(context *c, const char *path, scores *out);
 
-/* Of `count` scorings of the same people (seeds): the mean over pictures or surfaces, with its interval over
- * people, whose values are means over the scorings. minus (NULL: none): the difference to these. */
+/* For `count` scorings of the same people (seeds): the mean over pictures or surfaces, with its interval over
+ * people; a person's value is the mean over the scorings. minus (NULL: none): gives the difference to these
+ * instead. */
 sherf_status scores_interval(context *c, const scores *of, const scores *minus, int count, scored_part part,
                              int metric, interval *out);
 

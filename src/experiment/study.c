@@ -1,4 +1,4 @@
-/* A study's page and key, and the key read again. */
+/* Writes a study's page and key, and reads the key. */
 #include "experiment/study.h"
 
 #include <stdio.h>
@@ -20,7 +20,7 @@ void study_free(study *s) {
 }
 
 /* ---- a blurred copy ---- */
-/* One pass of a box along rows of `stride` apart, kept inside. */
+/* One pass of a box filter along values `stride` apart; the window stays inside. */
 static void blur_line(const uint8_t *from, uint8_t *to, int n, size_t stride, int radius) {
     for (int i = 0; i < n; i++) {
         int sum = 0, count = 0;
@@ -73,7 +73,7 @@ static void add_base64(text_builder *t, const uint8_t *data, size_t bytes) {
     }
 }
 
-/* What the page knows, but its id: catch trials are only "always" there. */
+/* The page's data without its id: catch trials appear only as "always". */
 static void add_content(text_builder *t, const study *s, int pictures, const study_picture *picture,
                         const int *at) {
     text_add(t, "\"draw\": %d, \"repeats\": %d, \"always\": [", STUDY_DRAWN, STUDY_REPEATS);
@@ -101,7 +101,7 @@ static const study_file *file_named(const char *name) {
     return &study_files[0];
 }
 
-/* The page's text with the parts in the places that it names. */
+/* The page's text with the parts inserted where it names them. */
 static char *page_text(context *c, const char *json) {
     const study_file *html = file_named("study.html"), *css = file_named("study.css"),
                      *js = file_named("study.js");
@@ -155,7 +155,7 @@ static char *key_text(context *c, const study *s) {
     return text_take(&t);
 }
 
-/* An order that numbers tell nothing of. */
+/* Shuffles, so that numbers reveal nothing. */
 static sherf_status trials_shuffle(context *c, study *s, uint64_t key) {
     study_trial *old = mem_alloc(c, (size_t)s->trials + 1, sizeof *old);
     if (!old) return SHERF_NO_MEMORY;

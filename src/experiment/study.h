@@ -1,4 +1,4 @@
-/* study: a web page of blind pairs of pictures, the key to it, and the answers of those who looked at it. */
+/* study: a web page of blind pairs of pictures, its key, and the raters' answers. */
 #ifndef SHERF_STUDY_H
 #define SHERF_STUDY_H
 
@@ -18,7 +18,7 @@ extern const int study_file_count;
 enum { STUDY_NEAR, STUDY_FAR, STUDY_POSE, STUDY_STRATA };
 enum { STUDY_METHODS = 8, STUDY_TRIALS_MAX = 4096, STUDY_NAME = 64 };
 extern const char *const study_stratum[STUDY_STRATA]; /* "near", ... */
-/* Two pictures, by the methods that made them. A catch trial has one method's picture and its blurred copy.
+/* Two pictures, by the methods that made them. A catch trial pairs a method's picture with its blurred copy.
  */
 typedef struct {
     int person, stratum, method[2]; /* a and b */
@@ -35,19 +35,19 @@ typedef struct {
 } study;
 void study_free(study *s);
 
-/* A PNG a picture. */
+/* One PNG. */
 typedef struct {
     uint8_t *png;
     size_t bytes;
 } study_picture;
-/* A rater's share: so many of the pairs, all catch trials, some pairs once more. */
+/* What a rater gets: this many of the pairs, all catch trials, and some pairs a second time. */
 enum { STUDY_DRAWN = 50, STUDY_CATCHES = 5, STUDY_REPEATS = 5 };
-/* Writes FOLDER/study.html, which needs nothing else, and FOLDER/key.json, which raters must not see. Trials
- * and pictures are put in an order drawn by `key`, so that numbers tell nothing; s->id is set. */
+/* Writes FOLDER/study.html, which needs no other file, and FOLDER/key.json, which raters must not see. `key`
+ * shuffles trials and pictures, so that their numbers reveal nothing; sets s->id. */
 sherf_status study_write(context *c, study *s, int pictures, const study_picture *picture, uint64_t key,
                          const char *folder);
 sherf_status study_read_key(context *c, const char *path, study *out);
-/* A copy that nobody takes for the sharper one. */
+/* A copy that is clearly less sharp. */
 sherf_status study_blur(context *c, const image_u8 *from, image_u8 *out);
 
 /* ---- answers ---- */
@@ -62,19 +62,19 @@ typedef struct {
     study_vote *vote;
 } study_answers;
 void study_answers_free(study_answers *a);
-/* A file of the page's, added to the others. Anything that the page does not write is refused in one line. */
+/* Adds a file of answers to the others. Refuses in one line anything that the page does not write. */
 sherf_status study_read_answers(context *c, const study *s, const char *path, study_answers *a);
 
 /* ---- numbers (study_numbers.c) ---- */
-/* Wilson's 95 % interval of k of n; none for n = 0. */
+/* Wilson's 95 % interval of k of n; NaN for n = 0. */
 interval wilson(int64_t k, int64_t n);
-/* Exact, two-sided, against one half. */
+/* The exact two-sided test against one half. */
 double binomial_p(int64_t k, int64_t n);
-/* Strengths by which i is preferred to k with strength[i] / (strength[i] + strength[k]), their sum 1, from
- * wins[i * n + k], to each of which half a win is added where the two have met. */
+/* Strengths with P(i preferred to k) = strength[i] / (strength[i] + strength[k]) and sum 1, from wins[i * n +
+ * k]; half a win is added to both sides of each pair that met. */
 void bradley_terry(int n, const double *wins, double *strength);
-/* Of items of two categories, count[2 i] and count[2 i + 1]; those with fewer than two answers are left out.
- * NaN where there is nothing to compare. */
+/* Over items of two categories, count[2 i] and count[2 i + 1]; items with fewer than two answers are left
+ * out. NaN if nothing can be compared. */
 double fleiss_kappa(int64_t items, const int *count);
 
 #endif

@@ -1,4 +1,4 @@
-/* Raters' files. They come from strangers: whatever the page would not have written is refused. */
+/* Raters' files. Strangers send them: anything that the page would not have written is refused. */
 #include <stdio.h>
 #include <string.h>
 
@@ -30,7 +30,7 @@ static bool truth(const value *o, const char *key, bool *out) {
     return true;
 }
 
-/* Which of two words it is, or -1. */
+/* The index of the matching word of two, or -1. */
 static int word(const value *o, const char *key, const char *first, const char *second) {
     const value *v = value_get(o, key);
     if (!v) return -1;
@@ -54,7 +54,7 @@ static bool read_vote(const value *o, const study *s, int rater, study_vote *out
            whole(o, "ms", MS_MAX, &out->ms) && truth(o, "repeat", &out->repeat);
 }
 
-/* A pair is answered once, and once more at most as a repeat; catch trials are not repeated. */
+/* A pair is answered once, and at most once more as a repeat; catch trials are not repeated. */
 static const char *vote_out_of_place(const study *s, const study_answers *a, const study_vote *v) {
     bool before = false;
     for (int i = a->votes - 1; i >= 0 && a->vote[i].rater == v->rater; i--) {

@@ -1,4 +1,4 @@
-/* What a study's votes come to. */
+/* Statistics of a study's votes. */
 #include <math.h>
 
 #include "experiment/study.h"

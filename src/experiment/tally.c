@@ -23,7 +23,7 @@ static bool first_time(context *c, run_tally *t, const char *path, sherf_status 
     return true;
 }
 
-/* The milliseconds that `sherf bench` measures. */
+/* The milliseconds, measured as by `sherf bench`. */
 static sherf_status bench_ms(experiment_job *j, const char *preset, const char *what, const char *key,
                              double *ms) {
     const sherf_bench_options o = {
@@ -38,7 +38,7 @@ static sherf_status bench_ms(experiment_job *j, const char *preset, const char *
     return status;
 }
 
-/* Timed once, as long as there is room to remember it. */
+/* Times a preset once, as long as there is room to remember it. */
 static sherf_status preset_timed(experiment_job *j, const char *preset, run_tally *t, preset_time *out) {
     for (int i = 0; i < t->timed_count; i++)
         if (!strcmp(t->timed[i].preset, preset)) {
@@ -70,7 +70,7 @@ static sherf_status tell_scoring(experiment_job *j, const run *r, const scoring 
     return status;
 }
 
-/* If this method takes its number of steps from another one, the minutes are that one's. */
+/* If this method takes its number of steps from another one, that method's minutes count. */
 static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t, double step_ms,
                                    double *hours) {
     const experiment_settings *s = &j->set;
@@ -85,7 +85,7 @@ static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t
     return status;
 }
 
-/* One run's line: what it lacks. */
+/* Writes a line about one run: what it lacks. */
 static sherf_status tell_run(experiment_job *j, const run *r, run_tally *t) {
     tell_state state = {t, 0};
     preset_time took;

@@ -1,4 +1,4 @@
-/* Trainings, each left as a finished file, and how many steps they take. */
+/* Trainings, each of which ends with a finished file, and their numbers of steps. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -83,7 +83,7 @@ static sherf_status number_read(context *c, const char *path, const char *key, d
 }
 
 /* ---- how many steps fit in so many minutes ---- */
-/* A few steps in a temporary folder; *seconds becomes their median where that is lower. */
+/* Trains a few steps in a temporary folder; *seconds becomes their median if it is lower. */
 static sherf_status step_measure(experiment_job *j, const run *r, double *seconds) {
     enum { STEPS_MAX = 1000 };
     char folder[PATH_LENGTH], log[PATH_LENGTH];
@@ -126,7 +126,7 @@ static sherf_status steps_write(const experiment_job *j, const run *r, double st
     return status == SHERF_OK ? file_write(j->c, path, text, strlen(text)) : status;
 }
 
-/* Finds the run whose step is measured for run r. False if that is known or r is not to be trained. */
+/* Finds the run whose step is measured for run r. False if that is known or r is not trained. */
 static bool step_is_wanted(const experiment_job *j, const run *r, const run *list, int count, run *out) {
     char path[PATH_LENGTH], finished[PATH_LENGTH];
     *out = (run){r->method->steps_of ? experiment_method_find(r->method->steps_of) : r->method, r->data, 0};
@@ -136,8 +136,8 @@ static bool step_is_wanted(const experiment_job *j, const run *r, const run *lis
            run_path(j, r, "finished.json", finished) == SHERF_OK && !path_is_file(finished);
 }
 
-/* All unknown ones in turn, three times over, so that other work on the machine affects each alike. A
- * method's least median counts. */
+/* Measures all unknown ones in turn, three times, so that other work on the machine affects each equally. A
+ * method's lowest median counts. */
 sherf_status steps_ready(experiment_job *j) {
     enum { RUNS_MAX = 2 * EXPERIMENT_METHODS, ROUNDS = 3 };
     run wanted[RUNS_MAX], r, one;
@@ -173,7 +173,7 @@ sherf_status training_step_pictures(const experiment_job *j, const experiment_me
     return status;
 }
 
-/* finished.json, the sign that a training is whole. */
+/* Writes finished.json, which marks a complete training. */
 static sherf_status training_finish(experiment_job *j, const run *r, const sherf_train_options *o,
                                     const char *path) {
     char log[PATH_LENGTH], weights_path[PATH_LENGTH], text[512];

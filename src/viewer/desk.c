@@ -1,4 +1,4 @@
-/* The desk between those who request pictures and the one who makes them. */
+/* The desk between clients that request pictures and the thread that makes them. */
 #include <errno.h>
 #include <string.h>
 #include <time.h>
@@ -6,8 +6,8 @@
 
 #include "viewer/viewer.h"
 
-static const double gone_s = 20; /* a client that was not seen for so long loses its seat to a new one */
-static const int film_every = 3; /* turns of those who wait for a picture before a film gets one */
+static const double gone_s = 20; /* a client that was silent for this long loses its seat to a new one */
+static const int film_every = 3; /* a film gets one turn after this many turns of pictures */
 
 bool desk_open(viewer_desk *d) {
     pthread_condattr_t monotonic;
@@ -34,7 +34,7 @@ void job_free(viewer_job *job) {
     mem_free(job);
 }
 
-/* True when that was the last reference: the caller frees it, not under the lock. */
+/* True: that was the last reference, and the caller frees the job, not under the lock. */
 static bool let_go(viewer_desk *d, viewer_job *job) {
     if (--job->references) return false;
     d->client[job->seat].jobs--;
@@ -109,7 +109,7 @@ void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void 
     job->wake = wake;
     job->wake_arg = arg;
     job->asked_s = time_seconds();
-    if (d->closed || job->sequence < k->newest) { /* requests may overtake each other on their way */
+    if (d->closed || job->sequence < k->newest) { /* requests may overtake each other */
         job->state = d->closed ? JOB_CLOSED : JOB_REPLACED;
     } else {
         older = k->job;
@@ -130,7 +130,7 @@ void desk_submit(viewer_desk *d, viewer_job *job, void (*wake)(void *arg), void 
     if (last) job_free(older);
 }
 
-/* The client that waits for a picture and was served least lately; -1: none waits. */
+/* The client that waits for a picture and whose last turn was longest ago; -1: none waits. */
 static int next_client(const viewer_desk *d) {
     int best = -1;
     for (int i = 0; i < VIEWER_CLIENTS; i++)

@@ -1,5 +1,5 @@
 /* Films: the motion, or a turn round the body, as MP4. They are written to a temporary folder. A finished one
- * is unlinked at once: what remains is an open file, which ends with the program. */
+ * is unlinked at once and stays as an open file, which ends with the program. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -89,13 +89,13 @@ static sherf_status frame_add(context *c, viewer_film *f) {
     uint8_t *rgb;
     sherf_status status = job_paint(c, job, 3, &rgb);
     if (status != SHERF_OK) return status;
-    sherf_image picture = {job->request.width, job->request.height, 3, job->color}; /* its memory again */
+    sherf_image picture = {job->request.width, job->request.height, 3, job->color}; /* reuses the memory */
     for (size_t i = 0; i < n; i++) picture.data[i] = (float)rgb[i] / 255;
     mem_free(rgb);
     return sherf_video_add(c, f->video, &picture);
 }
 
-/* Closes the video and keeps the open file only. */
+/* Closes the video and keeps only the open file. */
 static sherf_status video_end(context *c, viewer_film *f, int *fd, int64_t *bytes) {
     sherf_status status = sherf_video_close(c, f->video);
     struct stat st;

@@ -1,5 +1,5 @@
-/* Who may send requests: the token in the address, the Host line, the Origin. A page of another site can make
- * a browser send them here, so an address on the loopback is no protection by itself. */
+/* Checks who may send requests: the token in the address, the Host line, the Origin. A page of another site
+ * can make a browser send requests here, so a loopback address alone is no protection. */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <stdio.h>
@@ -32,7 +32,7 @@ bool token_matches(const char token[VIEWER_TOKEN + 1], const char *path, const c
     return **rest == 0 || **rest == '/';
 }
 
-/* ":PORT" or nothing. */
+/* ":PORT" or empty. */
 static bool port_is_fine(const char *p) {
     if (!*p) return true;
     if (*p++ != ':') return false;

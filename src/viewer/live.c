@@ -1,5 +1,5 @@
-/* What the page draws by itself while something moves: an avatar's baked surface, and a motion as matrices of
- * the joints. Surfaces are made by a thread of their own, when a page asks for the first time. */
+/* What the page draws itself while something moves: an avatar's baked surface, and a motion as joint
+ * matrices. A thread of its own makes surfaces, when a page first asks for one. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -13,7 +13,7 @@ enum { RESOLUTION = 256, NICE = 5 };
 
 /* ---- a surface as bytes ---- */
 
-/* Shares of 255 that sum to it; what rounding leaves goes to the heaviest, which comes first. */
+/* Bytes that sum to 255; the rounding error goes to the heaviest weight, which is first. */
 static void weights_to_bytes(const float weight[4], uint8_t out[4]) {
     int left = 255;
     for (int i = 1; i < 4; i++) {
@@ -56,7 +56,7 @@ static sherf_status bake(context *c, const viewer *v, int avatar, live_surface *
     return status == SHERF_OK ? pack(c, out->avatar->formed, &out->data, &out->bytes) : status;
 }
 
-/* The avatar that was requested last, which is looked at now; -1: none. Under the lock. */
+/* The avatar that was requested last, which the user is viewing; -1: none. Under the lock. */
 static int wanted(const viewer_live *l) {
     int best = -1;
     for (int i = 0; i < VIEWER_AVATARS; i++)
@@ -69,7 +69,7 @@ static int wanted(const viewer_live *l) {
 static void *work(void *arg) {
     viewer *v = arg;
     viewer_live *l = &v->live;
-    setpriority(PRIO_PROCESS, 0, NICE); /* of this thread: pictures come first */
+    setpriority(PRIO_PROCESS, 0, NICE); /* of this thread: pictures have priority */
     pthread_mutex_lock(&l->lock);
     while (!l->closed) {
         const int i = wanted(l);
@@ -88,7 +88,7 @@ static void *work(void *arg) {
     return NULL;
 }
 
-/* Avatars that were baked before they came here. */
+/* Takes avatars that were baked before. */
 static sherf_status take_baked(context *c, viewer *v) {
     sherf_status status = SHERF_OK;
     for (int i = 0; i < v->scene.avatar_count && status == SHERF_OK; i++) {
@@ -111,7 +111,7 @@ sherf_status live_open(context *c, viewer *v) {
     const sherf_status status = take_baked(c, v);
     if (status != SHERF_OK) return status;
     if (c->device != SHERF_DEVICE_CPU)
-        return SHERF_OK; /* avatars are in its memory: the page asks for pictures */
+        return SHERF_OK; /* that context's memory holds the avatars: the page requests pictures */
     if (sherf_context_create(&own, &l->c) == SHERF_OK) return SHERF_OK;
     return failure(c, SHERF_NO_MEMORY, "out of memory");
 }
@@ -164,7 +164,7 @@ const sherf_avatar *live_avatar(viewer *v, int avatar) {
 
 /* ---- motions ---- */
 
-/* The framing's numbers, as the page's camera takes them. */
+/* Writes the framing's numbers in the order that the page's camera reads. */
 static float *put_framing(float *to, const viewer_framing *f) {
     for (int i = 0; i < 9; i++) *to++ = (float)f->axes[i];
     for (int i = 0; i < 3; i++) *to++ = f->centre_m[i];
@@ -173,7 +173,7 @@ static float *put_framing(float *to, const viewer_framing *f) {
     return to;
 }
 
-/* The root's way, and the joints' matrices, rest pose to world: [R | Th] A. */
+/* Writes the root's displacement and the joints' matrices, rest pose to world: [R | Th] A. */
 static sherf_status put_frame(context *c, const viewer_scene *s, const viewer_framing *f, int avatar,
                               int motion, int frame, float *to) {
     const sherf_pose pose = scene_pose(s, avatar, motion, frame);

@@ -1,4 +1,4 @@
-/* From a frame to a picture: colour, opacity, depth, or normals found from the depth. */
+/* Turns a frame into a picture: colour, opacity, depth, or normals computed from the depth. */
 #include <math.h>
 #include <string.h>
 
@@ -12,8 +12,8 @@ static float depth_grey(const viewer_optics *o, float depth_m) {
 }
 
 /* ---- normals ----
- * The depth of a pixel is a mean along its ray, smooth but for some noise: it is first averaged over its
- * neighbours by their opacity, those a hand's breadth in front or behind left out. */
+ * A pixel's depth is a mean along its ray: smooth but for some noise. It is first averaged over its
+ * neighbours, weighted by their opacity, without those a hand's breadth in front or behind. */
 static const float edge_m = 0.04f;
 
 static void smooth_line(const float *depth, const float *weight, int count, size_t stride, int radius,
@@ -36,7 +36,7 @@ static void smooth_line(const float *depth, const float *weight, int count, size
     }
 }
 
-/* Twice along rows and twice along columns; the result is in scratch. */
+/* Filters twice along rows and twice along columns; the result is in scratch. */
 static void smooth(const viewer_request *r, const float *depth, const float *opacity, float *scratch) {
     int width = r->width, height = r->height;
     size_t pixels = (size_t)width * (size_t)height;
@@ -54,7 +54,7 @@ static void smooth(const viewer_request *r, const float *depth, const float *opa
     }
 }
 
-/* The difference between a point's two neighbours along an axis, one of which may be missing. */
+/* The difference between a point's two neighbours along an axis; one may be missing. */
 static bool slope(const viewer_request *r, const viewer_optics *o, const float *depth, const float *opacity,
                   int x, int y, int dx, int dy, float out[3]) {
     float p[2][3];
@@ -74,7 +74,8 @@ static bool slope(const viewer_request *r, const viewer_optics *o, const float *
     return steps > 0;
 }
 
-/* As tangent-space pictures are drawn: x right, y up, z towards the camera, each from [-1, 1] to [0, 1]. */
+/* Colours as in tangent-space normal maps: x right, y up, z towards the camera, each from [-1, 1] to [0, 1].
+ */
 static void normal_color(const viewer_request *r, const viewer_optics *o, const float *depth,
                          const float *opacity, int x, int y, float rgb[3]) {
     float a[3], b[3], n[3] = {0, 0, -1};
@@ -98,7 +99,7 @@ void paint(const viewer_request *r, const viewer_optics *o, const float *color, 
         for (int x = 0; x < r->width; x++) {
             size_t i = (size_t)y * (size_t)r->width + (size_t)x;
             float a = opacity[i] < 0 ? 0 : opacity[i] > 1 ? 1 : opacity[i];
-            float rgb[3] = {0, 0, 0}; /* times a, as color is */
+            float rgb[3] = {0, 0, 0}; /* multiplied by a, as color is */
             switch (r->mode) {
             case VIEWER_COLOR:
                 memcpy(rgb, color + 3 * i, sizeof rgb);
@@ -115,7 +116,7 @@ void paint(const viewer_request *r, const viewer_optics *o, const float *color, 
                 break;
             }
             uint8_t *to = out + i * (size_t)channels;
-            bool plain = r->mode == VIEWER_OPACITY; /* grey on black, whatever the background */
+            bool plain = r->mode == VIEWER_OPACITY; /* grey on black, for any background */
             for (int k = 0; k < 3; k++) {
                 float v = channels == 4 ? (a > 1e-4f ? rgb[k] / a : 0)
                                         : rgb[k] + (plain ? 0 : (1 - a) * r->background[k]);

@@ -1,4 +1,4 @@
-/* The fields of a query: names and values come from the network. */
+/* Parses a query's fields: names and values come from the network. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -23,7 +23,7 @@ static bool whole(const char *text, long min, long max, int *out) {
 
 static bool real(const char *text, float min, float max, float *out) {
     char *end;
-    if (strspn(text, "0123456789+-.e") != strlen(text)) return false; /* no hexadecimals, no names */
+    if (strspn(text, "0123456789+-.e") != strlen(text)) return false; /* no hexadecimal, no names */
     float v = strtof(text, &end);
     if (*end || end == text || !(v >= min && v <= max)) return false;
     *out = v;

@@ -1,4 +1,4 @@
-/* What there is to see: avatars and motions, how the camera stands to them, and the bodies posed lately. */
+/* The scene: avatars and motions, the camera's place relative to them, and recently posed bodies. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -121,8 +121,8 @@ sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame) 
     return pose;
 }
 
-/* ---- how the camera stands ----
- * Up is the world axis nearest to the body's own when they are within 30 degrees, azimuth 0 the body's front
+/* ---- camera ----
+ * Up is the world axis nearest to the body's own if they are within 30 degrees; azimuth 0 is the body's front
  * in its first pose. */
 static void body_axes(const sherf_pose *pose, double B[9]) {
     float root[9];
@@ -155,7 +155,8 @@ static void body_axes(const sherf_pose *pose, double B[9]) {
     for (int i = 0; i < 3; i++) B[3 * i + 2] = front[i] / sqrt(length);
 }
 
-/* Where the root joint goes. It turns about itself, so its place in SMPL space depends on the shape alone. */
+/* Where the root joint goes. It rotates about itself, so its place in SMPL space depends on the shape only.
+ */
 static void root_world(const posed_body *p, float out[3]) {
     for (int i = 0; i < 3; i++) {
         out[i] = p->Th[i];
@@ -163,7 +164,7 @@ static void root_world(const posed_body *p, float out[3]) {
     }
 }
 
-/* The way of the root since the first frame, along the ground; as it is in the world. */
+/* The root's displacement along the ground since the first frame, in world axes. */
 static void root_way(const viewer_framing *f, const float root_m[3], float way[3]) {
     double up = 0;
     for (int i = 0; i < 3; i++) up += ((double)root_m[i] - f->root_m[i]) * f->axes[3 * i + 1];
@@ -176,7 +177,7 @@ void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]) 
     root_way(f, root, way);
 }
 
-/* Widens [low, high], along the axes and moving with the root, by the posed body. */
+/* Widens [low, high], along the body's axes and moving with the root, by the posed body. */
 static void extent_add(const viewer_framing *f, const body_model *body, const posed_body *p,
                        float *vertices_world, double low[3], double high[3]) {
     float way[3];
@@ -238,7 +239,7 @@ void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_r
     sherf_camera upright;
     sherf_camera_orbit(origin, (float)f->distance_m, r->azimuth_rad, r->elevation_rad, (float)fov_rad,
                        r->width, r->height, &upright);
-    /* At zoom 1 the nearest part of the body fits in height and width. */
+    /* At zoom 1 the nearest part of the body fits the height and the width. */
     double across = hypot(f->half_m[0], f->half_m[2]), nearest = f->distance_m - across;
     double wide = fmax(f->half_m[0], f->half_m[2]), tall = fmax(f->half_m[1], across * 0.5);
     double focal = fmin(0.5 * r->height / (1.08 * tall), 0.5 * r->width / (1.08 * wide)) * nearest * r->zoom;
@@ -248,7 +249,7 @@ void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_r
     float target[3], way[3] = {0, 0, 0};
     if (r->follow) {
         const sherf_pose pose = scene_pose(s, r->avatar, r->motion, r->frame);
-        /* the root joint of this frame: R J0 + Th, and J0 is that of the first */
+        /* the root joint of this frame: R J0 + Th; J0 is the first frame's */
         const sherf_pose first = scene_pose(s, r->avatar, r->motion, 0);
         float root[3], joint[3] = {0, 0, 0};
         for (int i = 0; i < 3; i++)

@@ -1,5 +1,5 @@
-/* HTTP by libmicrohttpd: its one thread calls everything in this file but server_open, server_tend and
- * server_close. A request for a picture is laid aside (suspended) until the picture is there. */
+/* HTTP through libmicrohttpd: its single thread calls everything in this file but server_open, server_tend
+ * and server_close. A request for a picture is suspended until the picture is ready. */
 #include "viewer/viewer.h"
 
 _Atomic double server_patience = 1;
@@ -17,18 +17,18 @@ _Atomic double server_patience = 1;
 
 enum {
     CONNECTIONS = 64,
-    REQUEST_BYTES = 16384, /* a request's lines; also the room for writing an answer's */
-    SILENCE_S = 15,        /* of a connection on which nothing moves */
-    FIRST_REQUEST_S = 10,  /* a connection's first request is there by then, */
-    REQUEST_S = 40,        /* and each further one by then, idle time included */
-    ANSWER_S = 60,         /* an answer is read by then, */
-    FILM_ANSWER_S = 1800   /* and a film by then, however slowly */
+    REQUEST_BYTES = 16384, /* a request's lines; also room to write an answer's */
+    SILENCE_S = 15,        /* of a connection without traffic */
+    FIRST_REQUEST_S = 10,  /* until a connection's first request has arrived, */
+    REQUEST_S = 40,        /* and each further one, idle time included */
+    ANSWER_S = 60,         /* until an answer has been read, */
+    FILM_ANSWER_S = 1800   /* and a film, however slowly */
 };
 
 /* A connection, for server_tend. */
 typedef struct {
     int fd;            /* -1: free */
-    double deadline_s; /* 0: none, while a picture is being made */
+    double deadline_s; /* 0: none while a picture is being made */
 } slot;
 
 struct viewer_server {
@@ -38,7 +38,7 @@ struct viewer_server {
     slot slots[CONNECTIONS];
 };
 
-/* What belongs to a request from its first line to its end. */
+/* A request's data from its first line to its end. */
 typedef struct {
     struct viewer_server *server;
     viewer_job *job;
@@ -73,7 +73,7 @@ static void on_connection(void *cls, struct MHD_Connection *connection, void **o
                 *own = &s->slots[i];
             }
     } else if (*own) {
-        ((slot *)*own)->fd = -1; /* before the socket is closed: the number is not another's yet */
+        ((slot *)*own)->fd = -1; /* before the socket closes: the number is not reused yet */
         *own = NULL;
     }
     pthread_mutex_unlock(&s->lock);
@@ -123,7 +123,7 @@ static enum MHD_Result say(struct MHD_Connection *connection, unsigned status, c
     return send_off(connection, status, with_headers(r, "text/plain; charset=utf-8"));
 }
 
-/* Says no, and that is the end of the connection. */
+/* Refuses and closes the connection. */
 static enum MHD_Result refuse(struct MHD_Connection *connection, unsigned status, const char *text) {
     char line[256];
     int n = snprintf(line, sizeof line, "%s\n", text);
@@ -141,7 +141,7 @@ static enum MHD_Result send_json(struct MHD_Connection *connection, cJSON *json)
     return send_off(connection, MHD_HTTP_OK, with_headers(r, "application/json"));
 }
 
-/* `data` is given away. */
+/* Takes over `data`. */
 static struct MHD_Response *of_memory(uint8_t *data, size_t bytes, const char *type) {
     struct MHD_Response *r = MHD_create_response_from_buffer_with_free_callback(bytes, data, mem_free);
     if (!r) mem_free(data);
@@ -162,7 +162,7 @@ static enum MHD_Result take_field(void *cls, enum MHD_ValueKind kind, const char
     return MHD_NO;
 }
 
-/* False: not a query that makes sense. */
+/* False: the query is not valid. */
 static bool query_read(struct MHD_Connection *connection, const viewer *v, viewer_query *q) {
     query_start(q);
     MHD_get_connection_values(connection, MHD_GET_ARGUMENT_KIND, take_field, q);
@@ -338,7 +338,7 @@ static const char *header(struct MHD_Connection *connection, const char *name) {
     return MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
 }
 
-/* NULL, or why the request is not answered. *rest: of the path, behind the token. */
+/* NULL, or why the request is refused. *rest: the path after the token. */
 static const char *guard(struct viewer_server *s, struct MHD_Connection *connection, const char *path,
                          const char **rest, unsigned *status) {
     const char *host = header(connection, "Host"), *site = header(connection, "Sec-Fetch-Site"),
@@ -376,7 +376,7 @@ static enum MHD_Result route(http_request *r, struct MHD_Connection *connection,
             MHD_create_response_from_buffer(strlen(v->scene.about), v->scene.about, MHD_RESPMEM_PERSISTENT);
         return send_off(connection, MHD_HTTP_OK, with_headers(about, "application/json"));
     }
-    if (!*rest) { /* the page's own addresses are relative */
+    if (!*rest) { /* the page uses relative addresses */
         char to[VIEWER_TOKEN + 3];
         snprintf(to, sizeof to, "/%s/", v->token);
         struct MHD_Response *moved = MHD_create_response_from_buffer(0, "", MHD_RESPMEM_PERSISTENT);
@@ -393,7 +393,7 @@ static enum MHD_Result route(http_request *r, struct MHD_Connection *connection,
     return say(connection, MHD_HTTP_NOT_FOUND, "there is nothing here");
 }
 
-/* Called when a request's lines are read, and again until it has an answer. */
+/* Called when a request's lines have been read, and again until it has an answer. */
 static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *path,
                                   const char *method, const char *version, const char *upload, size_t *bytes,
                                   void **own) {
@@ -455,7 +455,7 @@ static bool address_parse(const char *text, int port, socket_address *out) {
     return true;
 }
 
-/* The machine's first address that others can reach; the loopback when there is none. */
+/* The machine's first address that others can reach, or the loopback. */
 static void own_address(char *out, size_t size) {
     struct ifaddrs *list = NULL;
     snprintf(out, size, "127.0.0.1");

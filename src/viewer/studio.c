@@ -1,5 +1,5 @@
-/* Where pictures are made: bands of some tens of milliseconds each, so that clients take turns and a request
- * that was replaced is left soon. */
+/* Makes pictures in bands of some tens of milliseconds each, so that clients take turns and a replaced
+ * request ends soon. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -35,11 +35,11 @@ static int band_rows(const viewer *v, const viewer_job *job) {
     int left = job->request.height - job->rows_done;
     int rows = (int)fmin(pixels / job->request.width, 4096) / BAND_ROWS_MIN * BAND_ROWS_MIN;
     if (rows < BAND_ROWS_MIN) rows = BAND_ROWS_MIN;
-    return rows * 4 > left * 3 ? left : rows; /* no small rest */
+    return rows * 4 > left * 3 ? left : rows; /* avoids a small last band */
 }
 
-/* The detail, whose depths are smoothed over neighbours, waits for the whole picture, which is over black
- * until it is painted. */
+/* Detail smooths depths over neighbours, so it waits for the whole picture, which is over black until it is
+ * painted. */
 static sherf_status job_detail(context *c, viewer *v, viewer_job *job, const posed_body *posed) {
     static const float black[3] = {0, 0, 0};
     const viewer_request *r = &job->request;
@@ -51,7 +51,7 @@ static sherf_status job_detail(context *c, viewer *v, viewer_job *job, const pos
     return avatar_give_detail(c, a->avatar, a->body, posed, &job->camera, black, &f);
 }
 
-/* All of the picture at once, of the baked surface. */
+/* Draws the whole picture at once from the baked surface. */
 static sherf_status job_draw(context *c, viewer *v, viewer_job *job, const sherf_avatar *baked) {
     const viewer_request *r = &job->request;
     const sherf_pose pose = scene_pose(&v->scene, r->avatar, r->motion, r->frame);

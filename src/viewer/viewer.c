@@ -67,7 +67,7 @@ const char *sherf_viewer_address(const sherf_viewer *v) {
 
 void sherf_viewer_free(sherf_viewer *v) {
     if (!v) return;
-    desk_close(&v->desk); /* the server stops only when no request is laid aside */
+    desk_close(&v->desk); /* the server stops only when no request is suspended */
     server_close(v->server);
     live_close(v);
     films_close(v);

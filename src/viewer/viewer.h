@@ -1,7 +1,7 @@
-/* viewer: what `sherf view` serves. Two threads: the HTTP library's, which reads requests and hands out
+/* viewer: what `sherf view` serves. It has two threads: the HTTP library's, which reads requests and sends
  * answers (server.c), and the one in sherf_viewer_run, which renders (viewer.c; studio.c, film.c). The desk
- * (desk.c) stands between them: each client has at most one picture under way, a newer request replaces an
- * older one, and clients take turns, a band of a picture each. */
+ * (desk.c) connects them: each client has at most one picture in progress, a newer request replaces an older
+ * one, and clients take turns, one band of a picture each. */
 #ifndef SHERF_VIEWER_H
 #define SHERF_VIEWER_H
 
@@ -15,7 +15,7 @@ enum {
     VIEWER_TOKEN = 32,      /* letters of the token, 128 bits */
     VIEWER_CLIENTS = 10,    /* at the desk at a time */
     VIEWER_NAME = 16,       /* letters of a client's name */
-    VIEWER_JOBS_EACH = 4,   /* answers a client may have under way, read or not */
+    VIEWER_JOBS_EACH = 4,   /* answers in progress for a client, read or not */
     VIEWER_SIDE_MIN = 16,   /* of a picture */
     VIEWER_SIDE_MAX = 2048, /* the shorter one; the longer one up to twice */
     VIEWER_FILM_FRAMES = 3000,
@@ -24,7 +24,7 @@ enum {
     VIEWER_AVATARS = 64,
     VIEWER_MOTIONS = 256,
     VIEWER_OWN_MOTIONS = 2, /* the picture's pose and the T-pose, before those of the options */
-    VIEWER_POSED = 6        /* posed bodies kept, some 7 MB each */
+    VIEWER_POSED = 6        /* posed bodies kept, about 7 MB each */
 };
 
 /* ---- what a client requests (request.c) ---- */
@@ -39,7 +39,7 @@ typedef struct {
     bool transparent, follow;
     bool lossless; /* PNG; otherwise JPEG if nothing is transparent */
     bool fine;     /* the final picture of a view: encoded better */
-    bool quick;    /* of the baked surface, where there is one; a baked avatar has no other pictures */
+    bool quick;    /* from the baked surface, if there is one; a baked avatar has no other pictures */
     float background[3];
 } viewer_request;
 
@@ -49,14 +49,14 @@ typedef struct {
     viewer_request request;
     char client[VIEWER_NAME + 1];
     uint64_t sequence;
-    unsigned seen; /* a bit a field: none comes twice */
+    unsigned seen; /* a bit for each field: none may occur twice */
     /* of films */
     int film_frames; /* of a turntable; 0: the motion */
     float film_fps;
     float film_speed;
 } viewer_query;
 void query_start(viewer_query *q);
-/* False: an unknown field, one that came before, or a value that is not one. */
+/* False: an unknown field, a repeated one, or an invalid value. */
 bool query_take(viewer_query *q, const char *name, const char *value);
 
 /* ---- who may send requests (guard.c) ---- */
@@ -76,7 +76,7 @@ typedef struct {
     double axes[9]; /* columns: right, up, front of the body in its first pose, in the world */
     float centre_m[3];
     double half_m[3], distance_m;
-    float root_m[3]; /* where the root joint is in the first frame */
+    float root_m[3]; /* place of the root joint in the first frame */
 } viewer_framing;
 
 typedef struct {
@@ -113,9 +113,9 @@ sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame);
 sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out);
 /* The root joint's displacement along the ground since the motion's first frame, in world axes. */
 void scene_root_way(const viewer_framing *f, const posed_body *p, float way[3]);
-/* The following functions are for the rendering thread only. */
+/* Only the rendering thread calls the functions below. */
 sherf_status scene_posed(context *c, viewer_scene *s, const viewer_request *r, const posed_body **out);
-/* camera of r; *scale_m: metres a picture's height spans at the point looked at. */
+/* r's camera; *scale_m: metres that a picture's height spans at the point looked at. */
 void scene_camera(const viewer_scene *s, const viewer_framing *f, const viewer_request *r,
                   sherf_camera *camera, float *scale_m);
 /* The observation's picture as PNG. */
@@ -133,14 +133,14 @@ void paint(const viewer_request *r, const viewer_optics *o, const float *color, 
 /* ---- the desk (desk.c) ---- */
 typedef enum { JOB_WAITING, JOB_RUNNING, JOB_DONE, JOB_REPLACED, JOB_FAILED, JOB_CLOSED } job_state;
 
-/* A picture for which a client waits. */
+/* A picture that a client waits for. */
 typedef struct {
     viewer_request request;
     uint64_t sequence;
     int seat;
     int references; /* these two under the desk's lock */
     job_state state;
-    void (*wake)(void *arg); /* called once when state has become one of the last four; not under the lock */
+    void (*wake)(void *arg); /* called once when state becomes one of the last four; not under the lock */
     void *wake_arg;
     double asked_s;
     /* of the thread that renders */
@@ -149,7 +149,7 @@ typedef struct {
     float scale_m;
     float *color, *opacity, *depth; /* in one piece, which begins at color */
     int rows_done;
-    bool baked; /* it is the baked surface's, and the network's can be requested */
+    bool baked; /* drawn from the baked surface; the network's picture can be requested */
     double render_s;
     int64_t points;
     /* the answer */
@@ -162,7 +162,7 @@ typedef struct {
 typedef enum { FILM_NONE, FILM_RUNNING, FILM_DONE, FILM_FAILED } film_state;
 typedef struct {
     film_state state;
-    bool stop;              /* it is no longer wanted */
+    bool stop;              /* no longer wanted */
     viewer_request request; /* of frame 0 */
     bool turns;             /* round the body; otherwise through the motion */
     int frames, done;
@@ -181,14 +181,14 @@ typedef struct {
     double seen_s;
     uint64_t newest; /* sequence */
     viewer_job *job; /* waiting or running */
-    int jobs;        /* alive, with those whose answer is being sent */
-    uint64_t turn;   /* when it was served last */
+    int jobs;        /* in existence, including those whose answer is being sent */
+    uint64_t turn;   /* its last turn */
     viewer_film film;
 } viewer_client;
 
 typedef struct {
     pthread_mutex_t lock;
-    pthread_cond_t news; /* for the thread that renders; monotonic clock */
+    pthread_cond_t news; /* wakes the rendering thread; monotonic clock */
     viewer_client client[VIEWER_CLIENTS];
     uint64_t turns;
     int turns_since_film;
@@ -198,7 +198,7 @@ typedef struct {
 bool desk_open(viewer_desk *d);
 void desk_close(viewer_desk *d);  /* accepts no more jobs; closes and wakes the waiting ones */
 void desk_finish(viewer_desk *d); /* after desk_close, when no job is left */
-/* The seat of a client, a new one where it has none: one that is free, or whose client was not seen for a
+/* The seat of a client; a client without one gets a free seat, or the seat of a client that was silent for a
  * while. -1: all are taken. Under the lock. */
 int desk_seat(viewer_desk *d, const char *name);
 typedef enum { ADMITTED, ADMITTED_NO_SEAT, ADMITTED_TOO_MANY, ADMITTED_NO_MEMORY } admission;
@@ -236,7 +236,7 @@ typedef enum { LIVE_NONE, LIVE_REQUESTED, LIVE_BAKING, LIVE_READY, LIVE_FAILED }
 typedef struct {
     live_state state;
     uint64_t request;     /* its number */
-    sherf_avatar *avatar; /* baked here; NULL where the scene's is a baked one */
+    sherf_avatar *avatar; /* baked here; NULL if the scene's avatar is baked already */
     uint8_t *data;
     size_t bytes;
 } live_surface;
@@ -247,14 +247,14 @@ typedef struct {
     pthread_t thread;
     context *c;       /* the thread's own; NULL: nothing can be baked */
     uint64_t request; /* the last one's number */
-    int resolution;   /* of what is baked, cells along the body; tests lower it */
+    int resolution;   /* of the baked surface, cells along the body; tests lower it */
     live_surface surface[VIEWER_AVATARS];
 } viewer_live;
 sherf_status live_open(context *c, viewer *v);
-void live_close(viewer *v); /* when no requests can come any more */
-/* An avatar's surface, made by the first call; the viewer owns data. */
+void live_close(viewer *v); /* call it when no more requests can come */
+/* An avatar's surface; the first call starts making it. The viewer owns data. */
 live_state live_ask(viewer *v, int avatar, const uint8_t **data, size_t *bytes);
-/* The baked avatar, for pictures drawn on the server; NULL: not made yet, or there is none. */
+/* The baked avatar, for pictures drawn on the server; NULL: not ready yet, or none. */
 const sherf_avatar *live_avatar(viewer *v, int avatar);
 /* Up to LIVE_FRAMES from `frame` on. Freed with mem_free. */
 sherf_status live_moves(context *c, viewer_scene *s, int avatar, int motion, int frame, uint8_t **out,
@@ -271,30 +271,30 @@ struct sherf_viewer {
     struct viewer_server *server;
     /* of the thread that renders */
     sherf_frame band;
-    double pixel_s[VIEWER_AVATARS]; /* seconds a pixel, lately; 0: not known */
+    double pixel_s[VIEWER_AVATARS]; /* measured lately; 0: unknown */
 };
 
 /* ---- rendering (studio.c) ---- */
 /* Renders a band of the job's picture; *complete: it was the last. */
 sherf_status job_render(context *c, viewer *v, viewer_job *job, bool *complete);
-/* To 8 bit, by the request's mode. Freed with mem_free. */
+/* Converts to 8 bit, by the request's mode; mem_free *out. */
 sherf_status job_paint(context *c, const viewer_job *job, int channels, uint8_t **out);
-/* To job->data: a PNG or JPEG, by the request. */
+/* Encodes into job->data a PNG or JPEG, as requested. */
 sherf_status job_encode(context *c, viewer_job *job);
 
 /* ---- films (film.c) ---- */
-/* Under the desk's lock. NULL, or what is wrong. */
+/* Under the desk's lock. NULL, or the error. */
 const char *film_start(viewer *v, int seat, const viewer_query *q);
 void film_drop(viewer *v, int seat);
-/* The thread that renders: one band of a film. */
+/* Renders one band of a film, on the rendering thread. */
 void film_render(context *c, viewer *v, int seat);
 void films_close(viewer *v);
 
 /* ---- HTTP (server.c) ---- */
 sherf_status server_open(context *c, viewer *v, const char *listen, int port);
-void server_tend(struct viewer_server *s); /* ends connections that take too long; call it now and then */
+void server_tend(struct viewer_server *s); /* ends connections that are too slow; call it now and then */
 void server_close(struct viewer_server *s);
-extern _Atomic double server_patience; /* factor of all time limits but that of silence; tests lower it */
+extern _Atomic double server_patience; /* factor of all time limits but SILENCE_S; tests lower it */
 
 /* ---- the page (made by the build of web/) ---- */
 typedef struct {

@@ -1,4 +1,4 @@
-/* Which table of kernels computes for a context. Tests can put another in the GPU's place. */
+/* Chooses the table of kernels for a context. Tests can replace the GPU's. */
 #include "tensor/tensor.h"
 
 #ifdef SHERF_HAVE_CUDA

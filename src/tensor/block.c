@@ -1,4 +1,4 @@
-/* Blocks: by mem_*, memcpy and memset on the host, by a memory's own functions elsewhere. */
+/* Blocks: by mem_*, memcpy and memset in the host's memory, by a memory's own functions elsewhere. */
 #include <string.h>
 
 #include "tensor/block.h"

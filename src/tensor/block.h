@@ -1,6 +1,6 @@
-/* block: plain runs of numbers in a memory (NULL: the host's): models' weights, their gradients, what an
- * optimiser keeps. Copies, and the arithmetic of training on them, are done there where they lie and in the
- * order they are requested; only downloads wait. */
+/* block: plain arrays of numbers in a memory (NULL: the host's): models' weights, their gradients, an
+ * optimiser's state. Copies and the arithmetic of training run in that memory, in the order of the calls;
+ * only downloads wait. */
 #ifndef SHERF_BLOCK_H
 #define SHERF_BLOCK_H
 
@@ -23,35 +23,34 @@ sherf_status block_clear(context *c, const tensor_memory *memory, void *to, size
 typedef struct {
     float beta1, beta2, rate, correction1, correction, eps;
 } adam_factors;
-enum { SQUARE_SUMS = 256 }; /* the parts of a block's square sum; their sizes depend on the block's alone */
+enum { SQUARE_SUMS = 256 }; /* parts of a block's square sum; the block's size determines theirs */
 
-/* The arithmetic of a memory that is not the host's; train/ has the host's own. n floats each. */
+/* Arithmetic for a memory that is not the host's; train/ has the host's. n floats each. */
 struct block_kernels {
     sherf_status (*add)(context *c, int64_t n, float *to, const float *from); /* to += from */
     sherf_status (*adam)(context *c, int64_t n, float *values, float *first /* NULL: beta1 is 0 */,
                          float *second, const float *gradients, adam_factors f);
     /* average <- value + decay (average - value) */
     sherf_status (*average)(context *c, int64_t n, float *average, const float *values, float decay);
-    /* sums[SQUARE_SUMS], there: of the squares of each part. */
+    /* sums[SQUARE_SUMS], in that memory: the sum of squares of each part. */
     sherf_status (*square_sums)(context *c, int64_t n, const float *x, double *sums);
     /* to[i] = mean over the rows of from[row * n + i], taken in double. */
     sherf_status (*mean_rows)(context *c, int64_t rows, int64_t n, const float *from, float *to);
 };
 
-/* Sums over processes that have a device each. One of them makes a name, and all that know it join the group.
- */
+/* Sums over processes with a device each. One process makes a name; all that know it join the group. */
 enum { GROUP_NAME = 128 };
 typedef struct block_group block_group;
 struct block_groups {
     sherf_status (*name)(context *c, char *name); /* GROUP_NAME bytes; NULL: whether groups can be made */
     sherf_status (*join)(context *c, const char name[GROUP_NAME], int rank, int count, block_group **out);
-    /* values <- the sum over processes. It begins behind all that was requested so far and runs beside what
-     * is requested from now on, which leaves the values alone until `wait`. All processes ask for the same
-     * sums in the same order. */
+    /* values <- the sum over processes. It starts after all work requested so far and runs beside work
+     * requested later, which must not touch the values until `wait`. All processes request the same sums in
+     * the same order. */
     sherf_status (*sum)(context *c, block_group *g, int64_t n, float *values);
-    sherf_status (*wait)(context *c,
-                         block_group *g); /* what is requested from now on comes behind the sums */
-    /* Frees it. broken: other processes may not have requested sums that this one has; they are given up. */
+    sherf_status (*wait)(context *c, block_group *g); /* work requested from now on runs after the sums */
+    /* Frees the group. broken: other processes may not have requested sums that this one has; they are
+     * abandoned. */
     void (*leave)(block_group *g, bool broken);
 };
 

@@ -1,7 +1,7 @@
-/* The ops: their list, of which every table is made, and their declarations; ref/ has each one's shape rule
+/* The ops: their list, from which every table is made, and their declarations; ref/ has each op's shape rule
  * and definition, and every backend a kernel of the same name for each pass. Part of tensor.h. Each returns a
- * new tensor on the tape, or NULL once the tape has failed (NULL inputs are then passed on in silence, so
- * model code needs no checks). dX is the gradient of X. R rows, C channels. */
+ * new tensor on the tape, or NULL once the tape has failed (NULL inputs then pass through silently, so model
+ * code needs no checks). dX is the gradient of X. R rows, C channels. */
 #ifndef SHERF_OPS_H
 #define SHERF_OPS_H
 
@@ -25,27 +25,27 @@ typedef struct tape tape;
     BOTH(fir_upsample)                                                                                       \
     BOTH(demodulation)                                                                                       \
     BOTH(scale_channels)                                                                                     \
-    SHARED(normalize_moment) /* a vector, once a picture */                                                  \
+    SHARED(normalize_moment) /* one vector for each picture */                                               \
     BOTH(batch_norm)                                                                                         \
     BOTH(bias_act)                                                                                           \
     BOTH(max_pool)                                                                                           \
     BOTH(average_pool)                                                                                       \
     BOTH(add)                                                                                                \
     BOTH(scale)                                                                                              \
-    SHARED(multiply) /* variants of the fusion alone, as is sine */                                          \
+    SHARED(multiply) /* only for variants of the fusion, as is sine */                                       \
     SHARED(sine)                                                                                             \
     BOTH(concat)                                                                                             \
     BOTH(slice)                                                                                              \
     BOTH(mask_rows)                                                                                          \
     BOTH(sample_bilinear)                                                                                    \
-    SHARED(scatter_mean) /* a body's vertices, once a step */                                                \
+    SHARED(scatter_mean) /* a body's vertices, once in each step */                                          \
     BOTH(sparse_conv)                                                                                        \
     BOTH(sample_trilinear)                                                                                   \
     BOTH(layer_norm)                                                                                         \
     BOTH(token_attention)                                                                                    \
     BOTH(gelu)                                                                                               \
     BOTH(sigmoid)                                                                                            \
-    SHARED(softplus) /* a density a point */                                                                 \
+    SHARED(softplus) /* one density for each point */                                                        \
     FORWARD(positional_encode)                                                                               \
     BOTH(composite)                                                                                          \
     BOTH(mean_square)                                                                                        \
@@ -72,9 +72,9 @@ tensor *op_conv2d(tape *t, tensor *x, tensor *w, int stride, int pad, float gain
  * y [2H + k - 2, 2W + k - 2, O], that is (2H + 1) for k = 3. w as stored [O, I, k, k]. */
 tensor *op_conv2d_transpose(tape *t, tensor *x, tensor *w);
 
-/* Zeros between pixels (up = 1 or 2: up 1 inserts none), padding before/after, then correlation per channel
- * with the 4 x 4 FIR outer([1,3,3,1]) / 64 times gain. Output size: H * up + before + after - 3. (The kernel
- * is symmetric.) */
+/* Inserts zeros between pixels (up = 1 or 2: up 1 inserts none), pads before/after, then correlates each
+ * channel with the 4 x 4 FIR outer([1,3,3,1]) / 64 times gain. Output size: H * up + before + after - 3. (The
+ * kernel is symmetric.) */
 typedef struct {
     int up, before, after;
     float gain;
@@ -88,9 +88,9 @@ tensor *op_scale_channels(tape *t, tensor *x, tensor *s);
 /* y = x / sqrt(mean(x^2 over the last dimension) + 1e-8). */
 tensor *op_normalize_moment(tape *t, tensor *x);
 
-/* Per channel over rows. training (the tape's): batch mean and biased variance normalise, the running
- * statistics (given as plain tensors that the op writes; not differentiated) move by `momentum` with the
- * unbiased variance. Otherwise the running statistics normalise. relu: y = max(y, 0) fused behind it. */
+/* Per channel over rows. training (the tape's): batch mean and biased variance normalise; the op updates the
+ * running statistics (plain tensors, not differentiated) by `momentum` with the unbiased variance. Otherwise
+ * the running statistics normalise. relu: y = max(y, 0) is fused after it. */
 typedef struct {
     float eps, momentum;
     int relu;
@@ -118,9 +118,9 @@ tensor *op_average_pool(tape *t, tensor *x);
 
 tensor *op_add(tape *t, tensor *a, tensor *b); /* same shape */
 tensor *op_scale(tape *t, tensor *x, float factor);
-tensor *op_multiply(tape *t, tensor *a, tensor *b); /* value by value; b same shape, or one column: a gate */
+tensor *op_multiply(tape *t, tensor *a, tensor *b); /* elementwise; b: same shape, or one column: a gate */
 tensor *op_sine(tape *t, tensor *x);
-/* Columns side by side: count (2 to 4) tensors with the same rows. */
+/* Concatenates columns: count (2 to 4) tensors with the same rows. */
 tensor *op_concat(tape *t, int count, tensor *const *x);
 /* Columns [begin, begin + width) of x: [R, width]. */
 typedef struct {
@@ -142,8 +142,8 @@ typedef struct {
 tensor *op_scatter_mean(tape *t, tensor *x, tensor *index, int64_t voxels);
 
 /* y[Ao,O]: y[o] = sum over k of W[:, k, :] x[rule[o, k]], W [O,3,3,3,I] flattened to 27 taps in z, y, x
- * order, rule I32 [Ao, 27], -1: nothing there. Within one column of the rule (one tap) every row of x stands
- * at most once, as it does in any convolution. */
+ * order, rule I32 [Ao, 27], -1: none. Within one column of the rule (one tap) every row of x occurs at most
+ * once, as in any convolution. */
 tensor *op_sparse_conv(tape *t, tensor *x, tensor *w, tensor *rule);
 
 /* y[P,C] from voxels x[A,C] through grid I32 [D,H,W] (row of x, or -1: zero), at position[P,3] = (x, y, z) in
@@ -181,11 +181,11 @@ tensor *op_positional_encode(tape *t, tensor *x, int frequencies, int64_t width)
 
 /* Compositing (network.md 6). sigma[P,1] raw densities, rgb[P,3] of the kept samples, in ray-major then depth
  * order; first I32 [N+1]: the points of ray n are [first[n], first[n+1]); sample I32 [P]: their depth index;
- * near, far, length[N]: the ray's depths are near + (far - near) i / (S-1), length = |direction|.
- * Samples that were not kept have density -80 and colour 0. at[P,2], or NULL: each sample's depth and the way
- * in depth to the next one, where they are not those even ones. Out: [N, 5] = r, g, b (over `background`),
- * opacity, depth (sum w t / opacity, clamped to depth_min..depth_max; depth_max where opacity is 0). The
- * depth column gets no gradient, nor do near, far, length and at. */
+ * near, far, length[N]: the ray's depths are near + (far - near) i / (S-1), length = |direction|. Samples
+ * that were not kept have density -80 and colour 0. at[P,2]: each sample's depth and the depth step to the
+ * next one; NULL: those even depths. Out: [N, 5] = r, g, b (over `background`), opacity, depth (sum w t /
+ * opacity, clamped to depth_min..depth_max; depth_max if opacity is 0). The depth column gets no gradient,
+ * nor do near, far, length and at. */
 typedef struct {
     int samples;
     float background, depth_min, depth_max;
@@ -202,8 +202,8 @@ tensor *op_ssim(tape *t, tensor *x, tensor *y);
 /* Scalar: a, b [H,W,C] features; each pixel divided by (its norm over channels + 1e-10); mean over pixels of
  * sum_c head[c] (a - b)^2 (LPIPS of one stage). head[C], or NULL: ones. Gradient to a only. */
 tensor *op_feature_distance(tape *t, tensor *a, tensor *b, tensor *head);
-/* y[R,C] = (x - shift[c]) / scale[c]; constants, C <= 4 (LPIPS's input scaling). Crops the rectangle
- * first when width > 0: x [H,W,C] -> [height,width,C]. */
+/* y[R,C] = (x - shift[c]) / scale[c]; constants, C <= 4 (LPIPS's input scaling). If width > 0, crops to the
+ * rectangle first: x [H,W,C] -> [height,width,C]. */
 typedef struct {
     float shift[4], scale[4];
     int64_t left, top, width, height;

@@ -1,6 +1,6 @@
-/* The tape: calls kernels, records steps as a list from the newest on, and runs them backwards. Gradients
- * are made when they are first added to; during the backward pass a listener is told which of the
- * parameters' are final. */
+/* The tape: calls kernels, records steps as a list from the newest on, and runs them backward. A gradient is
+ * made when something first adds to it; during the backward pass a listener is told when a parameter's
+ * gradient is final. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -20,7 +20,7 @@ struct node {
     void *saved;
 };
 
-/* Something that is freed with the tape's memory. */
+/* An object that is released with the tape's memory. */
 typedef struct owned owned;
 struct owned {
     owned *previous;
@@ -28,7 +28,7 @@ struct owned {
     void (*release)(void *object);
 };
 
-/* Memory of dropped tensors, in the tape's. */
+/* Memory of dropped tensors, in the tape's own memory. */
 enum { SPARES = 64 };
 typedef struct {
     char *data;
@@ -38,9 +38,9 @@ typedef struct {
 struct tape {
     context *c;
     tape_options options;
-    arena *memory; /* tensors' heads, nodes, attributes: the host's */
-    arena *data; /* what kernels read and write, in the backend's memory; `memory` where that is the host's */
-    arena *scratch; /* the backend's too; rewound after every kernel */
+    arena *memory;  /* tensors' structs, nodes, attributes: in host memory */
+    arena *data;    /* data of kernels, in the backend's memory; `memory` if that is the host's */
+    arena *scratch; /* in the backend's memory too; rewound after every kernel */
     node *newest;
     owned *owned;
     int spares;
@@ -135,7 +135,7 @@ size_t tape_peak(const tape *t) {
 }
 
 tensor *tape_fail(tape *t, sherf_status status, const char *format, ...) {
-    if (t->status != SHERF_OK) return NULL; /* the first error stands */
+    if (t->status != SHERF_OK) return NULL; /* the first error stays */
     char text[512];
     va_list args;
     va_start(args, format);
@@ -179,7 +179,7 @@ static tensor *tensor_shell(tape *t, dtype type, int rank, const int64_t *dim) {
 static size_t room_bytes(const tensor *x) {
     size_t bytes;
     if (__builtin_mul_overflow((size_t)tensor_count(x), dtype_size(x->type), &bytes) || bytes > SIZE_MAX / 2)
-        return SIZE_MAX; /* which no spare has */
+        return SIZE_MAX; /* no spare has that */
     return bytes ? (bytes + 63) / 64 * 64 : 64;
 }
 
@@ -188,7 +188,7 @@ static tensor *base_of(tensor *x) {
     return x;
 }
 
-/* The front of the smallest spare that is large enough; NULL: there is none. */
+/* The beginning of the smallest spare that is large enough; NULL: there is none. */
 static void *spare_take(tape *t, size_t bytes) {
     spare *best = NULL;
     for (int i = 0; i < t->spares; i++)
@@ -201,7 +201,7 @@ static void *spare_take(tape *t, size_t bytes) {
     return data;
 }
 
-/* Joined with those that it touches; the smallest is forgotten where there is no place. */
+/* Joins it with adjacent spares; if there is no slot, drops the smallest. */
 static void spare_give(tape *t, char *data, size_t bytes) {
     for (int i = 0; i < t->spares;) {
         const spare s = t->spare[i];
@@ -246,7 +246,7 @@ tensor *tape_tensor(tape *t, dtype type, int rank, const int64_t *dim) {
     return x->data ? x : NULL;
 }
 
-/* False: the status is the tape's. */
+/* False: the tape takes the status. */
 static bool done(tape *t, sherf_status status) {
     if (status != SHERF_OK && t->status == SHERF_OK) t->status = status;
     return status == SHERF_OK;
@@ -317,7 +317,7 @@ tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim) {
     return y;
 }
 
-/* *fresh: it was made here, and is not cleared. */
+/* *fresh: it was made here and is not cleared. */
 static tensor *grad_uncleared(tape *t, tensor *x, bool *fresh) {
     if (x->grad) return x->grad;
     tensor *g;
@@ -360,7 +360,7 @@ static bool refuse(tape *t, op_id op, tensor *const *in, const char *what) {
     return false;
 }
 
-/* Whether every tensor lies where the backend's kernels look. */
+/* Whether every tensor is in the memory of the backend's kernels. */
 static bool within_reach(tape *t, op_id op, int inputs, tensor *const *in) {
     const tensor_memory *here = t->options.backend->memory;
     for (int i = 0; i < inputs; i++) {
@@ -453,14 +453,14 @@ void tape_on_final(tape *t, tape_final_function f, void *user) {
     t->on_final_user = user;
 }
 
-/* The parameter that a node reads, itself or another view of it; NULL: it is none. */
+/* The parameter that a node reads, itself or through a view; NULL: x is none. */
 static tensor *parameter_of(tensor *x) {
     while (x && x->view_of) x = x->view_of;
     return x && x->name && x->needs_grad ? x : NULL;
 }
 
-/* Nodes of their own kind may read any parameter, so nothing is final before the oldest of them: that one, or
- * else the oldest node that reads it, is a parameter's first use. */
+/* Custom nodes may read any parameter, so nothing is final before the oldest of them: that one, or else the
+ * oldest node that reads it, is a parameter's first use. */
 static const node *first_uses(tape *t) {
     const node *oldest = NULL;
     for (const node *n = t->newest; n; n = n->previous)
@@ -476,7 +476,7 @@ static const node *first_uses(tape *t) {
     return oldest;
 }
 
-/* Of the nodes from `n` on to older ones, up to `end`: those that are final behind `at`. */
+/* Among the nodes from `n` to older ones, up to `end`: reports the parameters that are final after `at`. */
 static void tell_final(tape *t, const node *n, const node *end, const node *at) {
     for (; n != end; n = n->previous)
         for (int i = 0; i < OP_MAX_IN && !n->backward; i++) {

@@ -1,4 +1,4 @@
-/* Tensors: types and shapes, copies between the host and where they lie, tensors on the heap. */
+/* Tensors: types and shapes, copies between the host and their memory, tensors on the heap. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,8 +1,8 @@
-/* Every pass is a correlation over flat positions. A map is rounded to bf16 and laid out as padded rows of
- * fixed width one after the other, 32 channels at a time; then the neighbour of a position under a tap of the
- * kernel is always the same distance away, so a tile is sixteen positions in a row, whatever the width of the
- * map, and what falls into the padding between rows is computed and dropped. For stride 2 the map is split
- * into its four phases (even or odd row, even or odd column), and each tap reads one phase. */
+/* Every pass is a correlation over flat positions. A map is rounded to bf16 and stored as padded rows of
+ * fixed width, one after the other, 32 channels at a time. The neighbour of a position under a kernel tap is
+ * then always the same distance away, so a tile is sixteen consecutive positions for any width of the map;
+ * results in the padding between rows are dropped. For stride 2 the map is split into its four phases (even
+ * or odd row, even or odd column), and each tap reads one phase. */
 #include "tensor/cpu/amx_conv.h"
 
 enum { MAX_KERNEL = 7, MAX_TAPS = MAX_KERNEL * MAX_KERNEL };
@@ -17,13 +17,13 @@ bool amx_conv_fits(const conv_shape *s) {
 #include "tensor/cpu/amx_tiles.h"
 
 /* ---- flat maps ---- */
-enum { SLACK = 64 }; /* zero positions behind the end, for the last tile's reach */
+enum { SLACK = 64 }; /* zero positions after the end, which the last tile reads */
 
 typedef struct {
     int64_t H, W, C;     /* the map */
     int64_t step, pad;   /* phases a side; rows and columns of zeros before the map */
     int64_t rows, width; /* of one phase, in positions */
-    int64_t positions;   /* of all phases, and SLACK */
+    int64_t positions;   /* of all phases, with SLACK */
     int64_t blocks;      /* of 32 channels */
     const float *from;
     uint16_t *data; /* [blocks][positions][32] */
@@ -82,7 +82,7 @@ typedef struct {
     bool k_is_output; /* the sum runs over w's O and the result's channels are its I; else the other way */
     int64_t K, N;
     int64_t rows, columns;              /* of the result, for this list of taps */
-    int64_t step, top, left, out_width; /* where they are in out */
+    int64_t step, top, left, out_width; /* their place in out */
     float *out, gain;
     bool add;
     int64_t groups, pairs; /* GROUP positions; two tiles of N */
@@ -229,8 +229,8 @@ static sherf_status correlate_strided(op_call *call, const conv_shape *s, correl
     return correlate(call, q);
 }
 
-/* out[i,j] = sum over taps of map[(i + pad - r) / stride, ...] where that divides: conv2d_transpose forward,
- * and the gradient of conv2d. One correlation for each phase of the result, H x W. */
+/* out[i,j] = sum over taps of map[(i + pad - r) / stride, ...] where the division is exact: conv2d_transpose
+ * forward, and the gradient of conv2d. One correlation for each phase of the result, H x W. */
 static sherf_status correlate_spread(op_call *call, const conv_shape *s, correlation *q, const float *from,
                                      int64_t H, int64_t W) {
     const int64_t step = s->stride, pad = step == 1 ? s->k - 1 - s->pad : s->k / 2;
@@ -292,17 +292,17 @@ sherf_status amx_conv_data(op_call *call, const conv_shape *s, const float *dy, 
 
 /* ---- gradient of the weights ---- */
 /* sums[m,n,t] = sum over positions of u[position, m] v[position + offset_t, n]. For conv2d u is dy and v is
- * x, for conv2d_transpose u is x and v is dy. Positions go by in chunks that fit the second cache together
- * with all of u's channels and 32 of v's, over which all products are taken. */
+ * x, for conv2d_transpose u is x and v is dy. Positions are processed in chunks that fit in the L2 cache with
+ * all of u's channels and 32 of v's; all products over a chunk are taken then. */
 typedef struct {
     flat_map u, v;
     tap_list taps;
     int64_t k;             /* taps in a row of the kernel: one unit of work */
     int64_t steps, chunk;  /* of 32 positions */
     int64_t rows, columns; /* pairs of tiles along m and n */
-    int64_t window;        /* positions of a phase of v that a chunk sees */
+    int64_t window;        /* positions of a phase of v that a chunk reads */
     uint16_t *u_tiles;     /* [2 rows][steps] tiles: m by pairs of positions */
-    uint32_t *v_pairs;     /* a thread: [2][phases][window][16], (v[position], v[position + 1]) */
+    uint32_t *v_pairs;     /* one for each thread: [2][phases][window][16], (v[position], v[position + 1]) */
     float *sums;           /* [rows][columns][taps][2][2] tiles */
     float *dw, gain;
     int64_t m_step, n_step; /* in dw */
@@ -324,7 +324,7 @@ AMX static void u_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* The chunk from step `first` on, of one pair of tiles along n. */
+/* Builds the chunk from step `first` on, for one pair of tiles along n. */
 AMX_INLINE void v_build(const weight_job *j, int64_t column, int64_t first, uint32_t *to) {
     const int64_t phases = j->v.step * j->v.step;
     for (int64_t phase = 0; phase < phases; phase++) {
@@ -458,7 +458,7 @@ sherf_status amx_conv_weights(op_call *call, const conv_shape *s, const float *x
     j.v.width = j.u.W + (s->k - 1) / step;
     j.u.step = 1;
     j.u.rows = j.u.H;
-    j.u.width = j.v.width; /* the columns past u's own are zero and drop what v has there */
+    j.u.width = j.v.width; /* the columns after u's own are zero and cancel v's values there */
     if (!flatten(call, &j.u, s->transpose ? x : dy) || !flatten(call, &j.v, s->transpose ? dy : x))
         return SHERF_NO_MEMORY;
     for (int64_t r = 0; r < s->k; r++)

@@ -12,7 +12,7 @@ typedef struct {
     int64_t H, W, I, Ho, Wo, O, k;
 } conv_shape;
 
-/* Whether the shape is handled: stride 1 or 2, k up to 7. Channels are filled up to 32. */
+/* Whether the kernel takes this shape: stride 1 or 2, k up to 7. Channels are padded to a multiple of 32. */
 bool amx_conv_fits(const conv_shape *s);
 sherf_status amx_conv_forward(op_call *call, const conv_shape *s, const float *x, const float *w, float *y);
 /* dx = ..., or with `add` dx += ...; dw += ... */

@@ -1,5 +1,5 @@
-/* Matrix products on AMX: operands are rounded to bf16 and packed as tiles, 32 x 32 sums are kept at a time.
- * One way packs B once for many rows, the other splits a long k into blocks. */
+/* Matrix products on AMX: operands are rounded to bf16 and packed as tiles; 32 x 32 sums stay in registers.
+ * One form packs B once for many rows, the other splits a long k into blocks. */
 #include "tensor/cpu/amx_gemm.h"
 
 #if defined(__x86_64__)
@@ -8,7 +8,7 @@
 #include "tensor/cpu/amx_tiles.h"
 
 /* c[32][32] = or += A (two tile rows, a_step values between k's tiles, 2nd row at a2) times B (likewise).
- * wide: the second column of tiles is there. */
+ * wide: the second column of tiles exists. */
 AMX_INLINE void product_32(const uint16_t *a, const uint16_t *a2, int64_t a_step, const uint16_t *b,
                            const uint16_t *b2, int64_t b_step, int64_t depth, float *c, float *c2, float *d,
                            float *d2, int64_t ldc, bool sum, bool wide, bool tall) {
@@ -49,7 +49,7 @@ typedef struct {
     amx_product p;
     int64_t columns, depth; /* tiles along n and k */
     uint16_t *b;            /* [columns][depth] tiles */
-    uint16_t *a;            /* [2][depth] tiles a thread */
+    uint16_t *a;            /* [2][depth] tiles for each thread */
 } rows_job;
 
 AMX static void pack_b(const rows_job *j) {
@@ -68,7 +68,7 @@ AMX static void pack_b(const rows_job *j) {
         }
 }
 
-/* The sums of a block to C: rows x columns of sum[32][32]. */
+/* Writes the sums of a block to C: rows x columns of sum[32][32]. */
 AMX_INLINE void finish(const amx_product *p, const float *sum, int64_t m, int64_t n, int64_t rows) {
     const __m512 gain = _mm512_set1_ps(p->gain);
     for (int64_t column = n; column < n + 32 && column < p->N; column += 16) {
@@ -131,9 +131,9 @@ enum { STEPS = 8 }; /* tiles of k packed at once: 256 rows of activations */
 typedef struct {
     amx_product p;
     int64_t rows, columns;       /* tiles along m and n */
-    int64_t block_depth, blocks; /* tiles of k a block */
+    int64_t block_depth, blocks; /* tiles of k in a block */
     float *sums;                 /* [blocks][rows][columns] tiles of 16 x 16 */
-    uint16_t *pack;              /* [rows + columns][STEPS] tiles a thread */
+    uint16_t *pack;              /* [rows + columns][STEPS] tiles for each thread */
 } deep_job;
 
 AMX_INLINE void pack_deep(const deep_job *j, int64_t k, int64_t steps, uint16_t *a, uint16_t *b) {

@@ -1,8 +1,8 @@
-/* The rows of the result are sorted by which taps they have, so that 32 rows in a row of that order have
- * mostly the same ones; a tap that none of the 32 has is skipped, and for the others the rows are gathered
- * out of a bf16 copy, a row of zeros where there is nothing. On the shells that bodies make, a product in
- * five is with zeros after sorting; in the order of the voxels it is one in three to three in four. The order
- * depends on the rule alone, and every sum runs in that order on one thread. */
+/* Output rows are sorted by the set of their taps, so that 32 consecutive rows have mostly the same ones. A
+ * tap that none of the 32 has is skipped. For the others the rows are gathered from a bf16 copy, with a row
+ * of zeros where an input is missing. On the shells of bodies, one product in five involves zeros after
+ * sorting; in the voxels' order it would be one in three to three in four. The order depends only on the
+ * rule, and every sum runs in that order on one thread. */
 #include "tensor/cpu/amx_sparse.h"
 
 enum { TAPS = 27, GROUP = 32, CHANNELS_MIN = 16 };
@@ -20,7 +20,7 @@ bool amx_sparse_fits(const tensor *w) {
 typedef struct {
     int64_t rows, groups;
     const int32_t *rule; /* [rows, 27] */
-    int32_t *order;      /* [groups][GROUP]: rows sorted by mask, -1 behind the last */
+    int32_t *order;      /* [groups][GROUP]: rows sorted by mask, -1 after the last */
     uint32_t *mask;      /* [rows] the taps that a row has */
     uint32_t *present;   /* [groups] the taps that any of its rows has */
 } row_order;
@@ -96,8 +96,8 @@ static bool rows_copy(op_call *call, bf16_rows *x, const tensor *from) {
     return true;
 }
 
-/* Where the 32 rows of a group find their inputs at a tap; the zeros where they have none. Without branches,
- * which would be mispredicted more often than not. */
+/* Where the 32 rows of a group find their inputs at a tap, or the row of zeros. Without branches, which would
+ * be mispredicted more often than not. */
 AMX_INLINE void group_from(const row_order *s, const bf16_rows *x, int64_t group, int tap,
                            int32_t from[GROUP]) {
     const __m512i none = _mm512_set1_epi32((int)x->rows);
@@ -119,9 +119,9 @@ typedef struct {
     int64_t O, I, N;
     bool back, add;
     int64_t columns; /* tiles of N */
-    uint16_t *b;     /* [pairs of columns][27][blocks][2] tiles; a single last column has none beside it */
-    uint16_t *a;     /* a thread: [FEW, or blocks if more][2] tiles */
-    float *sums;     /* a thread: [pairs of columns][2][2] tiles */
+    uint16_t *b;     /* [pairs of columns][27][blocks][2] tiles; a single last column is alone */
+    uint16_t *a;     /* for each thread: [FEW, or blocks if more][2] tiles */
+    float *sums;     /* for each thread: [pairs of columns][2][2] tiles */
     int64_t a_set;
     float *y;
 } rows_job;
@@ -156,8 +156,8 @@ AMX_INLINE void group_gather(const rows_job *j, int64_t group, int tap, int64_t 
     }
 }
 
-/* sum[2][2] tiles = or += the group's rows at some taps times a pair of columns; wide: the second is there.
- */
+/* sum[2][2] tiles = or += the group's rows at some taps times a pair of columns; wide: the second column
+ * exists. */
 AMX_INLINE void group_product(const int *tap, int taps, int64_t blocks, const uint16_t *a, const uint16_t *b,
                               bool wide, bool add, float *sum) {
     sums_begin(add, sum);
@@ -193,7 +193,7 @@ AMX_INLINE void group_store(const rows_job *j, int64_t group, int64_t n, const f
     }
 }
 
-/* A few taps at a time, so that what was gathered stays in the first cache for all columns. */
+/* A few taps at a time, so that the gathered rows stay in the L1 cache for all columns. */
 AMX_INLINE void group_sums(const rows_job *j, int64_t group, int64_t blocks, uint16_t *a, float *sums) {
     const int64_t set = TAPS * blocks * 2 * TILE;
     const int max = blocks < FEW ? (int)(FEW / blocks) : 1;
@@ -256,17 +256,17 @@ sherf_status amx_sparse_rows(op_call *call, const tensor *x, const int32_t *rule
 }
 
 /* ---- gradient of the weights ---- */
-/* A unit of work is a tap and a pair of tiles of inputs, over all rows: a few groups of 32 rows at a time
- * are gathered, and meet all of the outputs. */
+/* A unit of work is a tap and a pair of input tiles, over all rows: a few groups of 32 rows are gathered at a
+ * time and multiplied with all outputs. */
 enum { FEW_GROUPS = 16 };
 typedef struct {
     row_order sorted;
     bf16_rows x;
     const float *dy;
-    int64_t O, rows;    /* outputs; pairs of tiles of them */
+    int64_t O, rows;    /* outputs; pairs of output tiles */
     uint16_t *dy_tiles; /* [2 rows][groups] tiles: outputs by pairs of sorted rows */
-    uint16_t *x_tiles;  /* a thread: [FEW_GROUPS][2] tiles: pairs of sorted rows by inputs */
-    float *sums;        /* a thread: [rows][2][2] tiles */
+    uint16_t *x_tiles;  /* for each thread: [FEW_GROUPS][2] tiles: pairs of sorted rows by inputs */
+    float *sums;        /* for each thread: [rows][2][2] tiles */
     float *dw;
 } weight_job;
 

@@ -4,9 +4,9 @@
 
 #include "tensor/cpu/cpu.h"
 
-/* Whether the channels are enough to fill tiles that are worth it. */
+/* Whether there are enough channels to make tiles worthwhile. */
 bool amx_sparse_fits(const tensor *w);
-/* y[a] = (add: +=) sum over taps of W_tap x[rule[a, tap]]; w [O, 3, 3, 3, I]. back: W_tap is turned over, x
+/* y[a] = (add: +=) sum over taps of W_tap x[rule[a, tap]]; w [O, 3, 3, 3, I]. back: W_tap is transposed, x
  * has O channels and y I, as in the gradient of the data. */
 sherf_status amx_sparse_rows(op_call *call, const tensor *x, const int32_t *rule, bool back, bool add,
                              tensor *y);

@@ -18,7 +18,7 @@ AMX_INLINE __mmask16 lanes(int64_t n) {
     return n >= 16 ? 0xffff : n <= 0 ? 0 : (__mmask16)((1u << n) - 1);
 }
 
-/* Row j: 32 values of row j of m, from column 0; rows and columns past the given ones are 0. */
+/* Row j: 32 values of row j of m, from column 0; rows and columns outside the given ones are 0. */
 AMX_INLINE void load_across(const float *m, int64_t ld, int64_t rows, int64_t columns, __m512i out[16]) {
     const __mmask16 low = lanes(columns), high = lanes(columns - 16);
     for (int j = 0; j < 16; j++) {
@@ -50,7 +50,7 @@ AMX_INLINE void load_down(const float *m, int64_t ld, int64_t rows, int64_t colu
     }
 }
 
-/* Tiles 0 to 3 from and to 2 x 2 tiles of sums one after the other; or from zero. */
+/* Loads tiles 0 to 3 from 2 x 2 tiles of sums in order, or zeroes them. */
 AMX_INLINE void sums_begin(bool add, const float *sums) {
     if (add) {
         tile_load(0, sums, 64);

@@ -1,5 +1,5 @@
-/* The CPU backend's table: its own kernels, a few of the reference's, and which gradients are written
- * rather than added to. */
+/* The CPU backend's table: its own kernels, a few of the reference's, and the gradients that kernels write
+ * instead of adding to. */
 #include "tensor/cpu/cpu.h"
 #include "tensor/ref/ref.h"
 
@@ -10,7 +10,7 @@ const backend backend_cpu = {
     .name = "CPU",
     .real = T_F32,
     OPS(BOTH, FORWARD, SHARED)
-        /* The large ones: what is cleared and then added to goes through memory twice. */
+        /* The large ones: clearing and then adding passes over memory twice. */
         .writes = {[OP_linear] = 1,
                    [OP_conv2d] = 1,
                    [OP_conv2d_transpose] = 1,

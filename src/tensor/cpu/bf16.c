@@ -1,4 +1,4 @@
-/* float32 to bf16, to the nearest and even: by AVX512-BF16's conversion, 32 values at a time. */
+/* float32 to bf16, to nearest even, by AVX512-BF16's conversion, 32 values at a time. */
 #include "tensor/cpu/bf16.h"
 
 #include <string.h>

@@ -1,13 +1,12 @@
-/* Convolutions in float32: on AVX2 of pictures with wide rows, where oneDNN reaches half to two thirds of
- * what products can, and on NEON, where oneDNN has nothing written for it. Forwards and, as convolutions of
- * the result's gradient, backwards to the data. */
+/* Convolutions in float32: on AVX2 for pictures with wide rows, where oneDNN reaches half to two thirds of
+ * the speed of products, and on NEON, where oneDNN has no optimised code. Forward, and backward to the data
+ * as convolutions of the result's gradient. */
 #ifndef SHERF_CONV_ROWS_H
 #define SHERF_CONV_ROWS_H
 
 #include "tensor/cpu/amx_conv.h"
 
-/* Whether the kernel takes this shape, forwards or backwards to the data; on AVX2 without AVX-512, or NEON.
- */
+/* Whether the kernel takes this shape, forward or backward to the data; on AVX2 without AVX-512, or NEON. */
 bool conv_rows_fits(const conv_shape *s, bool back);
 sherf_status conv_rows_forward(op_call *call, const conv_shape *s, const float *x, const float *w, float *y);
 /* dx = ..., or with `add` dx += ... */

@@ -1,7 +1,7 @@
-/* Convolutions: blocks of PIXELS x VECTORS vectors of outputs stay in registers while all taps and inputs go
- * by. A thread packs a band of rows with their borders and takes it through every block of outputs. Included
- * by one file per instruction set, which defines LANES, PIXELS, VECTORS, LEVEL (ISA_...), and from which
- * KERNEL, CHANNELS and WIDTH on it is faster than oneDNN. */
+/* Convolutions: blocks of PIXELS x VECTORS vectors of outputs stay in registers over all taps and inputs. A
+ * thread packs a band of rows with their borders and computes every block of outputs from it. One file for
+ * each instruction set includes this; it defines LANES, PIXELS, VECTORS, LEVEL (ISA_...), and KERNEL,
+ * CHANNELS and WIDTH, from which on this is faster than oneDNN. */
 #include <string.h>
 
 #include "base/simd.h"
@@ -15,7 +15,7 @@ typedef struct {
     const float *x, *w;
     float *y;
     int64_t H, W, I, Ho, Wo, O, k, step, pad;
-    int64_t o_step, i_step; /* of w; a tap's is 1 */
+    int64_t o_step, i_step; /* of w; a tap's step is 1 */
     bool turned;            /* the taps of w from the last to the first */
     bool add;
     float gain;
@@ -45,7 +45,7 @@ static void pack_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* Row y of x with its borders; rows outside are zeros. */
+/* Copies row y of x with its borders; rows outside are zeros. */
 static void fill_row(const job *j, int64_t y, float *to) {
     const int64_t left = j->pad, right = j->width - left < j->W ? j->width - left : j->W;
     const bool inside = y >= 0 && y < j->H && right > 0;
@@ -60,7 +60,7 @@ static void fill_row(const job *j, int64_t y, float *to) {
 
 typedef vf block_sums[PIXELS][VECTORS];
 
-/* sum += `count` inputs from x on, of each pixel, times their weights. */
+/* sum += `count` inputs of each pixel, from x on, times their weights. */
 INLINE void add_inputs(const float *x, int64_t pixel, const float *w, const int count, block_sums sum) {
     numbers some[PIXELS];
     UNROLL for (int p = 0; p < PIXELS; p++) some[p] = numbers_load(x + p * pixel);
@@ -79,7 +79,7 @@ INLINE void block(const job *j, const float *x, const float *w, float *y, int64_
     const int64_t row = j->width * j->I, pixel = j->step * j->I, run = j->k * j->I;
     block_sums sum;
     UNROLL for (int p = 0; p < PIXELS; p++) UNROLL for (int v = 0; v < VECTORS; v++) sum[p][v] = splat(0);
-    for (int64_t ky = 0; ky < j->k; ky++, x += row) { /* a row of taps lies side by side, as w does */
+    for (int64_t ky = 0; ky < j->k; ky++, x += row) { /* a row of taps is contiguous, as in w */
         int64_t i = 0;
         for (; i + NUMBERS <= run; i += NUMBERS, w += NUMBERS * OUT)
             add_inputs(x + i, pixel, w, NUMBERS, sum);
@@ -120,8 +120,8 @@ static sherf_status run(op_call *call, job *j) {
     j->blocks = (j->O + OUT - 1) / OUT;
     j->width = ((j->Wo + PIXELS - 1) / PIXELS * PIXELS - 1) * j->step + j->k;
     const int64_t row = j->width * j->I * j->step, shared = (j->Ho + c->threads - 1) / c->threads;
-    j->band = BAND_FLOATS / row;                                     /* rows that stay in the second cache, */
-    j->band = j->band < 1 ? 1 : j->band > shared ? shared : j->band; /* and some for everybody */
+    j->band = BAND_FLOATS / row;                                     /* rows that stay in the L2 cache, */
+    j->band = j->band < 1 ? 1 : j->band > shared ? shared : j->band; /* but enough for all threads */
     j->band_rows = (j->band - 1) * j->step + j->k;
     const size_t floats = (size_t)(j->band_rows * j->width * j->I);
     j->packed = arena_alloc(c, call->scratch, (size_t)(j->blocks * j->k * j->k * j->I), OUT * sizeof(float));
@@ -151,8 +151,8 @@ sherf_status conv_rows_forward(op_call *call, const conv_shape *s, const float *
                             .gain = s->gain});
 }
 
-/* A convolution of dy with inputs and outputs exchanged: of a plain one with its taps turned round, of a
- * transposed one in steps of two. */
+/* A convolution of dy with inputs and outputs exchanged: for conv2d with its taps reversed, for
+ * conv2d_transpose in steps of two. */
 sherf_status conv_rows_data(op_call *call, const conv_shape *s, const float *dy, const float *w, bool add,
                             float *dx) {
     const int64_t T = s->k * s->k;

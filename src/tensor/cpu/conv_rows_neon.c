@@ -1,4 +1,4 @@
-/* Convolutions for NEON: all, since oneDNN has only its products in C++ there. */
+/* Convolutions for NEON, of any shape, since oneDNN has only plain C++ for them there. */
 #if defined(__aarch64__)
 #define LANES 4
 #define PIXELS 8

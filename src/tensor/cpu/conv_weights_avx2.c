@@ -1,5 +1,5 @@
-/* Weights' gradients of convolutions for AVX2 (the build compiles this file for it), where there is no
- * AVX-512; and what stands for them on other processors. */
+/* Weights' gradients of convolutions for AVX2 without AVX-512 (the build compiles this file for AVX2); on
+ * other processors, stubs. */
 #if defined(__AVX2__)
 #define LANES 8
 #define U_BLOCK 6

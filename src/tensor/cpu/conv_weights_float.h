@@ -1,9 +1,9 @@
 /* Gradients of convolutions' weights: sums over pixels of u[pixel][a] v[tap of the pixel][b]. u is the
- * smaller of the two pictures (the result, or the input of a transposed convolution); v is the one that is
- * read at k x k taps of a step. A band of rows is packed. Then each thread takes its own columns b and rows
- * of taps, so every sum belongs to one thread. Included by one file per instruction set, which defines LANES,
- * U_BLOCK x VECTORS (the block of sums in registers), LEVEL (ISA_...), and from which CHANNELS and WIDTH on
- * it is faster than oneDNN. */
+ * smaller of the two pictures (the result, or the input of a transposed convolution); v is read at k x k taps
+ * of a step. A band of rows is packed. Then each thread takes its own columns b and rows of taps, so every
+ * sum belongs to one thread. One file for each instruction set includes this; it defines LANES, U_BLOCK x
+ * VECTORS (the block of sums in registers), LEVEL (ISA_...), and CHANNELS and WIDTH, from which on this is
+ * faster than oneDNN. */
 #include <string.h>
 
 #include "base/simd.h"
@@ -21,7 +21,7 @@ typedef struct {
     picture u, v;
     int64_t k, step, pad;
     int64_t a_blocks, b_blocks, v_width; /* columns of v that a row of u reads */
-    int64_t first, rows, band;           /* rows of u in this band, and in any */
+    int64_t first, rows, band;           /* rows of u in this band, and in any band */
     float *u_rows;                       /* [row][a block][W][A] */
     float *v_rows;                       /* [row][b block][v_width][B], row 0 and column 0 `pad` before v */
     float *sums;                         /* [k][k][b block][a block][A][B] */
@@ -53,7 +53,7 @@ static void pack_v(const job *j, int64_t row) {
     const picture *v = &j->v;
     const int64_t y = j->first * j->step + row - j->pad;
     float *to = j->v_rows + row * j->b_blocks * j->v_width * B;
-    if (y < 0 || y >= v->H) return; /* is not read */
+    if (y < 0 || y >= v->H) return; /* not read */
     for (int64_t b = 0; b < v->C; b += B, to += j->v_width * B) {
         const int64_t count = v->C - b < B ? v->C - b : B;
         memset(to, 0, (size_t)(j->v_width * B) * sizeof(float));

@@ -1,4 +1,5 @@
-/* Weights' gradients of convolutions for NEON: all, since oneDNN's depend on the number of threads there. */
+/* Weights' gradients of convolutions for NEON, of any shape, since oneDNN's depend on the number of threads
+ * there. */
 #if defined(__aarch64__)
 #define LANES 4
 #define U_BLOCK 8

@@ -1,4 +1,4 @@
-/* The CPU backend: oneDNN, SIMD and OpenMP kernels with the reference kernels' meaning. */
+/* The CPU backend: oneDNN, SIMD and OpenMP kernels that compute the same as the reference's. */
 #ifndef SHERF_CPU_H
 #define SHERF_CPU_H
 

@@ -1,7 +1,7 @@
 /* batch_norm: statistics in one pass over memory (a block's mean, then its squares about that mean while it
- * is in the cache; blocks joined in double), then one pass that normalises. The mean is kept as two floats:
- * with one, its rounding moves a whole channel, by more than the rounding of the products where the mean is
- * large beside the deviation. */
+ * is in the cache; blocks are joined in double), then one pass that normalises. The mean is kept as two
+ * floats: with one, its rounding shifts a whole channel, by more than the products' rounding if the mean is
+ * large compared with the deviation. */
 #include <math.h>
 #include <string.h>
 
@@ -10,14 +10,14 @@
 
 typedef struct {
     row_view view;
-    bool relu, training, fresh; /* fresh: dx is cleared row by row, in the first cache */
+    bool relu, training, fresh; /* fresh: dx is cleared row by row, in the L1 cache */
     const float *x, *dy;
     float *y, *dx, *sums;
     float *mean, *rest, *scale, *bias; /* patterns: y = (x - mean - rest) scale + bias */
     float *shift, *slope;              /* backward: dx += scale (g - shift - slope (x - mean - rest)) */
 } norm_job;
 
-/* sums: the block's mean, then the sum of squares about it; for every column of the view. */
+/* sums: the block's mean, then the sum of squares about it, for every column of the view. */
 static VARIANT_BODY void statistics(void *arg, int64_t begin, int64_t end, int thread) {
     const norm_job *j = arg;
     const row_view *v = &j->view;
@@ -83,7 +83,7 @@ static VARIANT_BODY void normalise(void *arg, int64_t begin, int64_t end, int th
 }
 VARIANTS(normalise)
 
-/* mean, scale, bias of the job from the saved statistics. */
+/* Computes the job's mean, scale and bias from the saved statistics. */
 static bool patterns(op_call *call, norm_job *j) {
     const float *weight = call->in[1]->data, *mean = call->saved, *inverse = mean + j->view.channels;
     j->mean = row_pattern(call, &j->view, mean);
@@ -124,7 +124,7 @@ sherf_status cpu_batch_norm_forward(op_call *call) {
     return SHERF_OK;
 }
 
-/* sums: g and g (x - mean), g = dy where the ReLU lets through. */
+/* sums: g and g (x - mean); g is dy where the ReLU passes. */
 static VARIANT_BODY void gradient_sums(void *arg, int64_t begin, int64_t end, int thread) {
     const norm_job *j = arg;
     const row_view *v = &j->view;

@@ -1,4 +1,4 @@
-/* concat and slice: columns of rows copied, or added on the way back. */
+/* concat and slice: copy columns of rows, or add them in the backward pass. */
 #include <string.h>
 
 #include "tensor/cpu/cpu.h"

@@ -8,7 +8,7 @@
 #include "tensor/cpu/dnnl_conv.h"
 #include "tensor/cpu/linear.h"
 
-/* Fewer channels leave most of a tile empty (three colours: 3 of 32). */
+/* With fewer channels most of a tile is empty (three colours: 3 of 32). */
 enum { FEW = 16 };
 
 static conv_shape shape_of(const op_call *call, bool transpose) {
@@ -42,8 +42,8 @@ static sherf_status forward(op_call *call, bool transpose) {
     return dnnl_conv_forward(call, transpose, is_bf16(call) && (!few || s.k > 3));
 }
 
-/* A pass of oneDNN's; `alone` on one thread, where its sums depend on the number of threads: gradients of few
- * channels' weights, and of pictures on AVX2. */
+/* Runs a pass of oneDNN's; `alone`: on one thread, where its sums depend on the number of threads: gradients
+ * of few channels' weights, and of pictures on AVX2. */
 static sherf_status dnnl_on(op_call *call, bool alone, sherf_status (*pass)(op_call *, bool, bool),
                             bool transpose, bool bf16) {
     const int threads = call->c->threads;
@@ -53,8 +53,8 @@ static sherf_status dnnl_on(op_call *call, bool alone, sherf_status (*pass)(op_c
     return status;
 }
 
-/* Of 1 x 1 kernels, in float32: those of a linear layer over the pixels that are read. oneDNN's sums over
- * pixels depend on the number of threads here, but for those of stride 2 on AVX-512. */
+/* Weights' gradient of 1 x 1 kernels in float32: that of a linear layer over the pixels that are read.
+ * oneDNN's sums over pixels depend on the number of threads here, except with stride 2 on AVX-512. */
 static sherf_status pixel_weights(op_call *call, const conv_shape *s, const float *x, const float *dy,
                                   float *dw) {
     const linear_sizes n = {s->Ho * s->Wo, s->I, s->O, s->gain};

@@ -1,4 +1,4 @@
-/* bias_act, scale_channels, add, scale, mask_rows: streams over memory. */
+/* bias_act, scale_channels, add, scale, mask_rows: single passes over memory. */
 #include <string.h>
 
 #include "tensor/cpu/rows.h"
@@ -10,7 +10,7 @@ typedef struct {
     bias_act_attr attr;
     const float *x, *b, *dy;
     float *y, *dx, *sums;
-    bool fresh; /* dx: cleared row by row, in the first cache */
+    bool fresh; /* dx: cleared row by row, in the L1 cache */
 } act_job;
 
 static VARIANT_BODY void act_forward(void *arg, int64_t begin, int64_t end, int thread) {

@@ -1,9 +1,9 @@
-/* fir_upsample: separable, rows first into a line buffer, then columns. The gradient is the same gathering
- * the other way round. */
+/* fir_upsample: separable; first rows into a line buffer, then columns. The gradient is the same gathering in
+ * reverse. */
 #include "tensor/cpu/cpu.h"
 #include "tensor/cpu/variants.h"
 
-/* Where one row (or column) of the result comes from: at most four of the source with their weights. */
+/* The sources of one row (or column) of the result: at most four, with their weights. */
 typedef struct {
     int count;
     int64_t at[4];
@@ -21,8 +21,8 @@ typedef struct {
 
 static const float kernel_taps[4] = {1 / 8.0f, 3 / 8.0f, 3 / 8.0f, 1 / 8.0f};
 
-/* Forward: y[i] reads z[i + r - before] = x[(i + r - before) / up] where that divides. Backward: x[i] was
- * read by y[i up + before - r]. */
+/* Forward: y[i] reads z[i + r - before] = x[(i + r - before) / up] where the division is exact. Backward: y[i
+ * up + before - r] read x[i]. */
 static VARIANT_BODY taps taps_of(const fir_job *j, int64_t i, int64_t limit, float gain) {
     taps t = {0};
     for (int r = 0; r < 4; r++) {
@@ -36,7 +36,7 @@ static VARIANT_BODY taps taps_of(const fir_job *j, int64_t i, int64_t limit, flo
         t.at[t.count] = at;
         t.weight[t.count++] = kernel_taps[r] * gain;
     }
-    for (int k = t.count; k < 4; k++) t.at[k] = 0; /* weight 0: reads anything that is there */
+    for (int k = t.count; k < 4; k++) t.at[k] = 0; /* weight 0: may read any valid place */
     return t;
 }
 

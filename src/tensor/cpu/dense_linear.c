@@ -1,5 +1,5 @@
-/* linear: AMX tiles in bf16, oneDNN's sgemm over fixed runs of rows in float32, and plain SIMD loops where
- * there are few rows or few outputs. */
+/* linear: AMX tiles in bf16, oneDNN's sgemm over fixed runs of rows in float32, and plain SIMD loops for few
+ * rows or few outputs. */
 #include <string.h>
 
 #include "tensor/cpu/amx_gemm.h"
@@ -13,9 +13,9 @@ typedef struct {
     const float *x, *w, *b, *dy;
     float *y, *dx, *dw;
     float gain, bias_gain;
-    float *sums; /* gradients of w, one a block of rows; the first is dw itself if it is alone */
+    float *sums; /* gradients of w, one for each block of rows; a single one is dw itself */
     int64_t block_rows, blocks;
-    bool fresh; /* dx is written, not added to */
+    bool fresh; /* dx is written instead of added to */
     atomic_bool failed;
 } linear_job;
 
@@ -28,7 +28,7 @@ static bool is_amx(const op_call *call, const linear_job *j) {
     return call->bf16 && isa_has_bf16() && j->I >= FEW;
 }
 
-/* Blocks fixed by the shape: at most 16, of at least 64 rows. */
+/* Blocks depend only on the shape: at most 16, of at least 64 rows. */
 static void blocks_of(linear_job *j) {
     j->block_rows = (j->R + 15) / 16 < 64 ? 64 : (j->R + 15) / 16;
     j->blocks = (j->R + j->block_rows - 1) / j->block_rows;

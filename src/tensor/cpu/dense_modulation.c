@@ -1,11 +1,11 @@
-/* demodulation: over the weights [O, I * taps] with the styles' squares spread over the taps. */
+/* demodulation: over the weights [O, I * taps], with the styles' squares repeated for the taps. */
 #include <math.h>
 #include <string.h>
 
 #include "tensor/cpu/cpu.h"
 #include "tensor/cpu/variants.h"
 
-enum { BLOCK = 16 }; /* output channels a block: sums over them go block by block, whatever the threads */
+enum { BLOCK = 16 }; /* output channels in a block: sums run block by block, for any thread count */
 
 typedef struct {
     int64_t O, n; /* n = I * taps */

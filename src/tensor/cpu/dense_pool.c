@@ -1,5 +1,5 @@
-/* max_pool: channels side by side in SIMD, each maximum's pixel kept for the gradient. average_pool: sums
- * over rows in fixed blocks (rows.h). */
+/* max_pool: channels are contiguous in SIMD, and each maximum's pixel is kept for the gradient. average_pool:
+ * sums over rows in fixed blocks (rows.h). */
 #include <string.h>
 
 #include "tensor/cpu/rows.h"
@@ -14,7 +14,7 @@ typedef struct {
     int32_t *pixel;
 } pool_job;
 
-/* One window: the first pixel's values, then the others where they are larger. */
+/* One window: copies the first pixel's values, then takes the others' where they are larger. */
 static VARIANT_BODY void pool_window(const pool_job *j, int64_t i, int64_t k) {
     const int64_t C = j->C, at = (i * j->columns + k) * C;
     float *restrict y = j->y + at;
@@ -47,7 +47,7 @@ static VARIANT_BODY void pool_forward(void *arg, int64_t begin, int64_t end, int
 }
 VARIANTS(pool_forward)
 
-/* Windows overlap, so threads share out the channels: 16 of them, a cache line, at a time. */
+/* Windows overlap, so threads share the channels: 16 of them, a cache line, at a time. */
 static void pool_backward(void *arg, int64_t begin, int64_t end, int thread) {
     const pool_job *j = arg;
     const int64_t first = begin * 16, last = end * 16 < j->C ? end * 16 : j->C;

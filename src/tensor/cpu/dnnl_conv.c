@@ -1,6 +1,6 @@
-/* conv2d and conv2d_transpose over oneDNN. Activations stay channels-last; the weights (OIHW) are packed for
- * each call, as nothing tells when a parameter has changed. In bf16 the inputs are rounded first and sums and
- * results are float32. */
+/* conv2d and conv2d_transpose through oneDNN. Activations stay channels-last. The weights (OIHW) are packed
+ * in each call, since nothing shows when a parameter has changed. In bf16 the inputs are rounded first; sums
+ * and results are float32. */
 #include <string.h>
 
 #include "tensor/cpu/bf16.h"
@@ -22,7 +22,7 @@ typedef struct {
     dnnl_memory_desc_t x, w, y;
 } shapes;
 
-/* The result of the pass is float32, what it reads has the product's type. */
+/* The pass's result is float32; its inputs have the product's type. */
 static dnnl_status_t shapes_init(shapes *s, const plan_key *k, int pass) {
     const dnnl_data_type_t type = k->bf16 ? dnnl_bf16 : dnnl_f32;
     const dnnl_dims_t x = {1, k->I, k->H, k->W}, w = {k->O, k->I, k->k, k->k};
@@ -38,7 +38,7 @@ static dnnl_status_t attr_create(dnnl_primitive_attr_t *attr) {
     return dnnl_primitive_attr_set_scratchpad_mode(*attr, dnnl_scratchpad_mode_user);
 }
 
-/* Forward: y = gain * the convolution. The backward passes scale their result when it is added. */
+/* Forward: y = gain * the convolution. The backward passes scale their result when they add it. */
 static dnnl_status_t gain_attr(dnnl_primitive_attr_t attr, const plan_key *k) {
     if (k->pass != PASS_FORWARD || k->gain == 1) return dnnl_success;
     dnnl_post_ops_t ops;
@@ -83,7 +83,7 @@ static dnnl_status_t transpose_desc(dnnl_primitive_desc_t *out, const plan_key *
     return dnnl_primitive_desc_create(out, &d, attr, engine, hint);
 }
 
-/* p->main for the pass; oneDNN wants the forward one's description for the backward ones. */
+/* Builds p->main for the pass; oneDNN needs the forward pass's description for the backward ones. */
 static dnnl_status_t main_build(plan *p, dnnl_engine_t engine, dnnl_primitive_attr_t attr) {
     const plan_key *k = &p->key;
     dnnl_status_t (*desc)(dnnl_primitive_desc_t *, const plan_key *, int, const shapes *,
@@ -103,7 +103,7 @@ static dnnl_status_t main_build(plan *p, dnnl_engine_t engine, dnnl_primitive_at
     return status;
 }
 
-/* The packing of the weights; after PASS_WEIGHTS the unpacking: dw += gain * packed. */
+/* Packs the weights; after PASS_WEIGHTS unpacks them: dw += gain * packed. */
 static dnnl_status_t weights_build(plan *p, dnnl_engine_t engine, dnnl_primitive_attr_t attr) {
     const plan_key *k = &p->key;
     const dnnl_dims_t w = {k->O, k->I, k->k, k->k};
@@ -147,7 +147,7 @@ static dnnl_status_t convolution_build(plan *p, dnnl_engine_t engine) {
     return dnnl_success;
 }
 
-/* The plan in bf16 if requested and there, else in float32 (which oneDNN always has). */
+/* The plan in bf16 if requested and available, else in float32 (which oneDNN always has). */
 static sherf_status plan_for(op_call *call, bool transpose, bool bf16, plan_pass pass, plan **out) {
     const tensor *x = call->in[0], *w = call->in[1];
     const conv2d_attr *a = transpose ? &(conv2d_attr){2, 0, 1} : call->attr;
@@ -174,7 +174,7 @@ static sherf_status plan_for(op_call *call, bool transpose, bool bf16, plan_pass
     return status;
 }
 
-/* Values of an activation in the type the plan reads. */
+/* An activation's values in the type that the plan reads. */
 static void *activation(op_call *call, const plan *p, const tensor *t) {
     if (!p->key.bf16) return t->data;
     uint16_t *rounded = arena_alloc(call->c, call->scratch, (size_t)tensor_count(t), sizeof *rounded);
@@ -205,7 +205,7 @@ sherf_status dnnl_conv_forward(op_call *call, bool transpose, bool bf16) {
     return status;
 }
 
-/* dx += gain * (dy over w turned round) */
+/* dx += gain * (dy over w transposed) */
 sherf_status dnnl_conv_data(op_call *call, bool transpose, bool bf16) {
     plan *p;
     sherf_status status = plan_for(call, transpose, bf16, PASS_DATA, &p);

@@ -1,5 +1,5 @@
-/* conv2d and conv2d_transpose over oneDNN, float32 or, where it has that, bf16; call->in, out, din, dout as
- * in the op. */
+/* conv2d and conv2d_transpose through oneDNN, in float32 or, if it has that, bf16; call->in, out, din, dout
+ * as in the op. */
 #ifndef SHERF_DNNL_CONV_H
 #define SHERF_DNNL_CONV_H
 

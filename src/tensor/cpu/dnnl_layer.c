@@ -1,5 +1,5 @@
-/* Convolutions for inference on oneDNN: pictures stay channels-last, weights [k, k, in, out] are reordered
- * once to the primitive's own form. */
+/* Convolutions for inference through oneDNN: pictures stay channels-last, and weights [k, k, in, out] are
+ * reordered once into the primitive's own form. */
 #include <string.h>
 
 #include "base/only_read.h"
@@ -35,7 +35,7 @@ size_t layer_scratch_bytes(const layer *l) {
     return dnnl_memory_desc_get_size(l->scratch);
 }
 
-/* The sum comes before the activation. */
+/* The sum is applied before the activation. */
 static dnnl_status_t post_ops(const layer_shape *s, dnnl_post_ops_t ops) {
     if (s->adds) TRY(dnnl_post_ops_append_sum(ops, 1));
     if (s->then == LAYER_RELU) return dnnl_post_ops_append_eltwise(ops, 1, dnnl_eltwise_relu, 0, 0);

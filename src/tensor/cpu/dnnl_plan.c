@@ -1,5 +1,5 @@
-/* oneDNN's primitives for conv2d and conv2d_transpose, kept and run: they are found by shape under one lock,
- * and when all places are taken, the longest unused goes. */
+/* Keeps and runs oneDNN's primitives for conv2d and conv2d_transpose. They are found by shape under one lock;
+ * if all slots are taken, the least recently used one is freed. */
 #include <omp.h>
 #include <pthread.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 
 #include "tensor/cpu/dnnl_plan.h"
 
-/* Enough for every shape of a network's forward and backward pass at two picture sizes. */
+/* Enough for every shape in a network's forward and backward pass at two picture sizes. */
 enum { PLANS = 512 };
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
@@ -23,7 +23,7 @@ static void plan_clear(plan *p) {
     free(p);
 }
 
-/* Runs before oneDNN's own statics go, as they were made before this was registered. */
+/* Runs before oneDNN's own statics are destroyed, since they were made before this was registered. */
 static void forget_all(void) {
     pthread_mutex_lock(&lock);
     for (int i = 0; i < PLANS; i++) {
@@ -72,7 +72,7 @@ dnnl_engine_t plan_engine(void) {
     return ready;
 }
 
-/* Under the lock: the slot for a new plan, the longest unused one's; -1 when all are running. */
+/* Under the lock: the slot for a new plan, which is the least recently used one's; -1 if all are running. */
 static int slot_free(void) {
     int best = -1;
     for (int i = 0; i < PLANS; i++) {
@@ -90,7 +90,7 @@ static plan *plan_find(const plan_key *key) {
 }
 
 static sherf_status plan_make(context *c, const plan_key *key, plan_build *build, plan **out) {
-    plan *p = calloc(1, sizeof *p); /* not the context's: the plan outlives it */
+    plan *p = calloc(1, sizeof *p); /* not the context's memory: the plan outlives it */
     if (!p || !dnnl_room()) {
         free(p);
         return failure(c, SHERF_NO_MEMORY, "out of memory: a convolution's plan");

@@ -1,5 +1,5 @@
-/* oneDNN behind a cache: a plan is a primitive for one shape with the reorder of its weights, made once and
- * kept. For cpu/dnnl_*.c only. */
+/* oneDNN behind a cache: a plan is a primitive for one shape together with its weights' reorder, made once
+ * and kept. For cpu/dnnl_*.c only. */
 #ifndef SHERF_DNNL_PLAN_H
 #define SHERF_DNNL_PLAN_H
 
@@ -9,7 +9,7 @@
 
 typedef enum { PASS_FORWARD, PASS_DATA, PASS_WEIGHTS, PASS_COUNT } plan_pass;
 
-/* What a plan is made for; 4-byte fields only, compared as bytes. */
+/* A plan's key; 4-byte fields only, compared as bytes. */
 typedef struct {
     int32_t transpose; /* transposed convolution */
     int32_t pass;
@@ -36,25 +36,25 @@ typedef dnnl_status_t plan_build(plan *p, dnnl_engine_t engine);
 sherf_status plan_acquire(context *c, const plan_key *key, plan_build *build, plan **out);
 void plan_release(plan *p);
 
-/* Binds oneDNN to SHERF_ISA's instructions, as our own kernels are. Before any other call of oneDNN, which
- * takes the mask once. */
+/* Limits oneDNN to SHERF_ISA's instructions, like our own kernels. Must precede any other call of oneDNN,
+ * which reads the mask once. */
 void dnnl_mask(void);
-/* Whether there is memory for the code that oneDNN is about to write: it writes through NULL where it gets
- * none. */
+/* Whether there is memory for the code that oneDNN is about to write: it writes through NULL if it gets none.
+ */
 bool dnnl_room(void);
-/* oneDNN's engine on this processor, held to SHERF_ISA, until the process ends; NULL: none. */
+/* oneDNN's engine on this processor, limited to SHERF_ISA; it lives until the process ends. NULL: none. */
 dnnl_engine_t plan_engine(void);
 
-/* Sets the threads of the OpenMP regions that oneDNN opens from here; returns what was set before. */
+/* Sets the number of threads for the OpenMP regions that oneDNN opens from here; returns the previous one. */
 int threads_set(int n);
 
-/* One argument of a primitive: which, how it lies, where. */
+/* One argument of a primitive: its number, layout and address. */
 typedef struct {
     int arg;
     const dnnl_memory_desc_t *desc;
     void *data;
 } plan_arg;
-enum { PLAN_ARGS = 6 }; /* a primitive's at most */
+enum { PLAN_ARGS = 6 }; /* at most, for a primitive */
 /* Runs a primitive and waits for it. */
 dnnl_status_t plan_execute(dnnl_primitive_t primitive, dnnl_engine_t engine, int count, const plan_arg *args);
 /* Runs a primitive with its scratchpad taken from the call's scratch; waits for it. */

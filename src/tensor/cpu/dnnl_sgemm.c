@@ -1,4 +1,4 @@
-/* oneDNN's sgemm held to one thread: linear's own threads share out the rows. */
+/* oneDNN's sgemm on one thread: linear's own threads share the rows. */
 #include <dnnl.h>
 #include <omp.h>
 #include <stdatomic.h>
@@ -8,7 +8,7 @@
 
 bool sgemm(bool a_down, bool b_across, int64_t M, int64_t N, int64_t K, float alpha, const float *a,
            int64_t lda, const float *b, int64_t ldb, float beta, float *c, int64_t ldc) {
-    static atomic_bool written; /* all its kernels, with the first product */
+    static atomic_bool written; /* all its kernels exist, which the first product writes */
     dnnl_mask();
     if (!atomic_load(&written) && !dnnl_room()) return false;
     const int threads = omp_in_parallel() ? 0 : threads_set(1);

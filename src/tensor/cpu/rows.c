@@ -1,4 +1,4 @@
-/* Tensors seen as wide rows, and sums over rows: in float within a block, in double over the blocks. */
+/* Views tensors as wide rows, and sums over rows: in float within a block, in double over the blocks. */
 #include <string.h>
 
 #include "tensor/cpu/rows.h"

@@ -1,7 +1,7 @@
-/* Rows of channels for the CPU kernels. Narrow rows (few channels) are taken several at a time, so that inner
- * loops are long enough for SIMD: a tensor [R, C] is seen as `rows` rows of `width` = C * m values, the last
- * with `last` of them, and what belongs to a channel is repeated m times. Sums over rows go block by block,
- * the blocks fixed by the shape alone, so that results do not depend on the thread count. */
+/* Rows of channels for the CPU kernels. Narrow rows (few channels) are processed several at a time, so that
+ * inner loops are long enough for SIMD: a tensor [R, C] is viewed as `rows` rows of `width` = C * m values,
+ * `last` values in the last row; values of a channel are repeated m times. Sums over rows run block by block.
+ * The blocks depend only on the shape, so results do not depend on the thread count. */
 #ifndef SHERF_CPU_ROWS_H
 #define SHERF_CPU_ROWS_H
 
@@ -17,13 +17,13 @@ row_view rows_of(const tensor *t);
 static inline int64_t row_width(const row_view *v, int64_t row) {
     return row + 1 < v->rows ? v->width : v->last;
 }
-/* Rows for a range of parallel_for worth a thread. */
+/* The number of rows that makes a range of parallel_for worth a thread. */
 static inline int64_t row_grain(const row_view *v) {
     return 1 + (1 << 14) / (v->width + 1);
 }
 /* channel[C], repeated over the view's width, in the call's scratch; zeros for NULL. NULL: no memory. */
 float *row_pattern(op_call *call, const row_view *v, const float *channel);
-/* Scratch for `kinds` sums a block: [blocks][kinds][width], not zeroed. */
+/* Scratch for `kinds` sums of each block: [blocks][kinds][width], not zeroed. */
 float *block_sums(op_call *call, const row_view *v, int kinds);
 /* to[c] += factor * the sum over blocks of one kind (and over the repetitions), in a fixed order. */
 void block_sums_add(const row_view *v, const float *sums, int kinds, int kind, float factor, float *to);

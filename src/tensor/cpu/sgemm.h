@@ -1,4 +1,4 @@
-/* oneDNN's float32 matrix product, on the calling thread alone. */
+/* oneDNN's float32 matrix product on the calling thread. */
 #ifndef SHERF_SGEMM_H
 #define SHERF_SGEMM_H
 

@@ -1,5 +1,5 @@
-/* The spatial inner loops: included by one file per instruction set, which defines LANES and SPATIAL_TABLE.
- */
+/* The spatial inner loops. One file for each instruction set includes this; it defines LANES and
+ * SPATIAL_TABLE. */
 #include "base/simd.h"
 #include "tensor/cpu/spatial_kernels.h"
 

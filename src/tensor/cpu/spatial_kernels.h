@@ -1,8 +1,7 @@
-/* Between the spatial ops' drivers (spatial_sample.c and so on) and their inner loops, which are compiled
- * once per instruction set (spatial_plain.c, spatial_neon.c and so on from spatial_*.inc). Every
+/* The interface between the spatial ops' drivers (spatial_sample.c etc.) and their inner loops, which are
+ * compiled once for each instruction set (spatial_plain.c, spatial_neon.c etc. from spatial_*.inc). Every
  * inner loop is a range_function for parallel_for; its argument is one of the structs below. No result
- * depends on how a range was split: each element is computed, or summed up in a fixed order, by one thread.
- */
+ * depends on how a range was split: one thread computes each element, or sums it in a fixed order. */
 #ifndef SHERF_SPATIAL_KERNELS_H
 #define SHERF_SPATIAL_KERNELS_H
 
@@ -24,7 +23,7 @@ typedef struct {
     const float *x, *position, *dy;
     const int32_t *grid;
     float *y, *dx;
-    int32_t *row; /* [P, 8], -1: nothing there */
+    int32_t *row; /* [P, 8], -1: none */
     float *weight;
     const int64_t *bound;
 } trilinear_work;
@@ -43,7 +42,7 @@ typedef struct {
     const int32_t *rule;
     float *y, *dw;
     const sparse_pair *pair; /* by tap */
-    const int64_t *pairs;    /* [28] where each tap's begin */
+    const int64_t *pairs;    /* [28] where each tap's pairs begin */
 } sparse_work;
 
 /* Ranges of rows; backward: of parts of `part` rows, each with its own sums [parts, 2, C] of dweight, dbias.
@@ -115,7 +114,7 @@ typedef struct {
 extern const spatial_table spatial_plain, spatial_neon, spatial_avx2, spatial_avx512;
 const spatial_table *spatial_best(void);
 
-/* What the call's tensors hold, NULL for what is not there. */
+/* The data of the call's tensors; NULL for missing ones. */
 static inline float *input(const op_call *call, int i) {
     return call->in[i] ? call->in[i]->data : NULL;
 }

@@ -1,4 +1,4 @@
-/* Compositing and the losses. Sums over pixels run in parts that the shape alone decides, then over the
+/* Compositing and the losses. Sums over pixels run in parts that depend only on the shape, then over the
  * parts. */
 #include <math.h>
 #include <string.h>
@@ -39,7 +39,7 @@ sherf_status cpu_composite_backward(op_call *call) {
     return composite_run(call, spatial_best()->composite_back, call->dout[0]->data);
 }
 
-/* Runs f over fixed parts of the rows and adds up the parts' sums. */
+/* Runs f over fixed parts of the rows and adds the parts' sums. */
 static sherf_status loss_sum(op_call *call, loss_work *k, range_function f, double *sum, int64_t *count) {
     k->part = 256 > k->rows / 64 ? 256 : k->rows / 64;
     const int64_t parts = (k->rows + k->part - 1) / k->part;

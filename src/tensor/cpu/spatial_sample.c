@@ -1,18 +1,18 @@
 /* Bilinear and trilinear sampling. The backward passes scatter: every thread owns a range of destination
- * rows, looks at all points and adds what falls on its own, so that sums run in the points' order whatever
- * the number of threads. The ranges are chosen to hold about the same number of contributions. */
+ * rows, visits all points and adds those that fall into its range. So sums run in the points' order for any
+ * number of threads. The ranges have about the same number of contributions each. */
 #include <string.h>
 
 #include "tensor/cpu/spatial_kernels.h"
 
-enum { GRAIN = 256, SAMPLED = 4096 }; /* points a thread is worth; points looked at for the balance */
+enum { GRAIN = 256, SAMPLED = 4096 }; /* points worth a thread; points sampled to balance the ranges */
 
 const spatial_table *spatial_best(void) {
     return ISA_CHOICE(isa_best(), &spatial);
 }
 
-/* bound[0 .. parts]: splits [0, n) so that the parts' counts are about even; cumulates the counts in place.
- */
+/* bound[0 .. parts]: splits [0, n) so that the parts' counts are about equal; accumulates the counts in
+ * place. */
 static void balance(int32_t *count, int64_t n, int64_t parts, int64_t *bound) {
     int64_t total = 0, part = 1;
     for (int64_t i = 0; i < n; i++) total += count[i];

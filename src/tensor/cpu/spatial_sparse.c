@@ -1,6 +1,6 @@
-/* Sparse convolution: on AMX tiles in bf16; in float32 as register-blocked products over the pairs (output
- * row, input row) that a tap has, so that empty taps cost nothing. There rows are padded to SPARSE_PANEL
- * channels where they are not multiples of it. */
+/* Sparse convolution: on AMX tiles in bf16; in float32 as register-blocked products over a tap's pairs
+ * (output row, input row), so that empty taps cost nothing. In float32, channels are padded to a multiple of
+ * SPARSE_PANEL. */
 #include <string.h>
 
 #include "tensor/cpu/amx_sparse.h"
@@ -14,7 +14,7 @@ static float *floats(op_call *call, int64_t count) {
     return arena_alloc(call->c, call->scratch, (size_t)count, sizeof(float));
 }
 
-/* x[R, C] with C padded by zeros; x itself when nothing is to be padded. */
+/* x[R, C] with C padded by zeros, or x itself if no padding is needed. */
 static const float *padded(op_call *call, const tensor *x) {
     const int64_t R = x->dim[0], C = x->dim[1], wide = panels(C) * SPARSE_PANEL;
     if (wide == C) return x->data;
@@ -80,7 +80,7 @@ sherf_status cpu_sparse_conv_forward(op_call *call) {
     return add_rows(call, call->in[0], call->in[2]->data, false, y);
 }
 
-/* The rule seen from the inputs: [inputs, 27], which output row takes the input at this tap. */
+/* The rule from the inputs' side: [inputs, 27], the output row that takes the input at this tap. */
 static sherf_status rule_transpose(op_call *call, int32_t **transposed) {
     const tensor *rule = call->in[2];
     const int64_t R = call->in[0]->dim[0];

@@ -4,7 +4,7 @@
 #include "tensor/cpu/spatial_kernels.h"
 #include "tensor/ref/ref.h"
 
-enum { GRAIN = 1024 }; /* rows or points a thread is worth; elements: 16 times that */
+enum { GRAIN = 1024 }; /* rows or points worth a thread; elements: 16 times that */
 
 static norm_work norm_of(op_call *call) {
     return (norm_work){
@@ -26,7 +26,7 @@ sherf_status cpu_layer_norm_forward(op_call *call) {
 sherf_status cpu_layer_norm_backward(op_call *call) {
     norm_work k = norm_of(call);
     const int64_t C = k.columns;
-    k.part = GRAIN / 2 > k.rows / 64 ? GRAIN / 2 : k.rows / 64; /* a split by the shape alone */
+    k.part = GRAIN / 2 > k.rows / 64 ? GRAIN / 2 : k.rows / 64; /* the split depends only on the shape */
     const int64_t parts = (k.rows + k.part - 1) / k.part;
     k.sums = arena_alloc(call->c, call->scratch, (size_t)(parts * 2 * C), sizeof *k.sums);
     if (!k.sums) return SHERF_NO_MEMORY;
@@ -41,7 +41,7 @@ sherf_status cpu_layer_norm_backward(op_call *call) {
     return SHERF_OK;
 }
 
-/* The paper's shape, 3 tokens and heads of 16, is fast; any other one goes through the reference. */
+/* The paper's shape, 3 tokens and heads of 16, is fast; others use the reference. */
 static bool attention_fits(const attention_attr *a) {
     return a->tokens == 3 && a->width == 16 && a->heads <= 4;
 }
@@ -106,7 +106,7 @@ sherf_status cpu_positional_encode_forward(op_call *call) {
     float largest = 0;
     for (int64_t i = 0, n = tensor_count(call->in[0]); i < n; i++)
         largest = fabsf(k.x[i]) <= largest ? largest : fabsf(k.x[i]);
-    /* the fast sine's reduction has few bits to spare; not-a-number goes this way as well */
+    /* the fast sine's reduction has few bits to spare; NaN takes this path as well */
     if (!(largest * (float)(1 << a->frequencies) < 8000) || k.columns > 1024)
         return ref_positional_encode_forward_f32(call);
     parallel_for(call->c, tensor_rows(call->in[0]), GRAIN, spatial_best()->encode, &k);

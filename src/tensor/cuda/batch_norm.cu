@@ -21,7 +21,7 @@ sherf_status batch_norm_forward(op_call *call) {
                 return several<2>{{d * d, d}};
             },
             [=] __device__(int64_t c, several<2> sum) {
-                /* the mean's rounding, taken out of both */
+                /* the mean's rounding, removed from both */
                 const float rest = sum.v[1] / (float)R, squares = sum.v[0] - rest * sum.v[1];
                 mean[c] += rest;
                 scale[c] = 1 / sqrtf(squares / (float)R + a.eps);

@@ -18,7 +18,7 @@ sherf_status concat_forward(op_call *call) {
 sherf_status concat_backward(op_call *call) {
     const int64_t R = tensor_rows(call->out[0]), C = tensor_columns(call->out[0]);
     const float *dy = values(call->dout[0]);
-    for (int k = 0; k < OP_MAX_IN && call->in[k]; k++) { /* one after the other: two may be one tensor */
+    for (int k = 0; k < OP_MAX_IN && call->in[k]; k++) { /* one after the other: two may be the same tensor */
         const int64_t width = tensor_columns(call->in[k]);
         float *dx = values(call->din[k]);
         if (dx) each(R * width, [=] __device__(int64_t i) { dx[i] += dy[i / width * C + i % width]; });

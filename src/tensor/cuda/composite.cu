@@ -58,7 +58,7 @@ sherf_status composite_backward(op_call *call) {
     const rays all(call);
     const float *dy = values(call->dout[0]);
     float *dsigma = values(call->din[0]), *drgb = values(call->din[1]);
-    float *light = scratch<float>(call, tensor_count(call->in[0])); /* what reaches each sample */
+    float *light = scratch<float>(call, tensor_count(call->in[0])); /* light that reaches each sample */
     if (!light) return SHERF_NO_MEMORY;
     each(tensor_count(call->in[4]), [=] __device__(int64_t n) {
         const float *g = dy + 5 * n;

@@ -1,12 +1,12 @@
 /* conv2d and conv2d_transpose: patches times weights. The transposed convolution is the gradient of a
- * convolution of stride 2 without padding, so its passes change places. */
+ * convolution of stride 2 without padding, so its passes are swapped. */
 #include "tensor/cuda/product.h"
 
 namespace cuda_backend {
 
-/* The patches of a map are a matrix: a row for every place of the window, and in it the window's pixels, tap
- * by tap (row, column, channel); zeros outside the map. A map is cut into bands of places, so that the matrix
- * stays within `patch_floats`. */
+/* The patches of a map are a matrix with one row for each place of the window. The row holds the window's
+ * pixels tap by tap (row, column, channel), and zeros outside the map. A map is cut into bands of places, so
+ * that the matrix has at most `patch_floats` values. */
 constexpr int64_t patch_floats = 32 << 20;
 
 struct patches {
@@ -15,7 +15,7 @@ struct patches {
     int64_t k, stride, pad;
     int64_t width() const { return k * k * C; }
     int64_t places() const { return rows * columns; }
-    /* Places of a band. */
+    /* Places in a band. */
     int64_t band() const {
         const int64_t n = patch_floats / width();
         return n < 1 ? 1 : n < places() ? n : places();
@@ -34,7 +34,7 @@ static void patches_take(const patches &p, const float *map, int64_t begin, int6
     });
 }
 
-/* map += what every pixel has in the matrix of the places from `begin`. */
+/* Adds to map every pixel's values in the matrix of the places from `begin`. */
 static void patches_give(const patches &p, const float *matrix, int64_t begin, int64_t count, float *map) {
     const int64_t width = p.width();
     each(p.H * p.W * p.C, [=] __device__(int64_t i) {
@@ -54,7 +54,7 @@ static void patches_give(const patches &p, const float *matrix, int64_t begin, i
     });
 }
 
-/* Where value i of [O, I, k, k] stands in [O, k, k, I], or with outputs_inside in [k, k, O, I]. */
+/* The index in [O, k, k, I], or with outputs_inside in [k, k, O, I], of value i of [O, I, k, k]. */
 struct taps {
     int64_t O, I, K; /* K = k k */
     bool outputs_inside;
@@ -66,7 +66,7 @@ struct taps {
     }
 };
 
-/* w as such a matrix; and such a matrix added to w. */
+/* Copies w to such a matrix; adds such a matrix to w. */
 static void taps_take(const tensor *w, bool outputs_inside, float *out) {
     const taps t(w, outputs_inside);
     const float *from = values(w);
@@ -129,7 +129,7 @@ sherf_status conv2d_backward(op_call *call) {
     return finished(call);
 }
 
-/* The windows of y that the pixels of x stand for. */
+/* The windows of y that belong to the pixels of x. */
 static patches transposed(const op_call *call) {
     const tensor *x = call->in[0], *w = call->in[1], *y = call->out[0];
     return {y->dim[0], y->dim[1], y->dim[2], x->dim[0], x->dim[1], w->dim[2], 2, 0};

@@ -1,11 +1,15 @@
-/* The CUDA backend's own C++: what the files of kernels share. Each op family is one file, as in cpu/; the
- * meaning of every op is ref/'s. Few idioms, all deterministic (no atomic additions of floats anywhere): each
- * one thread an element each_row      one warp a row, lanes side by side over its columns column_sums   sums
- * over rows, in slabs of rows whose number depends on the shape alone total         one sum of everything, in
- * double product       matrix products (product.h) scatter       sums of rows that go to numbered places, by
- * sorting (scatter.h) Kernels are lambdas of these or plain __global__ functions. With CUDA_EMULATED
- * everything here is compiled as plain C++ and run on the host by tests/support/cuda_emulated.*, which also
- * gives the namespace another name. */
+/* The CUDA backend's own C++, which the kernel files share. Each op family is one file, as in cpu/; ref/
+ * defines every op. There are a few idioms, all deterministic (no atomic additions of floats anywhere):
+ * - each: one thread for each element
+ * - each_row: one warp for each row, with lanes over its columns
+ * - column_sums: sums over rows, in slabs of rows whose number depends only on the shape
+ * - total: one sum of everything, in double
+ * - product: matrix products (product.h)
+ * - scatter: sums of rows that go to numbered places, by sorting (scatter.h)
+ *
+ * Kernels are lambdas passed to these, or plain __global__ functions. With CUDA_EMULATED everything here is
+ * compiled as plain C++ and runs on the host by tests/support/cuda_emulated.*, which also gives the namespace
+ * another name. */
 #ifndef SHERF_CUDA_H
 #define SHERF_CUDA_H
 
@@ -29,26 +33,27 @@ enum { WARP = 32, BLOCK = 256, ROWS_A_BLOCK = BLOCK / WARP };
 extern const tensor_memory device_memory;
 extern const block_kernels block_arithmetic; /* blocks.cu */
 extern const block_groups process_groups;    /* group.cu */
-/* The first launch error since the last call, if any. Every function that launches kernels ends with it. */
+/* The first launch error since the last call, if any. Every function that launches kernels calls this last.
+ */
 sherf_status finished(context *c, const char *what);
 inline sherf_status finished(op_call *call) {
     return finished(call->c, op_name(call->op));
 }
 
 #ifndef CUDA_EMULATED
-cudaStream_t stream(); /* one for the process, so that work is done in the order it is requested */
+cudaStream_t stream(); /* one for the process, so that work runs in the order of the calls */
 
 template <typename... P, typename... A> void launch(void (*kernel)(P...), dim3 grid, dim3 block, A... args) {
     kernel<<<grid, block, 0, stream()>>>(args...);
 }
 #endif
 
-/* Scratch until the op's end; NULL on lack, which the caller passes on as SHERF_NO_MEMORY. */
+/* Scratch until the op's end; NULL: out of memory, which the caller returns as SHERF_NO_MEMORY. */
 template <typename T> T *scratch(op_call *call, int64_t count) {
     return (T *)arena_alloc(call->c, call->scratch, (size_t)count, sizeof(T));
 }
 
-inline float *values(const tensor *x) { /* NULL: not there */
+inline float *values(const tensor *x) { /* NULL: missing */
     return x ? (float *)x->data : nullptr;
 }
 inline const int32_t *integers(const tensor *x) {

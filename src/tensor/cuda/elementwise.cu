@@ -1,5 +1,5 @@
 /* bias_act, add, scale, multiply, sine, mask_rows, shift_scale, gelu, sigmoid, softplus, positional_encode:
- * every value of the output depends on a few of the inputs. */
+ * every output value depends on a few input values. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {
@@ -46,7 +46,7 @@ sherf_status add_forward(op_call *call) {
 
 sherf_status add_backward(op_call *call) {
     const float *dy = values(call->dout[0]);
-    for (int k = 0; k < 2; k++) { /* one after the other: both may be one tensor */
+    for (int k = 0; k < 2; k++) { /* one after the other: both may be the same tensor */
         float *dx = values(call->din[k]);
         if (dx) each(tensor_count(call->out[0]), [=] __device__(int64_t i) { dx[i] += dy[i]; });
     }
@@ -79,7 +79,7 @@ sherf_status multiply_backward(op_call *call) {
     const int64_t C = tensor_columns(call->in[0]), step = tensor_columns(call->in[1]) == C ? 1 : C;
     const float *a = values(call->in[0]), *b = values(call->in[1]), *dy = values(call->dout[0]);
     float *da = values(call->din[0]), *db = values(call->din[1]);
-    /* one after the other: both may be one tensor */
+    /* one after the other: both may be the same tensor */
     if (da) each(tensor_count(call->out[0]), [=] __device__(int64_t i) { da[i] += dy[i] * b[i / step]; });
     if (db)
         each(tensor_count(call->in[1]), [=] __device__(int64_t k) {
@@ -124,7 +124,7 @@ sherf_status mask_rows_backward(op_call *call) {
     return finished(call);
 }
 
-/* Where the output's value i comes from: rows of `width` pixels, `step` apart in the input. */
+/* The source of the output's value i: rows of `width` pixels, `step` apart in the input. */
 struct crop {
     int64_t C, width, first, step;
     __device__ int64_t source(int64_t i) const {

@@ -1,5 +1,5 @@
-/* Sums over processes by NCCL, which is opened when a process is not alone. They run on a stream of their
- * own, so that the sums of finished gradients go on while others are still computed. */
+/* Sums over processes by NCCL, which is opened if there is more than one process. They run on a stream of
+ * their own, so that finished gradients are summed while others are still computed. */
 #include <dlfcn.h>
 #include <new>
 #include <stdlib.h>
@@ -15,7 +15,7 @@ struct block_group {
 
 namespace cuda_backend {
 
-/* Of NCCL 2's interface, as in nccl.h: 0 is success, and numbers stay what they are. */
+/* NCCL 2's interface, as in nccl.h: 0 is success, and the values are stable. */
 struct nccl_name {
     char bytes[GROUP_NAME];
 };
@@ -86,13 +86,13 @@ static sherf_status join(context *c, const char given[GROUP_NAME], int rank, int
     *out = nullptr;
     sherf_status status = opened(c);
     if (status != SHERF_OK) return status;
-    /* In a ring the order of the additions depends on the processes' places alone, so that the same GPUs give
-     * the same bits; NCCL's other ways leave it to the switch between them. Who has chosen keeps it. */
+    /* In a ring the order of additions depends only on the processes' ranks, so the same GPUs give the same
+     * bits; with NCCL's other algorithms it depends on the switch between them. A user's own choice stays. */
     setenv("NCCL_ALGO", "Ring", 0);
     memcpy(n.bytes, given, GROUP_NAME);
     block_group *g = new (std::nothrow) block_group();
     if (!g) return failure(c, SHERF_NO_MEMORY, "out of memory: a group of processes");
-    stream(); /* this thread's GPU is chosen */
+    stream(); /* chooses this thread's GPU */
     if (cudaStreamCreateWithFlags(&g->own, cudaStreamNonBlocking) != cudaSuccess ||
         cudaEventCreateWithFlags(&g->passed, cudaEventDisableTiming) != cudaSuccess)
         status = finished(c, "a stream for the sums");
@@ -105,7 +105,7 @@ static sherf_status join(context *c, const char given[GROUP_NAME], int rank, int
     return status;
 }
 
-/* `later` goes on behind what has been put into `earlier`. */
+/* `later` continues after all work put into `earlier` so far. */
 static sherf_status follow(context *c, block_group *g, cudaStream_t earlier, cudaStream_t later) {
     if (cudaEventRecord(g->passed, earlier) == cudaSuccess) cudaStreamWaitEvent(later, g->passed, 0);
     return finished(c, "the order of two streams");

@@ -1,5 +1,5 @@
-/* linear: cuBLAS's products (product.h), and a kernel that adds the bias. The bias's gradient is
- * a sum over rows. */
+/* linear: cuBLAS's products (product.h), and a kernel that adds the bias. The bias's gradient is a sum over
+ * rows. */
 #include "tensor/cuda/product.h"
 
 namespace cuda_backend {

@@ -3,7 +3,7 @@
 
 namespace cuda_backend {
 
-/* The number of values in the mean, into out[0]: selected rows times columns. */
+/* Writes the number of values in the mean to out[0]: selected rows times columns. */
 static sherf_status selected(op_call *call, double *out) {
     const int64_t C = tensor_columns(call->in[0]);
     const int32_t *mask = integers(call->in[2]);
@@ -98,7 +98,7 @@ sherf_status ssim_forward(op_call *call) {
     return status == SHERF_OK ? finished(call) : status;
 }
 
-/* Every window's derivatives first; then every pixel collects from the windows that hold it. */
+/* First every window's derivatives; then every pixel gathers from the windows that contain it. */
 sherf_status ssim_backward(op_call *call) {
     const tensor *in = call->in[0];
     const int64_t H = in->dim[0] - 10, W = in->dim[1] - 10, C = in->dim[2], row = in->dim[1] * C;
@@ -169,7 +169,7 @@ sherf_status feature_distance_backward(op_call *call) {
         for (int64_t c = lane; c < C; c += WARP)
             dot += factor * (head ? head[c] : 1) * (u[c] * su - v[c] * sv) * (u[c] * su);
         dot = warp_sum(dot);
-        if (norm == 0) return; /* no direction to turn: the gradient there is taken as 0 */
+        if (norm == 0) return; /* no direction: the gradient is taken as 0 */
         for (int64_t c = lane; c < C; c += WARP) {
             const float du = factor * (head ? head[c] : 1) * (u[c] * su - v[c] * sv);
             da[r * C + c] += su * (du - u[c] / norm * dot);

@@ -1,6 +1,6 @@
-/* The memory of this backend's tensors: how much is taken, and uploads that do not wait. What is copied to
- * the GPU goes through a ring of pinned memory: written there, it may change at once where it came from, and
- * a piece of the ring is written again only after the copy out of it has passed the stream. */
+/* The memory of this backend's tensors: accounting, and uploads that do not wait. Uploads go through a ring
+ * of pinned memory: after the copy into the ring the source may change at once, and a piece of the ring is
+ * reused only after the stream has passed the copy out of it. */
 #include <mutex>
 #include <new>
 #include <string.h>
@@ -56,8 +56,8 @@ static size_t peak() {
 constexpr uint64_t ring_bytes = 64 << 20, piece_max = ring_bytes / 4;
 enum { MARKS = 256, ALIGNMENT = 256 };
 
-/* Positions count bytes from the beginning on and never turn back; position p is data[p % ring_bytes]. What
- * lies between free_to and head is on its way, in pieces of which each has a mark behind its copy. */
+/* Positions count bytes from the beginning and never wrap; position p is data[p % ring_bytes]. Bytes between
+ * free_to and head are in transit, in pieces with a mark after each one's copy. */
 struct upload_ring {
     std::mutex lock;
     char *data = nullptr;
@@ -86,7 +86,7 @@ static void ring_free_oldest(upload_ring &r) {
     r.count--;
 }
 
-/* Room for a piece, in one stretch. */
+/* Takes room for a contiguous piece. */
 static char *ring_take(upload_ring &r, uint64_t bytes) {
     const uint64_t rounded = (bytes + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT,
                    left = ring_bytes - r.head % ring_bytes;
@@ -98,7 +98,7 @@ static char *ring_take(upload_ring &r, uint64_t bytes) {
     return piece;
 }
 
-/* Behind the copy out of what was taken last. */
+/* Sets a mark after the copy out of the piece taken last. */
 static void ring_mark(upload_ring &r) {
     auto &last = r.piece[(r.first + r.count) % MARKS];
     last.end = r.head;
@@ -109,7 +109,7 @@ static void ring_mark(upload_ring &r) {
 static sherf_status upload(context *c, void *to, const void *from, size_t bytes) {
     static upload_ring ring;
     std::lock_guard<std::mutex> hold(ring.lock);
-    if (!ring_open(ring)) { /* copies then read the caller's memory, and he must wait for them */
+    if (!ring_open(ring)) { /* copies then read the caller's memory, so the caller must wait for them */
         const sherf_status status = copy_begin(c, TO_DEVICE, to, from, bytes);
         return status == SHERF_OK ? wait_for_all(c) : status;
     }

@@ -26,7 +26,7 @@ sherf_status max_pool_forward(op_call *call) {
     return finished(call);
 }
 
-/* The first window that begins at or before `at` and still reaches it, and the last. */
+/* The first and the last window that start at or before `at` and still reach it. */
 struct windows {
     int64_t first, last;
     __device__ windows(int64_t at, pool_attr a, int64_t count) {

@@ -1,6 +1,6 @@
-/* Matrix products by cuBLAS, which is opened when it is first needed: a program that never computes on a GPU
- * does not need the library. One handle for the process, on its one stream; cuBLAS gives the same bits for
- * the same call there. */
+/* Matrix products by cuBLAS, which is opened on first use: a program that never computes on a GPU does not
+ * need the library. One handle for the process, on its one stream; there cuBLAS gives the same bits for the
+ * same call. */
 #include <cublas_v2.h>
 #include <cuda_bf16.h>
 #include <dlfcn.h>
@@ -28,7 +28,7 @@ struct cublas {
 
 static cublas cublas_open() {
     cublas b = {};
-    /* The version of the headers; its structures are those of this file. */
+    /* The version of the headers; its structs are those used in this file. */
 #define CUBLAS_FILE "libcublas.so." TEXT(CUBLAS_VER_MAJOR)
     void *library = dlopen(CUBLAS_FILE, RTLD_NOW | RTLD_LOCAL);
     if (!library) library = dlopen("/usr/local/cuda/lib64/" CUBLAS_FILE, RTLD_NOW | RTLD_LOCAL);
@@ -69,13 +69,13 @@ sherf_status product(op_call *call, const product_shape &s, const float *a, cons
         from_b = rounded(call, b, s.b_turned ? span(s.N, s.K, s.ldb) : span(s.K, s.N, s.ldb));
         if (!from_a || !from_b) return SHERF_NO_MEMORY;
     }
-    /* cuBLAS counts down columns, so it sees every matrix turned: y^T = B^T A^T. */
+    /* cuBLAS is column-major, so it sees every matrix transposed: y^T = B^T A^T. */
     const cudaDataType type = call->bf16 ? CUDA_R_16BF : CUDA_R_32F;
     const cublasStatus_t code = library.gemm(
         library.handle, s.b_turned ? CUBLAS_OP_T : CUBLAS_OP_N, s.a_turned ? CUBLAS_OP_T : CUBLAS_OP_N,
         (int)s.N, (int)s.M, (int)s.K, &s.alpha, from_b, type, (int)s.ldb, from_a, type, (int)s.lda, &s.beta,
         y, CUDA_R_32F, (int)s.ldy, CUBLAS_COMPUTE_32F, CUBLAS_GEMM_DEFAULT);
-    /* The stream keeps the order: what takes this scratch next runs after the product. */
+    /* The stream is in order: work that takes this scratch next runs after the product. */
     arena_rewind(call->scratch, mark);
     if (code == CUBLAS_STATUS_SUCCESS) return SHERF_OK;
     return failure(call->c, SHERF_UNSUPPORTED, "%s: cuBLAS fails with its code %d", op_name(call->op),

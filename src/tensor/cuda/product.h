@@ -6,8 +6,9 @@
 
 namespace cuda_backend {
 
-/* y[M,N] = alpha A B + beta y, with A [M,K] and B [K,N], row-major. lda, ldb and ldy are the distances of
- * stored rows. A turned matrix is stored as [K,M] or [N,K]. With beta 0, y is written without being read. */
+/* y[M,N] = alpha A B + beta y, with A [M,K] and B [K,N], row-major. lda, ldb and ldy are the distances
+ * between stored rows. A transposed matrix is stored as [K,M] or [N,K]. With beta 0, y is written without
+ * being read. */
 struct product_shape {
     int64_t M, N, K;
     bool a_turned, b_turned;
@@ -15,7 +16,7 @@ struct product_shape {
     float alpha, beta;
 };
 
-/* In float32, or with A and B rounded to bf16 and sums in float32 where the call says so. */
+/* In float32; if the call says so, A and B are rounded to bf16 and sums stay float32. */
 sherf_status product(op_call *call, const product_shape &shape, const float *a, const float *b, float *y);
 
 } // namespace cuda_backend

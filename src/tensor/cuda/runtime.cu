@@ -6,10 +6,10 @@
 
 namespace cuda_backend {
 
-/* The GPU is a thread's own setting, so every thread that comes here makes it. */
+/* The GPU is a per-thread setting, so every thread that comes here sets it. */
 static void choose() {
     static thread_local const bool chosen = cudaSetDevice(device_gpu_number()) == cudaSuccess;
-    (void)chosen; /* where that fails, everything after it does, too */
+    (void)chosen; /* if this fails, everything after it fails too */
 }
 
 static cudaStream_t stream_make() {
@@ -38,7 +38,7 @@ void *device_take(context *c, size_t bytes) {
     choose();
     const cudaError_t code = cudaMalloc(&p, bytes);
     if (code == cudaSuccess) return p;
-    cudaGetLastError(); /* forgets it */
+    cudaGetLastError(); /* clears the error */
     size_t free_bytes = 0, all_bytes = 0;
     if (code != cudaErrorMemoryAllocation || cudaMemGetInfo(&free_bytes, &all_bytes) != cudaSuccess)
         failure(c, SHERF_NO_MEMORY, "GPU memory, %.1f MB: CUDA says: %s", (double)bytes / 1e6,
@@ -51,7 +51,7 @@ void *device_take(context *c, size_t bytes) {
 
 void device_give(void *p) {
     choose();
-    cudaFree(p); /* waits for what still uses it */
+    cudaFree(p); /* waits for pending work that uses it */
 }
 
 void *pinned_take(size_t bytes) {

@@ -1,16 +1,16 @@
-/* sample_bilinear, sample_trilinear, scatter_mean. Their gradients sort the corners of all points by where
- * they lie. */
+/* sample_bilinear, sample_trilinear, scatter_mean. Their gradients sort the corners of all points by their
+ * places. */
 #include "tensor/cuda/scatter.h"
 
 namespace cuda_backend {
 
-/* The 2^N corners of a position among size[] cells an axis, axis 0 running fastest: corner k has bit i set
- * where it is the upper neighbour on axis i. place[k] is -1 outside. */
+/* The 2^N corners of a position among size[] cells on each axis, axis 0 running fastest: corner k has bit i
+ * set if it is the upper neighbour on axis i. place[k] is -1 outside. */
 template <int N> struct corners {
     int64_t place[1 << N];
     float weight[1 << N];
     __device__ corners(const float *p, const int64_t *size) {
-        bool near_by = true; /* false for what is no number, too */
+        bool near_by = true; /* false for NaN, too */
         for (int i = 0; i < N; i++)
             if (!(p[i] > -1 && p[i] < (float)size[i])) near_by = false;
         for (int k = 0; k < 1 << N; k++) {
@@ -31,7 +31,8 @@ template <int N> struct corners {
     }
 };
 
-/* What is sampled: rows of `channels` values, found by cell, or through a grid of row numbers (-1: none). */
+/* The source of sampling: rows of `channels` values, found by cell, or through a grid of row numbers (-1:
+ * none). */
 template <int N> struct sampled {
     int64_t points, channels, rows, size[N];
     const float *position;
@@ -52,7 +53,7 @@ static sampled<3> volume_of(const op_call *call) {
             values(position), integers(grid)};
 }
 
-/* A warp a point: the corners once, then channels side by side. */
+/* One warp for each point: the corners once, then channels in parallel. */
 template <int N> static sherf_status sample_forward(op_call *call, const sampled<N> &s) {
     const float *x = values(call->in[0]);
     float *y = values(call->out[0]);
@@ -119,7 +120,7 @@ sherf_status sample_trilinear_backward(op_call *call) {
     return sample_backward(call, volume_of(call));
 }
 
-/* The rows by voxel. */
+/* Sorts the rows by voxel. */
 static bool by_voxel(op_call *call, sorted *out) {
     const int64_t rows = tensor_count(call->in[1]);
     const int32_t *index = integers(call->in[1]);

@@ -1,12 +1,12 @@
-/* A stable radix sort, 4 bits a pass. Every thread has a run of entries: it counts their digits, the counts
- * are summed up over all threads digit by digit, and it moves its run. */
+/* A stable radix sort, 4 bits in each pass. Every thread has a run of entries: it counts their digits, the
+ * counts are summed over all threads digit by digit, and the thread moves its run. */
 #include "tensor/cuda/scatter.h"
 
 namespace cuda_backend {
 
 enum { DIGIT_BITS = 4, DIGITS = 1 << DIGIT_BITS, RUN = 64, SCAN_THREADS = 256 };
 
-/* table[i] = sum of table[0 .. i - 1], by one block: each thread has a stretch of it. */
+/* table[i] = sum of table[0 .. i - 1], by one block: each thread has a contiguous part. */
 __global__ static void scan_kernel(int64_t n, int32_t *table) {
     __shared__ int32_t before[SCAN_THREADS];
     const int64_t begin = n * threadIdx.x / SCAN_THREADS, end = n * (threadIdx.x + 1) / SCAN_THREADS;

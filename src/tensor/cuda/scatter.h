@@ -1,5 +1,5 @@
-/* Sums of rows that go to numbered places, the same bits every time: the entries are sorted by place, keeping
- * their order, and every place sums its own. */
+/* Sums rows into numbered places, with the same bits every time: entries are sorted by place in a stable
+ * order, and every place sums its own. */
 #ifndef SHERF_CUDA_SCATTER_H
 #define SHERF_CUDA_SCATTER_H
 
@@ -7,13 +7,13 @@
 
 namespace cuda_backend {
 
-/* Entries by place: key ascending, and in entry[] where they were; equal keys in their first order. */
+/* Entries by place: keys ascending, and in entry[] their original indices; equal keys keep their order. */
 struct sorted {
     int64_t count;
     const int32_t *key, *entry;
 };
 
-/* Sorts keys in [0, places]; `places` is for entries that go nowhere. The keys are changed. False: out of
+/* Sorts keys in [0, places]; the key `places` is for entries without a place. Changes the keys. False: out of
  * memory. */
 bool sort_keys(op_call *call, int64_t count, int64_t places, int32_t *key, sorted *out);
 

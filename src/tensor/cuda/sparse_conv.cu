@@ -1,5 +1,6 @@
-/* Gather, product: the 27 taps of every row side by side, zeros where the rule has none, times w [O, 27 I].
- * In bands of rows. Backwards the rule is turned round, so that every row of x collects what it gave. */
+/* Gathers, then multiplies: the 27 taps of every row are put next to each other, zeros where the rule has
+ * none, and multiplied by w [O, 27 I]. In bands of rows. The backward pass inverts the rule, so that every
+ * row of x gathers from the outputs that read it. */
 #include "tensor/cuda/product.h"
 
 namespace cuda_backend {
@@ -36,8 +37,8 @@ sherf_status sparse_conv_forward(op_call *call) {
     return finished(call);
 }
 
-/* inverse[row of x][tap]: the row of y that reads it, or -1. A row stands at most once in a tap, so no two
- * threads write one place. */
+/* inverse[row of x][tap]: the row of y that reads it, or -1. A row occurs at most once in a tap, so no two
+ * threads write the same place. */
 static int32_t *inverse_rule(op_call *call, const tensor *rule, int64_t rows) {
     const int32_t *from = integers(rule);
     int32_t *inverse = scratch<int32_t>(call, rows * TAPS);

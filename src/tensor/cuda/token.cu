@@ -115,7 +115,7 @@ struct head {
     }
 };
 
-/* One thread a token and head. */
+/* One thread for each token and head. */
 sherf_status token_attention_forward(op_call *call) {
     const attention_attr a = *(const attention_attr *)call->attr;
     const int64_t R = tensor_rows(call->in[0]), D = (int64_t)a.heads * a.width;
@@ -137,7 +137,7 @@ sherf_status token_attention_forward(op_call *call) {
     return finished(call);
 }
 
-/* The thread of token t gives its dq, dk and dv, each from all the point's tokens. */
+/* The thread of token t computes its dq, dk and dv, each from all of the point's tokens. */
 sherf_status token_attention_backward(op_call *call) {
     const attention_attr a = *(const attention_attr *)call->attr;
     const int64_t R = tensor_rows(call->in[0]), D = (int64_t)a.heads * a.width;

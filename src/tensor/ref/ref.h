@@ -1,6 +1,6 @@
-/* The reference: a file a family of ops, with their shape rules (rules.c) and their kernels, plain C, each
- * op's forward and right below it its backward rule, compiled twice (ref_f32.c, ref_f64.c) with `real` and
- * the name suffix set. Clarity before speed: they define the ops. */
+/* The reference: one file for each family of ops, with their shape rules (rules.c) and their kernels in plain
+ * C. An op's backward rule stands right below its forward rule. The kernels are compiled twice (ref_f32.c,
+ * ref_f64.c) with `real` and the name suffix set. Clarity before speed: they define the ops. */
 #ifndef SHERF_REF_H
 #define SHERF_REF_H
 

@@ -1,9 +1,9 @@
-/* The ops' shape rules and their places on the tape: the first parts of dense.inc's and spatial.inc's files.
+/* The ops' shape rules and their steps on the tape: the first parts of dense.inc's and spatial.inc's files.
  */
 #include "tensor/tensor.h"
 
 #define RULES
-/* Leaves the op when an input is missing (an earlier op failed) or the rule does not hold. */
+/* Returns from the op if an input is missing (an earlier op failed) or the rule does not hold. */
 #define NEED(x)                                                                                              \
     do {                                                                                                     \
         if (!(x)) return NULL;                                                                               \
@@ -23,7 +23,7 @@ static inline dtype real_type(tape *t) {
 static inline bool is_real(tape *t, const tensor *x) {
     return x->type == real_type(t);
 }
-/* A new tensor like x with another last dimension. */
+/* A new tensor like x, but with another last dimension. */
 static inline tensor *with_columns(tape *t, const tensor *x, int64_t columns) {
     int64_t dim[TENSOR_RANK] = {0};
     for (int i = 0; i < x->rank; i++) dim[i] = x->dim[i];

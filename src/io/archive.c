@@ -33,7 +33,7 @@ size_t archive_limit(const char *path) {
 zip_t *archive_open(builder *b, const char *path) {
     zip_error_t error;
     if (b->status != SHERF_OK) return NULL;
-    FILE *f = fopen(path, "rb"); /* for a plain message */
+    FILE *f = fopen(path, "rb"); /* for a plain error message */
     if (!f) return build_fail(b, SHERF_NO_FILE, "cannot be opened");
     fclose(f);
     zip_error_init(&error);
@@ -84,7 +84,7 @@ bool archive_member(builder *b, zip_t *zip, uint64_t i, unsigned char *out, size
         ok = n > 0 && (uint64_t)n <= bytes - have;
         if (ok) have += (size_t)n;
     }
-    unsigned char more; /* the end must be met for the sum to be looked at */
+    unsigned char more; /* libzip checks the checksum only at the end of the data */
     ok = ok && zip_fread(f, &more, 1) == 0;
     if (f) zip_fclose(f);
     if (!ok) {
@@ -148,7 +148,7 @@ static sherf_status add_member(context *c, const char *path, zip_t *zip, const n
     *block = mem_alloc(c, length + bytes, 1);
     if (!*block) return SHERF_NO_MEMORY;
     memcpy(*block, header, length);
-    if (member->text) /* four bytes a letter */
+    if (member->text) /* four bytes for each letter */
         for (size_t i = 0; i < bytes; i++)
             (*block)[length + i] = i % 4 ? 0 : (unsigned char)member->text[i / 4];
     else if (bytes)

@@ -6,14 +6,14 @@
 
 #include "io/build.h"
 
-/* Both NULL with the builder failed; close with zip_discard. The bytes must stay until then. */
+/* NULL if the builder failed; close it with zip_discard. The bytes must stay until then. */
 zip_t *archive_open(builder *b, const char *path);
 zip_t *archive_open_bytes(builder *b, const unsigned char *data, size_t bytes);
-/* What members may unpack to: build_limit of the file's length. */
+/* The limit on members' unpacked bytes: build_limit of the file's length. */
 size_t archive_limit(const char *path);
-/* Length of member i when unpacked; refuses what exceeds the builder's limit. */
+/* The unpacked length of member i; refuses more than the builder's limit. */
 bool archive_size(builder *b, zip_t *zip, uint64_t i, size_t *bytes);
-/* Unpacks member i, all `bytes` of it, and checks its sum. */
+/* Unpacks all `bytes` of member i and checks its checksum. */
 bool archive_member(builder *b, zip_t *zip, uint64_t i, unsigned char *out, size_t bytes);
 
 value *npz_build(builder *b, zip_t *zip);

@@ -17,10 +17,10 @@ typedef struct {
     struct object *none, *truth[2];
 } builder;
 
-/* What a value still is while it is being read. */
+/* A value's role while it is being read. */
 typedef enum {
     ROLE_PLAIN,
-    ROLE_BORROWED, /* VALUE_STRING whose text lies in the input */
+    ROLE_BORROWED, /* VALUE_STRING whose text is in the input */
     ROLE_CLASS,    /* a class or function by name: VALUE_RECORD without arguments */
     ROLE_DTYPE,    /* of numpy */
     ROLE_STORAGE,  /* of torch */
@@ -34,7 +34,7 @@ typedef struct {
     bool big_endian;
 } numpy_type;
 
-/* Bytes of a torch storage, known at once (zip, embedded streams) or later (legacy streams). */
+/* The bytes of a torch storage, known at once (zip, embedded streams) or later (legacy streams). */
 typedef struct torch_storage torch_storage;
 struct torch_storage {
     dtype type;
@@ -55,7 +55,7 @@ typedef struct {
 typedef struct object {
     value v; /* first: a value * made here is an object * */
     uint8_t role, colour;
-    int height;      /* levels below, once finished */
+    int height;      /* levels below, once it is finished */
     size_t capacity; /* of a list or dict */
     union {
         numpy_type numpy;
@@ -88,33 +88,33 @@ int64_t build_count(int rank, const int64_t *dim);
 
 /* numpy (numpy.c; files: npy.c). */
 bool numpy_type_parse(const char *text, size_t length, numpy_type *out);
-/* An array (or, of kinds S and U, strings) of the elements at data; exactly count * size bytes. fortran:
+/* An array (or, of kinds S and U, strings) of the elements at data; exactly count * size bytes. fortran: the
  * first index runs fastest. Booleans become U8; i1, i2, u2 I32; u4 and u8 I64. */
 value *numpy_array(builder *b, numpy_type type, int rank, const int64_t *dim, bool fortran,
                    const unsigned char *data, size_t bytes);
 /* Items in the shape of an object array: rank 0 the item itself, else nested lists. */
 value *numpy_objects(builder *b, int rank, const int64_t *dim, bool fortran, value **item, size_t count);
-/* The header of an npy file of the type `descr` ("<f4"); its length, a multiple of 64. */
+/* Writes the header of an npy file of the type `descr` ("<f4"); returns its length, a multiple of 64. */
 size_t npy_header_text(const char *descr, int rank, const int64_t *dim, char out[256]);
 /* A whole npy file. */
 value *npy_build(builder *b, const unsigned char *data, size_t bytes);
 
-/* pickle (pickle.c). What torch's parts of a pickle mean. */
+/* pickle (pickle.c). What torch's parts of a pickle refer to. */
 typedef struct pickle_source {
-    /* Finds or makes a storage; NULL: the pickle is no torch file's. */
+    /* Finds or makes a storage; NULL: the pickle is not from a torch file. */
     torch_storage *(*storage)(void *user, builder *b, dtype type, const char *key, int64_t count);
     void *user;
-    /* Reads a stream of torch.save that stands in the pickle: torch_legacy_build. */
+    /* Reads an embedded stream of torch.save: torch_legacy_build. */
     value *(*stream)(builder *b, const unsigned char *data, size_t bytes, int level);
-    int level; /* of such streams within each other */
+    int level; /* nesting of such streams */
 } pickle_source;
-/* One pickle at the start of data; *used (may be NULL) gets its length. The result is not finished: views of
- * storages are still open until pickle_finish. */
+/* Builds one pickle at the start of data; *used (may be NULL) gets its length. The result is not finished:
+ * views of storages are still open until pickle_finish. */
 value *pickle_build(builder *b, const unsigned char *data, size_t bytes, const pickle_source *source,
                     size_t *used);
-/* A pickle that is no torch file's, finished (pickle_file.c). */
+/* A finished pickle that is not from a torch file (pickle_file.c). */
 value *pickle_whole(builder *b, const unsigned char *data, size_t bytes);
-/* Makes plain values of everything that root reaches, once all storages are there. */
+/* Makes plain values of everything that root reaches, once all storages exist. */
 value *pickle_finish(builder *b, value *root);
 
 /* torch (torch_legacy.c). A legacy stream; the result is not finished. */
@@ -129,11 +129,12 @@ bool zlib_is(const unsigned char *data, size_t bytes);
 sherf_status zlib_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
                          size_t *length);
 
-/* gzip, xz, bzip2, lzma, zstd (unpack.c): NULL for what is none of them. Unpacked as by zlib_unpack. */
+/* gzip, xz, bzip2, lzma, zstd (unpack.c): the kind's name, NULL for other data. Unpack as with zlib_unpack.
+ */
 const char *packed_kind(const unsigned char *data, size_t bytes);
 sherf_status packed_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
                            size_t *length);
 
-/* What a reader may use for an input of this many bytes. */
+/* The memory that a reader may use for an input of this many bytes. */
 size_t build_limit(size_t input_bytes);
 #endif

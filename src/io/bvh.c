@@ -1,4 +1,4 @@
-/* A reader of BVH. The text is read word by word; every number is checked, and no size is believed. */
+/* A reader of BVH. It reads the text word by word, checks every number and trusts no size. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,7 +28,7 @@ static bool is_space(char ch) {
     return ch == ' ' || ch == '\t' || ch == '\n' || ch == '\r' || ch == '\f' || ch == '\v';
 }
 
-/* The next word, of length 0 at the end. Braces are words of their own, and a colon ends one. */
+/* The next word, of length 0 at the end. Braces are words of their own, and a colon ends a word. */
 static word next_word(reader *r) {
     while (r->at < r->end && is_space(*r->at)) r->line += *r->at++ == '\n';
     word w = {r->at, 0};
@@ -55,7 +55,7 @@ static sherf_status expect(reader *r, const char *text) {
     return word_is(w, text) ? SHERF_OK : expected(r, text, w);
 }
 
-/* "0,033" of a locale that writes commas. */
+/* "0,033": some locales write commas. */
 static void decimal_point(char *text) {
     char *comma = strchr(text, ',');
     if (comma && !strchr(text, '.') && !strchr(comma + 1, ',')) *comma = '.';
@@ -100,7 +100,7 @@ static sherf_status add_joint(reader *r, int parent, bool end, bvh_joint **out) 
     return SHERF_OK;
 }
 
-/* A name may have blanks in it: the rest of the line up to the brace. */
+/* A name may contain blanks: it is the rest of the line up to the brace. */
 static sherf_status read_name(reader *r, bvh_joint *j) {
     size_t n = 0;
     while (r->at < r->end && *r->at != '\n' && *r->at != '{') {
@@ -132,7 +132,7 @@ static sherf_status read_channels(reader *r, bvh_joint *j) {
     return SHERF_OK;
 }
 
-/* From ROOT to its closing brace; an explicit stack in place of recursion. */
+/* Reads from ROOT to its closing brace, with an explicit stack instead of recursion. */
 static sherf_status read_hierarchy(reader *r) {
     int stack[BVH_DEPTH_MAX], depth = 0;
     bvh_joint *j;
@@ -171,7 +171,7 @@ static bool at_end(reader *r) {
     return r->at == r->end;
 }
 
-/* As many whole frames as there are, of `frames`: recordings are cut off. */
+/* Reads the whole frames that exist, at most `frames`: recordings may be cut off. */
 static sherf_status read_frames(reader *r, int frames, size_t room) {
     bvh *b = r->b;
     for (b->frames = 0; b->frames < frames; b->frames++)
@@ -207,9 +207,9 @@ static sherf_status read_motion(reader *r) {
         (status = expect(r, "Time:")) || (status = read_number(r, &b->frame_time_s)))
         return status;
     if (!b->channels || !frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
-    if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: who reads motions asks for the rate */
+    if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: the motion's reader asks for the rate */
         return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
-    /* each number takes two characters at least, but the last one */
+    /* each number takes at least two characters, but for the last one */
     size_t room = (size_t)frames * (size_t)b->channels, left = ((size_t)(r->end - r->at) + 1) / 2;
     if (room > left) room = left;
     b->value = mem_alloc(r->c, room, sizeof *b->value);
@@ -298,8 +298,8 @@ void bvh_rotations(const bvh *b, int frame, double *local, double *global) {
     }
 }
 
-/* The position relative to the parent, in the parent's axes: the offset, replaced by any position channels.
- */
+/* The position relative to the parent, in the parent's axes: the offset, replaced by position channels if
+ * there are any. */
 static void joint_offset(const bvh_joint *j, const float *value, double out[3]) {
     memcpy(out, j->offset, sizeof j->offset);
     for (int i = 0; i < j->channels; i++)

@@ -1,4 +1,4 @@
-/* bvh: motion files of Biovision's form: a tree of joints with Euler channels, then frames of numbers. */
+/* bvh: motion files in Biovision's format: a tree of joints with Euler channels, then frames of numbers. */
 #ifndef SHERF_BVH_H
 #define SHERF_BVH_H
 
@@ -20,13 +20,13 @@ typedef struct {
     int parent;          /* -1 for the root; parent < own index */
     bool end;            /* an end site: an offset without channels */
     double offset[3];    /* from the parent, in the file's unit */
-    int first, channels; /* of a frame's numbers */
+    int first, channels; /* range of a frame's numbers */
     uint8_t channel[6];  /* bvh_channel, in the order in which rotations are multiplied */
 } bvh_joint;
 
 typedef struct {
     int joints, channels, frames;
-    double frame_time_s; /* 0 or more; what is read as it stands */
+    double frame_time_s; /* 0 or more; exactly as in the file */
     bvh_joint *joint;
     float *value; /* frames x channels; degrees and the file's unit */
 } bvh;
@@ -37,12 +37,12 @@ void bvh_free(bvh *b);
 /* Rotations of one frame (0 <= frame < frames) from the file's rest pose, in the file's axes: joints x 9,
  * row-major. Either may be NULL. */
 void bvh_rotations(const bvh *b, int frame, double *local, double *global);
-/* The root's position in that frame: its offset, or its position channels where it has them. */
+/* The root's position in that frame: its offset, or its position channels if it has them. */
 void bvh_root_position(const bvh *b, int frame, double position[3]);
 /* Any joint's position and rotation (9, row-major; may be NULL) in that frame, in the file's axes and unit.
  */
 void bvh_joint_position(const bvh *b, int frame, int joint, double position[3], double rotation[9]);
-/* Index of a joint by name, -1 when there is none. */
+/* Index of a joint by name; -1: there is none. */
 int bvh_find(const bvh *b, const char *name);
 
 #endif

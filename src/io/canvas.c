@@ -30,7 +30,7 @@ void canvas_segment(canvas *p, double x0, double y0, double x1, double y1, int t
     }
 }
 
-/* Five rows of three pixels from the top. A row is an octal digit, whose high bit is the left pixel. */
+/* Five rows of three pixels from the top. A row is an octal digit; its high bit is the left pixel. */
 static int letter(char c) {
     static const int digits[] = {075557, 026227, 071747, 071717, 055711,
                                  074717, 074757, 071122, 075757, 075717};

@@ -50,7 +50,7 @@ static sherf_status start(context *c, named_arrays *n) {
     return n->memory ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-/* prefix + key at the end of name; false when it is too long or the key is no plain text. */
+/* Appends prefix + key to name; false if it is too long or the key is not plain text. */
 static bool extend(char name[NAME_LENGTH], size_t length, const value *key) {
     if (key->kind != VALUE_STRING || !key->string.length) return false;
     size_t n = key->string.length, dot = length ? 1 : 0;
@@ -109,7 +109,7 @@ sherf_status module_flatten(context *c, const value *module, named_arrays *out) 
     return status;
 }
 
-/* The dict that holds most of the tensors: root itself or the one below a usual name. */
+/* The dict with most of the tensors: root itself or the one under a usual name. */
 static const value *state_dict_in(const value *root) {
     static const char *const usual[] = {"state_dict", "model_state_dict", "model", "net", "params"};
     for (size_t i = 0; i < COUNT_OF(usual); i++) {

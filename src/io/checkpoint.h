@@ -22,10 +22,10 @@ const value *named_arrays_find(const named_arrays *n, const char *name);
 bool named_arrays_has_shape(const named_arrays *n, const char *name, int rank, const int64_t *dim);
 
 /* A torch module: a record whose state has _parameters, _buffers, _modules. Lists its tensors under the names
- * torch's state_dict would give them. */
+ * that torch's state_dict would give them. */
 bool module_is(const value *v);
 sherf_status module_flatten(context *c, const value *module, named_arrays *out);
-/* A state dict: names to tensors, perhaps within "state_dict" or "model", perhaps behind "module.". A module
- * is flattened. SHERF_BAD_FILE when it is neither. */
+/* A state dict: names to tensors, perhaps inside "state_dict" or "model", perhaps with the prefix "module.".
+ * A module is flattened. SHERF_BAD_FILE: it is neither. */
 sherf_status state_dict_flatten(context *c, const value *root, named_arrays *out);
 #endif

@@ -1,4 +1,4 @@
-/* convert: the file that is being made: its tensors, its metadata, and the memory of both. */
+/* convert: the file under construction: its tensors, its metadata, and the memory of both. */
 #include <stdio.h>
 #include <string.h>
 

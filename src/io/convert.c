@@ -1,4 +1,4 @@
-/* convert: sherf_convert. The contents of a file say what it is: an SMPL body, a snapshot of the authors',
+/* convert: sherf_convert. A file's contents determine its kind: an SMPL body, a snapshot of the authors',
  * torch weights of ResNet-18, VGG16 or LPIPS's heads, or TensorFlow.js weights of ResNet-50 or graphs. */
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,7 +50,7 @@ static sherf_status put_floats(conversion *o, const char *name, const value *v) 
 /* ---------------------------------------------------------------- SMPL ------------------------------- */
 enum { JOINTS = 24, SHAPES = 10, POSE_FEATURES = 207 };
 
-/* A body's array of the wanted shape; -1 in `want` is any size, which is filled in. */
+/* A body's array of the wanted shape; -1 in `want` allows any size and is replaced by it. */
 static sherf_status body_array(conversion *o, const value *root, const char *key, int rank, int64_t *want,
                                const value **out) {
     const value *v = value_get(root, key);
@@ -69,7 +69,7 @@ static sherf_status body_array(conversion *o, const value *root, const char *key
     return SHERF_OK;
 }
 
-/* The first SHAPES of the shape components; fewer are filled up with zeros. */
+/* Writes the first SHAPES of the shape components; missing ones become zeros. */
 static sherf_status put_shapes(conversion *o, const value *v) {
     int64_t vertices = v->array.dim[0], have = v->array.dim[2], dim[3] = {vertices, 3, SHAPES};
     float *data = convert_memory(o, vertices * 3 * SHAPES, sizeof *data);
@@ -108,7 +108,7 @@ static sherf_status smpl(conversion *o, const value *root, char **said) {
     if (status == SHERF_OK) status = put_shapes(o, shapes);
     if (status == SHERF_OK) status = put(o, "posedirs", poses, T_F32, 3, p_dim);
     if (status == SHERF_OK) status = put(o, "weights", weights, T_F32, 2, w_dim);
-    /* sums over thousands of vertices: kept as precise as the file has it */
+    /* sums over thousands of vertices: kept at the file's precision */
     if (status == SHERF_OK)
         status = put(o, "J_regressor", regressor, regressor->array.type == T_F32 ? T_F32 : T_F64, 2, r_dim);
     if (status == SHERF_OK) status = put(o, "f", f, T_I32, 2, f_dim);
@@ -140,7 +140,7 @@ static char *plain_text(conversion *o, const value *v) {
     }
 }
 
-/* What the snapshot says about itself, for people; the model's sizes follow from its tensors. */
+/* The snapshot's settings, for people to read; the model's sizes follow from its tensors. */
 static void snapshot_settings(conversion *o, const value *root, const value *network) {
     static const struct {
         const char *key, *of_rendering, *of_network;
@@ -211,7 +211,7 @@ static int resnet_depth(const named_arrays *n) {
     return named_arrays_has_shape(n, "layer4.1.conv2.weight", 4, last) ? 18 : 0;
 }
 
-/* Name of VGG16's layer k in the file: torchvision's, or that of the LPIPS package's slices. */
+/* The tensor of VGG16's layer k, by torchvision's name or by that of the LPIPS package's slices. */
 static const value *vgg_tensor(const named_arrays *n, int k, const char *part) {
     char name[64];
     snprintf(name, sizeof name, "features.%d.%s", vgg_index[k], part);
@@ -221,8 +221,8 @@ static const value *vgg_tensor(const named_arrays *n, int k, const char *part) {
     return named_arrays_find(n, name);
 }
 
-/* VGG16, or a file that means to be it: of the 26 tensors most are there. `fault` is then what is wrong with
- * the others, empty where nothing is. */
+/* Whether it is VGG16, or a file that is meant to be: most of the 26 tensors are there. `fault` then says
+ * what is wrong with the others; empty: nothing. */
 static bool vgg16_is(const named_arrays *n, char *fault, size_t size) {
     int there = 0;
     fault[0] = 0;
@@ -306,7 +306,7 @@ static sherf_status weights(conversion *o, const value *root, const char *kind, 
 }
 
 /* ---------------------------------------------------------------- graphs ----------------------------- */
-/* The two that find people and their landmarks: a folder that has both becomes one file. */
+/* The two that find people and their landmarks: a folder with both becomes one file. */
 static const char *const pose_graphs[] = {"blazepose-detector", "blazepose-heavy"};
 
 static sherf_status second_graph(conversion *o, char *folder) {
@@ -322,7 +322,7 @@ static sherf_status second_graph(conversion *o, char *folder) {
     return status;
 }
 
-/* Named as its file. */
+/* Named after its file. */
 static sherf_status graphs(conversion *o, const value *root, const char *file, char *folder, bool both,
                            char **said) {
     const char *slash = strrchr(file, '/'), *name = slash ? slash + 1 : file;
@@ -352,8 +352,8 @@ static sherf_status recognise(conversion *o, const value *root, const char *kind
     return weights(o, root, kind, arrays, said);
 }
 
-/* The file to read, and the folder it is in: a TensorFlow.js model may be given as its folder, and so may
- * both of pose_graphs. */
+/* Finds the file to read and its folder: a TensorFlow.js model may be given as its folder, and so may both of
+ * pose_graphs. */
 static sherf_status input_paths(context *c, const char *input, char file[PATH_LENGTH],
                                 char folder[PATH_LENGTH], bool *both) {
     bool inside = path_is_folder(input);

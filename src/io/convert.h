@@ -1,4 +1,4 @@
-/* convert: sherf_convert, and what its kinds of input share: the tensors and metadata to write. */
+/* convert: sherf_convert, and what all kinds of input share: the tensors and metadata to write. */
 #ifndef SHERF_CONVERT_H
 #define SHERF_CONVERT_H
 
@@ -14,12 +14,12 @@ typedef struct {
     size_t metadata_count;
 } conversion;
 
-/* Both kept until the file is written; NULL when memory lacks. */
+/* The text is kept until the file is written; NULL: out of memory. */
 char *convert_text(conversion *o, const char *format, ...) PRINTF_LIKE(2, 3);
 void *convert_memory(conversion *o, int64_t count, size_t size);
-/* Metadata; said NULL: left out. */
+/* Adds metadata; said NULL: does nothing. */
 void convert_describe(conversion *o, const char *key, const char *said);
-/* A tensor whose data and name stay until the file is written. */
+/* Adds a tensor; its data and name must stay until the file is written. */
 sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, const int64_t *dim,
                          const void *data);
 
@@ -27,6 +27,6 @@ sherf_status convert_add(conversion *o, const char *name, dtype type, int rank, 
  * its model.json, in `folder`. */
 sherf_status convert_resnet50(conversion *o, const value *root, char *folder, char **said);
 /* convert_graph.c: any TensorFlow.js graph model as nodes of nn/graph.h: metadata graph.NAME, and weights
- * NAME/.... Nodes that are not known are refused by name. */
+ * NAME/.... Unknown nodes are refused by name. */
 sherf_status convert_graph(conversion *o, const value *root, const char *name, char *folder);
 #endif

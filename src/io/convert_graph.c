@@ -1,6 +1,6 @@
-/* A TensorFlow.js graph model to the nodes of nn/graph.h: a list in JSON in the metadata (its form:
- * docs/photo.md) and float16 weights. What surrounds a convolution becomes part of it: zeros before it, the
- * sum and the activation behind it. What only works out a shape goes. */
+/* Converts a TensorFlow.js graph model to the nodes of nn/graph.h: a JSON list in the metadata (its format:
+ * docs/photo.md) and float16 weights. Nodes around a convolution are merged into it: the padding before it,
+ * the sum and the activation after it. Nodes that only compute a shape are dropped. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -19,8 +19,8 @@ typedef struct {
     int inputs, input[INPUTS_MAX];
     int readers, reader; /* how many nodes and outputs read it, and the last node that does */
     const value *array;  /* of a constant */
-    bool batch;          /* an integer that is the number of pictures: 1 */
-    int number;          /* in what is written, -1: not there */
+    bool batch;          /* an integer that is the batch size: 1 */
+    int number;          /* its number in the output; -1: not in it */
 } source;
 
 typedef struct {
@@ -59,7 +59,7 @@ static void say(work *w, const char *format, ...) {
     w->length += (size_t)n;
 }
 
-/* Without what all names of a model begin with. */
+/* Without the prefix that all names of a model share. */
 static const char *short_name(const char *name) {
     static const char *const common[] = {"StatefulPartitionedCall/", "model/"};
     for (size_t i = 0; i < COUNT_OF(common); i++)
@@ -140,7 +140,7 @@ static const value *attribute(const source *n, const char *name) {
     return value_get(value_get(n->value, "attr"), name);
 }
 
-/* Texts are in base 64. False when it is none, or longer. */
+/* Texts are in base 64. False: it is not one, or too long. */
 static bool text_of(const value *v, char out[32]) {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     size_t n = 0;
@@ -165,7 +165,7 @@ static bool text_is(const source *n, const char *name, const char *wanted) {
     return text_of(value_get(attribute(n, name), "s"), text) && !strcmp(text, wanted);
 }
 
-/* Whole numbers are texts or numbers. */
+/* Integers are texts or numbers. */
 static bool integer_of(const value *v, int64_t *out) {
     if (v && v->kind == VALUE_INTEGER) {
         *out = v->integer;
@@ -187,7 +187,7 @@ static bool flag(const source *n, const char *name) {
     return v && v->kind == VALUE_BOOL && v->boolean;
 }
 
-/* Four numbers of which the first and the last, for pictures and channels, are 1. */
+/* Four numbers; the first and the last, for the batch and the channels, must be 1. */
 static bool window_of(const source *n, const char *name, int64_t out[2]) {
     const value *list = value_get(value_get(attribute(n, name), "list"), "i");
     int64_t all[4];
@@ -199,7 +199,7 @@ static bool window_of(const source *n, const char *name, int64_t out[2]) {
     return all[0] == 1 && all[3] == 1;
 }
 
-/* Integers of a constant, or of a Pack of constants and of the number of pictures. -1: there are none. */
+/* Integers of a constant, or of a Pack of constants and of the batch size. -1: there are none. */
 static int integers_of(const work *w, int i, int max, int64_t *out) {
     const source *n = &w->node[i];
     if (n->batch) {
@@ -226,7 +226,7 @@ typedef struct {
     const char *then;
 } convolution;
 
-/* Whether it is one that can be written: bias and activation as they are fused. */
+/* Whether it can be written: bias and activation as they are fused. */
 static bool convolution_of(const source *n, convolution *out) {
     *out = (convolution){.then = ""};
     if (op_is(n, "Conv2D") || op_is(n, "DepthwiseConv2dNative")) {
@@ -255,7 +255,7 @@ static const char *activation_of(const source *n) {
     return op_is(n, "Relu6") ? "relu6" : op_is(n, "Relu") ? "relu" : op_is(n, "Sigmoid") ? "sigmoid" : NULL;
 }
 
-/* The convolution, without an activation of its own and read by this sum alone, that takes the sum in; -1:
+/* The convolution that can take the sum in: it has no activation of its own, and only this sum reads it. -1:
  * none. */
 static int summing(const work *w, const source *sum) {
     convolution made;
@@ -266,7 +266,7 @@ static int summing(const work *w, const source *sum) {
     return -1;
 }
 
-/* Whether node i is written with the only node that reads it. */
+/* Whether node i is written together with the only node that reads it. */
 static bool waits(const work *w, int i) {
     const source *n = &w->node[i];
     convolution made;
@@ -277,8 +277,8 @@ static bool waits(const work *w, int i) {
     return op_is(reader, "AddV2") && summing(w, reader) == i;
 }
 
-/* Zeros above, below, left and right, if the node is such a Pad and only convolutions without padding read
- * it. */
+/* The zeros above, below, left and right, if the node is a Pad of that kind and only convolutions without
+ * padding read it. */
 static bool pad_of(const work *w, int i, int64_t pads[8]) {
     const source *n = &w->node[i];
     return op_is(n, "Pad") && n->inputs == 2 && integers_of(w, n->input[1], 8, pads) == 8 && !pads[0] &&
@@ -320,7 +320,7 @@ static sherf_status say_end(work *w, source *n, const char *then) {
     return w->failed ? SHERF_NO_MEMORY : SHERF_OK;
 }
 
-/* Adds the constant as float16 under "GRAPH/NAME" and says so under the key. */
+/* Adds the constant as float16 under "GRAPH/NAME" and writes its name under the key. */
 static sherf_status say_weights(work *w, const source *n, int input, const char *key, int rank) {
     const source *from = &w->node[input];
     if (!from->array || from->array->array.type != T_F32 || from->array->array.rank != rank)
@@ -343,7 +343,7 @@ static sherf_status say_weights(work *w, const source *n, int input, const char 
     return convert_add(w->o, name, T_F16, rank, dim, half);
 }
 
-/* Under the name of the node that stands for all: the convolution, the sum behind it, or the activation. */
+/* Written under the name of the last merged node: the convolution, the sum after it, or the activation. */
 static sherf_status write_convolution(work *w, source *as, const source *n, int summand, const char *then) {
     convolution made;
     int64_t stride[2], dilation[2], pads[8] = {0};
@@ -449,7 +449,7 @@ static sherf_status write_pad(work *w, source *n, int i) {
     return status == SHERF_OK ? say_end(w, n, "") : status;
 }
 
-/* The first of the sizes is the number of pictures: 1, or left open. */
+/* The first size is the batch size: 1, or left open. */
 static sherf_status write_reshape(work *w, source *n) {
     int64_t size[4];
     const int rank = n->inputs == 2 ? integers_of(w, n->input[1], 4, size) : -1;
@@ -471,7 +471,7 @@ static sherf_status write_concat(work *w, source *n) {
     return status == SHERF_OK ? say_end(w, n, "") : status;
 }
 
-/* The first number of a shape, which is the number of pictures. */
+/* The first number of a shape, which is the batch size. */
 static bool batch_of(const work *w, const source *n) {
     int64_t begin, end, step;
     return n->inputs == 4 && op_is(&w->node[n->input[0]], "Shape") &&
@@ -511,7 +511,7 @@ static sherf_status write_node(work *w, int i) {
 }
 
 /* ---------------------------------------------------------------- a model ---------------------------- */
-/* The signature's outputs, by the names they have there. They count as readers. */
+/* The signature's outputs, by their names there. They count as readers. */
 static sherf_status find_outputs(work *w, const value *root, int *node) {
     const value *outputs = value_get(value_get(root, "signature"), "outputs");
     const size_t count = value_count(outputs);
@@ -523,7 +523,7 @@ static sherf_status find_outputs(work *w, const value *root, int *node) {
             return failure(w->c, SHERF_BAD_FILE, "an output without a proper name");
         node[i] = find(w, w->count, name->string.text, strcspn(name->string.text, ":"));
         if (node[i] < 0) return failure(w->c, SHERF_BAD_FILE, "output %s is no node", name->string.text);
-        w->node[node[i]].readers += 2; /* never part of another */
+        w->node[node[i]].readers += 2; /* never merged into another */
     }
     return SHERF_OK;
 }
@@ -544,7 +544,7 @@ static sherf_status write_graph(work *w, const value *root) {
     return status == SHERF_OK && w->failed ? SHERF_NO_MEMORY : status;
 }
 
-/* Networks that are known by their weights. */
+/* Networks that are recognised by their weights. */
 static const struct {
     uint64_t sum;
     const char *from;

@@ -1,4 +1,4 @@
-/* The first stages of Keras' ResNet-50 (ImageNet), for the perceptual distance: stem and the stages 2 and 3,
+/* The first stages of Keras' ResNet-50 (ImageNet), for the perceptual distance: the stem and stages 2 and 3,
  * 24 convolutions. Kernels become O x I x k x k, batch norms are folded into them, and the stem takes RGB. */
 #include <math.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@ static const char *const kept[CONVOLUTIONS] = {
     "res3b_branch2a", "res3b_branch2b", "res3b_branch2c", "res3c_branch2a", "res3c_branch2b",
     "res3c_branch2c", "res3d_branch2a", "res3d_branch2b", "res3d_branch2c"};
 
-/* Weights that are known by what they hold. */
+/* Weights that are recognised by their values. */
 static const struct {
     uint64_t sum;
     const char *source, *version, *licence;
@@ -32,15 +32,15 @@ static bool both_are(const value *list, int64_t wanted) {
     return true;
 }
 
-/* Zeros around the picture, the same on all sides. */
+/* Zero padding around the picture, equal on all sides. */
 static bool padding_is(const value *root, const char *name, int64_t wanted) {
     const value *padding = value_get(tfjs_layer(root, "ZeroPadding2D", name), "padding");
     return value_count(padding) == 2 && both_are(value_at(padding, 0), wanted) &&
            both_are(value_at(padding, 1), wanted);
 }
 
-/* The topology is what nn/resnet50.c computes: stride 2 in the stem and in the first convolutions of stage 3.
- */
+/* Checks that the topology is the one of nn/resnet50.c: stride 2 in the stem and in the first convolutions of
+ * stage 3. */
 static sherf_status check_layer(conversion *o, const value *root, const char *name, int64_t side) {
     const value *layer = tfjs_layer(root, "Conv2D", name);
     bool half = !strcmp(name, "conv1") || !strcmp(name, "res3a_branch2a") || !strcmp(name, "res3a_branch1");
@@ -54,7 +54,7 @@ static sherf_status check_layer(conversion *o, const value *root, const char *na
     return failure(o->c, SHERF_MISMATCH, "layer %s is not ResNet-50's", name);
 }
 
-/* "res2a_branch1" is followed by the batch norm "bn2a_branch1", "conv1" by "bn_conv1". */
+/* The batch norm "bn2a_branch1" follows "res2a_branch1", "bn_conv1" follows "conv1". */
 static void norm_name(const char *name, char out[32]) {
     bool stem = !strcmp(name, "conv1");
     snprintf(out, 32, stem ? "bn_%s" : "bn%s", stem ? name : name + 3);
@@ -130,7 +130,7 @@ static sherf_status put_layer(conversion *o, const value *root, const named_arra
     return put_folded(o, name, hwio, &a);
 }
 
-/* The shapes that tell this network from others; the distance's own reader asks for all of them. */
+/* Whether the shapes identify this network; the distance's own reader requires all of them. */
 static bool shapes_are(const named_arrays *n) {
     const int64_t stem[] = {7, 7, 3, 64}, first[] = {1, 1, 64, 64}, last[] = {1, 1, 128, 512};
     return named_arrays_has_shape(n, "conv1/kernel", 4, stem) &&
@@ -156,7 +156,7 @@ static void describe(conversion *o, const value *root, uint64_t sum) {
 sherf_status convert_resnet50(conversion *o, const value *root, char *folder, char **said) {
     document *d = NULL;
     named_arrays n = {0};
-    uint64_t sum = 0xcbf29ce484222325u; /* FNV-1a of what is taken */
+    uint64_t sum = 0xcbf29ce484222325u; /* FNV-1a of the weights that are used */
     sherf_status status = tfjs_arrays(o->c, root, tfjs_read_below, folder, &d);
     if (status == SHERF_OK) status = state_dict_flatten(o->c, d->root, &n);
     if (status == SHERF_OK &&

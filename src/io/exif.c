@@ -1,5 +1,5 @@
-/* exif: a walk over three TIFF directories. Nothing is followed but offsets inside the data, and each
- * directory once. */
+/* exif: reads three TIFF directories. It follows only offsets inside the data, and visits each directory
+ * once. */
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
@@ -18,7 +18,8 @@ enum {
     TAG_FOCAL_35MM = 0xa405
 };
 
-/* The diagonal of 36 x 24 mm: makers state the focal length that has the same diagonal view on 35 mm film. */
+/* The diagonal of 36 x 24 mm: makers state the focal length that has the same diagonal angle of view on 35 mm
+ * film. */
 static const double film_diagonal_mm = 43.2666153;
 
 typedef struct {
@@ -64,8 +65,8 @@ static void take(reader *r, unsigned tag, double v, exif_facts *out) {
     if (tag == TAG_PLANE_UNIT) r->plane_unit = (unsigned)v;
 }
 
-/* Reads the directory at `at`; gives where the Exif directory is, 0 for nowhere. The first directory has the
- * turn, the other the rest, and so neither is misled by a thumbnail's or a maker's tags. */
+/* Reads the directory at `at`; returns the Exif directory's offset, 0 for none. The first directory has the
+ * orientation, the other one the rest, so a thumbnail's or a maker's tags mislead neither. */
 static size_t directory(reader *r, size_t at, bool first, exif_facts *out) {
     size_t next = 0;
     if (at > r->bytes || r->bytes - at < 2) return 0;
@@ -101,6 +102,6 @@ double exif_focal_px(const exif_facts *e, int width_px, int height_px) {
         focal_px = e->focal_35mm_mm * hypot(longer, shorter) / film_diagonal_mm;
     else
         focal_px = e->focal_mm * e->focal_plane_px_per_mm * longer / taken_longer;
-    /* a view of 136 degrees to one of 1 */
+    /* views of 136 degrees to 1 degree */
     return focal_px >= 0.2 * longer && focal_px <= 50 * longer ? focal_px : 0;
 }

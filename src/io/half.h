@@ -25,7 +25,7 @@ static inline float half_to_float(uint16_t h) {
     return f;
 }
 
-/* To the nearest, ties to even; what is too large becomes infinite. */
+/* To the nearest, ties to even; too large values become infinite. */
 static inline uint16_t half_from_float(float f) {
     uint32_t bits;
     memcpy(&bits, &f, sizeof bits);

@@ -1,5 +1,4 @@
-/* heif_stream: a walk over the boxes of `meta`, then over OBUs or NAL units. Nothing is followed but offsets
- * inside the data. */
+/* heif_stream: reads the boxes of `meta`, then OBUs or NAL units. It follows only offsets inside the data. */
 #include "io/heif_stream.h"
 
 #include <string.h>
@@ -52,7 +51,7 @@ static uint32_t golomb(bits *b) {
 }
 
 /* ---- AV1 ---- */
-/* What of the sequence's header the frames' headers need. */
+/* The fields of the sequence header that frame headers need. */
 typedef struct {
     bool there, reduced, decoder_model, equal_interval, frame_ids;
     int size_bits[2], id_bits, time_bits, order_bits, screen_content, integer_mv; /* 2: each frame says */
@@ -111,8 +110,8 @@ static void av1_sequence_header(piece p, av1_sequence *q, heif_sizes *out) {
     av1_tools(&b, q);
 }
 
-/* A frame may have a size of its own, which no decoder holds to the sequence's. Where that is not read here,
- * it counts as the maximum of its bits. */
+/* A frame may have its own size, which no decoder limits to the sequence's. If this reader does not get that
+ * far, the size counts as the maximum of its bits. */
 static void av1_frame_header(piece p, const av1_sequence *q, heif_sizes *out) {
     enum { KEY = 0, SWITCH = 3 };
     bits b = {p, 0};
@@ -158,7 +157,7 @@ static void av1_stream(piece p, av1_sequence *q, heif_sizes *out) {
 
 /* ---- H.265 ---- */
 static void hevc_sps(piece p, heif_sizes *out) {
-    enum { MAX = 512 }; /* what is needed lies in the first hundred bytes */
+    enum { MAX = 512 }; /* the needed fields are in the first hundred bytes */
     uint8_t plain[MAX];
     size_t n = 0, zeros = 0;
     for (size_t i = 2; i < p.bytes && n < MAX; i++) {
@@ -273,7 +272,7 @@ static void stream(walk *w, uint64_t id, piece p) {
     if (w->hevc[id]) hevc_stream(p, w->length_bytes, w->out);
 }
 
-/* The pieces of one item one behind the other; more than the file is long, or than memory has, are odd. */
+/* Concatenates the pieces of one item; more bytes than the file or the memory has are odd. */
 static size_t item(walk *w, uint64_t id, int version, const int size[4], size_t at) {
     const piece p = w->iloc;
     uint64_t method = 0;

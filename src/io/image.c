@@ -1,6 +1,7 @@
 /* image: PNG through libpng, JPEG through libjpeg-turbo; image_webp.c and image_heif.c have the others. Both
- * report errors by longjmp; what must be freed is kept in a struct that the setjmp frame only points to.
- * Decoding is OpenCV's (slow DCT, fancy upsampling, upright by EXIF), so that scores agree. */
+ * libraries report errors by longjmp; memory to free is kept in a struct that the setjmp frame only points
+ * to. Decoding is the same as OpenCV's (slow DCT, fancy upsampling, upright by EXIF), so that scores agree.
+ */
 #include <errno.h>
 #include <png.h>
 #include <stdio.h>
@@ -50,7 +51,7 @@ static void png_memory_free(png_structp png, png_voidp p) {
     mem_free(p);
 }
 
-/* To 8 bits; palette and transparent colours become RGB and alpha. A mask keeps its 16 bits. */
+/* Converts to 8 bits; palette and transparent colours become RGB and alpha. A mask keeps its 16 bits. */
 static void png_transforms(const decoder *d, png_structp png, png_infop info) {
     int type = png_get_color_type(png, info), depth = png_get_bit_depth(png, info);
     if (depth == 16 && !d->mask) png_set_scale_16(png);
@@ -59,7 +60,7 @@ static void png_transforms(const decoder *d, png_structp png, png_infop info) {
     if (png_get_valid(png, info, PNG_INFO_tRNS)) png_set_tRNS_to_alpha(png);
 }
 
-/* A row of a PNG; of 16-bit samples whether they are 0. */
+/* Stores a row of a PNG; for a mask of 16-bit samples, whether they are 0. */
 static void png_put_row(decoder *d, uint8_t *row, int y, int from, bool deep) {
     if (deep)
         for (size_t i = 0; i < (size_t)d->out.width * (size_t)from; i++)
@@ -90,10 +91,10 @@ static void png_rows(decoder *d, png_structp png, png_infop info) {
             png_read_row(png, d->row, NULL);
             png_put_row(d, d->row, (int)y, from, deep);
         }
-    png_read_end(png, NULL); /* the last sums are looked at, too */
+    png_read_end(png, NULL); /* checks the last checksums, too */
 }
 
-/* The eXIf chunk, which may also lie behind the pixels, where libpng has not been yet. */
+/* The eXIf chunk may also follow the pixels, which libpng has not read yet. */
 static void png_exif(decoder *d) {
     for (size_t at = 8; at + 12 <= d->bytes;) {
         const unsigned char *p = d->data + at;
@@ -169,14 +170,14 @@ static void jpeg_failed(j_common_ptr j) {
     longjmp(d->back, 1);
 }
 
-/* Warnings: a picture that is not whole is refused, oddities around the data are not. */
+/* Warnings: an incomplete picture is refused, oddities around the data are not. */
 static void jpeg_warned(j_common_ptr j, int level) {
     int code = j->err->msg_code;
     if (level < 0 && code != JWRN_EXTRANEOUS_DATA && code != JWRN_ADOBE_XFORM && code != JWRN_JFIF_MAJOR)
         jpeg_failed(j);
 }
 
-/* A small progressive file can ask for thousands of passes over a large picture. */
+/* A small progressive file can require thousands of passes over a large picture. */
 static void jpeg_progressed(j_common_ptr j) {
     if (((j_decompress_ptr)j)->input_scan_number <= JPEG_SCANS) return;
     snprintf(((jpeg_error *)j->err)->d->text, 200, "more than %d scans", JPEG_SCANS);
@@ -187,7 +188,7 @@ static void jpeg_silent(j_common_ptr j) {
     (void)j;
 }
 
-/* CMYK to RGB with OpenCV's rounding. Adobe writes the inks inverted, which is what the formula takes. */
+/* CMYK to RGB with OpenCV's rounding. The formula takes inverted inks, as Adobe writes them. */
 static void cmyk_to_rgb(uint8_t *row, size_t width, bool inverted) {
     uint8_t *to = row;
     for (size_t i = 0; i < width; i++, row += 4, to += 3) {
@@ -220,7 +221,7 @@ static void jpeg_rows(decoder *d, struct jpeg_decompress_struct *j) {
     bool adobe = j->saw_Adobe_marker;
     j->dct_method = JDCT_ISLOW;
     j->do_fancy_upsampling = TRUE;
-    /* the grey of a colour JPEG is its Y, as in OpenCV */
+    /* a colour JPEG's grey is its Y, as in OpenCV */
     bool grey = j->num_components == 1 || (d->channels == 1 && !d->mask && j->jpeg_color_space == JCS_YCbCr);
     j->out_color_space = cmyk ? JCS_CMYK : grey ? JCS_GRAYSCALE : JCS_RGB;
     jpeg_start_decompress(j);
@@ -270,7 +271,7 @@ static void jpeg_decode(decoder *d) {
 }
 
 /* ---------------------------------------------------------------- reading ---------------------------- */
-/* Where the pixel at (x, y) of the upright picture lies in the file's: `at` + x * `right` + y * `down`
+/* Where the pixel at (x, y) of the upright picture is in the file's picture: `at` + x * `right` + y * `down`
  * pixels. Orientations 5 to 8 swap rows and columns. */
 typedef struct {
     ptrdiff_t at, right, down;

@@ -1,12 +1,12 @@
-/* image: HEIC and AVIF through libheif, which honours the container's own turn and mirror; what EXIF says of
- * the turn is a note for others then. Of several pictures in a file the primary one is read. */
+/* image: HEIC and AVIF through libheif, which applies the container's own rotation and mirroring, so EXIF's
+ * orientation is ignored. Of several pictures in a file the primary one is read. */
 #include <libheif/heif.h>
 #include <string.h>
 
 #include "io/heif_stream.h"
 #include "io/image_inside.h"
 
-/* libheif takes the side of a square of pixels. */
+/* libheif limits the side of a square of pixels. */
 enum { HEIF_SIDE_MAX = 11585 };
 static const size_t exif_bytes_max = (size_t)1 << 20;
 
@@ -17,7 +17,7 @@ typedef struct {
     struct heif_decoding_options *options;
 } heif_parts;
 
-/* False when it failed: the status then says why. */
+/* False: it failed, and the status says why. */
 static bool went_well(image_decoder *d, const char *kind, struct heif_error error) {
     if (error.code == heif_error_Ok) return true;
     if (error.code == heif_error_Memory_allocation_error &&
@@ -30,7 +30,7 @@ static bool went_well(image_decoder *d, const char *kind, struct heif_error erro
     return false;
 }
 
-/* Four bytes say how far behind them the TIFF header is. */
+/* The first four bytes give the offset of the TIFF header after them. */
 static void exif_from(image_decoder *d, const struct heif_image_handle *handle) {
     heif_item_id id;
     if (heif_image_handle_get_list_of_metadata_block_IDs(handle, "Exif", &id, 1) < 1) return;
@@ -49,7 +49,7 @@ static void exif_from(image_decoder *d, const struct heif_image_handle *handle) 
     mem_free(data);
 }
 
-/* An ICC profile, or else the code of the primaries. Curves for bright screens (PQ, HLG) are not undone. */
+/* Reads an ICC profile, or else the code of the primaries. HDR curves (PQ, HLG) are not undone. */
 static void profile_from(image_decoder *d, const struct heif_image_handle *handle) {
     struct heif_color_profile_nclx *nclx = NULL;
     const size_t bytes = heif_image_handle_get_raw_color_profile_size(handle);
@@ -68,7 +68,7 @@ static void profile_from(image_decoder *d, const struct heif_image_handle *handl
     heif_nclx_color_profile_free(nclx);
 }
 
-/* Colours that were multiplied by alpha are divided by it. */
+/* Divides premultiplied colours by alpha. */
 static void undo_alpha(uint8_t *row, int width) {
     for (int i = 0; i < width; i++, row += 4)
         for (int k = 0; k < 3; k++) {
@@ -111,8 +111,8 @@ static void decode_picture(image_decoder *d, const char *kind, heif_parts *p) {
     if (went_well(d, kind, error)) put_rows(d, kind, p->picture, rgba, multiplied);
 }
 
-/* libheif looks at a frame's size when the decoder has taken the memory for it. A coded frame is a little
- * larger than what is shown of it, and layers of a picture may state twice the size. */
+/* libheif checks a frame's size only after the decoder has allocated its memory. A coded frame is slightly
+ * larger than the visible part, and a picture's layers may state twice the size. */
 static void check_streams(image_decoder *d, const char *kind) {
     heif_sizes sizes;
     if ((d->status = heif_stream_sizes(d->c, d->data, d->bytes, &sizes))) return;

@@ -1,4 +1,4 @@
-/* image: what its decoders share. */
+/* image: shared by the decoders. */
 #ifndef SHERF_IMAGE_INSIDE_H
 #define SHERF_IMAGE_INSIDE_H
 
@@ -17,36 +17,36 @@ typedef struct {
     image_u8 out;
     unsigned char *row;   /* scratch: a row, or the whole picture when interlaced */
     unsigned char **rows; /* interlaced PNG */
-    int channels;         /* wanted; 0: only the size is requested */
-    bool mask;            /* one channel: 1 where any colour is not 0 in the file, 16 bits looked at whole */
+    int channels;         /* wanted; 0: only the size */
+    bool mask; /* one channel: 1 where any colour of the file is not 0, with all 16 bits compared */
     int own_channels;
-    bool alpha;             /* the file has it */
-    bool photo;             /* colours by the profile */
+    bool alpha;             /* the file has alpha */
+    bool photo;             /* converts colours by the profile */
     unsigned char *profile; /* ICC's, mem_free */
     size_t profile_bytes;
-    int primaries; /* of HEIC and AVIF without one: H.273's code, 0 for none */
+    int primaries; /* of HEIC and AVIF without a profile: H.273's code, 0 for none */
     profile_fate profile_fate;
-    exif_facts exif; /* its orientation: how the decoded picture has yet to be turned */
+    exif_facts exif; /* its orientation: how the decoded picture must still be turned */
 } image_decoder;
 
-/* These set d->status, and take it on success to d->out. */
+/* These set d->status and, on success, store the picture in d->out. */
 void image_webp_decode(image_decoder *d);
 void image_heif_decode(image_decoder *d, const char *kind);
 
 /* ---- image_rows.c ---- */
-/* SHERF_BAD_FILE: what is said of a file whose data are wrong. */
+/* SHERF_BAD_FILE: the message for a file with bad data. */
 sherf_status image_broken(image_decoder *d, const char *kind, const char *why);
-/* Sets the size of d->out, or fails when it is beyond the limits. */
+/* Sets the size of d->out, or fails if it exceeds the limits. */
 sherf_status image_check_size(image_decoder *d, uint64_t width, uint64_t height);
-/* Takes d->out.data, and d->row of row_bytes (0: none). */
+/* Allocates d->out.data, and d->row of row_bytes (0: none). */
 bool image_make_room(image_decoder *d, size_t row_bytes);
-/* A row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
+/* Converts a row of `from` channels (1, 2: grey, alpha; 3, 4) to row y of the picture. */
 void image_put_row(image_decoder *d, const uint8_t *row, int y, int from);
 
 /* ---- image_profile.c ---- */
-static const size_t profile_bytes_max = (size_t)4 << 20; /* longer ones are broken */
-/* Copies an ICC profile to d->profile where it is wanted; false, with d->status, without memory. */
+static const size_t profile_bytes_max = (size_t)4 << 20; /* longer ones count as broken */
+/* Copies an ICC profile to d->profile if it is wanted; false, with d->status: out of memory. */
 bool image_profile_take(image_decoder *d, const void *data, size_t bytes);
-/* Turns the colours of d->out to sRGB; a profile that cannot be read is left out. */
+/* Converts the colours of d->out to sRGB; ignores an unreadable profile. */
 void image_profile_apply(image_decoder *d);
 #endif

@@ -1,5 +1,5 @@
-/* image: what a file is by its first bytes: the kinds that are read, and names for what people take for
- * pictures, so that the error says what they have. */
+/* image: recognises a file's kind by its first bytes: the supported kinds, and names for files that people
+ * mistake for pictures, so that the error says what they have. */
 #include <ctype.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,7 +19,7 @@ static bool shows(const unsigned char *data, size_t n, const sign *s) {
     return n >= s->at + s->count && !memcmp(data + s->at, s->bytes, s->count);
 }
 
-/* ISO's container is told by its brands: the first, then those it claims to be compatible with. */
+/* Brands identify ISO's containers: the first one, then those that it claims to be compatible with. */
 static bool has_brand(const unsigned char *data, size_t n, const char *const *brand) {
     size_t end = (size_t)data[0] << 24 | (size_t)data[1] << 16 | (size_t)data[2] << 8 | data[3];
     if (end > n) end = n;
@@ -53,7 +53,7 @@ const char *image_file_kind(const char *path) {
     return image_kind(start, n);
 }
 
-/* The text's first word with "<" or a known beginning, whatever its case. */
+/* Whether the text's first word with "<" or a known beginning matches, ignoring case. */
 static bool text_starts(const unsigned char *data, size_t n, const char *word) {
     size_t at = n >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
     while (at < n && isspace(data[at])) at++;
@@ -145,7 +145,7 @@ const char *image_other_kind(const unsigned char *data, size_t n) {
     return text_kind(data, n);
 }
 
-/* A pickle of protocol 0 is text: a mark, a class on a line of its own, a number or a quoted string. */
+/* A pickle of protocol 0 is text: a mark, a class on its own line, a number or a quoted string. */
 static bool pickle_text_is(const unsigned char *data, size_t n) {
     if (n < 2 || strchr("}])N", data[0])) return true;
     if (data[0] == '(') return strchr("(dltcIFLNSV", data[1]) != NULL;
@@ -156,7 +156,7 @@ static bool pickle_text_is(const unsigned char *data, size_t n) {
     return i > 1 && i < n && (data[i] == '\n' || data[i] == '\r');
 }
 
-/* The first words of a text; what does not print is '?'. */
+/* Writes a text's first words; unprintable characters become '?'. */
 static void text_beginning(const unsigned char *data, size_t n, char *out, size_t room) {
     size_t from = 0, k = 0;
     while (from < n && isspace(data[from])) from++;

@@ -1,4 +1,4 @@
-/* image: colours by the file's profile to sRGB, through Little CMS. */
+/* image: converts colours by the file's profile to sRGB, through Little CMS. */
 #include <lcms2.h>
 #include <stdlib.h>
 #include <string.h>
@@ -38,7 +38,7 @@ static cmsHPROFILE profile_of_primaries(cmsContext lcms, int code) {
     return profile;
 }
 
-/* Whether it changes no colour by more than one step: sRGB under any name. */
+/* Whether it changes no colour by more than one step: it is sRGB under any name. */
 static bool is_srgb(cmsHTRANSFORM to_srgb, int channels) {
     enum { STEPS = 6 };
     for (int i = 0; i < STEPS * STEPS * STEPS; i++) {
@@ -68,7 +68,7 @@ static void convert_rows(void *arg, int64_t begin, int64_t end, int thread) {
 
 static void convert(image_decoder *d, cmsContext lcms, cmsHPROFILE from) {
     const cmsUInt32Number kind = d->channels == 4 ? TYPE_RGBA_8 : TYPE_RGB_8;
-    /* the cache of the last pixel would be shared by threads */
+    /* threads would share the cache of the last pixel */
     const cmsUInt32Number flags = cmsFLAGS_NOCACHE | (d->channels == 4 ? cmsFLAGS_COPY_ALPHA : 0);
     cmsHPROFILE srgb = cmsCreate_sRGBProfileTHR(lcms);
     cmsHTRANSFORM to_srgb =
@@ -98,7 +98,7 @@ void image_profile_apply(image_decoder *d) {
     if (space == cmsSigRgbData)
         convert(d, lcms, from);
     else if (d->profile && space != cmsSigGrayData && space != cmsSigCmykData)
-        d->profile_fate = PROFILE_BROKEN; /* inks and greys are taken as everybody does without a profile */
+        d->profile_fate = PROFILE_BROKEN; /* inks and greys are read as without a profile, which is usual */
     if (from) cmsCloseProfile(from);
     cmsDeleteContext(lcms);
 }

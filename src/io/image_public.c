@@ -39,7 +39,7 @@ const char *sherf_image_kind(const char *path) {
 
 enum { JPEG_QUALITY = 95 };
 
-/* Grey is tripled where more channels are wanted; `to` is mem_free'd by the caller. */
+/* Grey is tripled if more channels are wanted; the caller mem_frees `to`. */
 static sherf_status to_bytes(context *c, const sherf_image *image, int channels, uint8_t **to) {
     const size_t n = (size_t)image->width * (size_t)image->height, given = (size_t)image->channels;
     *to = mem_alloc(c, n, (size_t)channels);

@@ -1,5 +1,4 @@
-/* image: what every decoder does with the picture that it fills: its size, its rows, what is wrong with it.
- */
+/* image: what every decoder does with its picture: sets its size, stores rows, reports errors. */
 #include <string.h>
 
 #include "io/image_inside.h"
@@ -34,7 +33,7 @@ bool image_make_room(decoder *d, size_t row_bytes) {
     return there;
 }
 
-/* Grey as libpng (and so OpenCV) takes it: 15-bit fixed point, cut off, grey pixels as they are. */
+/* Grey as in libpng (and so OpenCV): 15-bit fixed point, truncated; grey pixels stay as they are. */
 static uint8_t grey_of(const uint8_t *p) {
     if (p[0] == p[1] && p[0] == p[2]) return p[0];
     return (uint8_t)((9797 * p[0] + 19234 * p[1] + 3737 * p[2]) >> 15);

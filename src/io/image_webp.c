@@ -1,4 +1,4 @@
-/* image: WebP through libwebp, EXIF out of its container through libwebpdemux. */
+/* image: WebP through libwebp, its container's EXIF through libwebpdemux. */
 #include <string.h>
 #include <webp/decode.h>
 #include <webp/demux.h>
@@ -32,7 +32,7 @@ static void facts_from(image_decoder *d) {
     WebPDemuxDelete(demuxer);
 }
 
-/* Decoded in place when that is what is wanted, else by way of a second picture. */
+/* Decodes in place if the format matches, else through a second picture. */
 static void decode_rows(image_decoder *d, WebPDecoderConfig *config) {
     const size_t width = (size_t)d->out.width, height = (size_t)d->out.height;
     const bool straight = !d->mask && d->channels >= 3;

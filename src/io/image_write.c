@@ -11,7 +11,7 @@
 #include "base/path.h"
 #include "io/image.h"
 
-/* What grows while a picture is written; kept apart from the setjmp frame, which only points to it. */
+/* Buffers that grow during writing; kept apart from the setjmp frame, which only points to them. */
 typedef struct {
     context *c;
     uint8_t *data;
@@ -161,7 +161,7 @@ static void jpeg_silent(j_common_ptr j) {
     (void)j;
 }
 
-/* All the room there is goes to the encoder. */
+/* Gives all the room to the encoder. */
 static void jpeg_room(j_compress_ptr j, size_t used, size_t wanted) {
     growing *g = j->client_data;
     g->bytes = used;
@@ -232,7 +232,7 @@ sherf_status jpeg_to_memory(context *c, int width, int height, const uint8_t *rg
 }
 
 /* ---- files ---- */
-/* The encoded picture, taken over, as a file. */
+/* Writes the encoded picture, which it takes over, to a file. */
 static sherf_status to_file(context *c, const char *path, sherf_status status, uint8_t *data, size_t bytes) {
     output_file file;
     if (status != SHERF_OK) return failure_prefix(c, status, "%s", path);
@@ -271,7 +271,7 @@ sherf_status webp_write(context *c, const char *path, int width, int height, int
                        path, WEBP_MAX_DIMENSION);
     const size_t bytes = channels == 4 ? WebPEncodeLosslessRGBA(data, width, height, width * 4, &packed)
                                        : WebPEncodeLosslessRGB(data, width, height, width * 3, &packed);
-    if (bytes) own = mem_alloc(c, bytes, 1); /* to_file takes over what is ours */
+    if (bytes) own = mem_alloc(c, bytes, 1); /* to_file takes over memory of ours only */
     if (own) memcpy(own, packed, bytes);
     WebPFree(packed);
     if (!bytes) return failure(c, SHERF_NO_MEMORY, "%s: WebP cannot be encoded", path);

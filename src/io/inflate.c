@@ -1,5 +1,5 @@
-/* Files packed by zlib: what joblib.dump(..., compress=...) writes around a pickle. */
-#define ZLIB_CONST /* what is unpacked stays const */
+/* Files packed by zlib, as joblib.dump(..., compress=...) writes around a pickle. */
+#define ZLIB_CONST /* unpacked data stays const */
 #include <zlib.h>
 
 #include "io/build.h"
@@ -25,7 +25,7 @@ sherf_status zlib_unpack(context *c, const unsigned char *data, size_t bytes, un
         if (*length == room) {
             size_t more = room ? 2 * room : 4 * bytes + 4096;
             unsigned char *grown =
-                more > limit ? NULL : mem_grow(c, *out, room, more, 1); /* the old one stays if it fails */
+                more > limit ? NULL : mem_grow(c, *out, room, more, 1); /* the old one stays if this fails */
             if (!grown) {
                 status = more > limit
                              ? failure(c, SHERF_BAD_FILE, "unpacks to more than a file of its size may")

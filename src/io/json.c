@@ -1,5 +1,5 @@
-/* json: cJSON's tree copied into ours. cJSON reads NaN as a name, lets 1e999 through as infinity, recurses
- * into nesting and ignores what follows the text; all of this is checked here. */
+/* json: copies cJSON's tree into ours. cJSON reads NaN as a name, accepts 1e999 as infinity, recurses into
+ * nesting and ignores text after the value; all of this is checked here. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <string.h>
@@ -9,12 +9,12 @@
 #include "io/image.h"
 #include "io/utf16.h"
 
-/* cJSON takes up to 30 bytes for one of the text. Its memory is its own: its hooks are the whole process's.
- */
+/* cJSON takes up to 30 bytes for each byte of text. Its memory is its own: its hooks belong to the whole
+ * process. */
 static const size_t json_bytes_max = (size_t)64 << 20;
 enum { JSON_NESTING = 128 };
 
-/* Deepest nesting of brackets outside strings; also refuses a 0 byte and bare control characters, which
+/* The deepest nesting of brackets outside strings; also refuses a 0 byte and bare control characters, which
  * cJSON would accept. */
 static bool scan(builder *b, const char *text, size_t bytes) {
     int depth = 0;
@@ -65,7 +65,7 @@ static value *tree(builder *b, const cJSON *j) {
     return v;
 }
 
-/* What stands where parsing stopped; NaN and Infinity, which Python writes, are named. */
+/* Refuses the text where parsing stopped; the message names NaN and Infinity, which Python writes. */
 static value *refuse(builder *b, const char *text, size_t bytes, size_t at) {
     static const char *const not_finite[] = {"NaN", "Infinity", "nan", "inf"};
     const size_t sign = at < bytes && text[at] == '-';
@@ -99,7 +99,7 @@ static value *parse(builder *b, const char *text, size_t bytes) {
 
 static sherf_status parse_narrow(context *c, const char *text, size_t bytes, document **out) {
     builder b;
-    /* a value of ours takes about 150 bytes, a number in the text as few as two */
+    /* our values take about 150 bytes, a number in the text as few as two */
     if (!build_start(&b, c, ((size_t)64 << 20) + (bytes < SIZE_MAX / 512 ? bytes * 128 : 0))) return b.status;
     return build_finish(&b, parse(&b, text, bytes), out);
 }

@@ -39,7 +39,7 @@ static bool take_quoted(scanner *s, const char **text, size_t *length) {
     return s->p++ < s->end;
 }
 
-/* "(3, 4)", "(5,)", "()", with the L of Python 2 allowed. */
+/* "(3, 4)", "(5,)", "()"; Python 2's L is allowed. */
 static bool take_shape(scanner *s, int *rank, int64_t dim[8]) {
     *rank = 0;
     if (!take(s, '(')) return false;

@@ -35,7 +35,7 @@ bool numpy_type_parse(const char *text, size_t length, numpy_type *out) {
     return i == length;
 }
 
-/* The type that holds such elements here; false when none does. */
+/* The type that stores such elements here; false: none does. */
 static bool held_as(numpy_type t, dtype *out) {
     if (t.kind == 'b' || (t.kind == 'u' && t.size == 1))
         *out = T_U8;
@@ -54,8 +54,8 @@ static bool held_as(numpy_type t, dtype *out) {
     return true;
 }
 
-/* One element, its bytes in little-endian order, to slot i. uint64 above INT64_MAX wraps: a body file's
- * 2^64 - 1 means "no parent". */
+/* Stores one element, its bytes in little-endian order, in slot i. uint64 above INT64_MAX wraps: in a body
+ * file, 2^64 - 1 means "no parent". */
 static void store(numpy_type t, dtype type, const unsigned char *p, void *data, size_t i) {
     uint64_t bits = 0;
     memcpy(&bits, p, (size_t)t.size);
@@ -75,7 +75,7 @@ static void store(numpy_type t, dtype type, const unsigned char *p, void *data, 
 }
 
 /* ---------------------------------------------------------------- order of elements ------------------ */
-/* Walks the places of an array in row-major order; `at` is the place's number in the file. */
+/* Visits an array's elements in row-major order; `at` is the element's index in the file. */
 typedef struct {
     int rank;
     int64_t dim[8], step[8], index[8], at;
@@ -115,7 +115,7 @@ value *numpy_objects(builder *b, int rank, const int64_t *dim, bool fortran, val
     int64_t n = rank <= 8 ? build_count(rank, dim) : -1;
     if (n < 0 || (size_t)n != count)
         return build_fail(b, SHERF_BAD_FILE, "an object array's shape does not fit its %zu items", count);
-    if (n == 0) return build_value(b, VALUE_LIST); /* (0, 2^60) must not become many lists */
+    if (n == 0) return build_value(b, VALUE_LIST); /* (0, 2^60) must not make many lists */
     value **ordered = build_memory(b, count, sizeof *ordered);
     if (!ordered) return NULL;
     walk w = walk_start(rank, dim, fortran);
@@ -124,14 +124,14 @@ value *numpy_objects(builder *b, int rank, const int64_t *dim, bool fortran, val
     return nest(b, rank, dim, ordered, &next);
 }
 
-/* A fixed-width string: S holds bytes, U UTF-32; both padded with zeros. */
+/* A fixed-width string: S holds bytes, U UTF-32; both are padded with zeros. */
 static value *fixed_string(builder *b, numpy_type t, const unsigned char *p) {
     if (t.kind == 'S') {
         size_t n = (size_t)t.size;
         while (n && !p[n - 1]) n--;
         return build_string(b, (const char *)p, n);
     }
-    char *text = build_memory(b, (size_t)t.size + 1, 1); /* 4 bytes never become more than 4 */
+    char *text = build_memory(b, (size_t)t.size + 1, 1); /* 4 bytes never become more than 4 bytes */
     if (!text) return NULL;
     size_t n = 0;
     for (int64_t i = 0; i + 4 <= t.size; i += 4) {

@@ -1,4 +1,4 @@
-/* What an output's name asks for: a picture, a video, or a folder of pictures. */
+/* Recognises an output by its name: a picture, a video, or a folder of pictures. */
 #include <ctype.h>
 #include <string.h>
 
@@ -13,8 +13,7 @@ static bool ends_with_one(const char *path, const char *const *endings, size_t c
     return false;
 }
 
-/* Whether a name ends as files' names do: a point, and up to five letters and digits that are not all digits.
- */
+/* Whether a name ends like a file's: a point, and up to five letters and digits that are not all digits. */
 static bool looks_like_a_file(const char *path) {
     const char *slash = strrchr(path, '/'), *name = slash ? slash + 1 : path, *point = strrchr(name, '.');
     bool letter = false;

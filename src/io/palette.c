@@ -19,7 +19,7 @@ typedef struct {
 
 struct palette {
     uint32_t histogram[BINS], sum[BINS][3]; /* pixels, and of their values */
-    uint16_t nearest[BINS];                 /* index of the nearest colour, UNKNOWN: not asked yet */
+    uint16_t nearest[BINS];                 /* index of the nearest colour; UNKNOWN: not computed yet */
     entry list[BINS];
     box boxes[256];
     uint8_t rgb[256][3];
@@ -69,7 +69,7 @@ BY_CHANNEL(by_red, 0)
 BY_CHANNEL(by_green, 1)
 BY_CHANNEL(by_blue, 2)
 
-/* Cuts the box at the middle of its pixels; the second half becomes `other`. */
+/* Cuts the box at the median of its pixels; the second half becomes `other`. */
 static void cut(palette *p, box *b, box *other) {
     static int (*const order[3])(const void *, const void *) = {by_red, by_green, by_blue};
     qsort(p->list + b->first, (size_t)(b->end - b->first), sizeof *p->list, order[b->axis]);
@@ -99,7 +99,7 @@ static void choose(palette *p, int max) {
     measure(p, &p->boxes[0]);
     for (p->colors = 1; p->colors < max; p->colors++) {
         int best = -1;
-        for (int i = 0; i < p->colors; i++) /* many pixels over a long way */
+        for (int i = 0; i < p->colors; i++) /* many pixels over a long range */
             if (p->boxes[i].width && (best < 0 || p->boxes[i].count * (uint64_t)p->boxes[i].width >
                                                       p->boxes[best].count * (uint64_t)p->boxes[best].width))
                 best = i;
@@ -118,7 +118,7 @@ static int nearest(palette *p, const int rgb[3]) {
         int d = 0;
         for (int a = 0; a < 3; a++) {
             int middle = (rgb[a] & ~7) + 4 - p->rgb[i][a];
-            d += middle * middle * (a == 1 ? 2 : 1); /* green is seen best */
+            d += middle * middle * (a == 1 ? 2 : 1); /* the eye sees green best */
         }
         if (d < min) min = d, best = i;
     }

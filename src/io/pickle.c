@@ -1,5 +1,5 @@
 /* pickle: the machine. It knows every opcode of protocols 0 to 5 and nothing that runs code: a call of a
- * known constructor becomes an array or container, any other call or object becomes a record of its class's
+ * known constructor becomes an array or container; any other call or object becomes a record of its class's
  * name, arguments and state. No opcode recurses.
  * https://github.com/python/cpython/blob/main/Lib/pickletools.py documents the opcodes. */
 #include <errno.h>
@@ -69,7 +69,7 @@ static value *pop(pickle_machine *machine) {
     return v;
 }
 
-/* First place above the newest mark, or SIZE_MAX. */
+/* The first entry above the newest mark, or SIZE_MAX. */
 static size_t above_mark(pickle_machine *machine) {
     size_t i = machine->depth;
     while (i && machine->stack[i - 1]) i--;
@@ -98,7 +98,7 @@ static value *pop_marked_list(pickle_machine *machine) {
 static bool remember(pickle_machine *machine, uint64_t index) {
     value *v = top(machine);
     if (!v) return false;
-    /* whoever wrote it counts what he keeps, and everything kept takes a byte at least */
+    /* writers count what they keep, and everything kept takes at least a byte */
     if (index > machine->bytes || !ensure(machine, &machine->memo, &machine->memo_room, (size_t)index + 1))
         return fail_at(machine, "impossible memo index") != NULL;
     machine->memo[index] = v;
@@ -162,7 +162,7 @@ static value *long_bytes(pickle_machine *machine, uint64_t n) {
         for (uint64_t i = n; i-- > 0;) x = x << 8 | p[i];
         return build_integer(machine->b, (int64_t)x);
     }
-    double x = negative ? -1 : 0; /* sum of bytes, as if sign bits went on for ever */
+    double x = negative ? -1 : 0; /* the bytes' sum, with sign bits repeated forever */
     for (uint64_t i = n; i-- > 0 && isfinite(x);) x = x * 256 + p[i];
     return build_real(machine->b, x);
 }
@@ -191,7 +191,7 @@ static value *text_number(pickle_machine *machine, bool real) {
     return build_real(machine->b, r);
 }
 
-/* STRING and UNICODE, whose lines hold escapes. */
+/* STRING and UNICODE; their lines contain escapes. */
 static value *escaped(pickle_machine *machine,
                       value *(*decode)(builder *, const char *, size_t, const char **)) {
     size_t n = 0;
@@ -268,7 +268,7 @@ static value *dict_of(pickle_machine *machine, value *arguments) {
     return v;
 }
 
-/* _codecs.encode(text, 'latin1'): how protocols below 3 write bytes from Python 3. */
+/* _codecs.encode(text, 'latin1'): Python 3 writes bytes so in protocols below 3. */
 static value *encoded(pickle_machine *machine, value *arguments) {
     value *text = arguments->list.count ? arguments->list.item[0] : NULL;
     if (!text || text->kind != VALUE_STRING) return fail_at(machine, "encode of something else than text");
@@ -371,7 +371,7 @@ static value *new_object(pickle_machine *machine, value *class, value *arguments
 }
 
 /* ---------------------------------------------------------------- filling ---------------------------- */
-/* Items and pairs may go to a record as well: classes derived from list and dict. */
+/* Items and pairs may also go to a record, for classes derived from list and dict. */
 static bool append(pickle_machine *machine, value *target, value *item) {
     if (target->kind == VALUE_RECORD && object_of(target)->role == ROLE_PLAIN) {
         if (!target->record.state) target->record.state = build_value(machine->b, VALUE_LIST);
@@ -477,7 +477,7 @@ static bool push_long(pickle_machine *machine, int length_bytes) {
     return number(machine, length_bytes, &n) && push(machine, long_bytes(machine, n));
 }
 
-/* The newest n values as a tuple. */
+/* Makes a tuple of the newest n values. */
 static bool push_tuple(pickle_machine *machine, size_t n) {
     if (machine->depth < n) return fail_at(machine, "nothing on the stack") != NULL;
     value *list = build_value(machine->b, VALUE_LIST);
@@ -514,7 +514,7 @@ static bool do_call(pickle_machine *machine, value *(*how)(pickle_machine *, val
     return function && push(machine, how(machine, function, arguments));
 }
 
-/* NEWOBJ_EX has keyword arguments; they are kept behind the others. */
+/* NEWOBJ_EX has keyword arguments; they are stored after the others. */
 static bool do_newobj_ex(pickle_machine *machine) {
     value *keywords = pop(machine), *arguments = keywords ? pop(machine) : NULL,
           *class = arguments ? pop(machine) : NULL;
@@ -556,7 +556,7 @@ static bool do_persistent(pickle_machine *machine, bool binary) {
     return id && push(machine, pickle_persistent(machine->b, id, machine->source));
 }
 
-/* What was there before, and what is not read. */
+/* The memo, and opcodes that are refused. */
 static bool step_memo(pickle_machine *machine, unsigned char op) {
     switch (op) {
     case 'p':

@@ -1,4 +1,4 @@
-/* pickle: whole ones, which are files or stand in an npy file. */
+/* pickle: whole pickles, as files or inside an npy file. */
 #include "io/pickle.h"
 
 value *pickle_whole(builder *b, const unsigned char *data, size_t bytes) {
@@ -6,7 +6,7 @@ value *pickle_whole(builder *b, const unsigned char *data, size_t bytes) {
     return pickle_finish(b, pickle_build(b, data, bytes, &source, NULL));
 }
 
-/* A text (protocol 0) all of whose lines end as Windows' do. */
+/* A text (protocol 0) with Windows line ends in all lines. */
 static bool has_windows_lines(const unsigned char *data, size_t bytes) {
     size_t lines = 0;
     if (!bytes || data[0] == 0x80) return false;

@@ -1,4 +1,4 @@
-/* pickle: from what the machine leaves behind to plain values. */
+/* pickle: turns the machine's result into plain values. */
 #include "io/pickle.h"
 
 enum { WHITE, GREY, BLACK };
@@ -7,7 +7,7 @@ typedef struct {
     size_t next;
 } visit;
 
-/* The i-th place that o refers to another value from, or NULL. */
+/* The i-th reference from o to another value, or NULL. */
 static value **child(object *o, size_t i) {
     value *v = &o->v;
     switch (v->kind) {
@@ -36,8 +36,8 @@ static bool settle(builder *b, object *o) {
     return true;
 }
 
-/* Depth first, without recursion. A reference back to a value that is still open (a list within itself) is
- * cut, and no tree deeper than BUILD_NESTING is handed out, so that whoever reads it may recurse. */
+/* Depth first, without recursion. A reference back to a value that is still open (a list inside itself) is
+ * cut, and no tree is deeper than BUILD_NESTING, so that readers may recurse. */
 static bool finish(builder *b, value *root, visit **stack, size_t *space) {
     size_t depth = 0;
     if (!settle(b, object_of(root))) return false;

@@ -5,7 +5,7 @@
 #include "io/pickle.h"
 
 /* ---------------------------------------------------------------- numpy ------------------------------ */
-/* The name below numpy's module of C functions, whatever version wrote it, or NULL. */
+/* The name inside numpy's module of C functions, in any version, or NULL. */
 static const char *multiarray(const char *name) {
     static const char *const module[] = {"numpy.core.multiarray.", "numpy._core.multiarray.",
                                          "numpy.core._multiarray_umath.", "numpy._core._multiarray_umath."};
@@ -70,7 +70,7 @@ static value *array_of(builder *b, numpy_type t, value *shape, bool fortran, con
                        data->string.length);
 }
 
-/* State of an array: (version, shape, dtype, fortran, data), in old files without the version. */
+/* State of an array: (version, shape, dtype, fortran, data); old files lack the version. */
 static bool set_array(builder *b, value *v, const value *state) {
     size_t first = value_count(state) == 4 ? 0 : 1;
     numpy_type t;
@@ -154,7 +154,7 @@ static bool whole_at(const value *v, int64_t i, int64_t *out) {
 /* ---------------------------------------------------------------- joblib ----------------------------- */
 const char pickle_joblib_class[] = "joblib.numpy_pickle.NumpyArrayWrapper";
 
-/* Newer ones align the data: a byte that tells how many more to skip. */
+/* Newer versions align the data: a byte gives the number of bytes to skip. */
 value *pickle_joblib(builder *b, const value *state, const unsigned char *data, size_t left, size_t *used) {
     const value *aligned = value_get(state, "numpy_array_alignment_bytes");
     numpy_type t;
@@ -191,7 +191,7 @@ static bool add_entry(value *dense, const value *data, int64_t k, int64_t row, i
     return true;
 }
 
-/* csc: column j's entries are indptr[j] .. indptr[j + 1] - 1, rows in indices; csr the other way round. */
+/* csc: column j's entries are indptr[j] .. indptr[j + 1] - 1, rows in indices; csr the reverse. */
 static bool fill_compressed(value *dense, const value *state, const value *data, int64_t n, bool by_column) {
     const value *indices = value_get(state, "indices"), *indptr = value_get(state, "indptr");
     int64_t lines = dense->array.dim[by_column ? 1 : 0], begin = 0, end, other;

@@ -1,4 +1,4 @@
-/* pickle: records, which stand for what is not known, and small values read from what is being built. */
+/* pickle: records, which represent unknown objects, and small values read from values under construction. */
 #include <string.h>
 
 #include "io/pickle.h"

@@ -1,5 +1,5 @@
 /* pickle: tensors of torch. A tensor is a view (offset, sizes, strides) of a storage (torch_storage.c);
- * storages are named by persistent ids, or embedded as whole streams of their own. */
+ * persistent ids name storages, or whole streams of their own embed them. */
 #include <string.h>
 
 #include "io/pickle.h"
@@ -26,7 +26,7 @@ static bool torch_dtype(const char *name, size_t length, dtype *out) {
 }
 
 /* ("storage", class, key, place, count) and, in old files, a view, which must be None. Legacy files of whole
- * networks have ("module", class, source file, source) for each class: the source is left alone. */
+ * networks have ("module", class, source file, source) for each class: the source is ignored. */
 value *pickle_persistent(builder *b, value *id, const pickle_source *source) {
     value *class = pickle_item(id, 1);
     const value *key = value_at(id, 2), *view = value_at(id, 5);
@@ -83,7 +83,7 @@ static value *embedded(builder *b, const value *arguments, const pickle_source *
         return build_fail(b, SHERF_BAD_FILE, "torch: an embedded storage without bytes");
     if (source->level >= TORCH_LEVELS)
         return build_fail(b, SHERF_BAD_FILE, "torch: storages within storages");
-    /* the same bytes may be loaded again and again: that work counts as memory */
+    /* the same bytes may be loaded many times: that work counts as memory */
     if (data->string.length > b->limit - b->used)
         return build_fail(b, SHERF_BAD_FILE, "torch: too many embedded storages");
     b->used += data->string.length;

@@ -57,7 +57,7 @@ static void checksum_text(uint32_t sum, char text[CHECKSUM_DIGITS + 1]) {
     snprintf(text, CHECKSUM_DIGITS + 1, "%08x", (unsigned)sum);
 }
 
-/* Whether a header has a checksum, and the sum of the file as far as its header. */
+/* Whether a header states a checksum, and the sum of the file up to the header's end. */
 static bool header_sum(const unsigned char start[8], const char *text, size_t n, uint32_t *sum) {
     const size_t behind = CHECKSUM_AT + CHECKSUM_DIGITS;
     if (n < behind || memcmp(text, checksum_lead, CHECKSUM_AT)) return false;
@@ -154,7 +154,7 @@ static int by_name(const void *x, const void *y) {
     return strcmp(((const span *)x)->tensor->name, ((const span *)y)->tensor->name);
 }
 
-/* Names differ; data lies without overlap or hole, in the order of the sorted spans. */
+/* Names must differ; data must lie without overlap or hole, in the order of the sorted spans. */
 static sherf_status check_spans(reader *r, int64_t data_bytes) {
     size_t n = r->s->count;
     qsort(r->spans, n, sizeof *r->spans, by_name);
@@ -193,7 +193,8 @@ static sherf_status read_header(reader *r, const value *root, int64_t data_bytes
     return check_spans(r, data_bytes);
 }
 
-/* Every tensor's bytes to a 64-byte aligned place of its own, in file order; then the list in that order. */
+/* Reads every tensor's bytes to its own 64-byte aligned place, in file order; the list then has that
+ * order. */
 static sherf_status read_data(reader *r, FILE *f) {
     size_t total = 0, n = r->s->count;
     for (size_t i = 0; i < n; i++) total += ((size_t)(r->spans[i].end - r->spans[i].begin) + 63) / 64 * 64;
@@ -213,7 +214,7 @@ static sherf_status read_data(reader *r, FILE *f) {
     return SHERF_OK;
 }
 
-/* After read_data: the bytes give the checksum that `text`, the header, has, if it has one. */
+/* After read_data: checks the bytes against the checksum that the header `text` states, if any. */
 static sherf_status check_sum(const reader *r, const char *text) {
     char digits[CHECKSUM_DIGITS + 1];
     checksum_text(r->sum, digits);
@@ -223,7 +224,7 @@ static sherf_status check_sum(const reader *r, const char *text) {
                    "changed on purpose must not have crc32 in its metadata)");
 }
 
-/* What is no safetensors file is named, where it is known. */
+/* Names the kind of a file that is not safetensors, if it is known. */
 static sherf_status not_one(context *c, FILE *f) {
     unsigned char start[IMAGE_KIND_BYTES];
     rewind(f);
@@ -232,7 +233,7 @@ static sherf_status not_one(context *c, FILE *f) {
     return SHERF_BAD_FILE;
 }
 
-/* f at its beginning, `bytes` long. */
+/* f is at its beginning and `bytes` long. */
 static sherf_status load(context *c, FILE *f, uint64_t bytes, safetensors **out) {
     unsigned char start[8];
     uint64_t header = 0;
@@ -356,7 +357,7 @@ static value *as_value(builder *b, const safetensors *s) {
     return root;
 }
 
-/* Takes s. */
+/* Takes over s. */
 static sherf_status as_document(context *c, safetensors *s, document **out) {
     builder b;
     sherf_status status = SHERF_NO_MEMORY;
@@ -468,7 +469,7 @@ static size_t item_bytes(const safetensor_item *item) {
     return (size_t)build_count(item->rank, item->dim) * dtype_size(item->type);
 }
 
-/* The checksum's digits into the header. */
+/* Writes the checksum's digits into the header. */
 static void fill_sum(const unsigned char start[8], text_buffer *t, size_t count,
                      const safetensor_item *item) {
     char digits[CHECKSUM_DIGITS + 1];

@@ -19,11 +19,11 @@ typedef struct {
     safetensor *tensor; /* in file order */
     size_t metadata_count;
     char **metadata_key, **metadata_value;
-    void *memory; /* internal: the arena of all this */
+    void *memory; /* internal: the arena that owns all this */
     size_t memory_bytes;
 } safetensors;
 sherf_status safetensors_read(context *c, const char *path, safetensors **out);
-/* The same from memory, which may go afterwards. */
+/* The same from memory, which may be freed afterwards. */
 sherf_status safetensors_parse(context *c, const void *data, size_t bytes, safetensors **out);
 void safetensors_free(safetensors *s);
 const safetensor *safetensors_find(const safetensors *s, const char *name);
@@ -32,10 +32,10 @@ const char *safetensors_metadata(const safetensors *s, const char *key);
 sherf_status safetensors_floats(context *c, const safetensors *s, const char *name, int rank,
                                 const int64_t *dim, float *out);
 
-/* A file that begins with the piece of metadata "crc32" has the checksum of all its bytes there, its own
- * eight digits taken as zeros; one whose bytes give another is refused when it is read. */
+/* If the first piece of metadata is "crc32", it is the checksum of all the file's bytes, with its own eight
+ * digits taken as zeros; the reader refuses a file whose bytes give another one. */
 #define SAFETENSORS_CHECKSUM                                                                                 \
-    { "crc32", NULL } /* as the first piece of metadata: filled in when the file is written */
+    { "crc32", NULL } /* as the first piece of metadata: the writer fills it in */
 
 /* Writing: tensors in the order given; data start 64-byte aligned; whole or not at all. */
 typedef struct {

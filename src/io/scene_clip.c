@@ -1,4 +1,4 @@
-/* From a scene's nodes to joints: what is scaled is left out, and rotations count from the bind pose. */
+/* Converts a scene's nodes to joints: scale is dropped, and rotations are relative to the bind pose. */
 #include "io/scene_clip.h"
 
 #include <math.h>
@@ -61,7 +61,7 @@ static bool inverse_of(const affine *a, affine *out) {
     return true;
 }
 
-/* The rotation in a matrix that may be scaled: its columns made upright. Identity where there is none. */
+/* The rotation in a matrix that may be scaled: its columns orthonormalised. Identity if there is none. */
 static void rotation_in(const double m[9], double R[9]) {
     double x[3] = {m[0], m[3], m[6]}, y[3] = {m[1], m[4], m[7]}, z[3], length = 0, along = 0, rest = 0;
     for (int k = 0; k < 3; k++) length += x[k] * x[k];
@@ -77,7 +77,7 @@ static void rotation_in(const double m[9], double R[9]) {
 
 /* ---- nodes, the animation, the bind pose ---- */
 
-/* Depth first, so that parents come before their children. An explicit stack in place of recursion. */
+/* Depth first, so that parents precede their children, with an explicit stack instead of recursion. */
 static bool gather_nodes(scene_job *j) {
     const struct aiNode *stack[BVH_JOINTS_MAX];
     int above[BVH_JOINTS_MAX], depth = 0;
@@ -109,7 +109,7 @@ static void choose_animation(scene_job *j) {
     }
 }
 
-/* Where each node is by the nodes' own transformations. */
+/* Places each node by the nodes' own transformations. */
 static void place_nodes(scene_job *j) {
     for (int i = 0; i < j->joints; i++) {
         const affine own = affine_of(&j->node[i]->mTransformation);
@@ -117,7 +117,8 @@ static void place_nodes(scene_job *j) {
     }
 }
 
-/* Bones know where they were when the skin was bound; other nodes keep their place against the one above. */
+/* Bones have their place at the time when the skin was bound; other nodes keep their place relative to their
+ * parent. */
 static void bind_nodes(scene_job *j) {
     place_nodes(j);
     for (int i = 0; i < j->joints; i++)
@@ -140,7 +141,7 @@ static void bind_nodes(scene_job *j) {
 
 /* ---- keys ---- */
 
-/* Keys on either side of a time, and the share of the second. */
+/* The keys on either side of a time, and the second one's share. */
 #define KEYS_AT(keys, count, time, a, b, share)                                                              \
     do {                                                                                                     \
         unsigned low_ = 0, high_ = (count)-1;                                                                \
@@ -165,7 +166,7 @@ static void vector_at(const struct aiVectorKey *keys, unsigned count, double tim
     out[2] = (1 - s) * keys[a].mValue.z + s * keys[b].mValue.z;
 }
 
-/* Keys are near each other, so linear interpolation of quaternions is as good as the arc. */
+/* Keys are close together, so linear interpolation of quaternions is as good as slerp. */
 static void turn_at(const struct aiQuatKey *keys, unsigned count, double time, double R[9]) {
     unsigned a, b;
     double s, q[4], length = 0;
@@ -248,7 +249,7 @@ static sherf_status frame_values(context *c, scene_job *j, double time, float *v
     return SHERF_OK;
 }
 
-/* As many frames a second as the joint of the most keys has; 30 where curves have few. */
+/* The number of frames a second of the joint with the most keys; 30 if curves have few. */
 static double rate_of(const struct aiAnimation *a, double seconds) {
     enum { RATE_MIN = 20, USUAL = 30 };
     unsigned keys = 2;

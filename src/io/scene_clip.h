@@ -1,4 +1,4 @@
-/* scene_clip: the animation of a skeleton in a scene file (FBX, GLB), through assimp, as if it were a BVH. */
+/* scene_clip: a skeleton's animation in a scene file (FBX, GLB), read through assimp in the form of a BVH. */
 #ifndef SHERF_SCENE_CLIP_H
 #define SHERF_SCENE_CLIP_H
 
@@ -6,9 +6,9 @@
 
 /* "FBX" or "GLB" by the first bytes; NULL: neither. */
 const char *scene_clip_kind(const unsigned char *data, size_t bytes);
-/* The animation of the most joints, sampled at its keys' rate: joints are the scene's nodes; the rest pose is
- * the one that the skin was bound in, or else the nodes' own. Freed by bvh_free. SHERF_UNSUPPORTED in a build
- * without assimp. Assimp reads the file, with its own care or lack of it. */
+/* The animation with the most joints, sampled at its keys' rate. Joints are the scene's nodes; the rest pose
+ * is the skin's bind pose, or else the nodes' own. Free it with bvh_free. SHERF_UNSUPPORTED in a build
+ * without assimp. Assimp reads the file, with its own level of care. */
 sherf_status scene_clip_read(context *c, const char *path, bvh **out);
 
 #endif

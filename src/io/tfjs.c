@@ -1,4 +1,4 @@
-/* TensorFlow.js weights: a group's files, end to end, are cut into arrays, and quantised numbers become
+/* TensorFlow.js weights: a group's files, concatenated, are cut into arrays, and quantised numbers become
  * float32. The manifest's paths, shapes and sizes are checked before use. */
 #include <limits.h>
 #include <math.h>
@@ -112,7 +112,7 @@ static value *weight_build(builder *b, const weight *w, const unsigned char *dat
 
 /* ---- a group: files whose bytes, end to end, are its arrays ---- */
 
-/* Every part is a plain name: nothing absolute, no "." or "..", no other system's separators. */
+/* Every part is a plain name: no absolute path, no "." or "..", no other system's separators. */
 static bool path_is_plain(const value *v) {
     if (!text_is_plain(v, NAME_LENGTH) || strchr(v->string.text, '\\') || strchr(v->string.text, ':'))
         return false;
@@ -140,7 +140,7 @@ static sherf_status read_shards(context *c, const value *paths, size_t bytes, tf
             break;
         }
         if ((status = reader(user, c, path->string.text, bytes - at, &part, &n)) != SHERF_OK) break;
-        if (!all || n > room - at) { /* as files come: what the manifest asks for may not be there */
+        if (!all || n > room - at) { /* grows with the files: the manifest may claim too much */
             size_t wanted = n > at ? at + n + 1 : 2 * at;
             unsigned char *grown = mem_grow(c, all, at, wanted, 1);
             if (!grown) {
@@ -185,7 +185,7 @@ static sherf_status group_build(builder *b, const value *group, tfjs_reader read
     }
     if ((status = read_shards(c, value_get(group, "paths"), bytes, reader, user, &data)) != SHERF_OK)
         return status;
-    b->limit += 4 * bytes; /* they are there */
+    b->limit += 4 * bytes; /* they exist */
     for (size_t i = 0, at = 0; i < weights->list.count && status == SHERF_OK; i++) {
         status = weight_parse(c, weights->list.item[i], &w);
         if (status != SHERF_OK) break;

@@ -13,7 +13,7 @@ static const size_t torch_bytes_max = (size_t)8 << 30;
 /* Of the zip form. */
 typedef struct {
     torch_storages storages;
-    zip_t *zip;         /* where bytes come from */
+    zip_t *zip;         /* source of the bytes */
     const char *prefix; /* "NAME/" */
     size_t prefix_length;
 } storage_table;
@@ -104,7 +104,7 @@ static bool npz_is(zip_t *zip) {
     return count < 1; /* npz of nothing */
 }
 
-/* A zip as it was downloaded: what may be meant is named. */
+/* A zip as downloaded: the error names files in it that may be meant. */
 static value *zip_of_files(builder *b, zip_t *zip) {
     const zip_int64_t count = zip_get_num_entries(zip, 0);
     const char *named = zip_get_name(zip, 0, 0);
@@ -175,14 +175,14 @@ sherf_status torch_read(context *c, const char *path, document **out) {
     return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
 }
 
-/* A text that begins like JSON. */
+/* A text that starts like JSON. */
 static bool json_is(const unsigned char *data, size_t bytes) {
     size_t i = bytes >= 3 && !memcmp(data, "\xef\xbb\xbf", 3) ? 3 : 0;
     while (i < bytes && (data[i] == ' ' || (data[i] >= 9 && data[i] <= 13))) i++;
     return i < bytes && (data[i] == '{' || data[i] == '[');
 }
 
-/* safetensors: the length of a header that begins with '{'. */
+/* safetensors: the length of a header that starts with '{'. */
 static bool safetensors_is(const unsigned char *data, size_t bytes) {
     return bytes > 8 && data[8] == '{' && data[5] == 0 && data[6] == 0 && data[7] == 0;
 }
@@ -210,7 +210,7 @@ static form form_of(const unsigned char *start, size_t n) {
     return json_is(start, n) || utf16_is(start, n) ? FORM_JSON : FORM_PICKLE;
 }
 
-/* What was packed once is not packed twice: a bomb would be. */
+/* Unpacks once only, against bombs. */
 static sherf_status parse_packed(context *c, bool zlib, const unsigned char *data, size_t bytes,
                                  document **out, const char **kind) {
     unsigned char *unpacked;
@@ -261,7 +261,7 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
     return status;
 }
 
-/* Zip and safetensors files are read piece by piece; the others come whole. */
+/* Zip and safetensors files are read piece by piece; others are read whole. */
 sherf_status document_read(context *c, const char *path, document **out, const char **kind) {
     unsigned char start[64], *data = NULL;
     size_t bytes;

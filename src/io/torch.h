@@ -1,4 +1,4 @@
-/* torch: what the forms of torch.save's files (torch.c, torch_legacy.c) and its tensors share. */
+/* torch: shared by the forms of torch.save's files (torch.c, torch_legacy.c) and its tensors. */
 #ifndef SHERF_TORCH_H
 #define SHERF_TORCH_H
 
@@ -10,10 +10,10 @@ typedef struct {
     torch_storage *bucket[TORCH_BUCKETS]; /* lists by the key's hash */
 } torch_storages;
 torch_storage *torch_storage_find(const torch_storages *t, const char *key); /* NULL: none */
-/* The storage of this key; a new one is made when the key is new. NULL: failed. */
+/* The storage with this key, made if it is new. NULL: failed. */
 torch_storage *torch_storage_named(torch_storages *t, builder *b, dtype type, const char *key, int64_t count);
 
-/* Whether the data begin as a stream of torch.save before 1.6. */
+/* Whether the data start like a stream of torch.save before 1.6. */
 bool torch_legacy_is(const unsigned char *data, size_t bytes);
 
 #endif

@@ -1,10 +1,10 @@
-/* torch: streams of torch.save before 1.6: four pickles, the list of storage keys, then per key its count and
- * its bytes. */
+/* torch: streams of torch.save before 1.6: four pickles, the list of storage keys, then each key's count and
+ * bytes. */
 #include <string.h>
 
 #include "io/torch.h"
 
-/* 0x1950a86a20f9469cfc6c as a pickled long, behind the protocol (and frame) instructions. */
+/* 0x1950a86a20f9469cfc6c as a pickled long, after the protocol (and frame) instructions. */
 bool torch_legacy_is(const unsigned char *data, size_t bytes) {
     static const unsigned char magic[] = {0x8a, 10,   0x6c, 0xfc, 0x9c, 0x46, 0xf9,
                                           0x20, 0x6a, 0xa8, 0x50, 0x19, '.'};

@@ -1,5 +1,5 @@
-/* torch: storages by their keys, and tensors, which are views of them. Views are copied out, contiguous, at
- * the end. */
+/* torch: storages by their keys, and tensors, which are views of them. At the end views are copied into
+ * contiguous arrays. */
 #include <string.h>
 
 #include "io/torch.h"
@@ -26,7 +26,7 @@ torch_storage *torch_storage_named(torch_storages *t, builder *b, dtype type, co
     return s;
 }
 
-/* Copies the view out. Every index that it can reach is checked against the storage first. */
+/* Copies the view. Every index that it can reach is checked against the storage first. */
 static value *copy_out(builder *b, const torch_view *w) {
     const torch_storage *s = w->storage;
     int64_t n = build_count(w->rank, w->dim), last = w->offset, bytes, reach,

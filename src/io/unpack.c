@@ -1,4 +1,4 @@
-/* Files packed by one of the usual programs, through libarchive. */
+/* Files packed by the usual programs, through libarchive. */
 #include <archive.h>
 #include <archive_entry.h>
 #include <string.h>

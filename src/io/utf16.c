@@ -15,7 +15,7 @@ static uint32_t unit(reader *r) {
     return r->big ? (uint32_t)p[0] << 8 | p[1] : (uint32_t)p[1] << 8 | p[0];
 }
 
-/* The next character; what is none becomes '?'. */
+/* The next character; invalid ones become '?'. */
 static uint32_t character(reader *r) {
     const uint32_t first = unit(r);
     if (first < 0xd800 || first > 0xdfff) return first;
@@ -39,7 +39,7 @@ static bool has_mark(const unsigned char *data, size_t bytes) {
     return bytes >= 2 && (!memcmp(data, "\xff\xfe", 2) || !memcmp(data, "\xfe\xff", 2));
 }
 
-/* Without its mark: letters, each beside a 0. */
+/* Without a byte order mark: letters, each next to a 0. */
 static bool looks_wide(const unsigned char *data, size_t bytes) {
     if (bytes < 8) return false;
     const size_t letter = data[0] == 0;
@@ -63,7 +63,7 @@ sherf_status utf16_narrow(context *c, const unsigned char *data, size_t bytes, u
                 .big = marked ? data[0] == 0xfe : bytes && !data[0]};
     size_t n = 0;
     *length = 0;
-    *out = mem_alloc(c, bytes / 2 * 3 + 1, 1); /* three bytes for two at most */
+    *out = mem_alloc(c, bytes / 2 * 3 + 1, 1); /* at most three bytes for two */
     if (!*out) return SHERF_NO_MEMORY;
     while (r.at < r.bytes) n += utf8_put((char *)*out + n, character(&r));
     (*out)[n] = 0;

@@ -73,7 +73,7 @@ void *build_memory(builder *b, size_t count, size_t size) {
         }
     }
     if (!p) {
-        b->status = SHERF_NO_MEMORY; /* the message is there */
+        b->status = SHERF_NO_MEMORY; /* the message is already set */
         return NULL;
     }
     b->used = bytes > b->limit - b->used ? b->limit : b->used + bytes;
@@ -123,7 +123,7 @@ value *build_string(builder *b, const char *text, size_t length) {
     return v;
 }
 
-/* Room for one more of `count` pieces; the old memory is left to the arena. */
+/* Room for one more of `count` pieces; the old memory stays in the arena. */
 static void *room(builder *b, object *o, void *old, size_t count, size_t size) {
     if (count < o->capacity) return old;
     size_t capacity = o->capacity ? o->capacity * 2 : 4;
@@ -209,7 +209,7 @@ size_t value_count(const value *v) {
 }
 
 /* ---------------------------------------------------------------- numbers ---------------------------- */
-/* Lists may hold the same list many times over (pickles share), so walks are bounded by visits, not depth. */
+/* Lists may hold the same list many times (pickles share), so traversals are bounded by visits, not depth. */
 enum { NUMBERS_VISITS = 1 << 26, NUMBERS_DEPTH = 16 };
 
 static int64_t numbers(const value *v, int depth, int64_t *visits) {
@@ -278,7 +278,7 @@ static void put(number_sink *s, double x) {
     s->next++;
 }
 
-static void collect(const value *v, number_sink *s) { /* v passed numbers(), which bounds the walk */
+static void collect(const value *v, number_sink *s) { /* v passed numbers(), which bounds the traversal */
     switch (v->kind) {
     case VALUE_INTEGER:
         put(s, (double)v->integer);

@@ -1,6 +1,6 @@
-/* video: frames to a file through FFmpeg's libraries: H.264 in MP4, VP9 in WebM and ProRes in MOV (with
- * alpha where wanted), GIF. The file appears under its name when it is whole. Colours are BT.709, limited
- * range, and say so; but for GIF sizes are made even by doubling the last row and column. */
+/* video: frames to a file through FFmpeg's libraries: H.264 in MP4, VP9 in WebM and ProRes in MOV (with alpha
+ * on request), GIF. The file gets its name when it is complete. Colours are BT.709, limited range, and tagged
+ * so; except in GIF, odd sizes are made even by repeating the last row and column. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/imgutils.h>
@@ -18,7 +18,7 @@ enum { VIDEO_SIDE_MAX = 8192 };
 
 typedef struct {
     const char *extension, *container, *name; /* name: for messages */
-    const char *encoder;                      /* the one that is wanted */
+    const char *encoder;                      /* the preferred one */
     enum AVCodecID codec;                     /* or any of these */
     bool alpha;                               /* may have it */
 } video_form;
@@ -60,7 +60,7 @@ static enum AVPixelFormat pixels_of(const sherf_video *v) {
     return v->channels == 4 ? AV_PIX_FMT_YUVA420P : AV_PIX_FMT_YUV420P;
 }
 
-/* Good quality at a constant rate of it; VP9 fast enough to keep up with the frames. */
+/* Good constant quality; VP9 is set fast enough to keep up with the frames. */
 static void choose_quality(AVCodecContext *x, bool alpha) {
     if (!strcmp(x->codec->name, "libx264")) {
         av_opt_set(x->priv_data, "preset", "medium", 0);
@@ -70,10 +70,10 @@ static void choose_quality(AVCodecContext *x, bool alpha) {
         av_opt_set(x->priv_data, "deadline", "good", 0);
         av_opt_set(x->priv_data, "cpu-used", "5", 0);
         av_opt_set(x->priv_data, "row-mt", "1", 0);
-        if (alpha) av_opt_set(x->priv_data, "auto-alt-ref", "0", 0); /* it has no alpha */
+        if (alpha) av_opt_set(x->priv_data, "auto-alt-ref", "0", 0); /* it does not support alpha */
     } else if (!strcmp(x->codec->name, "prores_ks")) {
         av_opt_set(x->priv_data, "profile", "4444", 0);
-        av_opt_set(x->priv_data, "vendor", "apl0", 0); /* or QuickTime does not take it */
+        av_opt_set(x->priv_data, "vendor", "apl0", 0); /* QuickTime requires it */
     } else if (x->codec_id != AV_CODEC_ID_GIF)
         x->bit_rate = (int64_t)x->width * x->height * 8;
 }
@@ -180,7 +180,7 @@ static sherf_status check_options(context *c, const char *path, const sherf_vide
 sherf_status sherf_video_create(sherf_context *c, const char *path, const sherf_video_options *options,
                                 sherf_video **out) {
     *out = NULL;
-    av_log_set_level(AV_LOG_QUIET); /* FFmpeg prints by itself otherwise */
+    av_log_set_level(AV_LOG_QUIET); /* otherwise FFmpeg prints messages */
     sherf_video *v = mem_zero(c, 1, sizeof *v);
     if (!v) return SHERF_NO_MEMORY;
     sherf_status status = check_options(c, path, options, v);
@@ -199,7 +199,7 @@ sherf_status sherf_video_open(sherf_context *c, const char *path, int width, int
     return sherf_video_create(c, path, &o, out);
 }
 
-/* Sends a frame (NULL: the end) and writes what comes out. */
+/* Sends a frame (NULL: the end) and writes the resulting packets. */
 static sherf_status encode(context *c, sherf_video *v, const AVFrame *frame) {
     int code = avcodec_send_frame(v->codec, frame);
     if (code < 0) return failed(c, SHERF_WRITE_FAILED, v, "frame cannot be encoded", code);

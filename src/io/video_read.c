@@ -1,5 +1,5 @@
-/* Decoding: which containers and decoders are let in, a file's frames one after the other, which of them is
- * shown at a time, and from there to an upright picture. */
+/* Decoding: the allowed containers and decoders, a file's frames in order, the frame for each time, and its
+ * conversion to an upright picture. */
 #include "io/video_read.h"
 
 #include <libavcodec/avcodec.h>
@@ -12,7 +12,7 @@
 
 #include "base/path.h"
 
-/* What cameras, phones and editors write. Playlists and such, which open other files, are not in it. */
+/* Formats of cameras, phones and editors. Playlists etc., which open other files, are not among them. */
 static const char containers[] =
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,mpegts,ogg,flv,live_flv,asf,gif",
                   decoders[] = "h264,hevc,vp8,vp9,libdav1d,av1,mpeg4,h263,mpeg1video,mpeg2video,mjpeg,gif,"
@@ -32,14 +32,14 @@ struct video_reader {
     AVPacket *packet;
     AVFrame *shown, *ahead;
     bool has_shown, has_ahead, drained, ended;
-    double ahead_s, shown_s, shift_s; /* times from the first frame on, and what is added to the file's */
+    double ahead_s, shown_s, shift_s; /* times from the first frame on; the offset of the file's times */
     int64_t count;
     int broken;
     struct SwsContext *scaler;
-    int turn_x[2], turn_y[2];    /* the display matrix: output's x and y by the frame's, -1, 0 or 1 */
-    int flat_width, flat_height; /* of the frame before it is turned */
+    int turn_x[2], turn_y[2];    /* the display matrix: the output's x and y from the frame's, -1, 0 or 1 */
+    int flat_width, flat_height; /* of the frame before rotation */
     uint8_t *flat;               /* scaled; the rows are padded */
-    image_u8 picture;            /* turned */
+    image_u8 picture;            /* rotated */
     video_read_info info;
 };
 
@@ -127,7 +127,7 @@ static sherf_status find_stream(context *c, video_reader *v, int pixels_max) {
     snprintf(max, sizeof max, "%d", pixels_max);
     AVDictionary **options = streams ? av_calloc(streams, sizeof *options) : NULL;
     for (unsigned i = 0; i < streams && options; i++) av_dict_set(&options[i], "max_pixels", max, 0);
-    avformat_find_stream_info(v->container, options); /* what it finds is looked at below */
+    avformat_find_stream_info(v->container, options); /* its findings are checked below */
     for (unsigned i = 0; i < streams && options; i++) av_dict_free(&options[i]);
     av_free(options);
     const int best = av_find_best_stream(v->container, AVMEDIA_TYPE_VIDEO, -1, -1, NULL, 0);
@@ -167,7 +167,7 @@ static sherf_status open_codec(context *c, video_reader *v, int pixels_max) {
     return code < 0 ? failed(c, SHERF_UNSUPPORTED, v, "its pictures cannot be decoded here", code) : SHERF_OK;
 }
 
-/* The nearest of the eight ways to turn and mirror: output = A frame, A's entries -1, 0 or 1. */
+/* The nearest of the eight rotations and mirrorings: output = A frame, A's entries -1, 0 or 1. */
 static void read_turn(video_reader *v) {
     size_t bytes = 0;
     const int32_t *m =
@@ -210,7 +210,7 @@ static sherf_status open_picture(context *c, video_reader *v, const video_read_o
     v->picture.channels = 3;
     v->info.fps = o->fps > 0 ? o->fps : rate_of(v->stream);
     if (v->container->duration > 0) v->info.seconds = (double)v->container->duration / AV_TIME_BASE;
-    /* swscale writes whole vectors, a little beyond a row */
+    /* swscale writes whole vectors, slightly past a row */
     v->flat = mem_zero(c, (size_t)v->flat_height + 1, ((size_t)v->flat_width + 64) * 3);
     v->picture.data = mem_alloc(c, (size_t)v->flat_width * (size_t)v->flat_height, 3);
     v->packet = av_packet_alloc();
@@ -227,7 +227,7 @@ static sherf_status open_reader(context *c, video_reader *v, const video_read_op
     if (!o) o = &none;
     const int pixels_max =
         o->pixels_max > 0 && o->pixels_max < VIDEO_READ_PIXELS_MAX ? o->pixels_max : VIDEO_READ_PIXELS_MAX;
-    av_log_set_level(AV_LOG_QUIET); /* FFmpeg prints by itself otherwise */
+    av_log_set_level(AV_LOG_QUIET); /* otherwise FFmpeg prints messages */
     sherf_status status = SHERF_OK;
     if (!(o->fps >= 0 && o->fps <= FPS_WISH_MAX) || o->side_px < 0)
         status = failure(c, SHERF_BAD_ARGUMENT, "%s: %g frames a second of %d pixels", v->name, o->fps,
@@ -293,7 +293,7 @@ const video_read_info *video_read_information(const video_reader *v) {
 
 /* ---- frames ---- */
 
-/* One more packet to the decoder, or at the end the sign that there are no more. */
+/* Sends one more packet to the decoder, or at the end the flush signal. */
 static sherf_status feed(context *c, video_reader *v) {
     int code = 0;
     if (v->drained) {
@@ -303,7 +303,7 @@ static sherf_status feed(context *c, video_reader *v) {
     if (cancelled(c)) return failure(c, SHERF_CANCELLED, "%s: cancelled", v->name);
     code = av_read_frame(v->container, v->packet);
     if (code == AVERROR(ENOMEM) || code == AVERROR_EXIT) return failed(c, SHERF_BAD_FILE, v, "", code);
-    v->drained = code < 0; /* also a file that is cut off: what came before is shown */
+    v->drained = code < 0; /* also for a truncated file: the frames before are shown */
     if (v->drained)
         code = avcodec_send_packet(v->codec, NULL);
     else if (v->packet->stream_index == v->stream->index)
@@ -315,7 +315,7 @@ static sherf_status feed(context *c, video_reader *v) {
     return SHERF_OK;
 }
 
-/* A frame's time, counted from the first one; jumps are closed. */
+/* A frame's time, counted from the first one; jumps are removed. */
 static double time_of(video_reader *v, const AVFrame *frame) {
     const double step = 1 / v->info.fps, last = v->ahead_s;
     const bool first = !v->has_shown;
@@ -332,7 +332,7 @@ static double time_of(video_reader *v, const AVFrame *frame) {
     return at;
 }
 
-/* The next frame that can be shown into `ahead`. */
+/* Decodes the next frame that can be shown into `ahead`. */
 static sherf_status look_ahead(context *c, video_reader *v) {
     v->has_ahead = false;
     while (!v->ended) {
@@ -358,7 +358,7 @@ static sherf_status look_ahead(context *c, video_reader *v) {
     return SHERF_OK;
 }
 
-/* Without a word in the file, large pictures are BT.709 and others BT.601. */
+/* If the file does not say, large pictures are BT.709 and others BT.601. */
 static int colours_of(const AVFrame *f) {
     switch (f->colorspace) {
     case AVCOL_SPC_BT709:
@@ -376,7 +376,7 @@ static int colours_of(const AVFrame *f) {
 static void turn(video_reader *v) {
     const int w = v->picture.width, h = v->picture.height;
     const size_t stride = ((size_t)v->flat_width + 64) * 3;
-    /* A is orthogonal: the frame's x is A's first column on the output's, likewise y */
+    /* A is orthogonal: the frame's x is A's first column times the output's position, likewise y */
     for (int y = 0; y < h; y++) {
         uint8_t *to = v->picture.data + (size_t)y * (size_t)w * 3;
         for (int x = 0; x < w; x++) {
@@ -429,7 +429,7 @@ sherf_status video_read_next(context *c, video_reader *v, const image_u8 **frame
     }
     if (status != SHERF_OK) return status;
     if (!v->has_shown) return failed(c, SHERF_BAD_FILE, v, "not a single frame of it can be decoded", 0);
-    /* The end; what is left of a faster video is nearer to the frame before. */
+    /* The end; the rest of a faster video is nearer to the frame before. */
     if (!v->has_ahead && v->count && (!fresh || v->shown_s < at - (0.5 - 1e-6) * step)) return SHERF_OK;
     if (fresh && (status = paint(c, v)) != SHERF_OK) return status;
     v->count++;

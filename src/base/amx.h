@@ -1,8 +1,8 @@
-/* Tile instructions of AMX with room between them. A core whose other hardware thread is busy (another guest
- * of the host, as a rule) takes a tile instruction that follows another at once at half the rate or less, and
- * at nearly the full rate where seven or more ordinary instructions lie between: docs/speed.md has the
- * measurements. On a core of one's own they cost nothing, since the product unit is slower. So tiles are
- * loaded and multiplied with these, unless other work is put between them by hand (tile_*_bare). */
+/* AMX tile instructions with space between them. If a core's other hardware thread is busy (usually another
+ * guest of the host), a tile instruction directly after another runs at half the rate or less, but at nearly
+ * the full rate with seven or more ordinary instructions in between: docs/speed.md has the measurements. On
+ * an unshared core they cost nothing, since the product unit is slower. So tiles are loaded and multiplied
+ * with these macros, unless other work is placed between them by hand (tile_*_bare). */
 #ifndef SHERF_AMX_H
 #define SHERF_AMX_H
 
@@ -27,7 +27,7 @@
         TILE_ROOM();                                                                                         \
     } while (0)
 
-/* The 16 x 16 matrix of 32-bit values transposed. */
+/* Transposes a 16 x 16 matrix of 32-bit values. */
 AMX_INLINE void transpose_16x16(__m512i v[16]) {
     __m512i t[16];
     for (int i = 0; i < 16; i += 2) {
@@ -60,7 +60,7 @@ typedef struct {
     uint8_t rows[16];
 } tile_config;
 
-/* All eight tiles as 16 rows of 64 bytes; _tile_release() ends it. */
+/* Configures all eight tiles as 16 rows of 64 bytes; _tile_release() ends it. */
 AMX_INLINE void tiles_begin(void) {
     tile_config config __attribute__((aligned(64))) = {.palette = 1};
     for (int i = 0; i < 8; i++) {

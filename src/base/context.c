@@ -35,7 +35,7 @@ sherf_status sherf_context_create(const sherf_options *options, sherf_context **
 }
 
 sherf_precision precision_resolve(const context *c, sherf_precision wanted) {
-    const bool has = c->device == SHERF_DEVICE_CUDA || isa_has_bf16(); /* every GPU that is taken has it */
+    const bool has = c->device == SHERF_DEVICE_CUDA || isa_has_bf16(); /* every supported GPU has it */
     return has && wanted != SHERF_PRECISION_FP32 ? SHERF_PRECISION_BF16 : SHERF_PRECISION_FP32;
 }
 

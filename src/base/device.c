@@ -1,5 +1,5 @@
-/* Which devices this build can compute on, on this machine. NVIDIA's driver is looked for at run time, so a
- * build with CUDA runs on machines without one. */
+/* The devices that this build can use on this machine. NVIDIA's driver is looked up at run time, so a build
+ * with CUDA runs on machines without one. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -64,7 +64,7 @@ static bool look(char *line, size_t size) {
     return true;
 }
 
-/* Starting the driver takes a while, and the answer does not change. */
+/* Starting the driver takes a while, so the answer is kept; it does not change. */
 static struct {
     pthread_once_t once;
     bool present;

@@ -1,4 +1,4 @@
-/* Whether this build has CUDA and this machine a GPU for it; sherf_device_find says the same of verbs. */
+/* Whether this build has CUDA and this machine a GPU for it; sherf_device_find reports the same for verbs. */
 #ifndef SHERF_DEVICE_H
 #define SHERF_DEVICE_H
 
@@ -8,12 +8,11 @@
 extern "C" {
 #endif
 
-/* Into `line`: the name of this process's GPU, or why there is none to compute on. */
+/* Writes to `line` the name of this process's GPU, or the reason why there is none. */
 bool device_gpu_present(char *line, size_t size);
-/* Its number, in CUDA's order: the first one's, and under mpirun that of the process's place on its machine.
- */
+/* Its number, in CUDA's order: 0, or under mpirun the process's rank on its machine. */
 int device_gpu_number(void);
-/* AUTO becomes what it stands for on this machine. */
+/* Replaces AUTO by the device for this machine. */
 sherf_device device_resolve(sherf_device device);
 
 #ifdef __cplusplus

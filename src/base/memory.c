@@ -1,5 +1,5 @@
-/* The heap, which counts and fails where a test says so, and arenas on it or on another source. Large blocks
- * ask for huge pages. */
+/* The heap, which counts allocations and fails them for tests, and arenas on it or on another source. Large
+ * blocks use huge pages. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,7 +42,7 @@ static void *allocate_plain(size_t bytes) {
     return aligned_alloc(64, rounded ? rounded : 64);
 }
 
-/* Large blocks ask for huge pages: touching a gigabyte of arena for the first time costs 500 page faults
+/* Large blocks request huge pages: touching a gigabyte of arena for the first time costs 500 page faults
  * instead of 260,000, which was a quarter of the time of an avatar. */
 static void *allocate_huge(size_t bytes) {
     size_t rounded = (bytes + huge_page - 1) / huge_page * huge_page;
@@ -199,7 +199,7 @@ void arena_rewind(arena *a, arena_mark mark) {
 }
 
 void arena_reset(arena *a) {
-    if (a->blocks > 1) { /* one block for all next time; the next arena_alloc makes it */
+    if (a->blocks > 1) { /* one block for everything next time; the next arena_alloc makes it */
         size_t total = 0;
         for (size_t i = 0; i < a->blocks; i++) total += a->block[i].size;
         size_t want = a->peak + a->peak / 16 + 4096;

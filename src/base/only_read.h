@@ -1,5 +1,5 @@
-/* A pointer for what only reads there and does not say so: functions of libraries, tensors that are inputs.
- * It stands in place of a cast, which would take const away unseen (-Wcast-qual). */
+/* A pointer for code that only reads but does not say so: functions of libraries, input tensors. It replaces
+ * a cast, which would silently remove const (-Wcast-qual). */
 #ifndef SHERF_ONLY_READ_H
 #define SHERF_ONLY_READ_H
 

@@ -1,4 +1,4 @@
-/* Files read at once, up to a limit; output that is called NAME.PID.part until it is committed; folders. */
+/* Reads whole files, up to a limit; writes output as NAME.PID.part until it is committed; folders. */
 #include <errno.h>
 #include <ftw.h>
 #include <stdio.h>
@@ -53,7 +53,7 @@ sherf_status output_open(context *c, const char *path, output_file *out) {
         snprintf(out->temporary, sizeof out->temporary, "%s.%ld.part", path, (long)getpid()) >=
             (int)sizeof out->temporary)
         return failure(c, SHERF_BAD_ARGUMENT, "%.200s...: path too long", path);
-    struct stat info; /* the rename would put a file in a device's place: root would lose /dev/null */
+    struct stat info; /* the rename would replace a device by a file: root would lose /dev/null */
     if (stat(path, &info) == 0 && !S_ISREG(info.st_mode))
         return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: it is a %s", path,
                        S_ISDIR(info.st_mode) ? "folder" : "device or pipe, and files are put in place whole");

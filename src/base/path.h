@@ -1,4 +1,4 @@
-/* Files: read whole; written whole or not at all (temporary name, then rename). */
+/* Files: read completely; written completely or not at all (temporary name, then rename). */
 #ifndef SHERF_PATH_H
 #define SHERF_PATH_H
 
@@ -8,7 +8,7 @@
 
 enum { PATH_LENGTH = 4096 };
 
-/* The file's bytes with a 0 behind them, freed with mem_free. Fails when it is longer than the limit. */
+/* The file's bytes with a 0 after them; mem_free them. Fails if it exceeds the limit. */
 sherf_status file_read(context *c, const char *path, size_t limit_bytes, unsigned char **data, size_t *bytes);
 
 typedef struct {
@@ -25,11 +25,11 @@ void output_abort(output_file *out);          /* close and remove; fine after a 
 /* A whole file at once. */
 sherf_status file_write(context *c, const char *path, const void *data, size_t bytes);
 
-sherf_status folder_make(context *c, const char *path); /* with parents; fine when it is there */
+sherf_status folder_make(context *c, const char *path); /* with parents; fine if it exists */
 void folder_remove(
-    const char *path); /* with all that is in it, links not followed; fine when it is not there */
+    const char *path); /* with its contents, without following links; fine if it does not exist */
 bool path_is_folder(const char *path);
 bool path_is_file(const char *path);
-bool path_has(const char *folder, const char *name);  /* a file or a folder of that name */
+bool path_has(const char *folder, const char *name);  /* a file or a folder */
 bool path_ends(const char *path, const char *suffix); /* ignoring case */
 #endif

@@ -1,5 +1,5 @@
-/* The processor's level, by CPUID and the kernel's leave to use AMX; the clock and the peak of this
- * process's memory. */
+/* The CPU's level, by CPUID and the kernel's permission to use AMX; the clock and this process's peak memory.
+ */
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
@@ -12,7 +12,7 @@
 #if defined(__x86_64__)
 #include <cpuid.h>
 
-/* Linux hands out AMX tile state on request only: arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA). */
+/* Linux grants AMX tile state only on request: arch_prctl(ARCH_REQ_XCOMP_PERM, XFEATURE_XTILEDATA). */
 static bool amx_permitted(void) {
     unsigned a, b, c, d;
     if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return false;
@@ -32,7 +32,7 @@ static isa_level detect(void) {
     if (!__get_cpuid_count(7, 1, &a, &b, &c, &d) || !(a & (1u << 5))) return ISA_AVX512; /* AVX512-BF16 */
     return amx_permitted() ? ISA_AMX : ISA_AVX512;
 #elif defined(__aarch64__)
-    return ISA_NEON; /* every one has it */
+    return ISA_NEON; /* every aarch64 CPU has it */
 #else
     return ISA_PLAIN;
 #endif
@@ -40,7 +40,7 @@ static isa_level detect(void) {
 
 static const char *const names[] = {"plain", "neon", "avx2", "avx512", "amx"};
 
-/* Whether a level below the best one is this processor's. */
+/* Whether a level below the best one belongs to this CPU's architecture. */
 static bool is_ours(int level) {
 #if defined(__x86_64__)
     return level != ISA_NEON;

@@ -1,5 +1,5 @@
-/* Random numbers: SplitMix64 of key and counter, made uniform, normal or whole. Keys come from a seed and a
- * stream's name (FNV-1a). */
+/* Random numbers: SplitMix64 of key and counter, converted to uniform, normal or integer numbers. Keys come
+ * from a seed and a stream's name (FNV-1a). */
 #include <math.h>
 
 #include "base/base.h"

@@ -1,6 +1,6 @@
-/* Vectors of LANES floats and elementary functions on them, for files that are compiled once per instruction
- * set: define LANES (4, 8, 16) before the inclusion. Compilers lower them to the instructions that the file
- * is compiled for. ISA_CHOICE (base.h) takes the file for a processor. */
+/* Vectors of LANES floats and elementary functions on them, for files that are compiled once for each
+ * instruction set: define LANES (4, 8, 16) before the inclusion. Compilers lower them to the file's
+ * instruction set. ISA_CHOICE (base.h) selects the variant for a CPU. */
 #ifndef SHERF_SIMD_H
 #define SHERF_SIMD_H
 
@@ -26,7 +26,7 @@ INLINE vf load(const float *p) {
 INLINE void store(float *p, vf x) {
     *(vf_any *)p = x;
 }
-/* The first n of LANES floats, zeros behind them. */
+/* The first n of LANES floats, then zeros. */
 INLINE vf load_some(const float *p, int64_t n) {
     float buffer[LANES] = {0};
     memcpy(buffer, p, (size_t)n * sizeof(float));
@@ -37,8 +37,8 @@ INLINE void store_some(float *p, vf x, int64_t n) {
     store(buffer, x);
     memcpy(p, buffer, (size_t)n * sizeof(float));
 }
-/* NUMBERS floats side by side, each of which multiplies whole vectors: NEON multiplies by one lane of a
- * vector, so there four come with one load; elsewhere each is spread over a vector by itself. */
+/* NUMBERS adjacent floats, each of which multiplies whole vectors. NEON multiplies by one lane of a vector,
+ * so there one load brings four; elsewhere each is broadcast. */
 #if defined(__aarch64__) && LANES == 4
 enum { NUMBERS = 4 };
 typedef vf numbers;
@@ -98,8 +98,8 @@ INLINE v4 sum_lanes_4(vf a, vf b, vf c, vf d) {
 }
 
 /* Nearest integer of |x| < 2^22, ties to even, by the float's own rounding: 1.5 x 2^23 + x has units in its
- * last place. So the lowest 22 bits of `bits` are the integer's, modulo 2^22; of not-a-number they are any,
- * where a conversion to an integer would be undefined. */
+ * last place. So the lowest 22 bits of `bits` are the integer's, modulo 2^22; for NaN they are arbitrary,
+ * while a conversion to an integer would be undefined. */
 typedef struct {
     vf value;
     vu bits;
@@ -110,8 +110,8 @@ INLINE rounded round_lanes(vf x) {
 }
 
 /* ---- exp ---- */
-/* Within 1.2 units in the last place for -87 <= x <= 88, clamped to those ends; not-a-number stays.
- * x = n ln(2) + r with ln(2) in two parts, and exp(r) = 1 + r + r^2 P(r) for |r| <= ln(2) / 2. */
+/* Within 1.2 units in the last place for -87 <= x <= 88, clamped to those ends; NaN stays. x = n ln(2) + r
+ * with ln(2) in two parts, and exp(r) = 1 + r + r^2 P(r) for |r| <= ln(2) / 2. */
 INLINE vf exp_lanes(vf x) {
     x = choose(x < -87.0f, splat(-87.0f), x);
     x = choose(x > 88.0f, splat(88.0f), x);
@@ -127,8 +127,8 @@ INLINE vf exp_lanes(vf x) {
 }
 
 /* ---- sine and cosine ---- */
-/* Both to 1e-7 for |x| < 8000, and no larger than 1 beyond; not-a-number stays. x = n pi/2 + r, |r| <= pi/4,
- * with pi/2 in three parts. */
+/* Both to 1e-7 for |x| < 8000, and at most 1 beyond; NaN stays. x = n pi/2 + r, |r| <= pi/4, with pi/2 in
+ * three parts. */
 INLINE void sincos_lanes(vf x, vf *sine, vf *cosine) {
     x = choose(x < -1e5f, splat(-1e5f), x);
     x = choose(x > 1e5f, splat(1e5f), x);

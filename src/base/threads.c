@@ -16,7 +16,7 @@ static void *wait_for_the_others(void *lock) {
     return NULL;
 }
 
-/* How many threads of n there can be at a time. */
+/* The number of threads, at most n, that can run at once. */
 static int threads_possible(int n) {
     pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
     pthread_t *thread = calloc((size_t)n, sizeof *thread);

@@ -15,7 +15,7 @@ static inline void cross3(const double a[3], const double b[3], double out[3]) {
     memcpy(out, x, sizeof x);
 }
 
-/* A vector without length stays as it is. */
+/* A zero vector stays as it is. */
 static inline void unit3(double a[3]) {
     double length = sqrt(dot3(a, a));
     for (int k = 0; k < 3 && length > 0; k++) a[k] /= length;

@@ -52,7 +52,7 @@ static sherf_status copy_indices(context *c, const body_arrays *a, body_model *b
     return SHERF_OK;
 }
 
-/* posedirs V x 3 x 207 to 207 x V x 3, in blocks that stay in cache. */
+/* Transposes posedirs V x 3 x 207 to 207 x V x 3, in blocks that stay in cache. */
 static sherf_status copy_posedirs(context *c, const body_arrays *a, float *out) {
     enum { BLOCK = 64 };
     size_t rows = 3 * (size_t)a->vertices;
@@ -88,7 +88,7 @@ static sherf_status make_volume(context *c, const body_arrays *a, body_model *bo
     for (size_t v = 0; v < (size_t)body->vertices; v++) {
         double s[BODY_JOINTS];
         for (int j = 0; j < BODY_JOINTS; j++) s[j] = body->weights[v * BODY_JOINTS + j];
-        for (int j = BODY_JOINTS - 1; j > 0; j--) s[body->parent[j]] += s[j]; /* children come behind */
+        for (int j = BODY_JOINTS - 1; j > 0; j--) s[body->parent[j]] += s[j]; /* children come later */
         for (int j = 1; j < BODY_JOINTS; j++)
             if (s[j] > 0 && s[j] < 1)
                 body->pose_volume[v * BODY_JOINTS + j] =
@@ -130,7 +130,7 @@ static uint64_t fingerprint_of(const body_model *body) {
     return hash;
 }
 
-/* J(shape) = regressor * (template + shapedirs * shape) is linear: its two parts. */
+/* J(shape) = regressor * (template + shapedirs * shape) is linear: computes its two parts. */
 static sherf_status regress_joints(context *c, body_model *body) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         double(*shape)[BODY_SHAPES] = body->joint_shape[j], *rest = body->joint_template[j], sum = 0;
@@ -188,16 +188,16 @@ static sherf_status find_mirror(context *c, body_model *body) {
     return status;
 }
 
-/* Twice through the edges: first counted, then written; an edge of two faces once. */
+/* Visits the edges twice: counts, then writes; an edge of two faces counts once. */
 static sherf_status find_neighbours(context *c, body_model *body) {
-    enum { MAX = 32 }; /* of a vertex: meshes have 6, files may say anything */
+    enum { MAX = 32 }; /* neighbours of a vertex: meshes have 6, files may contain anything */
     const size_t corners = 3 * (size_t)body->faces;
     int32_t *first = body->neighbour_first = mem_zero(c, (size_t)body->vertices + 1, sizeof *first);
     int32_t *list = body->neighbour = mem_alloc(c, 2 * corners + 1, sizeof *list);
     if (!first || !list) return SHERF_NO_MEMORY;
     for (size_t i = 0; i < corners; i++) first[body->face[i] + 1] += 2;
     for (int v = 0; v < body->vertices; v++) first[v + 1] += first[v];
-    for (size_t i = corners; i-- > 0;) { /* first[v + 1] goes down to v's first */
+    for (size_t i = corners; i-- > 0;) { /* decrements first[v + 1] to v's first */
         const size_t face = i / 3 * 3, corner = i % 3;
         for (size_t k = 1; k < 3; k++)
             list[--first[body->face[i] + 1]] = (int32_t)body->face[face + (corner + k) % 3];

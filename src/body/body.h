@@ -16,8 +16,9 @@ struct sherf_body {
     float *v_template; /* V x 3 */
     float *shapedirs;  /* V x 3 x 10 */
     float *posedirs;   /* 207 x V x 3 (pose feature major, so that applying it streams); NULL: none */
-    /* Volume kept at bent joints without posedirs (docs/body.md): strength of each joint, 0 to 1; all 0:
-     * none. pose_volume (V x 24, NULL: none): k of the offset -k (F + F^T) / 2 (v - J), F = R_joint - I. */
+    /* Volume preservation at bent joints without posedirs (docs/body.md): strength for each joint, 0 to 1;
+     * all 0: none. pose_volume (V x 24, NULL: none): k of the offset -k (F + F^T) / 2 (v - J), F = R_joint -
+     * I. */
     float volume[BODY_JOINTS];
     float *pose_volume;
     float *weights;          /* V x 24 */
@@ -31,17 +32,18 @@ struct sherf_body {
     struct posed_body *canonical;
     double *canonical_blend, *canonical_inverse; /* V x 12 each */
     struct vertex_grid *canonical_grid;
-    /* The vertices that share an edge with v: neighbour[neighbour_first[v]] up to the next one's first. */
+    /* The vertices that share an edge with v: neighbour[i] for neighbour_first[v] <= i <
+     * neighbour_first[v + 1]. */
     int32_t *neighbour_first, *neighbour;
-    /* The other side of the body: the vertex nearest to v's mirror image in the template, and the x of the
-     * mirror's plane, which is the middle of the joints that come in pairs. */
+    /* The body's other side: the vertex nearest to v's mirror image in the template, and the x of the mirror
+     * plane, which is the middle of the paired joints. */
     int32_t *mirror;
     float mirror_x_m;
 };
 typedef struct sherf_body body_model;
 
-/* What a pose is before it meets the vertices: R(pose)[1:] - I, the joints' transforms (rest to posed,
- * relative to the rest pose), the body's to world. */
+/* A pose without the vertices: R(pose)[1:] - I, the joints' transforms (rest to posed, relative to the rest
+ * pose), the body's transform to the world. */
 typedef struct {
     double feature[BODY_POSE_FEATURES], transform[BODY_JOINTS][12], to_world[12];
     float shape[BODY_SHAPES], pose_rad[72];
@@ -57,23 +59,23 @@ typedef struct posed_body {
     float transform[BODY_JOINTS][12]; /* A_k: rest to posed, relative to the rest pose */
     float R[9], Th[3];                /* body to world */
     float min_smpl[3], max_smpl[3];
-    /* V x 12: the whole way of a point whose nearest vertex is v, one affine map (see deform.c). Where the
-     * blended rotation cannot be inverted, the vertex follows its heaviest joint alone. */
+    /* V x 12: the complete map of a point whose nearest vertex is v (see deform.c). If the blended rotation
+     * is singular, the vertex follows its heaviest joint only. */
     float *to_canonical;      /* SMPL space to canonical */
     float *from_canonical;    /* canonical to world */
-    struct vertex_grid *near; /* of vertices_smpl, by points_prepare; NULL without */
-    float blend_m;            /* points' maps are blended with those of the vertex's neighbours; 0: not */
-    /* V x 12, as from_canonical, for features: canonical to where in the world a point is read in the picture
-     * (scene.h, body_read_pictures). NULL: where it is. */
+    struct vertex_grid *near; /* of vertices_smpl, made by points_prepare; NULL: none */
+    float blend_m;            /* radius for blending with the neighbours' maps; 0: no blending */
+    /* V x 12, as from_canonical, for features: from canonical space to the place in the world at which a
+     * point is read in the picture (scene.h, body_read_pictures). NULL: its own place. */
     float *read_from;
     int32_t *seen;      /* V, with read_from: whether the picture shows the vertex */
-    joint_pose *joints; /* posed_joints_create only, which leaves out all that is by vertex */
+    joint_pose *joints; /* from posed_joints_create only, which leaves out all per-vertex data */
 } posed_body;
 
 extern const float body_big_pose[72];
 
-/* Nothing of a person is further from the body's nearest vertex, as in the paper's code: samples are kept
- * within it, and every box round the body is so much larger. */
+/* No part of a person is further from the body's nearest vertex, as in the paper's code: samples stay within
+ * this distance, and every box round the body is larger by it. */
 #define BODY_SHELL_M 0.05f
 
 /* Takes ownership of nothing: copies the arrays, checks them (finite, weights sum to 1 within 1e-3, indices
@@ -89,10 +91,10 @@ typedef struct {
 sherf_status body_create(context *c, const body_arrays *arrays, body_model **out);
 /* body_load: by content, .pkl .npz .safetensors, is in data/body_file.h (it needs io). */
 
-/* Refuses what is not finite and an R that is not a rotation. */
+/* Refuses values that are not finite and an R that is not a rotation. */
 sherf_status posed_body_create(context *c, const body_model *body, const float pose_rad[72],
                                const float shape[10], const float R[9], const float Th[3], posed_body **out);
-/* For a GPU, which poses the vertices itself: no array by vertex, no bounds, no grid. */
+/* For a GPU, which poses the vertices itself: no per-vertex arrays, no bounds, no grid. */
 sherf_status posed_joints_create(context *c, const body_model *body, const float pose_rad[72],
                                  const float shape[10], const float R[9], const float Th[3],
                                  posed_body **out);
@@ -112,10 +114,10 @@ void body_canonical_bounds_z(const body_model *body, float min_canonical[3], flo
 sherf_status body_normals(context *c, const body_model *body, const float *vertices, float *normals);
 
 /* ---- deformation (network.md: Target to canonical, Canonical to observation) ---- */
-/* Both ways: where the body's blend_m r is not 0 and `nearest` is given, the maps of the nearest vertex's
- * neighbours take part, each with weight (1 - (d^2 - d0^2) / r^2)^2, d its distance from the point and d0 the
- * nearest one's, or none where that is beyond r^2. So the way hardly jumps where the nearest vertex changes.
- */
+/* In both directions: if the body's blend_m r is not 0 and `nearest` is given, the maps of the nearest
+ * vertex's neighbours contribute, each with weight (1 - (d^2 - d0^2) / r^2)^2, where d is its distance from
+ * the point and d0 the nearest vertex's; the weight is 0 if d^2 - d0^2 exceeds r^2. So the map hardly jumps
+ * where the nearest vertex changes. */
 /* Points of the posed body's SMPL space to canonical space by the inverse LBS of their nearest vertex.
  * directions may be NULL; they take the rotations only. Any of the out arrays may alias its input. nearest
  * NULL: point i belongs to vertex i. A negative nearest (a point that is not finite) counts as vertex 0. */
@@ -126,8 +128,8 @@ void deform_to_canonical(const body_model *body, const posed_body *p, int64_t n,
 void deform_from_canonical(const body_model *body, const posed_body *p, int64_t n,
                            const float *points_canonical, const int32_t *nearest, float *points_world);
 
-/* The same, to where they are read in the picture: by read_from, where the body has it. Maps are blended with
- * those alone that lead to the same place. */
+/* As deform_from_canonical, but to the place in the picture at which the point is read: by read_from, if the
+ * body has it. Only maps that lead to the same place are blended. */
 void deform_to_picture(const body_model *body, const posed_body *p, int64_t n, const float *points_canonical,
                        const int32_t *nearest, float *points_world);
 
@@ -142,15 +144,17 @@ void vertex_grid_free(vertex_grid *g);
 int32_t vertex_grid_nearest(const vertex_grid *g, const float point[3], float *distance_squared);
 void vertex_grid_nearest_many(const context *c, const vertex_grid *g, int64_t n, const float *points,
                               int32_t *nearest);
-/* The same answer, sooner when `guess` (a vertex, or -1) is near the point. */
+/* The same answer, faster if `guess` (a vertex, or -1) is near the point. */
 int32_t vertex_grid_nearest_from(const vertex_grid *g, const float point[3], int32_t guess,
                                  float *distance_squared);
-/* Around the vertices, for voxels with a point closer than `reach_m` to one: the list of the vertices that
- * can be nearest inside. Searches there take a few dozen nanoseconds; elsewhere, when reach_m is at least the
- * grid's radius, none. Voxels have sides of voxel_m for SMPL's 6890 vertices, less for more. With 2 cm, lists
- * take some 5 MB and 30 ms of a core for a person; with 4 cm a third of that, and searches a fifth longer. */
+/* For voxels near the vertices (with a point closer than `reach_m` to one): stores the list of the vertices
+ * that can be nearest inside. A search there takes a few dozen nanoseconds; elsewhere, if reach_m is at least
+ * the grid's radius, no search is needed. Voxels have sides of voxel_m for SMPL's 6890 vertices, smaller for
+ * more. With 2 cm, lists take about 5 MB and 30 ms of a core for a person; with 4 cm a third of that, and
+ * searches take a fifth longer. */
 sherf_status vertex_grid_refine(context *c, vertex_grid *g, float reach_m, float voxel_m);
-/* Those voxels as bits: bit x % 32 of bit[(z * cells[1] + y) * words + x / 32]; the outermost ones are 0. */
+/* Those voxels as bits: bit x % 32 of bit[(z * cells[1] + y) * words + x / 32]; the outermost voxels are 0.
+ */
 typedef struct {
     int cells[3], words;
     float min[3], cell_m;

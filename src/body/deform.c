@@ -1,10 +1,10 @@
-/* Deformation: a point moves with its nearest vertex, whose affine maps were made with the pose (pose.c), or
- * with a blend of its maps and its neighbours'. */
+/* Deformation: a point moves by its nearest vertex's affine map, made with the pose (pose.c), or by a blend
+ * of that map with the vertex's neighbours' maps. */
 #include <string.h>
 
 #include "body/deform_point.h"
 
-/* The map of point i at x; `room` is for a blended one. */
+/* The map of point i at x; `room` stores a blended one. */
 static inline const float *map_of(const vertex_mapping *g, const int32_t *nearest, int64_t i,
                                   const float x[3], float room[12]) {
     const int64_t v = nearest ? nearest[i] < 0 ? 0 : nearest[i] : i;

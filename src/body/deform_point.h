@@ -1,4 +1,4 @@
-/* How one point moves with the body, for the processor's loops (deform.c) and for kernels of a GPU. */
+/* How one point moves with the body, for the CPU's loops (deform.c) and for GPU kernels. */
 #ifndef SHERF_DEFORM_POINT_H
 #define SHERF_DEFORM_POINT_H
 
@@ -11,13 +11,12 @@ HOST_AND_DEVICE static inline void map_rotate(const float *map, const float x[3]
     for (int k = 0; k < 3; k++) out[k] = map[4 * k] * x[0] + map[4 * k + 1] * x[1] + map[4 * k + 2] * x[2];
 }
 
-/* Vertices with their maps, how far they are blended, and who is a neighbour of whom (body.h). */
+/* Vertices with their maps, the blending radius, and their neighbours (body.h). */
 typedef struct {
     const float *vertex, *maps;
     float blend_m;
     const int32_t *neighbour_first, *neighbour;
-    bool apart; /* some lead to other places than their neighbours' (maps_part), and are not blended with
-                   those */
+    bool apart; /* some maps lead to other places than their neighbours' (maps_part); these are not blended */
 } vertex_mapping;
 
 HOST_AND_DEVICE static inline bool map_mirrors(const float *m) {
@@ -31,8 +30,7 @@ HOST_AND_DEVICE static inline void map_point(const float *map, const float x[3],
     for (int k = 0; k < 3; k++) out[k] += map[4 * k + 3];
 }
 
-/* Whether two neighbours' maps, of which one mirrors or leads into another picture, are no two ways to one
- * place. */
+/* Whether two neighbours' maps lead to different places, since one mirrors or leads into another picture. */
 HOST_AND_DEVICE static inline bool maps_part(const float *a, const float *b, const float x[3]) {
     const float far_m = 0.2f; /* farther apart than limbs in one picture, closer than two pictures */
     float to[3], other[3], d = 0;
@@ -58,7 +56,7 @@ HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, 
         if (!(w > 0)) continue;
         const float *by = g->maps + 12 * (size_t)g->neighbour[i];
         if (g->apart && maps_part(g->maps + 12 * v, by, x)) continue;
-        if (w > 1) w = 1; /* `nearest` is not the nearest one */
+        if (w > 1) w = 1; /* `nearest` is not actually the nearest */
         w *= w;
         sum += w;
         for (int k = 0; k < 12; k++) map[k] += w * by[k];

@@ -22,7 +22,7 @@ void rodrigues(const float axis_angle_rad[3], float R[9]) {
     for (int i = 0; i < 9; i++) R[i] = (float)wide[i];
 }
 
-/* Through the quaternion whose largest component is found first, so that angles near pi stay exact. */
+/* Through the quaternion; starts with its largest component, so that angles near pi stay exact. */
 void rotation_to_axis_angle(const float R[9], float axis_angle_rad[3]) {
     double trace = (double)R[0] + R[4] + R[8], q[4]; /* w x y z, times some positive number */
     if (trace > R[0] && trace > R[4] && trace > R[8]) {
@@ -51,7 +51,7 @@ typedef struct {
     joint_pose j;
 } pose_job;
 
-/* The offsets that keep volume, see body.h. */
+/* Adds the volume-preserving offsets, see body.h. */
 static void add_volume(const pose_job *job, size_t begin, size_t end) {
     const body_model *body = job->body;
     for (size_t i = begin; i < end; i++)

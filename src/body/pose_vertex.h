@@ -1,5 +1,5 @@
-/* What posing does to one vertex, for the processor's loops (pose.c) and for kernels of a GPU: the same
- * source, so that both give the same bits. Affine maps are 3 x 4, row-major. */
+/* How a pose moves one vertex, for the CPU's loops (pose.c) and for GPU kernels: the same source, so both
+ * give the same bits. Affine maps are 3 x 4, row-major. */
 #ifndef SHERF_POSE_VERTEX_H
 #define SHERF_POSE_VERTEX_H
 
@@ -41,7 +41,7 @@ HOST_AND_DEVICE static inline void blend_transforms(const float *weights,
     }
 }
 
-/* Joints twisted against each other can blend to a singular matrix: then the heaviest joint alone. */
+/* Joints twisted against each other can blend to a singular matrix; then the heaviest joint's is used. */
 HOST_AND_DEVICE static inline void blend_inverse(const float *weights,
                                                  const double transform[BODY_JOINTS][12],
                                                  const double blended[12], double out[12]) {
@@ -49,11 +49,11 @@ HOST_AND_DEVICE static inline void blend_inverse(const float *weights,
     int heaviest = 0;
     for (int j = 1; j < BODY_JOINTS; j++)
         if (weights[j] > weights[heaviest]) heaviest = j;
-    affine_invert(transform[heaviest], out); /* a rotation: always has one */
+    affine_invert(transform[heaviest], out); /* a rotation: always invertible */
 }
 
-/* Axis r of vertex v's pose offset without the parts that keep volume where joints bend (body.h): offset less
- * those. weight: the vertex's row of pose_volume; feature: R(pose)[1:] - I. */
+/* Axis r of vertex v's pose offset, from `offset` by removing the volume-preserving parts at bent joints
+ * (body.h). weight: the vertex's row of pose_volume; feature: R(pose)[1:] - I. */
 HOST_AND_DEVICE static inline float volume_kept(float offset, int r, const float *weight,
                                                 const float *v_template,
                                                 const double joint_template[BODY_JOINTS][3],

@@ -1,8 +1,8 @@
-/* Exact nearest vertex: from a voxel's list where there is one (vertex_list.c), by rings elsewhere. Vertices
- * are sorted by the cell of a uniform grid, x fastest, so that a run of cells along x is one contiguous run
- * of vertices. A search visits rows (y, z) in rings around the point's own row and stops where a ring is
- * farther than the best vertex so far. This file is compiled without fused multiply-add: every instruction
- * set gives the same squared distances. */
+/* Exact nearest vertex: from a voxel's list if there is one (vertex_list.c), elsewhere by rings. Vertices are
+ * sorted by the cell of a uniform grid, x fastest, so a run of cells along x is one contiguous run of
+ * vertices. A search visits rows (y, z) in rings around the point's own row and stops when a ring is farther
+ * than the best vertex so far. This file is compiled without fused multiply-add, so every instruction set
+ * gives the same squared distances. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -93,7 +93,7 @@ static void search_plain(const vertex_grid *g, const float p[3], nearest_state *
 AVX2 INLINE void scan_avx2(const vertex_grid *g, const float p[3], int32_t begin, int32_t end,
                            nearest_state *best) {
     __m256 px = _mm256_set1_ps(p[0]), py = _mm256_set1_ps(p[1]), pz = _mm256_set1_ps(p[2]);
-    for (int32_t i = begin; i < end; i += 8) { /* the padding may be read */
+    for (int32_t i = begin; i < end; i += 8) { /* reading the padding is fine */
         __m256 dx = _mm256_sub_ps(_mm256_loadu_ps(g->x + i), px);
         __m256 dy = _mm256_sub_ps(_mm256_loadu_ps(g->y + i), py);
         __m256 dz = _mm256_sub_ps(_mm256_loadu_ps(g->z + i), pz);
@@ -114,7 +114,7 @@ AVX2 INLINE void scan_avx2(const vertex_grid *g, const float p[3], int32_t begin
 AVX512 INLINE void scan_avx512(const vertex_grid *g, const float p[3], int32_t begin, int32_t end,
                                nearest_state *best) {
     __m512 px = _mm512_set1_ps(p[0]), py = _mm512_set1_ps(p[1]), pz = _mm512_set1_ps(p[2]);
-    for (int32_t i = begin; i < end; i += 16) { /* the padding may be read */
+    for (int32_t i = begin; i < end; i += 16) { /* reading the padding is fine */
         __m512 dx = _mm512_sub_ps(_mm512_loadu_ps(g->x + i), px);
         __m512 dy = _mm512_sub_ps(_mm512_loadu_ps(g->y + i), py);
         __m512 dz = _mm512_sub_ps(_mm512_loadu_ps(g->z + i), pz);
@@ -123,7 +123,7 @@ AVX512 INLINE void scan_avx512(const vertex_grid *g, const float p[3], int32_t b
         __mmask16 in = end - i < 16 ? (__mmask16)((1u << (end - i)) - 1) : (__mmask16)0xFFFF;
         __mmask16 near = _mm512_mask_cmp_ps_mask(in, d2, _mm512_set1_ps(best->d2), _CMP_LE_OQ);
         if (!near) continue;
-        if (!(near & (near - 1))) { /* one alone, the usual case */
+        if (!(near & (near - 1))) { /* a single one, the usual case */
             int lane = __builtin_ctz(near);
             improve(g, best, _mm512_cvtss_f32(_mm512_maskz_compress_ps(near, d2)), g->index[i + lane]);
             continue;
@@ -146,7 +146,8 @@ static search_function *search_best(void) {
     return ISA_CHOICE_X86(isa_best(), search);
 }
 
-/* About a dozen cells a vertex: for a person cells of 2.5 cm, two vertices in each that is not empty. */
+/* About a dozen cells for each vertex: for a person, cells of 2.5 cm with two vertices in each that is not
+ * empty. */
 static void choose_cells(vertex_grid *g, const float max[3]) {
     double extent[3], largest = 0, volume = 1;
     for (int k = 0; k < 3; k++) {

@@ -1,4 +1,4 @@
-/* The inside of a vertex grid, shared by its search (vertex_grid.c) and its voxels' lists (vertex_list.c). */
+/* A vertex grid's internals, shared by its search (vertex_grid.c) and its voxels' lists (vertex_list.c). */
 #ifndef SHERF_VERTEX_GRID_H
 #define SHERF_VERTEX_GRID_H
 
@@ -15,11 +15,11 @@ typedef struct {
     float x[16], y[16], z[16];
     int32_t index[16];
 } vertex_block;
-/* The best of `blocks` blocks, improving on best. */
+/* The best vertex in `blocks` blocks, if it is better than best. */
 typedef void list_function(const vertex_block *block, int blocks, const float p[3], nearest_state *best);
 
 enum {
-    LIST_BLOCKS_MAX = 63, /* longer lists are not kept: entry LIST_NONE, the search by rings answers */
+    LIST_BLOCKS_MAX = 63, /* longer lists are not stored: LIST_NONE, and rings are searched */
     LIST_NONE = 1,
     SLAB_BLOCKS = 4096,
     SLABS_MAX = 1024

@@ -1,7 +1,7 @@
-/* Lists of the vertices that can be nearest to a point of a voxel. A vertex is listed where its least
- * distance to the voxel is not beyond U, the smallest of all vertices' largest distances to the voxel: some
- * vertex is within U of every point inside. Voxels are worked on in blocks of 4 x 4 x 4 that share the
- * vertices around them. */
+/* Lists of the vertices that can be nearest to a point in a voxel. U is the smallest, over all vertices, of a
+ * vertex's largest distance to the voxel, so some vertex is within U of every point inside. A vertex is
+ * listed if its smallest distance to the voxel is at most U. Voxels are processed in blocks of 4 x 4 x 4 that
+ * share the vertices around them. */
 #include <pthread.h>
 #include <float.h>
 #include <math.h>
@@ -80,7 +80,7 @@ AVX512 static void list_avx512(const vertex_block *block, int blocks, const floa
     }
     float d2 = _mm512_reduce_min_ps(d2_min);
     __mmask16 same = _mm512_cmp_ps_mask(d2_min, _mm512_set1_ps(d2), _CMP_EQ_OQ);
-    if (!same) return; /* the point is not a number */
+    if (!same) return; /* the point is NaN */
     best->d2 = d2;
     best->index = same & (same - 1)
                       ? _mm512_mask_reduce_min_epi32(same, at)
@@ -105,7 +105,8 @@ typedef struct {
 typedef void choose_function(gathered *a, const float low[3], const float high[3], float limit_d2,
                              float *nearest, int *chosen);
 
-/* The vertices for the voxel [low, high] into a->chosen; *nearest: the least squared distance to it. */
+/* Chooses the vertices for the voxel [low, high] into a->chosen; *nearest: the least squared distance to it.
+ */
 INLINE void choose_any(gathered *a, const float low[3], const float high[3], float limit_d2, float *nearest,
                        int *chosen) {
     float within = limit_d2, d2_min = FLT_MAX;
@@ -224,7 +225,7 @@ typedef struct {
     int used, slab; /* used == SLAB_BLOCKS: a new one is needed */
 } slab_cursor;
 
-/* For the grid's list of slabs; an OpenMP critical section would be a symbol of the shared library. */
+/* For the grid's list of slabs; an OpenMP critical section would export a symbol from the shared library. */
 static pthread_mutex_t slab_lock = PTHREAD_MUTEX_INITIALIZER;
 
 static vertex_block *blocks_take(refine_job *job, slab_cursor *at, int blocks, int32_t *number) {
@@ -233,7 +234,7 @@ static vertex_block *blocks_take(refine_job *job, slab_cursor *at, int blocks, i
         bool taken = false;
         pthread_mutex_lock(&slab_lock);
         if (g->slabs < SLABS_MAX) {
-            context quiet = {0}; /* the caller's message is not this thread's to write */
+            context quiet = {0}; /* this thread must not write the caller's message */
             vertex_block *slab = mem_alloc(&quiet, SLAB_BLOCKS, sizeof *slab);
             if (slab) {
                 at->slab = g->slabs;
@@ -252,7 +253,7 @@ static vertex_block *blocks_take(refine_job *job, slab_cursor *at, int blocks, i
     return g->slab[at->slab] + *number % SLAB_BLOCKS;
 }
 
-/* False where there are too many. */
+/* False: there are too many. */
 static bool gather(const vertex_grid *g, const float low[3], const float high[3], float radius, gathered *a) {
     int first[3], last[3];
     a->count = 0;
@@ -304,7 +305,7 @@ static void refine_block(refine_job *job, slab_cursor *at, gathered *a, int64_t 
         low[k] = s->min[k] + (float)first[k] * s->cell_m;
         high[k] = s->min[k] + (float)last[k] * s->cell_m;
     }
-    /* who may be listed: within U <= reach + the voxel's diagonal, or within the grid's own radius */
+    /* candidates: within U <= reach + the voxel's diagonal, or within the grid's own radius */
     float radius = g->reach_m + 1.7321f * s->cell_m;
     if (limit < radius * radius) radius = fmaxf(sqrtf(limit), g->reach_m);
     radius = radius * 1.001f + g->slack_m;
@@ -316,7 +317,7 @@ static void refine_block(refine_job *job, slab_cursor *at, gathered *a, int64_t 
                 const int cell[3] = {x, y, z};
                 float nearest = 0;
                 int chosen = GATHERED_MAX;
-                for (int k = 0; k < 3; k++) { /* a little larger: rounding may put a point next door */
+                for (int k = 0; k < 3; k++) { /* larger: rounding may reach the next voxel */
                     float margin = 1e-4f * s->cell_m + g->slack_m;
                     low[k] = s->min[k] + (float)cell[k] * s->cell_m - margin;
                     high[k] = s->min[k] + (float)(cell[k] + 1) * s->cell_m + margin;
@@ -330,7 +331,7 @@ static void refine_block(refine_job *job, slab_cursor *at, gathered *a, int64_t 
             }
 }
 
-/* Layers of blocks along z: each thread writes rows of its own. */
+/* Layers of blocks along z: each thread writes its own rows. */
 static void refine_layers(void *arg, int64_t begin, int64_t end, int thread) {
     refine_job *job = arg;
     int64_t layer = (int64_t)job->blocks[0] * job->blocks[1];
@@ -346,7 +347,7 @@ static void refine_layers(void *arg, int64_t begin, int64_t end, int thread) {
     mem_free(a);
 }
 
-/* voxel_m for 6890 vertices, finer where they are denser; at least two empty voxels all round. */
+/* voxel_m for 6890 vertices, smaller if they are denser; at least two empty voxels on all sides. */
 static sherf_status shell_create(context *c, vertex_grid *g, float reach_m, float voxel_m) {
     const double voxels_max = 1 << 22;
     vertex_shell *s = &g->shell;

@@ -1,4 +1,4 @@
-/* sherf_export: the options, the format, and the way from an avatar to a file. */
+/* sherf_export: checks the options, chooses the format, and converts an avatar to a file. */
 #include "export/export.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@ void sherf_pose_canonical(sherf_pose *out) {
 }
 
 /* ---- options ---- */
-/* What formats are called, or file names end in: "a, b or c". */
+/* Lists the formats' names, or file endings: "a, b or c". */
 static void known_list(bool names, char *out, size_t room) {
     const char *known[COUNT_OF(formats)];
     size_t count = 0, n = 0;
@@ -26,7 +26,7 @@ static void known_list(bool names, char *out, size_t room) {
         n += (size_t)snprintf(out + n, room - n, "%s%s", !i ? "" : i + 1 < count ? ", " : " or ", known[i]);
 }
 
-/* By its name, or where that is NULL by the end of the file's name. */
+/* Finds a format by its name, or if that is NULL by the file's ending. */
 static sherf_status format_find(context *c, const char *path, const char *name, const export_format **out) {
     char known[200];
     for (size_t i = 0; i < COUNT_OF(formats); i++) {
@@ -40,7 +40,7 @@ static sherf_status format_find(context *c, const char *path, const char *name, 
     return failure(c, SHERF_BAD_ARGUMENT, "%s: exported files end in %s", path, known);
 }
 
-/* The pose that is to be written must be one, whether or not vertices are moved to it. */
+/* The requested pose must be valid, even if vertices are not moved to it. */
 static sherf_status pose_check(context *c, const body_model *body, const sherf_pose *p) {
     posed_body *posed = NULL;
     if (!p) return SHERF_OK;
@@ -49,7 +49,7 @@ static sherf_status pose_check(context *c, const body_model *body, const sherf_p
     return status;
 }
 
-/* Puts defaults in place of zeros. */
+/* Replaces zeros by defaults. */
 static sherf_status options_check(context *c, const char *path, const export_format *format,
                                   sherf_export_options *o) {
     enum { TRIANGLES_MIN = 100 };
@@ -80,7 +80,7 @@ static sherf_status options_check(context *c, const char *path, const export_for
 }
 
 /* ---- axes ---- */
-/* From y up to the axes requested; n vectors. */
+/* Turns n vectors from y up to the requested axes. */
 static void turn_axes(sherf_up up, int64_t n, float *x) {
     for (int64_t i = 0; i < n; i++, x += 3) {
         float y = x[1], z = x[2];

@@ -1,5 +1,5 @@
-/* export: what was baked, in the formats of other programs. A format is one file that defines an
- * export_format, and its name in EXPORT_FORMATS. */
+/* export: baked avatars in the formats of other programs. A format is one file that defines an export_format,
+ * and its name in EXPORT_FORMATS. */
 #ifndef SHERF_EXPORT_H
 #define SHERF_EXPORT_H
 
@@ -15,11 +15,11 @@ typedef struct {
 
 typedef struct {
     const char *name;   /* in sherf_export_options.format */
-    const char *ending; /* of file names, with the dot; NULL: only by its name */
-    bool texture;       /* takes one, where the options do not ask for colours of the vertices */
+    const char *ending; /* of file names, with the dot; NULL: chosen only by name */
+    bool texture;       /* has a texture, unless the options request vertex colours */
     bool splats;        /* takes splats instead of a surface */
-    bool rigged;        /* the surface is bound in the rest pose, +y up; joints take the pose, and a motion */
-    sherf_status (*write)(context *c, const export_job *job); /* whole or not at all */
+    bool rigged;        /* the surface is bound in the rest pose, +y up; joints hold the pose, and a motion */
+    sherf_status (*write)(context *c, const export_job *job); /* completely or not at all */
 } export_format;
 
 #define EXPORT_FORMATS(X) X(glb) X(obj) X(ply) X(splats)

@@ -1,4 +1,4 @@
-/* GLB: a baked person as binary glTF, one vertex for each corner of the atlas. */
+/* GLB: a baked person as binary glTF, with one vertex for each corner of the atlas. */
 #include <string.h>
 
 #include "export/export.h"

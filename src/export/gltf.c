@@ -1,5 +1,5 @@
-/* Binary glTF 2.0 (Khronos): a JSON chunk that describes pieces of a chunk of bytes. Written so that the
- * Khronos validator has nothing to say. */
+/* Binary glTF 2.0 (Khronos): a JSON chunk that describes views of a binary chunk. The Khronos validator
+ * reports nothing on it. */
 #include <math.h>
 #include <string.h>
 
@@ -78,7 +78,7 @@ static int add_accessor(writer *w, const void *data, int64_t count, const char *
 }
 
 /* ---- rotations and places of the nodes ---- */
-/* x y z w, nearer to `before` of its two signs. */
+/* x y z w, with the sign that is nearer to `before`. */
 static void quaternion_of(const float axis_angle[3], const float before[4], float out[4]) {
     double x = axis_angle[0], y = axis_angle[1], z = axis_angle[2], angle = sqrt(x * x + y * y + z * z);
     double s = angle > 1e-12 ? sin(angle / 2) / angle : 0.5, q[4] = {s * x, s * y, s * z, cos(angle / 2)};
@@ -87,7 +87,7 @@ static void quaternion_of(const float axis_angle[3], const float before[4], floa
     for (int k = 0; k < 4; k++) out[k] = (float)((along < 0 ? -q[k] : q[k]) / length);
 }
 
-/* Of joint j in its parent's axes; the pelvis takes the body's turn in the world as well. */
+/* Rotation of joint j in its parent's axes; the pelvis also takes the body's rotation in the world. */
 static void joint_rotation(const sherf_pose *pose, int j, const float before[4], float out[4]) {
     float own[9], R[9], turn[3];
     if (j) {
@@ -103,7 +103,7 @@ static void joint_rotation(const sherf_pose *pose, int j, const float before[4],
     quaternion_of(turn, before, out);
 }
 
-/* x_world = R (R_0 (x - J_0) + J_0) + Th: the pelvis stands at R J_0 + Th. */
+/* x_world = R (R_0 (x - J_0) + J_0) + Th: the pelvis is at R J_0 + Th. */
 static void pelvis_place(const sherf_pose *pose, const float rest[3], float out[3]) {
     for (int k = 0; k < 3; k++)
         out[k] = pose->R[3 * k] * rest[0] + pose->R[3 * k + 1] * rest[1] + pose->R[3 * k + 2] * rest[2] +
@@ -151,7 +151,7 @@ static void add_texture(writer *w, text_builder *t, const gltf_person *g) {
              view);
 }
 
-/* The clip as times, places of the pelvis and rotations, joint by joint. */
+/* Writes the clip as times, pelvis positions and rotations, joint by joint. */
 static void clip_fill(const gltf_person *g, float *time, float *place, float *turn) {
     for (int f = 0; f < g->frames; f++) {
         time[f] = (float)(f / g->fps);
@@ -204,7 +204,7 @@ static void add_skin(writer *w, text_builder *t, const float *inverse_bind) {
     text_add(t, "]}]");
 }
 
-/* The JSON, padded with blanks to a multiple of 4; w->piece holds what goes into the other chunk. */
+/* The JSON, padded with blanks to a multiple of 4; w->piece holds the other chunk's data. */
 static char *describe(writer *w, const gltf_person *g, const float *colors, const float *inverse_bind,
                       const float *time, const float *place, const float *turn) {
     text_builder t = {.c = w->c};
@@ -270,7 +270,7 @@ sherf_status gltf_write(context *c, const char *path, const gltf_person *g) {
     float *colors = g->uv ? NULL : mem_alloc(c, V, 3 * sizeof *colors);
     sherf_status status = w && time && place && turn && (g->uv || colors) ? SHERF_OK : SHERF_NO_MEMORY;
     if (status != SHERF_OK) goto done;
-    for (int j = 0; j < BODY_JOINTS; j++) { /* column-major; bones are not turned in the rest pose */
+    for (int j = 0; j < BODY_JOINTS; j++) { /* column-major; bones are not rotated in the rest pose */
         float *m = inverse_bind + 16 * j;
         m[0] = m[5] = m[10] = m[15] = 1;
         for (int k = 0; k < 3; k++) m[12 + k] = -g->joints_rest[j][k];

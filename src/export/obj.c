@@ -1,11 +1,12 @@
-/* OBJ: with a texture as NAME.mtl and NAME.png beside it; without, with colours behind the vertices. */
+/* OBJ: with a texture, and NAME.mtl and NAME.png next to it; without, with colours after the vertices'
+ * coordinates. */
 #include <string.h>
 
 #include "base/path.h"
 #include "export/export.h"
 #include "io/image.h"
 
-/* The path with another ending, and what follows its last slash. */
+/* The path with another ending, and the part after its last slash. */
 static bool path_beside(const char *path, const char *end, char out[PATH_LENGTH]) {
     size_t stem = strlen(path) - (path_ends(path, ".obj") ? 4 : 0);
     return snprintf(out, PATH_LENGTH, "%.*s%s", (int)stem, path, end) < PATH_LENGTH;
@@ -73,7 +74,7 @@ static sherf_status obj_write(context *c, const export_job *j) {
     if (status == SHERF_OK && a)
         status = output_print(c, &f, "mtllib %s\nusemtl person\n", name_of(material));
     if (status == SHERF_OK) status = obj_rows(c, &f, &p->surface, a, p->rgb);
-    /* what the mesh refers to comes first, the mesh last */
+    /* files that the mesh refers to come first, the mesh last */
     if (status == SHERF_OK && a) status = png_write(c, png, a->side_px, a->side_px, 3, p->picture);
     if (status == SHERF_OK && a) status = material_write(c, material, name_of(png));
     if (status == SHERF_OK) status = output_commit(c, &f);

@@ -1,4 +1,4 @@
-/* PLY: meshes with the colours of their vertices, and 3D Gaussian splats. */
+/* PLY: meshes with vertex colours, and 3D Gaussian splats. */
 #include <math.h>
 #include <string.h>
 

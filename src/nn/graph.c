@@ -1,5 +1,5 @@
-/* graph: nodes are checked and their sizes inferred as they come; at the end values get places in one
- * workspace by their lifetimes. */
+/* graph: checks nodes and infers their sizes as they are added; at the end values get places in one workspace
+ * by their lifetimes. */
 #include <math.h>
 #include <string.h>
 
@@ -25,8 +25,8 @@ typedef struct {
     layer *layer;      /* of a convolution */
     double products;
     bool wanted;
-    int last;  /* The last node that reads the value; for outputs a number after all nodes. */
-    int place; /* of the workspace's; OUTSIDE: the caller's */
+    int last;  /* The last node that reads the value; for outputs a number greater than all nodes'. */
+    int place; /* in the workspace; OUTSIDE: the caller's */
 } step;
 
 struct graph {
@@ -72,7 +72,7 @@ static sherf_status set_size(context *c, step *s, int rank, const int64_t *size)
     return SHERF_OK;
 }
 
-/* `count` pixels seen through a window of `kernel` at every `stride`; zeros around. */
+/* `count` pixels seen through a window of `kernel` at every `stride`, with zeros around. */
 static sherf_status window(context *c, const graph_node *n, int axis, int64_t count, int64_t kernel,
                            int64_t *before, int64_t *after, int64_t *out) {
     const int64_t stride = n->stride[axis];
@@ -112,7 +112,7 @@ static sherf_status check_weights(context *c, const graph_node *n, int64_t chann
     if (w[2] != channels || (depthwise && w[3] != 1))
         REFUSE("weights [%lld, %lld, %lld, %lld] for %lld channels", (long long)w[0], (long long)w[1],
                (long long)w[2], (long long)w[3], (long long)channels);
-    if (depthwise && channels % 8) /* oneDNN 2.6 reads sums of others at unaligned places, on SSE a crash */
+    if (depthwise && channels % 8) /* otherwise oneDNN 2.6 reads sums unaligned, which crashes on SSE */
         REFUSE("a depthwise convolution of %lld channels, which are no multiple of 8", (long long)channels);
     const int64_t out = depthwise ? channels : w[3];
     if (n->bias && n->bias_size != out)
@@ -319,7 +319,7 @@ sherf_status graph_add(context *c, graph *g, const graph_node *n) {
 }
 
 /* ---------------------------------------------------------------- places ----------------------------- */
-/* What is needed, and until when. */
+/* Which values are needed, and until when. */
 static void find_lives(graph *g) {
     for (int i = g->count - 1; i >= 0; i--) {
         step *s = &g->step[i];
@@ -337,7 +337,7 @@ static void find_lives(graph *g) {
     }
 }
 
-/* A convolution's sum may be taken where the summand lies, if nothing reads that afterwards. */
+/* Whether a convolution's sum may overwrite the summand: nothing may read that afterwards. */
 static bool sums_in_place(const graph *g, int i) {
     const graph_node *n = &g->step[i].node;
     if (!g->step[i].layer || n->inputs < 2 || n->input[0] == n->input[1]) return false;
@@ -345,7 +345,7 @@ static bool sums_in_place(const graph *g, int i) {
     return summand->last == i && summand->place >= 0;
 }
 
-/* The free place that fits best, else the largest free one made larger, else a new one. */
+/* The best-fitting free place, else the largest free one enlarged, else a new one. */
 static int place_take(graph *g, bool *taken, int64_t values) {
     int best = -1;
     for (int k = 0; k < g->places; k++) {

@@ -77,7 +77,7 @@ typedef struct {
     float *y;
 } resize_work;
 
-/* The two pixels of x around pixel `to` of y. Returns the distance from the first, 0 to 1. */
+/* The two pixels of x around pixel `to` of y. Returns the distance from the first one, 0 to 1. */
 static float neighbours(const graph_scaling *s, int axis, int64_t to, int64_t *first, int64_t *second) {
     const int64_t in = s->in[axis], out = s->out[axis];
     const float ratio = s->corners && out > 1 ? (float)(in - 1) / (float)(out - 1) : (float)in / (float)out;
@@ -118,7 +118,7 @@ void graph_unfold(const context *c, int64_t height, int64_t width, int64_t chann
     for (int64_t row = 0; row < height; row++)
         for (int64_t column = 0; column < width; column++)
             for (int64_t i = 0; i < block; i++) {
-                /* a row of the block: its pixels lie side by side in both */
+                /* a row of the block: its pixels are contiguous in both */
                 const float *from = x + ((row * width + column) * block * block + i * block) * channels;
                 memcpy(y + ((row * block + i) * width + column) * block * channels, from,
                        (size_t)(block * channels) * sizeof *y);

@@ -1,4 +1,4 @@
-/* The layers that more than one part of a network has. */
+/* Layers that several parts of a network use. */
 #include "nn/layers.h"
 
 #include <math.h>

@@ -1,12 +1,12 @@
-/* layers: what networks are made of. A layer holds its tensors: it is declared once, with its names in the
- * checkpoints and its first values, and then used on any tape. */
+/* layers: the building blocks of networks. A layer holds its tensors: it is declared once, with its names in
+ * the checkpoints and its initial values, and then used on any tape. */
 #ifndef SHERF_LAYERS_H
 #define SHERF_LAYERS_H
 
 #include "nn/parameters.h"
 #include "tensor/tensor.h"
 
-/* Declares the parameters of one layer after another; a failure, which is want of memory, sticks. */
+/* Declares the parameters of one layer after another; a failure (out of memory) sticks. */
 typedef struct {
     context *c;
     parameters *p;
@@ -19,10 +19,10 @@ typedef struct {
     }
 enum { LAYER_NAME = 128 }; /* room for a layer's name */
 
-/* The tensor is the parameters', NULL after a failure. */
+/* The parameters own the tensor; NULL after a failure. */
 tensor *declare(declaration *d, first_values first, int rank, const int64_t *dim, const char *name_format,
                 ...) PRINTF_LIKE(5, 6);
-/* Of weights [out, in, ...]: what keeps the size of values; before_relu: He's rule. */
+/* Initial values for weights [out, in, ...] that keep the scale of values; before_relu: He's rule. */
 first_values first_of_fan_in(bool before_relu, int rank, const int64_t *dim);
 /* Declares `name`.weight by that rule. */
 tensor *declare_weights(declaration *d, bool before_relu, int rank, const int64_t *dim, const char *name);
@@ -48,7 +48,7 @@ typedef struct {
     tensor *w, *b, *mean, *var;
     float eps, momentum;
 } batch_norm;
-/* trained: not when only the running statistics are of use. */
+/* trained: false if only the running statistics matter. */
 batch_norm batch_norm_declare(declaration *d, const char *name, bool trained, int64_t channels, float eps,
                               float momentum);
 tensor *batch_norm_forward(tape *t, const batch_norm *n, tensor *x, bool relu);

@@ -1,5 +1,5 @@
-/* LPIPS on a tape: VGG16's thirteen convolutions on both pictures, and a distance at the end of each
- * of five stages. */
+/* LPIPS on a tape: VGG16's thirteen convolutions on both pictures, and a distance at the end of each of the
+ * five stages. */
 #include "nn/lpips.h"
 
 const lpips_layer lpips_layers[LPIPS_CONVOLUTIONS] = {
@@ -49,7 +49,7 @@ sherf_status lpips_place(context *c, lpips_network *n, const tensor_memory *memo
     return status;
 }
 
-/* Distances of the stages are added to `sum` as soon as both sides have them. */
+/* Adds a stage's distance to `sum` as soon as both pictures have reached it. */
 tensor *lpips_distance(tape *t, const lpips_network *n, tensor *a, tensor *b) {
     static const shift_scale_attr scaling = {.shift = {-.030f, -.088f, -.188f},
                                              .scale = {.458f, .448f, .450f}};

@@ -1,5 +1,5 @@
-/* lpips: the learned perceptual distance on VGG16 (Zhang et al. 2018), as a loss and as a score. Pictures
- * enter as [0, 1], as the paper's tables were made. The weights are never trained. */
+/* lpips: the learned perceptual distance on VGG16 (Zhang et al. 2018), as a loss and as a score. Pictures are
+ * in [0, 1], as for the paper's tables. The weights are never trained. */
 #ifndef SHERF_LPIPS_H
 #define SHERF_LPIPS_H
 
@@ -22,7 +22,7 @@ extern const lpips_layer lpips_layers[LPIPS_CONVOLUTIONS];
 /* All weights 0, for the caller to fill (eval/lpips_file.h reads files). */
 sherf_status lpips_create(context *c, lpips_network **out);
 void lpips_free(lpips_network *n);
-/* Moves the weights into another memory, once (tensor_place); n or memory may be NULL. */
+/* Moves the weights to another memory, once (tensor_place); n or memory may be NULL. */
 sherf_status lpips_place(context *c, lpips_network *n, const tensor_memory *memory);
 
 /* Scalar: the distance of a and b [H, W, 3], both sides >= LPIPS_SIDE_MIN. Gradient to a only. */

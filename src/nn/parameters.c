@@ -1,4 +1,4 @@
-/* Puts named tensors into one block, each padded to a cache line: initial values, gradients, and moving them
+/* Stores named tensors in one block, each padded to a cache line: initial values, gradients, and moving them
  * to another memory. */
 #include "nn/parameters.h"
 
@@ -104,7 +104,7 @@ sherf_status parameters_make_grads(context *c, parameters *p) {
 }
 
 void parameters_zero_grads(parameters *p) {
-    context quiet = {0}; /* what fails on a device fails again where its results are read */
+    context quiet = {0}; /* what fails on a device fails again when its results are read */
     if (p->grads) block_clear(&quiet, p->memory, p->grads, (size_t)p->trained_floats * sizeof(float));
 }
 

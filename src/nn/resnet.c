@@ -1,4 +1,4 @@
-/* ResNet-18 and 34 on a tape: stem and basic blocks. */
+/* ResNet-18 and ResNet-34 on a tape: stem and basic blocks. */
 #include "nn/resnet.h"
 
 #include <stdio.h>
@@ -43,7 +43,7 @@ void resnet_declare(declaration *d, const char *prefix, int depth, int64_t width
         }
 }
 
-/* The norm in the place of x, which is read no more. */
+/* The norm of x, which replaces x: x is no longer read. */
 static tensor *normed(tape *t, const batch_norm *n, tensor *x, bool relu) {
     return tape_instead(t, batch_norm_forward(t, n, x, relu), x);
 }
@@ -66,7 +66,7 @@ static tensor *block_forward(tape *t, const resnet_block *b, tensor *x) {
 tensor *resnet_stage(tape *t, const resnet *r, int stage, tensor *x) {
     for (int block = 0; block < r->blocks[stage - 1]; block++) {
         tensor *y = block_forward(t, &r->block[stage - 1][block], x);
-        if (block) tape_drop(t, x); /* the first one's is the caller's */
+        if (block) tape_drop(t, x); /* the first one belongs to the caller */
         x = y;
     }
     return x;

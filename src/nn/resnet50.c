@@ -1,5 +1,5 @@
-/* ResNet-50 as far as stage 3 on a tape: stem, bottleneck blocks, and the distance between two
- * pictures' features. */
+/* ResNet-50 up to stage 3 on a tape: stem, bottleneck blocks, and the distance between two pictures'
+ * features. */
 #include "nn/resnet50.h"
 
 const resnet50_layer resnet50_layers[RESNET50_CONVOLUTIONS] = {
@@ -85,7 +85,7 @@ static tensor *bottleneck(tape *t, const resnet50_network *n, tensor *x, bool fi
     return relu(t, n, op_add(t, y, x), layer + 2);
 }
 
-/* The picture enters as 0 to 255 minus ImageNet's mean. */
+/* The input is 0 to 255 minus ImageNet's mean. */
 static void resnet50_features(tape *t, const resnet50_network *n, tensor *picture,
                               tensor *feature[RESNET50_FEATURES]) {
     static const shift_scale_attr scaling = {.shift = {123.68f / 255, 116.779f / 255, 103.939f / 255},
@@ -93,7 +93,7 @@ static void resnet50_features(tape *t, const resnet50_network *n, tensor *pictur
     tensor *x = relu(t, n, convolution(t, n, op_shift_scale(t, picture, &scaling), 0), 0);
     int at = 1;
     feature[0] = x;
-    x = op_max_pool(t, x, 3, 2, 1); /* the zeros around it in the original are no larger than what is there */
+    x = op_max_pool(t, x, 3, 2, 1); /* the zero padding in the original is never larger than the values */
     for (int stage = 0; stage < 2; stage++) {
         for (int block = 0; block < blocks[stage]; block++) x = bottleneck(t, n, x, block == 0, &at);
         feature[stage + 1] = x;

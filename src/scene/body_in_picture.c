@@ -1,10 +1,10 @@
-/* A body before a camera: whether they belong together, which is told before anything is computed from them,
- * and how large it is. */
+/* A body in front of a camera: checks, before anything is computed, that both belong together, and measures
+ * the body's size in the picture. */
 #include <math.h>
 
 #include "scene/scene.h"
 
-/* Pixels; nothing is to be seen of who is smaller. */
+/* Pixels; a smaller person is not visible. */
 enum { SIDE_MIN = 2 };
 
 sherf_status body_in_picture(context *c, const body_model *body, const posed_body *p,

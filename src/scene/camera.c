@@ -1,4 +1,4 @@
-/* Pinhole cameras with OpenCV axes: projection, checks, orbit; which vertices face a camera. */
+/* Pinhole cameras with OpenCV axes: projection, checks, orbit; the vertices that face a camera. */
 #include <math.h>
 #include <string.h>
 
@@ -61,7 +61,7 @@ void camera_resize(sherf_camera *camera, int width_px, int height_px) {
 void sherf_camera_orbit(const float centre_m[3], float distance_m, float azimuth_rad, float elevation_rad,
                         float fov_rad, int width_px, int height_px, sherf_camera *out) {
     double ca = cos(azimuth_rad), sa = sin(azimuth_rad), ce = cos(elevation_rad), se = sin(elevation_rad);
-    /* rows: right, down, forward; the camera stands at centre - distance * forward */
+    /* rows: right, down, forward; the camera is at centre - distance * forward */
     double R[9] = {ca, 0, -sa, sa * se, -ce, ca * se, -sa * ce, -se, -ca * ce};
     double focal = 0.5 * height_px / tan(0.5 * fov_rad);
     *out = (sherf_camera){.width_px = width_px, .height_px = height_px};

@@ -1,9 +1,10 @@
-/* Marching cubes with tables that are derived, not listed. A corner or edge of the cube is solid or crossed
- * by the 8 bits of its case. On each face the crossed edges are joined in pairs such that every run of solid
- * corners is cut off by itself; the cube beyond the face joins them alike, so the surface closes. The joints
- * of a cube form loops, one vertex an edge; loops are cut into triangles by diagonals that do not lie in a
- * face, since a neighbour might have the same one. Thus every edge of the surface has exactly two triangles,
- * and the triangles round a vertex (one loop of each of the four cubes at its grid edge) form one fan. */
+/* Marching cubes with derived tables instead of listed ones. The 8 bits of a cube's case say which corners
+ * are solid and which edges are crossed. On each face the crossed edges are joined in pairs such that every
+ * run of solid corners is cut off separately; the cube on the other side of the face joins them in the same
+ * way, so the surface closes. A cube's joints form loops, with one vertex on each edge; loops are cut into
+ * triangles by diagonals that do not lie in a face, since a neighbour might have the same one. So every edge
+ * of the surface has exactly two triangles, and the triangles round a vertex (one loop in each of the four
+ * cubes at its grid edge) form one fan. */
 #include "scene/cubes.h"
 
 #include <math.h>
@@ -47,7 +48,7 @@ static int edge_between(int a, int b) {
 static void join_edges(int bits, int next[12]) {
     for (int e = 0; e < 12; e++) next[e] = -1;
     for (int f = 0; f < 6; f++)
-        for (int k = 0; k < 4; k++) { /* a run of solid corners begins behind edge k, k + 1 */
+        for (int k = 0; k < 4; k++) { /* a run of solid corners begins after edge k, k + 1 */
             const uint8_t *corner = face_corner[f];
             if (bits >> corner[k] & 1 || !(bits >> corner[(k + 1) % 4] & 1)) continue;
             int end = k + 1;
@@ -69,7 +70,7 @@ static bool on_one_face(int e, int f) {
     return false;
 }
 
-/* Triangles of the loop's part from i to j, whose chord i, j is given; false: there are none that will do. */
+/* Triangles of the loop's part from i to j, for the chord i, j; false: none is valid. */
 static bool cut_loop(const int *loop, int n, int i, int j, cube_table *t, int bits) {
     if (j - i < 2) return true;
     int count = t->count[bits];
@@ -86,7 +87,7 @@ static bool cut_loop(const int *loop, int n, int i, int j, cube_table *t, int bi
     return false;
 }
 
-/* False would be our own mistake; the tests run all cases. */
+/* False would be our own bug; the tests run all cases. */
 static bool table_make(cube_table *t) {
     bool good = true;
     memset(t, 0, sizeof *t);
@@ -139,7 +140,7 @@ static sherf_status add_vertex(context *c, march *state, const int p[3], int axi
     int q[3] = {p[0], p[1], p[2]};
     q[axis]++;
     float a = g->value[cubes_at(g, p[0], p[1], p[2])], b = g->value[cubes_at(g, q[0], q[1], q[2])];
-    float t = (state->level - a) / (b - a); /* a and b lie on both sides of the level */
+    float t = (state->level - a) / (b - a); /* a and b are on opposite sides of the level */
     t = fminf(fmaxf(t, 0.02f), 0.98f);      /* vertices of neighbouring edges stay apart */
     float *x = s->position + 3 * s->vertices;
     for (int k = 0; k < 3; k++) x[k] = g->min[k] + g->step_m * ((float)p[k] + (k == axis ? t : 0));
@@ -147,7 +148,8 @@ static sherf_status add_vertex(context *c, march *state, const int p[3], int axi
     return SHERF_OK;
 }
 
-/* Vertices on the edges that begin in layer z; those along z are kept with the layer they begin in. */
+/* Adds vertices on the edges that begin in layer z; those along z are stored with the layer where they begin.
+ */
 static sherf_status march_edges(context *c, march *state, int z) {
     const cubes_grid *g = state->g;
     sherf_status status = SHERF_OK;

@@ -23,8 +23,8 @@ typedef struct {
 } surface;
 void surface_free(surface *s);
 
-/* The surface where the grid's value is `level`, solid above it: closed (every edge has two triangles, every
- * vertex one fan), oriented, as long as the grid's outermost points are below the level. */
+/* The surface where the grid's value is `level`, solid above it. It is closed (every edge has two triangles,
+ * every vertex one fan) and oriented, provided the grid's outermost points are below the level. */
 sherf_status cubes_surface(context *c, const cubes_grid *g, float level, surface *out);
 
 #endif

@@ -9,7 +9,7 @@
 #include "base/vector3.h"
 #include "scene/scene.h"
 
-enum { BAND = 16 }; /* rows of one piece of work */
+enum { BAND = 16 }; /* rows in a unit of work */
 static const double near_m = 1e-3;
 
 typedef struct {
@@ -36,7 +36,7 @@ static void project_vertices(void *arg, int64_t begin, int64_t end, int thread) 
     }
 }
 
-/* Bounds of a triangle's part beyond the near plane along one axis (0: columns, 1: rows), as the pixels
+/* Bounds along one axis (0: columns, 1: rows) of a triangle's part beyond the near plane, as the pixels
  * [*first, *end) inside the picture. */
 static void pixel_range(const double *const q[3], int axis, int size, int *first, int *end) {
     double min = INFINITY, max = -INFINITY;
@@ -79,7 +79,7 @@ static void draw_face(const raster_job *job, int64_t f, int row0, int row1) {
     face_corners(job, f, q);
     for (int k = 0; k < 3; k++) cross3(q[(k + 1) % 3], q[(k + 2) % 3], e[k]);
     double det = q[0][0] * e[0][0] + q[0][1] * e[0][1] + q[0][2] * e[0][2];
-    if (!(fabs(det) > 0) || !isfinite(det)) return; /* seen from its edge, or not finite */
+    if (!(fabs(det) > 0) || !isfinite(det)) return; /* seen edge-on, or not finite */
     pixel_range(q, 0, r->width, &column0, &column1);
     for (int j = row0; j < row1; j++)
         for (int i = column0; i < column1; i++) {

@@ -1,5 +1,4 @@
-/* One pixel's ray and one sample of it, for the processor's loops (rays.c, points.c) and for kernels of a
- * GPU. */
+/* One pixel's ray and one sample of it, for the CPU's loops (rays.c, points.c) and for GPU kernels. */
 #ifndef SHERF_RAY_H
 #define SHERF_RAY_H
 
@@ -11,15 +10,15 @@
 extern "C" {
 #endif
 
-#define BOX_SPARE_M 0.01f /* rays_create's box is so much larger than the given one */
+#define BOX_SPARE_M 0.01f /* rays_create's box is larger than the given one by this much */
 
-/* What all rays of a picture share. */
+/* Values that all rays of a picture share. */
 typedef struct {
     float K_inverse[9], R[9], T_m[3], origin[3]; /* origin: of the rays, in the world */
 } ray_optics;
 void ray_optics_of(const sherf_camera *camera, ray_optics *out);
-/* Metres between two neighbouring pixels where the box is nearest; infinite where it is not in the picture.
- */
+/* Metres between two neighbouring pixels at the box's nearest point; infinite if the box is not in the
+ * picture. */
 float rays_pitch(const ray_bundle *r);
 
 /* Depths of the two crossings of origin + t * direction with the box's faces; false unless exactly two. */
@@ -43,13 +42,14 @@ HOST_AND_DEVICE static inline bool cross_box(const float origin[3], const float 
     if (crossings != 2) return false;
     float first = t[0] < t[1] ? t[0] : t[1], last = t[0] < t[1] ? t[1] : t[0];
     if (!(last > 0)) return false; /* the box is behind the camera */
-    *near = first > 0 ? first : 0; /* nothing behind a camera that stands in the box */
+    *near = first > 0 ? first : 0; /* nothing behind a camera inside the box */
     *far = last;
     return true;
 }
 
-/* As cross_box, also where rounding put a crossing beside its face or onto two, one pixel of some hundred
- * thousand: the interval common to the three pairs of faces has no such holes. Elsewhere the same bits. */
+/* As cross_box, but also if rounding put a crossing beside its face or on two faces, one pixel in some
+ * hundred thousand: the interval common to the three pairs of faces has no such holes. Elsewhere the result
+ * is the same to the bit. */
 HOST_AND_DEVICE static inline bool cross_slabs(const float origin[3], const float direction[3],
                                                const float min[3], const float max[3], float *near,
                                                float *far) {

@@ -1,4 +1,4 @@
-/* Rays through the pixels, and where they cross the body's box (network.md: Rays and points, 1). */
+/* Rays through the pixels, and their crossings with the body's box (network.md: Rays and points, 1). */
 #include <math.h>
 #include <string.h>
 #if defined(__x86_64__)
@@ -52,13 +52,13 @@ static void ray_job_init(ray_job *job, const sherf_camera *camera, const float m
         job->min[k] = min_world[k] - BOX_SPARE_M, job->max[k] = max_world[k] + BOX_SPARE_M;
 }
 
-/* True when the ray has its two crossings. */
+/* True if the ray has two crossings. */
 static bool make_ray(const ray_job *job, int column, int row, float direction[3], float *near, float *far) {
     ray_direction(&job->optics, column, row, direction);
     return cross_box(job->optics.origin, direction, job->min, job->max, near, far);
 }
 
-/* The rays of a row's columns from `column` on. */
+/* Makes the rays of a row's columns from `column` on. */
 static void make_some(const ray_job *job, int row, int column) {
     ray_bundle *r = job->r;
     for (; column < r->width; column++) {
@@ -120,7 +120,7 @@ AVX512 static __mmask16 cross_box_avx512(const ray_job *job, const __m512 direct
     return two & ~more & _mm512_cmp_ps_mask(*far, zero, _CMP_GT_OQ);
 }
 
-/* Whole sixteens of a row; returns the first column that is left. */
+/* Makes whole sixteens of a row; returns the first remaining column. */
 AVX512 static int make_sixteens(const ray_job *job, int row) {
     ray_bundle *r = job->r;
     int column = 0;

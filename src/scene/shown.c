@@ -1,21 +1,21 @@
-/* What a picture shows of the body before its camera, and where features of the rest are read: at the mirror
- * image, or at the next place whose pixel is the body's own (network.md, "What the picture does not show").
- * Of several pictures each vertex is read in one.
- */
+/* Finds what a picture shows of the body in front of its camera, and where the features of the rest are read:
+ * at the mirror image, or at the nearest place whose pixel is the body's own (network.md, "What the picture
+ * does not show"). With several pictures each vertex is read in one. */
 #include <math.h>
 #include <string.h>
 
 #include "scene/scene.h"
 
-/* What lies deeper than that behind the body's first surface is hidden. */
+/* Vertices this much deeper than the body's first surface are hidden. */
 static const float behind_m = 0.02f;
-/* A limb this much before a vertex covers it. */
+/* A limb this much in front of a vertex covers it. */
 static const float before_m = 0.03f;
-/* Features are not read this close beside a limb either: bodies are wider in their clothes, and estimated
- * ones are not quite where the person is. */
+/* Features are also not read this close to a limb's edge: clothed bodies are wider, and estimated ones are
+ * slightly off. */
 static const float margin_m = 0.015f;
 enum { BESIDE_PX_MAX = 16, APART_MIN = 2 };
-/* Fewer vertices than this that hang together are not read at their mirror image: the open body has 13380. */
+/* Smaller connected groups of vertices are not read at their mirror image: the open body has 13380 vertices.
+ */
 enum { ISLAND_MIN = 64 };
 
 typedef struct {
@@ -24,7 +24,7 @@ typedef struct {
     const float *image; /* black outside the person; or NULL */
     float beside_m;
     raster *drawn;
-    uint8_t apart[BODY_JOINTS][BODY_JOINTS]; /* how many bones lie between two joints */
+    uint8_t apart[BODY_JOINTS][BODY_JOINTS]; /* number of bones between two joints */
     uint8_t *joint;                          /* V: the heaviest */
     float *uv, *depth;                       /* V x 2, V */
     int32_t *faces;                          /* V: it faces the camera */
@@ -65,7 +65,7 @@ static bool pixel_of(const shown_job *j, int64_t v, int *x, int *y) {
     return *x < j->drawn->width && *y < j->drawn->height;
 }
 
-/* Whether another limb lies before the vertex, or next to it in the picture. */
+/* Whether another limb is in front of the vertex, or next to it in the picture. */
 static bool is_covered(const shown_job *j, int64_t v, int x, int y) {
     const raster *r = j->drawn;
     const float px = j->beside_m * j->camera->K[0] / j->depth[v];
@@ -127,7 +127,7 @@ sherf_status body_shown(context *c, const body_model *body, const float *vertice
 
 /* ---- which picture shows a vertex best ---- */
 enum { PICTURES_MAX = 127, EVEN_ROUNDS = 4 };
-/* The picture in which most neighbours are read is taken where it shows the vertex at least this well. */
+/* The picture in which most neighbours are read wins if it shows the vertex at least this well. */
 static const float nearly_as_well = 0.5f;
 
 typedef struct {
@@ -135,9 +135,9 @@ typedef struct {
     int count;
     const body_picture *picture;
     uint8_t *shown; /* count x V, then V: in the picture that is read */
-    float *well;  /* count x V: pixels a metre of the vertex's surface, as the picture has it foreshortened */
-    int8_t *in;   /* V: the picture that v is read in */
-    int8_t *room; /* V */
+    float *well;    /* count x V: foreshortened pixels a metre of the vertex's surface */
+    int8_t *in;     /* V: the picture that v is read in */
+    int8_t *room;   /* V */
 } choice;
 
 /* Pixels a metre, and the cosine of the angle to the ray. */
@@ -173,7 +173,7 @@ static bool is_better(const choice *j, size_t v, int a, int b) {
     return j->well[of_a] > j->well[of_b];
 }
 
-/* The picture in which most of the vertices round v are read; -1: none is ahead of its own. */
+/* The picture in which most vertices around v are read; -1: none beats v's own. */
 static int majority(const choice *j, size_t v) {
     int votes[PICTURES_MAX] = {0}, best = -1;
     for (int32_t i = j->body->neighbour_first[v]; i < j->body->neighbour_first[v + 1]; i++) {
@@ -183,7 +183,7 @@ static int majority(const choice *j, size_t v) {
     return best >= 0 && votes[best] > votes[j->in[v]] ? best : -1;
 }
 
-/* Borders between pictures become short: each is another light, and another error of the body. */
+/* Shortens the borders between pictures: each picture has its own light, and its own error of the body. */
 static void even_out(choice *j) {
     const size_t V = (size_t)j->body->vertices;
     for (int round = 0; round < EVEN_ROUNDS; round++) {
@@ -233,10 +233,10 @@ typedef struct {
     posed_body *p;
     const uint8_t *shown; /* V */
     const int8_t *in;     /* V: the picture */
-    int32_t *read;        /* V: the vertex beside which v is read, or ~ of it: mirrored */
+    int32_t *read;        /* V: the vertex at which v is read, or ~ of it: mirrored */
 } read_job;
 
-/* Mirrored vertices that hang together with v: their number; into list. met: all of them. */
+/* Number of mirrored vertices connected with v, which go into list. met: marks all of them. */
 static int32_t island_of(const read_job *j, int32_t v, uint8_t *met, int32_t *list) {
     int32_t count = 0;
     list[count++] = v;
@@ -251,8 +251,8 @@ static int32_t island_of(const read_job *j, int32_t v, uint8_t *met, int32_t *li
     return count;
 }
 
-/* A few unseen vertices among seen ones, as beside a nose, would be facets of the other side: they are read
- * as those that have no other side. list: room for all vertices. */
+/* A few unseen vertices among seen ones, as next to a nose, would become facets of the other side: they are
+ * read like vertices without another side. list: room for all vertices. */
 static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
     uint8_t *met = mem_zero(c, (size_t)j->body->vertices, 1);
     for (int32_t v = 0; met && v < j->body->vertices; v++) {
@@ -266,7 +266,7 @@ static sherf_status drop_islands(context *c, read_job *j, int32_t *list) {
 }
 
 /* Where each vertex is read: seen ones at themselves; others at their mirror image if that is seen, or
- * straight through the body if their pixel is its own; the rest where the nearest of all these is. */
+ * straight through the body if their pixel is its own; the rest at the nearest of all these. */
 static sherf_status find_places(context *c, read_job *j, bool mirror) {
     const body_model *body = j->body;
     const uint8_t *shown = j->shown;
@@ -290,7 +290,7 @@ static sherf_status find_places(context *c, read_job *j, bool mirror) {
     for (int32_t v = 0; status == SHERF_OK && settled && v < body->vertices; v++) {
         if (j->read[v] < 0 || shown[v] < SHOWN_COVERED) continue;
         const int32_t near = vertex_grid_nearest(grid, body->canonical->vertices_smpl + 3 * (size_t)v, NULL);
-        if (near >= 0) j->read[v] = index[near]; /* whose own place may be a mirrored one */
+        if (near >= 0) j->read[v] = index[near]; /* whose place may itself be mirrored */
     }
     vertex_grid_free(grid);
     mem_free(index);
@@ -315,7 +315,7 @@ static void map_shift(float map[12], const float from[3], const float to[3]) {
     }
 }
 
-/* The map of x by `map`, and then by `on`. */
+/* The map of x by `map`, then by `on`. */
 static void map_follow(float map[12], const float on[12]) {
     double out[12];
     for (int r = 0; r < 3; r++)

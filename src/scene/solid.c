@@ -1,4 +1,4 @@
-/* Walls and a flood on a grid of cells, and places drawn on triangles by area. */
+/* Walls and a flood fill on a grid of cells, and points drawn on triangles by area. */
 #include "scene/solid.h"
 
 #include <math.h>
@@ -56,7 +56,8 @@ static sherf_status lay_out(context *c, int meshes, const solid_mesh *mesh, floa
 }
 
 /* ---- walls ---- */
-/* Whether the axis parts triangle and cube: a triangle round the cube's middle, of half the side `half`. */
+/* Whether the axis separates a triangle and a cube: v is relative to the cube's middle, `half` is half its
+ * side. */
 static bool axis_parts(const double axis[3], const double v[3][3], double half) {
     double low = INFINITY, high = -INFINITY, reach = 0;
     for (int k = 0; k < 3; k++) {
@@ -68,8 +69,8 @@ static bool axis_parts(const double axis[3], const double v[3][3], double half) 
     return low > reach || high < -reach;
 }
 
-/* The separating axes of a triangle and a cube: its normal and its edges across the cube's. The cube's own
- * are the cells that are looked at. */
+/* The separating axes of a triangle and a cube: the triangle's normal and its edges crossed with the cube's.
+ * The cube's own axes are covered by the choice of cells. */
 static bool touches(const double corner[3][3], const double middle[3], double half) {
     double v[3][3], edge[2][3], normal[3];
     for (int i = 0; i < 3; i++)
@@ -113,7 +114,7 @@ static void wall_add(solid_grid *g, const solid_mesh *mesh, int64_t triangle) {
 }
 
 /* ---- the flood ---- */
-/* Over faces of cells, from the first one, with a list of those that are still to be left. */
+/* Floods across faces of cells from the first one, with a list of cells still to visit. */
 static sherf_status flood(context *c, solid_grid *g) {
     size_t count = 1, room = 1 << 16;
     const size_t all = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
@@ -148,7 +149,7 @@ static sherf_status flood(context *c, solid_grid *g) {
 /* ---- gaps ---- */
 enum { SEALED = SOLID_INSIDE + 1, MARKED };
 
-/* One layer: cells of the kind `of` that have a face in common with one of the kind `by` become `into`. */
+/* One layer: cells of kind `of` that share a face with a cell of kind `by` become `into`. */
 static void layer(solid_grid *g, int by, int of, int into) {
     const size_t step[3] = {1, (size_t)g->size[0], (size_t)g->size[0] * (size_t)g->size[1]};
     const size_t all = step[2] * (size_t)g->size[2];
@@ -163,7 +164,7 @@ static void layer(solid_grid *g, int by, int of, int into) {
         if (g->cell[i] == MARKED) g->cell[i] = (uint8_t)into;
 }
 
-/* Walls are `seal` cells thicker for the flood, which afterwards takes these cells back from where it is. */
+/* For the flood, walls are `seal` cells thicker; afterwards it reclaims those cells that it borders on. */
 static sherf_status flood_sealed(context *c, solid_grid *g, int seal) {
     const size_t all = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     for (int i = 0; i < seal; i++) layer(g, i ? SEALED : SOLID_WALL, SOLID_INSIDE, SEALED);
@@ -203,7 +204,7 @@ int solid_at(const solid_grid *g, const float place[3]) {
     return cell_of(g, place, cell) ? g->cell[cell_at(g, cell[0], cell[1], cell[2])] : SOLID_OUTSIDE;
 }
 
-/* How many of the cells round this one are so. */
+/* The number of neighbouring cells of this kind. */
 static int neighbours(const solid_grid *g, const int cell[3], int kind) {
     int n = 0;
     for (int i = 0; i < 27; i++) {
@@ -235,7 +236,7 @@ static double triangle_cross(const solid_mesh *mesh, int64_t t, double out[3]) {
     return sqrt(dot3(out, out));
 }
 
-/* The triangle, counted through all meshes, in which this share of the area falls. */
+/* The triangle, counted through all meshes, at this share of the area. */
 static int64_t find(const double *before, int64_t n, double at) {
     int64_t low = 0, high = n - 1;
     while (low < high) {

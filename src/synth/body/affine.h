@@ -15,7 +15,7 @@ static inline void turn3(const double axis[3], double angle_rad, double R[9]) {
     for (int i = 0; i < 9; i++) R[i] = (i % 4 == 0) + s * K[i] + t * K2[i];
 }
 
-/* The least turn that brings `from` to `to` (any lengths; opposite ones turn about some axis). */
+/* The smallest rotation from `from` to `to` (any lengths; opposite vectors turn about some axis). */
 static inline void turn_to3(const double from[3], const double to[3], double R[9]) {
     double axis[3], some[3] = {0, 0, 1};
     cross3(from, to, axis);

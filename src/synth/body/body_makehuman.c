@@ -18,7 +18,7 @@ void open_body_adult(uint64_t key, makehuman_macro *out) {
     double old = random_uniform(k, 101);
     *out = (makehuman_macro){
         .sex = sex > 0 ? fmax(0, 1 - off) : fmin(1, off),
-        .age_years = 18 + 62 * old * (0.5 + 0.5 * old), /* more young than old */
+        .age_years = 18 + 62 * old * (0.5 + 0.5 * old), /* more young than old people */
         .weight = around(k, 2, 0.55, 0.22, 0, 1),
         .muscle = around(k, 3, 0.5, 0.18, 0, 1),
         .height = fmin(0.7, fmax(0.2, 0.5 + stature_m / (stature_m > 0 ? 1.44 : 0.73))),

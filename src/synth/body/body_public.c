@@ -1,4 +1,4 @@
-/* sherf_synth_body: the package to a body file. */
+/* sherf_synth_body: makes a body file from the package. */
 #include <math.h>
 
 #include "data/text.h"

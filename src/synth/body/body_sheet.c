@@ -1,4 +1,4 @@
-/* body_sheet: the open body drawn in a few poses and shapes, to be looked at. */
+/* body_sheet: draws the open body in a few poses and shapes, to check by eye. */
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +13,7 @@ typedef struct {
     float pose[72];
 } sheet_pose;
 
-/* pose[joint] = turn about axis (x, y, z) after what is there. */
+/* pose[joint] = rotation about axis (x, y, z) after its present one. */
 static void turn(sheet_pose *p, int joint, double x, double y, double z) {
     double before[3] = {(double)p->pose[3 * joint], (double)p->pose[3 * joint + 1],
                         (double)p->pose[3 * joint + 2]};

@@ -1,4 +1,4 @@
-/* components: by the rows' N x N products, of which only the first few eigenvectors are wanted: orthogonal
+/* components: uses the rows' N x N products and computes only their first few eigenvectors: orthogonal
  * iteration, then Jacobi's rotations inside the space found. All sums run in a fixed order. */
 #include "synth/body/components.h"
 
@@ -22,7 +22,7 @@ static double product(int64_t d, const float *a, const float *b) {
     return ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7]));
 }
 
-/* Row pairs (r, n - 1 - r), so that the shares are equal. */
+/* Row pairs (r, n - 1 - r), which have equal work. */
 static void gram_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const gram_job *job = arg;
     for (int64_t half = begin; half < end; half++)
@@ -136,7 +136,7 @@ sherf_status components_find(context *c, int64_t n, int64_t d, const float *rows
         memcpy(v, next, (size_t)(size * n) * sizeof *v);
         orthonormal(size, n, v);
     }
-    double *vector = next; /* scratch and result do not meet: ritz needs both */
+    double *vector = next; /* scratch and result differ: ritz needs both */
     double *scratch = mem_alloc(c, (size_t)size * (size_t)n, sizeof *scratch);
     if (!scratch) goto done;
     ritz(&job, size, v, scratch, count, vector, value);

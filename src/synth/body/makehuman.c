@@ -54,7 +54,7 @@ static void level_weights(const makehuman_macro *macro, double w[LEVELS]) {
     double sex = within(macro->sex, 0, 1, 0.5);
     w[LEVEL_FEMALE] = 1 - sex;
     w[LEVEL_MALE] = sex;
-    /* hats over the years that the targets were made for */
+    /* hat functions over the years that targets were made for */
     static const double years[] = {1, 10, 25, 90};
     double age = within(macro->age_years, 1, 90, 25);
     for (int i = 0; i < 4; i++) {
@@ -75,7 +75,8 @@ static void level_weights(const makehuman_macro *macro, double w[LEVELS]) {
     for (int i = 0; i < 3; i++) w[LEVEL_AFRICAN + i] = sum > 0 ? part[i] / sum : 1. / 3;
 }
 
-/* Parameters out of range are clamped; ones that are not finite count as average. weight: one per target. */
+/* Parameters out of range are clamped; ones that are not finite count as average. weight: one for each
+ * target. */
 static void makehuman_weights(const makehuman *human, const makehuman_macro *macro, double *weight) {
     double level[LEVELS];
     level_weights(macro, level);

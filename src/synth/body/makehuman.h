@@ -29,7 +29,7 @@ typedef struct {
     int head, tail; /* points, see below */
 } makehuman_bone;
 
-/* Where bones begin and end: the mean of some vertices, so that the rig follows the shape. */
+/* The ends of bones: the mean of some vertices, so that the rig follows the shape. */
 typedef struct {
     int first, count; /* point_vertex[first .. first + count) */
 } makehuman_point;
@@ -45,7 +45,7 @@ typedef struct {
 
 typedef struct {
     int vertices, body_vertices, uvs, quads, triangles, parts, bones, points, targets;
-    float *vertex;     /* V x 3, metres: the base mesh, which is nobody's body yet */
+    float *vertex;     /* V x 3, metres: the base mesh, which is not yet a person */
     float *uv;         /* uvs x 2, v upwards (row (1 - v) H of a texture) */
     uint32_t *quad;    /* Q x 4 vertices, counter-clockwise seen from outside; a triangle repeats its last */
     uint32_t *quad_uv; /* Q x 4 */
@@ -72,7 +72,7 @@ static const double makehuman_offset_m = 1e-4;
 sherf_status makehuman_open(context *c, const char *folder, makehuman **out);
 void makehuman_close(makehuman *human); /* NULL is fine */
 
-/* -1: no such one. Names as in the structs. */
+/* -1: unknown. Names as in the structs. */
 int makehuman_target_find(const makehuman *human, const char *name);
 int makehuman_bone_find(const makehuman *human, const char *name);
 int makehuman_part_find(const makehuman *human, const char *name);
@@ -93,8 +93,8 @@ typedef struct {
 } makehuman_macro;
 extern const makehuman_macro makehuman_average; /* sex 0.5, 25 years, all 0.5, equal parts */
 
-/* A target by its index, and how much of it, usually 0 to 1. It is added to the effect of the macro
- * parameters. */
+/* A target by its index, and its amount, usually 0 to 1. It is added to the effect of the macro parameters.
+ */
 typedef struct {
     int target;
     double weight;

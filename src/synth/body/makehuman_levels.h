@@ -1,4 +1,4 @@
-/* The levels of macro variables as they stand in targets' names, in the order of level_names. */
+/* The levels of macro variables, as in targets' names, in the order of level_names. */
 #ifndef SHERF_MAKEHUMAN_LEVELS_H
 #define SHERF_MAKEHUMAN_LEVELS_H
 

@@ -1,4 +1,5 @@
-/* makehuman_read: the package's files to a makehuman. Every index is checked against what it points into. */
+/* makehuman_read: reads the package's files into a makehuman. Every index is checked against the array that
+ * it points into. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +31,7 @@ typedef struct {
     context *c;
     makehuman *human;
     const char *folder;
-    char path[PATH_LENGTH]; /* of the file at hand */
+    char path[PATH_LENGTH]; /* of the current file */
 } reading;
 
 static sherf_status PRINTF_LIKE(2, 3) bad(reading *r, const char *format, ...) {
@@ -48,7 +49,7 @@ static sherf_status find_file(reading *r, const char *name) {
     return failure(r->c, SHERF_BAD_ARGUMENT, "%.200s: path too long", r->folder);
 }
 
-/* FNV-1a over eight bytes at a time (144 MB go by). */
+/* FNV-1a over eight bytes at a time (over 144 MB). */
 static void fingerprint(makehuman *human, const unsigned char *data, size_t bytes) {
     uint64_t h = human->fingerprint ? human->fingerprint : 0xcbf29ce484222325u;
     for (size_t i = 0; i < bytes; i += 8) {
@@ -117,7 +118,7 @@ typedef struct {
     int32_t vertex[4], uv[4], part;
 } mesh_face;
 
-/* One face from entry *at of the flat list; moves *at behind it. */
+/* Reads one face from entry *at of the flat list; moves *at past it. */
 static sherf_status read_face(reading *r, const value *list, size_t *at, mesh_face *out) {
     const makehuman *human = r->human;
     size_t count = value_count(list);
@@ -255,7 +256,7 @@ static sherf_status read_mesh(reading *r, const value *root) {
 
 /* ---- the rig ---- */
 
-/* Names one after the other, sorted, with what they stand for: thousands at most. */
+/* Sorted names with their values, one after the other: thousands at most. */
 typedef struct {
     const char *name;
     int index;
@@ -265,7 +266,7 @@ static int by_name(const void *a, const void *b) {
     return strcmp(((const entry *)a)->name, ((const entry *)b)->name);
 }
 
-/* The name's place in the sorted list. */
+/* The name's index in the sorted list. */
 static int lookup(const entry *list, int count, const char *name) {
     entry key = {name, 0};
     const entry *found = bsearch(&key, list, (size_t)count, sizeof *list, by_name);
@@ -340,13 +341,13 @@ static sherf_status read_bone(reading *r, const value *bone, const char *name, c
     return out->name ? SHERF_OK : SHERF_NO_MEMORY;
 }
 
-/* Parents before children, brothers by name. A bone whose parents form a ring is never reached. */
+/* Parents before children, siblings by name. Bones whose parents form a ring are never reached. */
 static sherf_status read_bones(reading *r, const value *dict, const entry *key, const entry *point) {
     makehuman *human = r->human;
     int count = (int)value_count(dict);
-    int *parent = mem_alloc(r->c, (size_t)count, sizeof *parent); /* by place in key */
+    int *parent = mem_alloc(r->c, (size_t)count, sizeof *parent); /* by index in key */
     int *place =
-        mem_alloc(r->c, (size_t)count, sizeof *place); /* bone's index by place in key, -1: not yet */
+        mem_alloc(r->c, (size_t)count, sizeof *place); /* bone's index by index in key; -1: not yet */
     human->bone = mem_zero(r->c, (size_t)count, sizeof *human->bone);
     sherf_status status = parent && place && human->bone ? SHERF_OK : SHERF_NO_MEMORY;
     int roots = 0;
@@ -394,7 +395,8 @@ static sherf_status read_rig(reading *r) {
     return status;
 }
 
-/* The mesh's weights name their bones by the mesh file's own list, where each has a node for either end. */
+/* The mesh's weights name their bones by the mesh file's own list, which has a node for each end of a bone.
+ */
 static sherf_status read_bone_map(reading *r, const value *list, int32_t *map) {
     for (size_t i = 0; i < value_count(list); i++) {
         char name[NAME_LENGTH_MAX + 1];
@@ -462,7 +464,7 @@ static sherf_status find_factors(reading *r, makehuman_target *t) {
     return t->factors ? SHERF_OK : bad(r, "%.100s: a macro target without a level", t->name);
 }
 
-/* The package's list is in no order; its binary file is in the order of the sorted paths. */
+/* The package's list is unordered; its binary file is in the order of the sorted paths. */
 static sherf_status read_target_names(reading *r) {
     document *d = NULL;
     entry *key = NULL;
@@ -509,7 +511,7 @@ static sherf_status read_offsets(reading *r) {
                    row * (size_t)human->targets, human->targets, human->vertices);
     }
     fingerprint(human, data, bytes);
-    human->offset = (int16_t *)data; /* mem_alloc aligns; little endian, as all machines we run on */
+    human->offset = (int16_t *)data; /* mem_alloc aligns; little endian, as on all supported machines */
     for (int t = 0; t < human->targets; t++) {
         const int16_t *offset = human->offset + (size_t)t * human->vertices * 3;
         int first = human->vertices, end = 0;

@@ -1,4 +1,4 @@
-/* open_body: samples of a source to a body model. */
+/* open_body: makes a body model from a source's samples. */
 #include "synth/body/open_body.h"
 
 #include <math.h>
@@ -14,9 +14,9 @@ enum { SAMPLES_MIN = 64, SAMPLES_MAX = 4096, BATCH = 64, RING = 32 };
 typedef struct {
     context *c;
     const body_source *source;
-    int n, first;         /* samples; the first of the batch at hand */
+    int n, first;         /* samples; the first of the current batch */
     size_t width;         /* 3 V */
-    float *mesh;          /* N x V x 3; less the mean once that is taken */
+    float *mesh;          /* N x V x 3; minus the mean once that is known */
     double *joint;        /* N x 24 x 3 */
     double *parameter;    /* N x SOURCE_PARAMETERS_MAX */
     double *mean;         /* V x 3 */
@@ -57,7 +57,7 @@ static void take_mean(building *b) {
     memset(b->mean, 0, b->width * sizeof *b->mean);
     for (int i = 0; i < b->n; i++)
         for (size_t k = 0; k < b->width; k++) b->mean[k] += (double)b->mesh[(size_t)i * b->width + k] / b->n;
-    /* the template is float32: what is left over belongs to the deviations */
+    /* the template is float32: the remainder goes into the deviations */
     for (size_t k = 0; k < b->width; k++) b->mean[k] = (double)(float)b->mean[k];
     for (int i = 0; i < b->n; i++)
         for (size_t k = 0; k < b->width; k++)
@@ -106,7 +106,7 @@ static const double *moved(const building *b, int k, double factor) {
     return b->scratch;
 }
 
-/* A component's sign: where its largest stretch along y, or else outwards, is positive. */
+/* Chooses a component's sign: where its largest stretch along y, or else outward, is positive. */
 static void choose_signs(building *b) {
     for (int k = 0; k < BODY_SHAPES; k++) {
         double taller = stature(b->width, moved(b, k, 1)) - stature(b->width, moved(b, k, -1));
@@ -161,11 +161,11 @@ static double distance2(const double a[3], const double b[3]) {
     return dot3(d, d);
 }
 
-/* RING vertices around a joint: spread over those not much farther than the nearest ones, each next one as
- * far as can be from those taken. */
+/* Chooses RING vertices around a joint, spread over those not much farther than the nearest ones: each next
+ * one is as far as possible from the chosen ones. */
 static void choose_ring(const building *b, const double joint[3], int ring[RING]) {
     int V = b->source->vertices;
-    double *gap = b->scratch, nearest = INFINITY; /* distance to those taken; negative: not in the pool */
+    double *gap = b->scratch, nearest = INFINITY; /* distance to the chosen ones; negative: not in the pool */
     for (int v = 0; v < V; v++) {
         double d = distance2(b->mean + 3 * (size_t)v, joint);
         if (d < nearest) nearest = d;
@@ -178,7 +178,7 @@ static void choose_ring(const building *b, const double joint[3], int ring[RING]
     }
     for (int v = 0; v < V; v++) {
         double d = distance2(b->mean + 3 * (size_t)v, joint);
-        gap[v] = d < reach * reach ? 1e3 - d : -1; /* the first taken is the nearest */
+        gap[v] = d < reach * reach ? 1e3 - d : -1; /* the nearest one is chosen first */
     }
     for (int i = 0; i < RING; i++) {
         int best = 0;
@@ -193,8 +193,8 @@ static void choose_ring(const building *b, const double joint[3], int ring[RING]
     }
 }
 
-/* Weights of the ring's vertices that sum to 1 and give the samples' joints best, held near equal parts:
- * minimise |M w - j|^2 + ridge |w - 1/RING|^2. */
+/* Weights of the ring's vertices that sum to 1 and fit the samples' joints best, regularised to equal
+ * weights: minimise |M w - j|^2 + ridge |w - 1/RING|^2. */
 static sherf_status fit_joint(building *b, int j, const int ring[RING], double *row) {
     double A[RING * RING] = {0}, B[RING * RING], x[RING] = {0}, y[RING], trace = 0, sum_x = 0, sum_y = 0;
     for (int s = 0; s < b->n; s++)

@@ -1,4 +1,4 @@
-/* tpose: MakeHuman's rig into SMPL's rest pose. */
+/* tpose: poses MakeHuman's rig in SMPL's rest pose. */
 #include "synth/body/tpose.h"
 
 #include <math.h>
@@ -6,7 +6,7 @@
 
 #include "synth/body/affine.h"
 
-/* SMPL's neutral template has its pelvis here. */
+/* The pelvis of SMPL's neutral template. */
 const double tpose_pelvis_m[3] = {0, -0.223, 0.028};
 const int tpose_parent[BODY_JOINTS] = {-1, 0, 0, 0,  1,  2,  3,  4,  5,  6,  7,  8,
                                        9,  9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21};
@@ -34,8 +34,8 @@ enum {
     HAND = 22
 };
 
-/* Bones that begin a joint's part of the body; all below them belong to it as well until the next begins.
- * Names of the left side; the right one's joint is the next. */
+/* Bones that begin a joint's part of the body; all bones below belong to it until the next such bone. Names
+ * of the left side; the right joint is the next one. */
 static const struct {
     const char *bone;
     int joint;
@@ -49,8 +49,8 @@ static const struct {
 };
 
 /* Joints as weighted means of bones' heads in T-pose. SMPL has its pelvis 9 cm above the hips and its collars
- * between neck and shoulder, where MakeHuman has no bone's end; elsewhere the pivots are the ones that the
- * rig's weights were painted for. */
+ * between neck and shoulder, where MakeHuman's bones do not end; the others are the pivots that the rig's
+ * weights were painted for. */
 static const struct {
     int joint;
     const char *bone;
@@ -67,7 +67,7 @@ static const struct {
     {FOOT, "toe5-1.L", 0.2},
 };
 
-/* The bones that turn by themselves in the way to the T-pose; the others follow their parents. */
+/* The bones that turn themselves on the way to the T-pose; the others follow their parents. */
 enum limb {
     CLAVICLE,
     SHOULDER01,
@@ -153,7 +153,7 @@ void tpose_rig_free(tpose_rig *rig) {
 typedef struct {
     const makehuman *human;
     const double *point; /* the rig's points in A-pose */
-    double (*turn)[9];   /* by bone: own global rotation, only where `own` */
+    double (*turn)[9];   /* by bone: own global rotation, only if `own` */
     bool *own;
 } turning;
 
@@ -161,7 +161,8 @@ static const double *head_of(const turning *t, int bone) {
     return t->point + 3 * (size_t)t->human->bone[bone].head;
 }
 
-/* Turns from bone a's head to bone b's head by `before`, and then on to `to`; the whole goes to `bone`. */
+/* Turns the direction from bone a's head to bone b's head by `before`, and then to `to`; assigns the total to
+ * `bone`. */
 static void aim(turning *t, const double before[9], int a, int b, const double to[3], int bone) {
     double d[3], R[9];
     for (int k = 0; k < 3; k++) d[k] = head_of(t, b)[k] - head_of(t, a)[k];
@@ -176,7 +177,7 @@ static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 static void turn_arm(turning *t, const int limb[LIMBS], double side) {
     static const double z[3] = {0, 0, 1};
     const double out[3] = {side, 0, 0};
-    /* the shoulder girdle's share of raising the arm by some 45 degrees */
+    /* the shoulder girdle's share in raising the arm by about 45 degrees */
     const double girdle_rad[2] = {0.133, 0.316};
     for (int i = 0; i < 2; i++) {
         turn3(z, side * girdle_rad[i], t->turn[limb[CLAVICLE + i]]);
@@ -185,7 +186,8 @@ static void turn_arm(turning *t, const int limb[LIMBS], double side) {
     aim(t, identity, limb[UPPERARM], limb[LOWERARM1], out, limb[UPPERARM]);
     aim(t, t->turn[limb[UPPERARM]], limb[LOWERARM1], limb[PALM], out, limb[LOWERARM1]);
     aim(t, t->turn[limb[LOWERARM1]], limb[PALM], limb[MIDDLE], out, limb[PALM]);
-    /* Palm down: the knuckles from little finger to index point forward. The forearm takes its share. */
+    /* Palm down: the knuckles from little finger to index finger point forward. The forearm takes its share.
+     */
     double across[3], R[9];
     for (int k = 0; k < 3; k++) across[k] = head_of(t, limb[INDEX])[k] - head_of(t, limb[LITTLE])[k];
     rotate3(t->turn[limb[PALM]], across, across);
@@ -210,7 +212,7 @@ static void turn_leg(turning *t, const int limb[LIMBS], double side) {
     t->own[limb[SOLE]] = true;
 }
 
-/* Chains the turns: bone (bones x 12), A-pose to T-pose before the pelvis is placed. */
+/* Chains the rotations: bone (bones x 12), A-pose to T-pose before the pelvis is placed. */
 static void chain(const turning *t, double *bone) {
     for (int b = 0; b < t->human->bones; b++) {
         int parent = t->human->bone[b].parent;
@@ -288,14 +290,14 @@ done:
 
 /* ---- weights ---- */
 
-/* One round: each vertex goes half of the way to the mean of those it shares an edge with. */
+/* One round: each vertex moves half-way to the mean of its neighbours. */
 static void smooth(const makehuman *human, const int *neighbours, const float *in, float *out) {
     memset(out, 0, (size_t)human->vertices * BODY_JOINTS * sizeof *out);
     for (size_t q = 0; q < (size_t)human->quads; q++)
         for (int i = 0; i < 4; i++) {
             size_t a = human->quad[4 * q + i], b = human->quad[4 * q + (i + 1) % 4];
             if (a == b) continue;
-            /* an edge between two quads is met twice, once in each direction */
+            /* an edge between two quads occurs twice, once in each direction */
             for (size_t j = 0; j < BODY_JOINTS; j++) {
                 out[a * BODY_JOINTS + j] += in[b * BODY_JOINTS + j];
                 out[b * BODY_JOINTS + j] += in[a * BODY_JOINTS + j];
@@ -308,7 +310,7 @@ static void smooth(const makehuman *human, const int *neighbours, const float *i
         }
 }
 
-/* Keeps the largest `max`, which then sum to 1. */
+/* Keeps the largest `max` weights, which then sum to 1. */
 static void tidy(float *w, int max) {
     for (int cut = 0; cut < BODY_JOINTS - max; cut++) {
         int min = -1;

@@ -1,8 +1,8 @@
 /* tpose: poses a shaped MakeHuman mesh (A-pose) as SMPL's rest pose, with SMPL's 24 joints. Arms lie along +x
  * and -x, palms down, thumbs forward. Legs are as SMPL's (thighs 5 degrees out, shins 2 in and 6 back), soles
- * are flat, trunk and head stay as they are. The mesh is moved by its own rig with four weights, and its
- * helpers (which clothes, hair and eyes are bound to) move with the body. The pelvis comes to tpose_pelvis_m,
- * where SMPL's is, so SMPL poses with their translations drive it unchanged. */
+ * are flat, trunk and head stay as they are. The mesh's own rig moves it with four weights, and its helpers
+ * (to which clothes, hair and eyes are bound) move with the body. The pelvis moves to tpose_pelvis_m, SMPL's
+ * place, so SMPL poses with their translations drive it unchanged. */
 #ifndef SHERF_TPOSE_H
 #define SHERF_TPOSE_H
 
@@ -13,7 +13,7 @@ extern const double tpose_pelvis_m[3];
 extern const int tpose_parent[BODY_JOINTS]; /* SMPL's tree */
 extern const char *const tpose_joint_names[BODY_JOINTS];
 
-/* What depends on the rig alone. Read-only after creation; may be shared by threads. */
+/* Data that depend only on the rig. Read-only after creation; threads may share it. */
 typedef struct tpose_rig tpose_rig;
 sherf_status tpose_rig_create(context *c, const makehuman *human, tpose_rig **out);
 void tpose_rig_free(tpose_rig *rig);

@@ -1,4 +1,4 @@
-/* From a drawn person to meshes: shape, fit, T-pose, hide what is covered, dye. */
+/* From a person's parameters to meshes: shapes, fits, poses in T-pose, hides covered parts, dyes. */
 #include "synth/people/dress.h"
 
 #include <math.h>
@@ -66,7 +66,7 @@ sherf_status tint_texture(context *c, const image_u8 *in, const float color[3], 
         const uint8_t *p = in->data + 4 * i;
         float luminance = (float)(p[0] * 299 + p[1] * 587 + p[2] * 114) / 1000;
         float factor = 1 + detail * (luminance - (float)middle) / fmaxf((float)middle, 40);
-        if (p[3] < 16) factor = 1; /* what filters mix in at the rims */
+        if (p[3] < 16) factor = 1; /* mixed in by filters at the edges */
         factor = fminf(fmaxf(factor, 0.3f), 2.2f);
         for (int k = 0; k < 3; k++) rgba[4 * i + (size_t)k] = float_to_u8(color[k] * factor);
         rgba[4 * i + 3] = p[3];
@@ -96,13 +96,14 @@ static sherf_status dye_garment(context *c, const person *p, int layer, const wo
     return status;
 }
 
-/* What hides what pokes through it by mistake. `number`: of a garment, from the skin outwards. */
+/* The layer that hides skin or cloth poking through by mistake. `number`: of a garment, from the skin
+ * outward. */
 static int layer_of(const wear_item *item, int number) {
     switch (item->kind) {
     case WEAR_EYES:
     case WEAR_LASHES:
     case WEAR_GLASSES:
-        return 0; /* as the skin: lids are over eyes */
+        return 0; /* as the skin: lids are in front of eyes */
     case WEAR_BROWS:
     case WEAR_HAIR:
         return OUTFIT_ITEMS + 2;
@@ -127,7 +128,7 @@ static trace_material material_of(const wear_item *item, int number, const trace
         material.alpha = TRACE_CUTOUT, material.cutoff = 0.3f, material.coat = true;
     } else if (kind == WEAR_HAIR || kind == WEAR_BROWS || kind == WEAR_LASHES) {
         material.alpha = TRACE_BLENDED;
-        material.specular = 0.008f, material.roughness = 0.6f; /* more of it draws the cards' edges */
+        material.specular = 0.008f, material.roughness = 0.6f; /* more of it makes the cards' edges visible */
         material.near_m = 0.005f;
         for (int k = 0; k < 3; k++) material.wrap[k] = 0.3f;
     } else if (kind == WEAR_GLASSES) {
@@ -136,7 +137,7 @@ static trace_material material_of(const wear_item *item, int number, const trace
     } else if (kind == WEAR_SHOES) {
         material.specular = 0.03f, material.roughness = 0.4f;
         material.alpha = TRACE_CUTOUT, material.cutoff = 0.5f;
-    } else { /* lace is half transparent: cut at a half it has specks without anything behind them */
+    } else { /* lace is half transparent: cut at one half it has specks with nothing behind them */
         material.alpha = TRACE_CUTOUT, material.cutoff = 0.3f;
     }
     return material;
@@ -151,11 +152,11 @@ typedef struct {
     dressed *d;
     float *shaped;   /* base V x 3, A-pose */
     float *rest;     /* base V x 3, T-pose */
-    float *blend;    /* base V x 15: A-pose to T-pose, and what is left over */
+    float *blend;    /* base V x 15: A-pose to T-pose, and the remainder */
     uint8_t *hidden; /* base V */
 } fitting;
 
-/* Rest pose of the base mesh, and each vertex's way there as one affine map, which cloth takes over. */
+/* The base mesh's rest pose, and each vertex's affine map to it, which cloth takes over. */
 static sherf_status to_rest(fitting *f) {
     const makehuman *human = f->s->human;
     double joints[BODY_JOINTS][3], *bone = mem_alloc(f->c, (size_t)human->bones, 12 * sizeof *bone);
@@ -193,7 +194,7 @@ static dressed_mesh *add_mesh(fitting *f, wear_kind kind, int vertices, int tria
     return mesh->rest && mesh->weights && mesh->triangle && mesh->triangle_uv ? mesh : NULL;
 }
 
-/* Triangles whose corners are all hidden go. */
+/* Removes triangles whose corners are all hidden. */
 static void drop_hidden(dressed_mesh *mesh, const uint8_t *hidden) {
     int kept = 0;
     for (int t = 0; t < mesh->triangles; t++) {
@@ -229,7 +230,7 @@ static sherf_status add_body(fitting *f) {
     return status;
 }
 
-/* What the garment hides of the body; where it is cut off it hides nothing. */
+/* Hides the body under the garment; a cut-off part hides nothing. */
 static void hide_body(fitting *f, const worn *t, const dye_cut *cut) {
     const makehuman *human = f->s->human;
     for (int v = 0; v < human->vertices; v++) {
@@ -275,7 +276,7 @@ static proxy_surface surface_of(const dressed_mesh *mesh) {
     return (proxy_surface){mesh->vertices, mesh->triangles, mesh->rest, mesh->triangle};
 }
 
-/* What of `below` lies under `above` goes. */
+/* Hides the parts of `below` that lie under `above`. */
 static sherf_status hide_covered(fitting *f, int below, int above, float reach_m, int rings) {
     dressed_mesh *under = &f->d->mesh[below];
     proxy_surface lower = surface_of(under), upper = surface_of(&f->d->mesh[above]);
@@ -287,7 +288,7 @@ static sherf_status hide_covered(fitting *f, int below, int above, float reach_m
     return status;
 }
 
-/* Cloth is pushed off the skin and off the cloth beneath, and what is covered of that goes. */
+/* Pushes cloth off the skin and off the cloth under it, and hides what it covers. */
 static sherf_status layer_clothes(fitting *f, int first, int count) {
     sherf_status status = SHERF_OK;
     for (int i = first; i < first + count && !status; i++) {
@@ -304,7 +305,7 @@ static sherf_status layer_clothes(fitting *f, int first, int count) {
     return status;
 }
 
-/* Trouser legs in boots: boots off the cloth, which goes where it is covered. */
+/* Trouser legs in boots: pushes boots off the cloth and hides the covered cloth. */
 static sherf_status put_boots_on(fitting *f, int clothes, int boots) {
     sherf_status status = SHERF_OK;
     for (int i = clothes; i < boots && !status; i++) {
@@ -315,7 +316,7 @@ static sherf_status put_boots_on(fitting *f, int clothes, int boots) {
     return status;
 }
 
-/* Socks in trouser legs: the legs off the socks, which go where they are covered. */
+/* Socks in trouser legs: pushes the legs off the socks and hides the covered socks. */
 static sherf_status tuck_socks(fitting *f, int clothes, int shoes) {
     sherf_status status = SHERF_OK;
     for (int i = clothes; i < shoes && !status; i++) {

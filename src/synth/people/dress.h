@@ -1,5 +1,5 @@
 /* dress: a person as meshes in SMPL's rest pose with the open body's weights and textures, and the same
- * posed. */
+ * meshes posed. */
 #ifndef SHERF_DRESS_H
 #define SHERF_DRESS_H
 
@@ -9,7 +9,7 @@
 #include "synth/trace/trace.h"
 #include "synth/people/wardrobe.h"
 
-/* What all people are made of. */
+/* Data shared by all people. */
 typedef struct {
     makehuman *human;
     tpose_rig *rig;
@@ -26,7 +26,7 @@ typedef struct {
     int vertices, triangles, uvs;
     float *rest;                      /* V x 3, T-pose, metres */
     float *weights;                   /* V x 24 */
-    uint32_t *triangle, *triangle_uv; /* without what is hidden */
+    uint32_t *triangle, *triangle_uv; /* without hidden ones */
     const float *uv;                  /* borrowed */
     trace_texture *texture;
     trace_material material;
@@ -35,14 +35,14 @@ typedef struct {
 typedef struct {
     int meshes;
     dressed_mesh mesh[DRESSED_MAX]; /* the body first */
-    float shape[BODY_SHAPES];       /* the open body's that is nearest */
+    float shape[BODY_SHAPES];       /* the nearest shape of the open body */
 } dressed;
 sherf_status dressed_create(context *c, studio *s, const person *p, dressed **out);
 void dressed_free(dressed *d);
-/* Positions of mesh i in that pose: V x 3, world. posed: of the open body. */
+/* Posed positions of mesh i: V x 3, world. posed: of the open body. */
 void dressed_pose(const studio *s, const dressed *d, int i, const posed_body *posed, float *positions);
 
-/* The texture in another colour: brightness as it was, about the middle of what is opaque. */
+/* The texture in another colour, with the brightness kept relative to the median of its opaque part. */
 sherf_status tint_texture(context *c, const image_u8 *in, const float color[3], float detail, image_u8 *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* Patterns in space, and how they meet the folds that a texture holds. */
+/* Patterns in space, combined with the folds in a texture. */
 #include "synth/people/dye.h"
 
 #include <math.h>
@@ -18,7 +18,7 @@ static float from_middle(float x) {
     return fabsf(x - floorf(x) - 0.5f);
 }
 
-/* Soft 1 inside |x| < half, in units of a period; edges as wide as a texel or so. */
+/* Soft 1 inside |x| < half, in units of a period; edges about a texel wide. */
 static float band(float x, float ratio) {
     return smooth(0.5f * ratio + 0.03f, 0.5f * ratio - 0.03f, from_middle(x));
 }
@@ -47,7 +47,7 @@ static float value_noise(uint64_t key, const float p[3]) {
 
 void dye_shares(const dye_recipe *r, const dye_part *part, const float place[3], float *second,
                 float *third) {
-    /* `across` runs round the body: neither front and back nor the sides are stretched much */
+    /* `across` runs round the body, so neither front and back nor the sides are stretched much */
     float scale = r->scale_m > 1e-3f ? r->scale_m : 1e-3f;
     float across = (0.8f * place[0] + 0.6f * place[2]) / scale, up = place[1] / scale;
     float phase = (float)random_uniform(r->key, 1);
@@ -106,15 +106,15 @@ void dye_shares(const dye_recipe *r, const dye_part *part, const float place[3],
     *second = clamp(a, 0, 1) * (1 - *third);
 }
 
-/* Turns the hue about the grey axis, by the rotation about (1, 1, 1). */
+/* Rotates the hue about the grey axis (1, 1, 1). */
 static void turn_hue(float rgb[3], float turn) {
     float c = cosf(turn * 2 * (float)M_PI), s = sinf(turn * 2 * (float)M_PI) * 0.57735027f,
           mean = (rgb[0] + rgb[1] + rgb[2]) / 3 * (1 - c), in[3] = {rgb[0], rgb[1], rgb[2]};
     for (int k = 0; k < 3; k++) rgb[k] = c * in[k] + mean + s * (in[(k + 2) % 3] - in[(k + 1) % 3]);
 }
 
-/* How far the texel's brightness is from the part's, as a factor. What has another hue than the part (prints)
- * is taken as of the part's brightness, so nothing printed is left. */
+/* The texel's brightness relative to the part's, as a factor. Texels of another hue (prints) count as the
+ * part's brightness, so nothing printed is left. */
 static float fold(const dye_part *part, const float rgb[3], float detail) {
     float luminance = 0.299f * rgb[0] + 0.587f * rgb[1] + 0.114f * rgb[2];
     float sum = rgb[0] + rgb[1] + rgb[2] + 0.15f,

@@ -1,11 +1,11 @@
-/* Which part of a garment each texel shows, and where on the body. */
+/* Maps each texel to a part of the garment and a place on the body. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "synth/people/dye.h"
 
-enum { GROWTH = 10 }; /* texels round an island that count as its own: what filters and mip levels reach */
+enum { GROWTH = 10 }; /* texels round an island that count as its own, for filters and mip levels */
 static const float same_color = 0.14f;
 
 typedef struct {
@@ -20,7 +20,7 @@ static int find_root(int *parent, int i) {
     return i;
 }
 
-/* Texels whose centre lies in the triangle get its number, place and island. */
+/* Texels with their centre in the triangle get its number, place and island. */
 static void paint_triangle(const proxy *p, const float *vertex, int t, int mark, dye_map *map, int *owner) {
     float u[3], v[3];
     for (int i = 0; i < 3; i++) {
@@ -53,7 +53,7 @@ static void paint_triangle(const proxy *p, const float *vertex, int t, int mark,
         }
 }
 
-/* Texels next to owned ones take over owner, place and colour. */
+/* Unowned texels next to owned ones take over owner, place and colour. */
 static void grow(dye_map *map, int *owner, int *next, image_u8 *texture) {
     int W = map->width, H = map->height;
     memcpy(next, owner, (size_t)W * (size_t)H * sizeof *next);
@@ -85,7 +85,7 @@ static int larger_first(const void *a, const void *b) {
     return *x < *y ? -1 : 1;
 }
 
-/* Islands from large to small join a part of their zone and colour or found one; when there are too many
+/* Islands, from large to small, join a part of their zone and colour or start one; if there are too many
  * parts they join the nearest. */
 static void form_parts(dye_map *map, island **order, int islands, bool split, float waist_m) {
     int zone[DYE_PARTS];
@@ -107,7 +107,7 @@ static void form_parts(dye_map *map, island **order, int islands, bool split, fl
     }
 }
 
-/* Medians over a part's texels, and its bounds. */
+/* Computes medians over a part's texels, and its bounds. */
 static sherf_status measure(context *c, dye_map *map, const int *exact, const image_u8 *texture) {
     int64_t texels = (int64_t)map->width * map->height, all = 0;
     int64_t(*count)[4][256] = mem_zero(c, DYE_PARTS, sizeof *count);

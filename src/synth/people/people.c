@@ -1,4 +1,4 @@
-/* People one after the other; a person is there whole or not at all, so a run that was stopped goes on. */
+/* Draws people one after the other. A person is complete or absent, so an interrupted run can continue. */
 #include "synth/people/people.h"
 
 #include <dirent.h>
@@ -23,7 +23,7 @@ enum {
     TRIES = 8,
     TRIES_PHOTO = 48
 };
-static const float overlap_allowed = 0.012f; /* share of the limbs' vertices that lie deep in the body */
+static const float overlap_allowed = 0.012f; /* share of the limbs' vertices deep inside the body */
 
 typedef struct {
     sherf_people_options o;
@@ -31,20 +31,20 @@ typedef struct {
     pose_library *poses;
     char folder[PATH_LENGTH], body_path[PATH_LENGTH];
     double done, total; /* pictures */
-    /* of the person at hand */
+    /* of the current person */
     dressed *dressed;
     trace_scene *scene;
     trace_light light;
     sherf_pose *pose;
     sherf_camera *camera;
-    char part[PATH_LENGTH];  /* where it is written */
-    char drawn[PATH_LENGTH]; /* where it is in the end */
+    char part[PATH_LENGTH];  /* where it is being written */
+    char drawn[PATH_LENGTH]; /* its final place */
     float *position[DRESSED_MAX];
     int at_pose;
-    bool pictures;      /* of the person; else surfaces alone */
+    bool pictures;      /* of the person; else only surfaces */
     bool scenes, photo; /* background, cameras */
     place_kind place;   /* of the person */
-    float floor_world;  /* of the pose: the lowest of what is worn */
+    float floor_world;  /* of the pose: the lowest point of the clothes */
 } people_job;
 
 static float between(uint64_t key, uint64_t i, double low, double high) {
@@ -53,8 +53,8 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
 
 /* ---- poses and cameras ---- */
 
-/* Draws until arms are not in the trunk and, for photos, the body stands on its feet; the least bad one when
- * none will do. The body's middle comes to the world's origin. */
+/* Draws poses until arms are outside the trunk and, for photos, the body stands on its feet; otherwise takes
+ * the best one. The body's middle goes to the world's origin. */
 static sherf_status choose_pose(context *c, const people_job *job, uint64_t key, sherf_pose *out,
                                 float *radius_m) {
     const body_model *body = job->studio->body;
@@ -74,7 +74,7 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
         else
             pose_draw(job->poses, own, p.poses_rad);
         float turn[3] = {0, between(own, 1, -0.6, 0.6), 0}, root[9], yaw[9];
-        rodrigues(p.poses_rad, root); /* the layout has the root's rotation in R */
+        rodrigues(p.poses_rad, root); /* the layout stores the root's rotation in R */
         rodrigues(turn, yaw);
         for (int n = 0; n < 9; n++)
             p.R[n] = yaw[n / 3 * 3] * root[n % 3] + yaw[n / 3 * 3 + 1] * root[3 + n % 3] +
@@ -110,7 +110,7 @@ static sherf_status choose_pose(context *c, const people_job *job, uint64_t key,
     return status;
 }
 
-/* Light from a bright sky and a few large lamps, another for every key. */
+/* Light from a bright sky and a few large lamps, different for every key. */
 static void people_light(uint64_t key, trace_light *out) {
     memset(out, 0, sizeof *out);
     out->up[1] = 1;
@@ -177,7 +177,7 @@ static sherf_status write_extras(context *c, const people_job *job, int view, co
     return status;
 }
 
-/* Every picture has a place of its own, of the person's kind. */
+/* Every picture has its own place, of the person's kind. */
 static sherf_status draw_place(context *c, const people_job *job, int view, trace_picture *picture,
                                uint8_t *rgb, uint8_t *mask) {
     place p = {.kind = job->place,
@@ -238,7 +238,7 @@ static float lowest(const people_job *job) {
     return low;
 }
 
-/* Writes into the current folder. A person who was drawn before must have stood in the same way. */
+/* Writes into the current folder. If the person exists already, their pose must be the same. */
 static sherf_status draw_surface(context *c, const people_job *job, int pose, const float *vertices_world) {
     char path[PATH_LENGTH];
     sherf_status status = SHERF_OK;
@@ -286,7 +286,7 @@ done:
 
 /* ---- people ---- */
 
-/* Light is taken every other pixel: twice as fast, and within 51 dB of every pixel. */
+/* Light is computed for every other pixel: twice as fast, and within 51 dB of every pixel. */
 static sherf_status build_scene(context *c, people_job *job, float spacing_m) {
     sherf_status status = trace_scene_create(c, fminf(fmaxf(spacing_m, 0.004f), 0.03f), &job->scene);
     for (int i = 0; i < job->dressed->meshes && !status; i++) {
@@ -306,7 +306,7 @@ static sherf_status build_scene(context *c, people_job *job, float spacing_m) {
     return status;
 }
 
-/* Every eighth vertex of all clothes, in all poses. These are brought onto a common floor first. */
+/* Every eighth vertex of all clothes, in all poses, which are first moved to a common floor. */
 static sherf_status photo_cameras(context *c, people_job *job, uint64_t key) {
     enum { EVERY = 8 };
     static const float floor_world = -0.9f;
@@ -427,7 +427,7 @@ static void free_names(char **name, int count) {
     mem_free(name);
 }
 
-/* Everybody in the folder, also of earlier runs, by number. */
+/* Everybody in the folder, including earlier runs, by number. */
 static sherf_status find_people(context *c, const char *folder, char ***names, int *count) {
     DIR *d = opendir(folder);
     *names = NULL, *count = 0;
@@ -460,7 +460,7 @@ static sherf_status write_text(context *c, const char *path, const char *const *
     return status;
 }
 
-/* A folder holds people of one kind: the same settings, or it is refused. */
+/* A folder holds people of one kind: other settings are refused. */
 static sherf_status same_settings(context *c, const people_job *job) {
     char path[PATH_LENGTH], line[256];
     unsigned char *old = NULL;
@@ -531,7 +531,7 @@ static sherf_status finish(context *c, const people_job *job) {
     return status;
 }
 
-/* Complete people stay, and the next run continues after them. If there are none, nothing is left. */
+/* Complete people stay, and the next run continues after them. If there are none, removes everything. */
 static void leave_nothing(const people_job *job) {
     static const char *const file[] = {"human_list.txt", "people.json", "body.safetensors"};
     context quiet = {.threads = 1};

@@ -5,13 +5,14 @@
 #include "synth/people/dress.h"
 #include "synth/people/person_pose.h"
 
-/* Where the CMU clips of Debian's assimp-testmodels lie. */
+/* The folder of the CMU clips in Debian's assimp-testmodels. */
 extern const char people_motions[];
-/* The package's poses, as SMPL's, and the motions that are there. A pose named by the community is left out.
- */
+/* Adds the package's poses, converted to SMPL's, and the motions that exist. Poses that the community made
+ * are left out. */
 sherf_status people_poses(context *c, const studio *s, const char *source, const char *motions,
                           pose_library **out);
-/* Pictures of people that are there, one a row, into a PNG; people without pictures are left out. */
+/* Draws pictures of existing people, one person in each row, into a PNG; leaves out people without pictures.
+ */
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png);
 

@@ -1,4 +1,4 @@
-/* Cameras in a ring, and cameras in people's hands. */
+/* Cameras in a ring, and hand-held cameras. */
 #include "synth/people/people_cameras.h"
 
 #include <math.h>
@@ -13,7 +13,7 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
 void people_cameras_ring(uint64_t key, float radius_m, int views, int size_px, sherf_camera *out) {
     static const float centre[3] = {0, 0, 0};
     float fov = between(key, 1000, 0.55, 0.85);
-    float min = (radius_m + 0.06f) / sinf(0.5f * fov); /* hair, hats and hems reach further than the body */
+    float min = (radius_m + 0.06f) / sinf(0.5f * fov); /* hair, hats and hems extend beyond the body */
     for (int v = 0; v < views; v++) {
         float azimuth = (float)(2 * M_PI * (v - views / 2) / views);
         float distance = min * between(key, (uint64_t)v * 2, 1.0, 1.08);
@@ -50,14 +50,14 @@ static extent seen_from(const subject *s, const sherf_camera *camera) {
 static void stand_at(const subject *s, float distance_m, float azimuth, float eye_m, float fov, int size,
                      sherf_camera *out) {
     const float centre[3] = {0, s->middle_world, 0};
-    const float steepest = 0.21f; /* tangent: people step back or stoop before they look down on others */
+    const float steepest = 0.21f; /* tangent: people step back or stoop rather than look steeply down */
     float above = s->floor_world + eye_m - s->middle_world;
     above = fminf(fmaxf(above, -steepest * distance_m), steepest * distance_m);
     sherf_camera_orbit(centre, hypotf(distance_m, above), azimuth, atan2f(above, distance_m), fov, size, size,
                        out);
 }
 
-/* Turns the camera where it stands: right and down by these angles, then about its axis. */
+/* Turns the camera in place: right and down by these angles, then about its axis. */
 static void turn_camera(sherf_camera *camera, float right, float down, float roll) {
     const float y[9] = {cosf(right), 0, -sinf(right), 0, 1, 0, sinf(right), 0, cosf(right)};
     const float x[9] = {1, 0, 0, 0, cosf(down), -sinf(down), 0, sinf(down), cosf(down)};
@@ -91,13 +91,13 @@ static void photo(const subject *s, uint64_t key, float azimuth, int size, sherf
     float distance_m = 3, focal_px = 0.5f * side / tanf(0.5f * fov);
     sherf_camera centred;
     extent e;
-    for (int i = 0; i < 40; i++) { /* nearer or farther, until it fits */
+    for (int i = 0; i < 40; i++) { /* nearer or farther, until the person fits */
         stand_at(s, distance_m, azimuth, eye_m, fov, size, out);
         e = seen_from(s, out);
         float ratio = fmaxf((e.high[1] - e.low[1]) / (share * side), (e.high[0] - e.low[0]) / (0.93f * side));
         distance_m *= isfinite(ratio) ? fminf(fmaxf(ratio, 0.5f), 2) : 2;
     }
-    /* Some of the room that is left lies on either side; where that cuts something off, half on each. */
+    /* The free space is split at random between the sides; if that cuts something off, in half. */
     for (int attempt = 0; attempt < 2; attempt++) {
         centred = *out;
         float angle[2];

@@ -1,9 +1,9 @@
-/* The person over the place, tone curve and grain. */
+/* Composites the person over the place, and applies tone curve and grain. */
 #include "synth/people/people_photo.h"
 
 #include <math.h>
 
-/* Colours of the person for things of the place: those of a few pixels. */
+/* Picks a few pixels' colours of the person, for things in the place. */
 static void near_colors(place *p, const trace_picture *picture) {
     uint64_t key = random_key(p->key, "place.near", 0);
     int64_t pixels = (int64_t)picture->width * picture->height;

@@ -1,4 +1,4 @@
-/* people_photo: a traced person before a place, as a camera's file has them. */
+/* people_photo: a traced person in front of a place, as a camera would store it. */
 #ifndef SHERF_PEOPLE_PHOTO_H
 #define SHERF_PEOPLE_PHOTO_H
 

@@ -1,4 +1,4 @@
-/* Poses of MakeHuman's package on SMPL's joints. */
+/* Converts poses of MakeHuman's package to SMPL's joints. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 const char people_motions[] = "/usr/share/assimp/models/BVH";
 
-/* The team's own; the others of the package are the community's, of terms unknown. */
+/* The team's own poses; the package's others are the community's, under unknown terms. */
 static const char *const postures[] = {"akimbo01",   "fight01",    "fight03",    "fight04",    "genuflect01",
                                        "run01",      "sit01",      "standing01", "standing02", "standing03",
                                        "standing04", "standing05", "standing06", "tpose"};
@@ -31,8 +31,8 @@ static bool from_quaternion(const double q[4], double R[9]) {
     return true;
 }
 
-/* The bone whose rotation a joint takes: of those between it and the next joint the last, so that twist along
- * the way is in. */
+/* The bone whose rotation a joint takes: the last one before the next joint, so that it includes all twist on
+ * the way. */
 static const char *const taken[BODY_JOINTS] = {"root",
                                                "upperleg02.L",
                                                "upperleg02.R",
@@ -58,7 +58,7 @@ static const char *const taken[BODY_JOINTS] = {"root",
                                                "",
                                                ""};
 
-/* to_rest: each bone's way from the A-pose to the T-pose (bones x 12). */
+/* to_rest: each bone's map from the A-pose to the T-pose (bones x 12). */
 static sherf_status convert(context *c, const makehuman *human, const double *to_rest,
                             const value *quaternions, double (*global)[9], float pose[72]) {
     double joint[BODY_JOINTS][9];
@@ -80,7 +80,7 @@ static sherf_status convert(context *c, const makehuman *human, const double *to
         int parent = tpose_parent[j], bone = *taken[j] ? makehuman_bone_find(human, taken[j]) : -1;
         double local[9];
         float R[9];
-        if (bone < 0) { /* as its parent */
+        if (bone < 0) { /* same as its parent */
             memcpy(joint[j], joint[parent < 0 ? 0 : parent], sizeof joint[j]);
         } else {
             double A[9]; /* transposed: T-pose to A-pose */

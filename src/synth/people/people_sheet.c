@@ -1,4 +1,4 @@
-/* A contact sheet: one person a row, pictures spread over poses and views. */
+/* A contact sheet: one person in each row, with pictures spread over poses and views. */
 #include <stdio.h>
 #include <string.h>
 
@@ -27,7 +27,7 @@ static void put_cell(const image_u8 *in, uint8_t *sheet, int width, int x0, int 
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png) {
     int rows = people < ROWS_MAX ? people : ROWS_MAX;
-    int columns = poses == 1 && views < COLUMNS ? views : COLUMNS; /* none twice */
+    int columns = poses == 1 && views < COLUMNS ? views : COLUMNS; /* no repetition */
     int width = columns * CELL;
     if (!rows) return failure(c, SHERF_NO_FILE, "%s: nobody to show", folder);
     uint8_t *sheet = mem_zero(c, (size_t)width * (size_t)rows * CELL, 3);
@@ -37,7 +37,7 @@ sherf_status people_sheet(context *c, const char *folder, int people, const char
         char one[PATH_LENGTH], path[PATH_LENGTH];
         status = thuman_path(c, one, folder, name[(int64_t)r * people / rows]);
         for (int i = 0; i < columns && !status; i++) {
-            /* the front first, then round */
+            /* the front first, then round the person */
             int view = (views / 2 + i * (views > COLUMNS ? views / COLUMNS : 1)) % views,
                 pose = i * poses / COLUMNS;
             image_u8 image = {0};

@@ -1,4 +1,5 @@
-/* Places on clothes and skin with the colours that pictures show, what is inside, and the triangles. */
+/* Samples clothes and skin with the colours that pictures show, points inside and outside, and the triangles.
+ */
 #include "synth/people/people_surface.h"
 
 #include <math.h>
@@ -7,7 +8,7 @@
 #include "data/thuman_write.h"
 #include "io/value.h"
 
-static const float cell_m = 0.004f; /* docs/rivals.md: what leaks, and what does not */
+static const float cell_m = 0.004f; /* docs/rivals.md says which sizes leak */
 enum { SEAL = 1 };
 
 typedef struct {

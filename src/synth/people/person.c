@@ -1,4 +1,4 @@
-/* Everything is drawn from streams of their own, so that a new garment changes clothes and nothing else. */
+/* Each choice has its own random stream, so that a new garment changes only the clothes. */
 #include "synth/people/person.h"
 
 #include <math.h>
@@ -14,7 +14,7 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
     return (float)(low + (high - low) * random_uniform(key, i));
 }
 
-/* An item of the kind for these people; -1 when there is none. */
+/* Draws an item of this kind for these people; -1: there is none. */
 static int draw_item(uint64_t key, uint64_t i, wear_kind kind, int whom, bool short_hair, bool boots) {
     int found = 0, which = -1;
     for (int pass = 0; pass < 2; pass++) {
@@ -76,7 +76,7 @@ static void from_hsv(double h, double s, double v, float rgb[3]) {
     }
 }
 
-/* A colour of cloth: neutral, dull or strong. */
+/* A colour of cloth: neutral, muted or strong. */
 static void cloth_color(uint64_t key, uint64_t i, float rgb[3]) {
     double what = random_uniform(key, i), h = random_uniform(key, i + 1), s = random_uniform(key, i + 2),
            v = random_uniform(key, i + 3);
@@ -92,7 +92,7 @@ static void cloth_color(uint64_t key, uint64_t i, float rgb[3]) {
         from_hsv(h, 0.55 + 0.4 * s, 0.35 + 0.6 * v, rgb);
 }
 
-/* What trousers and shoes have: hardly ever a strong colour. */
+/* A colour of trousers and shoes: rarely a strong one. */
 static void muted_color(uint64_t key, uint64_t i, float rgb[3]) {
     cloth_color(key, i, rgb);
     float mean = (rgb[0] + rgb[1] + rgb[2]) / 3, strength = random_uniform(key, i + 4) < 0.08 ? 1 : 0.5f;
@@ -126,7 +126,7 @@ static void hair_colors(person *p, uint64_t key) {
     if (dyed) from_hsv(random_uniform(key, 5), 0.5 + 0.3 * random_uniform(key, 6), 0.5, p->hair_color);
 }
 
-/* Textures lie by name: blue, blue-green, brown, light brown, ... */
+/* Textures are sorted by name: blue, blue-green, brown, light brown, ... */
 static int draw_eyes(uint64_t key, uint64_t i, int origin) {
     enum { BROWN = 2, ALL = 9 };
     double what = random_uniform(key, i), brown = origin == 2 ? 0.35 : 0.97;
@@ -136,7 +136,7 @@ static int draw_eyes(uint64_t key, uint64_t i, int origin) {
 
 /* ---- the person ---- */
 
-/* Targets of the face that come in any strength; names begin so. */
+/* Face targets may have any strength; their names begin like this. */
 static void draw_face(const makehuman *human, uint64_t key, person *p) {
     static const char *const group[] = {"head/",  "forehead/", "eyebrows/", "eyes/", "nose/",
                                         "mouth/", "ears/",     "chin/",     "cheek/"};
@@ -160,7 +160,7 @@ static void draw_combination(person *p, int whom) {
                                                    : (p->macro.asian > p->macro.caucasian ? 1 : 2);
     uint64_t key = stream(p, "person.combination", 0);
     p->hat = random_uniform(key, 0) < 0.1 ? draw_item(key, 1, WEAR_HAT, whom, false, false) : -1;
-    for (uint64_t i = 2;; i += 4) { /* a fifth at least is on either side */
+    for (uint64_t i = 2;; i += 4) { /* at least a fifth on either side */
         p->outfit = draw_outfit(key, i, whom, test);
         p->skin = draw_skin(key, i + 1, whom, age, origin);
         p->hair = draw_item(key, i + 2, WEAR_HAIR, whom, p->hat >= 0, false);

@@ -1,4 +1,4 @@
-/* Poses drawn, and poses given. x points to the person's left, y up, z forward; arms rest to the sides. */
+/* Random poses, and given ones. x points to the person's left, y up, z forward; arms rest to the sides. */
 #include "synth/people/person_pose.h"
 
 #include <math.h>
@@ -58,7 +58,7 @@ bool pose_within(const float pose_rad[72]) {
 
 void pose_clamp(float pose_rad[72]) {
     for (int j = 1; j < BODY_JOINTS; j++)
-        for (int k = 0; k < 3; k++) { /* fminf and fmaxf may give either zero, and bits are kept */
+        for (int k = 0; k < 3; k++) { /* fminf and fmaxf may return either zero, but the bits must not vary */
             float *x = &pose_rad[3 * j + k];
             *x = *x > pose_lowest[j][k] ? *x : pose_lowest[j][k];
             *x = *x < pose_highest[j][k] ? *x : pose_highest[j][k];
@@ -108,7 +108,7 @@ void pose_walk(double phase, double vigour, float pose[72]) {
     for (int side = 0; side < 2; side++, t += M_PI) {
         double hip = -0.08 - vigour * 0.42 * sin(t), lifted = more(0, cos(t));
         double knee = 0.12 + vigour * (0.75 * lifted * lifted + 0.12 * more(0, -cos(t)) * more(0, sin(t)));
-        double push = more(0, -sin(t + 0.5)); /* the heel leaves the ground behind */
+        double push = more(0, -sin(t + 0.5)); /* the heel lifts off behind */
         set_limb(pose, HIP, side, 0.05, hip, 0.03, 0);
         set_limb(pose, KNEE, side, 0, knee, 0, 0);
         set_limb(pose, ANKLE, side, 0,
@@ -145,8 +145,8 @@ typedef struct {
     double low, high;
 } range;
 
-/* Postures people take; each side is drawn on its own. Legs: forward is negative for hips, bent is positive
- * for knees. Arms: lift 0 is to the side, -1.3 hanging, 1.2 up; swing and turn are negative forward. */
+/* Postures of people; each side is drawn separately. Legs: forward is negative for hips, bent is positive for
+ * knees. Arms: lift 0 is to the side, -1.3 hanging, 1.2 up; swing and turn are negative forward. */
 static const struct {
     double share;
     range hip, spread, knee, lift, swing, turn, elbow, bend, root;
@@ -256,7 +256,7 @@ typedef struct {
     uint64_t key, next;
 } dice;
 
-/* The sum of two draws: the ends of a range are rarer than its middle. */
+/* The mean of two draws: the ends of a range are rarer than its middle. */
 static double draw(dice *d, range r) {
     double u = 0.5 * (random_uniform(d->key, d->next) + random_uniform(d->key, d->next + 1));
     d->next += 2;
@@ -266,7 +266,7 @@ static double draw(dice *d, range r) {
 static void posture_pose(uint64_t key, size_t kind, float pose[72]) {
     dice d = {key, 10};
     memset(pose, 0, 72 * sizeof *pose);
-    bool alike = random_uniform(key, 1) < 0.3; /* both sides do the same */
+    bool alike = random_uniform(key, 1) < 0.3; /* both sides are the same */
     dice sides = d;
     for (int side = 0; side < 2; side++) {
         if (alike) d = sides;
@@ -302,7 +302,7 @@ static void free_pose(uint64_t key, float pose[72]) {
     posture_pose(key, kind, pose);
 }
 
-/* Every joint of the posture turned a little. */
+/* Rotates every joint of the posture slightly. */
 static void about(const float from[72], uint64_t key, double spread, float pose[72]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         float turn[3], R[9], S[9];
@@ -358,7 +358,7 @@ pose_kind pose_draw(const pose_library *l, uint64_t key, float pose[72]) {
 
 void pose_draw_photo(const pose_library *l, uint64_t key, float pose[72]) {
     enum { STANDS = 0, TALKS = 2 };
-    const float straight = 0.4f; /* of what free poses bend the spine */
+    const float straight = 0.4f; /* free poses bend the spine by this share */
     double what = random_uniform(key, 0);
     uint64_t own = random_key(key, "pose.photo", 0);
     if (what >= 0.75) {
@@ -379,7 +379,7 @@ void pose_draw_photo(const pose_library *l, uint64_t key, float pose[72]) {
 float pose_imbalance(const body_model *body, const float *vertices) {
     const float sole_m = 0.04f, step_m = 0.08f;
     float lowest[2] = {INFINITY, INFINITY}, box[2][2] = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
-    double weight[2] = {0, 0}; /* the middle, along the floor */
+    double weight[2] = {0, 0}; /* the centre of mass, along the floor */
     for (int v = 0; v < body->vertices; v++) {
         const float *w = body->weights + (size_t)v * BODY_JOINTS, *p = vertices + 3 * (size_t)v;
         for (int side = 0; side < 2; side++)
@@ -429,7 +429,7 @@ sherf_status pose_library_add_posture(context *c, pose_library *l, const char *n
     return add(c, &l->given, &l->givens, name, pose);
 }
 
-/* The turn about the vertical is taken out: people are turned elsewhere. */
+/* Removes the rotation about the vertical: it is chosen elsewhere. */
 static void face_forward(float pose[72]) {
     float R[9];
     rodrigues(pose, R);
@@ -463,7 +463,7 @@ done:
 
 /* ---- overlap ---- */
 
-/* 0 the trunk and head, 1 and 2 the legs, 3 and 4 the arms below the elbow; -1 what is next to others. */
+/* 0 the trunk and head, 1 and 2 the legs, 3 and 4 the arms below the elbow; -1 parts next to others. */
 static const int8_t region_of[BODY_JOINTS] = {0, -1, -1, 0, 1,  2,  0, 1, 2, 0, 1, 2,
                                               0, -1, -1, 0, -1, -1, 3, 4, 3, 4, 3, 4};
 

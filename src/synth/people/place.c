@@ -1,4 +1,4 @@
-/* What stands in a place, and its light. */
+/* The things in a place, and its light. */
 #include "synth/people/place.h"
 
 #include <math.h>
@@ -6,8 +6,8 @@
 
 /* ---- chance ---- */
 
-/* Every draw has a number of its own in this file, since the order in which arguments are computed is the
- * compiler's; `step` makes all of them new. */
+/* Every draw in this file has its own number, since compilers choose the order in which arguments are
+ * computed; `step` renews all of them. */
 typedef struct {
     uint64_t key, steps;
     shapes *s;
@@ -57,7 +57,7 @@ static void one_color(builder *b, family f, float rgb[3]) {
         from_hsv(roll(b, 14, 0.17, 0.32), roll(b, 15, 0.4, 0.75), roll(b, 16, 0.2, 0.55), rgb);
     else
         from_hsv(roll(b, 17, 0, 1), roll(b, 18, 0, 0.75), roll(b, 19, 0.12, 0.9), rgb);
-    if (f != COLOR_GREEN && chance(b, 20, 0.12)) { /* as the person's */
+    if (f != COLOR_GREEN && chance(b, 20, 0.12)) { /* like the person's */
         const float *near = b->p->near_color[pick(b, 21, PLACE_NEAR_COLORS)];
         for (int k = 0; k < 3; k++) rgb[k] = fmaxf(0.04f, near[k] * roll(b, 22, 0.9, 1.1));
     }
@@ -95,7 +95,7 @@ static void box(builder *b, shape_mesh *mesh, float x, float y, float z, float w
     shapes_box(b->s, mesh, (float[3]){x, y, z}, (float[3]){wide, tall, deep}, 0);
 }
 
-/* An upright quad that faces the camera; the texture fills it once where the mesh repeats by 0. */
+/* An upright quad that faces the camera; if the mesh repeats by 0 the texture fills it once. */
 static void panel(builder *b, shape_mesh *mesh, float x, float y, float z, float wide, float tall) {
     shapes_quad(b->s, mesh, (float[3]){x - wide / 2, y, z}, (float[3]){wide, 0, 0}, (float[3]){0, tall, 0},
                 0.4f);

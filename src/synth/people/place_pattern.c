@@ -1,4 +1,4 @@
-/* Patterns by rule: every texel follows from its place and the key. */
+/* Procedural patterns: every texel follows from its place and the key. */
 #include "synth/people/place_pattern.h"
 
 #include <math.h>
@@ -57,7 +57,7 @@ static void scale(float rgb[3], float by) {
     for (int k = 0; k < 3; k++) rgb[k] *= by;
 }
 
-/* A colour of its own for number n, from all of the recipe's. */
+/* Number n's own colour, mixed from all of the recipe's. */
 static void own_color(const recipe *r, int n, float rgb[3]) {
     int which = (int)(3 * cell(r->key + 7, n, 1));
     blend(r->color[which % 3], r->color[(which + 1) % 3], 0.6f * cell(r->key + 7, n, 2), rgb);
@@ -232,7 +232,7 @@ static uint8_t to_byte(float x) {
     return (uint8_t)(x > 0 ? x < 1 ? 255 * x + 0.5f : 255 : 0);
 }
 
-/* Leaves lie over one another, later ones lighter: ellipses with a rib. */
+/* Overlapping leaves, later ones lighter: ellipses with a rib. */
 static void draw_leaves(const recipe *r, int side, uint8_t *texel) {
     enum { LEAVES = 90 };
     for (int n = 0; n < LEAVES; n++) {
@@ -267,7 +267,7 @@ sherf_status place_pattern_create(context *c, place_pattern pattern, const float
     uint8_t *texel = mem_zero(c, (size_t)side * (size_t)side, channels);
     if (!texel) return SHERF_NO_MEMORY;
     if (holes) {
-        for (size_t i = 0; i < (size_t)side * (size_t)side; i++) /* what shows where a texel is half a hole */
+        for (size_t i = 0; i < (size_t)side * (size_t)side; i++) /* shown where a texel is half a hole */
             for (int k = 0; k < 3; k++) texel[4 * i + (size_t)k] = to_byte(0.7f * color[0][k]);
         draw_leaves(&r, side, texel);
     }

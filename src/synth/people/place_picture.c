@@ -1,5 +1,5 @@
-/* A place's picture: its bodies and the people's shadows traced, the sky filled in, what is far or near of
- * the focus blurred. */
+/* A place's picture: traces its objects and the people's shadows, fills in the sky, and blurs parts out of
+ * focus. */
 #include <math.h>
 #include <string.h>
 
@@ -86,7 +86,7 @@ static sherf_status trace_place(context *c, const place *p, const trace_light *l
     for (int i = 0; i < people->meshes; i++) position[count++] = people->position[i];
     trace_light own = *light;
     own.sky_rays = SKY_RAYS, own.lamp_rays = LAMP_RAYS;
-    own.bounce = 0.85f; /* walls see each other */
+    own.bounce = 0.85f; /* walls light each other */
     if ((status = trace_scene_pose(c, scene, position, &own))) goto done;
     const trace_options options = {
         .samples = SAMPLES, .depth = true, .seed = random_key(p->key, "place.rays", 0)};
@@ -132,7 +132,7 @@ static void fill_sky(const place *p, const trace_light *l, const sherf_camera *c
 
 /* ---- out of focus ---- */
 
-/* Along a row or column of n pixels `stride` apart: the mean of 2 radius + 1. */
+/* Mean of 2 radius + 1 pixels along a row or column of n pixels `stride` apart. */
 static void box_line(const float *from, float *to, int n, size_t stride, int radius) {
     double sum = 0;
     for (int i = -radius; i <= radius; i++)
@@ -145,7 +145,7 @@ static void box_line(const float *from, float *to, int n, size_t stride, int rad
     }
 }
 
-/* Two boxes each way; scratch: as large. */
+/* Two box filters in each direction; scratch: of the same size. */
 static void blur(float *color, float *scratch, int width, int height, int radius) {
     for (int pass = 0; pass < 2; pass++)
         for (size_t k = 0; k < 3; k++) {
@@ -157,7 +157,8 @@ static void blur(float *color, float *scratch, int width, int height, int radius
         }
 }
 
-/* Mixes every pixel from two of the blurred pictures: those with the next smaller and next larger circle. */
+/* Mixes every pixel from two of the blurred pictures: those with the next smaller and the next larger circle
+ * of confusion. */
 static sherf_status defocus(context *c, const place *p, const sherf_camera *camera, trace_picture *out) {
     enum { LEVELS = 5 };
     uint64_t key = random_key(p->key, "place.lens", 0);

@@ -1,4 +1,4 @@
-/* Boxes, cylinders, balls and cards; every flat side has vertices of its own, so that it is shaded flat. */
+/* Boxes, cylinders, balls and cards; every flat side has its own vertices, so that it is shaded flat. */
 #include "synth/people/place_shapes.h"
 
 #include <math.h>
@@ -30,7 +30,7 @@ shape_mesh *shapes_mesh(shapes *s, place_pattern pattern, const float color[PATT
 
 /* ---- growing ---- */
 
-/* Room for more of both, twice as much as before. */
+/* Makes room for more of both, doubling it. */
 static bool make_room(shapes *s, shape_mesh *mesh, int vertices, int faces) {
     if (s->status || mesh == &s->spare) return false;
     if (mesh->vertices + vertices > mesh->vertex_room) {
@@ -116,7 +116,7 @@ void shapes_box(shapes *s, shape_mesh *mesh, const float foot[3], const float si
     shapes_quad(s, mesh, low, z, x, 0.4f);
 }
 
-/* The surface of revolution of rings (radius, height), a row of vertices each. */
+/* The surface of revolution of rings (radius, height), with a row of vertices for each. */
 static void revolve(shapes *s, shape_mesh *mesh, const float foot[3], int rings, const float radius[][2],
                     const float *height) {
     int first = mesh->vertices;

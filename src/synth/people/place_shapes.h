@@ -1,4 +1,4 @@
-/* place_shapes: simple bodies with textures, gathered by material into meshes of a traced scene. */
+/* place_shapes: simple textured objects, gathered by material into meshes of a traced scene. */
 #ifndef SHERF_PLACE_SHAPES_H
 #define SHERF_PLACE_SHAPES_H
 
@@ -16,14 +16,14 @@ typedef struct {
     uint32_t *face;     /* F x 3 */
 } shape_mesh;
 
-/* The first failure sticks, and what comes after it does nothing. */
+/* The first failure sticks, and later calls do nothing. */
 typedef struct {
     context *c;
     sherf_status status;
     int meshes;
     shape_mesh mesh[SHAPES_MAX];
-    shape_mesh spare; /* what is drawn into when there are too many */
-    float turn_rad;   /* about the vertical through (0, 0, 0), of all that is added */
+    shape_mesh spare; /* receives objects if there are too many meshes */
+    float turn_rad;   /* about the vertical through (0, 0, 0), for all added objects */
 } shapes;
 void shapes_free(shapes *s);
 
@@ -31,16 +31,16 @@ void shapes_free(shapes *s);
 shape_mesh *shapes_mesh(shapes *s, place_pattern pattern, const float color[PATTERN_COLORS][3], uint64_t key,
                         float repeat_m);
 
-/* corner + i a + j b, 0 <= i, j <= 1, cut into cells of at most cell_m, so that light is taken finely. */
+/* corner + i a + j b, 0 <= i, j <= 1, cut into cells of at most cell_m, so that light is computed finely. */
 void shapes_quad(shapes *s, shape_mesh *mesh, const float corner[3], const float a[3], const float b[3],
                  float cell_m);
-/* Its foot's middle, its sizes along its own x, y and z, and its turn about the vertical. */
+/* Its foot's middle, its sizes along its own x, y and z, and its rotation about the vertical. */
 void shapes_box(shapes *s, shape_mesh *mesh, const float foot[3], const float size[3], float turn_rad);
 /* From foot upwards; with its lid. */
 void shapes_cylinder(shapes *s, shape_mesh *mesh, const float foot[3], float radius_low, float radius_high,
                      float height);
 void shapes_ball(shapes *s, shape_mesh *mesh, const float middle[3], const float radius[3]);
-/* Squares of all directions within the ball: foliage, with a texture of leaves. */
+/* Squares in all directions inside the ball: foliage, with a texture of leaves. */
 void shapes_cards(shapes *s, shape_mesh *mesh, const float middle[3], const float radius[3], int count,
                   float side, uint64_t key);
 

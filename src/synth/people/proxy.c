@@ -95,7 +95,7 @@ static sherf_status read_faces(context *c, const value *root, proxy *p) {
     sherf_status status =
         n ? value_doubles(c, list, "faces", n, number) : failure(c, SHERF_BAD_FILE, "no faces");
     if (status) goto done;
-    status = SHERF_NO_MEMORY; /* a face of two triangles takes nine numbers at least */
+    status = SHERF_NO_MEMORY; /* a face of two triangles takes at least nine numbers */
     p->triangle = mem_alloc(c, n / 9 * 2 + 2, 3 * sizeof *p->triangle);
     p->triangle_uv = mem_alloc(c, n / 9 * 2 + 2, 3 * sizeof *p->triangle_uv);
     if (!p->triangle || !p->triangle_uv) goto done;
@@ -146,7 +146,7 @@ static sherf_status read_hidden(context *c, const value *root, int base_vertices
     size_t n = value_count(list);
     p->hides = mem_zero(c, (size_t)base_vertices, 1);
     if (!p->hides) return SHERF_NO_MEMORY;
-    if (n != (size_t)base_vertices) return SHERF_OK; /* it names none */
+    if (n != (size_t)base_vertices) return SHERF_OK; /* the file names none */
     for (size_t i = 0; i < n; i++) {
         const value *v = value_at(list, i);
         p->hides[i] =
@@ -205,8 +205,8 @@ void proxy_free(proxy *p) {
 
 /* ---- fitting ---- */
 
-/* Offsets grow with the part of the body that carries them; the files of this package do not say along which
- * measure, so it is the bound part's size, within bounds that keep cloth from swelling on long arms. */
+/* Offsets scale with the part of the body that carries them. This package's files do not name the measure, so
+ * it is the bound part's size, within bounds that keep cloth from swelling on long arms. */
 static void offset_scale(const proxy *p, const float *base_vertex, float scale[3]) {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     for (int i = 0; i < 3 * p->vertices; i++)

@@ -1,5 +1,5 @@
-/* proxy: a thing worn (clothes, hair, eyes, brows, lashes, shoes): a mesh bound to the base mesh. Each of its
- * vertices is a weighted sum of three vertices of the base mesh plus an offset, so it follows every shape. */
+/* proxy: a worn thing (clothes, hair, eyes, brows, lashes, shoes): a mesh bound to the base mesh. Each vertex
+ * is a weighted sum of three vertices of the base mesh plus an offset, so it follows every shape. */
 #ifndef SHERF_PROXY_H
 #define SHERF_PROXY_H
 
@@ -19,7 +19,7 @@ typedef struct {
     uint32_t *triangle_uv; /* T x 3 */
     float *uv;             /* uvs x 2, v upwards */
     uint8_t *hides;        /* base vertices: 1 where this covers the base mesh; never NULL */
-    int hidden;            /* how many of them the file names */
+    int hidden;            /* the number of them that the file names */
     char *texture[PROXY_TEXTURES_MAX]; /* paths below the proxy's folder */
 } proxy;
 
@@ -31,10 +31,10 @@ sherf_status proxy_parse(context *c, const value *root, const char *name, int ba
 sherf_status proxy_read(context *c, const char *folder, int base_vertices, const float *base_vertex,
                         proxy **out);
 void proxy_free(proxy *p);
-/* Where it lies on a shaped mesh: V x 3. */
+/* Its place on a shaped mesh: V x 3. */
 void proxy_fit(const proxy *p, const float *base_vertex, float *vertex);
-/* Numbers per base vertex (skinning weights: `count` a row, not negative, sum 1) carried over to the proxy.
- */
+/* Carries numbers of base vertices (skinning weights: `count` in each row, not negative, sum 1) over to the
+ * proxy. */
 void proxy_carry(const proxy *p, int count, const float *base_row, float *row);
 
 /* A surface for the functions below. */
@@ -43,8 +43,8 @@ typedef struct {
     const float *vertex;
     const uint32_t *triangle;
 } proxy_surface;
-/* hidden[i] = 1 where vertex i of `below` lies under `above`: at most `reach_m` under it and `rings` edges or
- * more away from what is not covered. Other entries are kept. */
+/* hidden[i] = 1 if vertex i of `below` lies under `above`: at most `reach_m` under it and at least `rings`
+ * edges away from the uncovered part. Other entries stay. */
 sherf_status proxy_cover(context *c, const proxy_surface *below, const proxy_surface *above, float reach_m,
                          int rings, uint8_t *hidden);
 /* Moves the vertices of `above` that are deeper than `gap_m` over the surface `below` (within 3 cm of it) out

@@ -1,5 +1,5 @@
-/* What covers what: surfaces become points a few millimetres apart with normals, and nearest points answer.
- */
+/* Finds what covers what: samples surfaces as points with normals a few millimetres apart, and looks up
+ * nearest points. */
 #include <math.h>
 #include <string.h>
 
@@ -48,7 +48,7 @@ static void surface_normals(const proxy_surface *s, float *normal) {
     for (int v = 0; v < s->vertices; v++) normalise(normal + 3 * v);
 }
 
-/* How many parts the longest edge of a triangle is cut into. */
+/* The number of parts into which a triangle's longest edge is cut. */
 static int triangle_steps(const proxy_surface *s, int t) {
     float longest = 0;
     for (int i = 0; i < 3; i++) {
@@ -140,7 +140,7 @@ done:
     return status;
 }
 
-/* Spreads shifts over the neighbours, so that a pushed patch has no rim. */
+/* Spreads shifts to the neighbours, so that a pushed patch has no step at its border. */
 static void spread(const proxy_surface *s, float *shift, float *sum, float *count) {
     memset(sum, 0, (size_t)s->vertices * 3 * sizeof *sum);
     memset(count, 0, (size_t)s->vertices * sizeof *count);

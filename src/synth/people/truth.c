@@ -1,4 +1,4 @@
-/* A person dressed once, and posed as often as somebody asks. */
+/* Dresses a person once, and poses it for each request. */
 #include "synth/people/truth.h"
 
 #include <stdlib.h>

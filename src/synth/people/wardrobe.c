@@ -1,4 +1,4 @@
-/* The tables of what may be worn. */
+/* The tables of wearable things. */
 #include "synth/people/wardrobe.h"
 
 #include <string.h>
@@ -136,7 +136,7 @@ const skin skins[] = {
 };
 const int skin_count = (int)COUNT_OF(skins);
 
-/* Under AGPL, of unknown origin, or not for a decent wardrobe. */
+/* Under AGPL, of unknown origin, or indecent. */
 static const char *const forbidden[] = {"Harvey",
                                         "Cocktaildress",
                                         "Sari1",

@@ -1,5 +1,6 @@
-/* wardrobe: what people may wear, by name: the MakeHuman team's own things (CC0 since 2020) and community
- * things under CC-BY, whose authors assets/LICENSES.md names. Nothing else of the package is ever opened. */
+/* wardrobe: the things that people may wear, by name: the MakeHuman team's own things (CC0 since 2020) and
+ * community things under CC-BY, whose authors assets/LICENSES.md names. Nothing else in the package is ever
+ * opened. */
 #ifndef SHERF_WARDROBE_H
 #define SHERF_WARDROBE_H
 
@@ -30,21 +31,21 @@ typedef struct {
     int whom;
     const char *license; /* "CC0" or "CC-BY" */
     const char *author;
-    bool short_hair; /* hair that goes under a hat */
-    bool boots;      /* over tight trousers alone */
+    bool short_hair; /* hair that fits under a hat */
+    bool boots;      /* only over tight trousers */
 } wear_item;
 extern const wear_item wear_items[];
 extern const int wear_item_count;
 int wear_find(const char *name); /* -1: not in the table */
 
-/* A complete set of clothes but for shoes. */
+/* A complete set of clothes without shoes. */
 enum { OUTFIT_ITEMS = 4 };
 typedef struct {
-    const char *item[OUTFIT_ITEMS]; /* from the skin outwards; NULL ends */
+    const char *item[OUTFIT_ITEMS]; /* from the skin outward; NULL ends it */
     int whom;
     float legs_m, arms_m; /* cut off there (0: not), metres on the base mesh: trousers to shorts, sleeves */
     double share;
-    bool test_only; /* kept for people that nobody trains on */
+    bool test_only; /* reserved for people that nobody trains on */
 } outfit;
 extern const outfit outfits[];
 extern const int outfit_count;
@@ -59,9 +60,9 @@ typedef struct {
 extern const skin skins[];
 extern const int skin_count;
 
-/* Combinations of outfit, skin and hair fall to either side for good: true for those kept for tests. */
+/* Combinations of outfit, skin and hair belong to training or tests for good; true: reserved for tests. */
 bool wardrobe_kept_for_tests(int outfit_index, int skin_index, int hair_item);
-/* Names that must never be in the table. */
+/* Names that must never occur in the table. */
 bool wardrobe_forbidden(const char *name);
 
 /* ---- things read from the package, each once ---- */
@@ -72,7 +73,7 @@ typedef struct {
     image_u8 texture[PROXY_TEXTURES_MAX]; /* RGBA */
     dye_map *map[PROXY_TEXTURES_MAX];
     float *base;    /* V x 3: fitted to the base mesh, metres */
-    uint8_t *under; /* base vertices (all) that lie under it, measured on the base mesh */
+    uint8_t *under; /* base vertices (all) under it, measured on the base mesh */
 } worn;
 typedef struct wardrobe wardrobe;
 /* source: the unpacked package. base: the unshaped mesh with the body's vertices first and its triangles. */

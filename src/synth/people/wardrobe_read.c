@@ -1,4 +1,4 @@
-/* Things out of the package, read when first worn. */
+/* Reads things from the package when they are first worn. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,8 +10,8 @@ static const char *const kind_folder[WEAR_KINDS] = {"clothes", "clothes",  "clot
                                                     "clothes", "clothes",  "clothes",   "clothes",
                                                     "hair",    "eyebrows", "eyelashes", "eyes"};
 static const float waist_m =
-    0.06f; /* over the base mesh's origin: the hem of a shirt is below, its middle above */
-static const float covered_m = 0.045f; /* skin so far under cloth is not seen */
+    0.06f; /* over the base mesh's origin: a shirt's hem is lower, its middle higher */
+static const float covered_m = 0.045f; /* skin this deep under cloth is invisible */
 enum { COVER_RINGS = 2 };
 
 struct wardrobe {

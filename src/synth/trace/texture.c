@@ -1,4 +1,4 @@
-/* Textures: a pyramid of RGBA bytes. Averages are taken of linear, opacity-weighted colour. */
+/* Textures: a pyramid of RGBA bytes. Averages use linear, opacity-weighted colour. */
 #include <string.h>
 
 #include "synth/trace/trace_inside.h"
@@ -13,7 +13,7 @@ static float linear_of_srgb(float x) {
     return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
 }
 
-/* Level n from level n - 1: the mean of 2 x 2 texels (of one where a side has only one). */
+/* Computes level n from level n - 1: the mean of 2 x 2 texels (of one if a side has only one). */
 static void halve(trace_texture *t, int n, const uint8_t *encode) {
     const uint8_t *from = t->level[n - 1].texel;
     int w = t->level[n - 1].width, h = t->level[n - 1].height;
@@ -96,7 +96,7 @@ void trace_texture_free(trace_texture *t) {
     mem_free(t);
 }
 
-/* The texel that holds the repeated coordinate x of `n`. Any float is fine. */
+/* The texel that contains the repeated coordinate x of `n`. Any float is fine. */
 static int wrapped(float x, int n) {
     float whole = floorf(x);
     float in = x - whole; /* [0, 1], NaN for infinities */

@@ -5,13 +5,13 @@
 #include "synth/trace/trace_inside.h"
 
 enum { PACKET = 16, SAMPLES_MAX = 64, LAYERS_MAX = 32, BLOCK = 4 };
-/* Less light than this from behind is not looked for. */
+/* If less light than this comes from behind, it is ignored. */
 static const float through_min = 1 / 256.0f;
-/* The colour of a place that is less opaque does not stand for others. */
+/* A less opaque place's colour does not represent others. */
 static const float typical_min = 0.25f;
 /* Between one layer and the next, metres of depth. */
 static const float layer_gap_m = 2e-5f;
-/* Surfaces so close to each other lie on one another, metres of depth. */
+/* Surfaces closer than this touch each other, metres of depth. */
 static const float touching_m = 3e-4f;
 
 typedef struct {
@@ -26,8 +26,8 @@ typedef struct {
     uint32_t sobol[SAMPLES_MAX][2];
     uint64_t key;
     int blocks_x, blocks_y;
-    uint8_t *touched; /* block by block: something may be there */
-    int32_t *block;   /* those where it is so */
+    uint8_t *touched; /* block by block: something may be visible there */
+    int32_t *block;   /* the touched ones */
     int64_t blocks;
 } render_job;
 
@@ -100,10 +100,10 @@ typedef struct {
 typedef struct {
     _Alignas(64) struct RTCRayHit16 at;
     _Alignas(64) int valid[PACKET];
-    found under[PACKET], over[PACKET]; /* the first is drawn unless the second lies close behind */
+    found under[PACKET], over[PACKET]; /* the first is drawn unless the second is close behind it */
     enum { STRAIGHT, SEEKS_COVER, CHECKS_BETWEEN } phase[PACKET];
     float color[PACKET][3], through[PACKET];
-    float depth[PACKET], normal[PACKET][3]; /* where half of the light is stopped */
+    float depth[PACKET], normal[PACKET][3]; /* where half of the light is blocked */
 } packet;
 
 static void packet_ray(const render_job *job, packet *p, int lane, float x, float y) {
@@ -124,7 +124,7 @@ static void packet_ray(const render_job *job, packet *p, int lane, float x, floa
     p->depth[lane] = INFINITY;
 }
 
-/* The colour of one place, for the other samples of that quarter of the pixel. */
+/* One place's colour, reused for other samples of that quarter of the pixel. */
 typedef struct {
     bool set;
     found at;
@@ -154,7 +154,7 @@ static void place_at(const render_job *job, const found *f, surface *out) {
     surface_at(job->s, (int)f->mesh, f->face, f->u, f->v, f->side, job->footprint * f->depth, out);
 }
 
-/* One surface in front of what is still to come; false when nothing can come any more. */
+/* Draws one surface in front of everything still to come; false: nothing more can be visible. */
 static bool draw_surface(const render_job *job, packet *p, int lane, const found *f, bool shade,
                          shaded *last) {
     const scene_mesh *mesh = &job->s->mesh[f->mesh];
@@ -209,7 +209,7 @@ static bool covers(const render_job *job, const found *under, const found *over)
     return at.rgba[3] > 0.5f;
 }
 
-/* The ray's next part: surfaces of layers from `layer` on, from depth near to far. */
+/* The ray's next part: surfaces of layers from `layer` on, between the depths near and far. */
 static bool go_on(packet *p, int lane, float near, float far, int layer) {
     p->at.ray.tnear[lane] = near;
     p->at.ray.tfar[lane] = far;
@@ -218,7 +218,8 @@ static bool go_on(packet *p, int lane, float near, float far, int layer) {
     return true;
 }
 
-/* The visible one of a surface and what may cover it, once that is known. False: the ray must go on first. */
+/* Chooses the visible one of a surface and a possible cover, once that is known. False: the ray must go on
+ * first. */
 static bool settle(const render_job *job, packet *p, int lane, bool met, found *f, bool *settled) {
     const found *under = &p->under[lane];
     int was = (int)p->phase[lane];
@@ -235,7 +236,7 @@ static bool settle(const render_job *job, packet *p, int lane, bool met, found *
     return true;
 }
 
-/* Takes what the ray has met. True when it must go on. */
+/* Processes the ray's hit. True: it must go on. */
 static bool take_surface(const render_job *job, packet *p, int lane, bool shade, shaded *last) {
     found f;
     bool met = find_surface(p, lane, &f), settled = false;

@@ -6,7 +6,7 @@
 static const float from_m = 3e-4f, reach_m = TRACE_COVER_M, width_m = 0.002f;
 static const float opaque_min = 0.5f;
 
-/* Whether something that cameras see lies just before the place. */
+/* Whether something visible to cameras is just in front of the place. */
 static bool is_covered(const trace_scene *s, const float place[3], const float outwards[3]) {
     struct RTCIntersectContext how;
     struct RTCRayHit hit = {.ray = {.org_x = place[0],

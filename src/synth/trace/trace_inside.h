@@ -1,4 +1,4 @@
-/* What the files of the ray tracer share. */
+/* Shared by the ray tracer's files. */
 #ifndef SHERF_TRACE_INSIDE_H
 #define SHERF_TRACE_INSIDE_H
 
@@ -16,12 +16,12 @@ static inline void cross3(const float a[3], const float b[3], float out[3]) {
     out[1] = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
-/* A vector without length stays 0. */
+/* A zero vector stays 0. */
 static inline void unit3(float v[3]) {
     float square = dot3(v, v), scale = square > 0 ? 1 / sqrtf(square) : 0;
     for (int k = 0; k < 3; k++) v[k] *= scale;
 }
-/* Two vectors at right angles to the unit vector n and to each other (Duff et al. 2017). */
+/* Two vectors orthogonal to the unit vector n and to each other (Duff et al. 2017). */
 static inline void frame3(const float n[3], float a[3], float b[3]) {
     float sign = copysignf(1, n[2]), f = -1 / (sign + n[2]), g = n[0] * n[1] * f;
     a[0] = 1 + sign * n[0] * n[0] * f, a[1] = sign * g, a[2] = -sign * n[0];
@@ -43,10 +43,10 @@ struct trace_texture {
     int shadow_level;  /* fine enough to decide whether a shadow ray passes */
     float linear[256]; /* of an sRGB byte */
 };
-/* Bilinear; the level whose texels are about `width_uv` of a unit square wide. rgba: linear colour, opacity.
- */
+/* Bilinear, at the level whose texels are about `width_uv` of a unit square wide. rgba: linear colour,
+ * opacity. */
 void texture_sample(const trace_texture *t, const float uv[2], float width_uv, float rgba[4]);
-/* The least opacity of the texels that matter to places in a box; 0 where it is too large to look. */
+/* The least opacity of the texels that affect places in a box; 0 if it is too large to check. */
 float texture_min_opacity(const trace_texture *t, const float low_uv[2], const float high_uv[2]);
 /* The nearest texel's opacity. */
 float texture_opacity(const trace_texture *t, const float uv[2]);
@@ -60,7 +60,7 @@ typedef struct {
     uint32_t *face;        /* F x 3 */
     float *corner_uv;      /* F x 6; NULL: none */
     float *uv_per_m;       /* F, side of the unit square per metre */
-    uint8_t *solid;        /* F: opaque all over, whatever the material says */
+    uint8_t *solid;        /* F: fully opaque, whatever the material says */
     float *vertex;         /* V x 3 and 16 bytes of padding, world */
     float *normal;         /* V x 3, world */
     uint32_t *edge;        /* F x 3: the edge that starts at that corner */
@@ -75,7 +75,7 @@ sherf_status scene_mesh_create(context *c, const trace_mesh *from, const trace_m
                                float spacing_m, scene_mesh *out);
 void scene_mesh_free(scene_mesh *mesh);
 void scene_mesh_pose(scene_mesh *mesh, const float *position);
-/* A point where light is taken: the mean of its vertices by `share`. */
+/* A point where light is computed: the mean of its vertices by `share`. */
 typedef struct {
     uint32_t point;
     float weight;
@@ -83,20 +83,20 @@ typedef struct {
     float share[3];
     enum { AT_VERTEX, AT_EDGE, AT_FACE } kind;
     uint32_t edge; /* AT_EDGE: from vertex[0] to vertex[1] */
-    int i, j;      /* AT_EDGE: step i; AT_FACE: its place, see trace_mesh.c */
+    int i, j;      /* AT_EDGE: step i; AT_FACE: its indices, see trace_mesh.c */
 } light_corner;
 /* Points around a place in a face: at most 6 (places between two points of an edge that is coarser than the
- * face count twice), their weights sum to 1. */
+ * face count twice); their weights sum to 1. */
 enum { LIGHT_CORNERS = 6 };
 int light_corners(const scene_mesh *mesh, uint32_t face, const float barycentric[3],
                   light_corner out[LIGHT_CORNERS]);
-/* A point that is not a vertex lies in the middle between two places of the next coarser lattice. These
- * places' points: at most 4, their weights sum to 1; *apart_m: how far apart the two places are. */
+/* A point that is not a vertex is the midpoint of two places of the next coarser lattice. Returns these
+ * places' points: at most 4, with weights that sum to 1; *apart_m: the distance between the two places. */
 int light_parents(const scene_mesh *mesh, uint32_t face, const light_corner *at, light_corner out[4],
                   float *apart_m);
 
 /* ---- the scene (trace_scene.c) ---- */
-/* Rays look for bits 0 to 15, a layer each, and for these; the filter functions do the rest. */
+/* Rays test bits 0 to 15, one for each layer, and these; the filter functions do the rest. */
 static inline unsigned seen_mask(trace_seen seen) {
     return 1u << (16 + seen);
 }
@@ -112,25 +112,25 @@ struct trace_scene {
     scene_mesh *mesh;
     int64_t points;
     int top_layer;
-    lit_word *lit;     /* 2 x points (front, back): visible_pack, 0: not traced yet */
+    lit_word *lit;     /* 2 x points (front, back): visible_pack; 0: not traced yet */
     trace_light light; /* lamps normalised, defaults filled in */
-    float lamp_u[TRACE_LAMPS][3], lamp_v[TRACE_LAMPS][3]; /* across the lamp, times its radius */
-    float sky[SKY_STEPS + 1][3]; /* what a white surface shows under the open sky, by normal . up -1 .. 1 */
-    float (*sky_sample)[2];      /* sky_rays points of the unit square, neighbours together */
+    float lamp_u[TRACE_LAMPS][3], lamp_v[TRACE_LAMPS][3]; /* axes across the lamp, times its radius */
+    float sky[SKY_STEPS + 1][3]; /* colour of a white surface under the open sky, by normal . up -1 .. 1 */
+    float (*sky_sample)[2];      /* sky_rays points of the unit square, neighbours adjacent */
     float (*lamp_sample)[2];     /* lamp_rays */
 };
 
 /* ---- light (trace_light.c) ---- */
-/* The share of the sky's and of each lamp's light that arrives. */
+/* The shares of the sky's and of each lamp's light that arrive. */
 typedef struct {
     float sky, lamp[TRACE_LAMPS];
 } visible;
 sherf_status light_prepare(context *c, trace_scene *s, const trace_light *light);
 void light_forget(trace_scene *s);
-/* At a place in a face; traced now unless known. side: 0 where the face is counter-clockwise, 1 behind. */
+/* At a place in a face; traced now unless known. side: 0 if the face is counter-clockwise, 1 behind. */
 void light_at(const trace_scene *s, int mesh, uint32_t face, const float barycentric[3], int side,
               visible *out);
-/* RTCFilterFunctionN of meshes with alpha (lets a shadow ray pass by chance) and of low layers. */
+/* RTCFilterFunctionN of meshes with alpha (lets a shadow ray pass at random) and of low layers. */
 void light_filter(const struct RTCFilterFunctionNArguments *args);
 
 /* ---- shading (trace_shade.c) ---- */
@@ -145,7 +145,7 @@ typedef struct {
 /* width_m: of the sample's footprint there. */
 void surface_at(const trace_scene *s, int mesh, uint32_t face, float u, float v, int side, float width_m,
                 surface *out);
-/* Light towards the viewer; direction: of the ray, unit. coat: what comes besides where it is not opaque. */
+/* Light towards the viewer; direction: of the ray, unit. coat: additional light where it is not opaque. */
 void surface_shade(const trace_scene *s, const surface *at, const float direction[3], float rgb[3],
                    float coat[3]);
 

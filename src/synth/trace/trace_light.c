@@ -1,7 +1,7 @@
-/* What share of the sky and of each lamp a place on a surface sees, traced when it is first requested.
+/* Computes which share of the sky and of each lamp a place on a surface sees, traced on the first request.
  *
- * A point holds its answer in one 64-bit word: a flag and four shares of 15 bits. Two threads that ask at
- * once both trace, and store the same word. */
+ * A point stores its result in one 64-bit word: a flag and four shares of 15 bits. If two threads request it
+ * at once, both trace and store the same word. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,12 +9,12 @@
 
 enum { PACKET = 16, SHARE_BITS = 15, SHARE_MAX = (1 << SHARE_BITS) - 1 };
 static const uint64_t traced = (uint64_t)1 << 63;
-/* Origins of shadow rays stand off the surface by so much. */
+/* Origins of shadow rays are this far off the surface. */
 static const float standoff_m = 0.0006f;
 /* Rays to a lamp leave the surface at least this steeply (sine); below it, shading's own cosine darkens. */
 static const float steepness = 0.06f;
 
-/* Between points that agree so well, and are no farther apart than so many spacings, nothing is traced. */
+/* Nothing is traced between points that agree this well and are at most this many spacings apart. */
 enum { agreement = SHARE_MAX / 25 };
 static const float reach = 3;
 
@@ -38,7 +38,7 @@ static void visible_add(uint64_t word, float weight, visible *sum) {
 
 /* ---- the sky ---- */
 
-/* What a white surface shows whose normal has the cosine x with "up": the lower half ground, the upper
+/* The colour of a white surface whose normal has the cosine x with "up": the lower half is ground, the upper
  * horizon + (zenith - horizon) sin(height). With g = acos(x), the integral of cos(n, d) cos(up, d) over the
  * directions d that both see is 2/3 (sin g + (pi - g) cos g). */
 static void sky_shade(const trace_light *l, float x, float rgb[3]) {
@@ -48,7 +48,7 @@ static void sky_shade(const trace_light *l, float x, float rgb[3]) {
                          ((double)l->zenith[k] - l->horizon[k]) * gradient);
 }
 
-/* Its radiance towards d, as grey. */
+/* The sky's radiance towards d, as grey. */
 static float sky_grey(const trace_light *l, const float d[3]) {
     float height = dot3(d, l->up);
     if (height < 0) return (l->ground[0] + l->ground[1] + l->ground[2]) / 3;
@@ -105,7 +105,7 @@ static sherf_status make_samples(context *c, trace_scene *s) {
     s->sky_sample = mem_alloc(c, (size_t)s->light.sky_rays, sizeof *s->sky_sample);
     s->lamp_sample = mem_alloc(c, (size_t)s->light.lamp_rays, sizeof *s->lamp_sample);
     if (!s->sky_sample || !s->lamp_sample) return SHERF_NO_MEMORY;
-    for (int i = 0; i < s->light.sky_rays; i++) { /* Hammersley: 16 neighbours look the same way */
+    for (int i = 0; i < s->light.sky_rays; i++) { /* Hammersley: 16 neighbours have similar directions */
         uint32_t bits[2];
         sobol2((uint32_t)i, bits);
         s->sky_sample[i][0] = ((float)i + 0.5f) / (float)s->light.sky_rays;
@@ -159,7 +159,7 @@ static void ray_init(struct RTCRay16 *rays, int lane, const light_point *p, cons
     rays->id[lane] = (unsigned)(p->key >> 32) + (unsigned)number;
 }
 
-/* Bit n: lane n's ray is free. */
+/* Bit n: lane n's ray is unoccluded. */
 static unsigned free_rays(const trace_scene *s, struct RTCRay16 *rays, int lanes) {
     _Alignas(64) int valid[PACKET];
     struct RTCIntersectContext how;
@@ -198,7 +198,7 @@ static float sky_share(const trace_scene *s, const light_point *p) {
     return all > 0 ? seen / all : 1;
 }
 
-/* From the unit square onto the unit disc, areas kept (Shirley and Chiu). */
+/* Maps the unit square to the unit disc and preserves areas (Shirley and Chiu). */
 static void disc(float x, float y, float out[2]) {
     x = 2 * x - 1, y = 2 * y - 1;
     if (x == 0 && y == 0) {
@@ -213,12 +213,12 @@ static void disc(float x, float y, float out[2]) {
 static float lamp_share(const trace_scene *s, int lamp, const light_point *p) {
     _Alignas(64) struct RTCRay16 rays;
     const trace_lamp *l = &s->light.lamp[lamp];
-    if (dot3(l->to_lamp, p->normal) < -0.7f) return 1; /* no wrapping brings light so far round */
+    if (dot3(l->to_lamp, p->normal) < -0.7f) return 1; /* light does not wrap around this far */
     uint64_t stream = 2 + 2 * (uint64_t)lamp;
     float turn[2] = {(float)random_uniform(p->key, stream), (float)random_uniform(p->key, stream + 1)};
     int lanes = l->half_angle_rad > 0 ? PACKET : 1, cast = 0, seen = 0;
-    if (lanes < PACKET) memset(&rays, 0, sizeof rays); /* Embree asserts of idle lanes too */
-    /* The first packet decides in full light and in full shadow. */
+    if (lanes < PACKET) memset(&rays, 0, sizeof rays); /* Embree asserts about idle lanes too */
+    /* After the first packet, full light and full shadow are final. */
     while (cast < s->light.lamp_rays && (cast == 0 || (seen > 0 && seen < cast))) {
         for (int i = 0; i < lanes; i++) {
             const float *at = s->lamp_sample[cast + i];
@@ -239,7 +239,7 @@ static float lamp_share(const trace_scene *s, int lamp, const light_point *p) {
     return (float)seen / (float)cast;
 }
 
-/* The point on the curved surface that the smooth normals mean (Hanika: Hacking the shadow terminator), so
+/* The point on the curved surface that the smooth normals imply (Hanika: Hacking the shadow terminator), so
  * that a coarse mesh does not shadow itself. */
 static void place_point(const scene_mesh *mesh, const light_corner *at, int side, light_point *out) {
     float sign = side ? -1 : 1, flat[3] = {0}, own[3], curved[3] = {0};
@@ -281,7 +281,7 @@ static uint64_t trace_point(const trace_scene *s, const scene_mesh *mesh, const 
 static uint64_t light_word(const trace_scene *s, const scene_mesh *mesh, uint32_t face,
                            const light_corner *at, int side);
 
-/* What the points around suggest; 0 where they differ or are too far apart. */
+/* The value that the surrounding points suggest; 0 if they differ or are too far apart. */
 static uint64_t guess_word(const trace_scene *s, const scene_mesh *mesh, uint32_t face,
                            const light_corner *at, int side) {
     light_corner parent[4];
@@ -324,7 +324,7 @@ void light_at(const trace_scene *s, int mesh, uint32_t face, const float barycen
 /* Embree's arrays of N: word n of ray or hit i is at [n * N + i]; its accessors are C++ only. */
 enum { RAY_DIRECTION = 4, RAY_TFAR = 8, RAY_ID = 10, RAY_FLAGS = 11, HIT_U = 3, HIT_V = 4, HIT_FACE = 5 };
 
-/* From a garment outwards through skin that should lie below it. */
+/* From a garment outward through skin that should be under it. */
 static bool pokes_through(const scene_mesh *mesh, const struct RTCFilterFunctionNArguments *args,
                           unsigned i) {
     unsigned N = args->N;

@@ -1,4 +1,4 @@
-/* Meshes of the ray tracer: topology, smooth normals, and the points where light is taken. */
+/* Meshes of the ray tracer: topology, smooth normals, and the points where light is computed. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -55,7 +55,7 @@ static float edge_length(const half_edge *e, const float *rest) {
     return distance(rest + 3 * (e->ends >> 32), rest + 3 * (e->ends & UINT32_MAX));
 }
 
-/* The side of a square as large as two such faces: a strip's long edges are cut no finer than that. */
+/* The side of a square with the area of two such faces: a strip's long edges are not cut finer than that. */
 static float face_size(const scene_mesh *mesh, const float *rest, uint32_t face) {
     const float *p[3];
     float a[3], b[3], n[3];
@@ -65,8 +65,8 @@ static float face_size(const scene_mesh *mesh, const float *rest, uint32_t face)
     return sqrtf(sqrtf(dot3(n, n)));
 }
 
-/* Numbers the edges and says into how many parts each is cut: the power of two that brings them nearest to
- * the spacing. */
+/* Numbers the edges and chooses into how many parts each is cut: the power of two that is nearest to the
+ * spacing. */
 static sherf_status find_edges(context *c, scene_mesh *mesh, const float *rest, float spacing_m) {
     size_t n = 3 * (size_t)mesh->faces;
     half_edge *half = mem_alloc(c, n, sizeof *half);
@@ -128,8 +128,7 @@ static void set_uv(scene_mesh *mesh, const trace_mesh *from) {
     }
 }
 
-/* A face of a garment with holes that has none itself is drawn and casts shadows as if there were no alpha.
- */
+/* A face of a garment with holes that has no hole itself is drawn and casts shadows as if it had no alpha. */
 static void find_solid(scene_mesh *mesh) {
     const trace_material *material = &mesh->material;
     float min = material->alpha == TRACE_CUTOUT ? material->cutoff : 0.99f;
@@ -194,7 +193,7 @@ void scene_mesh_free(scene_mesh *mesh) {
     *mesh = (scene_mesh){0};
 }
 
-/* Vertex normals: those of the faces around, weighted by area. */
+/* Vertex normals: the area-weighted mean of the surrounding faces' normals. */
 void scene_mesh_pose(scene_mesh *mesh, const float *position) {
     memcpy(mesh->vertex, position, (size_t)mesh->vertices * 3 * sizeof *mesh->vertex);
     memset(mesh->normal, 0, (size_t)mesh->vertices * 3 * sizeof *mesh->normal);
@@ -210,10 +209,10 @@ void scene_mesh_pose(scene_mesh *mesh, const float *position) {
     for (int64_t i = 0; i < mesh->vertices; i++) unit3(mesh->normal + 3 * i);
 }
 
-/* ---- the points where light is taken ----
+/* ---- the points where light is computed ----
  * A face of level n has the points (i, j), i + j <= n, at barycentric (n - i - j, i, j) / n. Its corners are
- * vertices and its sides are edges, so faces share them. An edge coarser than the face lends the points that
- * it has, with linear weights: neighbours of different levels agree along their edge. */
+ * vertices and its sides are edges, so faces share them. An edge coarser than the face lends its points, with
+ * linear weights: neighbours of different levels agree along their edge. */
 
 static void add_vertex(uint32_t vertex, float weight, light_corner *out) {
     *out =

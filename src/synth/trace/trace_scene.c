@@ -1,4 +1,4 @@
-/* Scenes: meshes, their poses, and Embree's tree over them. */
+/* Scenes: meshes, their poses, and Embree's BVH over them. */
 #include <string.h>
 
 #include "synth/trace/trace_inside.h"
@@ -23,7 +23,7 @@ static const char *error_text(enum RTCError error) {
     }
 }
 
-/* The calling thread's newest error; device NULL: that of making one. */
+/* The calling thread's newest error; device NULL: the error of creating one. */
 static sherf_status check_device(context *c, RTCDevice device, const char *what) {
     enum RTCError error = rtcGetDeviceError(device);
     if (error == RTC_ERROR_NONE) return SHERF_OK;
@@ -38,7 +38,7 @@ sherf_status trace_scene_create(context *c, float spacing_m, trace_scene **out) 
     trace_scene *s = mem_zero(c, 1, sizeof *s);
     if (!s) return SHERF_NO_MEMORY;
     s->spacing_m = spacing_m;
-    /* Trees are built by the calling thread: people are made side by side. */
+    /* The calling thread builds the trees: people are made in parallel. */
     s->device = rtcNewDevice("threads=1,set_affinity=0");
     if (!s->device) {
         sherf_status status = check_device(c, NULL, "start");
@@ -116,7 +116,7 @@ static void attach_mesh(trace_scene *s, scene_mesh *mesh) {
     rtcReleaseGeometry(g);
 }
 
-/* Everything that waits for the last mesh. */
+/* Does everything that must wait for the last mesh. */
 static sherf_status complete(context *c, trace_scene *s) {
     if (!s->meshes) return failure(c, SHERF_BAD_ARGUMENT, "scene: no mesh");
     if (!s->lit && !(s->lit = mem_alloc(c, (size_t)s->points, 2 * sizeof *s->lit))) return SHERF_NO_MEMORY;

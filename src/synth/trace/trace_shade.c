@@ -35,15 +35,15 @@ static void sky_lookup(const trace_scene *s, const float direction[3], float rgb
     for (int k = 0; k < 3; k++) rgb[k] = s->sky[i][k] + t * (s->sky[i + 1][k] - s->sky[i][k]);
 }
 
-/* Schlick's reflectance at the cosine x. At grazing angles all light is reflected, or less if little is
- * head-on. */
+/* Schlick's reflectance at the cosine x. At grazing angles all light is reflected, or less if the head-on
+ * reflectance is small. */
 static float fresnel(float head_on, float x) {
     float y = 1 - clamp01(x), y2 = y * y, rim = clamp01(25 * head_on);
     return head_on + (rim - head_on) * y2 * y2 * y;
 }
 
-/* GGX lobe times cosine over 4 (n l)(n v), and pi since a lamp's colour is what white shows; `wide`: squared
- * roughness, that of the lamp's size added. Smith's masking in the form of Hammon. */
+/* GGX lobe times cosine over 4 (n l)(n v), and times pi since a lamp's colour is what white shows; `wide`:
+ * squared roughness, plus that of the lamp's size. Smith's masking in Hammon's form. */
 static float lobe(const float n[3], const float v[3], const float l[3], float head_on, float wide) {
     float nl = dot3(n, l), nv = dot3(n, v);
     if (!(nl > 0)) return 0;
@@ -85,7 +85,7 @@ void surface_shade(const trace_scene *s, const surface *at, const float directio
     light_at(s, at->mesh, at->face, at->barycentric, at->side, &seen);
     sky_lookup(s, at->normal, sky);
     for (int k = 0; k < 3; k++) {
-        /* what neighbours of the same colour hand on: a + a (1 - a) r + a (1 - a)^2 r^2 + ... */
+        /* light reflected by neighbours of the same colour: a + a (1 - a) r + a (1 - a)^2 r^2 + ... */
         float again = s->light.bounce * clamp01(at->rgba[k]) * (1 - seen.sky);
         rgb[k] = sky[k] * seen.sky / (1 - (again < 0.95f ? again : 0.95f));
     }

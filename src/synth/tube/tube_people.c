@@ -14,8 +14,8 @@ enum { PEOPLE_MAX = 10000, POSES_MAX = 10000, VIEWS_MAX = 100, SIDE_MIN = 16, SI
 typedef struct {
     sherf_synth_options o;
     const body_model *body;
-    float (*color)[3];    /* V, of the person at hand */
-    sherf_camera *camera; /* views, of the person at hand */
+    float (*color)[3];    /* V, of the current person */
+    sherf_camera *camera; /* views, of the current person */
     char folder[PATH_LENGTH];
 } synth_job;
 
@@ -26,8 +26,8 @@ static float between(uint64_t key, uint64_t i, double low, double high) {
 
 /* ---- people ---- */
 
-/* Ranges in radians that people reach without effort, about the axes of the rest pose (arms to the sides,
- * y up, z forward). The right side mirrors the left: y and z change sign. */
+/* Ranges in radians that people reach easily, about the axes of the rest pose (arms to the sides, y up, z
+ * forward). The right side mirrors the left: y and z change sign. */
 static const struct {
     int joint, mirror; /* mirror: the right side's joint; -1: none */
     double low[3], high[3];
@@ -61,7 +61,7 @@ static void make_pose(uint64_t key, sherf_pose *pose) {
     for (uint64_t k = 0; k < 3; k++) pose->Th_m[k] = between(key, n + 3 + k, -0.06, 0.06);
 }
 
-/* View 12 of 24 looks at the front, as the paper's protocol has it; heights and distances vary a little. */
+/* View 12 of 24 looks at the front, as in the paper's protocol; heights and distances vary a little. */
 static void make_cameras(const synth_job *job, uint64_t key) {
     const float centre[3] = {0, -0.27f, 0};
     int views = job->o.views, size = job->o.size_px;
@@ -85,14 +85,14 @@ typedef struct {
     char (*message)[sizeof((context *)0)->message];
 } pose_job;
 
-/* Light from above the front, three quarters of it from everywhere. */
+/* Light from above and in front, three quarters of it ambient. */
 static float light(const float normal[3]) {
     static const float from[3] = {0.3f, 0.75f, 0.59f};
     float d = normal[0] * from[0] + normal[1] * from[1] + normal[2] * from[2];
     return 0.78f + 0.22f * (d > 0 ? d : 0);
 }
 
-/* Sum of the samples of one pixel; returns how many hit the body. */
+/* Sums a pixel's samples; returns how many hit the body. */
 static int pixel_samples(const pose_job *p, const raster *r, int x, int y, float rgb[3]) {
     const body_model *body = p->job->body;
     int hits = 0;
@@ -171,7 +171,7 @@ static bool surface_color_at(void *user, const solid_point *place, bool behind, 
     return !behind;
 }
 
-/* With the tubes' ends closed, or the flood would enter. */
+/* The tubes' ends are closed, or the flood would enter. */
 static sherf_status write_surface(context *c, pose_job *p) {
     const body_model *m = p->job->body;
     uint32_t *walls = mem_alloc(c, (size_t)m->faces + TUBEMAN_CAPS, 3 * sizeof *walls);
@@ -264,7 +264,7 @@ static sherf_status make_person(context *c, synth_job *job, int person) {
                           (double)job->o.people * job->o.poses * job->o.views);
         if (status) goto fail;
     }
-    folder_remove(final); /* what an interrupted run left: the list is written last */
+    folder_remove(final); /* remains of an interrupted run: the list is written last */
     if (rename(part, final) == 0) return SHERF_OK;
     status = failure(c, SHERF_WRITE_FAILED, "%s: cannot be made", final);
 fail:
@@ -285,8 +285,8 @@ static sherf_status write_list(context *c, const synth_job *job, const char *pat
     return status;
 }
 
-/* A data set that could not be finished would be taken for one: its people and body go, and a folder that was
- * made for it. */
+/* An unfinished data set would look like a finished one: removes its people and body, and a folder made for
+ * it. */
 static void leave_nothing(const synth_job *job, int people, const char *body, bool folder_is_new) {
     context quiet = {.threads = 1};
     char name[64], path[PATH_LENGTH];

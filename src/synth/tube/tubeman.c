@@ -1,5 +1,5 @@
-/* tubeman: tubes between joints, ten vertices a ring; blend weights, shapes and pose blend shapes by formula.
- */
+/* tubeman: tubes between joints, ten vertices in each ring; blend weights, shapes and pose blend shapes by
+ * formula. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -19,7 +19,7 @@ static const double joint[JOINTS][3] = {
     {0.17, 0.23, -0.02},   {-0.17, 0.23, -0.02}, {0.43, 0.21, -0.04},  {-0.43, 0.21, -0.04},
     {0.68, 0.22, -0.04},   {-0.68, 0.22, -0.04}, {0.76, 0.21, -0.05},  {-0.76, 0.21, -0.05}};
 
-/* From joint `a` to joint `b`, or to the point `end` where b is -1; radii at both ends. */
+/* From joint `a` to joint `b`, or to the point `end` if b is -1; radii at both ends. */
 static const struct {
     int a, b;
     double end[3], radius_a, radius_b;
@@ -48,12 +48,12 @@ static const struct {
                  {21, 23, {0}, 0.032, 0.034},
                  {22, -1, {0.86, 0.205, -0.055}, 0.034, 0.012},
                  {23, -1, {-0.86, 0.205, -0.055}, 0.034, 0.012}};
-/* Rings of each tube: RINGS shared out by length, floor, the rest to the longest ones. */
+/* Rings of each tube: RINGS distributed by length, rounded down, the rest to the longest ones. */
 static const int rings[TUBES] = {17, 22, 7,  33, 13, 31, 18, 59, 59, 62, 62, 20, 20,
                                  12, 12, 14, 14, 41, 41, 39, 39, 12, 12, 15, 15};
 
 /* A joint is the mean of its 20 nearest vertices. For these joints the 20th and 21st are equally far (up to
- * the last bit), and the generator's sort decided: its choice. */
+ * the last bit), and the generator's sort decided; this is its choice. */
 enum { NEAREST = 20 };
 static const struct {
     int joint;
@@ -271,13 +271,13 @@ void tubeman_caps(uint32_t triangle[3 * TUBEMAN_CAPS]) {
 
 void tubeman_color(uint64_t person_key, int vertex, float rgb[3]) {
     int ring, t = tube_of(vertex < 0 ? 0 : vertex >= V ? V - 1 : vertex, &ring);
-    /* Hues of neighbouring tubes are far apart (golden ratio); the person turns the whole wheel. */
+    /* Hues of neighbouring tubes are far apart (golden ratio); the person's key rotates the whole wheel. */
     double hue = random_uniform(person_key, 0) + 0.61803398875 * t,
            full = 0.75 + 0.2 * random_uniform(person_key, 1);
     hue = 6 * (hue - floor(hue));
-    int width = 5 + (int)(4 * random_uniform(person_key, 2)); /* rings of a stripe: 4 to 6 cm */
+    int width = 5 + (int)(4 * random_uniform(person_key, 2)); /* rings in a stripe: 4 to 6 cm */
     int dark = ring / width % 2;
-    for (int k = 0; k < 3; k++) { /* hue to RGB: a trapezoid a third of the wheel apart */
+    for (int k = 0; k < 3; k++) { /* hue to RGB: a trapezoid, shifted by a third of the wheel */
         double x = fmod(hue + (k == 0 ? 0 : k == 1 ? 4 : 2), 6);
         double level = fabs(x - 3) - 1;
         level = level < 0 ? 0 : level > 1 ? 1 : level;

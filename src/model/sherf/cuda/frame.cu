@@ -1,7 +1,6 @@
-/* Frames of an avatar on the GPU: pose, rays, points, the network in rounds of a few points a ray,
- * compositing. The picture and a handful of numbers come back at the end, and nothing is requested before.
- * Room for the points is a guess: where it was too small the numbers say so, and the frame is made again with
- * more. */
+/* Frames of an avatar on the GPU: pose, rays, points, the network in rounds of a few points for each ray,
+ * compositing. The picture and a few numbers come back at the end; nothing is downloaded before. The room for
+ * points is a guess: if it was too small, the numbers say so, and the frame is made again with more. */
 #include <stdio.h>
 
 #include "model/sherf/cuda/network.h"
@@ -9,7 +8,7 @@
 using namespace cuda_backend;
 
 struct gpu_avatar {
-    arena *own, *frame; /* what stays, and what each frame takes anew */
+    arena *own, *frame; /* permanent memory, and memory that each frame takes anew */
     placed_body body;
     placed_observation observed;
     placed_network *network;
@@ -25,13 +24,13 @@ namespace cuda_backend {
 constexpr float opaque = 1e-3f; /* transmittance at which the rest of a ray is dropped, as on the CPU */
 enum { SIDE = 16, SIDE_RAYS = SIDE * SIDE };
 
-/* A ray's way from front to back. */
+/* A ray's progress from front to back. */
 struct ray_ways {
     int32_t *at; /* the next point */
     float *transmittance, *color, *opacity, *depth;
 };
 
-/* Rays in blocks of 16 x 16 pixels, so that neighbours in a tile of points lie close together. */
+/* Rays in blocks of 16 x 16 pixels, so that neighbours in a tile of points are close together. */
 struct ray_ranks {
     int width, height, across;
     int64_t count;
@@ -75,8 +74,8 @@ static sherf_status frame_room_make(context *c, arena *a, const placed_network *
 }
 
 /* ---- compositing ----
- * One thread a ray, a few points at a time: a picture has a hundred times as many rays as the GPU has warps,
- * a ray some six points, and a round at most four, 64 bytes side by side. */
+ * One thread for each ray, a few points at a time: a picture has a hundred times as many rays as the GPU has
+ * warps, a ray has about six points, and a round at most four, which are 64 contiguous bytes. */
 static void composite(const placed_points &p, const ray_ranks &ranks, const frame_room &f) {
     const ray_ways w = f.way;
     const int32_t *take = f.take;
@@ -112,8 +111,8 @@ static void composite(const placed_points &p, const ray_ranks &ranks, const fram
     });
 }
 
-/* The next `chunk` points of each ray that still lets light through go through the network and are
- * composited. */
+/* Runs the network on the next `chunk` points of each ray that still lets light through, and composites them.
+ */
 static void round_run(const placed_network *network, const placed_points &p, const ray_ranks &ranks,
                       const frame_room &f, int chunk, bool early_stop) {
     const ray_ways w = f.way;
@@ -223,7 +222,7 @@ static sherf_status place_empty(context *c, gpu_avatar *a, const occupancy_grid 
     return SHERF_OK;
 }
 
-/* Pose and points of a frame, in the frame's arena. */
+/* Computes pose and points of a frame, in the frame's arena. */
 static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *posed,
                                 const sherf_camera *camera, const gpu_frame_options *o, placed_points *p) {
     ray_optics optics;
@@ -247,7 +246,7 @@ static sherf_status points_make(context *c, gpu_avatar *a, const posed_body *pos
     return SHERF_OK;
 }
 
-/* What the numbers say: SHERF_OK with *again where there was too little room. */
+/* Checks the frame's numbers: SHERF_OK with *again if there was too little room. */
 static sherf_status head_judge(context *c, gpu_avatar *a, const frame_head *head, bool *again) {
     *again = head->candidates > a->max;
     if (*again) a->max = (int64_t)head->candidates * 5 / 4;
@@ -281,7 +280,7 @@ static void unpack(void *arg, int64_t begin, int64_t end, int thread) {
     memcpy(u->depth + begin, u->from + 4 * u->pixels + begin, bytes);
 }
 
-/* All launches of one frame, then the wait for its picture. */
+/* Launches one frame, then waits for its picture. */
 static sherf_status frame_try(context *c, gpu_avatar *a, const posed_body *posed, const sherf_camera *camera,
                               const gpu_frame_options *o, frame_head *head) {
     placed_points p;
@@ -291,7 +290,7 @@ static sherf_status frame_try(context *c, gpu_avatar *a, const posed_body *posed
     if (!status) status = frame_room_make(c, a->frame, a->network, &p, ranks, &f);
     if (status) return status;
     rays_start(p, f.way);
-    /* most rays end within the first rounds; the last one takes what is left */
+    /* most rays end within the first rounds; the last one takes the rest */
     static const int chunks[] = {4, 4, 8};
     for (int i = 0; o->early_stop && i < (int)COUNT_OF(chunks); i++)
         round_run(a->network, p, ranks, f, chunks[i], true);

@@ -1,12 +1,11 @@
-/* The radiance field's bank on the GPU and what points read from it. Sampling is a kernel of its own, in
- * front of the layers: it waits for memory, so it wants as many threads as there can be, and the layers want
- * all the registers. Between them 200 bytes a point go through the second cache, of 6 KB that are read from
- * the bank. */
+/* The radiance field's bank on the GPU, and how points read it. Sampling is a separate kernel before the
+ * layers: it waits for memory, so it wants as many threads as possible, while the layers want all registers.
+ * Between them 200 bytes of each point pass through the L2 cache, of 6 KB that are read from the bank. */
 #include "model/sherf/cuda/network.h"
 
 namespace cuda_backend {
 
-/* Points that one launch takes: tokens are kept for so many. */
+/* Points in one launch: tokens are stored for this many. */
 constexpr int64_t points_at_a_time = 1 << 19;
 
 /* ---- placing ---- */
@@ -16,7 +15,7 @@ static bool place_floats(context *c, arena *a, const tensor_memory *memory, cons
     return *to && (count == 0 || memory->upload(c, *to, from, (size_t)count * sizeof **to) == SHERF_OK);
 }
 
-/* As float16 times scale. */
+/* Stored as float16 times scale. */
 static bool place_halves(context *c, arena *a, const tensor_memory *memory, const float *from, int64_t count,
                          float scale, uint16_t **to) {
     uint16_t *half = *to = room<uint16_t>(c, a, count);
@@ -75,7 +74,7 @@ static sherf_status place_bank(context *c, arena *a, const tensor_memory *memory
     b->image_width = n->image_width;
     b->image_height = n->image_height;
     b->scale = 1;
-    /* as the CPU's: a sum of all parts stays far from float16's 65504, small values far from 6e-8 */
+    /* as on the CPU: a sum of all parts stays far from float16's 65504, small values far from 6e-8 */
     if (half) b->scale = exp2f(floorf(log2f(4096.0f / fmaxf(p->bank_max, 1e-20f))));
     if (!isfinite(b->scale) || b->scale <= 0)
         return failure(c, SHERF_BAD_ARGUMENT, "radiance field: the avatar's features are not finite");
@@ -124,7 +123,7 @@ static sherf_status place_layers(context *c, arena *a, const tensor_memory *memo
     return SHERF_OK;
 }
 
-/* The layers' own place is given back when they are packed. */
+/* The unpacked layers' memory is freed after packing. */
 static sherf_status place_fragments(context *c, arena *a, const tensor_memory *memory,
                                     const radiance_parts *p, placed_network *n) {
     float_layers layers;
@@ -168,7 +167,7 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
 }
 
 void network_free(placed_network *n) {
-    mem_free(n); /* what it points to is the arena's */
+    mem_free(n); /* the arena owns everything that it points to */
 }
 
 bool network_in_bf16(const placed_network *n) {
@@ -176,7 +175,7 @@ bool network_in_bf16(const placed_network *n) {
 }
 
 /* ---- sampling: one thread a point and some channels of its tokens ---- */
-/* Channels that a thread takes, 16 bytes of them or one. */
+/* Channels that a thread reads, 16 bytes of them or one. */
 template <typename V> struct channels;
 template <> struct channels<float> {
     enum { COUNT = 1 };

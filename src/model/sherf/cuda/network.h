@@ -1,4 +1,4 @@
-/* A radiance field on the GPU: what its kernels share. */
+/* A radiance field on the GPU: shared by its kernels. */
 #ifndef SHERF_CUDA_NETWORK_H
 #define SHERF_CUDA_NETWORK_H
 
@@ -16,7 +16,7 @@ sherf_status network_place(context *c, arena *a, const tensor_memory *memory, co
                            bool bf16, placed_network **out);
 void network_free(placed_network *n);
 bool network_in_bf16(const placed_network *n);
-/* Points to take: list[i] for i < *count, of at most `max`. To result[point]: red, green, blue, raw density.
+/* Points to process: list[i] for i < *count, at most `max`. result[point] gets red, green, blue, raw density.
  */
 struct network_points {
     const float *canonical, *direction, *observed_px;
@@ -24,7 +24,7 @@ struct network_points {
     int64_t max;
     float4 *result;
 };
-/* Room that network_run needs for at most `max` points, from the arena. */
+/* Memory from the arena that network_run needs for at most `max` points. */
 struct network_scratch {
     int64_t max; /* points at a time */
     void *tokens;
@@ -58,8 +58,8 @@ struct network_sizes {
 
 /* Weights as the tensor cores' fragments (network_bf16.cu). */
 struct bf16_layers {
-    uint4 *stream;   /* of the decoder, by stages */
-    uint4 *resident; /* what stays in shared memory: fusion's fragments, then all biases */
+    uint4 *stream;   /* of the decoder, stage by stage */
+    uint4 *resident; /* resident in shared memory: fusion's fragments, then all biases */
     int stages, resident_bytes;
 };
 
@@ -84,7 +84,7 @@ void float_run(const placed_network *n, const network_points *points, int64_t ba
 /* network_bf16.cu */
 network_sizes network_sizes_of(const radiance_field *n);
 bool bf16_fits(const network_sizes &s);
-/* Room for the layers, filled with zeros; and the layers into it, in the stream's order. */
+/* Allocates the layers' memory, zeroed; packs the layers into it, in the stream's order. */
 sherf_status bf16_room(context *c, arena *a, const network_sizes &s, bf16_layers *out);
 void bf16_pack(const float_layers &l, const network_sizes &s, const bf16_layers &to);
 void bf16_run(const placed_network *n, const network_points *points, int64_t base, int64_t max,

@@ -1,17 +1,20 @@
 /* The radiance field in bf16 on tensor cores (mma.sync, 8.0 and newer; sums in float32). A warp takes 16
- * points through the whole of fusion and decoder; activations never leave its registers, since two
- * neighbouring fragments of a product's result are one fragment of the next product's input (warp.h).
+ * points through all of fusion and decoder. Activations never leave its registers, since two neighbouring
+ * fragments of a product's result are one fragment of the next product's input (warp.h).
  *
- * A block has 8 warps, 128 points at a time, and stays for the kernel's length, one on each multiprocessor:
- *   shared memory, paper's sizes: three stages of the decoder's weights, 3 x 16 KB, that come round and round
- * by asynchronous copies while the stage before is used (21 stages of four k-tiles, 344 KB a tile of 128
- * points); the fusion's weights and all biases to stay, 27 KB; encodings on their way into fragments, 8
- * x 1.75 KB. 89 KB in all; 104 KB are requested. registers: sums of a layer 64, its input 32, the decoder's
- * first input (kept for the skip) 20, token 1 8; with addresses and weights on their way nvcc 13 takes 231 to
- * 243 of 255 a thread, without spills. Fusion goes head by head and stays below that. Every fragment of
- * weights is read by each warp for 16 points: 256 bytes a product of 2048, which keeps shared memory (128
- * bytes a clock) as busy as 8.0's tensor cores and twice as busy as half of 9.0's. More points a warp want
- * more registers than there are; wgmma, which reads weights from shared memory itself, is the way from there.
+ * A block has 8 warps, 128 points at a time, and stays for the kernel's duration, one on each multiprocessor:
+ *
+ * Shared memory, with the paper's sizes: three stages of the decoder's weights, 3 x 16 KB, which asynchronous
+ * copies refill in rotation while the previous stage is used (21 stages of four k-tiles, 344 KB for a tile of
+ * 128 points); the fusion's weights and all biases stay resident, 27 KB; encodings on their way into
+ * fragments, 8 x 1.75 KB. 89 KB in all; 104 KB are requested.
+ *
+ * Registers: sums of a layer 64, its input 32, the decoder's first input (kept for the skip) 20, token 1 8;
+ * with addresses and weights in transit nvcc 13 uses 231 to 243 of 255 for each thread, without spills.
+ * Fusion goes head by head and stays below that. Each warp reads every fragment of weights for 16 points: 256
+ * bytes for a product of 2048, which keeps shared memory (128 bytes a clock) as busy as 8.0's tensor cores
+ * and twice as busy as half of 9.0's. More points for each warp would need more registers than there are;
+ * wgmma, which reads weights from shared memory itself, is the next step.
  *
  * The stream of stages and every barrier are the same for all warps, whether their points exist or not. */
 #include "model/sherf/cuda/pack.h"

@@ -1,5 +1,6 @@
-/* The radiance field in bf16 on tensor cores: what its kernels for frames (network_bf16.cu) and for training
- * (train_*.cu) share: where weights are, how they come, and how a warp takes 16 points through a layer. */
+/* The radiance field in bf16 on tensor cores: shared by its kernels for frames (network_bf16.cu) and for
+ * training (train_*.cu): where weights are stored, how they are loaded, and how a warp takes 16 points
+ * through a layer. */
 #ifndef SHERF_CUDA_NETWORK_BF16_H
 #define SHERF_CUDA_NETWORK_BF16_H
 
@@ -9,7 +10,7 @@ namespace cuda_backend {
 
 enum {
     WARPS = 8,
-    TILE_POINTS = 16, /* of a warp */
+    TILE_POINTS = 16, /* in a warp */
     THREADS = WARPS * WARP,
     STAGES = 3,          /* in shared memory */
     STAGE_TILES = 4,     /* k-tiles of a stage */
@@ -71,7 +72,7 @@ __host__ __device__ inline int h_tiles_of(int decoder_width) {
     return decoder_width <= 96 ? 6 : 8;
 }
 
-/* Stages of the decoder: its layers' inputs in k-tiles, each begun with a new stage. */
+/* The decoder's number of stages: its layers' inputs in k-tiles, each of which starts a new stage. */
 __host__ __device__ inline int tiles_stages(int k_tiles) {
     return (k_tiles + STAGE_TILES - 1) / STAGE_TILES;
 }
@@ -80,8 +81,8 @@ inline int layer_tiles(const network_sizes &s, int layer, int h_tiles) {
     return layer == 0 ? X_TILES : layer == s.decoder_skip + 1 ? X_TILES + h_tiles : h_tiles;
 }
 
-/* A column for each input of an encoding's k-tiles: the values, then the low parts of the first three again.
- */
+/* The column for each input of an encoding's k-tiles: the values, then the low parts of the first three
+ * again. */
 __host__ __device__ inline int encoded_column(int input, int width) {
     return input < width ? input : input < width + 3 ? input - width : -1;
 }
@@ -124,7 +125,7 @@ __device__ inline sums positive(const sums &s) {
     return {{fmaxf(s.c[0], 0), fmaxf(s.c[1], 0), fmaxf(s.c[2], 0), fmaxf(s.c[3], 0)}};
 }
 
-/* What this lane's sums of n-tile n begin with. */
+/* The initial values of this lane's sums of n-tile n. */
 __device__ inline sums bias_of(const float *b, int n, int t) {
     const float low = b[8 * n + 2 * t], high = b[8 * n + 2 * t + 1];
     return {{low, high, low, high}};
@@ -149,8 +150,8 @@ struct network_warp {
         }
     }
 
-    /* x, then sin(2^k x), cos(2^k x), of the values of one point's component; and what bf16 drops of x. The
-     * sines of doubled angles come from the first: an error of 1e-7 becomes 6e-6 at most. */
+    /* x, then sin(2^k x), cos(2^k x), for one component of one point; and the bits of x that bf16 drops.
+     * Sines of doubled angles are computed from the first: an error of 1e-7 grows to at most 6e-6. */
     __device__ void encode_one(int point, int component, float x, int frequencies, int width) const {
         uint16_t *to = encoded + point * ENCODED_PITCH;
         const uint32_t high = pack_bf16(x, 0);
@@ -212,7 +213,7 @@ struct network_warp {
         for (int k = 0; k < TOKEN_TILES; k++) out[k] = input_of(y[2 * k], y[2 * k + 1]);
     }
 
-    /* One head: out[i] += its part of the attention's result, for tokens 0 and 1. */
+    /* One head: out[i] += its contribution to the attention's result, for tokens 0 and 1. */
     __device__ void attend(const input (*x)[TOKEN_TILES], int first, sums (*out)[TOKEN_N]) const {
         sums q[2][2] = {}, k[3][2] = {}, v[3][2] = {};
         UNROLL
@@ -246,7 +247,7 @@ struct network_warp {
         }
     }
 
-    /* Tokens 0 and 1 through attention and feed-forward, in place; token 2 is key and value only. */
+    /* Tokens 0 and 1 through attention and feed-forward, in place; token 2 is only key and value. */
     __device__ void transform(const network_sizes &s, const resident_places &at,
                               sums (*token)[TOKEN_N]) const {
         input x[3][TOKEN_TILES];
@@ -288,7 +289,7 @@ template <int STAGE_WORDS> struct weight_stream {
     const uint4 *from;
     uint32_t *ring;
     int stages;        /* of the stream */
-    int64_t next, end; /* the next one to copy, of this block's whole work */
+    int64_t next, end; /* the next one to copy, in this block's whole work */
     int64_t used;
 
     __device__ void copy() {
@@ -306,10 +307,10 @@ template <int STAGE_WORDS> struct weight_stream {
         for (int i = 0; i < STAGES - 1; i++) copy();
     }
 
-    /* The next stage's weights. All threads of the block. */
+    /* Waits for the next stage's weights. Called by all threads of the block. */
     __device__ const uint32_t *take() {
         async_wait_but(STAGES - 2);
-        __syncthreads(); /* everybody's copies are there, and everybody has left the stage before this one */
+        __syncthreads(); /* everybody's copies have arrived, and everybody has left the previous stage */
         copy();
         return ring + used++ % STAGES * STAGE_WORDS;
     }
@@ -348,8 +349,7 @@ template <int H> __host__ __device__ constexpr size_t decoder_shared() {
            resident_max;
 }
 
-/* The points of a warp, from list[base + first] on. Beyond the end the last one is repeated and not written.
- */
+/* A warp's points, from list[base + first] on. Beyond the end the last one is repeated and not written. */
 struct warp_points {
     const int32_t *list;
     int64_t base, first, end;
@@ -357,8 +357,8 @@ struct warp_points {
     __device__ int64_t number(int point) const { return list[base + place(point)]; }
 };
 
-/* What a block does tile by tile; H: k-tiles of the decoder's width. The start of `shared`,
- * decoder_shared<H>() bytes: stages, encodings, the resident part. */
+/* A block's work, tile by tile; H: k-tiles of the decoder's width. `shared` begins with decoder_shared<H>()
+ * bytes: stages, encodings, the resident part. */
 template <int H> struct decoder_block {
     enum {
         N = 2 * H,
@@ -371,7 +371,7 @@ template <int H> struct decoder_block {
     network_warp w;
     weight_stream<STAGE_WORDS> stream;
 
-    /* False where the block has none of the `end` points. */
+    /* False: the block has none of the `end` points. */
     __device__ bool begin(const network_sizes &s, const bf16_layers &layers, int stages, int64_t end,
                           unsigned char *shared) {
         uint32_t *ring = (uint32_t *)shared,
@@ -395,7 +395,7 @@ template <int H> struct decoder_block {
         return true;
     }
 
-    /* The view layer, of the last layer's result, the direction and the second token. */
+    /* The view layer, from the last layer's result, the direction and the second token. */
     template <typename T>
     __device__ void show(const network_sizes &s, const T &task, const input *h, const input *seen,
                          input *shown) {
@@ -417,9 +417,9 @@ template <int H> struct decoder_block {
             shown[k] = input_of(positive(view[2 * k]), positive(view[2 * k + 1]));
     }
 
-    /* The warp's points through fusion and decoder. h: what the last layer gives; shown: the view layer. The
-     * task reads the points, as p and k say, and, where it KEEPS
-     * something, sees what goes from layer to layer. */
+    /* Takes the warp's points through fusion and decoder. h: the last layer's result; shown: the view
+     * layer's. The task reads the points, given by p and k, and, if it KEEPS something, sees the values
+     * between layers. */
     template <typename T>
     __device__ void forward(const network_sizes &s, const T &task, input *h, input *shown) {
         const int t = w.t;
@@ -469,7 +469,7 @@ template <int H> struct decoder_block {
         show(s, task, h, seen, shown);
     }
 
-    /* Colour and raw density of the points from the output of forward: put(number, channel, value). */
+    /* Computes colour and raw density of the points from forward's output: put(number, channel, value). */
     template <typename F>
     __device__ void answer(const warp_points &points, const input *h, const input *shown, F put) const {
         const int t = w.t;
@@ -477,7 +477,7 @@ template <int H> struct decoder_block {
         w.template product<H, 1>(h, at.alpha, &density);
         w.template product<VIEW_TILES, 1>(shown, at.rgb, &rgb);
         UNROLL
-        for (int r = 0; r < 2; r++) { /* lane t has colour t; lane 0 the density, too */
+        for (int r = 0; r < 2; r++) { /* lane t has colour t; lane 0 also the density */
             if (points.first + w.g + 8 * r >= points.end) continue;
             const int64_t number = points.number(w.g + 8 * r);
             const float y = rgb.c[2 * r] + rgb.c[2 * r + 1] + w.values[at.rgb_b + (t < 3 ? t : 0)];
@@ -487,7 +487,7 @@ template <int H> struct decoder_block {
     }
 };
 
-/* The kernel over so many points, a block on each multiprocessor. */
+/* Runs the kernel over this many points, one block on each multiprocessor. */
 template <typename K, typename... A>
 void decoder_launch(K kernel, int64_t points, size_t shared, A... arguments) {
     const int64_t tiles = divided_up(points, WARPS * TILE_POINTS);

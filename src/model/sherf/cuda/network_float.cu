@@ -1,6 +1,6 @@
-/* The radiance field in float32: what the bf16 kernel is compared with, and for sizes that do not fit it. A
- * block takes 32 points at a time, lane by point; its eight warps share the rows of a layer. Activations are
- * [channel][32 points] in memory of the block's own, which its first cache holds. */
+/* The radiance field in float32: for comparison with the bf16 kernel, and for sizes that it does not support.
+ * A block takes 32 points at a time, one for each lane; its eight warps share the rows of a layer.
+ * Activations are [channel][32 points] in the block's own memory, which stays in its L1 cache. */
 #include "model/sherf/cuda/network.h"
 
 namespace cuda_backend {
@@ -42,7 +42,7 @@ struct float_tile {
     int lane, warp;
     __device__ float &at(int row) const { return space[row * WARP + lane]; }
 
-    /* y = m x, rows [from, m.rows): row `from` of m comes to row y. */
+    /* y = m x, rows [from, m.rows): row `from` of m is written to row y. */
     __device__ void product(const radiance_matrix &m, int x, int y, bool relu, int from = 0) const {
         for (int r = from + ROWS * warp; r < m.rows; r += ROWS * WARPS) {
             const float *w[ROWS];
@@ -136,7 +136,7 @@ struct float_tile {
         __syncthreads();
     }
 
-    /* x and v hold their encodings and tokens; the results come to rows p.b .. p.b + 3. */
+    /* x and v hold their encodings and tokens; the results are written to rows p.b .. p.b + 3. */
     __device__ void decode(const network_sizes &s, const float_layers &l, const float_places &p) const {
         int in = p.x;
         for (int i = 0; i < s.decoder_depth; i++) {
@@ -162,7 +162,7 @@ __global__ static void __launch_bounds__(BLOCK)
                           (int)threadIdx.x / WARP};
     const int64_t left = *points.count - base, end = left < max ? left : max;
     for (int64_t first = (int64_t)blockIdx.x * WARP; first < end; first += (int64_t)gridDim.x * WARP) {
-        const bool real = first + t.lane < end; /* the others repeat the first one */
+        const bool real = first + t.lane < end; /* the others repeat the first point */
         const int64_t i = real ? first + t.lane : first, at = points.list[base + i];
         float rgb[3], x[3], d[3];
         for (int k = 0; k < 3; k++) {

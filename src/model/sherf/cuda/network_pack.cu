@@ -1,5 +1,6 @@
-/* The radiance field's layers as frames and training take them forwards, packed on the device into fragments
- * of bf16: the decoder as stages of a stream, fusion and all biases as what stays in shared memory. */
+/* Packs the radiance field's layers, in the forward form for frames and training, on the device into bf16
+ * fragments: the decoder as stages of a stream, fusion and all biases as the resident part of shared memory.
+ */
 #include "model/sherf/cuda/pack.h"
 
 namespace cuda_backend {
@@ -27,7 +28,7 @@ static void pack_plain(uint32_t *to, int k_tiles, const plain_matrix &m) {
     pack_kept(to, k_tiles, TOKEN_N, [=] __device__(int o, int i) { return m.at(o, i); });
 }
 
-/* What bf16 keeps of a weight in the even columns, what it drops in the odd ones. */
+/* The bits of a weight that bf16 keeps, in even columns, and those that it drops, in odd ones. */
 static void pack_split(uint32_t *to, int k_tiles, const plain_matrix &m) {
     pack_kept(to, k_tiles, 1, [=] __device__(int o, int i) {
         const float v = m.at(o / 2, i), high = unpack_bf16(pack_bf16(v, 0), 0);

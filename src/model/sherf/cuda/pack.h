@@ -1,5 +1,5 @@
-/* Weights in the device's memory, packed there into fragments of bf16 for tensor cores: what the packing of
- * the forward layers (network_pack.cu) and of the way back (train_pack.cu) share. */
+/* Packs weights in the device's memory into bf16 fragments for tensor cores: shared by the packing of the
+ * forward layers (network_pack.cu) and of the backward pass (train_pack.cu). */
 #ifndef SHERF_CUDA_PACK_H
 #define SHERF_CUDA_PACK_H
 
@@ -7,7 +7,7 @@
 
 namespace cuda_backend {
 
-/* Rows of `columns` values, `pitch` apart; 0 where there is none. */
+/* Rows of `columns` values, `pitch` apart; 0 if there is none. */
 struct plain_matrix {
     const float *w;
     int rows, columns, pitch;
@@ -22,7 +22,8 @@ __device__ inline float joined_at(const plain_matrix &left, const plain_matrix &
     return column < left.columns ? left.at(row, column) : right.at(row, column - left.columns);
 }
 
-/* The network after the algebra that does not depend on points (radiance_matrices); all is the device's. */
+/* The network after the algebra that does not depend on points (radiance_matrices); all in the device's
+ * memory. */
 struct forward_weights {
     plain_matrix color, qkv, attention_out, mlp0, mlp1, alpha, rgb, pts[POINT_DECODER_MAX];
     plain_matrix views_h, views_rest; /* of h; of the encoded direction and token 1 */
@@ -30,7 +31,7 @@ struct forward_weights {
     const float *views_b, *rgb_b, *alpha_b, *pts_b[POINT_DECODER_MAX];
 };
 
-/* Stages follow each other at the same distance, that of the widest, in 32-bit words. */
+/* Stages are stored at a fixed distance, that of the widest, in 32-bit words. */
 inline int stage_words(int h_tiles) {
     return STAGE_TILES * 2 * h_tiles * FRAGMENT;
 }
@@ -50,8 +51,8 @@ template <typename F> void pack_kept(uint32_t *to, int k_tiles, int n_tiles, F v
     });
 }
 
-/* The same as stages of the stream, of which 16 bytes a lane are two neighbouring n-tiles; returns what is
- * behind them. */
+/* The same as stages of the stream, in which a lane's 16 bytes are two neighbouring n-tiles; returns the
+ * address after them. */
 template <typename F> uint32_t *pack_stages(uint32_t *to, int each_words, int k_tiles, int n_tiles, F value) {
     each(k_tiles * n_tiles * FRAGMENT, [=] __device__(int64_t i) {
         const int word = (int)(i % FRAGMENT), fragment = (int)(i / FRAGMENT);
@@ -64,9 +65,9 @@ template <typename F> uint32_t *pack_stages(uint32_t *to, int each_words, int k_
 }
 
 /* network_pack.cu */
-/* How many stages pack_forward makes. */
+/* The number of stages that pack_forward makes. */
 int forward_stages(const network_sizes &s, int h_tiles);
-/* stream: forward_stages of stage_words; resident: resident_words; both zeros. Returns what is behind the
+/* stream: forward_stages of stage_words; resident: resident_words; both zeroed. Returns the address after the
  * stages. */
 uint32_t *pack_forward(const forward_weights &f, const network_sizes &s, int h_tiles, uint32_t *stream,
                        uint32_t *resident);

@@ -1,5 +1,5 @@
-/* The fused radiance field in training: what is made once an observation, and a frame's forward and backward
- * pass. */
+/* The fused radiance field in training: the parts that are made once for each observation, and a frame's
+ * forward and backward pass. */
 #include "model/sherf/cuda/train.h"
 
 struct gpu_points {
@@ -62,11 +62,11 @@ static sherf_status create(tape *t, const radiance_sizes *sizes, const radiance_
     return status;
 }
 
-/* A chunk's room, for as many of `points` as are taken at a time. */
+/* Allocates a chunk's memory, for as many of `points` as are processed at a time. */
 static sherf_status chunk_room(context *c, arena *a, const train_network *n, int64_t points, bool back,
                                train_run *r) {
     const int64_t some = points < train_at_a_time ? points : train_at_a_time;
-    const int64_t max = divided_up(some, BLOCK_POINTS) * BLOCK_POINTS; /* a tile's rows are all there */
+    const int64_t max = divided_up(some, BLOCK_POINTS) * BLOCK_POINTS; /* includes all rows of a tile */
     *r = {};
     r->s = n->s;
     r->layers = n->layers;
@@ -117,7 +117,7 @@ static sherf_status run_in(context *c, arena *a, const train_network *n, const g
     return finished_work(c, "the radiance field");
 }
 
-/* The points that have a gradient: list, and how many in first[P]. */
+/* Lists the points that have a gradient: the list, and their number in first[P]. */
 static sherf_status list_points(context *c, arena *a, int64_t P, const float *drgb, const float *dsigma,
                                 int32_t *list, int32_t *first) {
     int32_t *sums = room<int32_t>(c, a, scan_sums(P));

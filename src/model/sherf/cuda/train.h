@@ -1,10 +1,10 @@
-/* The fused radiance field in training (bf16): what its kernels share. Forwards every tile of 128 points goes
- * through train_decoder.cu as a frame's does. Backwards, for a chunk of points at a time: the decoder again
- * and back (train_decoder.cu), fusion again and back (train_fusion.cu), both of which keep what goes into
- * each layer and the gradient of what comes out as fragments in a record of each group of 16 points; then
- * every matrix's gradient from the records, in a fixed number of slabs (train_weights.cu). Last, the
- * gradients of what was sampled go to the bank, sorted by where they go (train_bank.cu). Nothing is added
- * atomically. */
+/* The fused radiance field in training (bf16): shared by its kernels. The forward pass takes every tile of
+ * 128 points through train_decoder.cu as a frame does. The backward pass works on a chunk of points at a
+ * time: the decoder forward again and backward (train_decoder.cu), then fusion forward again and backward
+ * (train_fusion.cu). Both store each layer's input and the gradient of its output as fragments in a record
+ * for each group of 16 points. Then every matrix's gradient is computed from the records, in a fixed number
+ * of slabs (train_weights.cu). Last, the gradients of sampled values go to the bank, sorted by their places
+ * (train_bank.cu). There are no atomic additions. */
 #ifndef SHERF_CUDA_TRAIN_H
 #define SHERF_CUDA_TRAIN_H
 
@@ -19,14 +19,14 @@ constexpr int64_t train_at_a_time = 1 << 15; /* points of a chunk; a multiple of
 #endif
 enum {
     BLOCK_POINTS = WARPS * TILE_POINTS,
-    FUSION_BLOCKS = 128, /* of which each has sums of its own, whatever the GPU */
-    SLABS = 32,          /* of a chunk's groups, each with sums of its own */
+    FUSION_BLOCKS = 128, /* each with its own sums, on any GPU */
+    SLABS = 32,          /* of a chunk's groups, each with its own sums */
     TOKENS = 3 * TOKEN,
     TRAIN_PARTS = 3 + 1 + POINT_LEVELS
 };
 
 /* ---- the bank ---- */
-/* One array of it and how points read it: at coordinate[axis] a cell is (x - origin) scale - half. */
+/* One of its arrays and how points read it: at coordinate[axis] a cell is (x - origin) scale - half. */
 struct train_part {
     int axes; /* 2 or 3 */
     bool pixel;
@@ -43,8 +43,8 @@ struct train_bank {
 
 /* ---- a group's record, in tiles of 16 channels ---- */
 struct record_places {
-    int x, h, direction, token1, shown; /* what goes into the decoder's layers; h by layer */
-    int dh, dviews, dout, dalpha;       /* gradients of what comes out */
+    int x, h, direction, token1, shown; /* inputs of the decoder's layers; h by layer */
+    int dh, dviews, dout, dalpha;       /* gradients of outputs */
     int color, n0, mixed, n1, gelu;     /* fusion's, by token */
     int dcolor, dqkv, dattended, dpre, dlast;
     int tiles;
@@ -59,7 +59,7 @@ struct all_sums {
     RADIANCE_MEMBERS(matrix_sums) /* views: h, direction, token 1 */
     int64_t floats;
 };
-/* A warp's share of one: up to 2 x 4 tiles. */
+/* A warp's part of a matrix: up to 2 x 4 tiles. */
 struct sums_unit {
     int dy, x, rows, columns; /* tiles of the record, and how many */
     int tokens, dy_step, x_step;
@@ -89,7 +89,7 @@ constexpr size_t back_max = (VIEW_N + HEADS_MAX * BACK_EACH + 2 * TOKEN_TILES * 
 /* ---- one chunk ---- */
 struct train_run {
     network_sizes s;
-    bf16_layers layers; /* its stages: the forward ones; the way back's follow them */
+    bf16_layers layers; /* its stages: the forward ones, then the backward ones */
     int back_stages;
     const uint4 *back; /* resident */
     record_places at;
@@ -97,11 +97,11 @@ struct train_run {
     const int32_t *list, *count; /* points list[base + i], i < max, base + i < *count */
     int64_t base, max;
     float *tokens, *color; /* sampled: max x TOKENS, max x 3 */
-    float *rgb, *sigma;    /* of all points: written forwards, rgb read backwards */
+    float *rgb, *sigma;    /* of all points: the forward pass writes them, the backward pass reads rgb */
     const float *drgb, *dsigma;
     uint4 *records;
     float *dfused;  /* max x 2 TOKEN: gradients of fusion's result */
-    float *dtokens; /* [place in the list][TOKENS]: of what was sampled */
+    float *dtokens; /* [index in the list][TOKENS]: of sampled values */
     float *vectors; /* FUSION_BLOCKS x VECTOR_SLOTS x THREADS */
 };
 
@@ -110,14 +110,14 @@ __device__ inline int64_t chunk_points(const train_run &r) {
     return left < r.max ? left : r.max;
 }
 
-/* A tile into the group's record, transposed: so it is 16 outputs x 16 points of a product's left side, or
- * two fragments of 16 points x 8 inputs of its right one. */
+/* Stores a tile in the group's record, transposed: it is then 16 outputs x 16 points of a product's left
+ * side, or two fragments of 16 points x 8 inputs of its right side. */
 __device__ inline void keep(uint4 *record, int tile, int lane, const input &x) {
     record[tile * WARP + lane] =
         make_uint4(transpose8(x.a[0]), transpose8(x.a[2]), transpose8(x.a[1]), transpose8(x.a[3]));
 }
 
-/* What was sampled for the points `row` of the chunk, with its biases. */
+/* Loads the sampled values of the points `row` of the chunk, with their biases. */
 __device__ inline void load_tokens(const train_run &r, const float *token_b, const int64_t row[2], int t,
                                    int count, sums (*token)[TOKEN_N]) {
     UNROLL
@@ -161,7 +161,7 @@ void train_decode(const train_network *n, const train_run &r, bool back);
 void train_fusion(const train_run &r);
 /* train_weights.cu */
 void train_sums_plan(const network_sizes &s, int h_tiles, record_places *at, all_sums *out);
-/* The units of all matrices; unit may be NULL: how many. */
+/* The units of all matrices; unit may be NULL. Returns their number. */
 int train_units(const network_sizes &s, int h_tiles, const record_places &at, const all_sums &sums,
                 sums_unit *unit);
 void train_weights(const train_network *n, const train_run &r, float *partial);

@@ -1,5 +1,5 @@
-/* What points read from the bank in training, and the gradients' way back to it: one warp a point and one
- * warp a row, lanes side by side over the channels of a token. */
+/* How points read the bank in training, and how gradients return to it: one warp for each point and one warp
+ * for each row, with lanes over a token's channels. */
 #include "model/sherf/cuda/train.h"
 #include "tensor/cuda/scatter.h"
 
@@ -69,7 +69,7 @@ static __device__ void corners_of(const train_part &p, const float *x, const flo
     float fraction[3] = {0, 0, 0};
     for (int i = 0; i < p.axes; i++) {
         const float v = ((p.pixel ? px : x)[p.axis[i]] - p.origin[i]) * p.scale[i] - p.half;
-        if (!(v > -1 && v < (float)p.size[i])) return; /* what is no number, too */
+        if (!(v > -1 && v < (float)p.size[i])) return; /* NaN, too */
         low[i] = (int64_t)floorf(v);
         fraction[i] = v - (float)low[i];
     }

@@ -1,9 +1,9 @@
-/* The radiance field in training: forwards for its result, or forwards and through the decoder back. As in
+/* The radiance field in training: forward to its result, or forward and back through the decoder. As in
  * network_bf16.cu a warp takes 16 points through all layers in its registers, and the stages of the weights
- * come round; those of the way back, transposed, follow the forward ones. What the way back needs of the
- * forward one are the signs of each layer's sums, 2 words a lane and layer, in shared memory; what the
- * weights' gradients need goes to the group's record. Points beyond the end are the last one again with
- * gradients of 0. */
+ * rotate; the backward pass's stages, transposed, follow the forward ones. The backward pass needs from the
+ * forward one the signs of each layer's sums, 2 words for each lane and layer, in shared memory. The group's
+ * record receives what the weights' gradients need. Points beyond the end repeat the last one with gradients
+ * of 0. */
 #include "model/sherf/cuda/train.h"
 
 namespace cuda_backend {
@@ -13,7 +13,7 @@ template <int H> constexpr size_t train_shared() {
     return decoder_shared<H>() + mask_bytes + VIEW_N * FRAGMENT * 4;
 }
 
-/* The signs of N sums of 16 x 8, as bits of this lane. */
+/* Stores the signs of N sums of 16 x 8 as bits of this lane. */
 template <int N> static __device__ void signs_keep(uint32_t *mask, const sums *y) {
     uint32_t bits[2] = {0, 0};
     UNROLL
@@ -36,7 +36,7 @@ template <int N> static __device__ void signs_apply(const uint32_t *mask, sums *
     }
 }
 
-/* Sums of one token to the points' rows of 2 TOKEN. */
+/* Stores one token's sums in the points' rows of 2 TOKEN. */
 static __device__ void store_token(float *to, int64_t first, int g, int t, const sums *y) {
     UNROLL
     for (int n = 0; n < TOKEN_N; n++) {
@@ -81,8 +81,8 @@ template <int H, bool BACK> struct train_task {
     }
 };
 
-/* The gradients of a tile's colours through the sigmoid and the view layer, and of its densities: gone, the
- * view layer's and, last, the density's. */
+/* Takes the gradients of a tile's colours back through the sigmoid and the view layer, and of its densities:
+ * gone, the view layer's and, last, the density's. */
 static __device__ void shown_back(const train_run &r, const network_warp &w, const warp_points &at,
                                   uint4 *record, const uint32_t *mask, uint32_t *back, const input *shown,
                                   input *gone) {
@@ -117,7 +117,7 @@ static __device__ void shown_back(const train_run &r, const network_warp &w, con
     }
 }
 
-/* The way back of a tile from there to its tokens. h: scratch. */
+/* Takes a tile's gradients back from there to its tokens. h: scratch. */
 template <int H>
 static __device__ void decoder_back(const train_run &r, decoder_block<H> &block, int64_t first, uint4 *record,
                                     const uint32_t *mask, const input *gone, input *h) {

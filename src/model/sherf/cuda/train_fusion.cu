@@ -1,7 +1,7 @@
-/* Fusion in training, forwards again and back: from the gradient of its result (tokens 0 and 1) to that of
- * what was sampled. A warp takes 16 points; what is large is computed twice, so that all stays in registers.
- * Gradients of vectors add up lane by lane in shared memory, and then in each block's own part of r.vectors.
- */
+/* Fusion in training, forward again and backward: from the gradient of its result (tokens 0 and 1) to that of
+ * the sampled values. A warp takes 16 points; large intermediate values are computed twice, so that
+ * everything stays in registers. Gradients of vectors are summed lane by lane in shared memory, and then in
+ * each block's own part of r.vectors. */
 #include "model/sherf/cuda/train.h"
 
 namespace cuda_backend {
@@ -9,7 +9,7 @@ namespace cuda_backend {
 constexpr size_t fusion_shared =
     resident_max + back_max + WARPS * TILE_POINTS * ENCODED_PITCH * 2 + VECTOR_SLOTS * THREADS * 4;
 
-/* Backwards through a layer norm of a token: d += its part; this lane's sums for weight and bias. */
+/* Backward through a token's layer norm: d += its part; this lane's sums for weight and bias. */
 static __device__ void norm_back(const network_warp &w, const sums *x, const sums *dy, int weight, sums *d,
                                  float *dweight, float *dbias) {
     float mean[2] = {0, 0}, scale[2] = {0, 0}, share[2] = {0, 0}, along[2] = {0, 0};
@@ -48,7 +48,7 @@ static __device__ void norm_back(const network_warp &w, const sums *x, const sum
     }
 }
 
-/* One head's queries, keys and values, and what tokens 0 and 1 pay heed to: chance[i][j][point]. */
+/* One head's queries, keys and values, and the attention weights of tokens 0 and 1: chance[i][j][point]. */
 struct head_state {
     sums q[2][2], k[3][2], v[3][2];
     float chance[2][3][2];
@@ -79,7 +79,7 @@ struct head_state {
         }
     }
 
-    /* The products of 16 channels of point g + 8 r, summed. */
+    /* The dot product over 16 channels of point g + 8 r. */
     static __device__ float along(const sums *a, const sums *b, int r) {
         float sum = 0;
         for (int n = 0; n < 2; n++)
@@ -96,7 +96,7 @@ struct head_state {
         return input_of(y[0], y[1]);
     }
 
-    /* d: of the mixtures of both tokens. out[token][q, k, v]; scores are in powers of 2, hence ln 2. */
+    /* d: of both tokens' attention results. out[token][q, k, v]; scores are in powers of 2, hence ln 2. */
     __device__ void back(const sums (*d)[2], input (*out)[3]) const {
         float e[2][3][2];
         UNROLL
@@ -151,7 +151,8 @@ struct fusion_warp {
     }
     __device__ float *slot(int which) const { return vector + which * 8 * THREADS; }
 
-    /* Through the feed-forward part of token i and back: d, of its result, becomes that of its input. */
+    /* Forward through token i's feed-forward part and back: d, the gradient of its result, becomes that of
+     * its input. */
     __device__ void feed_back(int i, const sums *token, sums *d) const {
         input x[TOKEN_TILES];
         sums pre[TOKEN_N], y[TOKEN_N];
@@ -162,7 +163,7 @@ struct fusion_warp {
         w.template product<TOKEN_TILES, TOKEN_N>(x, at.mlp0, pre);
         UNROLL
         for (int n = 0; n < TOKEN_N; n++)
-            for (int e = 0; e < 4; e++) { /* and from here on pre is the slope of the GELU */
+            for (int e = 0; e < 4; e++) { /* from here on pre is the GELU's slope */
                 const float v = pre[n].c[e], share = 0.5f * (1.0f + erff(v * 0.707106781f));
                 y[n].c[e] = v * share;
                 pre[n].c[e] = share + v * 0.39894228f * expf(-0.5f * v * v);
@@ -193,7 +194,7 @@ struct fusion_warp {
                     r.dfused[(first + w.g + e / 2 * 8) * (2 * TOKEN) + i * TOKEN + 8 * n + 2 * w.t + e % 2];
     }
 
-    /* The gradient of sampled token i, out. */
+    /* Stores the gradient of sampled token i. */
     __device__ void store(int i, const sums *d) const {
         UNROLL
         for (int n = 0; n < TOKEN_N; n++) {
@@ -206,7 +207,7 @@ struct fusion_warp {
         }
     }
 
-    /* The sampled tokens with the colour's encoding, their norms to x, and tokens 0 and 1 through the
+    /* Takes the sampled tokens with the colour's encoding, their norms to x, and tokens 0 and 1 through the
      * attention. */
     __device__ void attend(const int64_t *rows, sums (*token)[TOKEN_N], input (*x)[TOKEN_TILES]) const {
         const network_sizes &s = r.s;
@@ -241,7 +242,7 @@ struct fusion_warp {
         }
     }
 
-    /* Through the heads back: from the gradient of what they gave to that of the norms. */
+    /* Back through the heads: from the gradient of their results to that of the norms. */
     __device__ void attend_back(const input (*x)[TOKEN_TILES], const input (*dattended)[TOKEN_TILES],
                                 sums (*dnormed)[TOKEN_N]) const {
         const network_sizes &s = r.s;

@@ -1,5 +1,5 @@
-/* The weights as they are in the device's memory, packed there into fragments for a training step: the
- * forward ones as frames have them (network_pack.cu), and transposed ones for the way back. */
+/* Packs the weights in the device's memory into fragments for a training step: the forward ones as for frames
+ * (network_pack.cu), and transposed ones for the backward pass. */
 #include "model/sherf/cuda/pack.h"
 #include "model/sherf/cuda/train.h"
 
@@ -12,7 +12,7 @@ static plain_matrix layer_of(const train_network *n, int layer) {
     return {n->w.pts_w[layer], s.decoder_width, columns, columns};
 }
 
-/* M = V F: the view layer's first columns times the feature layer; its bias V b_F + b_V behind it. */
+/* M = V F: the view layer's first columns times the feature layer; its bias V b_F + b_V after it. */
 static void merge_views(const train_network *n, float *merged, float *bias) {
     const int h = n->s.decoder_width, columns = h + n->s.direction_width + TOKEN;
     const float *v = n->w.views_w, *f = n->w.feature_w, *bf = n->w.feature_b, *bv = n->w.views_b;
@@ -28,7 +28,7 @@ static void merge_views(const train_network *n, float *merged, float *bias) {
     });
 }
 
-/* The biases of the tokens, with what the volume projection's bias becomes in them. */
+/* The tokens' biases, including the volume projection's bias after its projection. */
 static void merge_token_bias(const train_network *n, float *bias) {
     const float *tw = n->w.token_projection_w, *tb = n->w.token_projection_b, *vb = n->w.volume_projection_b;
     each(TOKENS, [=] __device__(int64_t i) {
@@ -86,7 +86,7 @@ static void pack_back(const forward_weights &f, const network_sizes &s, uint32_t
               [=] __device__(int o, int i) { return mlp1.at(i, o); });
 }
 
-/* The decoder's stages back, in the order in which decoder_kernel takes them. */
+/* The decoder's stages for the backward pass, in the order in which decoder_kernel takes them. */
 static void pack_stream_back(const forward_weights &f, const network_sizes &sizes, int H, uint32_t *to) {
     const network_sizes s = sizes;
     const int words = stage_words(H), h = s.decoder_width;

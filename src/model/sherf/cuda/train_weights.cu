@@ -1,7 +1,7 @@
 /* Gradients of the radiance field's weights from the groups' records: dW = dY^T X over points. A warp has up
- * to 2 x 4 tiles of a matrix and a slab of the chunk's groups; fragments come from the records as the tensor
- * cores want them, so nothing passes through shared memory. Rows' sums, for biases, are products with ones.
- * Each slab's sums stay apart until all chunks are done, and are added in their order. */
+ * to 2 x 4 tiles of a matrix and a slab of the chunk's groups. The records hold fragments in the layout of
+ * the tensor cores, so nothing passes through shared memory. Rows' sums, for biases, are products with ones.
+ * Each slab's sums stay separate until all chunks are done, and are added in order. */
 #include "model/sherf/cuda/train.h"
 
 namespace cuda_backend {
@@ -45,8 +45,8 @@ void train_sums_plan(const network_sizes &s, int H, record_places *r, all_sums *
 struct units_list {
     sums_unit *unit;
     int count;
-    /* Column tiles [first, first + columns) of m from the record's tiles x ...; tokens: both lie so far
-     * apart. */
+    /* Column tiles [first, first + columns) of m from the record's tiles x ...; tokens: the distance of both
+     * between tokens. */
     void add(const matrix_sums &m, int dy, int x, int first, int columns, int tokens = 1, int dy_step = 0,
              int x_step = 0) {
         const int pitch = 16 * m.column_tiles;
@@ -151,7 +151,7 @@ struct summed {
     const float *w, *b;
     int pitch;
     __device__ float at(int row, int column) const { return w[(int64_t)row * pitch + column]; }
-    /* Of a value of an encoding, whose first three have their low parts behind it. */
+    /* For a value of an encoding; the low parts of its first three follow it. */
     __device__ float encoded(int row, int first, int column, int width) const {
         return at(row, first + column) + (column < 3 ? at(row, first + width + column) : 0);
     }
@@ -262,7 +262,7 @@ static void unpack_layer(const train_network *n, int layer, const summed &m, con
     add_vector(GRAD(n->w.pts_b[layer]), m.b, h);
 }
 
-/* By lane of each block, to [VECTORS][TOKEN]. */
+/* Sums each block's lanes into [VECTORS][TOKEN]. */
 static void sum_vectors(const float *lanes, float *vector) {
     each_row(VECTORS * TOKEN, [=] __device__(int64_t i, int lane) {
         const int which = (int)(i / TOKEN), channel = (int)(i % TOKEN), t = channel % 8 / 2;

@@ -17,7 +17,7 @@ static float from_bf16(uint16_t x) {
     memcpy(&y, &u, 4);
     return y;
 }
-/* slot[i]: the column of m that input i of the packed layer has, -1: none. */
+/* slot[i]: the column of m for input i of the packed layer; -1: none. */
 sherf_status tiles_pack(context *c, const radiance_matrix *m, int row_tiles, int blocks, const int *slot,
                         tiles *out) {
     *out = (tiles){.row_tiles = row_tiles, .blocks = blocks};
@@ -73,7 +73,7 @@ void slots_views(const radiance_field *n, int *slot) {
     slots_add_encoded(slot, n->amx->h_blocks * 32, n->s.decoder_width, n->direction_width);
 }
 
-/* Twice the rows: what bf16 keeps of the weights, then what it drops. */
+/* Twice the rows: the bits of the weights that bf16 keeps, then those that it drops. */
 static sherf_status pack_precise(context *c, const radiance_matrix *m, int blocks, const int *slot,
                                  tiles *out) {
     radiance_matrix two = {.rows = 2 * m->rows, .columns = m->columns};
@@ -94,7 +94,7 @@ static sherf_status pack_precise(context *c, const radiance_matrix *m, int block
     return status;
 }
 
-/* attention_out with its bias as two more columns (its high and low part), which meet ones. */
+/* attention_out with its bias as two more columns (its high and low part), which are multiplied by ones. */
 static sherf_status pack_attention_out(context *c, const radiance_matrix *m, int blocks, int *slot,
                                        tiles *out) {
     radiance_matrix wide = {.rows = m->rows, .columns = m->columns + 2};
@@ -126,7 +126,7 @@ static sherf_status pack_fusion(context *c, const radiance_field *n, radiance_ma
     slots_plain(slot, n->color_width);
     if (n->color_width)
         status = tiles_pack(c, &m->color, m->color.rows / 16, (n->color_width + 31) / 32, slot, &a->color);
-    /* attention's scale and log2 e go into q */
+    /* q includes attention's scale and log2 e */
     for (int i = 0; i < n->attention_width * WIDTH; i++) m->qkv.w[i] *= radiance_q_scale(n);
     slots_plain(slot, WIDTH);
     if (!status) status = tiles_pack(c, &m->qkv, (3 * n->attention_width + 15) / 16, 1, slot, &a->qkv);
@@ -160,7 +160,7 @@ static sherf_status pack_decoder(context *c, const radiance_field *n, const radi
 static void lay_out(radiance_field *n, radiance_amx *a) {
     size_t at = 0,
            wide = (size_t)(a->h_blocks > a->views.row_tiles / 2 ? a->h_blocks : a->views.row_tiles / 2);
-    /* a line more, so that groups do not fall on the same sets of the cache */
+    /* one more line, so that groups do not map to the same cache sets */
     a->x_pitch = (size_t)(a->x_blocks + a->h_blocks) * TILE + 64;
     a->v_pitch = (size_t)(a->h_blocks + a->v_blocks) * TILE + 64;
     a->h_pitch = wide * TILE + 64;

@@ -1,4 +1,4 @@
-/* Weights packed as tiles for AMX: what amx_pack.c makes and the bf16 kernels read. */
+/* Weights packed as AMX tiles: made by amx_pack.c, read by the bf16 kernels. */
 #ifndef SHERF_RADIANCE_AMX_PACK_H
 #define SHERF_RADIANCE_AMX_PACK_H
 
@@ -6,12 +6,12 @@
 
 enum {
     WIDTH = 32, /* of a token: the only one supported here */
-    GROUP = 16, /* points of a vector */
+    GROUP = 16, /* points in a vector */
     PAIR = 64,  /* bytes of a pair of channels */
     TILE = 1024 /* bytes of a tile */
 };
-/* Weights as tiles: [pair of row tiles][column block][2][16 rows][32 columns]; with an odd number of row
- * tiles the last comes alone. bias: a value a row, to be added by who reads the sums. */
+/* Weights as tiles: [pair of row tiles][column block][2][16 rows][32 columns]; if the number of row tiles is
+ * odd, the last one is alone. bias: a value for each row, which the reader of the sums adds. */
 typedef struct {
     int row_tiles, blocks;
     uint16_t *w;
@@ -28,7 +28,7 @@ struct radiance_amx {
     size_t x_pitch, v_pitch, h_pitch; /* of the activation buffers */
     size_t token, x, v, a, b, c, sample, row, color_tiles, normed, mixed, sums;
 };
-/* What is read at the points of one group. */
+/* The values read at the points of one group. */
 enum { TAPS = 4 * 4 + 4 }; /* 3 planes, the map, the image */
 typedef struct {
     _Alignas(64) int32_t offset[TAPS][GROUP]; /* bytes */
@@ -39,11 +39,11 @@ typedef struct {
     float color[GROUP][4];
 } samples;
 
-/* The column of a matrix that each input of a packed layer has; -1: none. */
+/* The matrix column of each input of a packed layer; -1: none. */
 enum { SLOTS = 8192 };
 void slots_plain(int *slot, int count); /* input i reads column i */
-/* The decoder's layer i, and views: where an encoding is read, the three low parts of its first values stand
- * behind it and read the same columns. */
+/* The decoder's layer i, and views: the three low parts of an encoding's first values follow it and use the
+ * same columns. */
 void slots_pts(const radiance_field *n, int i, int *slot);
 void slots_views(const radiance_field *n, int *slot);
 

@@ -45,8 +45,8 @@ INLINE void norm_vector(const vf *x, int width, const float *weight, const float
 
 /* ---- attention ---- */
 /* One head: qkv [3 tokens][q k v][heads][head_width] -> mixed [2 tokens][heads][head_width], from the head's
- * first row on; chance [2][3]: what each token takes of each, or NULL. The decoder reads tokens 0 and 1 only,
- * so that token 2 is key and value. */
+ * first row on; chance [2][3]: each token's attention weights, or NULL. The decoder reads only tokens 0 and
+ * 1, so token 2 is only key and value. */
 INLINE void attention_head(const radiance_field *n, const vf *qkv, vf *chance, vf *mixed, int row) {
     const int head = n->s.head_width, part = n->attention_width * row, token = 3 * part;
     const float scale = 1.0f / sqrtf((float)head);

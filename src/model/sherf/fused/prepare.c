@@ -188,7 +188,7 @@ static void cells_range(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* The largest magnitude, as bits: floats of one sign order like integers, and NaN comes above all. */
+/* The largest magnitude, as bits: floats of one sign order like integers, and NaN is above all. */
 typedef struct {
     const float *x;
     uint32_t top[PARTS];
@@ -234,8 +234,8 @@ static sherf_status halve(context *c, const half_part *p, float scale) {
     return SHERF_OK;
 }
 
-/* The bank in float16, scaled so that a sum of all its parts stays far from the type's 65504 and its small
- * values far from 6e-8. */
+/* The bank in float16, scaled so that a sum of all its parts stays far from the type's 65504 and small values
+ * far from 6e-8. */
 static sherf_status prepare_half(context *c, radiance_field *n, const radiance_bank *bank) {
     const radiance_merged *merged = bank->merged;
     half_part part[4 + POINT_LEVELS];

@@ -65,7 +65,7 @@ static float *copy(context *c, const float *from, int count) {
     return to;
 }
 
-/* token_b: the projection's bias, and what the volume projection's bias becomes in it. */
+/* token_b: the projection's bias, and the volume projection's bias after its projection. */
 static sherf_status copy_vectors(context *c, radiance_field *n, const radiance_weights *w) {
     int d = n->s.token_width;
     n->norm0_w = copy(c, w->norm0_w, d);
@@ -84,7 +84,7 @@ static sherf_status copy_vectors(context *c, radiance_field *n, const radiance_w
     return SHERF_OK;
 }
 
-/* Its offsets are 32 bits. */
+/* The kernel's offsets are 32 bits. */
 static bool amx_possible(const radiance_sizes *s, const radiance_bank *b) {
 #if defined(__x86_64__)
     return isa_has_bf16() && (int64_t)b->feature_width * b->feature_height <= 10000000 &&

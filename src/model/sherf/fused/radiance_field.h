@@ -14,8 +14,8 @@ extern "C" {
 
 enum { POINT_LEVELS = 3, POINT_TOKENS = 3, POINT_DECODER_MAX = 16 };
 
-/* The layers behind sampling, but for the decoder's first ones, which are an array `pts`: LAYER(with, name).
- * color: the token projection of encoded colours; views: with the feature layer in it. */
+/* The layers after sampling, except the decoder's first ones, which are an array `pts`: LAYER(with, name).
+ * color: the token projection of encoded colours; views: merged with the feature layer. */
 #define RADIANCE_LAYERS(LAYER, with)                                                                         \
     LAYER(with, color)                                                                                       \
     LAYER(with, qkv)                                                                                         \

@@ -11,7 +11,7 @@ typedef struct {
 
 enum { ONE = WIDTH * GROUP, ALL = 3 * ONE };
 
-/* Eight rows, from R * 8 on, of the sums before, while tile instructions are under way. */
+/* Adds eight rows, from R * 8 on, of the previous sums, while tile instructions run. */
 #define ADD(R)                                                                                               \
     do {                                                                                                     \
         ORDER();                                                                                             \
@@ -20,13 +20,13 @@ enum { ONE = WIDTH * GROUP, ALL = 3 * ONE };
         ORDER();                                                                                             \
     } while (0)
 
-/* Tokens 0 and 1 of all groups += W x, x: B tiles of group and token, `pitch` bytes apart; the weights, up to
- * two blocks, stay in tiles 4 to 7. Sums start at zero and are added by the vector units: a load into a tile
- * of sums is dear. sums: room for two tokens, in turn. */
+/* Tokens 0 and 1 of all groups += W x. x: B tiles of group and token, `pitch` bytes apart; the weights, up to
+ * two blocks, stay in tiles 4 to 7. Sums start at zero and the vector units add them: loading a tile of sums
+ * is expensive. sums: room for two tokens, alternating. */
 static void add_tokens(const tiles *l, const char *x, size_t pitch, float *sums, float *token) {
     const char *weight = (const char *)l->w;
     const bool two = l->blocks > 1;
-    float *to = sums + ONE, *from = sums + ONE; /* nothing of use before the first */
+    float *to = sums + ONE, *from = sums + ONE; /* nothing useful before the first */
     tile_load(4, weight, 64);
     tile_load(5, weight + TILE, 64);
     if (two) {
@@ -63,8 +63,8 @@ static inline void gelu_tile(const float *x, const float *bias, char *out) {
                   gelu_16(_mm512_add_ps(_mm512_load_ps(x + GROUP), _mm512_set1_ps(bias[r + 1])))));
 }
 
-/* normed: of tokens 0 and 1 of all groups; through the first layer and GELU in place, the token before's GELU
- * while a token's products are under way. sums: room for two tokens. */
+/* normed: of tokens 0 and 1 of all groups; through the first layer and GELU in place, with one token's GELU
+ * running during the next one's products. sums: room for two tokens. */
 static void mlp_tokens(const tiles *l, char *normed, float *sums) {
     tile_load(4, (const char *)l->w, 64);
     tile_load(5, (const char *)l->w + TILE, 64);
@@ -86,8 +86,8 @@ static void mlp_tokens(const tiles *l, char *normed, float *sums) {
     ORDER();
 }
 
-/* token [group][3 x 32][16]: tokens 0 and 1 in place (token 2 serves as key and value only, since the decoder
- * never reads its result); the last bias, mlp1's, is left to the reader. */
+/* token [group][3 x 32][16]: tokens 0 and 1 in place (token 2 is only key and value, since the decoder never
+ * reads its result); the reader adds the last bias, mlp1's. */
 static void transformer(const radiance_field *n, float *token, fusion_space f) {
     const radiance_amx *a = n->amx;
     size_t mixed = (size_t)a->mixed_blocks * TILE;
@@ -155,7 +155,7 @@ void radiance_tile_amx(const radiance_field *n, point_tile *t, void *scratch) {
     for (int g = 0; g < AMX_GROUPS; g++)
         sample_group(n, t, g * GROUP, (samples *)(base + p->sample), row, base + p->color_tiles,
                      token + g * 3 * WIDTH * GROUP);
-    /* behind attention's result: two ones for its bias, then zeros */
+    /* two ones for its bias after attention's result, then zeros */
     const __m512i ones = _mm512_set1_epi32(0x3f803f80);
     for (int k = 0; k < 2 * AMX_GROUPS; k++)
         for (int r = n->attention_width / 2; r < p->mixed_blocks * 16; r++)

@@ -87,10 +87,10 @@ typedef struct {
     size_t pitch;
 } channels;
 
-/* Tiles of sums that wait to be rounded into an activation buffer, the bias added: it is done between later
- * tile instructions, which want such work there (base/amx.h). */
+/* Tiles of sums that wait to be rounded into an activation buffer, with the bias added: this happens between
+ * later tile instructions, which need such work there (base/amx.h). */
 typedef struct {
-    float *sums; /* the newest are stored there a step later */
+    float *sums; /* the newest are stored there one step later */
     const float *bias;
     char *out;
     const char *mask;
@@ -105,8 +105,8 @@ static inline void wait_for(waiting *w, float *sums, const float *bias, char *ou
     w->tile[w->count++] = (waiting_tile){sums, bias, out, mask ? out + mask : NULL};
 }
 
-/* Two rows of a tile (r below 8), with ReLU (on bf16 a maximum of signed 16-bit integers), or, backwards
- * through one, kept where the ReLU's result `mask` is not 0. */
+/* Two rows of a tile (r below 8), with ReLU (on bf16 a maximum of signed 16-bit integers), or, in the
+ * backward pass, kept where the ReLU's result `mask` is not 0. */
 static inline void finish_rows(waiting_tile t, int r, bool masked) {
     const float *sums = t.sums + r * 32, *bias = t.bias + r * 2;
     __m512i y = pairs(_mm512_add_ps(_mm512_load_ps(sums), _mm512_set1_ps(bias[0])),
@@ -131,7 +131,7 @@ static inline void finish_all(waiting *w) {
     ORDER();
 }
 
-/* Room for 8 tiles of sums: the half that something waits in, and the other. */
+/* Room for 8 tiles of sums: the half in which something waits, and the other one. */
 static inline float *used_half(const waiting *w, float *c) {
     return w->count && w->tile[0].sums >= c + 1024 ? c + 1024 : c;
 }
@@ -139,7 +139,7 @@ static inline float *free_half(const waiting *w, float *c) {
     return used_half(w, c) == c ? c + 1024 : c;
 }
 
-/* What goes between two tile instructions of a step: two rows of a waiting tile and a part of the prefetch of
+/* The work between two tile instructions of a step: two rows of a waiting tile and a part of the prefetch of
  * the next rows of weights. */
 #define BETWEEN(R)                                                                                           \
     do {                                                                                                     \
@@ -150,9 +150,9 @@ static inline float *free_half(const waiting *w, float *c) {
         ORDER();                                                                                             \
     } while (0)
 /* The product of a tile of rows (weights in tiles 4 to 7) with one group, into CURRENT. Storing a tile of
- * sums keeps the product unit from starting anything (16 cycles), unless products that do not need the tile
- * are under way: so the step before's sums (PREVIOUS) are stored here, after the second product, and those of
- * the step before that are finished. */
+ * sums blocks the product unit (16 cycles), unless products that do not need the tile are running. So the
+ * previous step's sums (PREVIOUS) are stored here, after the second product, and those of the step before are
+ * finished. */
 #define STEP(CURRENT, PREVIOUS)                                                                              \
     do {                                                                                                     \
         const char *in = x.at + (size_t)g * x.pitch;                                                         \
@@ -182,7 +182,7 @@ static inline float *free_half(const waiting *w, float *c) {
         g++;                                                                                                 \
     } while (0)
 
-/* Leaves the last two waiting; where fewer wait, some that are finished for nothing, into what is written
+/* Leaves the last two waiting; if fewer wait, some unused ones are finished into memory that is written
  * again. */
 static inline void leave_two(waiting *w, waiting_tile nothing) {
     while (w->count > 2) finish(w->tile[--w->count]);
@@ -190,11 +190,11 @@ static inline void leave_two(waiting *w, waiting_tile nothing) {
     ORDER();
 }
 
-/* y = ReLU(W x + b), or (masked) W x + b where the ReLU's result `mask` bytes behind y is not 0; rounded, for
+/* y = ReLU(W x + b), or (masked) W x + b where the ReLU's result `mask` bytes after y is not 0; rounded, for
  * all points, of up to 4 column blocks: the weights of 16 rows stay in tiles. The last two tiles are left
- * waiting. Sums take two places in turn, what waits in the first or elsewhere being finished in step 0 and
- * what waits in the second in step 1, before the next sums come there: inputs, results and two rows of
- * weights fill the first cache but for 4 KB. */
+ * waiting. Sums alternate between two places: tiles that wait in the first or elsewhere are finished in step
+ * 0 and those in the second in step 1, before the next sums arrive there. Inputs, results and two rows of
+ * weights fill the L1 cache but for 4 KB. */
 static inline __attribute__((always_inline)) void dense_short(const tiles *l, const int blocks, channels x,
                                                               channels y, const bool masked, ptrdiff_t mask,
                                                               float *c, waiting *w) {
@@ -221,7 +221,7 @@ static inline __attribute__((always_inline)) void dense_short(const tiles *l, co
     ORDER();
 }
 
-/* A block of columns for 2 row tiles x 2 groups, something BETWEEN the tile instructions. */
+/* A block of columns for 2 row tiles x 2 groups, with BETWEEN between the tile instructions. */
 #define LONG_STEP(BETWEEN)                                                                                   \
     do {                                                                                                     \
         _tile_loadd(6, in, 64);                                                                              \
@@ -250,8 +250,8 @@ static inline __attribute__((always_inline)) void dense_short(const tiles *l, co
     ORDER()
 #define ROOM(R) TILE_ROOM()
 
-/* The same for more blocks than tiles wait, by 2 row tiles x 2 groups; the last four tiles are left waiting.
- */
+/* The same for more blocks than waiting tiles, by 2 row tiles x 2 groups; the last four tiles are left
+ * waiting. */
 static inline __attribute__((always_inline)) void
 dense_long(const tiles *l, channels x, channels y, const bool masked, ptrdiff_t mask, float *c, waiting *w) {
     for (int m = 0; m < l->row_tiles; m += 2)
@@ -335,8 +335,8 @@ static inline __m512i twice_half(__m512 w) {
     return _mm512_or_si512(h, _mm512_slli_epi32(h, 16));
 }
 
-/* Weights of the two neighbours along an axis (0 outside) and their indices, clamped inside. A position
- * that is not a number is outside. */
+/* Weights of the two neighbours along an axis (0 outside) and their indices, clamped inside. A NaN position
+ * is outside. */
 static inline void neighbours(__m512 x, int size, __m512i index[2], __m512 weight[2]) {
     const __m512i last = _mm512_set1_epi32(size - 1), zero = _mm512_setzero_si512();
     x = _mm512_min_ps(_mm512_max_ps(x, _mm512_set1_ps(-2)), _mm512_set1_ps((float)size + 1));
@@ -485,7 +485,7 @@ static inline void transpose(const float *x, int stride, __m512 scale, const flo
 
 /* ---- encodings ---- */
 /* PE of 16 points into rows of `out` (16 floats each) in the reference's order, by doubled angles: errors
- * double with the frequency, up to 4e-6. Then three rows with what bf16 drops of x. */
+ * double with the frequency, up to 4e-6. Then three rows with the bits of x that bf16 drops. */
 static inline void encode(const __m512 x[3], int frequencies, float *out) {
     __m512 s[3], c[3];
     for (int i = 0; i < 3; i++) {
@@ -548,7 +548,7 @@ static inline void norm_tile(const float *x, const float *weight, const float *b
 /* q, k, v of one group: sums [token][row][16]; q of token 2 is not needed. */
 static inline void qkv_product(const radiance_field *n, const char *normed, float *sums) {
     const tiles *l = &n->amx->qkv;
-    int q_tiles = n->attention_width / 16; /* row tiles with nothing but q */
+    int q_tiles = n->attention_width / 16; /* row tiles that contain only q */
     size_t token = (size_t)l->row_tiles * 256;
     ORDER();
     tile_load(4, normed, 64);
@@ -572,8 +572,8 @@ static inline void qkv_product(const radiance_field *n, const char *normed, floa
     ORDER();
 }
 
-/* Attention of tokens 0 and 1 to all three, one group; mixed: B tiles of each token. The scale and log2 e
- * are in q's weights. chance: [head][2 tokens][3][16], what each token takes of each, or NULL. */
+/* Attention of tokens 0 and 1 to all three, one group; mixed: B tiles of each token. q's weights include the
+ * scale and log2 e. chance: [head][2 tokens][3][16], each token's attention weights, or NULL. */
 static inline void attention(const radiance_field *n, const float *sums, char *mixed, float *chance) {
     int head = n->s.head_width, all = n->attention_width;
     size_t token = (size_t)n->amx->qkv.row_tiles * 256;
@@ -629,7 +629,7 @@ static inline void mlp_product(const tiles *l, const char *normed, float *sums) 
     ORDER();
 }
 
-/* Behind an encoding: token i, then zeros up to `pairs_all`. */
+/* After an encoding: token i, then zeros up to `pairs_all`. */
 static inline void pack_token(const float *x, const float *bias, char *out, int pairs_all) {
     for (int r = 0; r < WIDTH; r += 2) {
         __m512 even = _mm512_add_ps(_mm512_load_ps(x + r * GROUP), _mm512_set1_ps(bias[r]));
@@ -638,7 +638,7 @@ static inline void pack_token(const float *x, const float *bias, char *out, int 
     }
     for (int i = WIDTH / 2; i < pairs_all; i++) _mm512_store_si512(out + i * PAIR, _mm512_setzero_si512());
 }
-/* Everything read at the points of one group, as tokens [3 x 32][16] before the transformer. */
+/* The values read at the points of one group, as tokens [3 x 32][16] before the transformer. */
 static inline void sample_group(const radiance_field *n, const point_tile *t, int first, samples *s,
                                 float *row, char *color, float *token) {
     find_taps(n, t, first, s);

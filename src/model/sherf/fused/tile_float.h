@@ -126,7 +126,7 @@ static void transformer(const radiance_field *n, float *token, float *a, float *
 }
 
 /* ---- the decoder ---- */
-/* x holds PE(position), token 0 and behind them room for h; v: room for h, then PE(direction), token 1 */
+/* x holds PE(position), token 0 and then room for h; v: room for h, then PE(direction), token 1 */
 static void decoder(const radiance_field *n, float *x, float *v, float *a, float *b, point_tile *t) {
     const radiance_sizes *s = &n->s;
     float *behind = x + (size_t)(n->position_width + s->token_width) * POINT_TILE;
@@ -188,7 +188,7 @@ static void tile(const radiance_field *n, point_tile *t, void *scratch) {
 }
 
 /* ---- the bank ---- */
-/* Rows that go together: their sums stay in registers. */
+/* Rows in one pass: their sums stay in registers. */
 enum { PROJECTED = LANES == 4 ? 2 : 4 };
 
 /* COUNT rows of x through one block of POINT_PAD columns. */

@@ -6,8 +6,8 @@
 
 #include "model/sherf/fused/train_inside.h"
 
-/* Points are split over this many lanes, each with sums of its own, whatever the number of threads, so that
- * results do not depend on it. */
+/* Points are split over this many lanes, each with its own sums, for any number of threads, so that results
+ * do not depend on it. */
 enum { LANES = 16 };
 
 bool radiance_training_possible(const radiance_sizes *s, bool bf16) {
@@ -33,8 +33,8 @@ typedef struct {
     atomic_int next_scatter; /* the next job that no thread has taken */
 } back_work;
 
-/* The tile's points from the first on, and their gradients; colour's through its sigmoid (y = 1.002 s -
- * 0.001). */
+/* Fills in the tile's points from the first on, and their gradients; colour's through its sigmoid (y = 1.002
+ * s - 0.001). */
 static void fill(const back_work *w, int64_t first, train_tile *t) {
     int64_t left = w->count - first;
     t->count = left < TRAIN_POINTS ? (int)left : TRAIN_POINTS;

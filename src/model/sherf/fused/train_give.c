@@ -1,4 +1,4 @@
-/* The layout of a lane's sums in the backward pass, and turning them into gradients of the weights in the
+/* The layout of a lane's sums in the backward pass, and their conversion to gradients of the weights in the
  * checkpoints' layout; the same for float32 and bf16. */
 #include <string.h>
 

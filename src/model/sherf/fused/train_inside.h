@@ -19,7 +19,7 @@ typedef struct {
 /* The layers' transposed weights, from the gradient of a result to that of inputs: BACK(with, name, matrix,
  * first, count), whose inputs are `count` columns of a matrix from `first` on; matrices are `m` (and `both`:
  * views with alpha), the field is `n`. token0, skip_token0, token1: to the tokens that the first layer, the
- * one behind the skip and the view layer read. The decoder's others are an array `pts`. */
+ * layer after the skip and the view layer read. The decoder's others are an array `pts`. */
 #define RADIANCE_BACK_LAYERS(BACK, with)                                                                     \
     BACK(with, rgb, &m->rgb, 0, m->rgb.columns)                                                              \
     BACK(with, views, &both, 0, n->s.decoder_width)                                                          \
@@ -34,7 +34,7 @@ typedef struct {
 #define RADIANCE_BACK_MEMBER(type, name, ...) type name;
 #define RADIANCE_BACK_MEMBERS(type)                                                                          \
     RADIANCE_BACK_LAYERS(RADIANCE_BACK_MEMBER, type) type pts[POINT_DECODER_MAX];
-/* The first column of pts[i], i > 0, that reads the layer before. */
+/* The first column of pts[i], i > 0, that reads the previous layer. */
 static inline int radiance_hidden_column(const radiance_field *n, int i) {
     return i == n->s.decoder_skip + 1 ? n->position_width + n->s.token_width : 0;
 }
@@ -43,7 +43,7 @@ static inline int radiance_hidden_column(const radiance_field *n, int i) {
  * partial sums.
  */
 typedef struct {
-    int rows, columns, padded_rows, padded_columns; /* as the layer has them; whole blocks */
+    int rows, columns, padded_rows, padded_columns; /* actual sizes; whole blocks */
     size_t w, b;
 } sum_place;
 typedef struct {
@@ -82,13 +82,13 @@ sherf_status radiance_trainer_amx(context *c, const radiance_field *n, radiance_
 bool radiance_training_float_fits(const radiance_sizes *s);
 bool radiance_training_amx_fits(const radiance_sizes *s);
 
-/* The place of the gradient of the weights at p. */
+/* The address of the gradient of the weights at p. */
 static inline float *radiance_gradient(const radiance_gradients *g, const float *p) {
     return g->grads + (p - g->values);
 }
 
 /* train_give.c */
-/* Gives every layer its place; padded_columns that are set stay. */
+/* Assigns every layer its place; keeps padded_columns that are set. */
 void radiance_sums_place(radiance_trainer *t, const radiance_matrices *m);
 /* Adds a lane's sums to the weights' gradients, back through the algebra of radiance_matrices_make. */
 sherf_status radiance_sums_give(context *c, const radiance_trainer *t, const float *lane,

@@ -56,7 +56,7 @@ static groups groups_of_tokens(const char *x, int tokens, size_t token, size_t g
     return g;
 }
 
-/* Channel 2r and 2r + 1 of two groups, as [pair of points][2]. */
+/* Channels 2r and 2r + 1 of two groups, as [pair of points][2]. */
 static inline void unpair(const char *a, const char *b, __m512i *even, __m512i *odd) {
     __m512i u = _mm512_load_si512(a), v = _mm512_load_si512(b);
     *even = _mm512_mask_blend_epi16(0xAAAAAAAAu, u, _mm512_slli_epi32(v, 16));
@@ -103,7 +103,7 @@ static void to_columns(const groups *g, int blocks, char *columns) {
         }
 }
 
-/* The matrix's gradient in the lane += dy x^T over all groups; its bias' += dy's sums unless with_ones. */
+/* Adds the matrix's gradient to the lane: dy x^T over all groups; its bias' += dy's sums unless with_ones. */
 static void add_gradient(const space *s, float *lane, const sum_place *place, const groups *dy,
                          const groups *x) {
     const int chunks = dy->count / 2;
@@ -228,7 +228,7 @@ static void forward(const amx_trainer *r, const train_tile *t, space *s) {
 }
 
 /* ---- backwards ---- */
-/* out[token]: sums [group][32][16], one token; written, or added to. */
+/* out[token]: sums [group][32][16], one token; overwritten, or added to. */
 static void token_sums(const tiles *l, channels dy, float *out, bool add) {
     ORDER();
     for (int g = 0; g < AMX_GROUPS; g++) {
@@ -240,7 +240,8 @@ static void token_sums(const tiles *l, channels dy, float *out, bool add) {
     ORDER();
 }
 
-/* Through dense layer and the ReLU before it, whose result `x` is; the sums are rounded when this returns. */
+/* Backward through a dense layer and the ReLU before it, whose result `x` is; the sums are rounded on return.
+ */
 static channels back(const tiles *l, channels dy, channels x, channels out, float *sums) {
     waiting w = {0};
     out.pitch = x.pitch;
@@ -265,7 +266,7 @@ static void decoder_back(const amx_trainer *r, const train_tile *t, space *s, fl
     }
     ORDER();
     add_gradient(s, lane, &r->base.sum.rgb, &dy, &x);
-    /* views and alpha side by side; the buffer's groups lie as views' do */
+    /* views and alpha side by side; the buffer's groups have the layout of views' */
     waiting w = {0};
     dense(&r->back.rgb, drgb, s->dviews, s->views.at - s->dviews.at, s->sums, &w);
     finish_all(&w);
@@ -293,7 +294,7 @@ static inline __m512 gelu_slope(__m512 x) {
     return _mm512_fmadd_ps(density, _mm512_mul_ps(x, _mm512_set1_ps(0.39894228f)), normal_share(x));
 }
 
-/* Backwards through a layer norm of 32 channels: dx += its part; rows of partial sums for weight and bias. */
+/* Backward through a layer norm of 32 channels: dx += its part; rows of partial sums for weight and bias. */
 static inline void norm_back(const float *x, const float *dy, const float *weight, float *dx, float *dweight,
                              float *dbias) {
     __m512 sum = _mm512_setzero_ps(), square = sum, share = sum, along = sum;
@@ -327,8 +328,8 @@ static inline void norm_back(const float *x, const float *dy, const float *weigh
     }
 }
 
-/* e: in, the gradients of the chances p; out, of the scores, which are in powers of 2 (q's weights hold log2
- * e), hence ln 2. */
+/* e: in, the gradients of the attention weights p; out, of the scores, which are in powers of 2 (q's weights
+ * include log2 e), hence ln 2. */
 static inline void softmax_back(__m512 p[2][3], __m512 e[2][3]) {
     for (int i = 0; i < 2; i++) {
         __m512 mean = _mm512_mul_ps(p[i][0], e[i][0]);
@@ -340,7 +341,7 @@ static inline void softmax_back(__m512 p[2][3], __m512 e[2][3]) {
     }
 }
 
-/* Backwards through the attention of one group: d [2 tokens][attention width][16] -> dqkv, bf16 [token]. */
+/* Backward through the attention of one group: d [2 tokens][attention width][16] -> dqkv, bf16 [token]. */
 static inline void attention_back(const radiance_field *n, const float *sums, const float *chance,
                                   const float *d, size_t d_token, char *dqkv, size_t dqkv_token) {
     const int head = n->s.head_width, all = n->attention_width;
@@ -402,7 +403,7 @@ static inline void pack_sums(const float *x, int rows, char *out) {
                            pairs(_mm512_load_ps(x + c * GROUP), _mm512_load_ps(x + (c + 1) * GROUP)));
 }
 
-/* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
+/* dtoken: in, of the transformer's result (tokens 0 and 1); out, of the sampled values. */
 static void transformer_back(const amx_trainer *r, space *s, float *lane) {
     const radiance_field *n = r->base.n;
     const size_t one = AMX_GROUPS * TILE, wide = (size_t)r->qkv_blocks * TILE,
@@ -483,7 +484,7 @@ static void sampled_back(const amx_trainer *r, train_tile *t, space *s, float *l
 }
 
 /* ---- the scratch ---- */
-/* Hands out the scratch from its start; without a base it only counts. */
+/* Allocates scratch from its start; without a base it only counts. */
 typedef struct {
     char *base;
     size_t used;
@@ -496,7 +497,7 @@ static void *take(room *r, size_t bytes) {
 }
 
 static channels take_channels(room *r, int blocks, size_t min) {
-    const size_t pitch = (size_t)blocks * TILE + 64; /* a line more: see lay_out in amx_pack.c */
+    const size_t pitch = (size_t)blocks * TILE + 64; /* one more line: see lay_out in amx_pack.c */
     return (channels){take(r, AMX_GROUPS * (pitch > min ? pitch : min)), pitch};
 }
 
@@ -534,7 +535,7 @@ static void lay_out(const amx_trainer *t, room *r, space *s) {
         else
             s->h[i] = take_channels(r, h, 0);
     }
-    s->views = take_channels(r, t->view_blocks + 1, 0); /* as wide as dviews, which has alpha behind */
+    s->views = take_channels(r, t->view_blocks + 1, 0); /* as wide as dviews, which ends with alpha */
     s->dviews = take_channels(r, t->view_blocks + 1, 0);
     for (int i = 0; i < 2; i++)
         s->dh[i] = take_channels(r, h, s->x.pitch > s->v.pitch ? s->x.pitch : s->v.pitch);
@@ -559,7 +560,7 @@ size_t radiance_train_scratch_bytes(const amx_trainer *t) {
     return r.used;
 }
 
-/* The scratch starts as zeros: what no pass writes (padding) stays 0. */
+/* The scratch starts as zeros: values that no pass writes (padding) stay 0. */
 void radiance_train_tile_amx(const radiance_trainer *base, train_tile *t, float *lane, void *scratch) {
     const amx_trainer *r = (const amx_trainer *)base;
     space s;

@@ -147,7 +147,7 @@ INLINE void block_gradient(channels dy, const float *x, float *w) {
         sum[r][v];
 }
 
-/* sums [channels][LANES] += what the channels have in all points. */
+/* sums [channels][LANES] += the channels' values at all points. */
 static void add_sums(channels x, int count, float *sums) {
     for (int c = 0; c < count; c++) {
         vf sum = ((vf *)sums)[c];
@@ -156,8 +156,8 @@ static void add_sums(channels x, int count, float *sums) {
     }
 }
 
-/* The matrix' gradient in the lane, from the block of first_row on, += dy x^T; its bias' += dy's sums. room:
- * a panel of x. */
+/* Adds the matrix's gradient to the lane, from the block of first_row on: dy x^T; its bias' += dy's sums.
+ * room: a panel of x. */
 static void add_gradient(const sum_place *place, int first_row, channels dy, channels x, float *lane,
                          float *room) {
     add_sums(dy, place->rows, lane + place->b);
@@ -186,7 +186,7 @@ typedef struct {
     float *room; /* [POINT_TILE][STRIP] */
 } space;
 
-/* Hands out the scratch from its start; without a base it only counts. */
+/* Allocates scratch from its start; without a base it only counts. */
 typedef struct {
     float *base;
     size_t used;
@@ -198,8 +198,8 @@ static float *take(room *r, size_t floats) {
     return p;
 }
 
-/* Products read up to a block, and gradients up to a panel, behind the last channel; those values are not
- * used. */
+/* Products read up to a block, and gradients up to a panel, past the last channel; those values are not used.
+ */
 static channels take_channels(room *r, int count) {
     const size_t pitch = ((size_t)count + STRIP) * STRIP;
     return (channels){take(r, STRIPS * pitch), pitch};
@@ -361,7 +361,7 @@ static void decoder_back(const float_trainer *r, const float *const dout[4], con
     }
 }
 
-/* Backwards through a layer norm: dx += its part; sums of the weight's and the bias' gradients. */
+/* Backward through a layer norm: dx += its part; sums of the weight's and the bias's gradients. */
 static void norm_back(channels from, channels dy, int width, const float *weight, channels dx, float *dweight,
                       float *dbias) {
     for (int s = 0; s < STRIPS; s++)
@@ -385,7 +385,8 @@ static void norm_back(channels from, channels dy, int width, const float *weight
         }
 }
 
-/* Of one vector of points: the gradients of the values mixed -> those of qkv. Token 2 has no query. */
+/* For one vector of points: the gradients of the attention's results -> those of qkv. Token 2 has no query.
+ */
 static void attention_back(const radiance_field *n, const vf *qkv, const vf *chance, const vf *dmixed,
                            vf *dqkv) {
     const int head = n->s.head_width, all = n->attention_width, token = 3 * all * VECTORS,
@@ -423,7 +424,7 @@ static void gelu_back(channels x, int width, channels d) {
         for (int i = 0; i < width * VECTORS; i++) row_of(d, s, 0)[i] *= gelu_slope_lanes(row_of(x, s, 0)[i]);
 }
 
-/* dtoken: in, of the transformer's result (tokens 0 and 1); out, of what was sampled. */
+/* dtoken: in, of the transformer's result (tokens 0 and 1); out, of the sampled values. */
 static void transformer_back(const float_trainer *r, const space *s, float *lane) {
     const radiance_field *n = r->base.n;
     const int width = n->s.token_width, all = n->attention_width;
@@ -445,7 +446,7 @@ static void transformer_back(const float_trainer *r, const space *s, float *lane
                            row_of(s->dmixed, k, 0) + v, row_of(s->dqkv, k, 0) + v);
         memset(row_of(s->dtoken, k, 2 * width), 0, (size_t)width * STRIP * sizeof(float));
     }
-    for (int i = 0; i < 3; i++) { /* the third's queries stay 0, as the scratch starts */
+    for (int i = 0; i < 3; i++) { /* the third's queries stay 0, their initial value */
         const int first = i < 2 ? 0 : all;
         const channels d = from_channel(s->dqkv, i * 3 * all);
         add_gradient(&r->base.sum.qkv, first, d, from_channel(s->normed0, i * width), lane, s->room);
@@ -471,7 +472,7 @@ static void sampled_back(const float_trainer *r, const space *s, int count, floa
     }
 }
 
-/* The scratch starts as zeros: what no pass writes (padding, the third token's queries) stays 0. */
+/* The scratch starts as zeros: values that no pass writes (padding, the third token's queries) stay 0. */
 static void tile(const radiance_trainer *base, train_tile *t, float *lane, void *scratch) {
     const float_trainer *r = (const float_trainer *)base;
     space s;
@@ -499,7 +500,7 @@ INLINE void scatter_taps(const tap *taps, int count, const float *base, const fl
 
 static void scatter_level(const radiance_field *n, const radiance_level *l, const point_set *points,
                           const int32_t *index, int64_t count, const float *d, float *out) {
-    const float *base = l->value + l->stride; /* row 0 is no voxel's */
+    const float *base = l->value + l->stride; /* row 0 belongs to no voxel */
     for (int64_t i = 0; i < count; i++, d += n->fused) {
         const float *x = points->canonical + 3 * (int64_t)index[i];
         tap taps[8];
@@ -535,7 +536,7 @@ static void scatter_map(const radiance_field *n, const point_set *points, const 
     }
 }
 
-/* The longest first. */
+/* Starts with the longest. */
 static void scatter(const radiance_field *n, int job, const point_set *points, const int32_t *index,
                     int64_t count, const float *dtoken, const radiance_gradients *out) {
     if (job < POINT_LEVELS)

@@ -1,6 +1,6 @@
 /* bench_ops [--cpu] [filter]: the dense ops of the CPU backend at the network's shapes, forward and both
  * gradients, float32 and bf16: milliseconds (best of 15) and GFLOP/s. --cpu: one thread and its processor
- * time, which says something on a busy machine too. */
+ * time, which is meaningful on a busy machine too. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -94,7 +94,7 @@ static double seconds_now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* The shortest of up to 15 runs: the least disturbed by other programs. */
+/* The shortest of up to 15 runs, which other programs disturbed least. */
 static double best_time(op_call *call, kernel k) {
     double best = 1e9, begin = time_seconds();
     for (int n = 0; n < 15 && (n < 3 || time_seconds() - begin < 0.4); n++) {

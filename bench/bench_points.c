@@ -1,4 +1,4 @@
-/* Times the way from a pose to the points of a 512 x 512 frame, part by part: median of some repeats. */
+/* Times the steps from a pose to the points of a 512 x 512 frame: median of some repeats. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,7 +20,7 @@ static double median_ms(double *seconds) {
     return 1e3 * seconds[REPEATS / 2];
 }
 
-/* Processor time of all threads: what counts on a machine with company. */
+/* Processor time of all threads, which matters on a busy machine. */
 static double cpu_seconds(void) {
     struct timespec t;
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
@@ -49,8 +49,8 @@ static void time_nearest(context *c, const char *name, const vertex_grid *g, int
     mem_free(nearest);
 }
 
-/* The stages of a frame up to its points, whose canonical places are returned, to be freed; NULL: no memory.
- */
+/* Runs the stages of a frame up to its points and returns their canonical places, to be freed; NULL: out of
+ * memory. */
 static float *time_frame(context *c, const body_model *m, int64_t *count) {
     sherf_pose pose;
     sherf_pose_identity(&pose);

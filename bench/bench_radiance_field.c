@@ -54,7 +54,7 @@ __attribute__((target("amx-tile,amx-bf16"))) static void amx_peak(void *arg, int
 }
 #endif
 
-/* Processor time of all threads, shared out among them: on a busy machine steadier than the wall clock. */
+/* Processor time of all threads, divided by their number: steadier than wall time on a busy machine. */
 static double busy_seconds(int threads) {
     struct timespec t;
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
@@ -81,13 +81,13 @@ enum { WAYS = 7, ROUNDS_MAX = 101 };
 typedef struct {
     const char *name, *isa;
     bool bf16, early_stop;
-    int every; /* runs in every n-th round: slow ways need fewer */
+    int every; /* runs in every n-th round: slow variants need fewer */
     radiance_field *n;
     double seconds[ROUNDS_MAX], wall[ROUNDS_MAX]; /* processor time over threads; wall clock */
     int count;
 } way;
 
-/* Rounds of all ways in turn. False: one failed. */
+/* Runs rounds of all variants in turn. False: one failed. */
 static bool measure(context *c, const made *fixture, way ways[WAYS], int rounds) {
     static const float black[3];
     sherf_frame frame = {0};
@@ -98,7 +98,7 @@ static bool measure(context *c, const made *fixture, way ways[WAYS], int rounds)
             if (!w->name || (r >= 0 && r % w->every)) continue;
             if (only && !strstr(w->name, only)) continue;
             setenv("SHERF_ISA", w->isa, 1);
-            if (strcmp(isa_name(isa_best()), w->isa)) continue; /* another machine's */
+            if (strcmp(isa_name(isa_best()), w->isa)) continue; /* needs another machine */
             if (!w->n) {
                 double t = time_seconds();
                 if (radiance_field_create(c, &fixture->s, &fixture->w, &fixture->bank, w->bf16, &w->n))
@@ -117,7 +117,7 @@ static bool measure(context *c, const made *fixture, way ways[WAYS], int rounds)
     return true;
 }
 
-/* Medians, beside the peaks that a way can come to. */
+/* Prints medians next to the peaks that a variant can reach. */
 static void report(way ways[WAYS], const made *fixture, double macs, double fma, double amx) {
     double first = 0;
     for (int i = 0; i < WAYS; i++) {

@@ -152,7 +152,7 @@ static void bench(context *c, int size, int samples, float spacing_m, const char
     mem_free(rgb);
 }
 
-/* bench_trace [PNG]: the last picture goes there. */
+/* bench_trace [PNG]: writes the last picture there. */
 int main(int count, char **argument) {
     context *c;
     sherf_options options = {.threads = 2};

@@ -18,8 +18,8 @@
 #include "fit_tools.h"
 
 enum { N = 4 * BODY_JOINTS, ROUNDS = 30 };
-/* What lies further off is no edge of that limb; deviations below count alike; what is hardly seen stays 0.
- */
+/* Edges further off do not belong to that limb; smaller deviations count the same; hardly visible numbers
+ * stay 0. */
 static const double far_m = 0.1, near_m = 0.003, ridge = 20;
 
 typedef struct {
@@ -86,7 +86,7 @@ static void look_at_all(context *c, const body_model *body, char **argument) {
 
 /* ---- the regression ---- */
 
-/* The table's numbers that a sample has part in. */
+/* The table's numbers that a sample contributes to. */
 static void numbers_of(const body_model *body, const sample *s, bool mirrored, double x[N]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         const double w = (double)body->weights[(size_t)s->vertex * BODY_JOINTS + (size_t)j];
@@ -112,7 +112,7 @@ static void solve(double A[N][N], double x[N]) {
     }
 }
 
-/* One round of least squares, weighed by the deviations of the round before. Returns their mean. */
+/* One round of least squares, weighted by the previous round's deviations. Returns their mean. */
 static double round_of(const body_model *body, const sample *s, int count, double table[N]) {
     static double A[N][N];
     double right[N] = {0}, off = 0;

@@ -116,7 +116,7 @@ static bool same_turn(const look *l) {
     return (a[0] - b[0]) * (p[0] - q[0]) + (a[2] - b[2]) * (p[2] - q[2]) > 0;
 }
 
-/* false: the networks took front for back, or looked at something else. */
+/* false: the networks confused front and back, or saw something else. */
 static bool sample_of(const look *l, sample *s) {
     double ray[3], length = 0, hips = 0, px_per_m, off = 0;
     const float *a = l->mark_m[LANDMARK_LEFT_HIP], *b = l->mark_m[LANDMARK_RIGHT_HIP];
@@ -195,7 +195,7 @@ static void regress(const sample *s, int count, int without, double weight[N][D]
         for (int i = 0; i < N && !pass; i++) mean[i] /= used;
     }
     for (int i = 0; i < N; i++) spread[i] = fmax(sqrt(spread[i]), spread_min);
-    mean[N - 1] = 0, spread[N - 1] = 1; /* of the constant, which is not held back */
+    mean[N - 1] = 0, spread[N - 1] = 1; /* of the constant, which is not regularised */
     memset(A, 0, sizeof A);
     memset(weight, 0, N * sizeof *weight);
     for (int n = 0; n < count; n++) {
@@ -216,7 +216,7 @@ static void regress(const sample *s, int count, int without, double weight[N][D]
         }
 }
 
-/* Root mean squares, each person's by weights that have not seen it. */
+/* Root mean squares, each person's by weights fitted without that person. */
 static void judge(const sample *s, int count) {
     static double weight[N][D];
     double before[D] = {0}, after[D] = {0};

@@ -12,14 +12,14 @@
 #include "synth/people/people.h"
 
 enum { D = FIT_POSE_NUMBERS, K = FIT_POSE_KINDS, DRAWS = 20000, SAMPLES = 2 * DRAWS, ROUNDS = 20, SEEDS = 2 };
-/* Added to every spread, so that no direction is sure. */
+/* Added to every standard deviation, so that no direction is certain. */
 static const double floor_rad = 0.05;
 
 typedef struct {
     double share, mean[D], covariance[D][D], whiten[D][D], cost; /* whiten: upper; cost: -2 log of the peak */
 } kind;
 
-/* What the fit looks at of a pose whose root is tilted against the vertical. */
+/* The numbers that the fit uses of a pose whose root is tilted from the vertical. */
 static void numbers_of(const float pose_rad[72], double x[D]) {
     float R[9];
     for (int i = 0; i < D - 2; i++) x[i] = (double)pose_rad[3 * fit_pose_joint[i / 3] + i % 3];
@@ -110,7 +110,7 @@ static double apart(const double *a, const double *b) {
     return sum;
 }
 
-/* A few rounds of k-means from drawn samples. */
+/* A few rounds of k-means from random samples. */
 static void begin(const double (*x)[D], double (*member)[K], uint64_t seed) {
     static double centre[K][D], sum[K][D];
     for (int k = 0; k < K; k++)

@@ -1,4 +1,4 @@
-/* fit_tools: what the programs that make the tables of the fit share. */
+/* fit_tools: shared by the programs that make the fit's tables. */
 #ifndef SHERF_FIT_TOOLS_H
 #define SHERF_FIT_TOOLS_H
 

@@ -1,4 +1,4 @@
-/* sherf animate: an avatar, or the person of an observation, moved by a motion file into a video or pictures;
+/* sherf animate: moves an avatar, or an observation's person, by a motion file into a video or pictures;
  * --npz writes the motion itself. */
 #include <math.h>
 #include <string.h>

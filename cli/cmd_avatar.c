@@ -1,4 +1,4 @@
-/* sherf avatar: one picture of a person, or several, to the file that frames are rendered from. */
+/* sherf avatar: makes, from one or several pictures of a person, the file that frames are rendered from. */
 #include <string.h>
 #include <sys/stat.h>
 
@@ -64,7 +64,7 @@ static int report(session *s, double avatar_s, const char *sheet) {
     return EXIT_DONE;
 }
 
-/* What is said of one photo cannot be true of several. */
+/* Options about one photo do not fit several. */
 static int check_several(const session *s, int count) {
     const char *single = photo_wanted.mask ? "--mask" : photo_wanted.overlay ? "--overlay" : "--person";
     if (count == 1 || !(photo_wanted.mask || photo_wanted.overlay || photo_wanted.person)) return EXIT_DONE;

@@ -1,4 +1,4 @@
-/* sherf bake: an avatar in the form that is drawn without its network. */
+/* sherf bake: converts an avatar to the form that is drawn without its network. */
 #include "session.h"
 #include "shared.h"
 #include "verbs.h"

@@ -1,4 +1,4 @@
-/* sherf bench: times what people wait for and prints what the library reports. */
+/* sherf bench: times what users wait for and prints the library's report. */
 #include <stdio.h>
 #include <string.h>
 
@@ -20,7 +20,7 @@ static const option options[] = {
     {0},
 };
 
-/* What people meet: the demo's made person and the model that ships, where the assets have them. */
+/* What users run: the demo's made person and the shipped model, if the assets have them. */
 typedef struct {
     sherf_model *model;
     sherf_body *body;

@@ -37,7 +37,7 @@ static int report(const sherf_findings *f) {
     return f->errors ? EXIT_FAILED : EXIT_DONE;
 }
 
-/* Whether there is a body in what is checked: an observation or a data set, and not a body's own file. */
+/* Whether the input contains a body: an observation or a data set, rather than a body's own file. */
 static bool has_people(const char *path) {
     struct stat info;
     const char *end = strrchr(path, '.');

@@ -1,4 +1,4 @@
-/* sherf convert: other people's weights and body files to safetensors. */
+/* sherf convert: converts other projects' weights and body files to safetensors. */
 #include "session.h"
 #include "verbs.h"
 

@@ -41,7 +41,8 @@ static int list_add(photo_list *l, const char *folder, const char *name) {
     return EXIT_DONE;
 }
 
-/* The pictures of a folder, by name, also those that are only named as such; other files are left. */
+/* A folder's pictures, by name, including files that only have a picture's ending; other files are skipped.
+ */
 static int list_folder(photo_list *l, const char *folder) {
     DIR *d = opendir(folder);
     int status = EXIT_DONE, first = l->count;
@@ -73,7 +74,7 @@ static int output_of(const photo_list *l, int i, char out[4096]) {
     return n < 4096 ? EXIT_DONE : session_failure("%.60s...: path too long", set.output);
 }
 
-/* Two photos of one name but for the ending would write into one folder. */
+/* Two photos whose names differ only in the ending would write into one folder. */
 static int check_names(const photo_list *l) {
     int status = EXIT_DONE;
     char **name = calloc((size_t)l->count + 1, sizeof *name);
@@ -130,7 +131,7 @@ static int run_photos(session *s, int count, char **argument) {
     if (!status) status = photo_estimator(s, &n);
     for (int i = 0; !status && i < l->count; i++) {
         const int result = one(s, n, body, l, i, json);
-        if (result) failed++; /* it was said; the others go on */
+        if (result) failed++; /* already reported; the others go on */
         if (session_interrupted()) break;
     }
     if (!status && failed) status = EXIT_FAILED;

@@ -1,5 +1,5 @@
-/* sherf eval: novel views and novel poses of a data set's people against the truth, by the paper's protocol
- * unless options say otherwise. */
+/* sherf eval: compares novel views and novel poses of a data set's people with the truth, by the paper's
+ * protocol unless options say otherwise. */
 #include "photo.h"
 #include "shared.h"
 #include "verbs.h"

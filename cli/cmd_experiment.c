@@ -52,7 +52,7 @@ static const option options[] = {
 
 enum { DATA_MAX = 7 };
 
-/* A body for each data set: a path that stays. */
+/* A body for each data set; the path stays valid. */
 static int data_take(session *s, sherf_experiment_data *out, char *body[DATA_MAX]) {
     if (set.data.count > DATA_MAX) return usage_error(s->verb_name, "--data: at most %d data sets", DATA_MAX);
     for (int i = 0; i < set.data.count; i++) {

@@ -51,7 +51,7 @@ static const option options[] = {
     {0},
 };
 
-/* *out: where the pose is, or NULL for the rest pose. Poses of a file keep the person's own shape. */
+/* *out: the pose, or NULL for the rest pose. A file's poses keep the person's own shape. */
 static int pose_find(session *s, const sherf_avatar *avatar, sherf_pose *room, const sherf_pose **out) {
     *out = NULL;
     if (!set.pose || !strcmp(set.pose, "rest")) return EXIT_DONE;

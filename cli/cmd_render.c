@@ -1,5 +1,5 @@
-/* sherf render: frames of an avatar (shots.h) to pictures or a video (sink.h), with depth and opacity where
- * they are requested. */
+/* sherf render: renders frames of an avatar (shots.h) to pictures or a video (sink.h), with depth and opacity
+ * on request. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -69,7 +69,7 @@ static const option options[] = {
     {0},
 };
 
-/* What can be wrong with the options together. */
+/* Checks options against each other. */
 static int options_check(background *ground) {
     const shots_request *w = &set.shots;
     const char *verb_name = "render";
@@ -92,7 +92,7 @@ static int options_check(background *ground) {
 
 /* ---- pictures made of a frame ---- */
 typedef struct {
-    sherf_image rgba, depth; /* those that are not in the frame; depth's data is freed with free */
+    sherf_image rgba, depth; /* that the frame itself does not have; depth's data is freed with free */
 } pictures;
 
 static int room(sherf_image *image, const sherf_image *like, int channels) {
@@ -103,7 +103,7 @@ static int room(sherf_image *image, const sherf_image *like, int channels) {
     return image->data ? EXIT_DONE : session_failure("out of memory");
 }
 
-/* Near 1, far 0.2, nothing 0; the ends are the posed body's. */
+/* Near 1, far 0.2, empty 0; the ends are the posed body's. */
 static int picture_depth(const sherf_frame *f, const float range_m[2], sherf_image *out) {
     int status = room(out, &f->depth, 1);
     size_t pixels = (size_t)f->depth.width * (size_t)f->depth.height;
@@ -229,7 +229,7 @@ static int frames_make(session *s, const sherf_avatar *avatar, const sherf_body 
     return status;
 }
 
-/* A picture for standard output lies in a file first, so that it comes whole or not at all. */
+/* A picture for standard output is written to a file first, so that it arrives completely or not at all. */
 static int spool_open(char path[64]) {
     const char *folder = getenv("TMPDIR");
     snprintf(path, 64, "%s/sherf-XXXXXX.png", folder && strlen(folder) < 40 ? folder : "/tmp");

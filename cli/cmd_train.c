@@ -1,4 +1,4 @@
-/* sherf train: hands its options to the library's training; with --json it names the model's file. */
+/* sherf train: passes its options to the library's training; with --json it prints the model file's name. */
 #include "photo.h"
 #include "session.h"
 #include "shared.h"

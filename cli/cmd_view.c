@@ -74,7 +74,7 @@ static int avatar_add(session *s, gallery *g, const char *input) {
     return EXIT_DONE;
 }
 
-/* A motion file, or else a file of poses as sherf render takes them. */
+/* Adds a motion file, or else a file of poses as for sherf render. */
 static int motion_add(session *s, gallery *g, const char *path) {
     sherf_motion_options load = {
         .joints = set.joints, .body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};
@@ -123,7 +123,7 @@ static void gallery_free(gallery *g) {
     free(g);
 }
 
-/* The browser is a grandchild, so that nobody waits for it; what it says goes nowhere. */
+/* The browser is a grandchild, so nobody waits for it; its output is discarded. */
 static void browser_open(const char *address) {
     pid_t child = fork();
     if (child == 0) {

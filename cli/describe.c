@@ -8,7 +8,7 @@
 
 enum { LINE = 96, COLUMN = 28 };
 
-/* Words of `text` from column `at`, continued at column `indent`. */
+/* Writes the words of `text` from column `at`, continued at column `indent`. */
 static void wrap(FILE *f, const char *text, int at, int indent) {
     while (*text) {
         if (*text == '\n') {
@@ -56,7 +56,7 @@ static void describe_usage(FILE *f, const verb *v) {
     fputs(" [options]", f);
 }
 
-/* Each line of `text` behind `before`. */
+/* Writes each line of `text` after `before`. */
 static void lines(FILE *f, const char *before, const char *text) {
     for (;;) {
         int n = (int)strcspn(text, "\n");

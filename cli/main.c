@@ -1,4 +1,4 @@
-/* sherf: the program. Finds the verb, reads the options, runs it. */
+/* sherf: the program. Finds the verb, reads the options, and runs the verb. */
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -75,14 +75,14 @@ static int run(int count, char **argument) {
     return verb_run(v, count - 2, argument + 2);
 }
 
-/* The OpenMP runtime lets idle threads spin for milliseconds by default, which halves everybody's speed as
+/* By default the OpenMP runtime lets idle threads spin for milliseconds, which halves everybody's speed as
  * soon as two programs share the cores. It reads its settings before main, so a shorter spin (some tens of
- * microseconds with gcc's runtime, which heeds the count above the policy; none with LLVM's) takes a second
- * start. Whoever has set a policy keeps it. */
+ * microseconds with gcc's runtime, which obeys the count before the policy; none with LLVM's) needs a second
+ * start. A policy set by the user stays. */
 static void spin_briefly(char **argument) {
     if (getenv("GOMP_SPINCOUNT") || getenv("OMP_WAIT_POLICY")) return;
     if (setenv("GOMP_SPINCOUNT", "2000", 1) == 0 && setenv("OMP_WAIT_POLICY", "passive", 1) == 0)
-        execv("/proc/self/exe", argument); /* goes on if it fails */
+        execv("/proc/self/exe", argument); /* continues if this fails */
 }
 
 int main(int count, char **argument) {

@@ -36,7 +36,7 @@ int usage_error(const char *verb_name, const char *format, ...) {
     return EXIT_USAGE;
 }
 
-/* The index of `text` among the words of "a|b|c"; -1 when it is none of them. */
+/* The index of `text` among the words of "a|b|c"; -1: it is none of them. */
 static int word_index(const char *words, const char *text) {
     size_t length = strlen(text);
     for (int i = 0;; i++) {
@@ -47,7 +47,7 @@ static int word_index(const char *words, const char *text) {
     }
 }
 
-/* A whole number from 0 that starts at *text, which is moved behind it; -1 when there is none. */
+/* Reads a non-negative integer at *text and moves *text past it; -1: there is none. */
 static int number_take(const char **text) {
     if (**text < '0' || **text > '9') return -1;
     char *end;
@@ -117,7 +117,7 @@ bool size_parse(const char *text, int *width, int *height) {
     return !*text && *width > 0 && *width <= SIDE_MAX && *height >= 0 && *height <= SIDE_MAX;
 }
 
-/* Stores `text` as the value of o; the return is what is wrong with it, NULL when nothing is. */
+/* Stores `text` as the value of o; returns the error, or NULL. */
 static const char *value_store(const option *o, const char *text) {
     char *end;
     errno = 0;
@@ -174,7 +174,7 @@ static int store(const verb *v, const option *o, const char *text) {
     if (!strcmp(o->name, "output") && !strcmp(text, "-") && !v->to_stdout)
         return usage_error(v->name,
                            "--output -: nothing goes to standard output here, name a file or folder");
-    /* .safetensors is no ending in the sense of sherf_output_kind: it is longer */
+    /* sherf_output_kind does not treat .safetensors as an ending: it is longer */
     if (!strcmp(o->name, "output") && !v->many_kinds && sherf_output_kind(text) != SHERF_OUTPUT_FOLDER)
         return usage_error(v->name, "--output %s: no %s is written here; %s", text, strrchr(text, '.'),
                            !strcmp(o->argument, "FILE") ? "this becomes a .safetensors"

@@ -1,5 +1,5 @@
-/* options: one table a verb. The parser, --help, the man pages and the completion all read these tables, so
- * they cannot disagree. */
+/* options: one table for each verb. The parser, --help, the man pages and the completion all read these
+ * tables, so they cannot disagree. */
 #ifndef CLI_OPTIONS_H
 #define CLI_OPTIONS_H
 
@@ -11,7 +11,7 @@ typedef enum {
     OPTION_FLAG,    /* bool */
     OPTION_TEXT,    /* const char * */
     OPTION_FILE,    /* const char *; completed as a file name */
-    OPTION_FILES,   /* option_files; may be given again and again */
+    OPTION_FILES,   /* option_files; may be repeated */
     OPTION_INTEGER, /* int64_t */
     OPTION_REAL,    /* double */
     OPTION_CHOICE,  /* int: index into the words of `argument`, "a|b|c" */
@@ -29,8 +29,8 @@ typedef struct {
     char letter;      /* 0: no short form */
     const char *name; /* without the dashes; NULL ends a table */
     option_kind kind;
-    void *value;             /* where it goes, of the type above; holds the default before */
-    const char *argument;    /* what the help calls the value; the words of a choice */
+    void *value;             /* its destination, of the type above; holds the default before */
+    const char *argument;    /* the value's name in the help; a choice's words */
     const char *help;        /* a phrase without a full stop */
     double minimum, maximum; /* of numbers, both ends allowed; equal: any */
     bool needed;
@@ -45,8 +45,8 @@ typedef struct {
     const char *example; /* whole command lines, one each line */
     const option *options;
     int arguments_min, arguments_max;
-    const char *words; /* what the first argument may be, "render|train"; NULL: anything */
-    bool computes;     /* networks, on the device */
+    const char *words; /* the allowed first arguments, "render|train"; NULL: anything */
+    bool computes;     /* runs networks, on the device */
     bool to_stdout;    /* --output - is standard output */
     bool many_kinds;   /* --output may have endings that the verb itself checks */
     int (*run)(session *s, int count, char **argument); /* the exit status */
@@ -57,7 +57,7 @@ enum { EXIT_DONE = 0, EXIT_FAILED = 1, EXIT_USAGE = 2 };
 /* Options every verb has. */
 typedef struct {
     bool help, version, quiet, json;
-    bool silent;   /* not an option: another process of this run does the talking */
+    bool silent;   /* not an option: another process of this run prints the messages */
     int device;    /* as sherf_device */
     int precision; /* as sherf_precision */
     int64_t threads, seed;
@@ -66,12 +66,12 @@ extern common_options common;
 extern const option common_table[];
 
 /* Stores the values of v's and the common options, moves the other arguments to the front of argument[] and
- * their number to *count. EXIT_DONE, or EXIT_USAGE after one line on stderr. */
+ * sets *count to their number. EXIT_DONE, or EXIT_USAGE after one line on stderr. */
 int options_parse(const verb *v, int *count, char **argument);
-/* One line on stderr that points to --help; returns EXIT_USAGE. */
+/* Prints one line on stderr that refers to --help; returns EXIT_USAGE. */
 int usage_error(const char *verb_name, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* Numbers of "0,2,4" or "first:step:count". NULL: not such a list. Freed with free. */
+/* Parses "0,2,4" or "first:step:count". NULL: it is no such list. Free the result with free. */
 int *list_parse(const char *text, int *count);
 bool list_valid(const char *text);
 /* "512" (*height is then 0) or "640x360", each 1 to 32768. */

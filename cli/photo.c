@@ -1,10 +1,10 @@
-/* Photos where observations are taken: the estimate, and what is said of it. */
+/* Photos in place of observations: the estimate, and the messages about it. */
 #include "photo.h"
 
 #include <string.h>
 #include <strings.h>
 
-enum { PHOTO_PEOPLE_MAX = 8 }; /* more are not looked for */
+enum { PHOTO_PEOPLE_MAX = 8 }; /* more are not searched for */
 
 photo_request photo_wanted;
 
@@ -74,7 +74,7 @@ int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body,
     return status;
 }
 
-/* The estimates of several photos of one person, with one shape; and the drawing that was requested. */
+/* Estimates several photos of one person, with one shape, and draws the requested picture. */
 static int estimate_all(session *s, const sherf_body *body, int count, const char *const *path,
                         sherf_estimate **e) {
     sherf_estimator *n = NULL;

@@ -1,10 +1,10 @@
-/* photo: verbs that take a photo where they take an observation. */
+/* photo: for verbs that accept a photo in place of an observation. */
 #ifndef CLI_PHOTO_H
 #define CLI_PHOTO_H
 
 #include "session.h"
 
-/* What a verb's options say about photos; 0 and NULL: nothing. */
+/* A verb's options about photos; 0 and NULL: not given. */
 typedef struct {
     int64_t person;
     double focal_px;
@@ -12,7 +12,7 @@ typedef struct {
 } photo_request;
 extern photo_request photo_wanted;
 
-/* The lines of a verb's table of options for them. */
+/* The lines for them in a verb's option table. */
 #define PHOTO_OPTIONS                                                                                        \
     {0,                                                                                                      \
      "person",                                                                                               \
@@ -30,21 +30,21 @@ extern photo_request photo_wanted;
             "focal length of the photo at its full size, pixels (EXIF's, or else estimated)", 1, 1e6         \
     }
 
-/* By its first bytes, or by a name that pictures have. */
+/* By its first bytes, or by a picture's file ending. */
 bool photo_is(const char *path);
 #define PHOTO_NETWORKS "models/blazepose.safetensors"
-/* The networks that ship; NULL, after one line on stderr: they are not there. */
+/* The shipped networks' file; NULL, after one line on stderr: it is missing. */
 const char *photo_networks(void);
 /* Loads them; an exit status. */
 int photo_estimator(session *s, sherf_estimator **out);
-/* Estimates and says in a line what was found, and a line each warning. */
+/* Estimates, prints a line about the result, and a line for each warning. */
 int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
                    sherf_estimate **out);
-/* All of it, to observations of one person, at most SHERF_PICTURES_MAX, of one shape; with the drawing that
- * was requested. out: NULLs; theirs to free, whatever the answer. */
+/* All of it, to observations of one person, at most SHERF_PICTURES_MAX, with one shape; draws the requested
+ * picture. out: NULLs; free them for any result. */
 int photo_observations(session *s, const sherf_body *body, int count, const char *const *path,
                        sherf_observation **out);
-/* What was found, for --json. */
+/* The estimate's facts, for --json. */
 cJSON *photo_json(const char *path, const sherf_estimate_facts *f);
 
 #endif

@@ -1,5 +1,5 @@
-/* What verbs share: progress and errors on stderr, Ctrl-C, results as JSON, and where a body, weights or an
- * avatar come from. */
+/* Shared by the verbs: progress and errors on stderr, Ctrl-C, results as JSON, and where to find a body,
+ * weights or an avatar. */
 #include "photo.h"
 
 #include <errno.h>
@@ -93,8 +93,8 @@ void session_progress(const char *text, double done, double total) {
     bool ended = total > 0 && done >= total;
     double pause_s = on_terminal() ? 0.1 : 10;
     if (!ended && now - bar.shown_s < pause_s) return;
-    if (ended) bar.text[0] = 0; /* the next one begins anew, of whatever name */
-    if (ended && !bar.bar_on_screen && now - bar.begun_s < 2) return; /* too short to be worth a line */
+    if (ended) bar.text[0] = 0; /* the next one starts afresh, with any name */
+    if (ended && !bar.bar_on_screen && now - bar.begun_s < 2) return; /* too short for a line */
     bar.shown_s = now;
     char left[32] = "", figures[96];
     double rate = (done - bar.first_done) / (now - bar.begun_s + 1e-9);
@@ -140,7 +140,7 @@ static volatile sig_atomic_t interrupted;
 static void on_interrupt(int number) {
     interrupted = 1;
     sherf_cancel(interrupted_context);
-    signal(number, SIG_DFL); /* the second one ends the program */
+    signal(number, SIG_DFL); /* a second signal ends the program */
 }
 
 bool session_interrupted(void) {
@@ -153,7 +153,7 @@ int session_open(session *s, const verb *v) {
     char line[256];
     if (sherf_device_find((sherf_device)common.device, line, sizeof line) != SHERF_OK)
         return session_failure("--device cuda: %s", line);
-    /* Under mpirun one process speaks for all. */
+    /* Under mpirun one process prints for all. */
     const char *rank = getenv("OMPI_COMM_WORLD_RANK");
     if (rank && strcmp(rank, "0") != 0) common.quiet = common.silent = true;
     sherf_options o = {.threads = (int)common.threads,
@@ -163,7 +163,7 @@ int session_open(session *s, const verb *v) {
                        .progress = on_progress};
     if (sherf_context_create(&o, &s->context) != SHERF_OK)
         return session_failure("cannot start: out of memory");
-#ifdef SHERF_HAVE_CUDA /* there was something to choose from */
+#ifdef SHERF_HAVE_CUDA /* there was a choice */
     if (v->computes && common.device == SHERF_DEVICE_AUTO) session_remark("device: %s", line);
 #endif
     interrupted_context = s->context;
@@ -230,8 +230,8 @@ static const char *program_folder(void) {
 
 enum { ASSET_FOLDERS = 5 };
 
-/* Where assets lie: where the user says, here, with the sources that the program was built from, with the
- * program wherever it was installed, and where it should have been. NULL: there is no such folder. */
+/* The folders of assets: the user's choice, the current folder, the sources that the program was built from,
+ * next to the installed program, and the configured place. NULL: no such folder. */
 static void asset_folders(const char *folder[ASSET_FOLDERS]) {
     static char sources[4096], moved[4096];
     const char *own = program_folder();
@@ -244,7 +244,7 @@ static void asset_folders(const char *folder[ASSET_FOLDERS]) {
     folder[4] = SHERF_ASSETS_FOLDER;
 }
 
-/* Once: a folder that the user named and that is not there is not passed over in silence. */
+/* Warns once if the folder that the user named does not exist. */
 static void say_missing_folder(const char *named) {
     static bool said;
     if (said || !named || !*named || !access(named, X_OK)) return;
@@ -254,7 +254,7 @@ static void say_missing_folder(const char *named) {
 }
 
 const char *session_asset(const char *given, const char *name) {
-    enum { PATHS_MAX = 16 }; /* answers that stay, of one run of a verb */
+    enum { PATHS_MAX = 16 }; /* paths that stay valid during one run of a verb */
     static char paths[PATHS_MAX][4096];
     static int requests;
     char *path = paths[requests++ % PATHS_MAX];
@@ -350,7 +350,7 @@ const char *session_model(const session *s, const char *given) {
     return asset;
 }
 
-/* What photos do not have to be estimated from. */
+/* Loads the observation, unless it is a photo, which must be estimated. */
 static int load_observation(session *s, const char *path, sherf_observation **out) {
     struct stat st;
     if (stat(path, &st) == 0 && !S_ISDIR(st.st_mode) && !S_ISREG(st.st_mode))

@@ -1,5 +1,5 @@
-/* shared: options of several verbs, each defined once. `to` is where the value goes; what differs between
- * verbs is an argument too. */
+/* shared: options of several verbs, each defined once. `to` is the value's destination; differences between
+ * verbs are arguments too. */
 #ifndef CLI_SHARED_H
 #define CLI_SHARED_H
 

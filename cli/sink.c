@@ -27,8 +27,8 @@ int sink_output_check(const char *verb_name, const char *output, bool transparen
     return EXIT_DONE;
 }
 
-/* In a folder FOLDER/depth_0007.png; beside OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. A film's
- * arrays are a file a frame: OUT_depth_0007.npy. */
+/* In a folder FOLDER/depth_0007.png; next to OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. A film's
+ * arrays are one file for each frame: OUT_depth_0007.npy. */
 static int name(const sink *k, int n, const char *extension, char path[PATH_BYTES]) {
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {
@@ -47,7 +47,7 @@ static int name(const sink *k, int n, const char *extension, char path[PATH_BYTE
     return EXIT_DONE;
 }
 
-/* A video wants colours: grey is tripled. */
+/* A video needs colours: grey is tripled. */
 static int video_add(session *s, sink *k, const sherf_image *picture) {
     if (picture->channels >= 3) return session_status(s, sherf_video_add(s->context, k->video, picture));
     size_t pixels = (size_t)picture->width * (size_t)picture->height;

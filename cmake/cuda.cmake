@@ -1,6 +1,5 @@
 # The CUDA backend: *.cu in src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda. The runtime is linked
-# statically and cuBLAS is opened when it is first needed, so one build runs with and without a GPU, its driver and the
-# toolkit.
+# statically and cuBLAS is opened on first use, so one build runs with and without a GPU, its driver and the toolkit.
 enable_language(CUDA)
 if(CMAKE_CUDA_COMPILER_VERSION VERSION_LESS 12)
   message(FATAL_ERROR "SHERF_CUDA needs nvcc 12 or newer, and this is ${CMAKE_CUDA_COMPILER_VERSION}")

@@ -1,5 +1,5 @@
-# What is installed: libsherf.so and libsherf.a, of which only the sherf_ names can be seen, the program,
-# the header, what pkg-config and find_package read, man pages, completion and assets.
+# Installs libsherf.so and libsherf.a, which export only the sherf_ names, the program, the header, the files
+# for pkg-config and find_package, man pages, completion and assets.
 add_library(sherf_shared SHARED ${SHERF_OBJECTS})
 set_target_properties(sherf_shared PROPERTIES OUTPUT_NAME sherf VERSION ${PROJECT_VERSION} SOVERSION 0)
 set_property(TARGET sherf_shared PROPERTY EXPORT_NAME sherf)
@@ -14,8 +14,8 @@ if(SHERF_SANITIZE)
   set(SHERF_ARCHIVE $<TARGET_FILE:sherf_static>)
   add_custom_target(sherf_archive DEPENDS sherf_static)
 else()
-  # One object in which every hidden name is local (so are the locks of named critical sections, which gcc
-  # makes common symbols in view of all).
+  # One object in which every hidden name is local (and so are the locks of named critical sections, which gcc
+  # makes visible common symbols).
   set(SHERF_ARCHIVE ${CMAKE_BINARY_DIR}/libsherf.a)
   add_custom_command(
     OUTPUT ${SHERF_ARCHIVE}
@@ -28,7 +28,7 @@ else()
   add_custom_target(sherf_archive DEPENDS ${SHERF_ARCHIVE})
 endif()
 
-# The program is linked with that archive and sees include/ alone, so it can use nothing but the public API.
+# The program is linked with that archive and sees only include/, so it can use only the public API.
 file(GLOB SHERF_CLI CONFIGURE_DEPENDS cli/*.c)
 add_executable(sherf ${SHERF_CLI})
 add_dependencies(sherf sherf_archive)
@@ -60,13 +60,13 @@ add_custom_command(
   DEPENDS sherf)
 add_custom_target(sherf_texts ALL DEPENDS ${pages} ${texts}/sherf.bash ${texts}/_sherf)
 
-# pkg-config: what a static link needs besides.
+# pkg-config: what a static link needs in addition.
 list(JOIN SHERF_PKG_CONFIG ", " SHERF_REQUIRES_PRIVATE)
 list(GET OpenMP_C_LIBRARIES 0 SHERF_OPENMP) # not the flag, which another compiler may not know
 if(CMAKE_C_COMPILER_ID STREQUAL GNU)
   set(SHERF_OPENMP -lgomp) # in a folder of the compiler's version
 endif()
-# Counted from where sherf.pc lies: right after `cmake --install --prefix` too, and pkg-config quotes a space in it.
+# Relative to sherf.pc: right after `cmake --install --prefix` too, and pkg-config quotes a space in it.
 foreach(folder LIBDIR INCLUDEDIR)
   set(SHERF_PC_${folder} "\${prefix}/${CMAKE_INSTALL_${folder}}")
   if(IS_ABSOLUTE "${CMAKE_INSTALL_${folder}}")
@@ -81,7 +81,7 @@ endif()
 set(SHERF_LIBS_PRIVATE "-ldnnl -lembree3 -lm ${SHERF_OPENMP}${SHERF_CUDA_LIBS}")
 configure_file(cmake/sherf.pc.in ${CMAKE_BINARY_DIR}/sherf.pc @ONLY)
 
-# find_package(sherf), counted from where it lies as well.
+# find_package(sherf), relative to its own file as well.
 include(CMakePackageConfigHelpers)
 set(SHERF_CMAKE_FOLDER ${CMAKE_INSTALL_LIBDIR}/cmake/sherf)
 set(SHERF_ASSETS ${CMAKE_INSTALL_DATADIR}/sherf)

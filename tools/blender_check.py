@@ -99,7 +99,7 @@ def main():
             overlap = (a & b).sum() / max((a | b).sum(), 1)
             both = a & b
             error = ((own[..., :3] - theirs[..., :3])[both] ** 2).mean() if both.any() else 1
-            # over a black ground, all pixels, as pictures are scored
+            # over black, all pixels, as in scores
             flat = lambda p: p[..., :3] * p[..., 3:]
             whole = ((flat(own) - flat(theirs)) ** 2).mean()
             overlaps.append(overlap)

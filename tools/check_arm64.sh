@@ -1,8 +1,8 @@
 #!/bin/sh
 # tools/check_arm64.sh [TESTS]: builds for aarch64 with Debian's cross compiler and arm64 libraries, warnings as
 # errors, and runs the tests whose names match TESTS (a regular expression; all of them take hours) under qemu-user.
-# All of it in a Debian 12 that mmdebstrap makes of this machine's apt sources in build/arm64, which a second run uses
-# again. As root.
+# It runs in a Debian 12 that mmdebstrap makes from this machine's apt sources in build/arm64, which a second run
+# reuses. As root.
 set -eu
 cd "$(dirname "$0")/.."
 tests=${1:-^(base|tensor|io|motion|body|scene|sampling|nn)_}

@@ -12,7 +12,7 @@ if ! ls "$folder"/sherf_*.deb >/dev/null 2>&1; then
     exit 1
 fi
 
-# What packages.txt says is needed to build is what debian/control says.
+# packages.txt and debian/control must agree on the build's packages.
 for package in $(sed -n 's/^build \([^ ]*\).*/\1/p' packages.txt); do
     case $package in gcc | libc6-dev | make | binutils | openmpi-bin) continue ;; esac # build-essential's; to run
     sed -n '/^Build-Depends/,/^$/p' debian/control | grep -q "[ ]$package,$" ||

@@ -1,7 +1,7 @@
 #!/bin/sh
 # The table of rooms in docs/architecture.md is the rule: a room's sources may include its own headers and those of the
-# rooms in the table's last column, all of which stand above it, and call only such public functions (sherf/sherf.h) as
-# are defined there. The program and the documents' examples see sherf/sherf.h alone.
+# rooms in the table's last column, which are all above it, and call only public functions (sherf/sherf.h) that are
+# defined there. The program and the documents' examples include sherf/sherf.h only.
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu' 'cli/*.c' 'cli/*.h' 'docs/*.c')
@@ -9,7 +9,7 @@ files=$(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu' 'cli/*.c' 'cli/*
 awk '
 function complain(text) { print text > "/dev/stderr"; wrong = 1 }
 function folder(path) { return match(path, /.*\//) ? substr(path, 1, RLENGTH - 1) : "." }
-# The longest room that the path below src/ lies in.
+# The innermost room that contains the path below src/.
 function room_of(path) {
     while (sub(/\/[^\/]*$/, "", path)) if (path in rank) return path
     return ""

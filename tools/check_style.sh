@@ -1,7 +1,7 @@
 #!/bin/sh
-# Every C and CUDA file must be as clang-format 14 lays it out (make format repairs). Pages, scripts and what the build
-# reads keep to 120 columns, but for tables, pictures and blocks of code in pages, and checksums. Every file opens with
-# what it is.
+# Every C and CUDA file must have clang-format 14's layout (make format repairs it). Pages, scripts and the build's
+# files keep to 120 columns, except tables, pictures and code blocks in pages, and checksums. Every file begins with a
+# comment about its purpose.
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files '*.c' '*.h' '*.cu' '*.cpp')

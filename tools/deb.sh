@@ -1,7 +1,7 @@
 #!/bin/sh
 # tools/deb.sh [FOLDER]: Debian's packages of the last commit, source and binary, into FOLDER (build/deb): sherf,
-# libsherf0, libsherf-dev and sherf-assets, in the Release build, out of the archive that `make dist` writes.
-# tools/check_deb.sh tries them.
+# libsherf0, libsherf-dev and sherf-assets, in the Release build, from the archive that `make dist` writes.
+# tools/check_deb.sh tests them.
 set -eu
 cd "$(dirname "$0")/.."
 folder=${1:-build/deb}

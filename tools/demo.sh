@@ -1,8 +1,8 @@
 #!/bin/sh
 # tools/demo.sh SHERF FOLDER: a photo (assets/demo/photo.jpg, a made person of MakeHuman's CC0 parts before a made
-# place, docs/people.md) becomes an avatar that is turned, walked and posed, and with a second photo one whose back is
-# known; another made person, of whom there are true pictures from other sides, is scored against them. The shipped
-# model saw neither.
+# place, docs/people.md) becomes an avatar that is turned, walked and posed; with a second photo its back is known, too.
+# Another made person has true pictures from other sides, and is scored against them. The shipped model saw neither
+# person.
 set -eu
 sherf=$1
 out=$2

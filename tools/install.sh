@@ -12,7 +12,7 @@ installed=" $(dpkg-query -W -f '${Package}=${Status} ' $wanted 2>/dev/null | tr 
 missing=
 for package in $wanted; do
     case $installed in *" $package=install ok installed "*) continue ;; esac
-    # A program that came another way will do: Node.js from elsewhere brings npm, and Debian's cannot stand beside it.
+    # A program from another source will do: Node.js from elsewhere brings npm, and conflicts with Debian's.
     command -v "$package" >/dev/null || missing="$missing $package"
 done
 [ -n "$missing" ] || exit 0
@@ -23,7 +23,7 @@ if [ "$(id -u)" != 0 ]; then
         { echo "tools/install.sh: not root and no sudo; install these by hand:$missing" >&2; exit 1; }
     root=sudo
 fi
-# The package lists may be absent or old: fetch them, and go on with what is there should that fail.
+# The package lists may be missing or old: fetch them, and continue with the present ones if that fails.
 $root apt-get update -q </dev/null || true
 # shellcheck disable=SC2086
 $root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $missing </dev/null

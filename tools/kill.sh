@@ -19,7 +19,7 @@ fail() {
     failures=$((failures + 1))
 }
 
-# The words that are tried, their output at $2.
+# The arguments of each verb; the output is at $2.
 words_of() {
     case $1 in
     synth) words=(synth tube --people 4 --poses 2 --views 8 --size 48) ;;
@@ -38,13 +38,13 @@ run() {
     "$sherf" "${words[@]}" >/dev/null
 }
 
-# Files of a folder, or the one file, without what has a temporary name (NAME.PID.part, .NAME).
+# The files of a folder, or the single file, without temporary names (NAME.PID.part, .NAME).
 finals() {
     [ -e "$1" ] || return 0
     find "$1" -type f ! -name '*.part' ! -path '*.part/*' ! -path '*/.*' -printf '%P\n' | sort
 }
 
-# What is there under final names is as in the uninterrupted run.
+# Files under final names are those of the uninterrupted run.
 same_so_far() {
     local name
     while IFS= read -r name; do
@@ -53,7 +53,7 @@ same_so_far() {
     done < <(finals "$2")
 }
 
-# What has a checksum is read by it.
+# Files with a checksum are checked by it.
 readable_so_far() {
     local name
     while IFS= read -r name; do
@@ -61,7 +61,7 @@ readable_so_far() {
     done < <(finals "$2")
 }
 
-# What both runs must agree on at the end; times of the day and durations are left out.
+# The parts in which both runs must agree at the end, without times of day and durations.
 same_at_end() {
     local verb=$1 got=$2 want=$3 name
     diff <(finals "$got") <(finals "$want") >&2 || fail "$verb: other files than the whole run makes"
@@ -77,7 +77,7 @@ same_at_end() {
 
 milliseconds() { echo $(($(date +%s%N) / 1000000)); }
 
-# One start that is killed within $2 ms; false when it had come to its end before.
+# Starts once and kills within $2 ms; false if the run had ended before.
 killed_within() {
     local verb=$1 span=$2 out=$3 pid delay
     words_of "$verb" "$out"
@@ -110,10 +110,10 @@ try() {
             synth | people | bake | estimate) same_so_far "$verb" "got_$verb" "whole_$verb" ;;
             *) readable_so_far "$verb" "got_$verb" ;;
             esac
-            # what goes on where it was is killed up to eight times before it may come to its end
+            # a run that continues is killed up to eight times before it may finish
             [ $((kills % 8)) = 0 ] && break
         done
-        # a data set of tubes that is whole is not made again, and says so
+        # a complete data set of tubes is not made again, and says so
         $over || run "$verb" "got_$verb" 2>stderr || grep -q "holds a data set already" stderr ||
             fail "$verb does not go on: $(tail -n 1 stderr)"
         same_at_end "$verb" "got_$verb" "whole_$verb"

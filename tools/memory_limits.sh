@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # tools/memory_limits.sh SHERF [LEVELS]: avatar, render, export, bake and train under `ulimit -v`, at LEVELS (10) even
-# parts of what each takes without a limit. Every run either makes what the unlimited one makes, or ends with 1 and one
-# line on standard error and leaves nothing: no output and no half-written file. Where the limit is too low for the
-# system to load the program (127), that is counted apart.
+# fractions of each one's use without a limit. Every run either makes the same as the unlimited one, or ends with 1 and
+# one line on standard error and leaves nothing: no output and no half-written file. Limits too low for the system to
+# load the program (127) are counted separately.
 set -euo pipefail
 sherf=$(realpath "$1")
 levels=${2:-10}
@@ -28,7 +28,7 @@ words_of() {
     words+=(-q)
 }
 
-# The most address space that it takes, KiB.
+# The peak of its address space, KiB.
 peak_of() {
     local pid now peak=0
     words_of "$1" whole
@@ -42,7 +42,7 @@ peak_of() {
     echo "$peak"
 }
 
-# A training that ran out of memory in its middle keeps its folder, log and checkpoint: it can go on.
+# A training that runs out of memory midway keeps its folder, log and checkpoint, so it can continue.
 check_failed() {
     local what=$1 left
     [ "$(wc -l <stderr)" = 1 ] || fail "$what: not one line but $(wc -l <stderr)"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# tools/needs.sh FILE: Debian's packages of the libraries that a program or library is linked with, one a line.
+# tools/needs.sh FILE: Debian's packages of the libraries that a program or library is linked with, one on each line.
 set -eu
 for name in $(readelf -d "$1" | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p'); do
     file=$(/sbin/ldconfig -p |

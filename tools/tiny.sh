@@ -1,5 +1,5 @@
-# tools/tiny.sh: sourced by kill.sh and memory_limits.sh. A folder to work in, which goes at the end; settings of a
-# network of which a training step takes milliseconds; and a count of failures.
+# tools/tiny.sh: sourced by kill.sh and memory_limits.sh. A work folder, which is removed at the end; settings of a
+# network whose training step takes milliseconds; and a count of failures.
 export OMP_WAIT_POLICY=passive
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

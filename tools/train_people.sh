@@ -1,10 +1,10 @@
 #!/bin/sh
-# tools/train_people.sh SHERF FOLDER: how the model that ships is made from nothing but the fetched assets (`make
-# assets` first). Makes the people, trains on them, goes on with others that are seen as photos are and with
-# `occlusion`, and scores the model on people it never saw, beside two baselines. Goes on where it was stopped. PEOPLE,
-# POSES, VIEWS, PRESET and TRAIN (further options) say what; STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the
-# resnet50 distance), how long; TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and
-# TUNED_STAGES, as STEPS:RATE:ESTIMATED (the share of observations by estimate), the same of what follows.
+# tools/train_people.sh SHERF FOLDER: makes the shipped model from the fetched assets alone (`make assets` first). Makes
+# the people, trains on them, continues with others that are seen as in photos and with `occlusion`, and scores the
+# model on people it never saw, next to two baselines. Continues where it was stopped. PEOPLE, POSES, VIEWS, PRESET and
+# TRAIN (further options) set the content; STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the resnet50 distance),
+# the length; TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and TUNED_STAGES, as
+# STEPS:RATE:ESTIMATED (the share of estimated observations), do the same for the second training.
 set -eu
 sherf=$1
 mkdir -p "$2"
@@ -40,7 +40,7 @@ END
         --learning-rate "$rate" -o "$out/run" ${TRAIN:-}
 done
 
-# Another training with the weights of the first: people from both kinds of cameras in one folder.
+# The second training starts with the first one's weights: people from both kinds of cameras in one folder.
 run synth people -o "$out/ring" --people "$tuned_people" --poses 3 --views 6 --size 256 --seed 400000 --source "$source"
 run synth people -o "$out/photos" --people "$((tuned_people / 3 + 1))" --poses 3 --views 6 --size 256 --seed 420000 \
     --background scenes --cameras photo --source "$source"

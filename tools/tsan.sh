@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # tools/tsan.sh [TEST...]: tests (of the viewer, training, films and what they share, or those named as ctest names
-# them) under clang's thread sanitizer, in BUILD (build-tsan). LLVM's OpenMP tells it of its threads (libarcher); what
-# oneDNN, libgomp and others of Debian's libraries do among themselves is not instrumented and left out.
-# tools/tsan.supp has what is not ours. Minutes.
+# them) under clang's thread sanitizer, in BUILD (build-tsan). LLVM's OpenMP reports its threads to it (libarcher);
+# oneDNN, libgomp and other Debian libraries are not instrumented and left out. tools/tsan.supp suppresses reports about
+# other projects' code. Takes minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=${BUILD:-build-tsan}
@@ -19,7 +19,7 @@ failed=0
 cd tests
 for test in "${tests[@]}"; do
     log=../$build/tsan.$test.log
-    # its shadow memory has its place: addresses must not be random
+    # its shadow memory has a fixed place, so addresses must not be random
     if setarch -R "../$build/tests/$test" >"$log" 2>&1; then
         echo "$test: nothing found"
     else

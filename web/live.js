@@ -1,6 +1,5 @@
-// The avatar's baked surface, drawn here by WebGL 2 while something moves. The program sends the surface once, in the
-// rest pose, and a motion as matrices of the 24 joints (src/viewer/viewer.h has the bytes); the shader does the
-// skinning.
+// Draws the avatar's baked surface by WebGL 2 while something moves. The program sends the surface once, in the rest
+// pose, and a motion as matrices of the 24 joints (src/viewer/viewer.h has the bytes); the shader does the skinning.
 "use strict";
 
 const live = (() => {
@@ -43,7 +42,7 @@ const live = (() => {
     return s;
   }
 
-  // False where the browser cannot, or would have to draw without a graphics card, unless it is `forced` to.
+  // False if the browser cannot, or would have to draw without a graphics card, unless it is `forced` to.
   function open(on, tell, forced) {
     canvas = on;
     told = tell;
@@ -110,7 +109,7 @@ const live = (() => {
     return { vao, texture, count: 3 * triangles };
   }
 
-  // Asks for the avatar's surface until it is made.
+  // Requests the avatar's surface until it is ready.
   async function load(avatar) {
     if (!program || surfaces.has(avatar)) return;
     surfaces.set(avatar, "waits");
@@ -145,7 +144,7 @@ const live = (() => {
     }
   }
 
-  // Whether frame n of the motion's `frames` can be drawn; what is missing, and what comes next, is requested.
+  // Whether frame n of the motion's `frames` can be drawn; requests missing frames and the next ones.
   function ready(avatar, motion, n, frames) {
     if (!program) return false;
     load(avatar);
@@ -182,7 +181,7 @@ const live = (() => {
     return { matrix: m, metres: (distance * height) / focal };
   }
 
-  // Fewer pixels where drawing all of them is slow.
+  // Uses fewer pixels if drawing all of them is slow.
   function adapt() {
     const now = performance.now(), since = now - last;
     last = now;
@@ -192,7 +191,7 @@ const live = (() => {
     else if (pace < QUICK_MS && scale < 1) scale = Math.min(scale * 1.01, 1);
   }
 
-  // Draws what ready() has said yes to. ground: [r, g, b, a], 0 to 1.
+  // Draws a frame for which ready() was true. ground: [r, g, b, a], 0 to 1.
   function draw(view, n, width, height, ground) {
     adapt();
     const key = name(view.avatar, view.motion, n), chunk = chunks.get(key), s = surfaces.get(view.avatar);

@@ -1,5 +1,5 @@
-// A study of preferences: the same order and sides for the same rater, answers in this browser until they are saved as
-// a file. The page does not know which method made a picture; the key stays with whoever made the page.
+// A study of preferences: a rater always gets the same order and sides, and answers stay in this browser until they are
+// saved as a file. The page does not know which method made a picture; the key stays with the page's author.
 "use strict";
 // id, draw, repeats, always, trials of [input, a, b], pictures
 const study = JSON.parse(document.getElementById("study").textContent);
@@ -11,7 +11,7 @@ let state,
   shownAt = 0,
   open = false;
 
-// Numbers in [0, 1) from a text.
+// Random numbers in [0, 1), seeded by a text.
 function numbers(text) {
   let h = 2166136261;
   for (const c of text) h = Math.imul(h ^ c.charCodeAt(0), 16777619);
@@ -31,7 +31,7 @@ function shuffle(list, next) {
   return list;
 }
 
-// What a rater sees: some of the trials, those that everybody sees, and a few again late, with sides exchanged.
+// A rater's trials: some of all, the ones that everybody sees, and a few repeated later with sides exchanged.
 function planOf(rater) {
   const next = numbers(study.id + rater),
     always = new Set(study.always);

@@ -1,7 +1,7 @@
-// sherf view: requests pictures of the avatar from where the mouse has put the camera. While something moves the
-// page draws the baked surface itself (live.js), or where it cannot the pictures are small; a still view is then
-// requested, larger each time. At most one request is under way, and a
-// refinement under way is given up for a newer view by another request: the server drops the older one.
+// sherf view: requests pictures of the avatar from the camera that the mouse moves. While something moves, the page
+// draws the baked surface itself (live.js), or requests small pictures if it cannot. Then it requests the still view,
+// larger each time. At most one request is in progress; a request for a newer view replaces a refinement, since the
+// server drops the older one.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -17,7 +17,7 @@ const view = { avatar: 0, motion: 0, time: 0, ...start,
 const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
 let about = null;
 
-// ---- what is shown, under way and known of the speed
+// ---- the view, the request in progress, the measured speed
 let stamp = 1;              // counts changes of the view
 let changed = 0;            // time of the last one
 let sequence = 0;           // of requests
@@ -43,8 +43,8 @@ const motionFps = () => motion().fps || 1; // single poses: one a second
 const frameNow = () => clamp(Math.floor(view.time * motionFps() + 1e-6), 0, motion().frames - 1);
 const isMoving = () => play.on || performance.now() - changed < limits.stillMs;
 
-// Width and height of a picture of this side: the stage's shape, the side being its height, or its width when
-// that is the shorter one.
+// Width and height of a picture with this side, in the stage's shape: the side is the height, or the width if that is
+// shorter.
 function dimensions(side, largest = 2 * about.side) {
   const w = Math.max(stage.clientWidth, 1), h = Math.max(stage.clientHeight, 1);
   const height = w >= h ? side : (side * h) / w, width = (height * w) / h;
@@ -70,7 +70,7 @@ function query(width, height, more) {
   });
 }
 
-// Whether the page draws what moves by itself.
+// Whether the page itself draws moving views.
 const isLive = () => view.mode === "color" && live.ready(view.avatar, view.motion, frameNow(), motion().frames);
 
 function drawLive() {
@@ -114,7 +114,7 @@ function schedule() {
   else if (side < 0) timer = setTimeout(schedule, limits.stillMs);
 }
 
-// A picture that nobody waits for any more is given up for a tiny one.
+// Replaces a picture that nobody waits for any more by a tiny one.
 function dismiss() {
   pending = null;
   fetch("frame?" + query(16, 16, { client, n: ++sequence }), { cache: "no-store" }).catch(() => {});
@@ -183,7 +183,7 @@ function measure(side, ms, live, width, height, baked) {
   $("speed").textContent = text;
 }
 
-// The line at the bottom while something moves, with pictures a second.
+// The bottom line while something moves, with pictures a second.
 function tellPace(text, now) {
   drawn.push(now);
   while (drawn[0] < now - 1000) drawn.shift();
@@ -205,7 +205,7 @@ function note(text) {
   $("notice").hidden = !text;
 }
 
-// Tries again, more and more slowly.
+// Tries again, at growing intervals.
 function lost(error) {
   const again = clamp(2 * (lost.waited || 250), 500, 4000);
   broken = true;
@@ -236,7 +236,7 @@ function shift(dx, dy) {
   touch();
 }
 
-// What is at (x, y) of the window stays there.
+// The place at (x, y) of the window stays there.
 function zoom(factor, x = stage.clientWidth / 2, y = stage.clientHeight / 2) {
   const before = view.zoom;
   view.zoom = clamp(view.zoom * factor, 0.2, 20);
@@ -435,7 +435,7 @@ function save(blob, name) {
 
 const fileName = (end) => "sherf-" + about.avatars[view.avatar].name.replace(/[^\p{L}\p{N}_-]+/gu, "-") + end;
 
-// In full size, as another client: it does not disturb what is on the screen.
+// In full size, as another client, so that the screen's requests go on.
 async function savePicture() {
   if ($("picture").disabled) return;
   $("picture").disabled = true;

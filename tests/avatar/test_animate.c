@@ -58,7 +58,7 @@ static int teardown(void **state) {
     return mem_live() == 0 ? 0 : -1;
 }
 
-/* Every vertex of every frame lies in its picture; how much of the picture's width or height is used. */
+/* Every vertex of every frame is in its picture; returns the used share of the picture's width or height. */
 static double in_view(fixture *f, const sherf_camera *camera) {
     int n = sherf_body_vertex_count(f->body);
     float *v = malloc((size_t)n * 3 * sizeof *v), *uv = malloc((size_t)n * 2 * sizeof *uv);
@@ -150,7 +150,7 @@ static void files(void **state) {
                      SHERF_WRITE_FAILED);
 }
 
-/* Stopped in the middle, what there is is a whole file. */
+/* Stopped midway, the frames so far are a complete file. */
 static void stopped(void **state) {
     fixture *f = *state;
     const sherf_animate_options o = {.width_px = 32, .render = {.samples = 8}};

@@ -1,5 +1,5 @@
-/* Frames by a coarse field: how close they are to those of every point, and what moves the samples that were
- * not queried. */
+/* Frames with a coarse field: their difference from frames that query every point, and the correction of
+ * samples that were not queried. */
 #include <math.h>
 #include <string.h>
 
@@ -59,7 +59,7 @@ static double psnr(const sherf_frame *a, const sherf_frame *b, double *worst) {
     return -10 * log10(sum / (double)n);
 }
 
-/* Pixels some 3 and 8 mm apart: with and without the chequerboard. */
+/* Pixels about 3 and 8 mm apart: with and without the chequerboard. */
 static void frames_are_close(void **state) {
     static const struct {
         float larger, min_db, worst;
@@ -83,7 +83,7 @@ static void frames_are_close(void **state) {
     close_scene(&s);
 }
 
-/* A picture so small that its points are hardly more than the field's cells skips empty space only. */
+/* If a picture has hardly more points than the field has cells, only empty space is skipped. */
 static void small_pictures_do_without(void **state) {
     scene s;
     double worst;
@@ -112,7 +112,7 @@ static void threads_do_not_matter(void **state) {
     for (int i = 0; i < 2; i++) sherf_frame_free(&frame[i]);
 }
 
-/* Between middles the field is linear in each direction; beyond the outermost ones it stays. */
+/* Between cell centres the field is linear in each direction; beyond the outermost ones it is constant. */
 static void the_field_is_trilinear(void **state) {
     enum { X = 4, Y = 3, Z = 2 };
     _Alignas(16) float value[Z * Y * X][4], out[4];
@@ -134,8 +134,8 @@ static void the_field_is_trilinear(void **state) {
     }
 }
 
-/* Five rays in a cross: the middle one's sample is moved as those beside, before and behind it were; where
- * none of them was queried, and what weighs little, stays. */
+/* Five rays in a cross: the middle one's sample moves like its neighbours beside, in front and behind; it
+ * stays if none of them was queried, and so do samples of small weight. */
 static void samples_move_with_their_neighbours(void **state) {
     enum { RAYS = 9, P = 11 };
     context *c;

@@ -1,5 +1,4 @@
-/* An observation brought to the size that a model knows: the same things under the same camera, only scaled.
- */
+/* An observation scaled to a model's size: the same scene under the same camera, only scaled. */
 #include "support.h"
 
 #include <math.h>
@@ -27,7 +26,7 @@ static int free_body(void **state) {
     return 0;
 }
 
-/* Red grows to the right, green downwards; blue marks the person's mask, a wide ellipse. */
+/* Red grows to the right, green downward; blue marks the person's mask, a wide ellipse. */
 static sherf_observation *picture(context *c, float focal_px, float x_m) {
     sherf_image image = {WIDTH, HEIGHT, 3, malloc(sizeof(float) * WIDTH * HEIGHT * 3)};
     sherf_image mask = {WIDTH, HEIGHT, 1, malloc(sizeof(float) * WIDTH * HEIGHT)};
@@ -56,7 +55,7 @@ static void project(const sherf_observation *o, const float world[3], float uv[2
     camera_project(sherf_observation_camera(o), 1, world, uv, &depth);
 }
 
-/* Whatever the body is near to has the same colour in both pictures. */
+/* Places near the body have the same colour in both pictures. */
 static void assert_same_scene(const sherf_observation *a, const sherf_observation *b, double tolerance) {
     const float joints[][3] = {{0, 0.2f, 0}, {0.3f, 0.1f, 0}, {-0.2f, -0.5f, 0.1f}, {0.1f, 0.4f, -0.1f}};
     for (size_t j = 0; j < COUNT_OF(joints); j++) {
@@ -81,7 +80,8 @@ static sherf_model *knowing(context *c, int image_size, int px_per_m) {
     return m;
 }
 
-/* 300 px a metre in the picture; people known at 100, in pictures of 256 that hold all of the body. */
+/* 300 px a metre in the picture; the model knows people at 100, in pictures of 256 that show all of the body.
+ */
 static void large_people_shrink(void **state) {
     context *c = test_context();
     sherf_model *m = knowing(c, 256, 100);
@@ -123,7 +123,8 @@ static void small_people_grow(void **state) {
     sherf_context_free(c);
 }
 
-/* The model's own scale, and models that do not say theirs: bit for bit the same picture. */
+/* At the model's own scale, and for models that do not state theirs, the picture stays the same to the bit.
+ */
 static void fitting_pictures_stay(void **state) {
     context *c = test_context();
     sherf_model *m[] = {knowing(c, 900, 110), knowing(c, 256, 0), knowing(c, 0, 100)};
@@ -140,7 +141,7 @@ static void fitting_pictures_stay(void **state) {
     sherf_context_free(c);
 }
 
-/* A cut round a body that is elsewhere would be a black picture with the body in its middle. */
+/* A crop round a body outside the mask would be a black picture with the body in its middle. */
 static void bodies_elsewhere_are_refused(void **state) {
     context *c = test_context();
     sherf_model *m = knowing(c, 256, 150);

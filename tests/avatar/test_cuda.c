@@ -1,5 +1,5 @@
-/* An avatar's file on a context whose device is a GPU (here the emulation): loaded, placed, rendered through
- * the public functions, against the same on the processor. */
+/* An avatar's file on a context with a GPU (here the emulation): loaded, placed and rendered through the
+ * public functions, compared with the CPU. */
 #include "support.h"
 
 #include <math.h>

@@ -19,7 +19,7 @@ static double difference(const float *a, const float *b) {
     return sum;
 }
 
-/* Over pixels whose neighbours, RIM on all sides, are the person's too: detail fades out towards the rim. */
+/* Over pixels whose neighbours within RIM are the person's too: detail fades out at the edge. */
 static double difference_inside(const float *a, const float *truth) {
     enum { RIM = 3 };
     double sum = 0;
@@ -69,7 +69,7 @@ static void the_observed_view_is_the_observation(void **state) {
     close_scene(&s);
 }
 
-/* The observed view from elsewhere, turned about the pelvis, which stays where it is in the picture. */
+/* The observed view from elsewhere, turned about the pelvis, which keeps its pixel. */
 static sherf_camera turned_camera(scene *s, double angle) {
     float joints[72], place[3];
     assert_ok(s->c, sherf_body_pose(s->c, s->body, sherf_avatar_pose(s->avatar), NULL, joints));
@@ -92,7 +92,7 @@ static sherf_camera turned_camera(scene *s, double angle) {
     return k;
 }
 
-/* A frame with nothing to give back, so that its opacities alone are made firm. */
+/* A frame without detail to add, so that only its opacities are made firm. */
 static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *out) {
     const avatar_detail *d;
     detail_free(&s->avatar->detail->made);
@@ -102,14 +102,14 @@ static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *ou
     detail_free(&s->avatar->detail->made);
 }
 
-/* Nothing that is not seen is lent what is opposite. */
+/* Switches off what unseen places take from the opposite side. */
 static void lend_nothing(scene *s) {
     const avatar_detail *d;
     assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
     carry_free(&s->avatar->detail->made.carry);
 }
 
-/* How much the picture's detail, where it is seen, makes frames from there differ. */
+/* How much the picture's visible detail changes frames from there. */
 static double given(scene *s, double angle) {
     const sherf_camera k = turned_camera(s, angle);
     sherf_frame off = {0}, on = {0};
@@ -131,8 +131,8 @@ static void the_other_side_stays(void **state) {
     close_scene(&s);
 }
 
-/* Drawn over the picture after the network has seen it, so that all of it is detail: stripes so many pixels
- * wide, of 255 and `dark`. */
+/* Draws over the picture after the network has seen it, so that all of it is detail: stripes of this width in
+ * pixels, of 255 and `dark`. */
 static void paint_picture(sherf_avatar *a, int wide, uint8_t dark) {
     const int side = a->fine[0].width;
     for (int y = 0; y < a->fine[0].height; y++)
@@ -153,7 +153,7 @@ static void stripes_stay_on_their_side(void **state) {
     close_scene(&s);
 }
 
-/* A square on the chest, so many pixels of the finer picture wide. */
+/* A square on the chest, this many pixels of the finer picture wide. */
 static void paint_square(sherf_avatar *a, const float middle_px[2], int wide) {
     for (int y = -wide / 2; y < wide / 2; y++)
         for (int x = -wide / 2; x < wide / 2; x++)
@@ -176,8 +176,8 @@ static void render_painted(const char *observation, int what, double angle, sher
     close_scene(&s);
 }
 
-/* What is painted on the front, against a plain front: how much it changes the frame behind, as a part of how
- * much it changes the one before. */
+/* How much paint on the front, compared with a plain front, changes the back view, relative to the front
+ * view. */
 static double goes_on(const char *observation, int what) {
     double changed[2];
     for (int behind = 0; behind < 2; behind++) {
@@ -193,7 +193,7 @@ static double goes_on(const char *observation, int what) {
     return changed[1] / changed[0];
 }
 
-/* Stripes are a pattern, a print on the chest is none. */
+/* Stripes are a pattern and continue on the back; a print on the chest does not. */
 static void patterns_go_on_behind_and_prints_do_not(void **state) {
     static const char front[] = "thuman:../assets/demo#person_900006/0/2";
     const double stripes = goes_on(front, STRIPES), square = goes_on(front, SQUARE);
@@ -206,7 +206,7 @@ static int floats_order(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Pixels of a square round the middle that are far from the middle one of those round them. */
+/* Number of pixels in a central square that differ strongly from the median of their neighbours. */
 static int specks(const sherf_frame *frame, int half) {
     int count = 0;
     for (int y = SIDE / 2 - half; y < SIDE / 2 + half; y++)
@@ -225,7 +225,7 @@ static int specks(const sherf_frame *frame, int half) {
     return count;
 }
 
-/* The joint in the middle of the picture, larger. */
+/* A view with the joint in the middle, enlarged. */
 static void zoom(scene *s, int joint, float larger, sherf_camera *k) {
     float joints[72], at[3];
     assert_ok(s->c, sherf_body_pose(s->c, s->body, sherf_avatar_pose(s->avatar), NULL, joints));
@@ -239,7 +239,7 @@ static void zoom(scene *s, int joint, float larger, sherf_camera *k) {
     }
 }
 
-/* With a white picture there is nothing on the seen side but what the look-up itself makes. */
+/* With a white picture the seen side shows only artefacts of the look-up. */
 static void has_no_specks(const char *observation, int joint, float larger, int half, int first, int last) {
     scene s;
     open_scene_of(&s, SHERF_PRECISION_AUTO, observation);
@@ -256,18 +256,18 @@ static void has_no_specks(const char *observation, int joint, float larger, int 
     close_scene(&s);
 }
 
-/* Her back is bare and hazy, where visibility flickers from pixel to pixel unless it is smoothed. */
+/* Her back is bare and hazy, and visibility flickers from pixel to pixel unless it is smoothed. */
 static void hazy_surfaces_have_no_specks(void **state) {
     has_no_specks("thuman:../assets/demo#person_900006/0/0", 9, 2.5f, 24, -2, -1);
 }
 
-/* The body's mouth is hollow, and the network's bare chest lies behind the body's. */
+/* The body's mouth is hollow, and the network's bare chest is behind the body's. */
 static void faces_have_no_specks(void **state) {
     has_no_specks("thuman:../assets/demo#person_900006/0/2", 15, 5, 100, -1, 1);
     has_no_specks("thuman:../assets/demo#person_900006/0/2", 9, 3.5f, 32, -2, 0);
 }
 
-/* Weights are smoothed; where nothing is lent there is no colour to go to. */
+/* Weights are smoothed; without lent colour there is nothing to blend to. */
 static void nothing_is_lent_by_smoothing(void **state) {
     const avatar_detail d = {.variant = variant_draw(0)};
     detail_gift g = {.pattern = {1, 1, 1}};
@@ -296,9 +296,9 @@ static void faces_are_seen_whole(void **state) {
     close_scene(&s);
 }
 
-/* Over any background, by opacity alone; a square of body in the middle. */
-/* A body with a hat that touches it and a slab below that does not; something that comes in at the edge. */
-/* How firm a frame of the avatar in a pose becomes. */
+/* Composites over any background, by opacity only; a square of body in the middle. */
+/* A body with a hat that touches it and a slab below that does not; something that enters at the edge. */
+/* The firmness of an avatar's frame in a pose. */
 static detail_firmness firmness_of(scene *s, const sherf_pose *pose, const sherf_camera *camera) {
     const avatar_detail *d;
     posed_body *posed;
@@ -312,8 +312,8 @@ static float haze_of(scene *s, const sherf_pose *pose, const sherf_camera *camer
     return firmness_of(s, pose, camera).haze;
 }
 
-/* Less haze round an outline that the picture shows: in its pose, from its side, wherever both are in the
- * world. Large pixels are firmer elsewhere. */
+/* An outline that the picture shows has less haze: in its pose, from its side, wherever both are in the
+ * world. Elsewhere large pixels are firmer. */
 static void haze_is_less_round_a_known_outline(void **state) {
     scene s;
     open_scene(&s, SHERF_PRECISION_AUTO);
@@ -417,7 +417,7 @@ static void depths_are_brought_out_of_the_body(void **state) {
     assert_true(depth[2] > 2 && depth[2] < 2.08f); /* between haze and another limb */
 }
 
-/* What the viewer does: bands without, and the detail once they are together. */
+/* As in the viewer: bands without detail, and the detail once they are together. */
 static void parts_make_the_picture(void **state) {
     scene s;
     static const float black[3] = {0, 0, 0};
@@ -435,7 +435,7 @@ static void parts_make_the_picture(void **state) {
     close_scene(&s);
 }
 
-/* With any number of threads, and from a file, the same bits; without the finer picture, another frame. */
+/* The same bits with any number of threads, and from a file; without the finer picture, a different frame. */
 static void files_keep_the_finer_picture(void **state) {
     scene s;
     sherf_frame first = {0}, again = {0}, coarse = {0};

@@ -1,5 +1,4 @@
-/* What frames leave out: cells of canonical space where the shipped model, with the demo's person, has
- * nothing. */
+/* The empty cells of canonical space, which frames skip: with the shipped model and the demo's person. */
 #include <math.h>
 #include <string.h>
 
@@ -116,7 +115,7 @@ static void frames_in_bf16_hardly_differ(void **state) {
     check_frames(SHERF_PRECISION_BF16);
 }
 
-/* Nothing but density: no cell is empty, and no bits are kept. */
+/* A model that is dense everywhere: no cell is empty, and no bits are kept. */
 static void a_full_body_has_no_cells(void **state) {
     scene s;
     occupancy_grid empty;

@@ -39,7 +39,7 @@ static sherf_camera opposite(scene *s) {
     return k;
 }
 
-/* A picture from there, as the avatar has it, but in red. */
+/* A picture from there, as the avatar renders it, but in red. */
 static sherf_observation *paint_other_side(scene *s, const sherf_camera *camera) {
     sherf_frame frame = {0};
     sherf_observation *out;
@@ -56,7 +56,7 @@ static sherf_observation *paint_other_side(scene *s, const sherf_camera *camera)
     return out;
 }
 
-/* White where the person is, after the network has seen it: what frames show of that is detail. */
+/* Paints the person white after the network has seen the picture: frames show it as detail. */
 static void whiten(sherf_avatar *a, int picture) {
     const sherf_image *image = &a->picture[picture].image;
     assert_null(a->fine[picture].data);
@@ -104,7 +104,7 @@ static void each_side_is_its_pictures(void **state) {
     close_scene(&s);
 }
 
-/* One in which the person is not is named. */
+/* A picture without the person is refused by name. */
 static void wrong_pictures_are_named(void **state) {
     scene s;
     sherf_model *m;

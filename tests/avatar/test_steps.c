@@ -1,4 +1,4 @@
-/* Depths on a ray where the model's number of them would be too few: arms spread, seen along them. */
+/* Depths along a ray for which the model's number is too small: arms spread, seen along them. */
 #include <math.h>
 #include <string.h>
 
@@ -22,7 +22,7 @@ static void render(scene *s, const sherf_camera *camera, int samples, sherf_fram
     assert_ok(s->c, sherf_render(s->c, s->avatar, s->body, rest(), camera, &o, out));
 }
 
-/* No step is longer, none of a ray longer than before, and places in the box stay on its ray. */
+/* No step is too long, no ray has longer steps than before, and places in the box stay on their ray. */
 static void steps_are_short(void **state) {
     scene s;
     sherf_camera side;

@@ -1,4 +1,4 @@
-/* Baked avatars: their frames beside the network's, their files, and what is refused. */
+/* Baked avatars: their frames compared with the network's, their files, and refusals. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,7 +45,7 @@ static sherf_pose bent(void) {
     return pose;
 }
 
-/* Both stand in the same place, in a pose and from sides that were not observed. */
+/* Both have the same place, in a pose and from sides that were not observed. */
 static void stands_where_the_networks_frame_stands(void **state) {
     enum { SIDE = 96 };
     context *c = *state;
@@ -114,7 +114,7 @@ static void corners_stand_in_the_poses_world(void **state) {
     free(should);
 }
 
-/* With the texture's columns and rows as its colours a frame has, inside, those of the scene's rasteriser. */
+/* If colours encode the texture's columns and rows, a frame's inside has those of the scene's rasteriser. */
 static void colours_are_those_of_the_texture(void **state) {
     enum { SIDE = 120 };
     context *c = *state;
@@ -161,7 +161,7 @@ static void colours_are_those_of_the_texture(void **state) {
     sherf_frame_free(&frame);
 }
 
-/* A pixel all of whose neighbours are covered is covered: triangles leave no gaps between them. */
+/* A pixel whose neighbours are all covered is covered: there are no gaps between triangles. */
 static void the_surface_has_no_gaps(void **state) {
     enum { SIDE = 300 };
     context *c = *state;
@@ -185,7 +185,7 @@ static void the_surface_has_no_gaps(void **state) {
 }
 
 /* An upright edge, cut off above and below: opacity rises by a tent's integral about the same middle, colours
- * stay, what it gains outside has the colour beside it, and the picture's own rim cuts nothing. */
+ * stay, new pixels outside have the colour next to them, and the picture's own border cuts nothing. */
 static void rims_are_as_soft_as_told(void **state) {
     enum { W = 24, H = 12, EDGE = 10 };
     context *c = *state;
@@ -214,7 +214,7 @@ static void rims_are_as_soft_as_told(void **state) {
     }
 }
 
-/* Over less than a pixel opacity rises faster, about a half; the person's own colours stay. */
+/* Over less than a pixel opacity rises faster, about one half; the person's own colours stay. */
 static void rims_of_large_pixels_are_sharp(void **state) {
     context *c = *state;
     static const float background[3] = {0.25f, 1, 0}, rgb[3] = {1, 0.5f, 0.125f};
@@ -273,7 +273,7 @@ static void threads_and_files_change_nothing(void **state) {
     sherf_context_free(other);
 }
 
-/* In the body, with the person beside the picture or behind the camera: a picture, whatever is on it. */
+/* In the body, with the person outside the picture or behind the camera: always a picture. */
 static void cameras_anywhere(void **state) {
     context *c = *state;
     const sherf_pose pose = *sherf_avatar_pose(avatar);
@@ -410,7 +410,7 @@ static void files_that_are_not_right(void **state) {
     assert_int_equal(load_changed(c, NULL, NULL, "format", "sherf-avatar"), SHERF_BAD_FILE);
 }
 
-/* Pixels that only one of the two has. */
+/* Pixels that only one of both has. */
 static int differing(const sherf_frame *f, const raster *r) {
     int count = 0;
     for (int i = 0; i < f->opacity.width * f->opacity.height; i++)
@@ -418,8 +418,8 @@ static int differing(const sherf_frame *f, const raster *r) {
     return count;
 }
 
-/* A body that keeps its volume at bent joints: the frame's outline is that of the surface as skin_pose has
- * it, and not that of the joints alone. */
+/* A body that keeps its volume at bent joints: the frame's outline is that of the surface as skin_pose
+ * computes it, rather than of the joints alone. */
 static void volume_is_kept_at_bent_joints(void **state) {
     enum { SIDE = 200 };
     context *c = *state;

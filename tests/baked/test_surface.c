@@ -1,4 +1,4 @@
-/* From a field to a surface: closed and manifold whatever the field, in place, oriented, without islands. */
+/* From a field to a surface: closed and manifold for any field, in place, oriented, without islands. */
 #include <math.h>
 #include <string.h>
 
@@ -40,7 +40,7 @@ static double noise(const float p[3], void *user) {
     return random_uniform(key, at);
 }
 
-/* White noise has every case of the cube beside every other. */
+/* White noise has every case of the cube next to every other. */
 static void noise_is_closed(void **state) {
     context *c = test_context();
     for (uint64_t seed = 0; seed < 4; seed++) {
@@ -123,7 +123,7 @@ static double ball_and_rod(const float p[3], void *user) {
     return soft(fmin(from_ball, from_rod + fmax(0, fabs(y) - 0.12)));
 }
 
-/* How far from the axis a ray passes that is as opaque as outlines are. */
+/* The distance from the axis of a ray that is as opaque as outlines are. */
 static double outline_of(double radius_m) {
     for (double off = 0.2; off > 0; off -= 1e-4) {
         double depth = 0;
@@ -149,7 +149,7 @@ static void radii_of(const surface *s, double *ball_m, double *rod_m) {
     *rod_m = sum[1] / (double)count[1];
 }
 
-/* Outlines of thick and thin parts lie where rays are as opaque, which one level for both does not do. */
+/* Outlines of thick and thin parts are where rays are equally opaque, which a single level cannot achieve. */
 static void thick_and_thin_have_their_outlines(void **state) {
     context *c = test_context();
     double radius[2][2];
@@ -225,7 +225,7 @@ static void noise_is_reduced(void **state) {
 }
 
 /* ---- the atlas ---- */
-/* Corners of a texel's triangle, and the texel's place in it, must agree with its place in the picture. */
+/* The corners of a texel's triangle, and the texel's place in it, must match its place in the picture. */
 static void assert_texels(const surface *s, const atlas *a) {
     uint8_t *taken = calloc((size_t)a->side_px * (size_t)a->side_px, 1);
     assert_true(a->texels > 0);
@@ -259,8 +259,8 @@ static void assert_apart(const surface *s, const atlas *a, double slack) {
     assert_float_equal(area, (double)a->texels, slack * area);
 }
 
-/* Places of texels come back from every other texel's, to a part of a texel's side, also beside another
- * chart. */
+/* Texels' places can be restored from every other texel's, within a fraction of a texel's side, even next to
+ * another chart. */
 static void assert_spread(context *c, const surface *s, const atlas *a, double sides_max) {
     float *place = malloc((size_t)a->texels * 3 * sizeof *place),
           *some = malloc((size_t)a->texels * 3 * sizeof *some),
@@ -324,7 +324,7 @@ static void atlas_is_an_atlas(void **state) {
     sherf_context_free(c);
 }
 
-/* Folded and torn as no person is. */
+/* More folded and torn than any person. */
 static void atlas_of_noise(void **state) {
     context *c = test_context();
     surface s;

@@ -98,7 +98,7 @@ static int little_room(void) {
     return 0;
 }
 
-/* OpenMP would end the process. First of all tests: a fork has none of the threads that there were. */
+/* OpenMP would end the process. This runs before all other tests: a fork has none of the previous threads. */
 static void threads_that_memory_allows(void **state) {
     if (SANITIZED) skip(); /* shadow memory is beyond any limit */
     int status;
@@ -142,7 +142,8 @@ static void outputs_are_files(void **state) {
     sherf_context_free(c);
 }
 
-/* A disk that is full: told whether the buffer or the end finds out, the old file stays, and nothing else. */
+/* A full disk: it is reported whether the buffer or the end detects it, the old file stays, and nothing else.
+ */
 static void a_full_disk_leaves_what_was(void **state) {
     static const char old[] = "old";
     static char much[100000];

@@ -1,4 +1,4 @@
-/* The elementary functions of base/simd.h within the errors that are stated there. */
+/* The elementary functions of base/simd.h, within the errors stated there. */
 #define LANES 4
 #include <math.h>
 
@@ -26,7 +26,7 @@ static double gelu_slope(double x) {
     return 0.5 * erfc(-x * M_SQRT1_2) + x * exp(-0.5 * x * x) * 0.5 * M_2_SQRTPI * M_SQRT1_2;
 }
 
-/* The largest error between two ends: of the value, or in units of its last place. */
+/* The largest error between two ends: of the value, or in units in the last place. */
 static double worst(function *f, definition *is, double low, double high, bool last_places) {
     double largest = 0;
     for (int i = 0; i < STEPS; i += LANES) {

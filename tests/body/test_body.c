@@ -1,4 +1,4 @@
-/* Body: posing, deformation and the nearest vertex against the reference, by properties, and when refused. */
+/* Body: posing, deformation and the nearest vertex against the reference and by properties, and refusals. */
 #include "body_reference.h"
 
 static void vertices_agree(void **state) {
@@ -47,7 +47,7 @@ static void poses_agree_with_public_function(void **state) {
     mem_free(x);
 }
 
-/* There and back by the same vertex is the identity. */
+/* A round trip by the same vertex is the identity. */
 static void deformation_round_trip(void **state) {
     body_reference *r = *state;
     enum { N = 2000 };
@@ -77,7 +77,7 @@ static void deformation_round_trip(void **state) {
     mem_free(v);
 }
 
-/* Every edge of every face both ways, once, and nothing else. */
+/* Every edge of every face in both directions, once, and nothing else. */
 static void neighbours_share_an_edge(void **state) {
     body_reference *r = *state;
     const body_model *body = r->body;
@@ -105,8 +105,8 @@ static void neighbours_share_an_edge(void **state) {
     mem_free(met);
 }
 
-/* How far canonical places of points a hundredth of a millimetre apart lie from each other where the nearest
- * vertex changes to a neighbour, up to 4 cm above the skin, on the mean. */
+/* The mean distance between canonical places of points a hundredth of a millimetre apart where the nearest
+ * vertex changes to a neighbour, up to 4 cm above the skin. */
 static double jump(body_reference *r, float blend_m, int *pairs) {
     posed_body *p = r->target;
     vertex_grid *grid;

@@ -1,4 +1,4 @@
-/* make_model OUT: a small model with weights drawn by chance, for installed.sh. */
+/* make_model OUT: a small model with random weights, for installed.sh. */
 #include <stdio.h>
 
 #include <sherf/sherf.h>

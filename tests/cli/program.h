@@ -1,4 +1,4 @@
-/* The program under test, run as a person or a script does, and small files for it. */
+/* Runs the program under test as a person or a script does, and makes small files for it. */
 #ifndef SHERF_TESTS_PROGRAM_H
 #define SHERF_TESTS_PROGRAM_H
 
@@ -32,7 +32,7 @@ static inline void text_read(const char *path, char *text) {
     if (f) fclose(f);
 }
 
-/* Files that the program writes end here, as on a full disk; 0: they do not. */
+/* The largest file that the program may write, to imitate a full disk; 0: no limit. */
 static rlim_t file_bytes_max;
 
 static inline void limit_files(void) {
@@ -65,7 +65,7 @@ static inline pid_t start(const char *words, const char *out, const char *err) {
     return child;
 }
 
-/* Runs the program with `words`, split at blanks. The answer is valid until the next call. */
+/* Runs the program with `words`, split at blanks. The result is valid until the next call. */
 static const outcome *run(const char *format, ...) {
     static outcome o;
     char words[8000], out[4096], err[4096];
@@ -88,7 +88,7 @@ static inline void assert_contains(const char *text, const char *part) {
     if (!strstr(text, part)) fail_msg("no \"%s\" in \"%s\"", part, text);
 }
 
-/* Exit status, nothing on stdout, one line on stderr with both parts in it. */
+/* Exit status, nothing on stdout, one line on stderr that contains both parts. */
 static inline void assert_error(const outcome *o, int status, const char *part, const char *other) {
     if (o->status != status) fail_msg("status %d, not %d: %s", o->status, status, o->err);
     assert_string_equal(o->out, "");
@@ -99,7 +99,7 @@ static inline void assert_error(const outcome *o, int status, const char *part, 
     assert_contains(o->err, other);
 }
 
-/* The JSON on stdout; to be deleted. */
+/* The JSON on stdout; delete it. */
 static inline cJSON *json_of(const outcome *o) {
     if (o->status != 0) fail_msg("status %d: %s", o->status, o->err);
     const char *end;
@@ -127,7 +127,7 @@ static inline long file_size(const char *path) {
     return stat(path, &st) == 0 ? (long)st.st_size : -1;
 }
 
-/* A person in joints named as SMPL exporters do, who turns for so many frames. */
+/* A person with joints named as SMPL exporters do, who turns for this many frames. */
 static inline void bvh_write(const char *path, int frames) {
     static const char *const limb[][3] = {{"L_Hip", "L_Knee", "L_Ankle"},
                                           {"R_Hip", "R_Knee", "R_Ankle"},

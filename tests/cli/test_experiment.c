@@ -1,4 +1,4 @@
-/* sherf experiment, killed in the middle of a training or before a full disk, goes on. */
+/* sherf experiment, killed in the middle of a training or stopped by a full disk, continues. */
 #include "program.h"
 
 #include <ftw.h>
@@ -34,7 +34,7 @@ static time_t written(const char *name) {
     return info.st_mtim.tv_sec * 1000 + info.st_mtim.tv_nsec / 1000000;
 }
 
-/* The second method has begun, the first is whole: killed, and the rest is done by the same words. */
+/* Kills it when the second method has begun and the first is complete; the same command does the rest. */
 static void a_kill_is_gone_on_from(void **state) {
     char out[4096], err[4096];
     snprintf(out, sizeof out, "%s", test_path("stdout"));
@@ -67,8 +67,8 @@ static int is_whole(const char *path, const struct stat *info, int type, struct 
     return 0;
 }
 
-/* A full disk in the middle of a training, of a scoring's page and of a study: a line, nothing half written,
- * and what was whole stays. */
+/* A full disk in the middle of a training, of a scoring's page and of a study: one line, no half-written
+ * file, and complete files stay. */
 static void a_full_disk_loses_nothing(void **state) {
     char full[512];
     snprintf(full, sizeof full, "%s", test_path("full"));

@@ -1,4 +1,4 @@
-/* `sherf export` from an avatar file to the files of other programs, and what it says when it cannot. */
+/* `sherf export` from an avatar file to other programs' files, and its error messages. */
 #include "program.h"
 
 #include <dirent.h>
@@ -8,7 +8,7 @@
 
 static char folder[2048], avatar[2048], clip[2048], out[2048], words[6400];
 
-/* A tube person's avatar by a network that is 60 per metre dense wherever it is queried. */
+/* Makes a tube person's avatar with a network whose density is 60 per metre everywhere. */
 static int make_avatar(void **state) {
     context *c = test_context();
     sherf_model *m;
@@ -143,7 +143,7 @@ static void what_cannot_be_is_said(void **state) {
     assert_int_equal(files_there(), before);
 }
 
-/* A file may not grow over a few KB, as on a disk without room: nothing is left of it. */
+/* Files may not grow over a few KB, as on a full disk: nothing of them remains. */
 static void no_room(void **state) {
     static const char *const names[] = {"y.glb", "y.obj", "y.ply", "y.ply --format splats"};
     const int before = files_there();

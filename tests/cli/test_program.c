@@ -1,4 +1,4 @@
-/* The program as a person or a script meets it: words, exit statuses, one line an error, JSON. */
+/* The program as a person or a script uses it: words, exit statuses, one-line errors, JSON. */
 #include "program.h"
 
 #include <glob.h>
@@ -32,7 +32,7 @@ static void version_and_help(void **state) {
     }
 }
 
-/* Every long option of the help stands in the manual page and in both completions. */
+/* Every long option in the help is in the manual page and in both completions. */
 static void texts_agree(void **state) {
     static char bash[TEXT_MAX], zsh[TEXT_MAX], help[TEXT_MAX];
     strcpy(bash, run("--describe bash")->out);
@@ -114,7 +114,7 @@ static void wrong_usage(void **state) {
     assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
 }
 
-/* Endings that are not written, and standard output. */
+/* Unsupported endings, and standard output. */
 static void outputs_are_checked(void **state) {
     static const char *const endings[] = {"avi", "mkv", "tiff", "MPEG", "v2"};
     for (size_t i = 0; i < COUNT_OF(endings); i++) {
@@ -133,7 +133,7 @@ static void outputs_are_checked(void **state) {
     assert_error(run("estimate a.jpg -o b.png"), 2, "b.png/", "sherf estimate --help");
 }
 
-/* A program that was copied, run from a folder that has no assets, and then with them beside it. */
+/* A copied program, run from a folder without assets, and then with assets next to it. */
 static void assets_beside_the_program(void **state) {
     const char *own = getenv("SHERF_PROGRAM");
     char bin[2048], program[2100], share[2100], here[4096], was[4096], assets[4200];
@@ -235,7 +235,7 @@ static void assert_png(const char *path, unsigned width, unsigned height) {
     assert_int_equal((unsigned)b[22] << 8 | b[23], height);
 }
 
-/* Says its address, takes motions and poses, and ends with 0 when it is interrupted. */
+/* Prints its address, takes motions and poses, and ends with 0 on an interrupt. */
 static void viewer_by_itself(const char *folder, const char *avatar) {
     char words[7000], out[512], err[512];
     static char text[TEXT_MAX], said[TEXT_MAX];
@@ -271,7 +271,7 @@ static void viewer_by_itself(const char *folder, const char *avatar) {
         fail_msg("status %x: %s", (unsigned)status, said);
 }
 
-/* Without --body and --perceptual both come from the folder of assets; here the second is another network. */
+/* Without --body and --perceptual both come from the asset folder; here the second is another network. */
 static void assets_by_themselves(const char *folder, const char *model) {
     char assets[2048], body[2100], resnet50[2100], own_body[2100];
     snprintf(assets, sizeof assets, "%s", test_path("assets"));
@@ -296,7 +296,7 @@ static void assets_by_themselves(const char *folder, const char *model) {
     assert_int_equal(rename(body, own_body), 0);
 }
 
-/* Without --body: the one in the data set's folder, with a remark. */
+/* Without --body: the data set folder's body, with a remark. */
 static void avatars_without_body(const char *folder, const char *person, const char *model,
                                  const char *avatar) {
     char sheet[2100];
@@ -323,7 +323,7 @@ static void avatars_without_body(const char *folder, const char *person, const c
     assert_contains(by_itself->err, "/tubeman.safetensors");
 }
 
-/* A disk that is full: a line, and nothing of the picture or the film stays. */
+/* A full disk: one line, and nothing of the picture or the film remains. */
 static void full_disk(const char *render, const char *out) {
     static const char *const kinds[] = {".png", ".mp4 --orbit 2"};
     char pattern[2100];
@@ -449,7 +449,7 @@ static void animations(void **state) {
     assert_int_equal(o->status, 2);
     assert_error(run("%s -m %s -o %s.mp4 -q", words, avatar, out), 1, avatar, "not a motion");
 
-    /* Ctrl-C leaves a whole file of the frames so far. */
+    /* Ctrl-C leaves a complete file of the frames so far. */
     bvh_write(clip, 20000);
     snprintf(path, sizeof path, "%s.mp4", out);
     snprintf(log, sizeof log, "%s", test_path("log"));
@@ -470,7 +470,7 @@ static void animations(void **state) {
     assert_int_equal(strstr(text, "after 0 of") == NULL, file_size(path) > 200);
 }
 
-/* The first Ctrl-C ends a training run in order, with a checkpoint. */
+/* The first Ctrl-C ends a training run properly, with a checkpoint. */
 static void interrupt_saves(void **state) {
     char folder[2048], out[2048], log[2048], words[6400], checkpoint[2100];
     snprintf(folder, sizeof folder, "%s", test_path("tube"));
@@ -503,7 +503,7 @@ static void interrupt_saves(void **state) {
     if (file_size(checkpoint) <= 0) fail_msg("no checkpoint, status %d: %s", WEXITSTATUS(status), text);
 }
 
-/* --last-weights changes which weights model.safetensors has, and nothing of the training. */
+/* --last-weights changes the weights in model.safetensors, and nothing else in the training. */
 static void last_weights_are_others(void **state) {
     char folder[2048], out[2][2048], name[4200];
     unsigned char *data[2][2];
@@ -534,7 +534,7 @@ static void last_weights_are_others(void **state) {
     sherf_context_free(c);
 }
 
-/* A photo where an observation is taken, and as a folder to correct; each photo's failure is its own. */
+/* A photo in place of an observation, and as a folder to correct; each photo fails separately. */
 static void photos(void **state) {
     const char *const photo = "../assets/demo/photo.jpg";
     char text[2048], out[2100], avatar[2048], overlay[2048], folder[2048];

@@ -63,7 +63,7 @@ static inline void make_picture(context *c, const char *path, int seed, int widt
     mem_free(rgb);
 }
 
-/* Values of the mask: outside and person. */
+/* The mask's values: outside and person. */
 static inline void make_mask(context *c, const char *path, int width, int height, int outside, int person) {
     make_parent(c, path);
     uint8_t *mask = mem_alloc(c, (size_t)width * height, 1);
@@ -181,7 +181,7 @@ static inline void make_parameters(context *c, const char *path, int seed, bool 
     make_parameters_without(c, path, seed, with_Rh, NULL);
 }
 
-/* An npz of files that lie in the file system already. */
+/* An npz from existing files. */
 static inline void make_zip(const char *path, int count, const char *const *names, const char *const *files) {
     int error;
     zip_t *z = zip_open(path, ZIP_CREATE | ZIP_TRUNCATE, &error);

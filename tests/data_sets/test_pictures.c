@@ -127,7 +127,7 @@ static void undistort_as_opencv(void **state) {
     sherf_context_free(c);
 }
 
-/* A lens that throws pixels far away or has a singular K must not crash; nothing is left in the picture. */
+/* A lens that moves pixels far away or has a singular K must not crash; the picture is then empty. */
 static void undistort_of_nonsense(void **state) {
     context *c = test_context();
     static const double K[][9] = {{1e-30, 0, 0, 0, 1e-30, 0, 0, 0, 1},

@@ -1,4 +1,4 @@
-/* Pictures made by rule: people of assets/demo before backgrounds that are drawn here. */
+/* Synthetic pictures: people of assets/demo in front of backgrounds that are drawn here. */
 #ifndef SCENE_H
 #define SCENE_H
 
@@ -40,7 +40,7 @@ static inline void draw_noise(sherf_image *p, int width, int height, uint64_t se
     for (size_t i = 0; i < count; i++) p->data[i] = (float)random_uniform(seed, i);
 }
 
-/* Loaded by the first who asks for joints, for all; its reading takes a tenth of a second. */
+/* Loaded on the first request for joints, for all; reading takes a tenth of a second. */
 static sherf_body *scene_body;
 
 static inline void scene_free(void) {
@@ -48,8 +48,8 @@ static inline void scene_free(void) {
     scene_body = NULL;
 }
 
-/* Puts the observed person into the picture at this scale, its picture's corner at (left, top), and tells
- * where its 24 joints then are (NULL: not wanted; else scene_free ends it all). */
+/* Puts the observed person into the picture at this scale, with its picture's corner at (left, top), and
+ * returns the places of its 24 joints (NULL: not wanted; otherwise call scene_free at the end). */
 static inline void put_person(context *c, sherf_image *p, const char *observed, double scale, int left,
                               int top, float joint_px[24][2]) {
     sherf_observation *o;

@@ -1,5 +1,5 @@
-/* Points of the body: where the skinning puts them, and their derivatives against central differences. The
- * open body keeps volume and the tube people's body has posedirs: both ways of pose offsets are looked at. */
+/* Points of the body: their places by skinning, and their derivatives against central differences. The open
+ * body keeps volume and the tube people's body has posedirs, so both kinds of pose offsets are tested. */
 #include <math.h>
 #include <string.h>
 
@@ -26,7 +26,7 @@ static int close_bodies(void **state) {
     return 0;
 }
 
-/* Bent everywhere, turned, of a shape of its own; one joint is not bent at all, another hardly. */
+/* Bent everywhere, turned, with its own shape; one joint is not bent at all, another hardly. */
 static void any_state(uint64_t key, body_state *s) {
     double turn[3];
     uint64_t n = 0;

@@ -1,4 +1,4 @@
-/* Videos to motions: the parts on made paths, and all of it on a person whose body is known, moved across
+/* Videos to motions: the parts on synthetic paths, and everything on a person with a known body, moved across
  * the picture. */
 #include <math.h>
 #include <stdio.h>
@@ -149,8 +149,8 @@ static void noise_and_gaps(void **state) {
 
 enum { SIDE = 512, FRAMES = 12, SHIFT_PX = 14 };
 
-/* The person before a light wall, SHIFT_PX further right in every frame; frames 5 and 6 are of the wall,
- * and the detector looks again 0.2 s after the first of them. */
+/* The person in front of a light wall, SHIFT_PX further right in every frame; frames 5 and 6 show only the
+ * wall, and the detector runs again 0.2 s after the first of them. */
 static void write_clip(context *c, const char *path, const sherf_observation *o, bool empty) {
     sherf_video *v;
     sherf_image image = {SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
@@ -199,8 +199,8 @@ static double leg_length(const double joint[BODY_JOINTS][3]) {
     return sum;
 }
 
-/* How far a clip's joints are from the observation's on average, metres; truth and found: the last frame's,
- * in the camera's. */
+/* The mean distance between a clip's joints and the observation's, metres; truth and found: the last frame's,
+ * in the camera's frame. */
 static double joints_off(context *c, const sherf_observation *o, const sherf_motion *motion,
                          const sherf_clip_facts *facts, double truth[BODY_JOINTS][3],
                          double found[BODY_JOINTS][3]) {

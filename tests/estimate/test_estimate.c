@@ -1,4 +1,4 @@
-/* A photo in, an observation out: the photo of a made person that ships, by the networks that ship. */
+/* From a photo to an observation: the shipped photo of a made person, with the shipped networks. */
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -37,7 +37,7 @@ static int close_scene(void **state) {
     return mem_live() != 0;
 }
 
-/* Somebody stands there, seen from the front, from head to feet. */
+/* A person stands there, seen from the front, from head to feet. */
 static void the_person_stands(void **state) {
     const sherf_estimate_facts *f = sherf_estimate_found(s.e);
     assert_int_equal(f->people, 1);
@@ -86,7 +86,8 @@ static void the_same_bits(void **state) {
 }
 
 /* What is written is what is read, to the rounding of 8 bits and of decimal numbers. */
-/* The same person and, squeezed, a thinner one: in between, both still on their photos. */
+/* The same person and, squeezed, a thinner one: the shared shape is in between, and both still fit their
+ * photos. */
 static void photos_share_a_shape(void **state) {
     sherf_estimate *e[2];
     sherf_image thin = {s.e->photo.width, s.e->photo.height, 3, NULL};
@@ -148,7 +149,7 @@ static void a_folder_is_an_observation(void **state) {
     sherf_observation_free(read);
 }
 
-/* Two people side by side: the photo, and half as large. */
+/* Two people side by side: the photo at full and at half size. */
 static void two_people(sherf_image *out, sherf_image *mask) {
     const sherf_image *p = &s.e->photo;
     const int width = p->width + p->width / 2;
@@ -197,7 +198,7 @@ static void the_one_that_is_asked_for(void **state) {
     mem_free(mask.data);
 }
 
-/* A picture that is cut out already brings its mask. */
+/* A picture with a transparent background brings its mask. */
 static void alpha_is_a_mask(void **state) {
     const sherf_image *p = &s.e->photo;
     const size_t n = (size_t)p->width * (size_t)p->height;
@@ -242,7 +243,7 @@ static sherf_image piece_of(const sherf_image *from, int left, int top, int widt
     return out;
 }
 
-/* Of a head no body can be told; from the waist up is enough for a guess. */
+/* A head alone does not show the body; from the waist up is enough for a guess. */
 static void a_head_alone_is_refused(void **state) {
     const sherf_estimate_facts *f = sherf_estimate_found(s.e);
     const int middle = (int)(f->box_px[0] + f->box_px[2]) / 2, top = (int)f->box_px[1] - 20;
@@ -264,7 +265,7 @@ static void a_head_alone_is_refused(void **state) {
     }
 }
 
-/* A disk that is full leaves no folder, and a folder as it was. */
+/* A full disk leaves no folder, and an existing folder as it was. */
 static void a_folder_is_whole_or_not_there(void **state) {
     struct rlimit limit, little;
     const char *folder = test_path("half");

@@ -1,5 +1,5 @@
-/* The fit of known bodies: landmarks are made from a pose, a shape and a camera, with the networks' faults
- * and noise and a mask drawn from the body, and the fit must come back to them. */
+/* The fit of known bodies: landmarks are computed from a pose, a shape and a camera, with the networks'
+ * errors and noise and a mask drawn from the body; the fit must recover them. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -50,14 +50,14 @@ static void pose_body(const scene *w, body_state *s) {
     s->pelvis_m[1] = w->rise_m, s->pelvis_m[2] = w->distance_m;
 }
 
-/* What is wrong with the network's depths, along the ray, beside their being a quarter short. */
+/* The network's depth error along the ray, in addition to being a quarter short. */
 static double fault_m(int l) {
     if (l <= LANDMARK_RIGHT_EAR) return -0.065;
     if (l == LANDMARK_LEFT_KNEE || l == LANDMARK_RIGHT_KNEE) return -0.03;
     return l >= LANDMARK_LEFT_ANKLE ? 0.04 : 0;
 }
 
-/* Landmarks where the networks see them. */
+/* Landmarks as the networks would see them. */
 static void make_landmarks(context *c, const scene *w, shot *o) {
     body_point list[LANDMARKS];
     body_points *p;
@@ -84,7 +84,7 @@ static void make_landmarks(context *c, const scene *w, shot *o) {
     }
 }
 
-/* Vertices moved outwards as far as clothes, hair and soles lie beyond the body. */
+/* Moves vertices outward as far as clothes, hair and soles extend beyond the body. */
 static void dress(context *c, double clothes, float *v) {
     const size_t n = 3 * (size_t)body->vertices;
     float *rest = mem_alloc(c, n, sizeof *rest), *posed = mem_alloc(c, n, sizeof *posed);
@@ -203,7 +203,8 @@ static void standing_people_stand(void **state) {
     }
 }
 
-/* A person in clothes, with hair and soles, is no larger than a bare one; nor is a bare one thinner. */
+/* A person with clothes, hair and soles is not fitted larger than a bare one; nor is a bare one fitted
+ * thinner. */
 static void clothes_are_not_the_body(void **state) {
     context *c = *state;
     static shot o;
@@ -222,7 +223,7 @@ static void clothes_are_not_the_body(void **state) {
     assert_true(fabs(size[1] / size[0] - 1) < 0.012);
 }
 
-/* The gradient that the equations hold is that of the cost, about poses of several kinds and the limits. */
+/* The gradient in the equations is that of the cost, around poses of several kinds and the limits. */
 static void priors_have_their_slopes(void **state) {
     context *c = *state;
     const double move = 1e-6;
@@ -265,7 +266,7 @@ static void priors_have_their_slopes(void **state) {
     mem_free(e);
 }
 
-/* Standing is usual, and the more so the nearer its mean; a knee that bends forward is not. */
+/* Standing is usual, and more so near the mean; a knee that bends forward is not. */
 static void usual_poses_cost_less(void **state) {
     double x[FIT_POSE_NUMBERS], r[FIT_POSE_NUMBERS], mean, standing_cost, wrong;
     for (int i = 0; i < FIT_POSE_NUMBERS; i++) x[i] = FIT_POSE_MEAN_UNIT * fit_pose_kinds[0].mean[i];
@@ -312,7 +313,7 @@ static void other_poses(void **state) {
     fit_and_check(c, "arms up", &w, 0.05, &r);
 }
 
-/* Cut off below the knees: the landmarks there are outside, and anywhere. */
+/* Cut off below the knees: the landmarks there are outside, and arbitrary. */
 static void what_is_cut_off_stays_at_rest(void **state) {
     context *c = *state;
     static shot o;

@@ -1,5 +1,5 @@
-/* The mask: a made person before a made background, seen by a network that is made as well: the true mask,
- * blurred over several of its pixels, with a bite, a leak and an island. */
+/* The mask: a made person in front of a made background, seen by a made network: the true mask, blurred over
+ * several of its pixels, with a bite, a leak and an island. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -14,8 +14,8 @@
 enum { W = 320, H = 288 };
 static photo_person person;
 
-/* Head, trunk, legs apart, an arm away from the trunk; straight edges lie between pixels, so that none is
- * half of either. */
+/* Head, trunk, legs apart, an arm away from the trunk; straight edges run between pixels, so that no pixel is
+ * half covered by them. */
 static bool shape(double x, double y) {
     const double u = x - 160.5, v = y - 20.5;
     const bool head = hypot(u, v - 30) < 26, trunk = fabs(u) < 40 && v > 50 && v < 150;
@@ -25,7 +25,7 @@ static bool shape(double x, double y) {
     return head || trunk || legs || arm || shoulder;
 }
 
-/* Share of the pixel, of 4 x 4 samples. */
+/* The covered share of the pixel, from 4 x 4 samples. */
 static float coverage(int x, int y) {
     int in = 0;
     for (int i = 0; i < 16; i++) in += shape(x + (i % 4 - 1.5) / 4, y + (i / 4 - 1.5) / 4);
@@ -55,7 +55,7 @@ static sherf_image picture(context *c, int width, int height, int channels) {
     return p;
 }
 
-/* scale: how many pixels one of the shape's takes on a side. */
+/* scale: pixels for each of the shape's, on a side. */
 static void make(context *c, int scale, sherf_image *photo, sherf_image *truth) {
     *photo = picture(c, W * scale, H * scale, 3);
     *truth = picture(c, W * scale, H * scale, 1);
@@ -73,8 +73,7 @@ static void make(context *c, int scale, sherf_image *photo, sherf_image *truth) 
     }
 }
 
-/* What a network sees in a turned region: blurred, a bite at the trunk, a leak between the legs, an island.
- */
+/* A network's output in a turned region: blurred, a bite at the trunk, a leak between the legs, an island. */
 static void see(int scale) {
     const float turn = 0.3f, side = 340;
     person = (photo_person){
@@ -102,8 +101,8 @@ static double overlap(const sherf_image *a, const sherf_image *b) {
     return (double)both / (double)any;
 }
 
-/* Refined, the mask is nearly the truth; at four times the size as well; and on any number of threads the
- * same. */
+/* Refined, the mask is nearly the truth; also at four times the size; and the same for any number of threads.
+ */
 static void test_overlap(void **state) {
     context *c = *state;
     for (int scale = 1; scale <= 4; scale += 3) {
@@ -130,7 +129,7 @@ static void test_overlap(void **state) {
     }
 }
 
-/* The region ends at the hips: the mask is 0 below, and it is said. */
+/* The region ends at the hips: the mask is 0 below, with a warning. */
 static void test_region(void **state) {
     context *c = *state;
     sherf_image photo, truth, mask;
@@ -156,7 +155,7 @@ static void test_region(void **state) {
     sherf_image_free(&photo), sherf_image_free(&truth);
 }
 
-/* Two people claim everything; each keeps what lies at their own bones. */
+/* Two people claim everything; each keeps the part at their own bones. */
 static void test_others(void **state) {
     enum { N = 96 };
     static photo_person two[2];
@@ -206,7 +205,7 @@ static void test_clean(void **state) {
     assert_true(value[45 * N + 60] == 0 && value[30 * N + 41] == 0.3f);
 }
 
-/* A plane over colour comes back as it is, whatever the weights. */
+/* A plane over colour is reproduced, for any weights. */
 static void test_guided(void **state) {
     enum { A = 70, B = 150 };
     context *c = *state;
@@ -225,8 +224,8 @@ static void test_guided(void **state) {
     sherf_image_free(&guide), sherf_image_free(&value), sherf_image_free(&weight);
 }
 
-/* In doubt a pixel goes with its colour, where no plane over colour tells: black and white are the person's,
- * grey is not. */
+/* In doubt a pixel follows its colour, even if no plane over colour separates: black and white are the
+ * person's, grey is not. */
 static void test_local_color(void **state) {
     enum { N = 60 };
     context *c = *state;
@@ -241,7 +240,7 @@ static void test_local_color(void **state) {
     sherf_image_free(&p), sherf_image_free(&value);
 }
 
-/* At the rim there is the person's own colour, not the mixture; inside and outside nothing changes. */
+/* The edge has the person's own colour instead of the mixture; inside and outside nothing changes. */
 static void test_rim_colors(void **state) {
     context *c = *state;
     sherf_image photo = picture(c, 80, 60, 3), mask = picture(c, 80, 60, 1), out;

@@ -10,7 +10,7 @@
 
 enum { PICTURES = 3, STRIDE = 97 };
 
-/* A figure of seven capsules before a gradient, in whole numbers, so that it is the same everywhere. */
+/* A figure of seven capsules in front of a gradient, in integers, so that it is the same everywhere. */
 static void draw_figure(sherf_image *p, int side) {
     static const int bone[][5] = {/* x, y, x, y, radius, in 256ths of the side */
                                   {128, 52, 128, 56, 17}, {128, 88, 128, 140, 22},  {106, 84, 78, 136, 8},

@@ -1,5 +1,5 @@
-/* People in pictures made by rule: found, with their landmarks where the truth has the joints, and nobody
- * where nobody is. */
+/* People in synthetic pictures: found, with their landmarks at the true joints, and nobody found where there
+ * is nobody. */
 #include "scene.h"
 
 #include "estimate/landmarks.h"
@@ -23,7 +23,7 @@ static sherf_image seen_photo[SIDES];
 static float seen_joint_px[SIDES][24][2];
 static photo_person *seen[SIDES];
 
-/* Mean distance, as a part of the joints' height in the picture. */
+/* The mean distance, relative to the joints' height in the picture. */
 static double error_of(const photo_person *p, float (*joint_px)[2]) {
     double sum = 0, top = 1e9, low = -1e9;
     for (size_t i = 0; i < COUNT_OF(pair); i++) {
@@ -44,7 +44,7 @@ static int find(context *c, const sherf_image *photo, photo_person **people) {
     return count;
 }
 
-/* Share of the joints' neighbourhood that is inside, and of the picture's corners that is outside. */
+/* The share of the joints' neighbourhood that is inside, and of the picture's corners that is outside. */
 static void mask_fits(const photo_person *p, float (*joint_px)[2]) {
     int inside = 0, corners = 0;
     for (size_t i = 0; i < COUNT_OF(pair); i++) {
@@ -84,7 +84,7 @@ static void front_and_back(void **state) {
     if (sum > .03) fail_msg("landmarks are %.3f of the height off", sum);
 }
 
-/* The photo in the mirror shows the person in the mirror, with left and right exchanged. */
+/* The mirrored photo gives the mirrored person, with left and right exchanged. */
 static void mirrored(void **state) {
     context *c = *state;
     sherf_image p;
@@ -110,7 +110,7 @@ static void mirrored(void **state) {
     free(p.data);
 }
 
-/* Whoever was taken for turned round is turned back, and nobody else is touched. */
+/* A person who was taken for turned round is turned back, and nobody else changes. */
 static void turned_back_without_the_head(void **state) {
     context *c = *state;
     for (int i = 0; i < SIDES; i++) {
@@ -126,7 +126,7 @@ static void turned_back_without_the_head(void **state) {
     }
 }
 
-/* 3D landmarks lie under the 2D ones: no turn is forgotten. The person lies on the side. */
+/* 3D landmarks match the 2D ones: no rotation is lost. The person lies on the side. */
 static void turned_people(void **state) {
     context *c = *state;
     sherf_image turned;
@@ -148,7 +148,7 @@ static void turned_people(void **state) {
     free(turned.data);
 }
 
-/* Seen in squares of a quarter of the longer side only. */
+/* Visible only in squares of a quarter of the longer side. */
 static void small_ones(void **state) {
     context *c = *state;
     float joint_px[24][2];
@@ -162,7 +162,7 @@ static void small_ones(void **state) {
     free(p.data);
 }
 
-/* The largest first; and the same bits for any number of threads and of people who are wanted. */
+/* The largest first; the same bits for any number of threads and of wanted people. */
 static void several(void **state) {
     context *c = *state;
     const int threads = c->threads;
@@ -215,7 +215,7 @@ static void nobody(void **state) {
     free(p.data);
 }
 
-/* Frame by frame, a person who moves to the right, without the detector; then nobody is there. */
+/* Follows a person who moves to the right frame by frame, without the detector; then nobody is there. */
 static void tracked(void **state) {
     context *c = *state;
     float joint_px[24][2];

@@ -1,5 +1,5 @@
-/* Evaluating with estimates: errors of bent skeletons, and that what is compared is carried over rightly: a
- * true body and camera in a world of their own score as the truth does. */
+/* Evaluation with estimates: errors of bent skeletons, and the mapping of the truth: a true body and camera
+ * in another world score like the truth. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -246,8 +246,8 @@ static void the_truth_in_another_world_scores_as_the_truth(void **state) {
     sherf_context_free(c);
 }
 
-/* A body that is too far away is brought back by its pelvis; one that is turned is not: less is lost in the
- * true pose, for which the avatar alone is wrong. */
+/* A body that is too far away is moved back by its pelvis; a turned one is not: in the true pose, where only
+ * the avatar is wrong, less is lost. */
 static void errors_cost_what_they_should(void **state) {
     context *c = test_context();
     sherf_scores truth, away, turned, posed;
@@ -275,7 +275,7 @@ static void errors_cost_what_they_should(void **state) {
     sherf_context_free(c);
 }
 
-/* The pose of a target is the truth's, the shape the estimate's, and the pelvis is seen where it was. */
+/* A target's pose is the truth's, its shape the estimate's, and the pelvis is seen at the same place. */
 static void poses_keep_the_pelvis(void **state) {
     context *c = test_context();
     sherf_dataset *data;
@@ -349,7 +349,7 @@ static void pictures_without_anybody_are_counted(void **state) {
     sherf_context_free(c);
 }
 
-/* The photo has what the observation has not. */
+/* The photo includes the background, unlike the observation. */
 static void photos_have_backgrounds(void **state) {
     context *c = test_context();
     sherf_dataset *data;

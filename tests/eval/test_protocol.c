@@ -1,4 +1,5 @@
-/* sherf_eval on two small tube people and a made-up model: which pictures are scored, what is written. */
+/* sherf_eval on two small tube people and a random model: which pictures are scored, and which files are
+ * written. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,7 +22,7 @@ static int make_data(void **state) {
     return status != SHERF_OK;
 }
 
-/* PSNR of a written prediction, anew: over the pixels whose rays cross the box. */
+/* PSNR of a written prediction, recomputed over the pixels whose rays cross the box. */
 static double psnr_again(context *c, const sherf_dataset *d, const char *folder, const value *image) {
     char path[1200];
     const value *name = value_get(image, "rgb");
@@ -116,8 +117,8 @@ static double pixels_of(const document *d, const char *region) {
     return number(value_get(value_get(value_get(d->root, "regions"), "novel_pose"), region), "pixels");
 }
 
-/* Frames with detail are those of pictures scaled to what the network knows, as users make avatars; the
- * paper's are of the pictures as they are. */
+/* Frames with detail come from pictures scaled for the network, as users make avatars; the paper's come from
+ * the pictures as they are. */
 static void detail_is_what_users_see(void **state) {
     static const char *const size[] = {"px_per_m=0", "px_per_m=40,image_size=32"};
     context *c = test_context();
@@ -146,7 +147,7 @@ static void detail_is_what_users_see(void **state) {
     sherf_context_free(c);
 }
 
-/* Two pictures of the person: fewer targets, another avatar, and more of the body seen. */
+/* Two pictures of the person: fewer targets, a different avatar, and more of the body seen. */
 static void several_pictures(void **state) {
     context *c = test_context();
     char folder[600], path[700];
@@ -179,7 +180,7 @@ static float *copy_of_weights(const model *m) {
     return memcpy(copy, m->weights->values, (size_t)m->weights->total_floats * sizeof *copy);
 }
 
-/* The banks of two ways to take batch norms; the weights as they were before. */
+/* Compares the banks of two kinds of batch norm statistics, with unchanged weights. */
 static bool banks_equal(context *c, const model *m, const body_model *body, const observation_geometry *g,
                         tape_options a, tape_options b) {
     tape *t[2] = {tape_create(c, a), tape_create(c, b)};
@@ -193,7 +194,7 @@ static bool banks_equal(context *c, const model *m, const body_model *body, cons
     return equal;
 }
 
-/* The statistics are those that a training's step takes, and the weights stay what they are. */
+/* The statistics are those of a training step, and the weights stay. */
 static void batch_statistics_are_the_pictures(void **state) {
     context *c = test_context();
     sherf_dataset *data;
@@ -287,7 +288,7 @@ static void mistakes_are_one_line(void **state) {
     sherf_context_free(c);
 }
 
-/* Weights that a training has lost. */
+/* Weights that a training has ruined. */
 static void weights_are_finite(void **state) {
     context *c = test_context();
     char path[700];
@@ -310,7 +311,7 @@ static void weights_are_finite(void **state) {
     sherf_context_free(c);
 }
 
-/* A person who cannot be read is told with the file's name, and an empty folder does not stay. */
+/* A person who cannot be read is reported with the file's name, and no empty folder remains. */
 static void broken_people_are_named(void **state) {
     context *c = test_context();
     char folder[600], path[800], broken[700], broken_spec[720];

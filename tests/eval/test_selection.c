@@ -63,7 +63,7 @@ static void targets(void **state) {
     assert_int_equal(selection_pairs(&s), 2 + 3 + 2);
 }
 
-/* One person of so many poses and views, of whom nothing is read. */
+/* One person with this many poses and views, without reading any files. */
 static void protocol_of(context *c, const dataset_reader *reader, int poses, int views, selection *s) {
     person_record record = {.poses = poses, .views = views}, *records[] = {&record};
     char *names[] = {"somebody"};

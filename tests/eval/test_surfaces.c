@@ -1,4 +1,4 @@
-/* Distances of surfaces whose distances are known. */
+/* Distances of surfaces, checked against known distances. */
 #include <stdlib.h>
 
 #include "baked/form.h"
@@ -7,7 +7,7 @@
 #include "eval/surface_list.h"
 #include "support.h"
 
-/* A ball in a larger one: 1 cm everywhere, normals alike. */
+/* A ball in a larger one: 1 cm everywhere, the same normals. */
 static void a_ball_in_a_ball(void **state) {
     static ball small, large;
     context *c = test_context();
@@ -24,7 +24,7 @@ static void a_ball_in_a_ball(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A half of the truth: all of it is on the truth, but the truth's other half is far from it. */
+/* Half of the truth: all of it is on the truth, but the truth's other half is far from it. */
 static void half_a_ball(void **state) {
     static ball half, all;
     context *c = test_context();
@@ -81,8 +81,7 @@ static solid_mesh mesh_of(const void *field) {
     return *(const solid_mesh *)field;
 }
 
-/* A baked avatar's surface stands in the observed pose: here it is the truth at rest, all of it moved by the
- * root. */
+/* A baked avatar's surface is in the observed pose: here the truth at rest, moved by the root. */
 static void assert_baked_one_is_compared(context *c, const sherf_dataset *d, const char *folder,
                                          const surface_truth *t) {
     const size_t n = (size_t)t->vertices;
@@ -111,7 +110,7 @@ static void assert_baked_one_is_compared(context *c, const sherf_dataset *d, con
     sherf_body_free(body);
 }
 
-/* An avatar whose surface is the data set's is nothing off it, one centimetre beside at most one. */
+/* An avatar with the data set's surface has distance 0; moved by one centimetre, at most one. */
 static void avatars_and_the_data_sets_surface(void **state) {
     static const field_kind known = {.surface = mesh_of};
     context *c = test_context();

@@ -1,4 +1,4 @@
-/* What a study's page holds, read as a browser would. */
+/* The contents of a study's page, read as a browser would. */
 #ifndef TEST_STUDY_PAGE_H
 #define TEST_STUDY_PAGE_H
 

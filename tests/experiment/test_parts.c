@@ -1,4 +1,4 @@
-/* What experiments are made of: intervals, scores of files, pages, plots, angles, disturbed bodies, the plan.
+/* The parts of experiments: intervals, scores from files, pages, plots, angles, disturbed bodies, the plan.
  */
 #include <math.h>
 #include <stdio.h>
@@ -27,7 +27,7 @@ static void assert_in(const char *text, const char *part) {
 }
 
 /* ---- intervals ---- */
-/* Of normal numbers the bootstrap's ends are about 1.96 standard errors from the mean. */
+/* For normal numbers the bootstrap's ends are about 1.96 standard errors from the mean. */
 static void intervals_cover(void **state) {
     enum { N = 400 };
     context *c = *state;
@@ -191,7 +191,7 @@ static void pages_are_written(void **state) {
     page_free(&p);
 }
 
-/* Memory that runs out at any place is said, and nothing is left of it. */
+/* Running out of memory anywhere is reported, and leaves nothing behind. */
 static void every_allocation_fails(void **state) {
     context *c = *state;
     page p;
@@ -218,7 +218,7 @@ static void every_allocation_fails(void **state) {
     page_free(&p);
 }
 
-/* Every error bar of the SVG has the ends of its interval at the scale of the axis. */
+/* Every error bar in the SVG ends at its interval's ends, at the axis's scale. */
 static void error_bars_are_to_scale(void **state) {
     context *c = *state;
     page p;

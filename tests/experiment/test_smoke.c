@@ -1,4 +1,5 @@
-/* Every experiment as a smoke test on tube people: what is trained and scored, going on, what is written. */
+/* Every experiment as a smoke test on tube people: what is trained and scored, continuing, and the written
+ * files. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +31,7 @@ static int make_data(void **state) {
     return failed;
 }
 
-/* Two data sets of tubes, the first with surfaces, toys of networks; into a folder of this name. */
+/* Two data sets of tubes, the first with surfaces, and tiny networks; into a folder of this name. */
 static sherf_experiment_options smoke(const char *folder) {
     static sherf_experiment_data data[2];
     static char path[4][600];
@@ -83,7 +84,7 @@ static const char *const main_scores[] = {
     "runs/thuman/mps-nerf-1/scores/protocol/scores.json", "runs/thuman/sherf-1/scores/protocol/scores.json"};
 
 /* ---- the main table, cut off again and again ---- */
-/* Cancels at the n-th report of progress. */
+/* Cancels at the n-th progress report. */
 typedef struct {
     context *c;
     int left;
@@ -121,7 +122,7 @@ static void main_goes_on_where_it_stopped(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* The table has what the scorings' files have, and the sheet a column a method. */
+/* The table matches the scorings' files, and the sheet has a column for each method. */
 static void main_shows_its_scores(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("whole");
@@ -150,7 +151,7 @@ static void main_shows_its_scores(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A finished run is looked at and left: nothing is written again. */
+/* A finished run is checked and kept: nothing is written again. */
 static void finished_runs_stay(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("whole");
@@ -252,8 +253,8 @@ static void assert_surfaces(context *c, const document *results, const char *fol
     document_free(scored);
 }
 
-/* PIFu's surfaces and pictures beside SHERF's, and nothing of other poses. What is whole is not done
- * again, and what is lost is made the same again. */
+/* PIFu's surfaces and pictures next to SHERF's, without other poses. Complete work is not repeated, and lost
+ * work is redone with the same result. */
 static void pifu_has_surfaces(void **state) {
     static const char *const scored[] = {"runs/thuman/pifu-1/scores/protocol/scores.json",
                                          "runs/thuman/sherf-1/scores/protocol/scores.json"};
@@ -299,8 +300,7 @@ static void pifu_has_surfaces(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* People who have none, and one test person without the observed pose's: refused before anything is trained.
- */
+/* People without surfaces, and one test person without the observed pose's: refused before any training. */
 static void pifu_wants_surfaces(void **state) {
     context *c = test_context();
     sherf_experiment_options o = smoke("none");
@@ -325,7 +325,7 @@ static void pifu_wants_surfaces(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* One answer to each pair of the study that the others left, all for the method that stands first. */
+/* One answer for each pair of the study that the others left, all for the first method. */
 static char *answers_for(context *c, const document *key) {
     static char text[8192];
     const value *trials = value_get(key->root, "trials");
@@ -346,7 +346,7 @@ static char *answers_for(context *c, const document *key) {
     return text;
 }
 
-/* Whether a method has made this picture: it is the left half of one of its scoring's. */
+/* Whether a method made this picture: it is the left half of one in its scoring. */
 static bool made_by(context *c, const char *output, const char *label, const image_u8 *shown) {
     const char *key = !strcmp(label, "SHERF") ? "sherf" : !strcmp(label, "NHP") ? "nhp" : "mps-nerf";
     char folder[700], path[1400];
@@ -368,7 +368,7 @@ static bool made_by(context *c, const char *output, const char *label, const ima
     return found;
 }
 
-/* What the key says of a pair is what the page shows. */
+/* The key matches the page's pictures. */
 static void pictures_are_their_methods(context *c, const char *output, const document *key) {
     char folder[700], path[700];
     snprintf(folder, sizeof folder, "%s/preference", output);
@@ -391,7 +391,7 @@ static void pictures_are_their_methods(context *c, const char *output, const doc
     document_free(page);
 }
 
-/* The study's answers become scores, and a bad file is refused with nothing written. */
+/* The study's answers become scores; a bad file is refused, and nothing is written. */
 static void a_study_is_scored(void **state) {
     context *c = test_context();
     sherf_experiment_options o = smoke("others");
@@ -428,7 +428,7 @@ static void a_study_is_scored(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Minutes become steps, which the trainings then take. */
+/* Minutes are converted to steps, which the trainings then use. */
 static void minutes_are_counted_in_steps(void **state) {
     context *c = test_context();
     sherf_experiment_options o = smoke("minutes");
@@ -453,7 +453,7 @@ static void minutes_are_counted_in_steps(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A folder keeps all of the recipe, and is refused where the file says another. */
+/* A folder stores the whole recipe, and is refused if the file has another one. */
 static void the_recipe_is_kept(void **state) {
     static const char *const key[] = {"beta2", "halve_pictures", "batch", "targets", "test_poses", "steps"};
     context *c = test_context();
@@ -543,7 +543,7 @@ static void mistakes_are_one_line(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Weights of another method in a run's folder are refused by name, and stay. */
+/* Another method's weights in a run's folder are refused by name, and stay. */
 static void weights_of_another_method(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("others");

@@ -84,7 +84,7 @@ static char *text_of(context *c, const char *folder, const char *name) {
     return (char *)text;
 }
 
-/* The page holds the pictures and no method's or person's name; the key comes back as it was. */
+/* The page contains the pictures and no method's or person's name; the key is read back unchanged. */
 static void page_and_key(void **state) {
     context *c = test_context();
     study s, back;
@@ -126,7 +126,7 @@ static void page_and_key(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* The blurred copy is much smoother, and of the same mean. */
+/* The blurred copy is much smoother, with the same mean. */
 static void blurring(void **state) {
     enum { SIDE = 64 };
     context *c = test_context();

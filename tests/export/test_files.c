@@ -1,4 +1,4 @@
-/* Files of a tube person's avatar: what other programs would read. */
+/* Files of a tube person's avatar, read as other programs would. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -27,7 +27,7 @@ static int free_avatar(void **state) {
     return mem_live() != 0;
 }
 
-/* A file of the test's folder, or of $SHERF_EXPORT_FOLDER, where other programs look at it
+/* A file in the test's folder, or in $SHERF_EXPORT_FOLDER, where other programs read it
  * (tools/check_export.sh). */
 static const char *kept(const char *name) {
     static char path[700];
@@ -203,7 +203,7 @@ static sherf_motion *walk(context *c) {
     return motion;
 }
 
-/* Vertices, joined where they lie at one place, are the closed surface again. */
+/* Vertices joined by position form the closed surface again. */
 static void assert_welded(const float *position, int vertices, const uint32_t *index, int indices) {
     uint32_t *first = malloc((size_t)vertices * sizeof *first),
              *joined = malloc((size_t)indices * sizeof *joined);
@@ -219,7 +219,7 @@ static void assert_welded(const float *position, int vertices, const uint32_t *i
     free(first), free(joined);
 }
 
-/* The animation, read as any other motion, is the one that was written. */
+/* The animation, read like any other motion, equals the written one. */
 static void assert_reads_back(context *c, const char *path, const sherf_motion *wrote) {
     sherf_motion *motion = NULL;
     const sherf_motion_options o = {.body = body, .shapes = sherf_avatar_pose(avatar)->shapes};
@@ -271,7 +271,7 @@ static void check_bind(const glb *g, const cJSON *skinned, const cJSON *nodes) {
         }
 }
 
-/* 25 channels, unit quaternions, the pelvis where the motion has it. */
+/* 25 channels, unit quaternions, and the pelvis at the motion's place. */
 static void check_clip(context *c, const glb *g, const sherf_motion *motion) {
     int count;
     const cJSON *clip = at(get(g->json, "animations"), 0);

@@ -1,5 +1,5 @@
-/* What the fuzz targets share. A target may be given anything; whatever a reader hands out is then walked and
- * read to the last byte, nothing may be left behind, and a failure must have said why. */
+/* Shared by the fuzz targets. A target accepts any input; it visits everything that a reader returns and
+ * reads it to the last byte. Nothing may leak, and a failure must have a message. */
 #ifndef FUZZ_H
 #define FUZZ_H
 
@@ -25,7 +25,7 @@ static inline uint64_t fuzz_sum(const void *data, size_t bytes) {
     return sum;
 }
 
-/* Trees share parts, so the walk is bounded; it recurses, which finished trees allow. */
+/* Trees share parts, so the traversal is bounded; it recurses, which finished trees allow. */
 static inline void fuzz_walk(const value *v, size_t *visits, uint64_t *sum) {
     if (!v || ++*visits > 100000) return;
     size_t n = 1;

@@ -1,5 +1,5 @@
-/* An avatar's file behind its safetensors reader (fuzz_safetensors): a tiny avatar of each model is made
- * once, and the input says what is changed of its tensors and of its settings. What is read is drawn. */
+/* An avatar's file after its safetensors reader (fuzz_safetensors): a tiny avatar of each model is made once,
+ * and the input changes its tensors and settings. Avatars that can be read are rendered. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -26,8 +26,8 @@ enum { KINDS = COUNT_OF(preset), SIDE = 32, FRAME = 12, TENSORS = 256, CHANGES =
 static sherf_body *body;
 static safetensors *whole[KINDS];
 
-/* Every STEP-th vertex of the tube body, without faces: what takes time is the vertices. A joint is its
- * nearest vertex. */
+/* Every STEP-th vertex of the tube body, without faces, since vertices take the time. A joint is its nearest
+ * vertex. */
 static sherf_status small_body_create(context *c, body_model **out) {
     enum { STEP = 53 };
     tubeman_arrays t;
@@ -114,7 +114,7 @@ static size_t bytes_of(const safetensor *t) {
     return n;
 }
 
-/* A copy of `from`, again and again, into data of exactly the new size; false: it would be too much. */
+/* Repeats copies of `from` into data of exactly the new size; false: it would be too large. */
 static bool take_data(changed *f, size_t i, const safetensor *from) {
     enum { BYTES_MAX = 1 << 20 };
     const size_t bytes = bytes_of(&f->tensor[i]), there = bytes_of(from);
@@ -180,7 +180,8 @@ static void change(changed *f, const uint8_t four[4]) {
     }
 }
 
-/* How many changes, the changes, and where that number is 128 or more the rest is put behind the settings. */
+/* The number of changes, then the changes; if the number is 128 or more, the rest is appended to the
+ * settings. */
 static void changed_make(changed *f, int kind, const uint8_t *data, size_t size) {
     static char *key[16], *text[16];
     f->file = *whole[kind];

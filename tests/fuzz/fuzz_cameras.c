@@ -1,5 +1,5 @@
-/* Files of cameras: JSON in all its layouts, and what else document_read takes. The first byte says which
- * reader: with a picture's size, without, or a data set's cameras.json. */
+/* Camera files: JSON in all its layouts, and everything else that document_read accepts. The first byte
+ * chooses the reader: with a picture's size, without, or a data set's cameras.json. */
 #include <math.h>
 
 #include "data/dataset.h"

@@ -1,5 +1,5 @@
-/* Every form that is told by its beginning: npz and torch zips, torch legacy streams, and the others again.
- */
+/* Every form that is recognised by its first bytes: npz and torch zips, torch legacy streams, and the others
+ * again. */
 #include "fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -1,4 +1,4 @@
-/* A folder of the target's own for readers that take paths; it goes when the target ends. */
+/* A folder for the target's own files, for readers that take paths; removed at the end. */
 #ifndef FUZZ_FOLDER_H
 #define FUZZ_FOLDER_H
 

@@ -1,12 +1,11 @@
-/* The container, the headers of its streams, and EXIF. The pixels are decoded by libde265 and dav1d, which
- * are not built for fuzzing: a stream of a few hundred bytes may take them seconds, and they forget memory.
- */
+/* The container, the headers of its streams, and EXIF. libde265 and dav1d decode the pixels; they are not
+ * built for fuzzing, may take seconds for a stream of a few hundred bytes, and leak memory. */
 #include "fuzz.h"
 #include "io/heif_stream.h"
 
-/* Of AVIF files that are broken inside, libdav1d keeps a few bytes and libheif a picture's head, 256 bytes
- * that it makes in heif_decode_image and gives to nobody. The stack ends at operator new, so all of C++ is
- * left out: what our own code allocates is still seen, and io_photo sees handles that are not released. */
+/* For broken AVIF files, libdav1d leaks a few bytes and libheif a picture's header, 256 bytes allocated in
+ * heif_decode_image. The stack ends at operator new, so all of C++ is suppressed: our own code's allocations
+ * are still checked, and io_photo checks that handles are released. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) {
     return "leak:libdav1d.so\nleak:libstdc++.so\n";

@@ -1,6 +1,5 @@
-/* One file of MakeHuman's package is anything, the first byte says which; the others are whole. What opens is
- * shaped.
- */
+/* One file of MakeHuman's package is arbitrary, chosen by the first byte; the others are valid. If the
+ * package opens, it is shaped. */
 #include "fuzz_folder.h"
 
 #include "../support/makehuman_small.h"

@@ -1,5 +1,5 @@
-/* Motion files of all families: whatever is handed out can be played to its end. The first byte chooses what
- * the options ask for. */
+/* Motion files of all families: every motion that is returned can be played to its end. The first byte
+ * chooses the options. */
 #include <math.h>
 
 #include "fuzz.h"

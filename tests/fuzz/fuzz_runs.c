@@ -1,5 +1,5 @@
-/* What trainings and evaluations leave and read again: scores.json and log.jsonl. The first byte says which.
- */
+/* Files that trainings and evaluations write and read again: scores.json and log.jsonl. The first byte
+ * chooses. */
 #include "experiment/scores.h"
 #include "fuzz_folder.h"
 #include "train/history.h"

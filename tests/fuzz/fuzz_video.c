@@ -1,5 +1,4 @@
-/* FFmpeg's libraries are not instrumented here: this looks for crashes, leaks and endless videos at our side.
- */
+/* FFmpeg's libraries are not instrumented here: this finds crashes, leaks and endless videos on our side. */
 #include "fuzz.h"
 #include "io/video_read.h"
 

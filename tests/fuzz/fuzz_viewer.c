@@ -1,5 +1,5 @@
-/* What a browser, or whoever it is, sends to the viewer: host, origin, path and the fields of a query, one a
- * line. */
+/* Requests to the viewer from a browser or anybody else: host, origin, path and the fields of a query, one on
+ * each line. */
 #include <string.h>
 
 #include "fuzz.h"

@@ -1,4 +1,4 @@
-/* BVH files: what they say, and what they must not be able to do. */
+/* BVH files: their contents, and what they must not be able to do. */
 #include "support.h"
 
 #include <math.h>
@@ -46,8 +46,8 @@ static void test_small(void **state) {
     sherf_context_free(c);
 }
 
-/* Cut off anywhere it is refused with a word, and nothing is left behind; only the last number may lose
- * digits. */
+/* Truncated anywhere it is refused with a message, and nothing leaks; only the last number may lose digits.
+ */
 static void test_truncated(void **state) {
     context *c = test_context();
     size_t live = mem_live(), whole = strlen(small);
@@ -128,7 +128,7 @@ static void test_hostile(void **state) {
     sherf_context_free(c);
 }
 
-/* More joints, or deeper ones, than there may be. */
+/* Too many joints, or joints nested too deep. */
 static void test_many(void **state) {
     context *c = test_context();
     size_t room = 200000, n = 0;

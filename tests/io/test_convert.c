@@ -1,4 +1,4 @@
-/* sherf_convert: every kind of input, what it becomes, what is refused. */
+/* sherf_convert: every kind of input, its result, and refusals. */
 #include "sample.h"
 
 static safetensors *convert(context *c, const char *input, const char *said) {
@@ -122,7 +122,7 @@ static void test_vgg16(void **state) {
     safetensors_free(s);
 }
 
-/* A file that means to be VGG16 is told which of its tensors is wrong. */
+/* For a file that is meant to be VGG16, the message names the wrong tensor. */
 static void test_vgg16_faults(void **state) {
     context *c = *state;
     static char name[26][32];

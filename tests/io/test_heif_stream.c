@@ -1,4 +1,4 @@
-/* Files whose streams state larger frames than their containers, made by rule: refused before a decoder sees
+/* Synthetic files whose streams state larger frames than their containers: refused before a decoder sees
  * them. */
 #include <stdlib.h>
 #include <string.h>
@@ -225,7 +225,7 @@ static void without_idat(void **state) {
     }
 }
 
-/* Items of endless pieces without length: looked through no longer than a file of this size deserves. */
+/* Items of endless pieces without length: read no longer than a file of this size justifies. */
 static void endless(void **state) {
     context *c = *state;
     heif_sizes sizes;

@@ -1,5 +1,5 @@
-/* Damaged input to every reader: cut at every length, bytes changed, memory lacking at every allocation.
- * A reader may succeed or fail; it may not crash, leak, or fail without a line that says why. */
+/* Damaged input to every reader: truncated at every length, bytes changed, out of memory at every allocation.
+ * A reader may succeed or fail; it may not crash, leak, or fail without a message. */
 #include <dirent.h>
 
 #include "sample.h"
@@ -18,7 +18,7 @@ static bool is_picture(const sample *s) {
     return path_ends(s->name, ".png") || path_ends(s->name, ".jpg");
 }
 
-/* One reading from memory; what comes out is freed. */
+/* Reads once from memory and frees the result. */
 static sherf_status attempt(context *c, const sample *s, const unsigned char *data, size_t bytes) {
     c->message[0] = 0;
     if (is_picture(s)) {
@@ -44,7 +44,7 @@ static void check_attempt(context *c, const sample *s, const unsigned char *data
     if (strchr(c->message, '\n')) fail_msg("%s, %s %zu: more than a line", s->name, what, at);
 }
 
-/* Steps through long files: their ends at every byte, the middle at some. */
+/* Steps through long files: every byte near the ends, some in the middle. */
 static void test_cut(void **state) {
     context *c = *state;
     for (int i = 0; i < sample_count; i++) {
@@ -118,7 +118,7 @@ static void test_no_memory(void **state) {
     }
 }
 
-/* Small pickles that ask for much: each must be refused at once. */
+/* Small pickles that request much memory: each must be refused at once. */
 static void test_greedy(void **state) {
     context *c = *state;
     static const struct {

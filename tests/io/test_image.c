@@ -87,8 +87,8 @@ static void chunk(FILE *f, const char *type, const unsigned char *data, unsigned
     fwrite(sum, 1, 4, f);
 }
 
-/* A mask of 16-bit values 0 and 1, as some labelling tools write it: 1 is the person, though it is nearly 0
- * as a colour. */
+/* A mask of 16-bit values 0 and 1, as some labelling tools write it: 1 is the person, though as a colour it
+ * is nearly 0. */
 static void test_mask(void **state) {
     context *c = *state;
     const unsigned char head[13] = {0, 0, 0, 3, 0, 0, 0, 2, 16, 0, 0, 0, 0};
@@ -161,7 +161,7 @@ static void test_write(void **state) {
     free(rgb);
 }
 
-/* What outputs' names ask for. */
+/* Outputs recognised by their names. */
 static void test_outputs(void **state) {
     static const struct {
         const char *name;
@@ -268,7 +268,7 @@ static void test_writing_without_memory(void **state) {
     assert_true(path_is_file(path));
 }
 
-/* To memory and back: PNG exactly, JPEG nearly; what cannot be allocated leaves nothing behind. */
+/* To memory and back: PNG exactly, JPEG nearly; a failed allocation leaks nothing. */
 static void test_to_memory(void **state) {
     enum { W = 37, H = 23 };
     context *c = *state;

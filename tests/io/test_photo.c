@@ -1,5 +1,5 @@
-/* Photos as people have them: every turn in every kind, alpha, focal lengths, and names for what is no
- * picture. The picture is always the same: 24 x 16 pixels, a colour a quarter. */
+/* Users' photos: every orientation in every format, alpha, focal lengths, and names for files that are not
+ * pictures. The picture is always the same: 24 x 16 pixels, one colour in each quarter. */
 #include <lcms2.h>
 #include <math.h>
 #include <zlib.h>
@@ -15,8 +15,8 @@ static const uint8_t *colour_at(int x, int y) {
     return quarter[(x >= W / 2) + 2 * (y >= H / 2)];
 }
 
-/* As a camera held like this stores the picture. The standard says where the stored row 0 and column 0 are
- * seen. */
+/* The picture as a camera held like this stores it. The standard defines where the stored row 0 and column 0
+ * are seen. */
 static void stored(int orientation, int channels, int *width, int *height, uint8_t *out) {
     static const struct {
         bool row_is_x, row_back, column_back; /* rows go along x; from the far end; so do the columns */
@@ -62,8 +62,8 @@ static void put_entry(bytes *b, const tag *t, size_t *rational, bool big) {
     if (t->type == 5) *rational += 8;
 }
 
-/* A TIFF header, a directory of the turn and of where the Exif directory is, that directory, its fractions.
- */
+/* A TIFF header, a directory with the orientation and the offset of the Exif directory, that directory, its
+ * fractions. */
 static void put_exif(bytes *b, bool big, int orientation, const tag *tags, size_t n) {
     const size_t exif = 8 + 2 + 2 * 12 + 4;
     size_t rational = exif + 2 + n * 12 + 4;
@@ -190,7 +190,8 @@ static void test_turns(void **state) {
     assert_turned(c, &jpeg, "JPEG", 1, 12);
 }
 
-/* quad.webp is upright, so what it says turns it away: the first pixel is the quarter that comes there. */
+/* quad.webp is upright, so its orientation turns it away: the first pixel is of the quarter that moves there.
+ */
 static void test_webp_turns(void **state) {
     context *c = *state;
     static const int first[9] = {0, 0, 1, 3, 2, 0, 2, 3, 1};
@@ -356,8 +357,7 @@ static void test_names(void **state) {
     assert_non_null(strstr(c->message, "moving.webp: a moving WebP"));
 }
 
-/* Cut off anywhere, a file is refused with a reason, or, where only what comes after the pixels is missing,
- * read. */
+/* A file truncated anywhere is refused with a reason, or read if only parts after the pixels are missing. */
 static void test_cut_off(void **state) {
     context *c = *state;
     static const char *const name[] = {"quad.webp", "alpha.webp", "turn6.heic", "alpha.avif"};

@@ -1,4 +1,4 @@
-/* safetensors: written, read back, and refused where the format's rules are broken. */
+/* safetensors: written, read back, and refused if the format's rules are broken. */
 #include "sample.h"
 
 static void test_round(void **state) {
@@ -48,7 +48,7 @@ static void test_round(void **state) {
     document_free(d);
 }
 
-/* Whichever bit of a file with a checksum is flipped, the file is refused, or it was one of the checksum's
+/* If any bit of a file with a checksum is flipped, the file is refused, unless the bit was in the checksum's
  * name. */
 static void test_flipped(void **state) {
     context *c = *state;

@@ -1,4 +1,4 @@
-/* TensorFlow.js layers models: the manifest and its files, what is refused, and ResNet-50 from one. */
+/* TensorFlow.js layers models: the manifest and its files, refusals, and ResNet-50 from one. */
 #include <math.h>
 #include <unistd.h>
 

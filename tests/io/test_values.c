@@ -1,4 +1,4 @@
-/* Every format that values come from, against what the samples were made of. */
+/* Every format of values, compared with the data that the samples were made from. */
 #include "sample.h"
 
 static void test_json(void **state) {
@@ -41,7 +41,7 @@ static void test_json_refused(void **state) {
 }
 
 /* Python's json writes these names for what is not finite. */
-/* Two bytes a character, either first. */
+/* Two bytes for each character, in either order. */
 static void test_json_wide(void **state) {
     static const char wide[] = "\xff\xfe{\0\"\0\xe4\0\"\0:\0002\0}\0", big[] = "\xfe\xff\0[\0003\0]";
     context *c = *state;
@@ -131,7 +131,7 @@ static void check_arrays(context *c, const value *root) {
     assert_int_equal(value_get(value_at(value_get(root, "objects"), 0), "a")->integer, 1);
 }
 
-/* What no value stands for stays a record; a list within itself is cut. */
+/* Objects without a value stay records; a list inside itself is cut. */
 static void check_records(const value *root) {
     const value *odd = value_get(root, "odd"), *within = value_get(root, "within");
     assert_int_equal(odd->kind, VALUE_RECORD);
@@ -147,7 +147,7 @@ static void check_records(const value *root) {
     assert_int_equal(value_at(within, 1)->kind, VALUE_RECORD);
 }
 
-/* All protocols; a text whose line ends an FTP or git has changed; packed. */
+/* All protocols; a text whose line ends FTP or git has changed; packed files. */
 static void test_pickles(void **state) {
     static const char *const name[] = {"values_p0.pkl", "values_p1.pkl",  "values_p2.pkl",   "values_p3.pkl",
                                        "values_p4.pkl", "values_p5.pkl",  "values_crlf.pkl", "values.pkl.gz",

@@ -1,4 +1,4 @@
-/* Videos: written, opened again through FFmpeg, right number and size of frames, colours near. */
+/* Videos: written, reopened through FFmpeg, with the right number and size of frames and similar colours. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/pixdesc.h>
@@ -27,7 +27,7 @@ typedef struct {
     int alpha[2]; /* there; -1: the format has none */
 } decoded;
 
-/* Everything that is in the file. `decoder`: by name; NULL: whatever decodes it. */
+/* Decodes the whole file. `decoder`: by name; NULL: any decoder. */
 static void decode(const char *path, enum AVCodecID id, const char *decoder, int width, int height,
                    decoded *out) {
     AVFormatContext *f = NULL;
@@ -104,7 +104,7 @@ static void test_video(void **state) {
     free(image.data);
 }
 
-/* WebM, GIF and MOV, with and without alpha: the left half is there, the right half is not. */
+/* WebM, GIF and MOV, with and without alpha: the left half is opaque, the right half transparent. */
 static void test_alpha(void **state) {
     context *c = *state;
     static const struct {
@@ -148,7 +148,7 @@ static void test_alpha(void **state) {
     assert_non_null(strstr(c->message, "transparency"));
 }
 
-/* 256 colours of a picture with more: none is far off, and greys stay grey. */
+/* 256 colours for a picture with more: none is far off, and greys stay grey. */
 static void test_palette(void **state) {
     context *c = *state;
     enum { SIDE = 64 };

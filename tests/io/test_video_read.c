@@ -1,5 +1,5 @@
-/* Reading videos: what the project's own writer made comes back, upright, in time and in the size that is
- * wanted; what is no video says so. */
+/* Reading videos: the project's own writer's files are read back upright, in time and in the requested size;
+ * other data are refused. */
 #include <libavformat/avformat.h>
 #include <libavutil/display.h>
 #include <math.h>
@@ -37,7 +37,7 @@ static int value(const image_u8 *p, double u, double v, int channel) {
     return p->data[((size_t)y * (size_t)p->width + (size_t)x) * 3 + (size_t)channel];
 }
 
-/* Reads all of it; counts repeated frames. shades (may be NULL): the middle of each frame. */
+/* Reads everything; counts repeated frames. shades (may be NULL): the middle of each frame. */
 static int read_all(context *c, video_reader *v, int *repeated, int *shades, int max) {
     const image_u8 *p;
     int count = 0;
@@ -131,8 +131,8 @@ static void turn_file(const char *from, const char *to, double degrees, bool mir
     avformat_close_input(&in);
 }
 
-/* Where the bright corner comes to lie: a telephone that was held upright says 90 degrees clockwise, which
- * FFmpeg's helper writes as +90 in its own sense (av_display_rotation_set turns clockwise). */
+/* Where the bright corner moves to: a phone held upright states 90 degrees clockwise, which FFmpeg's helper
+ * writes as +90 in its own sense (av_display_rotation_set turns clockwise). */
 static void display_matrix(void **state) {
     context *c = *state;
     static const struct {

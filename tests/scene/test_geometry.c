@@ -98,8 +98,8 @@ static void rays_agree(void **state) {
     rays_free(rays);
 }
 
-/* Sixteen columns at a time give the bits of one at a time, also for rays along the axes, from inside the box
- * and past it. */
+/* Sixteen columns at a time give the same bits as one at a time, also for rays along the axes, from inside
+ * the box and past it. */
 static void rays_are_exact(void **state) {
     context *c = ((body_reference *)*state)->c;
     const float min[3] = {-0.4f, -0.9f, -0.25f}, max[3] = {0.5f, 0.8f, 0.2f}, centre[3] = {0};
@@ -130,7 +130,7 @@ static void rays_are_exact(void **state) {
     assert_true(met > all / 4 && met < all * 3 / 4);
 }
 
-/* A box is convex: the rays of a row that meet it stand side by side. The paper's way leaves some out. */
+/* A box is convex: the rays of a row that hit it are adjacent. The paper's method leaves some out. */
 static int rows_with_holes(const ray_bundle *r) {
     int holes = 0;
     for (int y = 0; y < r->height; y++) {
@@ -210,8 +210,8 @@ static void raster_is_analytic(void **state) {
     }
 }
 
-/* The body: what is seen at each vertex' pixel is not behind it, no holes inside, the same on any thread
- * count. */
+/* The body: the surface seen at each vertex's pixel is not behind the vertex, there are no holes inside, and
+ * the result is the same for any thread count. */
 static void raster_draws_the_body(void **state) {
     body_reference *r = *state;
     float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 3 * sizeof *uv);

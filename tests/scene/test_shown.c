@@ -1,4 +1,4 @@
-/* What a picture shows of a body, against rays and triangles one by one, and where the rest is read. */
+/* What a picture shows of a body, compared with rays and triangles one by one, and where the rest is read. */
 #include <math.h>
 
 #include "body/deform_point.h"
@@ -16,7 +16,7 @@ typedef struct {
     uint8_t *shown;
 } scene;
 
-/* An arm before the chest, seen from somewhat beside the front. */
+/* An arm in front of the chest, seen from slightly beside the front. */
 static void open_scene(scene *s, float azimuth_rad) {
     static const float R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3], shape[10];
     float pose[72] = {0};
@@ -46,7 +46,8 @@ static void close_scene(scene *s) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* The depth, as a part of the way to x, at which the line from the eye meets a triangle; 0: not. */
+/* The depth, relative to the distance to x, at which the line from the eye hits a triangle; 0: it does not.
+ */
 static double crossing(const float eye[3], const float x[3], const float *a, const float *b, const float *d) {
     double e[2][3], line[3], from[3], p[3], q[3];
     for (int k = 0; k < 3; k++) {
@@ -66,7 +67,7 @@ static double crossing(const float eye[3], const float x[3], const float *a, con
     return det != 0 && u / det >= 0 && v / det >= 0 && (u + v) / det <= 1 ? t / det : 0;
 }
 
-/* How far before vertex v the first triangle lies, metres. */
+/* How far in front of vertex v the first triangle is, metres. */
 static double before(const scene *s, int v) {
     float eye[3];
     const float *x = s->world + 3 * (size_t)v;
@@ -121,7 +122,7 @@ static bool is_left_forearm(const body_model *body, uint32_t v) {
     return j == 18 || j == 20 || j == 22;
 }
 
-/* Where vertices are read, and how many of the trunk's read the arm before it. */
+/* Where vertices are read, and how many of the trunk's are read on the arm in front of it. */
 static int prints(scene *s, float *read_uv) {
     int count = 0;
     raster *r;
@@ -175,7 +176,7 @@ static void no_limb_is_read_for_what_it_covers(void **state) {
     close_scene(&s);
 }
 
-/* Far sides are read at the near ones, also where maps are blended. */
+/* Far sides are read at the near ones, even if maps are blended. */
 static void mirrored_places_are_the_other_sides(void **state) {
     scene s;
     open_scene(&s, 1.2f);
@@ -199,7 +200,7 @@ static void mirrored_places_are_the_other_sides(void **state) {
     close_scene(&s);
 }
 
-/* Where the person is not in the picture, as a mask or a wrong pose has it, nothing is read. */
+/* If a mask or a wrong pose puts the person outside the picture, nothing is read there. */
 static void black_is_not_read(void **state) {
     scene s;
     int outside = 0;

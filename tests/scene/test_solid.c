@@ -1,4 +1,4 @@
-/* What is inside of open shells, and places on what is seen of them. */
+/* The inside of open shells, and places on their visible surface. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -31,7 +31,7 @@ static void a_closed_ball(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A body whose upper half is missing below an open cap, as under a shirt: solid all the same. */
+/* A body whose upper half is missing under an open cap, as under a shirt: still solid. */
 static void a_cap_over_half_a_body(void **state) {
     static ball body, cap;
     context *c = test_context();
@@ -50,8 +50,8 @@ static void a_cap_over_half_a_body(void **state) {
     sherf_context_free(c);
 }
 
-/* A shirt's hem: the cap ends 3 cm away from the body below it, whose covered part is missing. Sealed it is
- * solid, and a dent as wide as the gap only is lost. */
+/* A shirt's hem: the cap ends 3 cm away from the body below it, whose covered part is missing. Sealed, it is
+ * solid, and loses only a dent as wide as the gap. */
 static void a_gap_at_the_hem(void **state) {
     static ball body, cap;
     context *c = test_context();
@@ -74,7 +74,7 @@ static void a_gap_at_the_hem(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Points lie on the mesh, by area, point outwards, and not on what is hidden inside. */
+/* Points are on the mesh, by area, have outward normals, and none is on the hidden inside. */
 static void points_of_what_is_seen(void **state) {
     enum { COUNT = 4000 };
     static ball outer, inner;

@@ -1,4 +1,4 @@
-/* What a closed, manifold, oriented surface is, checked from the definition. */
+/* Checks by definition that a surface is closed, manifold and oriented. */
 #ifndef TEST_CLOSED_H
 #define TEST_CLOSED_H
 
@@ -14,7 +14,7 @@ static int compare_u64(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* What is wrong, or NULL. Every directed edge is there once and so is its reverse; the triangles round every
+/* The flaw, or NULL. Every directed edge exists once and so does its reverse; the triangles round every
  * vertex form one fan, and every vertex has some. */
 static const char *flaw_of(int64_t vertices, int64_t triangles, const uint32_t *triangle) {
     static char text[200];

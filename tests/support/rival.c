@@ -1,4 +1,4 @@
-/* What tests of the models beside SHERF share (rival.h). */
+/* Shared by the tests of the models next to SHERF (rival.h). */
 #include "rival.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
-/* What tests of the models beside SHERF share: the parts of a second implementation in double, written from
- * their definitions and as plain as can be, and how such a model is used. */
+/* Shared by the tests of the models next to SHERF: the parts of a second implementation in double, written
+ * from their definitions as plainly as possible, and the use of such a model. */
 #ifndef TEST_RIVAL_H
 #define TEST_RIVAL_H
 

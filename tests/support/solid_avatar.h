@@ -1,5 +1,5 @@
-/* A tube person's avatar by a network that is as dense everywhere: the surface is the shell's, some 5 cm off
- * the body. */
+/* A tube person's avatar with a network of constant density: the surface is the shell's, about 5 cm off the
+ * body. */
 #ifndef TESTS_SOLID_AVATAR_H
 #define TESTS_SOLID_AVATAR_H
 

@@ -1,4 +1,4 @@
-/* What several test programs need (support.h). */
+/* Shared by several test programs (support.h). */
 #include <ftw.h>
 #include <math.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* What several test programs need. */
+/* Shared by several test programs. */
 #ifndef TEST_SUPPORT_H
 #define TEST_SUPPORT_H
 #include <stdarg.h>
@@ -11,20 +11,20 @@
 #include "base/base.h"
 
 context *test_context(void); /* float32, 2 threads; aborts when it cannot be made */
-/* For groups of tests that share one, as their *state; closing it fails where anything was left. */
+/* For groups of tests that share one context, as their *state; closing it fails if anything leaked. */
 int test_open(void **state);
 int test_close(void **state);
 /* centred(NAME, shape, s) of the reference rules: float32(s * (2u - 1)), n values. */
 void test_centred(const char *name, int64_t n, double scale, float *out);
 /* A path in a fresh temporary folder of this test program, removed at exit; static storage, 4 at a time. */
 const char *test_path(const char *name);
-/* Levels of the processor, for tests that compare them. The highest is what SHERF_ISA let the program begin
- * with: a test never leaves a mask that was put on it. */
+/* Levels of the processor, for tests that compare them. The highest is the one that SHERF_ISA allowed at the
+ * start: a test never removes a mask that was set. */
 isa_level test_isa_highest(void);
 bool test_isa(isa_level level); /* masks the processor to it; false: it is above the highest or of another
-                                 * processor, nothing is done */
+                                   processor, and nothing changes */
 void test_isa_restore(void);    /* as the program began */
-/* In a test that is about products in bf16 on the processor: skips it, and says so, where there are none. */
+/* For tests of products in bf16 on the processor: skips the test, with a message, if there are none. */
 #define skip_without_bf16()                                                                                  \
     do {                                                                                                     \
         if (isa_has_bf16()) break;                                                                           \

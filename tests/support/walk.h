@@ -1,4 +1,4 @@
-/* A walk on the open body: turning, swaying, moving along; what all formats must tell alike. */
+/* A walk on the open body: turning, swaying, moving along; all formats must give the same. */
 #ifndef TEST_MOTION_WALK_H
 #define TEST_MOTION_WALK_H
 #include <math.h>
@@ -40,7 +40,7 @@ static inline void walk_root(const walk *w, int i, double R[9], double pelvis_m[
     for (int k = 0; k < 3; k++) pelvis_m[k] = w->skeleton.rest_m[0][k] + w->pose[i].Th_m[k];
 }
 
-/* What every test of a program has. */
+/* The state of every test in a program. */
 typedef struct {
     context *c;
     body_model *body;
@@ -77,7 +77,7 @@ static inline void walk_in(const walk *w, int i, const double C[9], float root[3
     rotation_to_axis_angle(turned, root);
 }
 
-/* Rows: what x, y, z of the file's world are in ours. */
+/* Rows: x, y, z of the file's world in ours. */
 static const double walk_y_up[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 static const double walk_z_up[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
 static const double walk_y_down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
@@ -118,8 +118,8 @@ static inline bool walk_below(int joint, int other) {
     return joint == other;
 }
 
-/* Arms at rest `spread` radians below the T (an A-pose); the rest pose stands in the axes whose rows are
- * `axes`, seen from ours. The file's rotations begin from there. */
+/* Arms at rest `spread` radians below the T (an A-pose); the rest pose is in the axes whose rows are `axes`,
+ * in our world. The file's rotations start from there. */
 typedef struct {
     const char *const *names;
     int joints;

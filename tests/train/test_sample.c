@@ -1,4 +1,4 @@
-/* Samples that are observed by estimate: the targets are carried over to the estimate's world. */
+/* Estimated observations in samples: the targets are mapped to the estimate's world. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -131,7 +131,7 @@ static void a_share_is_estimated(void **state) {
     sherf_context_free(c);
 }
 
-/* One in two, and of those two to N alike; the views are distinct; other draws stay as they are. */
+/* One in two, and two to N of those equally often; the views are distinct; other draws stay the same. */
 static void every_other_has_several_pictures(void **state) {
     context *c = test_context();
     sampling s;
@@ -162,7 +162,7 @@ static void every_other_has_several_pictures(void **state) {
     sherf_context_free(c);
 }
 
-/* The encoders' picture is what an avatar of the same pictures reads. */
+/* The encoders' picture is the one that an avatar of the same pictures reads. */
 static void pictures_come_in_a_sheet(void **state) {
     context *c = test_context();
     const sample_source from = {data, body, &config, NULL, 0};

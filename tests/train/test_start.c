@@ -1,5 +1,5 @@
-/* The files of others that a training starts from: ResNet-18 for the encoders, VGG16 with its heads for the
- * loss. Whole, of the right shapes and finite, or refused by the tensor's name. */
+/* Other projects' files for starting a training: ResNet-18 for the encoders, VGG16 with its heads for the
+ * loss. Complete, of the right shapes and finite, or refused by the tensor's name. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* The whole trainer on a small made-up data set: the loss falls, a stopped training goes on with the same
+/* The whole trainer on a small made-up data set: the loss falls, a stopped training continues with the same
  * bits, several processes equal one. */
 #include <fcntl.h>
 #include <math.h>
@@ -161,7 +161,7 @@ static void cancelling_saves(void **state) {
     sherf_context_free(c);
 }
 
-/* A checkpoint keeps what is left out of the loss, and Adam's beta2. */
+/* A checkpoint stores the terms left out of the loss, and Adam's beta2. */
 static void losses_and_beta2_are_kept(void **state) {
     context *c = float_context(1);
     const char *whole = path_of("less"), *parts = path_of("less_parts");
@@ -198,7 +198,7 @@ static size_t tensor_bytes_of(const safetensor *t) {
     return n;
 }
 
-/* The release's ways: the rate is halved by target pictures, and the last weights are written. */
+/* As in the release: the rate is halved by target pictures, and the last weights are written. */
 static void as_the_release_trains(void **state) {
     context *c = float_context(1);
     const char *run = path_of("released");
@@ -308,8 +308,8 @@ static void flip_a_bit(const char *path) {
     assert_int_equal(fclose(f), 0);
 }
 
-/* Of seven steps with a checkpoint every two, 6 and 7 are kept. The one of 7 damaged, that of 6 is gone on
- * from, and the end has the bits of a training that nothing happened to. */
+/* Of seven steps with a checkpoint every two, those of 6 and 7 are kept. If the one of 7 is damaged, the
+ * training continues from that of 6, and the end has the bits of an undisturbed training. */
 static void a_damaged_checkpoint_gives_way_to_the_one_before(void **state) {
     context *c = float_context(1);
     const size_t live = mem_live();
@@ -341,7 +341,7 @@ static void a_damaged_checkpoint_gives_way_to_the_one_before(void **state) {
     sherf_context_free(c);
 }
 
-/* A process that holds the folder and then dies, as one that is killed does. */
+/* A process that locks the folder and then dies as if killed. */
 static void two_trainings_in_one_folder_are_refused(void **state) {
     context *c = float_context(1);
     sherf_train_options o = options_for(path_of("held"), 1);
@@ -386,7 +386,7 @@ static void write_cameras(context *c, const char *spec, const char *person, floa
     assert_ok(c, thuman_write_annots(c, person, 1, VIEWS, camera));
 }
 
-/* One line that names the file or says what is wrong, and no folder of a run that never made a step. */
+/* One line that names the file or the error, and no folder of a run that never made a step. */
 static void broken_data_is_one_line(void **state) {
     context *c = float_context(1);
     const size_t live = mem_live();
@@ -445,7 +445,8 @@ static void fill_masks(context *c, int pose, int views, bool keep, uint8_t with)
 }
 
 /* Wrong masks of first pictures are found before the first step. One that is drawn later ends the training by
- * its name, what was learned is kept, and with the mask repaired it goes on as if nothing had been. */
+ * its name; the progress is saved, and with the mask repaired the training continues as if nothing had
+ * happened. */
 static void an_empty_or_full_mask_ends_it(void **state) {
     enum { VIEWS = 3 };
     context *c = float_context(1);

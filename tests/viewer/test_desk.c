@@ -1,4 +1,5 @@
-/* The viewer without its HTTP: who may send requests, which are taken, whose turn it is, what is painted. */
+/* The viewer without its HTTP: who may send requests, which are accepted, whose turn it is, what is painted.
+ */
 #include "support.h"
 
 #include <math.h>

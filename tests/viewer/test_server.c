@@ -1,4 +1,4 @@
-/* The viewer over raw sockets: what it answers, and what it withstands. */
+/* The viewer over raw sockets: its answers, and what it withstands. */
 #include "support.h"
 
 #include <arpa/inet.h>
@@ -86,7 +86,7 @@ static int start_request(const char *method, const char *path, const char *lines
 }
 
 #define HOST "Host: 127.0.0.1\r\n"
-/* GET of a path behind the token. */
+/* GET of a path after the token. */
 static const answer *get(const char *format, ...) {
     char rest[2048], path[2200];
     va_list list;
@@ -210,7 +210,7 @@ static void opaque_bounds(const char *query, int side, float low[2], float high[
     mem_free(p.data);
 }
 
-/* Where the answers' bytes put a corner of the surface in a frame. */
+/* Computes from the answers' bytes where a corner of the surface is in a frame. */
 static void corner_world(const uint8_t *surface, const float *frame, uint32_t corners, uint32_t i,
                          float out[3]) {
     float p[4] = {0, 0, 0, 1};
@@ -227,7 +227,7 @@ static void corner_world(const uint8_t *surface, const float *frame, uint32_t co
     assert_int_equal(sum, 255);
 }
 
-/* As the page gets it, once it is there; to be freed. */
+/* The surface as the page gets it, once it is ready; free it. */
 static uint8_t *take_surface(uint32_t *corners) {
     const answer *a = get("/surface?avatar=0");
     for (int i = 0; i < 2000 && a->status == 202; i++, a = get("/surface?avatar=0")) usleep(50000);
@@ -253,8 +253,7 @@ static uint8_t *take_surface(uint32_t *corners) {
     return surface;
 }
 
-/* The surface, put into a frame by the bytes that the page gets, is where the network's picture has the body.
- */
+/* The surface, put into a frame by the page's bytes, is where the network's picture has the body. */
 static void surface_stands_in_the_picture(void **state) {
     enum { SIDE = 128 };
     static const char query[] = "/frame?client=lena&n=1&motion=2&frame=4&az=0.7&el=0.2";
@@ -307,8 +306,7 @@ static void surface_stands_in_the_picture(void **state) {
     }
 }
 
-/* Pictures of a baked avatar are its own frames, whether or not they are requested quick; its surface is
- * there at once. */
+/* A baked avatar's pictures are its own frames, quick or not; its surface is ready at once. */
 static void baked_avatars(void **state) {
     enum { SIDE = 160 };
     uint32_t head[LIVE_HEAD];
@@ -356,7 +354,7 @@ static void surfaces_and_moves_there_are_not(void **state) {
     assert_alive();
 }
 
-/* A picture made in bands is the one made at once; following the body keeps it in the middle. */
+/* A picture made in bands equals one made at once; following the body keeps it in the middle. */
 static void bands_and_following(void **state) {
     viewer *v = all.viewer;
     viewer_query q;

@@ -1,5 +1,5 @@
-/* The reader of MakeHuman's package on a package of twelve vertices, whole and broken; what its macro
- * parameters give. */
+/* The reader of MakeHuman's package on a package of twelve vertices, valid and broken; the results of its
+ * macro parameters. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -103,7 +103,7 @@ static void shapes(void **state) {
     sherf_context_free(c);
 }
 
-/* Every file cut short anywhere is refused, by name, and nothing is left over. */
+/* Every file truncated anywhere is refused, by name, without leaks. */
 static void truncated(void **state) {
     context *c = test_context();
     makehuman *loaded = NULL;

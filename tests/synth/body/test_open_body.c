@@ -1,5 +1,5 @@
-/* The open body that ships, assets/body.safetensors: skeleton, rest pose, weights, shapes, volume at bent
- * joints. And the builder on a source made of a few balls. */
+/* The shipped open body, assets/body.safetensors: skeleton, rest pose, weights, shapes, volume at bent
+ * joints. And the builder with a source made of a few balls. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -180,8 +180,8 @@ static void surface(void **state) {
     assert_int_equal(sum, 0);
 }
 
-/* What is kept of a joint's flesh: the volume of the cone from the joint to all triangles that lie within
- * `reach` of it at rest, bent to unbent. */
+/* The kept volume at a joint: the volume of the cone from the joint to all triangles within `reach` of it at
+ * rest, bent relative to unbent. */
 static double kept(const shipped *s, int joint, int axis, double angle_rad, double reach) {
     static const float zero[BODY_SHAPES], R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3];
     float pose[72] = {0};
@@ -242,7 +242,7 @@ static void volume(void **state) {
     }
 }
 
-/* Skinning's inverse knows of the offsets: to canonical space and back. */
+/* Skinning's inverse includes the offsets: to canonical space and back. */
 static void there_and_back(void **state) {
     const shipped *s = *state;
     float pose[72] = {0}, R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3] = {0.1f, 0, 0},
@@ -264,7 +264,7 @@ static void there_and_back(void **state) {
     posed_body_free(p);
 }
 
-/* Saved and read again it is the same body. */
+/* Saved and read again, it is the same body. */
 static void saved(void **state) {
     const shipped *s = *state;
     body_model *again = NULL;

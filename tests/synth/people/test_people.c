@@ -1,4 +1,4 @@
-/* What people are made of, on small made-up things: no file of others is needed. */
+/* The parts of people, on small made-up data: no external file is needed. */
 #include "support.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Places before which people stand: patterns, shadows of people who are not seen, cameras held in hands. */
+/* Surroundings of people: patterns, shadows of invisible people, hand-held cameras. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

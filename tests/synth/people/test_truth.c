@@ -1,5 +1,4 @@
-/* A made person's surface against the pictures that were drawn of it. Needs MakeHuman's data (make assets).
- */
+/* A made person's surface compared with the pictures drawn of it. Needs MakeHuman's data (make assets). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +21,7 @@ static void numbers_in_names(void **state) {
     assert_false(people_truth_number("person_1234567890123456789", &n));
 }
 
-/* The share of places whose pixel, or one beside it, is the person's in a view. */
+/* The share of places whose pixel, or a neighbouring one, belongs to the person in a view. */
 static double share_in_mask(const solid_point *place, int64_t count, const data_view *view) {
     int in = 0;
     for (int64_t i = 0; i < count; i++) {
@@ -38,7 +37,7 @@ static double share_in_mask(const solid_point *place, int64_t count, const data_
     return (double)in / (double)count;
 }
 
-/* The share of a view's person that some place falls on, or beside. */
+/* The share of a view's person that has a place on it or next to it. */
 static double share_covered(const solid_point *place, int64_t count, const data_view *view) {
     static uint8_t hit[96 * 96];
     int covered = 0, all = 0;
@@ -55,7 +54,7 @@ static double share_covered(const solid_point *place, int64_t count, const data_
     return (double)covered / all;
 }
 
-/* Litres that a flood does not reach, walls by half. */
+/* Litres that the flood does not reach; walls count half. */
 static double litres(const solid_grid *g) {
     const size_t n = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     double cells = 0;
@@ -111,7 +110,7 @@ static void the_surface_is_what_was_drawn(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* People have a person's volume; with the drawn body alone, whose skin is missing under clothes, the flood
+/* People have a person's volume; with only the drawn body, whose skin is missing under clothes, the flood
  * would enter. */
 static void nobody_leaks(void **state) {
     static const uint64_t number[] = {20, 21, 30}; /* of these 20 and 30 would leak */
@@ -139,8 +138,8 @@ static void nobody_leaks(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* How far a place's colour is from its pixel's, where that is the person's, the place looks at the camera and
- * nothing is before it: the mean over places, in levels of 255. */
+/* The difference between a place's colour and its pixel's, if that is the person's, the place faces the
+ * camera and nothing is in front: the mean over places, in levels of 255. */
 static double colors_apart(const surface_truth *s, const data_view *view, int *seen) {
     raster *r;
     context *c = test_context();
@@ -183,7 +182,7 @@ static void files_are_alike(context *c, const char *a, const char *b) {
     mem_free(bytes[1]);
 }
 
-/* Surfaces have the pictures' colours, and come out the same when they are added later. */
+/* Surfaces have the pictures' colours, and are the same when they are added later. */
 static void surfaces_of_people(void **state) {
     if (!path_is_folder(source)) skip();
     context *c = test_context();
@@ -248,7 +247,7 @@ static float *positions_of(const people_surface *s, int *count) {
     return all;
 }
 
-/* The person that is asked for, whoever came before, in the pose and the shape that are; without hair. */
+/* The requested person, whoever came before, in the requested pose and shape; without hair. */
 static void whoever_is_asked_for(void **state) {
     if (!path_is_folder(source)) skip();
     context *c = test_context();

@@ -1,4 +1,4 @@
-/* The ray tracer against what can be computed by hand: silhouettes, depth, normals, light, shadow, opacity.
+/* The ray tracer compared with results computed by hand: silhouettes, depth, normals, light, shadow, opacity.
  */
 #include "support.h"
 

@@ -1,4 +1,4 @@
-/* Clips in time: between frames, at another rate, smoother, in a ring. */
+/* Clips in time: interpolation, resampling, smoothing, loops. */
 #include <math.h>
 #include <string.h>
 
@@ -86,8 +86,8 @@ sherf_status clip_resample(context *c, clip *k, double fps) {
 /* ---- smoothing ---- */
 enum { RADIUS_MAX = 1000 };
 
-/* Frame i of a clip that goes on beyond its ends as it came: mirrored in time and turned about the end's
- * value, x(-i) = 2 x(0) - x(i), so that a steady motion stays one. */
+/* Frame i of a clip that continues beyond its ends: mirrored in time and about the end's value, x(-i) = 2
+ * x(0) - x(i), so that a steady motion stays steady. */
 static void beyond(const clip *k, int joint, int i, float out[4]) {
     int last = k->frames - 1, end = i < 0 ? 0 : last, mirrored = i < 0 ? -i : 2 * last - i;
     if (i >= 0 && i <= last) {
@@ -139,7 +139,7 @@ void path_smooth(const float (*path)[3], int count, double sigma, float (*out)[3
     for (int i = 0; i < count; i++) smooth_place(path, count, &g, i, out[i]);
 }
 
-/* The mean of rotations near each other is that of their quaternions, on one half of the sphere. */
+/* The mean of nearby rotations is that of their quaternions, on one half of the sphere. */
 static void smooth_turns(const clip *k, const kernel *g, int frame, float (*out)[4]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         const float *middle = k->turn[frame][j];

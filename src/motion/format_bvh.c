@@ -1,4 +1,4 @@
-/* BVH: the skeleton of the file is laid over the body's, hips on hips, by the length of the legs. */
+/* BVH: fits the file's skeleton to the body's, hips on hips, by the length of the legs. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -23,7 +23,7 @@ static double leg_length(const double at[BODY_JOINTS][3]) {
     return sum;
 }
 
-/* Places of the matched joints in the file's rest pose. */
+/* Positions of the matched joints in the file's rest pose. */
 static void rest_joints(const bvh *b, const bvh_body *map, double at[BODY_JOINTS][3]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         at[j][0] = at[j][1] = at[j][2] = 0;
@@ -32,13 +32,13 @@ static void rest_joints(const bvh *b, const bvh_body *map, double at[BODY_JOINTS
     }
 }
 
-/* Frame times are rounded: 0.0083333 s are meant to be 120 a second. */
+/* Frame times are rounded: 0.0083333 s means 120 a second. */
 static double rate_of(double frame_time_s) {
     double fps = 1 / frame_time_s, whole = round(fps);
     return fabs(fps - whole) < 1e-4 * fps ? whole : fps;
 }
 
-/* With the names of --joints, where there are any. */
+/* Uses the names of --joints, if there are any. */
 static sherf_status match(context *c, const bvh *b, const sherf_motion_options *o, const skeleton *own,
                           bvh_body *map) {
     float rest[BODY_JOINTS][3];
@@ -51,7 +51,7 @@ static sherf_status match(context *c, const bvh *b, const sherf_motion_options *
     return status;
 }
 
-/* Parts of the body that no joint of the file moves, for the line: ", without a neck". */
+/* Body parts that no joint of the file moves, for the line: ", without a neck". */
 static void without(const bvh_body *map, char out[96]) {
     static const struct {
         int8_t left, right;
@@ -88,7 +88,7 @@ sherf_status bvh_source_read(context *c, const bvh *b, const sherf_motion_option
     snprintf(s->detail, sizeof s->detail, "names of %s, a unit is %.3g m by the legs%s%s", map.names,
              s->unit_m, lacks,
              map.calibrated ? ", its rest pose is none of a person: calibrated by its frames" : "");
-    /* From the file's root to the middle of its hips at rest, less the body's own, so that hips meet. */
+    /* From the file's root to the middle of its hips at rest, minus the body's own, so that the hips meet. */
     for (int k = 0; k < 3; k++) {
         hips[k] = (at[1][k] + at[2][k]) / 2 - at[0][k];
         own_hips[k] = (s->skeleton.rest_m[1][k] + s->skeleton.rest_m[2][k]) / 2 - s->skeleton.rest_m[0][k];

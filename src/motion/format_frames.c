@@ -68,7 +68,7 @@ static void person_name(const value *person, size_t place, char out[64]) {
     if (id && id->kind == VALUE_STRING) snprintf(out, 64, "%.60s", id->string.text);
 }
 
-/* The person wanted in a frame, by name; `name` empty: the first, whose name is then stored. */
+/* The requested person in a frame, by name; `name` empty: the first, whose name is then stored. */
 static const value *person_in(const value *frame, char name[64]) {
     if (person_is(frame)) return frame;
     const value *people = people_of(frame);
@@ -105,8 +105,8 @@ static sherf_status joints_of(context *c, const named_value *part, const sherf_m
     return rotation_frame(c, root->name, root->item, form, root_joint, 0, 1, turn);
 }
 
-/* R and Th turn and move SMPL's own space: x = R x_smpl + Th, so the pelvis, at J0 there, comes to R J0 + Th.
- * A camera that goes with the body turns and moves that: the frame's world is then the camera's. */
+/* R and Th rotate and move SMPL's own space: x = R x_smpl + Th, so the pelvis, at J0 there, comes to R J0 +
+ * Th. A camera stored with the body rotates and moves that: the frame's world is then the camera's. */
 static sherf_status person_frame(context *c, const body_parts *all, const sherf_motion_options *o, source *s,
                                  int at) {
     float(*turn)[4] = s->clip.turn[at], world[4] = {1, 0, 0, 0}, camera[4] = {1, 0, 0, 0};
@@ -148,7 +148,7 @@ static int64_t row_wanted(const sherf_motion_options *o) {
     return o->track ? strtoll(o->track, NULL, 10) : 0;
 }
 
-/* Shapes, format and room follow from the first frame that has the person. */
+/* Shapes, format and memory follow from the first frame that has the person. */
 static sherf_status take_first(context *c, taker *t, const value *person, const body_parts *p) {
     source *s = t->s;
     const char *root = p->part[PART_ROOT].name, *place = p->part[PART_CAMERA_PLACE].name;
@@ -209,7 +209,7 @@ static taker taker_of(const sherf_motion_options *o, source *s, int64_t max) {
     return t;
 }
 
-/* A list of frames, or one alone. number: of each frame; NULL: one after the other. */
+/* A list of frames, or a single one. number: of each frame; NULL: consecutive. */
 static sherf_status frames_read(context *c, const value *root, bool one, const int64_t *number,
                                 const sherf_motion_options *o, source *s) {
     const size_t frames = one ? 1 : root->list.count;
@@ -233,8 +233,8 @@ bool picture_is(const value *root) {
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
     root = frames_of(root);
     bool one = frame_is(root) && (root->kind == VALUE_DICT || person_is(value_at(root, 0)));
-    /* A list of people is a frame, unless they have no names or the same one comes again: then it is a list
-     * of frames. */
+    /* A list of people is a frame, unless they have no names or a name repeats: then it is a list of frames.
+     */
     if (one && root->kind == VALUE_LIST && root->list.count > 1) {
         char first[64], second[64];
         person_name(root->list.item[0], 0, first);
@@ -246,7 +246,7 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
 
 /* ---- dicts of dicts ---- */
 
-/* The number that ends at `end` in the text, whose beginning it is moved to; -1: there is none before. */
+/* The number that ends at `end` in the text, which is moved to its beginning; -1: there is none before. */
 static int64_t number_before(const char *name, size_t *end) {
     while (*end && (name[*end - 1] < '0' || name[*end - 1] > '9')) --*end;
     size_t begin = *end;
@@ -260,7 +260,7 @@ static const value *nested_at(const value *root, size_t i) {
     return value_unwrapped(root->kind == VALUE_LIST ? root->list.item[i] : root->dict.pair[i].item);
 }
 
-/* Rows of one of the dicts; 0: it holds no body. people: whether they are those of one picture. */
+/* Rows of one of the dicts; 0: it contains no body. people: whether they are those of one picture. */
 static int64_t nested_rows(const value *root, size_t i, bool *people) {
     body_parts p;
     const value *v = nested_at(root, i);
@@ -322,7 +322,7 @@ static sherf_status nested_frames(context *c, const value *root, const sherf_mot
     return status;
 }
 
-/* A dict's key, or the place in a list. */
+/* A dict's key, or the index in a list. */
 static void nested_name(const value *root, size_t i, char out[64]) {
     const value *key = root->kind == VALUE_DICT ? root->dict.pair[i].key : NULL;
     snprintf(out, 64, "%zu", i);
@@ -423,8 +423,8 @@ static sherf_status list_folder(context *c, const char *path, frame_file **out, 
     return status;
 }
 
-/* FRAME_PERSON.npz: the number before is the frame's where the last one comes again. Only the person asked
- * for is kept, or else the one of most frames. */
+/* FRAME_PERSON.npz: the number before is the frame's if the last one repeats. Only the requested person is
+ * kept, or else the one in most frames. */
 static sherf_status take_people_apart(context *c, const sherf_motion_options *o, source *s, frame_file *file,
                                       int *count) {
     bool again = false, before = true;

@@ -1,4 +1,4 @@
-/* Bare arrays, and motions told by where joints are: HumanML3D's features and joints, MDM's results,
+/* Bare arrays, and motions given by joint positions: HumanML3D's features and joints, MDM's results,
  * Motion-X. */
 #include <math.h>
 #include <stdio.h>
@@ -18,7 +18,7 @@ static bool normalise(double v[3]) {
     return length > 1e-9;
 }
 
-/* The smallest turn that takes the unit vector a to b. */
+/* The smallest rotation that takes the unit vector a to b. */
 static void turn_between(const double a[3], const double b[3], float q[4]) {
     double axis[3], w = 1 + dot3(a, b);
     cross3(a, b, axis);
@@ -34,7 +34,7 @@ static void turn_between(const double a[3], const double b[3], float q[4]) {
 
 /* ---- from joints' places to turns ---- */
 
-/* Rows: left, up made upright to it, front. */
+/* Rows: left, up orthogonalised to it, front. */
 static bool axes_of(const double left[3], const double up[3], double B[9]) {
     memcpy(B, left, 3 * sizeof *B);
     cross3(left, up, B + 6);
@@ -43,7 +43,7 @@ static bool axes_of(const double left[3], const double up[3], double B[9]) {
     return true;
 }
 
-/* The turn of what carries a left, a right and a middle joint. */
+/* The rotation of a joint that carries a left, a right and a middle joint. */
 static bool carrier_turn(const double rest[][3], const double at[][3], int left, int right, int from, int to,
                          float q[4]) {
     double own[9], now[9], R[9], a[3], b[3], c[3], d[3];
@@ -58,7 +58,7 @@ static bool carrier_turn(const double rest[][3], const double at[][3], int left,
     return true;
 }
 
-/* Pelvis and chest by what they carry, the others by their bones, without twist; ends go along. */
+/* Pelvis and chest by the joints they carry, the others by their bones, without twist; end joints follow. */
 static bool turns_from_joints(const skeleton *s, const double at[JOINTS][3], float (*turn)[4]) {
     static const int8_t end[JOINTS] = {0, 4,  5,  6,  7, 8,  9,  10, 11, 0, 0,
                                        0, 15, 16, 17, 0, 18, 19, 20, 21, 0, 0};
@@ -96,7 +96,7 @@ static double legs(const double at[][3]) {
     return sum;
 }
 
-/* at: frames x JOINTS x 3. Legs that change their length are none. */
+/* at: frames x JOINTS x 3. Refuses legs that change their length. */
 static sherf_status joints_to_clip(context *c, const double (*at)[JOINTS][3], const sherf_motion_options *o,
                                    source *s) {
     double min = INFINITY, max = 0;
@@ -119,8 +119,8 @@ static sherf_status joints_to_clip(context *c, const double (*at)[JOINTS][3], co
 
 /* ---- HumanML3D ---- */
 
-/* Features of a frame: the root's turn about y (half the angle a frame), its steps in its own axes, its
- * height, the other joints in its axes, and what follows from them. */
+/* A frame's features: the root's rotation about y (half the angle for each frame), its steps in its own axes,
+ * its height, the other joints in its axes, and derived values. */
 static void features_frame(const double row[FEATURES], double half_turn, const double root[2],
                            double at[JOINTS][3]) {
     const double c = cos(2 * half_turn), sn = sin(2 * half_turn);
@@ -139,7 +139,7 @@ static sherf_status features_joints(context *c, const value *rows, int frames, d
         sherf_status status = parse_row(c, rows, (size_t)i, "features", FEATURES, row);
         if (status) return status;
         features_frame(row, half_turn, root, at[i]);
-        half_turn += row[0]; /* of the next frame, in whose axes the step is */
+        half_turn += row[0]; /* of the next frame, in whose axes the step is given */
         const double co = cos(2 * half_turn), sn = sin(2 * half_turn);
         root[0] += co * row[1] - sn * row[2];
         root[1] += sn * row[1] + co * row[2];
@@ -147,7 +147,7 @@ static sherf_status features_joints(context *c, const value *rows, int frames, d
     return SHERF_OK;
 }
 
-/* The first joints of each row, which may go on with hands, fingers and a face. */
+/* The first joints of each row, which may also have hands, fingers and a face. */
 static sherf_status joints_rows(context *c, const value *rows, int frames, double *at) {
     double row[JOINTS_MAX * 3];
     sherf_status status = SHERF_OK;
@@ -171,7 +171,7 @@ static sherf_status joints_columns(context *c, const value *v, int all, int fram
 
 typedef enum { BY_FEATURES, BY_ROWS, BY_COLUMNS } joints_form;
 
-/* all: frames in the array, where only the first ones count. */
+/* all: frames in the array; only the first ones count. */
 static sherf_status joints_read(context *c, const value *v, joints_form form, int64_t all, int64_t frames,
                                 const sherf_motion_options *o, source *s) {
     s->up = SHERF_UP_Y;
@@ -297,8 +297,8 @@ static sherf_status poses_rows(context *c, const value *v, const sherf_motion_op
                                   value_numbers(v) == 72 * v->array.dim[0] ? 24 : 22, &s->clip);
 }
 
-/* Left and right legs as long as each other, shins about as long as thighs, a head that is not among the
- * hips: of joints' places, not of their rotations, which are other numbers. */
+/* Left and right legs of equal length, shins about as long as thighs, a head that is not among the hips:
+ * joint positions satisfy this, rotations do not. */
 static bool is_skeleton(const value *row) {
     double at[JOINTS_MAX * 3], bone[4] = {0}, up = 0;
     static const int8_t from[4] = {1, 2, 4, 5}, to[4] = {4, 5, 7, 8};
@@ -319,8 +319,8 @@ static bool is_triples(const value *v, int64_t joints) {
     return shape_is(v, 3, 0, joints) && v->array.dim[2] == 3 && v->array.dim[0] > 0;
 }
 
-/* (F, joints, 3): places where the first frame and the middle one look like a person. Of 22, which are more
- * often places, reading says what is wrong. */
+/* (F, joints, 3): positions if the first frame and the middle one look like a person. With 22 joints, which
+ * are usually positions, reading reports the error. */
 static bool joints_are(const value *v) {
     static const int8_t more[] = {24, 52, 55};
     if (is_triples(v, JOINTS)) return true;
@@ -342,7 +342,7 @@ static bool array_is(const value *v) {
     return shape_is(v, 2, 0, FEATURES) || shape_is(v, 2, 0, MOTION_X) || joints_are(v) || poses_are(v);
 }
 
-/* Without an axis of 1 before the others (a batch of one), where that is what is known. */
+/* Without a leading axis of 1 (a batch of one), if the rest is a known layout. */
 static value squeezed(const value *root) {
     value own = *root;
     while (own.kind == VALUE_ARRAY && own.array.rank > 2 && own.array.dim[0] == 1 && !array_is(&own))

@@ -1,5 +1,6 @@
-/* Dicts of arrays with a row a frame: AMASS of SMPL+H and SMPL-X, AIST++, EDGE, GVHMR, CLIFF, ROMP, TRAM,
- * SLAHMR, 3DPW, EMDB, aitviewer, plain SMPL poses. Some have an axis for people before that for frames. */
+/* Dicts of arrays with a row for each frame: AMASS of SMPL+H and SMPL-X, AIST++, EDGE, GVHMR, CLIFF, ROMP,
+ * TRAM, SLAHMR, 3DPW, EMDB, aitviewer, plain SMPL poses. Some have an axis for people before the one for
+ * frames. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,7 +8,7 @@
 
 #include "motion/source.h"
 
-/* Joints that SMPL, SMPL+H and SMPL-X files tell; the first 22 are the same in all of them. */
+/* Numbers of joints in SMPL, SMPL+H and SMPL-X files; the first 22 are the same in all of them. */
 static const int whole_joints[] = {24, 22, 52, 55, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
 
 static const char *const rate_names[] = {"mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", NULL};
@@ -47,7 +48,7 @@ static void find_parts(const value *root, body_parts *out) {
     out->part[PART_SHAPES] = (named_value){"betas", get_prefixed(root, "betas")};
 }
 
-/* Where all joints and all but the root are there, the latter count. */
+/* If both all joints and all but the root are present, the latter count. */
 static const value *rows_of(const body_parts *p) {
     return p->part[PART_BODY].item ? p->part[PART_BODY].item : p->part[PART_POSES].item;
 }
@@ -70,8 +71,7 @@ static int64_t second_axis(const value *v) {
     return v->array.rank > 1 ? v->array.dim[1] : -1;
 }
 
-/* Frames of rows that are no known number of joints are counted by the first axis: the reading says what is
- * wrong. */
+/* If a row's length fits no number of joints, the first axis counts the frames; reading reports the error. */
 static layout layout_of(const value *rows) {
     const int64_t n = value_numbers(rows), first = parse_rows(rows), second = n > 0 ? second_axis(rows) : -1;
     if (n < 1 || first < 1) return (layout){0, 0};
@@ -84,8 +84,8 @@ static layout layout_of(const value *rows) {
     return (layout){0, second > 0 ? first : 1};
 }
 
-/* A person's frames are more alike than people are. Whether many short ones are few long ones, their axes
- * exchanged. */
+/* A person's frames are more alike than people are. Detects that many short people are actually few long ones
+ * with exchanged axes. */
 static bool frames_before_people(const value *rows, const layout *all) {
     if (rows->kind != VALUE_ARRAY || all->people <= all->frames || all->frames < 2) return false;
     const int64_t n = value_numbers(rows), row = n / all->people / all->frames, person = row * all->frames;
@@ -104,7 +104,7 @@ static int64_t mask_count(const value *mask) {
     return count;
 }
 
-/* The person requested, or the one who is there longest. */
+/* The requested person, or the one present longest. */
 static sherf_status choose_person(context *c, const value *root, const value *rows, int64_t people,
                                   const sherf_motion_options *o, source *s, int64_t *out) {
     const value *mask = value_first(root, mask_names).item;
@@ -132,7 +132,7 @@ static sherf_status choose_person(context *c, const value *root, const value *ro
 
 /* ---- what it is ---- */
 
-/* Sources that are told by a key of theirs: what is usual there. In a camera's view y points down. */
+/* Sources that have a key of their own, and their usual settings. In a camera's view y points down. */
 static const struct {
     const char *key, *other, *format; /* other: must be there as well; NULL: none */
     sherf_up up;
@@ -244,7 +244,7 @@ static sherf_status read_scaling(context *c, const value *root, source *s) {
     return status;
 }
 
-/* Numbers of frames that have gaps, as trackers write them. Others are of no use. */
+/* Frame numbers with gaps, as trackers write them; others are ignored. */
 static sherf_status read_frame_numbers(context *c, const value *root, source *s) {
     const value *v = value_first(root, number_names).item;
     double last = -1, number = 0;

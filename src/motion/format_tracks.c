@@ -46,7 +46,7 @@ bool track_file_is(const value *root) {
     return false;
 }
 
-/* A number or a text as the text that a track is requested by. */
+/* Converts a number or a text to the text that requests a track. */
 static void key_text(const value *key, char out[64]) {
     out[0] = 0;
     if (!key) return;
@@ -166,7 +166,7 @@ typedef struct {
     int64_t frames;
 } tally;
 
-/* The track that is in the most frames, and how many tracks there are. */
+/* The track in the most frames, and the number of tracks. */
 static sherf_status phalp_longest(context *c, const value *root, tally *best, int *count) {
     tally *all = mem_zero(c, TRACKS_MAX, sizeof *all);
     int64_t people_met = 0;

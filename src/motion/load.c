@@ -1,4 +1,4 @@
-/* From a file to a motion: what it is, and the options applied to it. */
+/* Loads a motion from a file: recognises the format and applies the options. */
 #include <ctype.h>
 #include <math.h>
 #include <stdio.h>
@@ -90,7 +90,7 @@ static sherf_status motion_options_check(context *c, const sherf_motion_options 
     return SHERF_OK;
 }
 
-/* Cropped, smoothed, resampled, in a ring. */
+/* Crops, smooths, resamples and loops the clip. */
 static sherf_status apply_time(context *c, clip *k, const sherf_motion_options *o) {
     int last = o->last && o->last < k->frames ? o->last : k->frames - 1;
     if (o->first > last)
@@ -117,7 +117,7 @@ static sherf_status apply_place(context *c, sherf_motion *motion, const sherf_mo
     return clip_lead_in(c, &motion->clip, motion->blend_frames, (const float(*)[4])turn, pelvis_m);
 }
 
-/* Knees bend one way, about +x. Where nearly all of them bend the other, matrices are transposed, or angles
+/* Knees bend one way, about +x. If nearly all of them bend the other way, matrices are transposed, or angles
  * have the wrong sign. */
 static bool knees_forward(const clip *k) {
     enum { LEFT_KNEE = 4, RIGHT_KNEE = 5 };
@@ -133,7 +133,7 @@ static bool knees_forward(const clip *k) {
     return sum < -0.2 * 2 * k->frames && backward * 20 < 2 * k->frames;
 }
 
-/* The body's own up, over the frames, is far from the file's. */
+/* Whether the body's own up, over the frames, is far from the file's. */
 static bool lies(const clip *k, sherf_up up) {
     double mean[3];
     clip_mean_up(k, mean);
@@ -197,7 +197,7 @@ static bool bvh_is(const unsigned char *data, size_t bytes) {
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
 }
 
-/* A dict without poses says what it has; SAM 3D Body's is named. */
+/* A dict without poses: the message lists its keys; SAM 3D Body's is named. */
 static sherf_status not_known(context *c, const value *root) {
     sherf_status status = body_parts_missing(c, root);
     char has[400];
@@ -213,7 +213,7 @@ static sherf_status not_known(context *c, const value *root) {
     return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s", has);
 }
 
-/* What alone is in a list or dict (np.savez of a dict, "results"). */
+/* Unwraps a single item in a list or dict (np.savez of a dict, "results"). */
 static const value *unpacked(const value *root) {
     for (int depth = 0; root && depth < 8; depth++) {
         const value *only = NULL;
@@ -277,7 +277,7 @@ sherf_status motion_parse(context *c, const unsigned char *data, size_t bytes, c
     return status;
 }
 
-/* Scenes of other programs go the way of BVH. */
+/* Scene files of other programs are loaded like BVH. */
 static sherf_status load_scene(context *c, const char *path, const char *kind, const sherf_motion_options *o,
                                source *s) {
     bvh *b = NULL;

@@ -1,4 +1,4 @@
-/* The public motion: poses of a clip that is ready to be played. */
+/* The public motion: poses of a clip ready for playback. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* Where a clip is: which way is up, what the root may do, where it begins. */
+/* A clip's place: which way is up, what the root may do, where it begins. */
 #include <math.h>
 #include <string.h>
 
@@ -44,7 +44,8 @@ void clip_root(clip *k, const skeleton *s, sherf_root root) {
 
 /* ---- axes of a standing body ---- */
 
-/* Columns of B: left = up x front, up, front made upright to up. `spare` is taken where front is along up. */
+/* Columns of B: left = up x front, up, front orthogonalised to up. `spare` replaces a front parallel to up.
+ */
 static void axes_from(const double up[3], const double front[3], const double spare[3], double B[9]) {
     double f[3];
     const double *candidate[3] = {front, spare, (const double[3]){up[1], up[2], up[0]}};
@@ -117,7 +118,7 @@ void clip_start_at(clip *k, const skeleton *s, const sherf_pose *pose) {
     quaternion_from_matrix(A, q);
     move(k, q, none);
     pose_to_turns(pose, s, turn, pelvis);
-    /* The same place on the ground, and the same ground: along up, lowest part to lowest part. */
+    /* The same place on the ground, and the same ground: aligns the lowest parts along up. */
     double rise = skeleton_lowest(s, (const float(*)[4])turn, pelvis, up) -
                   skeleton_lowest(s, (const float(*)[4])k->turn[0], k->pelvis_m[0], up);
     double across[3], along = 0;

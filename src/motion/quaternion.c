@@ -15,7 +15,7 @@ void quaternion_from_axis_angle(const double v[3], float q[4]) {
     store((const double[4]){cos(angle / 2), s * v[0], s * v[1], s * v[2]}, q);
 }
 
-/* The largest component is found first, so that angles near pi stay exact. */
+/* Finds the largest component first, so that angles near pi stay exact. */
 void quaternion_from_matrix(const double R[9], float q[4]) {
     double trace = R[0] + R[4] + R[8], p[4];
     if (trace > R[0] && trace > R[4] && trace > R[8]) {

@@ -1,4 +1,4 @@
-/* Rotations as files have them: axis-angle, quaternions, matrices. */
+/* Rotations as files store them: axis-angle, quaternions, matrices. */
 #include <math.h>
 #include <string.h>
 
@@ -16,13 +16,14 @@ static int numbers_of(sherf_rotations form) {
     }
 }
 
-/* Numbers of one frame, in which `joints` joints are told in `per` (3, 4 or 9) numbers each. */
+/* One frame's numbers: `joints` joints with `per` (3, 4 or 9) numbers each. */
 typedef struct {
     int joints, per;
     sherf_rotations form; /* never AUTO */
 } rotation_form;
 
-/* From the number of numbers in a frame; `first` are joints that there may be: a list that ends with 0. */
+/* Determined by the count of numbers in a frame; `first`: possible numbers of joints, a list that ends with
+ * 0. */
 static sherf_status rotation_form_find(context *c, const char *what, int64_t numbers, const int *joints,
                                        sherf_rotations given, rotation_form *out) {
     static const sherf_rotations forms[] = {SHERF_ROTATIONS_AXIS_ANGLE, SHERF_ROTATIONS_WXYZ,
@@ -40,7 +41,7 @@ static sherf_status rotation_form_find(context *c, const char *what, int64_t num
                    given == SHERF_ROTATIONS_AUTO ? "" : " in the form of rotations requested");
 }
 
-/* The first frame tells whether the real part comes first (AUTO and 4 numbers). */
+/* The first frame shows whether the real part comes first (AUTO and 4 numbers). */
 static void rotation_form_guess(rotation_form *f, sherf_rotations given, const double *numbers) {
     if (given != SHERF_ROTATIONS_AUTO || f->per != 4) return;
     double first = 0, last = 0; /* most joints turn by less than a right angle */

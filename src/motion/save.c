@@ -1,4 +1,4 @@
-/* A motion as AMASS has them, and as BVH. */
+/* Saves a motion in AMASS's form, and as BVH. */
 #include <math.h>
 #include <string.h>
 
@@ -65,7 +65,7 @@ static sherf_status write_joint(bvh_writer *w, int j) {
                            : "3 Zrotation Xrotation Yrotation");
     for (int i = j + 1; i < BODY_JOINTS && !status; i++)
         if (skeleton_parent[i] == j) status = write_joint(w, i), leaf = false;
-    if (!status && leaf) /* as far again as the bone before */
+    if (!status && leaf) /* half the last bone's offset */
         status = output_print(w->c, &w->file, "End Site\n{\nOFFSET %.6f %.6f %.6f\n}\n", offset[0] / 2,
                               offset[1] / 2, offset[2] / 2);
     return status ? status : output_print(w->c, &w->file, "}\n");

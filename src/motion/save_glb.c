@@ -1,4 +1,4 @@
-/* A motion alone as binary glTF 2.0 (Khronos): the 24 joints as nodes and bones, and one animation; no mesh.
+/* A motion without a mesh as binary glTF 2.0 (Khronos): the 24 joints as nodes and bones, and one animation.
  */
 #include <string.h>
 
@@ -7,8 +7,8 @@
 #include "data/text.h"
 #include "motion/motion.h"
 
-/* The chunk of bytes: seconds [F], places of the pelvis [F, 3], and for each joint its turns [F, 4] as x y z
- * w. */
+/* The binary chunk: seconds [F], pelvis positions [F, 3], and for each joint its rotations [F, 4] as x y z w.
+ */
 static sherf_status bytes_make(context *c, const clip *k, float **out) {
     const size_t frames = (size_t)k->frames;
     float *to = *out = mem_alloc(c, frames, (1 + 3 + 4 * BODY_JOINTS) * sizeof *to);
@@ -19,7 +19,7 @@ static sherf_status bytes_make(context *c, const clip *k, float **out) {
     for (int j = 0; j < BODY_JOINTS; j++)
         for (size_t i = 0; i < frames; i++, to += 4) {
             const float *q = k->turn[i][j];
-            /* q and -q are one rotation: the near one, for those who blend from frame to frame */
+            /* q and -q are one rotation: takes the nearer one, for programs that interpolate */
             const float dot = i ? to[-4] * q[1] + to[-3] * q[2] + to[-2] * q[3] + to[-1] * q[0] : 1;
             const float sign = dot < 0 ? -1.f : 1.f;
             for (int a = 0; a < 4; a++) to[a] = sign * q[(a + 1) % 4];
@@ -50,7 +50,7 @@ static void nodes_text(const sherf_motion *motion, text_builder *t) {
     text_add(t, "]}],");
 }
 
-/* Sampler and accessor 1 are the pelvis' places, 2 + j the turns of joint j. */
+/* Sampler and accessor 1 are the pelvis's positions, 2 + j the rotations of joint j. */
 static void animation_text(text_builder *t) {
     text_add(t, "\"animations\":[{\"name\":\"motion\",\"samplers\":[{\"input\":0,\"output\":1}");
     for (int j = 0; j < BODY_JOINTS; j++) text_add(t, ",{\"input\":0,\"output\":%d}", 2 + j);

@@ -1,4 +1,4 @@
-/* What all families of formats need. */
+/* Shared by all families of formats. */
 #include <stdlib.h>
 #include <string.h>
 

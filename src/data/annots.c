@@ -50,7 +50,7 @@ static sherf_status annots_cameras(context *c, double unit_m, const value *cams,
     return SHERF_OK;
 }
 
-/* The pose's number: of 000012.jpg 12; of names by camera (CoreView_313, 315) the fifth "_" field. */
+/* The pose's number: 12 for 000012.jpg; for names by camera (CoreView_313, 315) the fifth "_" field. */
 static sherf_status file_number(context *c, const char *path, int *out) {
     const char *name = strrchr(path, '/');
     name = name ? name + 1 : path;
@@ -146,7 +146,7 @@ sherf_status annots_pose_files(context *c, const person_record *r, const char *f
     char name[64], other[PATH_LENGTH];
     snprintf(name, sizeof name, "new_vertices/%d.npy", r->number[pose]);
     sherf_status status = path_join(c, vertices, PATH_LENGTH, folder, name);
-    for (int i = 0; kinds[i] && !status; i++) { /* the first where none is there */
+    for (int i = 0; kinds[i] && !status; i++) { /* the first one if none exists */
         snprintf(name, sizeof name, "%.32s/%d.npy", kinds[i], r->number[pose]);
         status = path_join(c, other, sizeof other, folder, name);
         if (!status && i && !path_is_file(other)) continue;

@@ -1,5 +1,5 @@
-/* What annots.npy does not list (a refined ZJU-MoCap has cameras alone): pictures by view and pose, from the
- * folders that are there. And files that go by another name than is usual. */
+/* Data that annots.npy does not list (a refined ZJU-MoCap has only cameras): pictures by view and pose, from
+ * the existing folders; and files under unusual names. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,8 +39,8 @@ static bool is_picture(const char *name) {
     return false;
 }
 
-/* Folders, or pictures, with numbers in their names, sorted by them. A folder that cannot be opened has none.
- */
+/* Lists folders, or pictures, with numbers in their names, sorted by number. A folder that cannot be opened
+ * counts as empty. */
 static sherf_status list(context *c, const char *path, bool folders, name_list *out) {
     char own[PATH_LENGTH];
     DIR *d = opendir(path);
@@ -65,7 +65,7 @@ static sherf_status list(context *c, const char *path, bool folders, name_list *
     return status;
 }
 
-/* The folder of views: the person's own, or one of pictures in it. `inside` is empty or "images/". */
+/* The folder of views: the person's own, or one of pictures inside it. `inside` is empty or "images/". */
 static sherf_status views_find(context *c, const char *folder, const char **inside, name_list *out) {
     static const char *const places[] = {"", "images/", "image/", "imgs/"};
     char path[PATH_LENGTH];
@@ -83,7 +83,8 @@ static sherf_status views_find(context *c, const char *folder, const char **insi
                             "no ims, and no folders with numbers of views (view00, Camera_B1)");
 }
 
-/* As many folders as there are cameras are the views in their order; of fewer ones the numbers tell. */
+/* If there are as many folders as cameras, they are the views in order; otherwise their numbers identify
+ * them. */
 static sherf_status views_match(context *c, int views, const name_list *found, int *view_of) {
     for (int i = 0; i < found->count; i++) {
         view_of[i] = found->count == views           ? i
@@ -96,7 +97,7 @@ static sherf_status views_match(context *c, int views, const name_list *found, i
     return SHERF_OK;
 }
 
-/* The pictures of a view, whose folder is `relative` below `folder`. */
+/* Lists the pictures of a view, whose folder is `relative` below `folder`. */
 static sherf_status list_view(context *c, const char *folder, const char *inside, const char *name,
                               char relative[PATH_LENGTH], name_list *pictures) {
     char path[PATH_LENGTH];
@@ -122,7 +123,7 @@ static sherf_status take_view(context *c, const char *folder, const char *inside
     return status;
 }
 
-/* The poses are those of the first view's pictures. */
+/* The first view's pictures define the poses. */
 static sherf_status take_poses(context *c, const char *folder, const char *inside, const char *first,
                                person_record *r) {
     char relative[PATH_LENGTH];
@@ -155,7 +156,7 @@ sherf_status annots_from_folders(context *c, const char *folder, person_record *
     return status;
 }
 
-/* FOLDER/PLACE/STEM with any ending of a picture; false: it is in none of the places (up to NULL). */
+/* FOLDER/PLACE/STEM with any picture ending; false: it is in none of the places (NULL ends them). */
 static bool find_picture(const char *folder, const char *const *places, const char *stem, int length,
                          char out[PATH_LENGTH]) {
     static const char *const endings[] = {".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG"};

@@ -1,4 +1,4 @@
-/* SMPL files: pickle, npz, safetensors to a body model, and back to safetensors. */
+/* SMPL files: loads pickle, npz and safetensors into a body model, and saves safetensors. */
 #include <string.h>
 
 #include "base/path.h"
@@ -15,7 +15,7 @@ bool document_is_body(const document *d) {
     return true;
 }
 
-/* An array of this rank whose dimensions are those given (0: any), as doubles. */
+/* An array of this rank with the given dimensions (0: any), as doubles. */
 static sherf_status body_array(context *c, const value *root, const char *key, int rank, int64_t dim[3],
                                double **out) {
     const value *v = value_get(root, key);
@@ -35,7 +35,7 @@ static sherf_status body_array(context *c, const value *root, const char *key, i
     return value_doubles(c, v, key, count, *out);
 }
 
-/* (V, 3, 207), or as smplx's package keeps it: (V * 3, 207) or (207, V * 3). */
+/* (V, 3, 207), or smplx's layouts: (V * 3, 207) or (207, V * 3). */
 static sherf_status posedirs_array(context *c, const value *root, int64_t vertices, double **out) {
     const value *v = value_get(root, "posedirs");
     const int64_t rows = vertices * 3, features = BODY_POSE_FEATURES;
@@ -61,7 +61,7 @@ static sherf_status to_indices(context *c, const double *from, size_t count, int
     return SHERF_OK;
 }
 
-/* A body's arrays as they are read, and their sizes. */
+/* A body's arrays as read from the file, and their sizes. */
 typedef struct {
     double *v_template, *shapedirs, *posedirs, *weights, *regressor, *volume, *face, *tree;
     int64_t *face_index, *parent;

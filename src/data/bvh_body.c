@@ -1,6 +1,6 @@
-/* Retargeting. A joint takes the whole rotation of the file's joint, after the bone at rest was turned to its
- * direction in the file's rest pose. Bone directions then agree, and the twist is the file's. If the file's
- * rest pose is not that of a person, see bvh_calibrate.c. */
+/* Retargeting. A joint takes the whole rotation of the file's joint, after the body's bone at rest was turned
+ * to its direction in the file's rest pose. Bone directions then agree, and the twist is the file's. For
+ * files whose rest pose is not a person's, see bvh_calibrate.c. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "base/vector3.h"
 #include "data/bvh_body.h"
 
-/* Bones whose direction at rest differs between skeletons, and where they end. */
+/* Bones whose rest direction differs between skeletons, and the joints where they end. */
 static const int8_t bone_end[BODY_JOINTS] = {
     [1] = 4, [2] = 5, [4] = 7, [5] = 8, [16] = 18, [17] = 19, [18] = 20, [19] = 21};
 static const int8_t parent[BODY_JOINTS] = {-1, 0, 0, 0,  1,  2,  3,  4,  5,  6,  7,  8,
@@ -45,7 +45,7 @@ static void smallest_rotation(const double a[3], const double b[3], double R[9])
         }
 }
 
-/* Rows: left made upright to up, up, front. false: there is none. */
+/* Rows: left orthogonalised to up, up, front. false: there is none. */
 static bool standing_frame(const double left[3], const double up[3], double F[9]) {
     static const double none[3];
     double across[3], along = 0;
@@ -76,8 +76,8 @@ static bool turned_axes(const double left[3], const double up[3], const float re
     return true;
 }
 
-/* The file's rest pose may stand on other axes (z up, or facing x): G takes the body's left, up and front to
- * the axes nearest to the file's left (hip to hip) and up (hips to shoulders). */
+/* The file's rest pose may use other axes (z up, or facing x): G takes the body's left, up and front to the
+ * axes nearest to the file's left (hip to hip) and up (hips to shoulders). */
 static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], const float rest[BODY_JOINTS][3],
                       double G[9]) {
     double at[4][3], left[3], up[3];
@@ -92,7 +92,7 @@ static void rest_axes(const bvh *b, const int joint[BODY_JOINTS], const float re
     }
     if (turned_axes(left, up, rest, G)) return;
     memset(G, 0, 9 * sizeof *G);
-    if (x == y) x = 0, y = 1, left[0] = up[1] = 1; /* nothing to go by */
+    if (x == y) x = 0, y = 1, left[0] = up[1] = 1; /* no direction is known */
     int z = 3 - x - y;
     double sx = left[x] < 0 ? -1 : 1, sy = up[y] < 0 ? -1 : 1;
     G[3 * x] = sx;
@@ -114,7 +114,7 @@ static bool bone_directions(const bvh *b, const bvh_body *map, const float rest[
     return true;
 }
 
-/* A standing rest pose: each bone turned the shortest way to where the file has it. */
+/* A standing rest pose: turns each bone the shortest way to the file's direction. */
 static void align_standing(const bvh *b, bvh_body *map, const float rest[BODY_JOINTS][3], const double G[9]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         double *A = map->align[j], mine[3], theirs[3];
@@ -161,7 +161,7 @@ void bvh_body_pose(const bvh *b, const bvh_body *map, int frame, float pose_rad[
     bvh_rotations(b, frame, NULL, global);
     for (int j = 0; j < BODY_JOINTS; j++) {
         float local[9];
-        if (map->joint[j] < 0) { /* as its parent; the root is always there */
+        if (map->joint[j] < 0) { /* same as its parent; the root always exists */
             memcpy(body[j], body[parent[j]], sizeof body[j]);
         } else {
             const double *Q = global + 9 * map->joint[j], *A = map->align[j];

@@ -1,7 +1,7 @@
-/* Rest poses that are no pose of a person. What turns the body's bones onto the file's is then told joint by
- * joint: the bone's direction in the joint's own axes gives all but the turn about it, and that turn is such
- * that the bone is not twisted against the one before, on average over the frames. Pelvis and chest, which
- * carry several bones, need no frames. */
+/* Rest poses that are not a person's. The rotation from the body's bones to the file's is then found joint by
+ * joint: the bone's direction in the joint's own axes gives everything but the rotation about the bone, and
+ * that rotation is chosen so that the bone is not twisted against its parent, on average over the frames.
+ * Pelvis and chest, which carry several bones, need no frames. */
 #include <math.h>
 #include <string.h>
 
@@ -30,7 +30,7 @@ static bool normalise(double v[3]) {
     return length > 1e-9;
 }
 
-/* out = a^T b; may be neither. */
+/* out = a^T b; must alias neither. */
 static void across(const double a[9], const double b[9], double out[9]) {
     for (int i = 0; i < 9; i++)
         out[i] = a[i / 3] * b[i % 3] + a[3 + i / 3] * b[3 + i % 3] + a[6 + i / 3] * b[6 + i % 3];
@@ -42,7 +42,7 @@ static bool own_bone(const calibration *k, int from, int to, double out[3]) {
     return normalise(out);
 }
 
-/* The same of the file, in the axes of its joint `from`. */
+/* The same for the file, in the axes of its joint `from`. */
 static bool file_bone(const calibration *k, int from, int to, double out[3]) {
     out[0] = out[1] = out[2] = 0;
     for (int i = k->map->joint[to]; i >= 0 && i != k->map->joint[from]; i = k->b->joint[i].parent)
@@ -50,7 +50,7 @@ static bool file_bone(const calibration *k, int from, int to, double out[3]) {
     return k->map->joint[from] >= 0 && k->map->joint[to] >= 0 && normalise(out);
 }
 
-/* Rows of B: x, y made upright to x, and z. */
+/* Rows of B: x, y orthogonalised to x, and z. */
 static bool frame_of(const double x[3], const double y[3], double B[9]) {
     memcpy(B, x, 3 * sizeof *B);
     cross3(x, y, B + 6);
@@ -69,8 +69,8 @@ static void snap(double A[9]) {
     if (sum == 3) memcpy(A, cube, 9 * sizeof *A);
 }
 
-/* Of a joint that carries a left, a right and a middle bone: the line from right to left, and the middle one.
- * A rig's axes are those of the body, so what is nearly so is. */
+/* For a joint that carries a left, a right and a middle bone: uses the line from right to left, and the
+ * middle bone. A rig's axes are those of the body, so nearly aligned ones are snapped. */
 static bool align_carrier(calibration *k, int j, int left, int right, int middle) {
     double own_left[3], own_right[3], own_up[3], left_of[3], right_of[3], up_of[3], own[9], of[9],
         *A = k->map->align[j];
@@ -100,13 +100,13 @@ static void any_rotation(const double a[3], const double b[3], double out[9]) {
     across(to, own, out);
 }
 
-/* The nearest joint above that was matched, and so is aligned. */
+/* The nearest matched joint above, which is already aligned. */
 static int joint_above(const calibration *k, int j) {
     for (j = parent[j]; j >= 0 && k->map->joint[j] < 0;) j = parent[j];
     return j;
 }
 
-/* Joint j against the one above in a frame, in the body's axes. */
+/* Joint j relative to the one above in a frame, in the body's axes. */
 static void local_of(const calibration *k, int frame, int j, int above, double out[9]) {
     double own[9], up[9];
     multiply3(k->global[(size_t)frame * BODY_JOINTS + (size_t)j], k->map->align[j], own);
@@ -114,8 +114,8 @@ static void local_of(const calibration *k, int frame, int j, int above, double o
     across(up, own, out);
 }
 
-/* The turn about a bone along d that leaves no twist on average: each frame's twist is that of the
- * quaternion's part along d, and counts the less, the further the bone swings. */
+/* The rotation about a bone along d that leaves no twist on average: each frame's twist is that of the
+ * quaternion's part along d, and its weight decreases with the bone's swing. */
 static double mean_twist(const calibration *k, int j, int above, const double d[3]) {
     double x = 0, y = 0;
     for (int i = 0; i < k->frames; i++) {
@@ -147,7 +147,7 @@ static bool align_bone(calibration *k, int j, int above) {
     return true;
 }
 
-/* A joint without a bone: straight on average. The mean of rotations is that nearest to their sum. */
+/* A joint without a bone: straight on average. The mean of rotations is the rotation nearest to their sum. */
 static void align_end(calibration *k, int j, int above) {
     static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     double sum[9] = {0}, B[9], *A = k->map->align[j];
@@ -158,7 +158,7 @@ static void align_end(calibration *k, int j, int above) {
         across(k->global[(size_t)i * BODY_JOINTS + (size_t)j], up, R);
         for (int a = 0; a < 9; a++) sum[a] += R[a];
     }
-    double columns[9]; /* the sum's columns as rows, made upright */
+    double columns[9]; /* the sum's columns as rows, orthonormalised */
     for (int a = 0; a < 9; a++) columns[a] = sum[a % 3 * 3 + a / 3];
     if (!frame_of(columns, columns + 3, B)) return;
     for (int a = 0; a < 9; a++) A[a] = B[a % 3 * 3 + a / 3];
@@ -187,7 +187,7 @@ sherf_status bvh_calibrate(context *c, const bvh *b, const float joints_rest[BOD
             c, SHERF_UNSUPPORTED,
             "the rest pose is none of a person, and its hips and spine do not tell which way it stands: "
             "export the motion with a rest pose that stands (a T-pose)");
-    snap(map->align[0]); /* spines lean as they like, but a rig's pelvis has the axes of the body */
+    snap(map->align[0]); /* spines lean in any direction, but a rig's pelvis has the axes of the body */
     sherf_status status = gather_frames(c, &k);
     for (int j = 1; j < BODY_JOINTS && !status; j++) {
         if (map->joint[j] < 0) continue;

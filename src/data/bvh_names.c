@@ -1,6 +1,6 @@
-/* Names are taken apart into words (at blanks, points, underscores and where capitals begin), so that
- * prefixes of a rig ("mixamorig", "Bip01", "DEF", "J_Bip") fall away and a side may stand anywhere: LeftArm,
- * l_uparm, thigh.L, Bip01 R Thigh. */
+/* Names are split into words (at blanks, points, underscores and capitals), so that a rig's prefixes
+ * ("mixamorig", "Bip01", "DEF", "J_Bip") are ignored and a side may be anywhere: LeftArm, l_uparm, thigh.L,
+ * Bip01 R Thigh. */
 #include "data/bvh_names.h"
 
 #include <ctype.h>
@@ -12,7 +12,7 @@ enum { WORDS_MAX = 12, LIMB_JOINTS = 9 };
 typedef enum { MIDDLE, LEFT, RIGHT } side;
 static const int8_t limb_joint[LIMB_JOINTS] = {1, 4, 7, 10, 13, 16, 18, 20, 22}; /* the left ones */
 
-/* The words of a name without its side, joined, in small letters. "a|b" means any of several. */
+/* The words of a name without its side, joined, in lower case. "a|b" means any of several. */
 typedef struct {
     const char *whose;
     const char *limb[LIMB_JOINTS]; /* thigh, shin, foot, toes, collar, upper arm, forearm, hand, fingers */
@@ -28,7 +28,7 @@ static const family families[] = {
      {"hip|buttock|thigh", "knee|shin", "ankle", "foot|toe|toes|toebase", "collar|clavicle", "shoulder|shldr",
       "elbow|forearm", "wrist", "hand"}},
 };
-/* Rigs of the first family, by the word for a part that others call otherwise. */
+/* Rigs of the first family, recognised by a word that others use differently. */
 static const struct {
     const char *shin, *arm, *forearm, *whose;
 } rigs[] = {
@@ -45,7 +45,7 @@ static const struct {
     {"lowerleg01", "upperarm01", "lowerarm01", "MakeHuman"},
 };
 
-static const int8_t needed[] = {1, 2, 4, 5, 16, 17, 18, 19}; /* from which the pelvis follows */
+static const int8_t needed[] = {1, 2, 4, 5, 16, 17, 18, 19}; /* they determine the pelvis */
 static const char *const smpl_names[BODY_JOINTS] = {
     "pelvis",     "left_hip",    "right_hip",    "spine1",      "left_knee",     "right_knee",
     "spine2",     "left_ankle",  "right_ankle",  "spine3",      "left_foot",     "right_foot",
@@ -102,7 +102,7 @@ typedef struct {
     side side;
 } plain_name;
 
-/* Words that say that it is a joint, of which rig, or in the middle. */
+/* Words that only mean a joint, a rig, or the middle. */
 static bool is_filler(const char *text) {
     static const char *const filler[] = {"joint", "jnt", "bip", "c", "m", "x", "stretch"};
     for (size_t i = 0; i < COUNT_OF(filler); i++)
@@ -110,7 +110,7 @@ static bool is_filler(const char *text) {
     return false;
 }
 
-/* Without the first `skip` words, sides and fillers. */
+/* Removes the first `skip` words, sides and fillers. */
 static void plain_of(const words *w, int skip, plain_name *out) {
     size_t n = 0;
     out->side = MIDDLE;
@@ -125,7 +125,7 @@ static void plain_of(const words *w, int skip, plain_name *out) {
     out->key[n] = 0;
 }
 
-/* How many words most names begin with alike: the rig's own. */
+/* The number of leading words that most names share: the rig's own. */
 static int rig_words(const words *all, int count) {
     int skip = 0;
     for (; skip < WORDS_MAX; skip++) {
@@ -171,7 +171,7 @@ static bool is_one_of(const char *key, const char *wanted) {
     return false;
 }
 
-/* "lhip" and "rightknee" have no words: the side is the first letter or word. */
+/* "lhip" and "rightknee" are single words: the side is the first letter or word. */
 static bool name_is(const plain_name *name, const char *wanted, side s) {
     const char letter = s == LEFT ? 'l' : 'r', *whole = s == LEFT ? "left" : "right";
     if (name->side == s) return is_one_of(name->key, wanted);
@@ -194,7 +194,7 @@ static int depth_of(const bvh *b, int i) {
     return depth;
 }
 
-/* The lowest joint that both hang on, or one of them itself. */
+/* The lowest joint above both, or one of them itself. */
 static int common_ancestor(const bvh *b, int i, int k) {
     if (i < 0 || k < 0) return i < 0 ? k : i;
     for (int di = depth_of(b, i), dk = depth_of(b, k); i != k;)
@@ -221,7 +221,7 @@ static void match_trunk(const bvh *b, const plain_name *name, int joint[BODY_JOI
     for (int i = 0; i < b->joints && head < 0; i++)
         if (!b->joint[i].end && name[i].side == MIDDLE && is_one_of(name[i].key, "head|head1|head01"))
             head = i;
-    /* Biped's collars hang on the neck. */
+    /* Biped's collars are children of the neck. */
     if (chest > 0 && begins_with(&name[chest], "neck") && b->joint[chest].parent >= 0)
         joint[12] = chest, chest = b->joint[chest].parent;
     for (int i = chest; i >= 0 && i != joint[0] && n < BVH_DEPTH_MAX; i = b->joint[i].parent) chain[n++] = i;
@@ -233,7 +233,7 @@ static void match_trunk(const bvh *b, const plain_name *name, int joint[BODY_JOI
     if (joint[12] < 0 && b->joint[head].parent != chest) joint[12] = b->joint[head].parent;
 }
 
-/* A collar is between the chest and the upper arm, or it is none (a name may mean another joint). */
+/* A collar must be between the chest and the upper arm (a name may mean another joint). */
 static void drop_stray_collars(const bvh *b, int joint[BODY_JOINTS]) {
     for (int j = 13; j <= 14; j++)
         if (joint[j] >= 0 && !hangs_on(b, joint[j + 3], joint[j])) joint[j] = -1;
@@ -252,7 +252,7 @@ static int only_child(const bvh *b, int joint) {
     return found;
 }
 
-/* The joint that a chest carries an arm by. */
+/* The child of the chest that leads to an arm. */
 static void place_collar(const bvh *b, int chest, int collar, int joint[BODY_JOINTS]) {
     int i = joint[collar + 3];
     if (joint[collar] >= 0 || !hangs_on(b, i, chest)) return;
@@ -260,7 +260,7 @@ static void place_collar(const bvh *b, int chest, int collar, int joint[BODY_JOI
     if (i != joint[collar + 3] && i != chest) joint[collar] = i;
 }
 
-/* Rigify's spine goes on to the head: the longest chain on the chest that carries no arm. */
+/* Rigify's spine continues to the head: the longest chain from the chest without an arm. */
 static void place_head(const bvh *b, const plain_name *name, int chest, int joint[BODY_JOINTS]) {
     int longest = 0, second = 0, neck = -1, head = -1;
     if (joint[15] >= 0) return;
@@ -337,7 +337,7 @@ static sherf_status read_given(context *c, const bvh *b, const value *given, int
         return failure(c, SHERF_BAD_FILE, "joints: a dict of SMPL's names and the file's is expected");
     for (size_t i = 0; i < given->dict.count; i++) {
         const value *smpl = given->dict.pair[i].key, *name = given->dict.pair[i].item;
-        if (smpl_joint(smpl) < 0 && smpl_joint(name) >= 0) /* written the other way round */
+        if (smpl_joint(smpl) < 0 && smpl_joint(name) >= 0) /* in the reverse order */
             smpl = given->dict.pair[i].item, name = given->dict.pair[i].key;
         const int j = smpl_joint(smpl);
         const char *text = name->kind == VALUE_STRING ? name->string.text : "";

@@ -1,5 +1,6 @@
-/* What is wrong with a body file, an observation or a data set, in one line a finding. A file that cannot be
- * read is a finding, not a failure; only lack of memory, cancelling and the overlay's writing fail. */
+/* Finds errors in a body file, an observation or a data set, with one line for each finding. A file that
+ * cannot be read is a finding, not a failure; the only failures are out of memory, cancelling and writing the
+ * overlay. */
 #include <math.h>
 #include <string.h>
 
@@ -33,7 +34,7 @@ static void PRINTF_LIKE(3, 4) finding(checker *k, severity s, const char *format
     k->out->warnings += s == WARNING;
 }
 
-/* A failed read becomes an error finding; a lack of memory stays a failure. */
+/* A failed read becomes an error finding; out of memory stays a failure. */
 static sherf_status finding_of(checker *k, sherf_status status) {
     if (status == SHERF_NO_MEMORY || status == SHERF_CANCELLED || status == SHERF_OK) return status;
     finding(k, FINDING_ERROR, "%s", k->c->message);
@@ -80,7 +81,7 @@ static void mirrored_pose(const sherf_pose *in, sherf_pose *out) {
         for (int a = 1; a < 3; a++) out->poses_rad[j * 3 + a] *= -1;
 }
 
-/* x = R^T (x' - T): what the camera is when R and T were camera to world. */
+/* x = R^T (x' - T): the camera, if R and T are actually camera to world. */
 static void inverted_camera(const sherf_camera *in, sherf_camera *out) {
     *out = *in;
     for (int i = 0; i < 3; i++) {
@@ -93,7 +94,7 @@ static void inverted_camera(const sherf_camera *in, sherf_camera *out) {
     }
 }
 
-/* K for another size of the same picture: its centre is brought to the middle. */
+/* K for another size of the same picture: moves its centre to the middle. */
 static void rescaled_camera(sherf_camera *camera) {
     const float scale = camera->K[2] > 0 ? (float)camera->width_px / 2 / camera->K[2] : 1;
     for (int i = 0; i < 6; i++) camera->K[i] *= scale;
@@ -104,7 +105,7 @@ static void transposed_camera(const sherf_camera *in, sherf_camera *out) {
     for (int i = 0; i < 9; i++) out->R[i] = in->R[i % 3 * 3 + i / 3];
 }
 
-/* T is where the camera is: x_camera = R (x - T). */
+/* T is the camera's place: x_camera = R (x - T). */
 static void centred_camera(const sherf_camera *in, sherf_camera *out) {
     *out = *in;
     for (int i = 0; i < 3; i++) {
@@ -144,7 +145,7 @@ static const char *const explanation_says[EXPLANATIONS] = {
     "the mask inverted (is it black where the person is?)",
 };
 
-/* The overlap that there would be if the mistake were undone. */
+/* The overlap if the mistake were corrected. */
 static sherf_status explained_overlap(checker *k, const sherf_observation *o, explanation e,
                                       double *overlap) {
     sherf_camera camera = o->camera;
@@ -177,8 +178,8 @@ static double mask_share(const sherf_observation *o) {
     return (double)person / (double)n;
 }
 
-/* When the body misses the mask: would a usual mistake explain it? A body at the camera's nose covers any
- * mask that is nearly everything, so of a large one it is asked first whether it is inverted. */
+/* If the body misses the mask: would a usual mistake explain it? A body very close to the camera covers any
+ * mask that is nearly everything, so for a large mask inversion is tested first. */
 static sherf_status explain_miss(checker *k, const char *what, const sherf_observation *o, double overlap) {
     double best = overlap + 0.15, now = 0;
     int which = -1;
@@ -195,7 +196,7 @@ static sherf_status explain_miss(checker *k, const char *what, const sherf_obser
     return status;
 }
 
-/* aside: one of several views; that all is well is not worth a line, nor a drawing. */
+/* aside: one of several views; a good result then gets no line and no drawing. */
 static sherf_status check_view(checker *k, const char *what, const sherf_observation *o, bool aside) {
     size_t n = (size_t)o->image.width * o->image.height, person = 0, lit = 0;
     for (size_t i = 0; i < n; i++) {
@@ -293,7 +294,7 @@ static void missing(checker *k, int *count, const char *what, const char *path) 
         k->out->errors++;
 }
 
-/* Every file that the person's records name. */
+/* Checks every file that the person's records name. */
 static sherf_status check_files(checker *k, const sherf_dataset *d, int person, const person_record *r,
                                 dataset_count *n) {
     char image[PATH_LENGTH], other[PATH_LENGTH];
@@ -317,7 +318,7 @@ static sherf_status check_files(checker *k, const sherf_dataset *d, int person, 
     return SHERF_OK;
 }
 
-/* Sizes, cameras and masks of every view, by one pose's files. */
+/* Checks sizes, cameras and masks of every view, by one pose's files. */
 static sherf_status check_views(checker *k, const sherf_dataset *d, int person, int pose,
                                 const person_record *r) {
     char image[PATH_LENGTH], mask[PATH_LENGTH], what[1200];
@@ -342,7 +343,7 @@ static sherf_status check_views(checker *k, const sherf_dataset *d, int person, 
     return SHERF_OK;
 }
 
-/* new_vertices/N.npy against the body model in the stored pose. */
+/* Compares new_vertices/N.npy with the body model in the stored pose. */
 static sherf_status check_vertices(checker *k, const sherf_dataset *d, int person, int pose,
                                    const sherf_pose *p, dataset_count *n) {
     char parameters[PATH_LENGTH], path[PATH_LENGTH];
@@ -383,7 +384,7 @@ done:
     return status;
 }
 
-/* The body over the mask in one picture. */
+/* The body's overlap with the mask in one picture. */
 static sherf_status check_overlap(checker *k, const sherf_dataset *d, int person, int pose, int view,
                                   bool aside) {
     data_view *v = NULL;
@@ -397,8 +398,8 @@ static sherf_status check_overlap(checker *k, const sherf_dataset *d, int person
     return status;
 }
 
-/* Views besides the front one, and poses besides the first: a camera may be wrong, or pictures and poses may
- * not go together. Of a few people all views are looked at, of many ones some that are spread over them. */
+/* Checks views other than the front one, and poses other than the first: a camera may be wrong, or pictures
+ * and poses may not belong together. With few people it checks all views, with many a spread selection. */
 static sherf_status check_others(checker *k, const sherf_dataset *d, int person, const person_record *r,
                                  int first, int front) {
     enum { FEW_PEOPLE = 5, SOME_VIEWS = 4, SOME_POSES = 3 };
@@ -436,7 +437,7 @@ static sherf_status check_person(checker *k, const sherf_dataset *d, int person,
         finding(k, WARNING, "%s: %d views, the paper uses %d", d->name[person], r->views, protocol->views);
     if ((status = check_files(k, d, person, r, n)) || (status = check_views(k, d, person, first, r)))
         return status;
-    if (k->out->errors > errors) return SHERF_OK; /* said already */
+    if (k->out->errors > errors) return SHERF_OK; /* already reported */
     if ((status = dataset_pose(k->c, d, person, first, &pose))) return finding_of(k, status);
     const int faults = k->out->errors + k->out->warnings;
     status = check_overlap(k, d, person, first, front, false);
@@ -485,7 +486,7 @@ static sherf_status check_any(checker *k, const char *path) {
     return check_observation(k, path);
 }
 
-/* What readers warn of is a finding. */
+/* Readers' warnings become findings. */
 static void on_log(void *user, sherf_log_level level, const char *text) {
     checker *k = user;
     if (level == SHERF_LOG_WARNING)

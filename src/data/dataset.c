@@ -1,4 +1,4 @@
-/* Data sets of all layouts behind one interface: people, views, poses. Everything is read on request. Records
+/* Data sets of all layouts with one interface: people, views, poses. Everything is read on request. Records
  * of people are cached under a lock, so that several contexts can share a data set. */
 #include <stdio.h>
 #include <string.h>
@@ -113,7 +113,7 @@ sherf_status dataset_pose_paths(context *c, const sherf_dataset *d, int person, 
     return status ? status : d->reader->pose_files(c, r, folder, pose, parameters, vertices);
 }
 
-/* What is missing of a pose would be taken for zero, and the person posed wrongly. */
+/* A missing part of a pose would be taken for zero, and the person posed wrongly. */
 static sherf_status pose_file_whole(context *c, const dataset_reader *reader, const value *v) {
     for (int i = 0; i < DATASET_POSE_KEYS; i++) {
         const char *const *key = reader->pose_keys[i];

@@ -40,7 +40,7 @@ static sherf_status add_person(context *c, sherf_dataset *d, const char *name, s
     return SHERF_OK;
 }
 
-/* A line may be a name, or a path of which the last part is the folder here. */
+/* A line is a name, or a path whose last part is the folder here. */
 static sherf_status add_line(context *c, sherf_dataset *d, const char *line, size_t length) {
     char folder[PATH_LENGTH];
     while (length && (line[length - 1] == '\r' || line[length - 1] == ' ' || line[length - 1] == '/'))
@@ -91,7 +91,7 @@ static int by_name(const void *a, const void *b) {
     return strcmp(*(char *const *)a, *(char *const *)b);
 }
 
-/* Folders that look like a person's, sorted by name. */
+/* Folders that have a person's layout, sorted by name. */
 static sherf_status list_folders(context *c, sherf_dataset *d) {
     char path[PATH_LENGTH];
     sherf_status status = SHERF_OK;

@@ -1,4 +1,4 @@
-/* The public names of what a data set knows without reading a picture. */
+/* Public functions about a data set that need no picture. */
 #include "data/data.h"
 
 sherf_status sherf_dataset_camera(sherf_context *c, const sherf_dataset *d, int person, int view,

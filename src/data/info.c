@@ -1,4 +1,4 @@
-/* What a file is and what it holds, as lines or as one JSON object. */
+/* Describes a file's kind and contents, as lines or as one JSON object. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -177,7 +177,8 @@ static void value_text(const value *v, char *out, size_t size) {
     }
 }
 
-/* name: value, and what is inside; of a list only the first element. `left` bounds the lines. */
+/* Prints name: value, and the value's contents; for a list only the first element. `left` bounds the lines.
+ */
 static void tell_tree(teller *t, const value *v, const char *name, int depth, int *left) {
     char line[512], inner[64];
     if ((*left)-- <= 0) {

@@ -1,4 +1,4 @@
-/* One picture of a person: what it must be, and one made from memory. */
+/* One picture of a person: its requirements, and observations from memory. */
 #include <math.h>
 
 #include "data/view.h"
@@ -97,7 +97,7 @@ sherf_status observation_resize(context *c, sherf_observation *o, int width, int
     return observation_check(c, o);
 }
 
-/* To the size that is worked with, as pictures from files are. */
+/* Scales to the working size, like pictures from files. */
 static sherf_status shrink(context *c, sherf_observation *o) {
     int width = o->image.width, height = o->image.height;
     observation_limit_size(c, "observation", &width, &height);

@@ -5,7 +5,7 @@
 #include "base/path.h"
 #include "data/view.h"
 
-/* `name` as it stands when absolute, otherwise beside the file that names it. */
+/* `name` itself if it is absolute, otherwise relative to the file that names it. */
 static sherf_status beside(context *c, const char *folder, const char *name, char out[PATH_LENGTH]) {
     return path_join(c, out, PATH_LENGTH, name[0] == '/' ? "" : folder, name);
 }
@@ -29,14 +29,14 @@ static sherf_status optional_index(context *c, const value *root, const char *ke
     return SHERF_OK;
 }
 
-/* The camera's size, where it is given, must be the picture's. */
+/* The camera's size, if given, must be the picture's. */
 static sherf_status camera_size_check(context *c, int width, int height, const int size[2]) {
     if ((!width || width == size[0]) && (!height || height == size[1])) return SHERF_OK;
     return failure(c, SHERF_MISMATCH, "camera: for %d x %d pixels, the picture has %d x %d", width, height,
                    size[0], size[1]);
 }
 
-/* R and T may be left out: the body is then given in the camera's own frame. */
+/* R and T may be missing: the body is then given in the camera's own frame. */
 static sherf_status camera_object(context *c, const char *what, const value *v, const int size[2],
                                   parsed_camera *out) {
     char name[PATH_LENGTH + 16];
@@ -48,7 +48,7 @@ static sherf_status camera_object(context *c, const char *what, const value *v, 
     return status;
 }
 
-/* Of several and without an index the first is taken, which is said. */
+/* If there are several and no index, the first is taken, with a warning. */
 static void several_warn(context *c, const char *path, const value *root, const char *key, int count) {
     if (count < 2 || value_get(root, key)) return;
     log_line(c, SHERF_LOG_WARNING, "%s: the first of %d is taken; \"%s\" takes another", path, count, key);
@@ -144,7 +144,7 @@ static sherf_status observation_from_folder(context *c, const char *folder, file
         (status = image_size(c, names->image, &size[0], &size[1], &channels)) ||
         (status = first_file(c, folder, cameras, names->other)) || (status = json_read(c, names->other, &d)))
         return status;
-    if (!path_is_file(names->mask)) names->mask[0] = 0; /* the picture's alpha then */
+    if (!path_is_file(names->mask)) names->mask[0] = 0; /* then the picture's alpha */
     const value *camera = value_get(d->root, "camera");
     status = camera_object(c, names->other, camera ? camera : d->root, size, &source->camera);
     if (status) failure_prefix(c, status, "%s", names->other);
@@ -154,7 +154,7 @@ static sherf_status observation_from_folder(context *c, const char *folder, file
     return pose_from_file(c, names->other, &none, &source->pose);
 }
 
-/* A body without a translation before a camera without one stands where the camera is. */
+/* A body without a translation and a camera without one are in the same place. */
 static sherf_status placed_check(context *c, const char *path, const view_source *source) {
     for (int i = 0; i < 3; i++)
         if (source->camera.T[i] != 0 || source->pose.Th_m[i] != 0) return SHERF_OK;

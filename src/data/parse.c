@@ -1,4 +1,4 @@
-/* Poses and rows of numbers out of values. */
+/* Reads poses and rows of numbers from values. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -86,7 +86,7 @@ sherf_status parse_rotation(context *c, const value *v, const char *what, float 
 }
 
 sherf_status radians_check(context *c, const char *what, bool root, double squares, int64_t count) {
-    const double largest = root ? 12.6 : 4; /* an axis-angle is at most pi long, unless it was wound up */
+    const double largest = root ? 12.6 : 4; /* an axis-angle is at most pi long, unless it was unwrapped */
     if (count < 1 || !(sqrt(squares / (double)count) > largest)) return SHERF_OK;
     return failure(c, SHERF_BAD_FILE, "%s: %.3g radians a joint on average: these are degrees", what,
                    sqrt(squares / (double)count));
@@ -101,7 +101,7 @@ sherf_status joints_last_check(context *c, const char *what, const value *v, int
                    what, joints, joints);
 }
 
-/* Where the real part of quaternions is: most joints turn by less than a right angle. */
+/* The position of the quaternions' real part: most joints turn by less than a right angle. */
 static bool real_is_last(const float *q, int joints) {
     double first = 0, last = 0;
     for (int j = 0; j < joints; j++) first += fabs(q[4 * j]), last += fabs(q[4 * j + 3]);
@@ -119,9 +119,9 @@ static sherf_status quaternion_turn(context *c, const char *what, const float *q
     return SHERF_OK;
 }
 
-/* Joint rotations from `first` on: axis-angle, quaternions, or 3 x 3 matrices, of `given` joints, of which
- * those beyond `joints` (fingers, a face) are left. Joints that are not given stay 0. last: where the real
- * part of quaternions is, told by a body and used for its root. */
+/* Joint rotations from `first` on: axis-angle, quaternions, or 3 x 3 matrices, of `given` joints; those
+ * beyond `joints` (fingers, a face) are ignored. Missing joints stay 0. last: the position of the
+ * quaternions' real part, found for a body and used for its root. */
 static sherf_status parse_joints(context *c, const value *v, const char *what, int first, int given,
                                  int joints, bool *last, float *poses) {
     float all[JOINTS_MAX * 9];
@@ -165,7 +165,7 @@ static sherf_status parse_turns(context *c, const named_value *part, sherf_pose 
     return status;
 }
 
-/* SMPL-X's own space is SMPL's, moved: R (x + d) + Th. */
+/* SMPL-X's own space is SMPL's, shifted: R (x + d) + Th. */
 static void place_smplx(sherf_pose *pose) {
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) pose->Th_m[i] += pose->R[3 * i + k] * (float)smplx_pelvis_m[k];

@@ -1,4 +1,4 @@
-/* Cameras out of values: K, R, T and D by the names and in the forms that tools write them. */
+/* Reads cameras from values: K, R, T and D under the names and in the forms of various tools. */
 #include <math.h>
 #include <string.h>
 
@@ -28,7 +28,7 @@ static const char *const to_camera_names[] = {
 static const char *const to_world_names[] = {"c2w", "cam2world", "camera_to_world", "cam_to_world", NULL};
 /* OpenGL's axes, x to the right, y up, z backward: NeRF's transforms.json, Blender. */
 static const char *const gl_to_world_names[] = {"transform_matrix", "matrix_world", NULL};
-/* COLMAP's, the real part first; the place of a camera whose rotation is that to the world (3D Gaussian
+/* COLMAP's, with the real part first; the position of a camera whose rotation is camera to world (3D Gaussian
  * splatting's cameras.json). */
 static const char *const quaternion_names[] = {"qvec", NULL}, *const position_names[] = {"position", NULL};
 static const char *const D_names[] = {
@@ -121,7 +121,7 @@ static sherf_status centre_of(context *c, const value *v, double K[9]) {
     return status;
 }
 
-/* K, or focal lengths, or a vertical field of view; the centre is the picture's middle unless it is said. */
+/* K, or focal lengths, or a vertical field of view; the centre is the picture's middle by default. */
 static sherf_status K_of(context *c, const value *v, const int size[2], double K[9]) {
     const named_value whole = value_first(v, K_names), focal = value_first(v, focal_names),
                       x = value_first(v, focal_x_names), y = value_first(v, focal_y_names),
@@ -146,7 +146,7 @@ static sherf_status K_of(context *c, const value *v, const int size[2], double K
     return status ? status : centre_of(c, v, K);
 }
 
-/* x = R x' + T the other way round: R^T, -R^T T. */
+/* Inverts x = R x' + T: R^T, -R^T T. */
 static void inverted(double R[9], double T[3]) {
     double turned[9], moved[3];
     for (int i = 0; i < 9; i++) turned[i] = R[i % 3 * 3 + i / 3];
@@ -200,7 +200,7 @@ static sherf_status quaternion_of(context *c, named_value n, double R[9]) {
     return SHERF_OK;
 }
 
-/* What is told as a camera's place in the world, the other way round; gl: with OpenGL's axes. */
+/* Inverts a camera's pose in the world; gl: with OpenGL's axes. */
 static sherf_status from_world(context *c, const char *name, bool gl, parsed_camera *out) {
     float checked[9];
     for (int i = 0; i < 9 && gl; i++)
@@ -274,8 +274,8 @@ static sherf_status side_of(context *c, named_value n, int *out) {
     return status;
 }
 
-/* Keys that are not read, though they may hold what is lacking: a matrix, or numbers by the name of a place.
- */
+/* Keys that are not read, though they may contain missing data: a matrix, or numbers under the name of a
+ * position. */
 static sherf_status unread_place(context *c, const value *v, const parsed_camera *camera) {
     static const char *const words[] = {"pos",   "rot",    "quat", "trans", "loc",
                                         "euler", "orient", "eye",  "target"};
@@ -297,12 +297,12 @@ static sherf_status unread_place(context *c, const value *v, const parsed_camera
     return SHERF_OK;
 }
 
-/* Focal lengths in millimetres, or in parts of the picture's side, are a few pixels. */
+/* Focal lengths in millimetres, or relative to the picture's side, would be a few pixels. */
 static sherf_status view_check(context *c, const double K[9], const int size[2]) {
     static const double least = 0.1; /* of the longer side: 157 degrees */
     const int longer = size[0] > size[1] ? size[0] : size[1];
     const double focal = fmin(fabs(K[0]), fabs(K[4]));
-    if (!(focal > 1e-6) || focal >= least * longer) return SHERF_OK; /* a singular K is told as such */
+    if (!(focal > 1e-6) || focal >= least * longer) return SHERF_OK; /* reported as a singular K */
     return failure(
         c, SHERF_BAD_FILE,
         "a focal length of %.3g pixels for a picture of %d x %d, which no lens has: is it in millimetres, or "
@@ -310,7 +310,7 @@ static sherf_status view_check(context *c, const double K[9], const int size[2])
         focal, size[0], size[1]);
 }
 
-/* shared: what holds for all cameras of a file; what the camera itself says goes before. */
+/* shared: values for all cameras of a file; the camera's own values have priority. */
 static sherf_status parse_all(context *c, const value *v, const value *shared, const int size[2],
                               parsed_camera *out) {
     const value *lens = shared && !camera_is(v) ? shared : v,
@@ -363,7 +363,7 @@ void camera_warn(context *c, const value *v, const parsed_camera *camera, const 
 sherf_status parsed_camera_check(context *c, const parsed_camera *camera) {
     const double *K = camera->K;
     for (int i = 0; i < 9; i++)
-        if (!isfinite((float)K[i]) || !isfinite((float)camera->R[i])) /* 1e39 is not one either */
+        if (!isfinite((float)K[i]) || !isfinite((float)camera->R[i])) /* 1e39 is not finite either */
             return failure(c, SHERF_BAD_FILE, "camera: %c has a value that is not finite",
                            isfinite((float)K[i]) ? 'R' : 'K');
     for (int i = 0; i < 3; i++)

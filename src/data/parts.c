@@ -1,6 +1,6 @@
 /* The names of a body's parts. Sources: SMPL-X's own package, AMASS, EasyMocap, CLIFF, HMR 2 and 4D-Humans,
- * SMPLify-X, ROMP, TRAM, LHM and ExAvatar, aitviewer, AIST++, GVHMR; what these projects and their users
- * write about their files. */
+ * SMPLify-X, ROMP, TRAM, LHM and ExAvatar, aitviewer, AIST++, GVHMR; descriptions of these files by the
+ * projects and their users. */
 #include "data/parts.h"
 
 #include <ctype.h>
@@ -66,17 +66,18 @@ static const char *const inner_names[] = {"smpl_params_incam",
                                           "params",
                                           "results",
                                           NULL};
-enum { BESIDE_MAX = 32, INSIDE_MAX = 256 }; /* keys of a dict that may hold a body under any name, and its */
+/* Limits for a dict that may contain a body under any name: its keys, and that body's. */
+enum { BESIDE_MAX = 32, INSIDE_MAX = 256 };
 
-/* Words of other keys that say nothing about pose, shape and place, whatever stands beside them: faces and
- * fingers, which stay at rest, what was detected, and how sure that is. */
+/* Words in other keys that do not concern pose, shape and place: faces and fingers, which stay at rest,
+ * detections, and confidences. */
 static const char *const idle_words[] = {
     "joint",     "keypoint",   "kp",        "vert", "vertices", "vertex", "face",       "facial",
     "expr",      "expression", "jaw",       "eye",  "leye",     "reye",   "hand",       "lhand",
     "rhand",     "lefthand",   "righthand", "bbox", "box",      "conf",   "confidence", "score",
     "detection", "loss",       "dmpl",      "num",  "label",    "marker", "princpt",    "pad"};
-/* Those that say where it comes from: a key may have them beside a part, as "transl_frame", and is then
- * named. */
+/* Words for the origin: a key may contain them together with a part, like "transl_frame", and is then
+ * reported. */
 static const char *const origin_words[] = {
     "img",   "image",     "imgname",   "imgpath", "filename", "frame",   "framerate", "fps",
     "time",  "timestamp", "gender",    "name",    "track",    "tracked", "tracklet",  "id",
@@ -106,7 +107,7 @@ static bool has_poses(const value *v) {
     return value_first(v, poses_names).item || value_first(v, body_names).item;
 }
 
-/* Of a dict without poses: the only one in it that has some, by whatever key (arr_0, data, person_0). */
+/* For a dict without poses: the only dict in it that has some, under any key (arr_0, data, person_0). */
 static const value *only_inside(const value *v) {
     const value *found = NULL;
     if (!v || v->kind != VALUE_DICT || v->dict.count > BESIDE_MAX || has_poses(v)) return NULL;
@@ -115,7 +116,7 @@ static const value *only_inside(const value *v) {
         if (!inner || inner->kind != VALUE_DICT || inner->dict.count > INSIDE_MAX) continue;
         const value *poses = value_first(inner, poses_names).item,
                     *body = value_first(inner, body_names).item;
-        if (value_numbers(poses) < 1 && value_numbers(body) < 1) continue; /* a text may be named so */
+        if (value_numbers(poses) < 1 && value_numbers(body) < 1) continue; /* a text may have this name */
         if (found) return NULL;
         found = inner;
     }
@@ -136,8 +137,8 @@ static bool word_is(const char *text, size_t n, const char *word) {
            (n == length + 2 && !strncasecmp(text + length, "es", 2));
 }
 
-/* Whether one of the key's words is among these: letters in a row, a capital behind a small one being the
- * next's. */
+/* Whether one of the key's words is among these: consecutive letters; a capital after a small letter starts a
+ * new word. */
 static bool has_word(const char *key, const char *const *words, size_t count) {
     for (size_t i = 0, n; key[i]; i += n ? n : 1) {
         for (n = 0; isalpha((unsigned char)key[i + n]); n++)
@@ -148,7 +149,7 @@ static bool has_word(const char *key, const char *const *words, size_t count) {
     return false;
 }
 
-/* A jaw, eyes and expressions have SMPL-X's bodies alone; GVHMR's parameters are SMPL-X's too. */
+/* Only SMPL-X's bodies have a jaw, eyes and expressions; GVHMR's parameters are SMPL-X's too. */
 static bool smplx_told(const value *v) {
     static const char *const words[] = {"jaw", "eye", "leye", "reye", "expression", "expr", "smplx"};
     static const char *const models[] = {"surface_model_type", "model_type", "model", NULL};
@@ -188,7 +189,7 @@ static bool is_idle(const char *key) {
            !strcmp(key, "smpl_scaling");                             /* read by its own name */
 }
 
-/* Keys met so far, "a, b, c"; what no longer fits is counted. */
+/* Keys found so far, "a, b, c"; keys that no longer fit are counted. */
 typedef struct {
     char text[400];
     size_t bytes;

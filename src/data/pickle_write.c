@@ -1,4 +1,4 @@
-/* Pickles by protocol, in .npy files, as NumPy reads them. */
+/* Writes pickles by protocol, in .npy files, as NumPy reads them. */
 #include "data/pickle_write.h"
 
 #include <string.h>

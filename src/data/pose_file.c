@@ -1,4 +1,4 @@
-/* Files of poses and of cameras. */
+/* Reads files of poses and of cameras. */
 #include <string.h>
 
 #include "data/parse.h"
@@ -26,7 +26,7 @@ static int64_t frame_count(const body_parts *parts) {
     return frames_of(parts->part[PART_BODY].item, body, COUNT_OF(body));
 }
 
-/* Whether an entry has one row a frame, and not one value for all. */
+/* Whether an entry has one row for each frame rather than one value for all. */
 static bool by_frame(const value *item, int64_t frames) {
     if (!item || frames < 2 || parse_rows(item) != frames) return false;
     if (item->kind == VALUE_ARRAY) return item->array.rank >= 2;
@@ -70,7 +70,7 @@ static sherf_status poses_of_dict(context *c, const body_parts *parts, int64_t f
     return status;
 }
 
-/* `path` is for the warning of keys that are not read. */
+/* `path` is for the warning about unread keys. */
 static sherf_status poses_from(context *c, const char *path, const value *v, sherf_pose **out, int *count) {
     const value *list = list_of(v);
     body_parts parts;
@@ -179,7 +179,7 @@ done:
     return status;
 }
 
-/* Frames are pictures of a pinhole. */
+/* Frames are rendered with a pinhole camera, so the distortion is ignored, with a message. */
 static void lens_warn(context *c, const char *path, const parsed_camera *camera) {
     for (int i = 0; i < DISTORTION_MAX; i++)
         if (camera->D[i] != 0) {

@@ -1,5 +1,5 @@
-/* OpenCV's resize: INTER_AREA for pictures that shrink, INTER_LINEAR for those that grow, INTER_NEAREST for
- * masks. Sums are taken in OpenCV's order, so that the floats come out the same. */
+/* OpenCV's resize: INTER_AREA for shrinking, INTER_LINEAR for growing, INTER_NEAREST for masks. Sums run in
+ * OpenCV's order, so the floats are the same. */
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -11,7 +11,7 @@ static sherf_status resize_check(context *c, int width, int height) {
     return failure(c, SHERF_BAD_ARGUMENT, "a picture cannot be resized to %d x %d", width, height);
 }
 
-/* One contribution: source pixel `from` to target pixel `to`. */
+/* One contribution from source pixel `from` to target pixel `to`. */
 typedef struct {
     int to, from;
     float weight;
@@ -68,7 +68,7 @@ done:
     return status;
 }
 
-/* Whole numbers of source pixels per target pixel: plain means, summed four at a time. */
+/* An integer number of source pixels for each target pixel: plain means, summed four at a time. */
 static void area_whole(const sherf_image *source, sherf_image *target, int step_x, int step_y) {
     int channels = source->channels, area = step_x * step_y;
     float scale = 1.f / area;

@@ -1,9 +1,9 @@
-/* The posed body as a camera sees it, against a mask and over a picture. */
+/* The posed body as seen by a camera, compared with a mask and drawn over a picture. */
 #include "data/silhouette.h"
 
 #include <math.h>
 
-/* The body's vertices and the raster of them; both the caller's to free. */
+/* The body's vertices and their raster; the caller frees both. */
 static sherf_status raster_body(context *c, const body_model *body, const sherf_pose *pose,
                                 const sherf_camera *camera, float **vertices, raster **out) {
     *out = NULL;

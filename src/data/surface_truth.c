@@ -1,4 +1,4 @@
-/* A person's surface in a pose: made of triangles, written, and read with suspicion. */
+/* A person's surface in a pose: made from triangles, written, and read with full checks. */
 #include "data/surface_truth.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 
 enum { NEAR = 24576, FAR = 4096, POINTS = NEAR + FAR, PLACES = 20000, ITEMS = 7 };
 static const double near_sd_m = 0.05, cube_m = 2.6;
-static const float beyond_cells = 2.5f; /* from a place to where its outside is looked for */
+static const float beyond_cells = 2.5f; /* the distance from a place at which its outside is tested */
 
 void surface_truth_free(surface_truth *t) {
     mem_free(t->vertex);
@@ -41,7 +41,7 @@ static sherf_status mesh_join(context *c, const surface_source *from, surface_tr
     return SHERF_OK;
 }
 
-/* Which side of a place looks outside: 1 its front, -1 behind, 0 neither. */
+/* The outer side of a place: 1 its front, -1 its back, 0 neither. */
 static int open_side(const solid_grid *g, const solid_point *p) {
     for (int side = 1; side >= -1; side -= 2) {
         float out[3];
@@ -52,7 +52,7 @@ static int open_side(const solid_grid *g, const solid_point *p) {
     return 0;
 }
 
-/* Of `count` candidates those that are seen, with their colours. */
+/* The visible ones among `count` candidates, with their colours. */
 static sherf_status places_take(context *c, const surface_source *from, const solid_grid *g,
                                 const solid_point *candidate, int64_t count, surface_truth *t) {
     t->place = mem_alloc(c, (size_t)count + 1, 3 * sizeof *t->place);
@@ -138,7 +138,7 @@ sherf_status surface_truth_write(context *c, const surface_truth *t, const char 
     return safetensors_write(c, path, ITEMS, item, COUNT_OF(metadata), metadata);
 }
 
-/* A copy of one of its tensors; NULL, and what is wrong. */
+/* A copy of one of its tensors; NULL, and the error. */
 static void *item_read(context *c, const safetensors *s, int i, int64_t *rows, sherf_status *status) {
     enum { ROWS_MAX = 1 << 24 };
     const safetensor *x = safetensors_find(s, layout[i].name);

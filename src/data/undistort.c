@@ -1,6 +1,6 @@
-/* OpenCV's undistort: the map of initUndistortRectifyMap in 1/32 pixels, then a bilinear remap with the
- * border taken as 0. Bytes use 15-bit weights as remap does (all weights are multiples of 1/1024, so the
- * integer arithmetic is exact but for the last rounding); floats the same weights as floats. */
+/* OpenCV's undistort: the map of initUndistortRectifyMap in 1/32 pixels, then a bilinear remap with border 0.
+ * Bytes use 15-bit weights as remap does (all weights are multiples of 1/1024, so the integer arithmetic is
+ * exact except for the last rounding); floats use the same weights as floats. */
 #include <math.h>
 #include <string.h>
 
@@ -20,7 +20,7 @@ typedef struct {
     int stripe; /* rows whose map is computed with one inverse, as OpenCV does it */
 } undistort_job;
 
-/* The sensor's tilt about x and y (tx, ty; radians): its plane is projected back onto the upright one's. */
+/* The sensor's tilt about x and y (tx, ty; radians): projects its plane back onto the upright one. */
 static void tilt_of(double tx, double ty, double out[9]) {
     const double cx = cos(tx), sx = sin(tx), cy = cos(ty), sy = sin(ty);
     const double turn[9] = {cy, sy * sx, -sy * cx, 0, cx, sx, sy, -cy * sx, cy * cx}; /* about x, then y */
@@ -38,8 +38,8 @@ static void tilt(const double m[9], double *x, double *y) {
     *y = v * scale;
 }
 
-/* Where the undistorted pixel (x, y) lies in the distorted picture, in 1/32 pixels. `inverse` is that of K
- * with its centre moved up by the stripe's first row. */
+/* The position of the undistorted pixel (x, y) in the distorted picture, in 1/32 pixels. `inverse` is that of
+ * K with its centre moved up by the stripe's first row. */
 static void distorted_position(const undistort_job *job, const double inverse[9], int x, int y, int *u32,
                                int *v32) {
     const double *K = job->K, *D = job->D;
@@ -123,8 +123,8 @@ static void undistort_rows(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* OpenCV's distortion model knows no skew and no projective row, so only its focal lengths and centre are
- * used; without distortion the map is the identity, and so is the remap. */
+/* OpenCV's distortion model has no skew and no projective row, so only the focal lengths and centre are used;
+ * without distortion the map is the identity, and so is the remap. */
 static bool undistort_needed(const double D[DISTORTION_MAX]) {
     for (int i = 0; i < DISTORTION_MAX; i++)
         if (D[i] != 0) return true;

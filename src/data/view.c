@@ -1,4 +1,4 @@
-/* A picture with its mask, camera and pose out of files: read, undistorted, scaled, cut out. */
+/* Loads a picture with its mask, camera and pose from files: reads, undistorts, scales, masks. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +7,7 @@
 
 enum { MASK_OUT = 0, MASK_PERSON = 1, MASK_EDGE = 100, EDGE_REACH = 2 };
 
-/* Size and limits before anything is decoded. */
+/* Checks size and limits before anything is decoded. */
 static sherf_status size_check(context *c, const char *path, int *width, int *height) {
     int channels;
     sherf_status status = image_size(c, path, width, height, &channels);
@@ -19,8 +19,8 @@ static sherf_status size_check(context *c, const char *path, int *width, int *he
     return SHERF_OK;
 }
 
-/* Some shades beside black and some beside white: a hard mask that was a JPEG, whose ground is not quite
- * black. */
+/* Whether there are some shades near black and some near white: a hard mask saved as a JPEG, whose background
+ * is not quite black. */
 static bool is_noisy(const size_t count[256]) {
     enum { BESIDE = 16, SHADES = 3 };
     int dark = 0, light = 0;
@@ -50,7 +50,7 @@ static int mask_half(const image_u8 *color) {
     return shades >= SHADES_MIN ? (brightest + 1) / 2 : 0;
 }
 
-/* Where the colours are not 0 anywhere, and transparency says what is the person. */
+/* Whether no colour is 0 and transparency marks the person. */
 static bool mask_is_alpha(const image_u8 *color, const image_u8 *mask) {
     const size_t n = (size_t)mask->width * mask->height;
     size_t clear = 0;
@@ -61,7 +61,7 @@ static bool mask_is_alpha(const image_u8 *color, const image_u8 *mask) {
     return clear > 0 && clear < n;
 }
 
-/* Of a soft mask, or one that is transparent, the person begins at a half. */
+/* In a soft or transparent mask, the person begins at one half. */
 static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
     image_u8 color = {0};
     sherf_status status = image_read(c, path, 4, &color);
@@ -74,7 +74,7 @@ static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
     return SHERF_OK;
 }
 
-/* People do not fill a picture's border. */
+/* A person does not fill a picture's border. */
 static void mask_inverted_warn(context *c, const char *path, const image_u8 *mask) {
     const int w = mask->width, h = mask->height;
     int64_t border = 0, person = 0;
@@ -89,8 +89,8 @@ static void mask_inverted_warn(context *c, const char *path, const image_u8 *mas
                  path);
 }
 
-/* 1 where any channel is not 0, or, in soft masks and where without a mask file the picture's alpha counts,
- * where it is at least a half. */
+/* 1 where any channel is not 0; in soft masks, and for the picture's alpha if there is no mask file, where
+ * the value is at least one half. */
 static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
     if (s->mask) {

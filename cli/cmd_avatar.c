@@ -18,10 +18,9 @@ static const option options[] = {
     SHARED_BODY_OF_DATA(&set.body),
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the avatar, .safetensors", .needed = true},
     {0, "whole", OPTION_FLAG, &set.whole, NULL,
-     "encode the picture as it is, not cut out round the person and scaled to what the model knows"},
+     "encode the picture as it is, without cropping it round the person and scaling it for the model"},
     {0, "variant", OPTION_INTEGER, &set.variant, "N",
-     "what was not seen looks one of many plausible ways, the same for the same N (0, the best guess)", 0,
-     1e9},
+     "one of many plausible guesses for unseen parts, the same for the same N (0, the best guess)", 0, 1e9},
     {0, "variants", OPTION_INTEGER, &set.variants, "N",
      "also draw a sheet of the best guess and variants 1 to N from behind, beside the avatar", 1,
      VARIANTS_MAX},
@@ -118,9 +117,9 @@ const verb verb_avatar = {
         "Encodes an observation (picture, mask, camera, body pose and shape) into an avatar: one "
         "file with everything that rendering the person needs. OBSERVATION is a photo, of which "
         "the rest is estimated (see sherf estimate), a folder or JSON file, or a picture of a data "
-        "set as DATA#PERSON/POSE/VIEW. Of several (up to 8: the front, the back, a side), each in any "
-        "pose, every place of the body is taken from the picture that shows it best. What none shows is "
-        "guessed; --variants shows other guesses, --variant takes one.",
+        "set as DATA#PERSON/POSE/VIEW. From several (up to 8: the front, the back, a side), each in any "
+        "pose, the avatar takes every place of the body from the picture that shows it best. Places that "
+        "none shows are guessed; --variants shows other guesses, --variant takes one.",
     .example =
         "sherf avatar me.jpg -o me.safetensors\n"
         "sherf avatar front.jpg back.jpg -o me.safetensors\n"

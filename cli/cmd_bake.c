@@ -67,13 +67,11 @@ const verb verb_bake = {
     .name = "bake",
     .arguments = "INPUT",
     .summary = "make an avatar that is drawn in milliseconds, without its network",
-    .description = "Bakes an avatar file, or an observation, into a skinned surface with a texture. sherf "
-                   "render and sherf "
-                   "animate take the file as any avatar, from any camera and in any pose, and draw it some "
-                   "hundred times as "
-                   "fast; edges are harder than the network's, and there is no haze. What needs the network "
-                   "(--exact, sherf "
-                   "export, sherf view) wants the avatar that it was baked of.",
+    .description =
+        "Bakes an avatar file, or an observation, into a skinned surface with a texture. sherf render, sherf "
+        "animate and sherf view take the file like any avatar, from any camera and in any pose, and "
+        "draw it about a hundred times as fast; edges are harder than the network's, and there is no "
+        "haze. --exact and sherf export need the network, and so the avatar that it was baked from.",
     .example = "sherf bake ann.safetensors -o ann.baked.safetensors\n"
                "sherf animate ann.baked.safetensors --motion walk.npz -o walk.mp4",
     .options = options,

@@ -5,7 +5,7 @@
 static struct { const char *output; } set;
 
 static const option options[] = {
-    {'o', "output", OPTION_FILE, &set.output, "FILE", "where it goes, .safetensors", .needed = true},
+    {'o', "output", OPTION_FILE, &set.output, "FILE", "the output, .safetensors", .needed = true},
     {0},
 };
 
@@ -29,7 +29,7 @@ static int run(session *s, int count, char **argument) {
 const verb verb_convert = {
     .name = "convert",
     .arguments = "FILE",
-    .summary = "turn weights and body files of others into safetensors",
+    .summary = "convert other projects' weights and body files to safetensors",
     .description =
         "Recognises FILE by its content: an SMPL body (pickle or npz), a SHERF snapshot, a torch state dict "
         "(ResNet-18 or 34, VGG16, LPIPS heads; zip or legacy), a TensorFlow.js layers model of ResNet-50 "

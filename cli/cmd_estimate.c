@@ -13,7 +13,7 @@ static struct { const char *body, *output; } set;
 
 static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "FOLDER",
-     "of one photo the observation; of more, a folder each in here, named after the photo; of a video "
+     "for one photo its observation; for several, a folder for each, named after the photo; for a video "
      "FILE.npz, the motion",
      .needed = true},
     {'b', "body", OPTION_FILE, &set.body, "FILE", "body model to fit (the open body)"},

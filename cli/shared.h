@@ -35,21 +35,20 @@
     {'b', "body", OPTION_FILE, to, "FILE",                                                                   \
      "the body model the avatar was made with (one beside it, or else the open body)"}
 #define SHARED_WEIGHTS_OF_OBSERVATION(letter, to)                                                            \
-    {letter, "model", OPTION_FILE, to, "FILE", "weights, where INPUT is an observation (the model that ships)"}
+    {letter, "model", OPTION_FILE, to, "FILE", "weights, if INPUT is an observation (the model that ships)"}
 #define SHARED_WHOLE(to)                                                                                     \
     {0, "whole", OPTION_FLAG, to, NULL,                                                                      \
-     "an observation is encoded as it is, not cut out round the person and scaled to what the model knows"}
+     "encode an observation as it is, without cropping it round the person and scaling it for the model"}
 #define SHARED_SAMPLES(to)                                                                                   \
     {0, "samples", OPTION_INTEGER, to, "N",                                                                  \
      "depths on every ray (the model's 48, and more where steps would be longer than 12 mm)", 0, 1024}
 #define SHARED_NO_DETAIL(to)                                                                                 \
     {0, "no-detail", OPTION_FLAG, to, NULL,                                                                  \
-     "the network's colours and haze as they are; otherwise what the picture shows is given back where it "  \
-     "is seen, and haze is cleared"}
+     "keep the network's colours and haze; otherwise frames get the picture's detail, and haze is cleared"}
 #define SHARED_EXACT(to)                                                                                     \
     {0, "exact", OPTION_FLAG, to, NULL,                                                                      \
-     "every point near the body is queried; otherwise those that weigh, in bf16 those in front of 99.9 % "   \
-     "opacity and not in empty space"}
+     "query every point near the body; otherwise only points with weight, and in bf16 those in front of "    \
+     "99.9 % opacity and outside empty space"}
 /* clang-format on */
 
 #endif

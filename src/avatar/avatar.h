@@ -102,7 +102,7 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
 /* ---- detail.c, see detail.h ---- */
 
 /* ---- avatar.c: made of an observation ---- */
-sherf_avatar *avatar_new(context *c); /* empty, NULL on lack; freed with sherf_avatar_free */
+sherf_avatar *avatar_new(context *c); /* empty, NULL: out of memory; free it with sherf_avatar_free */
 /* Copies the weights that a model's queries read; parameters_free them, even after an error. */
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
 /* Sets what an observation or a file determines (the sheet, the bodies) and calls avatar_place. */

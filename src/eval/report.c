@@ -267,7 +267,7 @@ static bool add_error(cJSON *to, const pose_error *e) {
            add_number(to, "turn_deg", e->turn_deg) && add_number(to, "overlap", e->overlap);
 }
 
-/* A new entry of a list, which says what was observed; NULL where memory lacks. */
+/* A new entry of a list, with its observation; NULL: out of memory. */
 static cJSON *add_observation(cJSON *list, const sherf_dataset *d, int person, picture observation) {
     cJSON *o = cJSON_CreateObject();
     if (!o || !cJSON_AddItemToArray(list, o)) {

@@ -38,7 +38,7 @@ void report_free(report *r);
 /* Means of one kind over one person (-1: everyone) of novel view or novel pose. Observations from different
  * views are averaged on their own first, then the means, as in the paper, unless it is a plain mean. */
 sherf_score report_mean(const report *r, int kind, int person, bool novel_pose);
-/* Text to print; mem_free it. NULL when memory lacks. */
+/* Text to print; mem_free it. NULL: out of memory. */
 char *report_table(context *c, const report *r, const sherf_dataset *d);
 sherf_status report_write_json(context *c, const report *r, const sherf_dataset *d, const char *path);
 

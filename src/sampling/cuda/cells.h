@@ -1,7 +1,7 @@
-/* The exact nearest vertex by the cells of a uniform grid, as vertex_grid.c finds it: squared distances in
- * float32 without fused operations, the lowest index on a tie, so that both give the same vertex. A search
- * visits rows of cells (y, z) in rings around the point's own and stops where a ring is farther than the best
- * vertex so far. For files that are compiled without fused operations. */
+/* The exact nearest vertex by the cells of a uniform grid, as in vertex_grid.c: squared distances in float32
+ * without fused operations, the lowest index on a tie, so that both give the same vertex. A search visits
+ * rows of cells (y, z) in rings around the point's own and stops when a ring is farther than the best vertex
+ * so far. For files compiled without fused operations. */
 #ifndef SHERF_CUDA_CELLS_H
 #define SHERF_CUDA_CELLS_H
 

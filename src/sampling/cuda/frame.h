@@ -1,6 +1,6 @@
-/* What the files of frames on the GPU share. Everything is plain pointers into the GPU's memory; kernels take
- * them by value. The number of points is known to the GPU alone: kernels over points are launched for as many
- * as there is room for and read how many there are. */
+/* Shared by the files of frames on the GPU. Everything is plain pointers into the GPU's memory; kernels take
+ * them by value. Only the GPU knows the number of points: kernels over points are launched for as many as
+ * there is room for and read the number. */
 #ifndef SHERF_CUDA_FRAME_H
 #define SHERF_CUDA_FRAME_H
 
@@ -25,15 +25,15 @@ template <typename F> void each_counted(const int32_t *n, int64_t max, F f) {
                f);
 }
 
-/* value[i] = sum of the values before it for 0 <= i <= n: room for n + 1. With `counted` (or NULL) only for
- * i <= *counted, where that is less. sums: room for scan_sums(n). */
+/* value[i] = sum of the values before it for 0 <= i <= n: room for n + 1. If counted is not NULL, only for i
+ * <= *counted, if that is less. sums: room for scan_sums(n). */
 void scan(int64_t n, const int32_t *counted, int32_t *value, int32_t *sums);
 enum { SCAN_RUN = 8, SCAN_BLOCK = SCAN_RUN * BLOCK };
 inline int64_t scan_sums(int64_t n) {
     return divided_up(n, SCAN_BLOCK) + 1;
 }
 
-/* Room of `count` values in an arena of the GPU's; NULL on lack. */
+/* Room for `count` values in an arena of the GPU's; NULL: out of memory. */
 template <typename T> T *room(context *c, arena *a, int64_t count) {
     return (T *)arena_alloc(c, a, (size_t)(count > 0 ? count : 1), sizeof(T));
 }
@@ -49,7 +49,7 @@ struct vertex_cells {
     int32_t *start;   /* CELLS_MAX + 1 */
     float *x, *y, *z; /* by cell */
     int32_t *index;   /* their vertices */
-    uint8_t *near;    /* by cell: whether anything of it may be within `reach` of a vertex; or NULL */
+    uint8_t *near;    /* by cell: whether any part may be within `reach` of a vertex; or NULL */
     const float *vertex;
 };
 constexpr int64_t CELLS_MAX = 1 << 19;
@@ -65,13 +65,13 @@ struct placed_body {
 
 /* A frame's own numbers. */
 struct frame_head {
-    float min[3], max[3];       /* the box that rays are cut with, in the world */
+    float min[3], max[3];       /* the box that clips rays, in the world */
     float depth_min, depth_max; /* of all rays, in the box */
     float longest_m,
         step_m;       /* the longest way of a ray through the box; of steps where they are made even, or 0 */
-    int32_t finite;   /* whether the vertices are numbers within reason */
+    int32_t finite;   /* whether the vertices are finite and plausible */
     int32_t samples;  /* a ray */
-    int32_t too_many; /* candidates for any room */
+    int32_t too_many; /* more candidates than any room */
     int32_t candidates, points;
 };
 
@@ -83,12 +83,12 @@ struct placed_pose {
 
 sherf_status body_place(context *c, arena *a, const tensor_memory *memory, const body_model *body,
                         placed_body *out);
-/* Room for the cells of `vertices`. */
+/* Allocates the cells of `vertices`. */
 sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_cells *out);
 /* Sorts them; scratch: scan_sums(CELLS_MAX) + CELLS_MAX. */
 void cells_fill(context *c, const tensor_memory *memory, int vertices, vertex_cells *g, int32_t *scratch);
 sherf_status pose_room(context *c, arena *a, const placed_body *b, placed_pose *out);
-/* Vertices, maps, cells and box. */
+/* Computes vertices, maps, cells and box. */
 void pose_fill(context *c, const tensor_memory *memory, const placed_body *b, const posed_body *posed,
                placed_pose *out, frame_head *head, int32_t *scratch);
 
@@ -97,7 +97,7 @@ struct placed_camera { /* the observation's */
     float K[9], R[9], T[3];
 };
 /* Where canonical points are read: maps V x 12, from_canonical or read_from of its body (apart), with its
- * blend. */
+ * blending. */
 struct placed_observation {
     const float *maps;
     float blend_m;
@@ -121,7 +121,7 @@ struct placed_points {
     float *range;  /* RANGE_PARTS x 3 */
     int32_t *many; /* RANGE_PARTS */
 };
-/* How many depths a ray has: see gpu_frame_options. */
+/* A ray's number of depths: see gpu_frame_options. */
 struct sample_request {
     int samples, max;
     float step_max_m;

@@ -1,4 +1,4 @@
-/* What frames ask of the CUDA runtime besides the tensors' memory. */
+/* Functions of the CUDA runtime for frames, in addition to the tensors' memory. */
 #include "sampling/cuda/warp.h"
 
 namespace cuda_backend {
@@ -19,7 +19,7 @@ int multiprocessors() {
 void *pinned_take(context *c, size_t bytes) {
     void *p = nullptr;
     if (cudaMallocHost(&p, bytes) == cudaSuccess) return p;
-    cudaGetLastError(); /* forgets it */
+    cudaGetLastError(); /* clears the error */
     failure(c, SHERF_NO_MEMORY, "out of memory: %.1f MB that the GPU can copy to were requested",
             (double)bytes / 1e6);
     return nullptr;

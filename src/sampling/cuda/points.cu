@@ -1,7 +1,8 @@
-/* Rays, and the samples near the body, as rays.c and points.c make and find them, in the same order:
- * candidates by the grid's cells, counted a ray, summed up and written; then one thread a candidate searches
- * its nearest vertex, the kept ones are summed up again, and one thread each maps them to canonical space and
- * to the observation's picture. Compiled without fused operations: the same points as on the CPU. */
+/* Rays, and the samples near the body, found as in rays.c and points.c, in the same order. Candidates are
+ * found by the grid's cells, counted for each ray, summed and written. Then one thread for each candidate
+ * searches its nearest vertex, the kept ones are summed again, and one thread for each maps it to canonical
+ * space and to the observation's picture. Compiled without fused operations: the same points as on the CPU.
+ */
 #include "body/deform_point.h"
 #include "sampling/cuda/cells.h"
 
@@ -177,7 +178,7 @@ static void find_candidates(const placed_pose &pose, const placed_points &p) {
         }
         if (lane == 0) p.first[n] = count;
     });
-    /* too many for an int32: none are taken, and the frame ends in an error */
+    /* too many for an int32: none are taken, and the frame fails */
     launch(many_kernel, dim3(RANGE_PARTS), dim3(BLOCK), p);
     each(1, [=] __device__(int64_t) {
         int64_t sum = 0;

@@ -7,7 +7,7 @@
 
 namespace cuda_backend {
 
-/* `count` values of the host's, placed; NULL on lack. */
+/* `count` values of the host's, placed; NULL: out of memory. */
 template <typename T>
 static T *placed(context *c, arena *a, const tensor_memory *memory, const T *from, int64_t count) {
     T *to = room<T>(c, a, count);
@@ -44,8 +44,9 @@ static __device__ void bounds_join(body_bounds &a, const body_bounds &b) {
     a.finite &= b.finite;
 }
 
-/* Cells of about half of BODY_SHELL_M, so that BODY_SHELL_M reaches two cells; around the vertices three
- * more, so that all points within BODY_SHELL_M lie in the grid. Larger ones where they would be too many. */
+/* Cells of about half of BODY_SHELL_M, so that BODY_SHELL_M covers two cells, with three more around the
+ * vertices, so that all points within BODY_SHELL_M are in the grid. Cells are larger if there would be too
+ * many. */
 static __device__ void shape_cells(const body_bounds &b, cells_head *h) {
     float cell = BODY_SHELL_M * 0.502f, scale = 0;
     int finite = b.finite;

@@ -7,7 +7,7 @@ static __device__ int64_t scan_end(int64_t n, const int32_t *counted) {
     return counted && *counted < n ? *counted : n;
 }
 
-/* What this thread's run adds up to, and what comes before it in the block; also the block's sum. */
+/* v: this thread's sum. Returns the sum of those before it in the block; *all: the block's sum. */
 static __device__ int32_t block_before(int32_t v, int32_t *all) {
     __shared__ int32_t warp_total[ROWS_A_BLOCK];
     const int warp = (int)threadIdx.x / WARP;
@@ -41,7 +41,7 @@ __global__ static void scan_sums_kernel(int64_t n, const int32_t *counted, const
     if (threadIdx.x == 0) sums[blockIdx.x] = all;
 }
 
-/* The sums before each block, by one block; sums[blocks] is that of all. */
+/* The sums before each block, by one block; sums[blocks] is the total. */
 __global__ static void scan_blocks_kernel(int64_t blocks, int32_t *sums) {
     const int64_t begin = blocks * threadIdx.x / BLOCK, end = blocks * (threadIdx.x + 1) / BLOCK;
     int32_t sum = 0, all;

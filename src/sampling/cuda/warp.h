@@ -1,6 +1,6 @@
-/* What the kernels of frames ask of the hardware beyond plain CUDA C++: words between the lanes of a warp,
- * tensor cores, copies into shared memory that run beside the work, shared memory of more than 48 KB. The
- * emulation has the same functions (tests/support/cuda). All lanes of a warp must call those that say so. */
+/* Hardware functions for the kernels of frames beyond plain CUDA C++: exchange between the lanes of a warp,
+ * tensor cores, asynchronous copies into shared memory, shared memory of more than 48 KB. The emulation has
+ * the same functions (tests/support/cuda). All lanes of a warp must call those that say so. */
 #ifndef SHERF_CUDA_WARP_H
 #define SHERF_CUDA_WARP_H
 
@@ -42,7 +42,7 @@ __device__ inline float quad_sum(float v) {
     return v + __shfl_xor_sync(all_lanes, v, 2);
 }
 
-/* The whole warp: what any lane wrote to shared memory before is there for all. */
+/* The whole warp: everything that any lane wrote to shared memory before is visible to all. */
 __device__ inline void warp_barrier() {
     __syncwarp();
 }
@@ -85,7 +85,8 @@ __device__ inline uint16_t half_of(float v) {
     return __half_as_ushort(__float2half_rn(v));
 }
 
-/* 16 bytes into shared memory, both addresses multiples of 16; there after async_wait_but and a barrier. */
+/* Copies 16 bytes into shared memory, both addresses multiples of 16; visible after async_wait_but and a
+ * barrier. */
 __device__ inline void async_copy(void *shared, const void *global) {
     asm volatile(
         "cp.async.cg.shared.global [%0], [%1], 16;" ::"r"((uint32_t)__cvta_generic_to_shared(shared)),
@@ -96,7 +97,7 @@ __device__ inline void async_copy(void *shared, const void *global) {
 __device__ inline void async_commit() {
     asm volatile("cp.async.commit_group;" ::: "memory");
 }
-/* Until all but the `newest` groups of this thread's copies are done; a constant. */
+/* Waits until all but the `newest` groups of this thread's copies are done; a constant. */
 __device__ inline void async_wait_but(int newest) {
     if (newest == 0)
         asm volatile("cp.async.wait_group 0;" ::: "memory");
@@ -122,10 +123,10 @@ void launch_wide(void (*kernel)(P...), dim3 grid, dim3 block, size_t shared_byte
 namespace cuda_backend {
 
 /* ---- the host's side (frame_runtime.cu) ---- */
-/* What went wrong with the launches since the last time, if anything. */
+/* The first error of the launches since the last call, if any. */
 sherf_status finished_work(context *c, const char *what);
 int multiprocessors();
-/* Memory of the host that the GPU copies to at full speed; NULL and message on lack. */
+/* Host memory that the GPU copies to at full speed; NULL and message: out of memory. */
 void *pinned_take(context *c, size_t bytes);
 void pinned_give(void *p);
 

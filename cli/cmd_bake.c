@@ -20,7 +20,7 @@ static const option options[] = {
     {'o', "output", OPTION_FILE, &set.output, "FILE", "the baked avatar", .needed = true},
     {'r', "resolution", OPTION_INTEGER, &set.resolution, "N",
      "cells of the density along the body's longest side (256)", 16, 768},
-    {'t', "triangles", OPTION_INTEGER, &set.triangles, "N", "of the surface (40000)", 100, 1000000},
+    {0, "triangles", OPTION_INTEGER, &set.triangles, "N", "of the surface (40000)", 100, 1000000},
     {0, "texture", OPTION_INTEGER, &set.texture, "N", "its side, a multiple of 8 (1024)", 64, 4096},
     SHARED_WHOLE(&set.whole),
     SHARED_NO_DETAIL(&set.no_detail),

@@ -29,7 +29,7 @@ static const option options[] = {
     {0, "fps", OPTION_REAL, &set.fps, "X", "frames a second of the animation (the motion's own)", 0.1, 1000},
     {'r', "resolution", OPTION_INTEGER, &set.resolution, "N",
      "cells of the density along the body's longest side (256)", 16, 768},
-    {'t', "triangles", OPTION_INTEGER, &set.triangles, "N", "reduce the surface to so many (50000)", 100,
+    {0, "triangles", OPTION_INTEGER, &set.triangles, "N", "reduce the surface to so many (50000)", 100,
      100000000},
     {0, "all-triangles", OPTION_FLAG, &set.all_triangles, NULL, "do not reduce the surface"},
     {0, "texture", OPTION_INTEGER, &set.texture, "PX", "side of the texture of .glb and .obj (1024)", 64,

@@ -26,7 +26,7 @@ words_of() {
     people) words=(synth people --source "$source" --people 3 --poses 2 --views 2 --size 48) ;;
     train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 30 --batch 1 --save-every 3 --sample-every 10
         --perceptual none --seed 5) ;;
-    bake) words=(bake avatar.safetensors -b people/tubeman.safetensors -r 64 -t 2000 --texture 128) ;;
+    bake) words=(bake avatar.safetensors -b people/tubeman.safetensors -r 64 --triangles 2000 --texture 128) ;;
     estimate) words=(estimate "$photo") ;;
     experiment) words=(experiment input-angle -p smoke -d thuman:people --train-people 0 --test-people 1 -s 32 -n 6
         --perceptual none) ;;

@@ -22,7 +22,7 @@ words_of() {
     avatar) words=(avatar "thuman:$root/assets/demo#person_900006/0/0" -o "$2/a.safetensors") ;;
     render) words=(render whole/a.safetensors --size 128 -o "$2/picture.png") ;;
     export) words=(export whole/a.safetensors -r 96 -o "$2/person.glb") ;;
-    bake) words=(bake whole/a.safetensors -r 96 -t 5000 --texture 256 -o "$2/b.safetensors") ;;
+    bake) words=(bake whole/a.safetensors -r 96 --triangles 5000 --texture 256 -o "$2/b.safetensors") ;;
     train) words=(train -d thuman:people -P 0 -p "$tiny" -s 32 -n 4 --batch 1 --perceptual none -o "$2/run") ;;
     esac
     words+=(-q)

@@ -296,8 +296,6 @@ static void faces_are_seen_whole(void **state) {
     close_scene(&s);
 }
 
-/* Composites over any background, by opacity only; a square of body in the middle. */
-/* A body with a hat that touches it and a slab below that does not; something that enters at the edge. */
 /* The firmness of an avatar's frame in a pose. */
 static detail_firmness firmness_of(scene *s, const sherf_pose *pose, const sherf_camera *camera) {
     const avatar_detail *d;
@@ -346,6 +344,7 @@ static void haze_is_less_round_a_known_outline(void **state) {
     close_scene(&s);
 }
 
+/* A body with a hat that touches it and a slab below that does not; something that enters at the edge. */
 static void islands_are_cleared(void **state) {
     enum { W = 16, N = W * W };
     static const float background[3] = {0.2f, 0.9f, 0.5f};
@@ -378,6 +377,7 @@ static void islands_are_cleared(void **state) {
     close_scene(&s);
 }
 
+/* Composites over any background, by opacity only; a square of body in the middle. */
 static void haze_is_cleared(void **state) {
     enum { W = 16, N = W * W };
     static const float background[3] = {0.2f, 0.9f, 0.5f}, own[3] = {0.7f, 0.1f, 0.4f};

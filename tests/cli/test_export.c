@@ -34,8 +34,8 @@ static int make_avatar(void **state) {
             avatar);
     if (o->status) fail_msg("%s", o->err);
     snprintf(words, sizeof words,
-             "export %s -b %s/tubeman.safetensors -q --json -r 32 -t 400 --texture 128 --splats 300", avatar,
-             folder);
+             "export %s -b %s/tubeman.safetensors -q --json -r 32 --triangles 400 --texture 128 --splats 300",
+             avatar, folder);
     return 0;
 }
 

@@ -129,8 +129,24 @@ static void align_standing(const bvh *b, bvh_body *map, const float rest[BODY_JO
     }
 }
 
+/* Whether pelvis and chest have the body's axes: the lines of collars and shoulders within 60 degrees of the
+ * hips', the first bone of the spine within 75 of straight up, the neck within 90. */
+static bool trunk_stands(const bvh *b, const bvh_body *map, const float rest[BODY_JOINTS][3],
+                         const double G[9]) {
+    static const int8_t bones[][2] = {{2, 1}, {17, 16}, {14, 13}, {0, 3}, {9, 12}};
+    static const double least[] = {0.5, 0.5, 0.5, 0.26, 0};
+    for (size_t i = 0; i < COUNT_OF(bones); i++) {
+        double mine[3], theirs[3];
+        const int from = bones[i][0], to = bones[i][1];
+        if (map->joint[from] < 0 || map->joint[to] < 0) continue;
+        if (!bone_directions(b, map, rest, G, from, to, mine, theirs)) continue;
+        if (dot3(mine, theirs) < least[i]) return false;
+    }
+    return true;
+}
+
 /* Whether legs hang within 60 degrees of straight down, and arms point within 110 of sideways. */
-static bool rest_stands(const bvh *b, const bvh_body *map, const float rest[BODY_JOINTS][3],
+static bool limbs_stand(const bvh *b, const bvh_body *map, const float rest[BODY_JOINTS][3],
                         const double G[9]) {
     static const int8_t bones[] = {1, 2, 4, 5, 16, 17, 18, 19};
     for (size_t i = 0; i < COUNT_OF(bones); i++) {
@@ -150,7 +166,7 @@ sherf_status bvh_body_match(context *c, const bvh *b, const value *given,
     if (status) return status;
     double G[9];
     rest_axes(b, out->joint, joints_rest, G);
-    out->calibrated = !rest_stands(b, out, joints_rest, G);
+    out->calibrated = !limbs_stand(b, out, joints_rest, G) || !trunk_stands(b, out, joints_rest, G);
     if (out->calibrated) return bvh_calibrate(c, b, joints_rest, out);
     align_standing(b, out, joints_rest, G);
     return SHERF_OK;

@@ -27,6 +27,8 @@ static const family families[] = {
     {"SMPL",
      {"hip|buttock|thigh", "knee|shin", "ankle", "foot|toe|toes|toebase", "collar|clavicle", "shoulder|shldr",
       "elbow|forearm", "wrist", "hand"}},
+    {"iPi", {"thigh", "shin", "foot", "toe", "clavicle", "shoulder", "forearm", "hand", ""}},
+    {"ASF", {"femur", "tibia", "foot", "toes", "clavicle", "humerus", "radius", "wrist", "hand"}},
 };
 /* Rigs of the first family, recognised by a word that others use differently. */
 static const struct {

@@ -224,6 +224,16 @@ static sherf_status read_motion(reader *r) {
     return SHERF_OK;
 }
 
+/* Skeletons whose bones are told by the positions of every frame alone: the first frame's are taken. */
+static void fill_offsets(bvh *b) {
+    for (int i = 1; i < b->joints; i++) {
+        bvh_joint *j = &b->joint[i];
+        if (j->offset[0] != 0 || j->offset[1] != 0 || j->offset[2] != 0) continue;
+        for (int k = 0; k < j->channels; k++)
+            if (j->channel[k] < BVH_X_ROTATION) j->offset[j->channel[k]] = b->value[j->first + k];
+    }
+}
+
 static sherf_status parse_text(context *c, const unsigned char *data, size_t bytes, bvh **out) {
     reader r = {.c = c, .at = (const char *)data, .end = (const char *)data + bytes, .line = 1};
     r.b = mem_zero(c, 1, sizeof *r.b);
@@ -235,6 +245,7 @@ static sherf_status parse_text(context *c, const unsigned char *data, size_t byt
         bvh_free(r.b);
         return status;
     }
+    fill_offsets(r.b);
     *out = r.b;
     return SHERF_OK;
 }

@@ -738,6 +738,8 @@ static void bvh_files(void **state) {
                                       -0.70710678118, 0, 0.70710678118};
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0.3, between});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
+    walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0.3, .placed = true});
+    assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.01 m");
 }
 
 static void bvh_rigs(void **state) {
@@ -753,6 +755,8 @@ static void bvh_rigs(void **state) {
         {walk_mhr_names, "names of MHR"},
         {walk_soma_names, "names of SOMA"},
         {walk_arkit_names, "names of Mixamo"},
+        {walk_ipi_names, "names of iPi"},
+        {walk_asf_names, "names of ASF"},
     };
     const walk_fixture *f = *state;
     const char *path = test_path("rig.bvh");
@@ -828,6 +832,21 @@ static void along_bone(const double from[3], const double to[3], double turn, do
     walk_multiply(wide, first, out);
 }
 
+/* The worst vertex of a motion that is calibrated. */
+static void assert_calibrated(const walk_fixture *f, const char *path, double most_m) {
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    assert_non_null(strstr(sherf_motion_description(motion), "calibrated"));
+    double worst = 0;
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        sherf_pose p;
+        sherf_motion_pose(motion, i, &p);
+        worst = fmax(worst, walk_distance(f->c, f->body, &p, &f->walk.pose[i]));
+    }
+    sherf_motion_free(motion);
+    if (!(worst < most_m)) fail_msg("a vertex is %g m off", worst);
+}
+
 /* Each joint has axes of its own, about the bone as it likes: the rest pose is a tangle. The frames tell. */
 static void bvh_tangled_rest(void **state) {
     static const int8_t end[BODY_JOINTS] = {3,  4,  5,  6,  7,  8,  9,  10, 11, 12,
@@ -841,17 +860,25 @@ static void bvh_tangled_rest(void **state) {
         along_bone(f->walk.skeleton.rest_m[from], f->walk.skeleton.rest_m[to], 0.7 * j, own[j]);
     }
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, .own = (const double(*)[9])own});
-    sherf_motion *motion;
-    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
-    assert_non_null(strstr(sherf_motion_description(motion), "calibrated"));
-    double worst = 0;
-    for (int i = 0; i < WALK_FRAMES; i++) {
-        sherf_pose p;
-        sherf_motion_pose(motion, i, &p);
-        worst = fmax(worst, walk_distance(f->c, f->body, &p, &f->walk.pose[i]));
+    assert_calibrated(f, path, 0.03);
+}
+
+/* One joint of the trunk with axes of its own, about up or about left: the limbs still hang as a person's. */
+static void bvh_turned_trunk(void **state) {
+    static const double turns[][9] = {
+        {0, 0, 1, 0, 1, 0, -1, 0, 0}, /* by 90 degrees about up, and by 100 about left */
+        {1, 0, 0, 0, -0.17364817767, -0.98480775301, 0, 0.98480775301, -0.17364817767}};
+    static const int8_t joints[] = {0, 9};
+    const walk_fixture *f = *state;
+    const char *path = test_path("trunk.bvh");
+    for (int i = 0; i < 4; i++) {
+        double own[BODY_JOINTS][9];
+        for (int j = 0; j < BODY_JOINTS; j++) memcpy(own[j], walk_y_up, sizeof own[j]);
+        memcpy(own[joints[i / 2]], turns[i % 2], sizeof own[0]);
+        walk_write_bvh(&f->walk, path,
+                       &(bvh_style){walk_mixamo_names, 22, 0.01, .own = (const double(*)[9])own});
+        assert_calibrated(f, path, 0.05);
     }
-    sherf_motion_free(motion);
-    if (!(worst < 0.03)) fail_msg("a vertex is %g m off", worst);
 }
 
 /* What begins as a scene and is none, or has no animation. */
@@ -1138,6 +1165,7 @@ int main(void) {
                                        cmocka_unit_test(broken_scenes),
                                        cmocka_unit_test(bvh_joints_by_map),
                                        cmocka_unit_test(bvh_tangled_rest),
+                                       cmocka_unit_test(bvh_turned_trunk),
                                        cmocka_unit_test(captured_clips),
                                        cmocka_unit_test(saved),
                                        cmocka_unit_test(options_together),

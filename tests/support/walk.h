@@ -128,10 +128,12 @@ typedef struct {
     /* By joint, what its own axes are turned by against ours at rest (its columns); NULL: not. The rest pose
      * is then none of a person. No spread and no axes go with it. */
     const double (*own)[9];
+    bool placed; /* bones are told by the positions of every frame alone: every offset is 0 */
 } bvh_style;
 
-static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style, int j) {
-    double offset[3], turned[3];
+/* From the parent, in the file's unit. */
+static inline void walk_bvh_offset(const walk *w, const bvh_style *style, int j, double turned[3]) {
+    double offset[3];
     int parent = skeleton_parent[j];
     for (int k = 0; k < 3; k++)
         offset[k] = parent < 0 ? 0 : w->skeleton.rest_m[j][k] - w->skeleton.rest_m[parent][k];
@@ -146,10 +148,19 @@ static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style
     for (int k = 0; k < 3 && style->own && parent >= 0; k++)
         turned[k] = style->own[parent][k] * offset[0] + style->own[parent][3 + k] * offset[1] +
                     style->own[parent][6 + k] * offset[2];
-    fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", style->names[j],
-            turned[0] / style->unit, turned[1] / style->unit, turned[2] / style->unit);
+    for (int k = 0; k < 3; k++) turned[k] /= style->unit;
+}
+
+static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style, int j) {
+    static const double none[3];
+    double offset[3];
+    const int parent = skeleton_parent[j];
+    walk_bvh_offset(w, style, j, offset);
+    if (style->placed) memcpy(offset, none, sizeof offset);
+    fprintf(f, "%s %s\n{\nOFFSET %.9g %.9g %.9g\n", parent < 0 ? "ROOT" : "JOINT", style->names[j], offset[0],
+            offset[1], offset[2]);
     fprintf(f, "CHANNELS %s Zrotation Xrotation Yrotation\n",
-            parent < 0 ? "6 Xposition Yposition Zposition" : "3");
+            parent < 0 || style->placed ? "6 Xposition Yposition Zposition" : "3");
     bool leaf = true;
     for (int i = j + 1; i < style->joints; i++)
         if (skeleton_parent[i] == j) walk_bvh_joint(f, w, style, i), leaf = false;
@@ -205,6 +216,9 @@ static inline void walk_write_bvh(const walk *w, const char *path, const bvh_sty
             for (int k = 0; k < 9; k++) up[k] = j ? file[skeleton_parent[j]][k % 3 * 3 + k / 3] : k % 4 == 0;
             walk_multiply(up, file[j], local);
             walk_euler_zxy(local, angle);
+            double at[3];
+            walk_bvh_offset(w, style, j, at);
+            if (j && style->placed) fprintf(f, " %.9g %.9g %.9g", at[0], at[1], at[2]);
             fprintf(f, " %.9g %.9g %.9g", angle[0], angle[1], angle[2]);
         }
         fprintf(f, "\n");
@@ -226,6 +240,14 @@ static const char *const walk_mixamo_names[BODY_JOINTS] = {
     "mixamorig:LeftForeArm", "mixamorig:RightForeArm",    "mixamorig:LeftHand",
     "mixamorig:RightHand",   "mixamorig:LeftHandMiddle1", "mixamorig:RightHandMiddle1"};
 /* Other rigs' names, of 22 joints. */
+static const char *const walk_ipi_names[BODY_JOINTS] = {
+    "Hip",       "LThigh",    "RThigh",   "LowerSpine", "LShin", "RShin",     "MiddleSpine", "LFoot",
+    "RFoot",     "Chest",     "LToe",     "RToe",       "Neck",  "LClavicle", "RClavicle",   "Head",
+    "LShoulder", "RShoulder", "LForearm", "RForearm",   "LHand", "RHand"};
+static const char *const walk_asf_names[BODY_JOINTS] = {
+    "root",     "lfemur",   "rfemur",  "lowerback", "ltibia",    "rtibia",    "upperback", "lfoot",
+    "rfoot",    "thorax",   "ltoes",   "rtoes",     "lowerneck", "lclavicle", "rclavicle", "head",
+    "lhumerus", "rhumerus", "lradius", "rradius",   "lwrist",    "rwrist"};
 static const char *const walk_unreal_names[BODY_JOINTS] = {
     "pelvis",     "thigh_l",    "thigh_r",    "spine_01",   "calf_l",  "calf_r",     "spine_02",   "foot_l",
     "foot_r",     "spine_03",   "ball_l",     "ball_r",     "neck_01", "clavicle_l", "clavicle_r", "head",

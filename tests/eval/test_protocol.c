@@ -16,7 +16,8 @@ static tube_people people;
 static int make_data(void **state) {
     context *c = test_context();
     snprintf(root, sizeof root, "%s", test_path("people"));
-    const sherf_synth_options synth = {.people = 2, .poses = 3, .views = 6, .size_px = 48, .seed = 5};
+    const sherf_synth_options synth = {
+        .people = 2, .poses = 3, .views = 6, .size_px = 48, .seed = 5, .surfaces = 1};
     sherf_status status = tube_people_make(c, root, &synth, &people);
     sherf_context_free(c);
     return status != SHERF_OK;
@@ -65,6 +66,37 @@ static sherf_eval_options one_person(const char *poses, const char *views) {
                                 .observations = "0:4",
                                 .poses = poses,
                                 .views = views};
+}
+
+/* The surface that an avatar would be baked to is compared on request; an empty avatar's is missed. */
+static void surfaces_on_request(void **state) {
+    context *c = test_context();
+    for (int dense = 0; dense < 2; dense++) {
+        sherf_model *m;
+        sherf_scores s;
+        char path[700];
+        snprintf(path, sizeof path, "%s/%s.safetensors", root, dense ? "dense" : "empty");
+        assert_ok(c,
+                  sherf_model_create(
+                      c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m));
+        *(float *)parameter_find(m->weights, "decoder.alpha_linear.bias")->value.data = dense ? 100 : -100;
+        assert_ok(c, sherf_model_save(c, m, path));
+        sherf_model_free(m);
+        sherf_eval_options o = one_person("0", "0");
+        o.model = path;
+        assert_ok(c, sherf_eval(c, &o, &s));
+        assert_int_equal(s.surfaces.count + s.surfaces.missed, 0);
+        sherf_free(s.table);
+        o.surfaces = 1;
+        assert_ok(c, sherf_eval(c, &o, &s));
+        assert_int_equal(s.surfaces.count, dense);
+        assert_int_equal(s.surfaces.missed, !dense);
+        if (dense && !(s.surfaces.chamfer_cm > 0.5 && s.surfaces.chamfer_cm < 6)) /* a shell of 5 cm */
+            fail_msg("%g cm", s.surfaces.chamfer_cm);
+        sherf_free(s.table);
+    }
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
 }
 
 static void listed_pictures(void **state) {
@@ -355,11 +387,15 @@ static void broken_people_are_named(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(broken_people_are_named), cmocka_unit_test(weights_are_finite),
-        cmocka_unit_test(listed_pictures),         cmocka_unit_test(detail_is_what_users_see),
-        cmocka_unit_test(several_pictures),        cmocka_unit_test(batch_statistics_are_the_pictures),
-        cmocka_unit_test(scores_as_released),      cmocka_unit_test(the_protocol_as_far_as_it_goes),
-        cmocka_unit_test(mistakes_are_one_line)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(broken_people_are_named),
+                                       cmocka_unit_test(weights_are_finite),
+                                       cmocka_unit_test(surfaces_on_request),
+                                       cmocka_unit_test(listed_pictures),
+                                       cmocka_unit_test(detail_is_what_users_see),
+                                       cmocka_unit_test(several_pictures),
+                                       cmocka_unit_test(batch_statistics_are_the_pictures),
+                                       cmocka_unit_test(scores_as_released),
+                                       cmocka_unit_test(the_protocol_as_far_as_it_goes),
+                                       cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

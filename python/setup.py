@@ -1,4 +1,5 @@
-"""The wheel's version is the library's, and its tag says that it holds a library of this machine, for any Python 3."""
+"""Builds the wheel. Its version is the library's; its tag is any Python 3 on this machine's platform, whose library it
+contains."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""NumPy arrays to what the library reads, and back. What is wrong with an array is said before the library sees it."""
+"""Converts NumPy arrays to the library's structs and back. Arrays are checked before the library sees them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _shape_text(shape: tuple[int, ...]) -> str:
 
 
 def numbers(value: Any, what: str) -> npt.NDArray[Any]:
-    """Any array of real numbers."""
+    """`value` as an array of real numbers of any shape. Raises TypeError or ValueError, naming `what`."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError) as error:
@@ -33,7 +33,7 @@ def numbers(value: Any, what: str) -> npt.NDArray[Any]:
 
 
 def floats(value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
-    """A new float32 array of that shape (or flat), all of it finite."""
+    """A new finite float32 array of `shape`; `value` has that shape or is flat. Raises TypeError or ValueError."""
     array = numbers(value, what)
     if array.shape != shape and array.shape != (int(np.prod(shape)),):
         raise ValueError(f"{what}: {_shape_text(shape)} numbers are wanted, not {_shape_text(array.shape)}")
@@ -45,7 +45,10 @@ def floats(value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
 
 
 def picture(value: Any, channels: int, what: str) -> FloatArray:
-    """A picture, height x width (x channels), as float32 in [0, 1]: uint8 is divided by 255, bool is 0 or 1."""
+    """A picture as float32 in [0, 1], height x width x channels. One channel may also be given as height x width.
+
+    uint8 is divided by 255; bool becomes 0 or 1; floats must be in [0, 1]. Raises TypeError or ValueError.
+    """
     array = numbers(value, what)
     if channels == 1 and array.ndim == 2:
         array = array[:, :, None]
@@ -68,25 +71,25 @@ def picture(value: Any, channels: int, what: str) -> FloatArray:
 
 
 def image_of(array: FloatArray) -> ImageStruct:
-    """The struct for an array of `picture`, which must outlive it."""
+    """The library's struct for an array returned by `picture`. It points into the array, which must outlive it."""
     height, width, channels = array.shape
     return ImageStruct(width, height, channels, array.ctypes.data_as(_FLOATS))
 
 
 def array_of(image: ImageStruct) -> FloatArray:
-    """A copy of a picture of the library; one channel gives height x width."""
+    """A copy of one of the library's pictures: height x width x channels, or height x width for one channel."""
     shape = (image.height, image.width, image.channels)
     out = np.ctypeslib.as_array(image.data, shape).astype(np.float32, copy=True)
     return out[:, :, 0] if image.channels == 1 else out
 
 
 def to_uint8(array: FloatArray) -> UInt8Array:
-    """[0, 1] to 0 to 255."""
+    """Clips floats to [0, 1] and scales them to 0 to 255, rounded."""
     return (np.clip(array, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def whole(value: Any, low: int, high: int, what: str) -> int:
-    """An int in a range."""
+    """`value` as an int from `low` to `high`. Raises TypeError or ValueError."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -97,7 +100,7 @@ def whole(value: Any, low: int, high: int, what: str) -> int:
 
 
 def real(value: Any, what: str) -> float:
-    """A finite float."""
+    """`value` as a finite float. Raises TypeError or ValueError."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -108,7 +111,7 @@ def real(value: Any, what: str) -> float:
 
 
 def size_of(value: Any, what: str = "size") -> tuple[int, int]:
-    """(width, height) of one number or two."""
+    """(width, height) in pixels, from one number or two. Raises TypeError or ValueError."""
     pair = value if isinstance(value, (tuple, list)) else (value, value)
     if len(pair) != 2:
         raise ValueError(f"{what}: one number or (width, height) is wanted, not {value!r}")

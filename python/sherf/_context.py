@@ -1,4 +1,4 @@
-"""Contexts: what computes. Every call of the library goes through one, on the context's own thread."""
+"""Contexts do the computing. Every library call goes through a context and runs on that context's own thread."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _log = logging.getLogger("sherf")
 
 
 def choice(value: str, names: tuple[str, ...], what: str) -> int:
-    """The number of a name in an enumeration."""
+    """The index of `value` in an enumeration's `names`. Raises ValueError for any other value."""
     if not isinstance(value, str) or value not in names:
         raise ValueError(f"{what}: {value!r} is none of {', '.join(names)}")
     return names.index(value)
 
 
 class _Work:
-    """What a context's callbacks and its thread share; they must not keep the context itself alive."""
+    """State shared by a context's callbacks and its thread. It must not keep the context itself alive."""
 
     def __init__(self, progress: Progress | None) -> None:
         self.progress = progress
         self.lock = threading.Lock()
-        self.running: object = None  # the call that computes now
+        self.running: object = None  # the call that is running
         self.pointer: int | None = None
-        self.raised: BaseException | None = None  # by a progress function
+        self.raised: BaseException | None = None  # raised by a progress function
         self.thread = 0
 
     def on_progress(self, _user: Any, text: bytes, done: float, total: float) -> None:
@@ -41,7 +41,7 @@ class _Work:
             return
         try:
             self.progress(text.decode("utf-8", "replace"), done, total)
-        except BaseException as error:  # it cannot go through the library: the call is cancelled and raises it
+        except BaseException as error:  # it cannot pass through C: cancel the call, which then raises it
             self.raised = error
             LIBRARY.sherf_cancel(self.pointer)
 
@@ -49,7 +49,7 @@ class _Work:
         _log.log(logging.WARNING if level else logging.INFO, "%s", line.decode("utf-8", "replace"))
 
     def call(self, token: object, name: str, arguments: tuple[Any, ...]) -> None:
-        """On the context's thread: one call, whose failure is raised with the library's message."""
+        """Runs one call on the context's thread. Raises the library's message if it fails."""
         with self.lock:
             self.running, self.raised, self.thread = token, None, threading.get_ident()
         try:
@@ -72,14 +72,18 @@ class _Work:
 
 
 class Context(Object):
-    """What computes: threads, precision and device. Most programs need none, and get :func:`default_context`.
+    """The threads, precision and device that calls compute with. Most programs use only :func:`default_context`.
 
-    Calls with the same context wait for each other, so threads may share one; for two renderings at a time, give each
-    thread its own. Ctrl-C stops a call. Lines of the log go to ``logging.getLogger("sherf")``.
+    Calls with the same context wait for each other, so threads may share a context. To render twice at the same time,
+    give each thread its own context. Ctrl-C stops a call. Log lines go to ``logging.getLogger("sherf")``.
 
-    threads: 0 is one per core. precision: "auto", "fp32" or "bf16". device: "auto", "cpu" or "cuda".
-    progress: called as ``progress(text, done, total)`` while something takes long (total 0: unknown), on another
-    thread; what it raises stops the work and is raised by the call.
+    threads: 0 means one per core; at most 4096.
+    precision: "auto", "fp32" or "bf16".
+    device: "auto", "cpu" or "cuda".
+    progress: a function that is called as ``progress(text, done, total)`` on another thread during long work; total 0
+        means unknown. An exception in it stops the work and is raised by the call.
+
+    Raises ValueError or TypeError for invalid arguments, and `sherf.Error` if the device cannot be used.
     """
 
     def __init__(self, threads: int = 0, precision: str = "auto", device: str = "auto",
@@ -100,7 +104,7 @@ class Context(Object):
             raise error_of(status, f"no context on {device}: {line.value.decode('utf-8', 'replace')}")
         worker = ThreadPoolExecutor(1, "sherf")
 
-        def free(pointer: int, keep: Any = keep) -> None:  # the callbacks live as long as the context
+        def free(pointer: int, keep: Any = keep) -> None:  # keeps the callbacks alive as long as the context
             worker.shutdown(wait=False)
             LIBRARY.sherf_context_free(pointer)
 
@@ -108,7 +112,7 @@ class Context(Object):
         self._hold(out.value, free)
 
     def run(self, name: str, *arguments: Any) -> None:
-        """Calls the library's function `name` with this context first; raises what it says when it fails."""
+        """Calls the library's function `name` with this context as the first argument. Raises the library's error."""
         with self._handle.use():
             if self._process != os.getpid():
                 raise Error("a Context does not go through a fork: make a new one in the new process")
@@ -123,7 +127,7 @@ class Context(Object):
                 raise
 
     def _stop(self, token: object, future: Future[None]) -> None:
-        """After Ctrl-C: the library comes back before anything it uses may be freed."""
+        """After Ctrl-C: waits until the library returns, because nothing it uses may be freed before."""
         while not future.done() and not future.cancel():
             self._work.cancel(token)
             try:
@@ -133,13 +137,13 @@ class Context(Object):
 
     @property
     def precision(self) -> str:
-        """What is computed in: "fp32" or "bf16"."""
+        """The precision in use: "fp32" or "bf16"."""
         with self._handle.use() as pointer:
             return PRECISIONS[LIBRARY.sherf_precision_used(pointer)]
 
     @property
     def device(self) -> str:
-        """Where: "cpu" or "cuda"."""
+        """The device in use: "cpu" or "cuda"."""
         with self._handle.use() as pointer:
             return DEVICES[LIBRARY.sherf_device_used(pointer)]
 
@@ -149,7 +153,10 @@ _default_lock = threading.Lock()
 
 
 def default_context() -> Context:
-    """The context of all calls that are given none: all cores, precision and device chosen by the library."""
+    """The context of every call without one: all cores, with precision and device chosen by the library.
+
+    It is created on first use, and again after it was closed or the process was forked.
+    """
     global _default
     with _default_lock:
         if _default is None or _default.closed or _default._process != os.getpid():
@@ -158,7 +165,7 @@ def default_context() -> Context:
 
 
 def context_or_default(context: Context | None) -> Context:
-    """`context`, or the default one for None."""
+    """`context`, or the default context for None. Raises TypeError for anything else."""
     if context is None:
         return default_context()
     if not isinstance(context, Context):
@@ -167,7 +174,7 @@ def context_or_default(context: Context | None) -> Context:
 
 
 def path_bytes(path: Any, what: str = "path") -> bytes:
-    """A path as the library takes it."""
+    """A path as the bytes that the library takes. Raises TypeError or ValueError."""
     try:
         encoded = os.fsencode(path)
     except TypeError:
@@ -178,7 +185,7 @@ def path_bytes(path: Any, what: str = "path") -> bytes:
 
 
 def make(context: Context | None, name: str, *arguments: Any) -> int:
-    """Calls a function that creates an object, and returns the object's pointer."""
+    """Calls a library function that creates an object. Returns the object's pointer, which the caller must free."""
     out = c_void_p()
     context_or_default(context).run(name, *arguments, byref(out))
     if not out.value:
@@ -187,7 +194,7 @@ def make(context: Context | None, name: str, *arguments: Any) -> int:
 
 
 def text_of(context: Context | None, name: str, *arguments: Any) -> str:
-    """Calls a function whose last result is a text to be freed, and returns the text."""
+    """Calls a library function whose last output is a text. Returns the text and frees the library's copy."""
     out = c_void_p()
     try:
         context_or_default(context).run(name, *arguments, byref(out))

@@ -1,4 +1,4 @@
-"""Objects of the library: each is freed once, and never while a call uses it."""
+"""The library's objects. Each is freed exactly once, and never while a call uses it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .errors import Closed
 
 
 class Handle:
-    """A pointer that the library owns, how many calls use it now, and the function that frees it."""
+    """A pointer to a library object, the number of calls that use it, and the function that frees it."""
 
     def __init__(self, pointer: int, free: Callable[[int], None], name: str) -> None:
         self._pointer, self._free, self._name = pointer, free, name
@@ -39,7 +39,7 @@ class Handle:
             self._free(self._pointer)
 
     def close(self) -> None:
-        """Frees the object now, or when the last call that uses it has come back."""
+        """Frees the object now, or when the last call that uses it returns."""
         with self._lock:
             if self.closed:
                 return
@@ -53,10 +53,10 @@ _Self = TypeVar("_Self", bound="Object")
 
 
 class Object:
-    """Base of everything that holds memory of the library.
+    """Base class of everything that owns memory of the library.
 
-    It is freed by ``close()``, at the end of a ``with`` block, or when nothing refers to it any more. After that every
-    use raises :class:`sherf.Closed`.
+    The memory is freed by ``close()``, at the end of a ``with`` block, or when nothing refers to the object any more.
+    Using a closed object raises :class:`sherf.Closed`. Objects cannot be pickled or copied.
     """
 
     _handle: Handle
@@ -77,11 +77,11 @@ class Object:
 
     @property
     def closed(self) -> bool:
-        """Whether the object was closed."""
+        """Whether the object has been closed."""
         return self._handle.closed
 
     def close(self) -> None:
-        """Frees the memory. A second time does nothing."""
+        """Frees the memory, after running calls return. Closing again does nothing."""
         self._handle.close()
 
     def __enter__(self: _Self) -> _Self:
@@ -100,7 +100,10 @@ class Object:
 
 @contextmanager
 def using(*objects: tuple[Object | None, type]) -> Iterator[list[int | None]]:
-    """The pointers of objects, each given with the class it must have; they stay alive inside the block."""
+    """Yields the pointers of `objects`, pairs of an object and its required class; None gives None.
+
+    The objects stay alive inside the block. Raises TypeError for a wrong class and `sherf.Closed` for a closed object.
+    """
     with ExitStack() as stack:
         pointers: list[int | None] = []
         for thing, kind in objects:

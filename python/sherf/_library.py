@@ -1,4 +1,4 @@
-"""The shared library: where it lies, its structs and its functions, as sherf.h declares them."""
+"""Finds and loads the shared library, and declares its structs and functions as in sherf.h."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ctypes import (CDLL, CFUNCTYPE, POINTER, Structure, c_char_p, c_double, c_f
 from pathlib import Path
 from typing import Any
 
-VERSION = "0.1.0"  # of the sherf.h that the structs below are copied from
+VERSION = "0.1.0"  # of the sherf.h from which the structs below are copied
 SONAME = "libsherf.so.0"
 _HERE = Path(__file__).resolve().parent
 
@@ -101,7 +101,7 @@ class AnimateResult(Structure):
     _fields_ = [("frames", c_int), ("frame_ms", c_double), ("points", c_double)]
 
 
-# The C name of each struct, for the test that compares them with sherf.h.
+# Each struct by its C name, for the test that compares them with sherf.h.
 STRUCTS = {"sherf_options": Options, "sherf_camera": CameraStruct, "sherf_pose": PoseStruct,
            "sherf_image": ImageStruct, "sherf_estimate_options": EstimateOptions,
            "sherf_estimate_facts": EstimateFactsStruct, "sherf_clip_options": ClipOptions,
@@ -122,12 +122,12 @@ WARNINGS = ("from_behind", "cut_feet", "cut_head", "small", "hidden_arms", "poor
 _OUT = POINTER(c_void_p)
 _OBJECT = c_void_p
 _PATH = c_char_p
-_TEXT = POINTER(c_void_p)  # char **, to be freed with sherf_free
+_TEXT = POINTER(c_void_p)  # char **; free the text with sherf_free
 _CAMERA, _POSE, _IMAGE = POINTER(CameraStruct), POINTER(PoseStruct), POINTER(ImageStruct)
 _COUNT = POINTER(c_int)
 _FLOATS = POINTER(c_float)
 
-# Every function that is used: what it returns (int: a status), and what it takes.
+# Every function used here: its return type (int is a status) and its argument types.
 FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "sherf_version": (c_char_p, []),
     "sherf_context_create": (c_int, [POINTER(Options), _OUT]),
@@ -213,7 +213,7 @@ FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 
 
 def _candidates() -> list[str]:
-    """The library that SHERF_LIBRARY names, or else the one in the wheel, or else the system's."""
+    """The library named by SHERF_LIBRARY, otherwise the one in the wheel, otherwise the system's."""
     named = os.environ.get("SHERF_LIBRARY")
     if named:
         return [named]
@@ -222,7 +222,7 @@ def _candidates() -> list[str]:
 
 
 def _looked(path: str) -> str:
-    """Where the library was looked for, and what to do where it cannot be loaded."""
+    """Says where the library was looked for and what to do if it cannot be loaded."""
     if os.environ.get("SHERF_LIBRARY"):
         return ("SHERF_LIBRARY names it, so nothing else was looked at: name the libsherf.so.0 of a build or of "
                 "Debian's package libsherf0 there, or unset it")
@@ -237,7 +237,7 @@ def _looked(path: str) -> str:
 
 
 def load() -> CDLL:
-    """The library with all prototypes set; ImportError says what is missing."""
+    """Loads the library and sets all prototypes. Raises ImportError, which says what is missing."""
     path = _candidates()[0]
     try:
         library = ctypes.CDLL(path)
@@ -259,7 +259,7 @@ LIBRARY = load()
 
 
 def assets_folders() -> list[Path]:
-    """Where body, model and networks are looked for, in this order."""
+    """The folders in which body, model and networks are looked for, in this order."""
     named = os.environ.get("SHERF_ASSETS")
     inside = [_HERE / "assets", Path("/usr/local/share/sherf"), Path("/usr/share/sherf")]
     return ([Path(named)] if named else []) + inside

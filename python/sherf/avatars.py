@@ -1,4 +1,4 @@
-"""Avatars, their frames and files, and the motions that move them."""
+"""Avatars, their frames and files, and the motions that animate them."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .people import Body, Estimate, Estimator, Model, Observation, fields_of, st
 from .scene import Camera, Pose, write_image
 
 Color = Sequence[float]
-PICTURES_MAX = 8  # of one avatar, SHERF_PICTURES_MAX
+PICTURES_MAX = 8  # per avatar; SHERF_PICTURES_MAX
 
 
 class Motion(Object):
-    """A motion file on the 24 joints: ``len(motion)`` frames, ``motion[i]`` the pose of one; it can be iterated."""
+    """A motion of the 24 joints. ``len(motion)`` is the number of frames and ``motion[i]`` a frame's pose. Iterable."""
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, up: str = "auto", rotations: str = "auto", scale: float = 0,
@@ -34,13 +34,26 @@ class Motion(Object):
              last: int = 0, root: str = "kept", smooth_s: float = 0, loop: bool = False, start: Pose | None = None,
              blend_s: float = 0, body: Body | None = None, shapes: Any = None, their_shape: bool = False,
              joints: str | os.PathLike[str] | None = None, context: Context | None = None) -> Motion:
-        """A file or folder, recognised by its content (docs/motion.md): AMASS, AIST++, GVHMR, WHAM, BVH, FBX, ...
+        """Loads a file or folder, recognised by its content (docs/motion.md): AMASS, AIST++, GVHMR, WHAM, BVH, FBX, ...
 
-        up: of the file, "auto", "y", "z" or "-y". rotations: "auto", "axis-angle", "matrix", "wxyz" or "xyzw". scale:
-        metres in the file's unit; 0: found. fps: wanted; 0: the source's. first, last: frames of the file, both
-        included; last 0: to the end. root: "kept", "dropped" or "grounded". start: where and facing which way it
-        begins (an avatar's pose). blend_s: seconds in which start turns into the first frame. body, shapes (10): who
-        moves. joints: JSON of a BVH's joints.
+        up: the file's up axis: "auto", "y", "z" or "-y".
+        rotations: the file's kind of rotations: "auto", "axis-angle", "matrix", "wxyz" or "xyzw".
+        scale: metres per unit of the file; 0: detected.
+        source_fps: the file's frames per second; 0: as the file says, otherwise its format's usual rate.
+        fps: frames per second of the motion; 0: the source's. fps_max: with fps 0, the source's rate is divided by the
+            smallest whole number that brings it down to this; 0: no limit.
+        track: the person in a file with several; None: the one present longest.
+        first, last: frames of the file, counted from 0, both included; last 0: to the end.
+        root: "kept" as in the file, "dropped" to stay above one spot, "grounded" to stand on the ground in every frame.
+        smooth_s: standard deviation in seconds of a Gaussian over time; 0: none.
+        loop: makes the end meet the start.
+        start: the pose where the motion begins, which also gives the direction it faces (usually ``avatar.pose``).
+        blend_s: seconds in which `start` turns into the first frame, put before it; 0: none.
+        body, shapes (10): the body that moves; None: an average one with shapes 0.
+        their_shape: uses the file's body shape, if it has one, instead of `shapes`.
+        joints: a JSON file that maps SMPL's joint names to those of a BVH (docs/motion.md).
+
+        Raises `sherf.NoFile`, `sherf.BadFile` if the file is damaged or not a motion, and `sherf.BadArgument`.
         """
         beginning = None if start is None else struct_of(start, Pose)
         shape = None if shapes is None else floats(shapes, (10,), "shapes")
@@ -73,7 +86,7 @@ class Motion(Object):
         return Pose.of_struct(out)
 
     def at(self, seconds: float) -> Pose:
-        """The pose at any time, between frames; beyond the end a loop begins again, others stop."""
+        """The pose at any time, interpolated between frames. At the end a loop starts again; other motions stop."""
         out = PoseStruct()
         with self._handle.use() as motion:
             LIBRARY.sherf_motion_pose_at(motion, real(seconds, "seconds"), byref(out))
@@ -81,34 +94,36 @@ class Motion(Object):
 
     @property
     def fps(self) -> float:
-        """Frames a second."""
+        """Frames per second."""
         with self._handle.use() as motion:
             return float(LIBRARY.sherf_motion_fps(motion))
 
     @property
     def description(self) -> str:
-        """One line on what was recognised."""
+        """One line that says what was recognised."""
         with self._handle.use() as motion:
             return str(LIBRARY.sherf_motion_description(motion).decode("utf-8", "replace"))
 
     def save(self, path: str | os.PathLike[str], *, context: Context | None = None) -> None:
-        """Writes .npz (AMASS's form) or .bvh."""
+        """Writes .npz (AMASS's form), .bvh or .glb. Raises `sherf.WriteFailed`."""
         with using((self, Motion)) as (motion,):
             context_or_default(context).run("sherf_motion_save", motion, path_bytes(path))
 
 
 class Frame:
-    """A rendered picture. In a notebook it shows itself.
+    """A rendered picture. A notebook displays it.
 
-    color: height x width x 3, float32 in [0, 1], over the background. opacity: height x width, in [0, 1]. depth: height
-    x width, metres along the camera's axis. points: samples that met the network.
+    color: height x width x 3, RGB, float32 in [0, 1], over the background.
+    opacity: height x width, float32 in [0, 1].
+    depth: height x width, float32, metres along the camera's axis.
+    points: the number of samples at which the network was queried.
     """
 
     def __init__(self, color: FloatArray, opacity: FloatArray, depth: FloatArray, points: int, black: bool) -> None:
         self.color, self.opacity, self.depth, self.points, self._black = color, opacity, depth, points, black
 
     def rgba(self) -> FloatArray:
-        """Height x width x 4, float32 in [0, 1], alpha not premultiplied. Only of a frame over black."""
+        """Height x width x 4, float32 in [0, 1], alpha not premultiplied. ValueError unless rendered over black."""
         if not self._black:
             raise ValueError("alpha is of frames over black: render with background=(0, 0, 0)")
         opacity = np.clip(self.opacity, 0, 1)[..., None]
@@ -116,11 +131,11 @@ class Frame:
         return np.concatenate([color, opacity], 2).astype(np.float32)
 
     def uint8(self, alpha: bool = False) -> UInt8Array:
-        """Height x width x 3, or 4 with alpha, 0 to 255, as other packages take pictures."""
+        """Height x width x 3, or x 4 with `alpha`, uint8, as other packages expect pictures."""
         return to_uint8(self.rgba() if alpha else self.color)
 
     def save(self, path: str | os.PathLike[str], alpha: bool = False, *, context: Context | None = None) -> None:
-        """Writes .png, .jpg or .webp."""
+        """Writes .png, .jpg or .webp. alpha: not for .jpg. Raises `sherf.WriteFailed`."""
         write_image(path, self.uint8(alpha), context=context)
 
     def _repr_png_(self) -> bytes:
@@ -130,23 +145,23 @@ class Frame:
 
 
 class ExportFacts(NamedTuple):
-    """What was exported."""
+    """What `Avatar.export` wrote."""
 
     vertices: int
     triangles: int
     splats: int
     level: float  # density of the surface, per metre
-    islands: int  # components that were left out
+    islands: int  # components that were removed
     charts: int  # pieces of the texture
     seconds: tuple[float, float, float, float]  # density and surface; reduction; skin and charts; colours
 
 
 class AnimateFacts(NamedTuple):
-    """What was animated."""
+    """What `Avatar.animate` wrote."""
 
-    frames: int  # written
-    frame_ms: float
-    points: float
+    frames: int  # frames written
+    frame_ms: float  # rendering time per frame, on average
+    points: float  # samples per frame at which the network was queried, on average
 
 
 def _render_options(background: Color, samples: int, exact: bool, detail: bool) -> RenderOptions:
@@ -159,7 +174,7 @@ def _render_options(background: Color, samples: int, exact: bool, detail: bool) 
 
 
 def _several(items: Any, what: str) -> Sequence[Any]:
-    """From 1 to 8 of them."""
+    """`items` as a list of 1 to 8 elements. Raises TypeError or ValueError."""
     if isinstance(items, (str, bytes, os.PathLike)) or not hasattr(items, "__len__"):
         raise TypeError(f"{what}: a list is expected, not {items!r}")
     if not 1 <= len(items) <= PICTURES_MAX:
@@ -170,9 +185,9 @@ def _several(items: Any, what: str) -> Sequence[Any]:
 
 
 class Avatar(Object):
-    """A person of one picture, to be rendered from any camera in any pose."""
+    """A person from one or more pictures, who can be rendered from any camera in any pose."""
 
-    body: Body  # that it was made with
+    body: Body  # the one it was made with
     _context: Context | None
 
     @classmethod
@@ -185,7 +200,10 @@ class Avatar(Object):
     def from_photo(cls, photo: str | os.PathLike[str] | FloatArray | UInt8Array, *, body: Body | None = None,
                    model: Model | None = None, estimator: Estimator | None = None, person: int = 0, focal_px: float = 0,
                    mask: Any = None, context: Context | None = None) -> Avatar:
-        """Of a photo, as `Estimator.estimate` takes it; body, model and networks are those that ship."""
+        """Makes an avatar from a photo. Arguments as in `Estimator.estimate`.
+
+        body, model, estimator: None means the ones that ship. Raises `sherf.Mismatch` if nobody is found.
+        """
         body = Body.load(context=context) if body is None else body
         estimator = Estimator.load(context=context) if estimator is None else estimator
         with estimator.estimate(photo, body, person=person, focal_px=focal_px, mask=mask, context=context) as found:
@@ -195,7 +213,7 @@ class Avatar(Object):
     @classmethod
     def from_observation(cls, observation: Observation, *, body: Body | None = None, model: Model | None = None,
                          crop: bool = True, context: Context | None = None) -> Avatar:
-        """Of an observation. crop: cut it out round the person and scale it to what the model knows first."""
+        """Makes an avatar from an observation. crop: first crops and scales it as `Observation.crop` does."""
         body = Body.load(context=context) if body is None else body
         model = Model.load(context=context) if model is None else model
         with using((model, Model), (body, Body), (observation, Observation)) as pointers:
@@ -208,10 +226,11 @@ class Avatar(Object):
     def from_photos(cls, photos: Sequence[str | os.PathLike[str] | FloatArray | UInt8Array], *,
                     body: Body | None = None, model: Model | None = None, estimator: Estimator | None = None,
                     focal_px: float = 0, context: Context | None = None) -> Avatar:
-        """Of up to 8 photos of one person, each in any pose: every place is taken from the photo that shows it best.
+        """Makes an avatar from up to 8 photos of one person, who may stand in a different pose in each.
 
-        They get one shape for all. The avatar's pose and camera are the first one's. Of several people in a photo the
-        largest is taken; for another, use `Estimator.estimate` and `from_observations`.
+        Every part of the body is taken from the photo that shows it best. All photos get the same body shape. The
+        avatar's pose and camera are those of the first photo. If a photo shows several people, the largest is used; for
+        another person, use `Estimator.estimate` and `from_observations`. Raises `sherf.Mismatch` if nobody is found.
         """
         body = Body.load(context=context) if body is None else body
         estimator = Estimator.load(context=context) if estimator is None else estimator
@@ -227,7 +246,7 @@ class Avatar(Object):
     @classmethod
     def from_observations(cls, observations: Sequence[Observation], *, body: Body | None = None,
                           model: Model | None = None, crop: bool = True, context: Context | None = None) -> Avatar:
-        """Of up to 8 observations of one person, as `from_photos`; crop as for `from_observation`."""
+        """Makes an avatar from up to 8 observations of one person, as `from_photos`. crop: as in `from_observation`."""
         body = Body.load(context=context) if body is None else body
         model = Model.load(context=context) if model is None else model
         with ExitStack() as stack:
@@ -243,21 +262,26 @@ class Avatar(Object):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], body: Body | None = None, *, context: Context | None = None) -> Avatar:
-        """A file that `save` or `sherf avatar` wrote. body: the one it was made with; None: the open body."""
+        """Loads a file written by `save` or `sherf avatar`.
+
+        body: the body it was made with; None means the open body. Raises `sherf.NoFile` or `sherf.BadFile`, and
+        `sherf.Mismatch` for another body.
+        """
         body = Body.load(context=context) if body is None else body
         with using((body, Body)) as (address,):
             return cls._made(make(context, "sherf_avatar_load", path_bytes(path), address), body, context)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the avatar as .safetensors."""
+        """Writes the avatar as .safetensors. Raises `sherf.WriteFailed`."""
         with using((self, Avatar)) as (avatar,):
             context_or_default(self._context).run("sherf_avatar_save", avatar, path_bytes(path))
 
     @property
     def variant(self) -> int:
-        """Which guess of what no picture shows: 0, the best one, or the seed of another, which `save` keeps.
+        """Which guess is used for the parts that no picture shows: 0 is the best guess, other numbers are seeds.
 
-        Not to be set while another thread uses the avatar.
+        `save` keeps it. Do not set it while another thread uses the avatar. Raises `sherf.Unsupported` if the avatar is
+        baked.
         """
         with self._handle.use() as avatar:
             return int(LIBRARY.sherf_avatar_variant(avatar))
@@ -269,23 +293,23 @@ class Avatar(Object):
 
     @property
     def pose(self) -> Pose:
-        """The observation's pose and shape."""
+        """The pose and shape of the (first) observation; a copy."""
         with self._handle.use() as avatar:
             return Pose.of_struct(LIBRARY.sherf_avatar_pose(avatar).contents)
 
     @property
     def camera(self) -> Camera:
-        """The observation's camera."""
+        """The camera of the (first) observation; a copy."""
         with self._handle.use() as avatar:
             return Camera.of_struct(LIBRARY.sherf_avatar_camera(avatar).contents)
 
     def orbit(self, count: int = 1, pose: Pose | None = None, *, size: int | tuple[int, int] = 512,
               azimuth_rad: float = 0, elevation_rad: float = 0, distance_m: float = 0,
               fov_rad: float = 0) -> list[Camera]:
-        """`count` cameras on a circle round the body; azimuth 0 of the first looks at its front.
+        """`count` cameras on a circle around the body in `pose`; None means the avatar's own pose.
 
-        distance_m 0: what shows all of the body. fov_rad: vertical; 0: 30 degrees. size: pixels, one number or (width,
-        height).
+        azimuth_rad, elevation_rad: of the first camera; azimuth 0 looks at the body's front. distance_m: 0 is far
+        enough to show the whole body. fov_rad: vertical; 0: 30 degrees. size: pixels, one number or (width, height).
         """
         out = (CameraStruct * whole(count, 1, 100000, "count"))()
         o = OrbitOptions(real(azimuth_rad, "azimuth_rad"), real(elevation_rad, "elevation_rad"),
@@ -298,10 +322,13 @@ class Avatar(Object):
     def render(self, pose: Pose | None = None, camera: Camera | None = None, *, size: int | tuple[int, int] = 512,
                azimuth_rad: float = 0, elevation_rad: float = 0, background: Color = (0, 0, 0), samples: int = 0,
                exact: bool = False, detail: bool = True) -> Frame:
-        """A frame. pose: None is the observation's. camera: None shows the body whole, from azimuth and elevation.
+        """Renders a frame.
 
-        background: red, green, blue in [0, 1]. samples: depths a ray; 0: the model's, and more where it helps. exact:
-        leave nothing out that hardly weighs. detail: give back what the picture shows and the network blurs.
+        pose: None means the observation's. camera: None means one that shows the whole body, with `size` in pixels,
+        `azimuth_rad` and `elevation_rad` as in `orbit`. background: red, green and blue in [0, 1].
+        samples: depths per ray, 1 to 1024; 0: the model's, and more where its steps would be too long; -2: the model's.
+        exact: queries the network at every point near the body, including those of little weight.
+        detail: restores the detail that the picture shows and the network blurs.
         """
         shown = struct_of(self.pose if pose is None else pose, Pose)
         if camera is None:
@@ -322,10 +349,13 @@ class Avatar(Object):
                 elevation_rad: float | None = None, distance_m: float = 0, fov_rad: float = 0, turn_s: float = 0,
                 transparent: bool = False, background: Color = (0, 0, 0), samples: int = 0, exact: bool = False,
                 detail: bool = True) -> AnimateFacts:
-        """Renders a motion to .mp4, .webm, .mov or .gif, or a folder of pictures.
+        """Renders a motion to .mp4, .webm, .mov or .gif, or to a folder of pictures.
 
         camera: "fixed", "following", "orbiting" or "observation". Without azimuth and elevation it looks from where the
-        picture was taken. size: None is 512 wide. turn_s: of an orbit. transparent: not .mp4.
+        picture was taken. distance_m: 0 is far enough to show the whole motion. fov_rad: vertical; 0: the
+        observation's. size: pixels; None means 512 wide. turn_s: seconds per turn of an orbit; 0: 8. transparent:
+        writes alpha; not for .mp4. The other arguments are those of `render`. If the call is cancelled, the file is
+        completed with the frames so far. Raises `sherf.WriteFailed`.
         """
         o = self._animate_options(camera, size, azimuth_rad, elevation_rad, distance_m, fov_rad, turn_s)
         o.transparent, o.render = bool(transparent), _render_options(background, samples, exact, detail)
@@ -338,7 +368,7 @@ class Avatar(Object):
     def frames(self, motion: Motion, *, camera: str = "fixed", size: int | tuple[int, int] | None = None,
                azimuth_rad: float | None = None, elevation_rad: float | None = None, distance_m: float = 0,
                fov_rad: float = 0, turn_s: float = 0, **options: Any) -> Iterator[Frame]:
-        """The frames of a motion one by one, by the cameras of `animate`; options as of `render`."""
+        """Yields the frames of a motion one by one, seen by the cameras of `animate`. options: as for `render`."""
         o = self._animate_options(camera, size, azimuth_rad, elevation_rad, distance_m, fov_rad, turn_s)
         out = (CameraStruct * len(motion))()
         with using((self, Avatar), (self.body, Body), (motion, Motion)) as pointers:
@@ -356,10 +386,11 @@ class Avatar(Object):
                               real(distance_m, "distance_m"), real(fov_rad, "fov_rad"), real(turn_s, "turn_s"))
 
     def bake(self, *, resolution: int = 0, triangles: int = 0, texture_px: int = 0, detail: bool = True) -> Avatar:
-        """The person as a skinned surface with a texture, which renders in milliseconds, without the network.
+        """A new avatar whose person is a skinned, textured surface. It renders in milliseconds without the network.
 
-        It renders, animates, saves and loads as any avatar; exact frames and exports need the avatar it was made of.
-        resolution: cells along the body; 0: 256. triangles: 0 is 40 000. texture_px: a multiple of 8; 0: 1024.
+        It renders, animates, saves and loads like any avatar. Exact frames and exports need the avatar it was made
+        from. resolution: cells along the body's longest side; 0: 256. triangles: 0: 40 000. texture_px: side in pixels,
+        a multiple of 8; 0: 1024. detail: as for `render`, for the colours.
         """
         o = BakeOptions(_int(resolution, "resolution"), _int(triangles, "triangles"), _int(texture_px, "texture_px"),
                         1 if detail else -1)
@@ -369,11 +400,19 @@ class Avatar(Object):
     def export(self, path: str | os.PathLike[str], *, format: str | None = None, resolution: int = 0, level: float = 0,
                islands: float = 0, triangles: int = 0, texture_px: int = 0, splats: int = 0, pose: Pose | None = None,
                motion: Motion | None = None, lit: bool = False, up: str = "auto", detail: bool = True) -> ExportFacts:
-        """Writes the person for other programs: .glb (rigged, textured), .obj, .ply, or Gaussian splats.
+        """Writes the person for other programs: .glb (rigged and textured), .obj, .ply, or Gaussian splats.
 
-        format: "glb", "obj", "ply" or "splats"; None: by the file's name. resolution: cells along the body, 16 to 768;
-        0: 256. triangles: 0 is 50 000, negative leaves all. texture_px: 0 is 1024, negative gives vertex colours.
-        splats: 0 is 100 000. pose: None is the T-pose. motion: the animation of a .glb. up: of .obj and .ply.
+        format: "glb", "obj", "ply" or "splats"; None: by the file's name, where .ply means a mesh.
+        resolution: cells along the body's longest side, 16 to 768; 0: 256.
+        level: density of the surface, per metre; 0: the one whose silhouettes match the frames'.
+        islands: components smaller than this share of the largest one's area are removed; 0: 0.02.
+        triangles: 0: 50 000; negative: not reduced.
+        texture_px: side of the texture, 64 to 4096; 0: 1024; negative: vertex colours.
+        splats: 0: 100 000.
+        pose: None means the T-pose. motion: the animation of a .glb. lit: light falls on a .glb's material; otherwise
+            it shows its colours unchanged. up: the up axis of .obj and .ply. detail: as for `render`.
+
+        Raises `sherf.BadArgument`, `sherf.WriteFailed`, and `sherf.Unsupported` if the avatar is baked.
         """
         o = ExportOptions(text_bytes(format, "format"), _int(resolution, "resolution"), real(level, "level"),
                           real(islands, "islands"), _int(triangles, "triangles"), _int(texture_px, "texture_px"),

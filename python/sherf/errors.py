@@ -1,10 +1,10 @@
-"""What the library's statuses are in Python: one exception each, with the library's line as its text."""
+"""The library's statuses as Python exceptions. Each carries the library's one-line message."""
 
 from __future__ import annotations
 
 
 class Error(Exception):
-    """Something failed in the library; the text says what, where and why."""
+    """Base of all errors of the library. The text says what failed, where and why."""
 
 
 class NoMemory(Error, MemoryError):
@@ -16,7 +16,7 @@ class BadArgument(Error, ValueError):
 
 
 class BadFile(Error, ValueError):
-    """A file is truncated, hostile or not what it should be."""
+    """A file is truncated, malicious or not of the expected kind."""
 
 
 class NoFile(Error, OSError):
@@ -24,30 +24,30 @@ class NoFile(Error, OSError):
 
 
 class WriteFailed(Error, OSError):
-    """A file cannot be written: the disk is full, or it is not permitted."""
+    """A file cannot be written: the disk is full, or permission is denied."""
 
 
 class Unsupported(Error):
-    """It is valid, but this build or device cannot do it."""
+    """The request is valid, but this build or device does not support it."""
 
 
 class Mismatch(Error, ValueError):
-    """Two inputs do not belong together, or nobody is found in a photo."""
+    """Two inputs do not match, or nobody was found in a photo."""
 
 
 class Cancelled(Error):
-    """The work was stopped."""
+    """The work was cancelled."""
 
 
 class Closed(Error, ValueError):
-    """The object was closed before."""
+    """The object has already been closed."""
 
 
-# By sherf_status.
+# Indexed by sherf_status.
 BY_STATUS = (None, NoMemory, BadArgument, BadFile, NoFile, WriteFailed, Unsupported, Mismatch, Cancelled)
 
 
 def error_of(status: int, message: str) -> Error:
-    """The exception for a status that is not SHERF_OK."""
+    """The exception for `status`, a sherf_status other than SHERF_OK."""
     kind = BY_STATUS[status] if 0 < status < len(BY_STATUS) else None
     return (kind or Error)(message or f"sherf: status {status}")

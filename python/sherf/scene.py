@@ -29,8 +29,8 @@ def _zeros(*shape: int) -> Callable[[], FloatArray]:
 class Camera:
     """A camera with OpenCV's axes: x right, y down, z forward; ``x_camera = R @ x_world + T``, metres.
 
-    K: 3 x 3, pixels; the pixel in column i and row j has its centre at (i, j). R: 3 x 3. T: 3, metres.
-    width, height: pixels; 0 where a file does not say.
+    K: 3 x 3, pixels; the centre of the pixel in column i and row j is at (i, j). R: 3 x 3, a rotation. T: 3, metres.
+    width, height: pixels; 0 if a file does not give them. Arrays are copied. Raises TypeError or ValueError.
     """
 
     K: FloatArray
@@ -44,7 +44,7 @@ class Camera:
         self.struct()
 
     def struct(self) -> CameraStruct:
-        """The library's form; checks the camera, which may have been changed."""
+        """The library's struct. Checks the camera again, because its fields may have been changed."""
         out = CameraStruct(whole(self.width, 0, 65535, "width"), whole(self.height, 0, 65535, "height"))
         out.K[:] = floats(self.K, (3, 3), "K").ravel().tolist()
         out.R[:] = floats(self.R, (3, 3), "R").ravel().tolist()
@@ -53,16 +53,17 @@ class Camera:
 
     @classmethod
     def of_struct(cls, c: CameraStruct) -> Camera:
-        """From the library's form."""
+        """Makes one from the library's struct; arrays are copied."""
         return cls(np.array(c.K, np.float32).reshape(3, 3), np.array(c.R, np.float32).reshape(3, 3),
                    np.array(c.T_m, np.float32), c.width_px, c.height_px)
 
     @classmethod
     def orbit(cls, centre: Sequence[float] = (0, 0, 0), distance_m: float = 3, azimuth_rad: float = 0,
               elevation_rad: float = 0, fov_rad: float = 0.8, size: int | tuple[int, int] = 512) -> Camera:
-        """A camera that looks at `centre` (3, metres). Azimuth 0 looks from +z; y is up; fov is vertical.
+        """A camera that looks at `centre` (3, metres) from `distance_m`.
 
-        size: pixels, one number or (width, height).
+        Azimuth 0 looks from +z; elevation is above the horizon; y is up; `fov_rad` is vertical. size: pixels, one
+        number or (width, height).
         """
         middle = floats(centre, (3,), "centre")
         width, height = size_of(size)
@@ -74,7 +75,10 @@ class Camera:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, context: Context | None = None) -> list[Camera]:
-        """All cameras of a JSON file ``{"cameras": [...]}`` or of a data set's cameras.json."""
+        """All cameras of a JSON file ``{"cameras": [...]}`` or a data set's cameras.json.
+
+        Raises `sherf.NoFile` or `sherf.BadFile`.
+        """
         return _load(cls.of_struct, CameraStruct, "sherf_cameras_load", path, context)
 
 
@@ -82,8 +86,9 @@ class Camera:
 class Pose:
     """A body's pose and shape: ``x_world = R @ x_body + Th``.
 
-    poses: 24 x 3, the joints' axis-angle vectors in radians, joint 0 the root. shapes: 10. R: 3 x 3, a rotation.
-    Th: 3, metres. ``Pose()`` is the rest pose of the mean shape at the origin.
+    poses: 24 x 3, the joints' axis-angle vectors in radians; joint 0 is the root. shapes: 10. R: 3 x 3, a rotation.
+    Th: 3, metres. ``Pose()`` is the rest pose with the mean shape at the origin. Arrays are copied. Raises TypeError or
+    ValueError.
     """
 
     poses: FloatArray = field(default_factory=_zeros(24, 3))
@@ -96,7 +101,7 @@ class Pose:
         self.R, self.Th = floats(self.R, (3, 3), "R"), floats(self.Th, (3,), "Th")
 
     def struct(self) -> PoseStruct:
-        """The library's form; checks the pose, which may have been changed."""
+        """The library's struct. Checks the pose again, because its fields may have been changed."""
         out = PoseStruct()
         out.poses_rad[:] = floats(self.poses, (24, 3), "poses").ravel().tolist()
         out.shapes[:] = floats(self.shapes, (10,), "shapes").tolist()
@@ -106,30 +111,30 @@ class Pose:
 
     @classmethod
     def of_struct(cls, p: PoseStruct) -> Pose:
-        """From the library's form."""
+        """Makes one from the library's struct; arrays are copied."""
         return cls(np.array(p.poses_rad, np.float32).reshape(24, 3), np.array(p.shapes, np.float32),
                    np.array(p.R, np.float32).reshape(3, 3), np.array(p.Th_m, np.float32))
 
     def copy(self) -> Pose:
-        """A pose with arrays of its own."""
+        """A copy with its own arrays."""
         return Pose(self.poses, self.shapes, self.R, self.Th)
 
     @classmethod
     def canonical(cls) -> Pose:
-        """The big pose, arms and legs spread, in which an avatar's features are kept."""
+        """The "big pose" with arms and legs spread, in which an avatar's features are stored."""
         out = PoseStruct()
         LIBRARY.sherf_pose_canonical(byref(out))
         return cls.of_struct(out)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, context: Context | None = None) -> list[Pose]:
-        """All poses of an .npz, .npy or JSON file (docs/observation.md)."""
+        """All poses of an .npz, .npy or JSON file (docs/observation.md). Raises `sherf.NoFile`, `sherf.BadFile`."""
         return _load(cls.of_struct, PoseStruct, "sherf_poses_load", path, context)
 
 
 def _load(make: Callable[[Any], _Thing], struct: Any, function: str, path: Any,
           context: Context | None) -> list[_Thing]:
-    """An array that the library makes, copied and freed."""
+    """Calls a function that allocates an array of `struct`. Returns the array as a list and frees it."""
     array, count = POINTER(struct)(), c_int()
     try:
         context_or_default(context).run(function, path_bytes(path), byref(array), byref(count))
@@ -139,7 +144,10 @@ def _load(make: Callable[[Any], _Thing], struct: Any, function: str, path: Any,
 
 
 def read_image(path: str | os.PathLike[str], *, context: Context | None = None) -> FloatArray:
-    """A PNG, JPEG, WebP, HEIC or AVIF file, upright: height x width x 3, RGB, float32 in [0, 1]."""
+    """Reads a PNG, JPEG, WebP, HEIC or AVIF file, turned upright: height x width x 3, RGB, float32 in [0, 1].
+
+    Raises `sherf.NoFile` or `sherf.BadFile`.
+    """
     image = ImageStruct()
     try:
         context_or_default(context).run("sherf_image_read", path_bytes(path), byref(image))
@@ -150,8 +158,11 @@ def read_image(path: str | os.PathLike[str], *, context: Context | None = None) 
 
 def write_image(path: str | os.PathLike[str], image: FloatArray | UInt8Array, *,
                 context: Context | None = None) -> None:
-    """Writes height x width (x 3, or 4 with alpha, not premultiplied), uint8 or floats in [0, 1], to .png, .jpg
-    or .webp."""
+    """Writes a picture to .png, .jpg or .webp.
+
+    image: height x width, or x 3 (RGB), or x 4 (alpha, not premultiplied); uint8 or floats in [0, 1]. Raises
+    `sherf.WriteFailed`.
+    """
     shape = numbers(image, "image").shape
     channels = shape[2] if len(shape) == 3 and shape[2] in (1, 3, 4) else 1 if len(shape) == 2 else 3
     array = picture(image, channels, "image")

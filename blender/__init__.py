@@ -1,4 +1,4 @@
-"""sherf in Blender: a photo of a person becomes a rigged mesh, motions move it. The program sherf does the work."""
+"""Blender add-on: turns a photo of a person into a rigged mesh and animates it. The program sherf does the work."""
 bl_info = {
     "name": "sherf",
     "author": "The sherf authors",

@@ -1,4 +1,4 @@
-"""A .glb looked at before Blender's importer gets it: is it one of `sherf export`? Needs no Blender."""
+"""Checks that a .glb was written by `sherf export`, before Blender's importer reads it. Needs no Blender."""
 import json
 import os
 import struct
@@ -10,7 +10,7 @@ JSON_MAX = 64 << 20
 
 
 def json_of(path):
-    """The JSON of a .glb as a dict."""
+    """The JSON chunk of the .glb `path` as a dict. Raises Failure if the file is missing, damaged or no glTF 2.0."""
     try:
         with open(path, "rb") as f:
             head = f.read(20)
@@ -35,7 +35,8 @@ def json_of(path):
 
 
 def check(path):
-    """The JSON of a person that `sherf export` wrote: 24 joints by SMPL's names, and nothing outside the file."""
+    """Checks that `path` is a person written by `sherf export`: 24 joints with SMPL's names, and no references to other
+    files. Returns its JSON as a dict, or raises Failure."""
     g = json_of(path)
     try:
         for part in g.get("buffers", []) + g.get("images", []):

@@ -1,6 +1,7 @@
-"""Motions as the program writes them (BVH with SMPL's joints), and the rotations that a rig takes from them.
-Quaternions are (w, x, y, z). The program's axes are y up, front z, left x; Blender's z up, front -y,
-left x. Needs no Blender."""
+"""Reads motions written by the program (BVH with SMPL's joints) and computes a rig's rotations from them.
+
+Quaternions are (w, x, y, z). In the program's axes y is up, z is the front and x is left; in Blender's z is up, -y is
+the front and x is left. Needs no Blender."""
 import math
 
 from .program import Failure
@@ -15,7 +16,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 # ---- quaternions ----
 def multiply(a, b):
-    """First b, then a."""
+    """The rotation that applies first b, then a."""
     return (a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
             a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
             a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
@@ -23,45 +24,50 @@ def multiply(a, b):
 
 
 def inverse(q):
+    """The inverse of a unit quaternion."""
     return (q[0], -q[1], -q[2], -q[3])
 
 
 def about(axis, radians):
-    """The turn about axis 0, 1 or 2."""
+    """The rotation about axis 0, 1 or 2 (x, y, z)."""
     q = [math.cos(radians / 2), 0.0, 0.0, 0.0]
     q[1 + axis] = math.sin(radians / 2)
     return tuple(q)
 
 
 def rotate(q, v):
+    """The vector v turned by q."""
     return multiply(multiply(q, (0.0, v[0], v[1], v[2])), inverse(q))[1:]
 
 
 def nearer(q, before):
-    """q or -q, whichever is nearer to `before`: curves between keys then take the short way."""
+    """q or -q, whichever is nearer to `before`. Curves between keys then take the shorter path."""
     along = sum(a * b for a, b in zip(q, before))
     return tuple(-x for x in q) if along < 0 else q
 
 
 def to_blender(v):
-    """A place or a direction."""
+    """A point or direction (3) from the program's axes to Blender's."""
     return (v[0], -v[2], v[1])
 
 
 def turn_to_blender(q):
+    """A rotation from the program's axes to Blender's."""
     return (q[0], q[1], -q[3], q[2])
 
 
 # ---- BVH ----
 class Clip:
-    """turns[frame][joint] in the parent's axes, pelvis[frame] in metres, offsets[joint] from the parent at rest;
-    joints in SMPL's order."""
+    """A motion of SMPL's 24 joints, in SMPL's order.
+
+    turns[frame][joint]: quaternion relative to the parent. pelvis[frame]: position (3) in metres. offsets[joint]:
+    vector (3) from the parent at rest, in metres. fps: frames per second."""
 
     def __init__(self, offsets, fps, pelvis, turns):
         self.offsets, self.fps, self.pelvis, self.turns = offsets, fps, pelvis, turns
 
     def joints(self, frame):
-        """Where the joints are."""
+        """The positions of the 24 joints in a frame, in metres and the program's axes."""
         at, turned = [], []
         for j, parent in enumerate(PARENTS):
             if parent < 0:
@@ -75,7 +81,7 @@ class Clip:
 
 
 def joint_of(name):
-    """SMPL's number of a BVH joint: L_Hip is left_hip."""
+    """SMPL's index of a BVH joint: L_Hip is left_hip. Raises Failure for other names."""
     name = name.lower()
     for short, side in (("l_", "left_"), ("r_", "right_")):
         if name.startswith(short):
@@ -86,6 +92,8 @@ def joint_of(name):
 
 
 class _Words:
+    """The words of a BVH text, read one after the other."""
+
     def __init__(self, text):
         self.words, self.at = text.split(), 0
 
@@ -113,6 +121,7 @@ class _Words:
 
 
 def _channels(w):
+    """[(kind, axis)] of a joint: kind is "position" or "rotation", axis 0, 1 or 2."""
     count, found = int(w.number()), []
     for _ in range(min(max(count, 0), 6)):
         word = w.take()
@@ -123,7 +132,7 @@ def _channels(w):
 
 
 def _hierarchy(w):
-    """[(joint, parent, offset in metres, channels)] in the file's order."""
+    """[(joint, parent, offset in metres, channels)] in the order of the file; the root's parent is -1."""
     found, open_joints = [], []
     w.take("HIERARCHY")
     while w.peek() != "MOTION":
@@ -152,7 +161,7 @@ def _hierarchy(w):
 
 
 def bvh_read(text):
-    """A Clip of what `sherf animate --bvh` writes: SMPL's joints, centimetres, y up."""
+    """The Clip of a text written by `sherf animate --bvh`: SMPL's joints, centimetres, y up. Raises Failure."""
     w = _Words(text)
     joints = _hierarchy(w)
     if sorted(j[0] for j in joints) != list(range(24)) or any(PARENTS[j[0]] != j[1] for j in joints):
@@ -187,14 +196,14 @@ def bvh_read(text):
 
 # ---- onto a rig ----
 def legs(joints):
-    """The mean length of thigh and shin."""
+    """The mean leg length, thigh plus shin, of joint positions."""
     def far(a, b):
         return math.dist(joints[a], joints[b])
     return (far(1, 4) + far(4, 7) + far(2, 5) + far(5, 8)) / 2
 
 
 def fit_legs(clip, rig_legs):
-    """Steps as long as the rig's legs make them, where the motion is for another body; returns the factor."""
+    """Scales the pelvis path of `clip` if its legs differ in length from `rig_legs` (metres). Returns the factor."""
     rest = []
     for j, parent in enumerate(PARENTS):
         rest.append(tuple((rest[parent][k] if parent >= 0 else 0) + clip.offsets[j][k] for k in range(3)))
@@ -207,7 +216,8 @@ def fit_legs(clip, rig_legs):
 
 
 def heading(q):
-    """The angle about y that the body faces, 0 being z; of one who lies, what its head or its left side tells."""
+    """The angle about y, in radians, in which a body with root rotation q faces; 0 is z. For a lying body the left side
+    gives the angle."""
     for axis, back in (((0, 0, 1), 0.0), ((1, 0, 0), math.pi / 2)):
         x, y, z = rotate(q, axis)
         if abs(y) < 0.8:
@@ -216,7 +226,7 @@ def heading(q):
 
 
 def place_here(clip):
-    """Turns and moves the motion so that it begins at the origin, facing the front. Heights stay."""
+    """Turns and moves the motion so that it begins at the origin, facing the front. Heights stay the same."""
     turn = about(1, -heading(clip.turns[0][0]))
     x, _, z = clip.pelvis[0]
     clip.pelvis = [rotate(turn, (p[0] - x, p[1], p[2] - z)) for p in clip.pelvis]
@@ -225,14 +235,15 @@ def place_here(clip):
 
 
 def a_pose(degrees=45.0):
-    """The turns of an A: arms lowered in the plane of the body."""
+    """The 24 joint rotations of an A-pose: arms lowered in the plane of the body."""
     turns = [IDENTITY] * 24
     turns[16], turns[17] = about(2, -math.radians(degrees)), about(2, math.radians(degrees))
     return turns
 
 
 def bone_directions(turns, t_rest):
-    """How the bones stand in Blender's axes, of turns in SMPL's, t_rest being how they stand in the T."""
+    """The bones' orientations in Blender's axes. turns: joint rotations in SMPL's axes. t_rest: orientations in the
+    T-pose."""
     turned = []
     for j, parent in enumerate(PARENTS):
         own = turn_to_blender(turns[j])
@@ -241,12 +252,12 @@ def bone_directions(turns, t_rest):
 
 
 def bone_turns(turns, t_rest, rest):
-    """The bones' own rotations (Blender's rotation_quaternion) for turns in SMPL's axes. t_rest: how each bone
-    stands in the T, rest: how it stands in the rig's rest pose, which may be another."""
+    """The bones' own rotations (Blender's rotation_quaternion) for joint rotations `turns` in SMPL's axes. t_rest: each
+    bone's orientation in the T-pose. rest: its orientation in the rig's rest pose, which may be a different one."""
     stand, out = bone_directions(turns, t_rest), []
     for j, parent in enumerate(PARENTS):
         want = stand[j]
-        if parent >= 0:  # what the parent brings along is taken back
+        if parent >= 0:  # remove the parent's part
             want = multiply(rest[parent], multiply(inverse(stand[parent]), want))
         out.append(multiply(inverse(rest[j]), want))
     return out

@@ -1,5 +1,5 @@
-"""What the menu and the panel call: import (photo, avatar or .glb), motion, rest pose. The program runs beside Blender;
-Esc cancels it."""
+"""The operators behind the menu and the panel: import (photo, avatar or .glb), motion and rest pose. The program
+runs in the background; Esc cancels it."""
 import os
 import shutil
 import time
@@ -41,14 +41,15 @@ def scene_fps(context):
 
 # ---- operators that wait for the program ----
 class Busy:
-    """The job that runs, for the panel to show and for its button to cancel."""
+    """The running job, which the panel shows and its button cancels."""
     job = None
     text = ""
 
 
 class Working:
-    """begin(context) checks and gives (a job, what is done when it is through). With a window it goes on beside the
-    user's work; without one, or with `wait`, the call returns when all is done."""
+    """Base of operators that run a Job. begin(context) checks the input and adds the job's steps; finish(context) uses
+    the results and returns a message. With a window the job runs in the background; without one, or with `wait`, the
+    call returns when everything is done."""
     wait: BoolProperty(name="Wait", description="Return when it is done (for scripts)", default=False,
                        options={"HIDDEN", "SKIP_SAVE"})
     timer = None
@@ -66,7 +67,7 @@ class Working:
                 return self.finished(context)
         except Failure as failure:
             return self.failed(context, failure)
-        except BaseException:  # Ctrl-C, or an error of our own
+        except BaseException:  # Ctrl-C, or a bug in the add-on
             self.clear(context)
             raise
         Busy.job = self.job
@@ -98,7 +99,7 @@ class Working:
             context.workspace.status_text_set(Busy.text + "   (Esc cancels)")
         redraw(context)
 
-    def cancel(self, context):  # Blender ends it: another file is opened, say
+    def cancel(self, context):  # called by Blender, for example when another file is opened
         self.clear(context)
 
     def clear(self, context):
@@ -141,6 +142,7 @@ def redraw(context):
 
 # ---- motions ----
 class MotionOptions:
+    """The options of a motion, shared by the import and motion operators."""
     place: EnumProperty(name="Place", default="HERE", items=(
         ("HERE", "Here", "Begins where the person stands, facing the front, feet on the floor"),
         ("FILE", "As in the file", "Where the file has the person, in its own world")))
@@ -158,7 +160,7 @@ class MotionOptions:
     scene_range: BoolProperty(name="Scene's range", description="Make the scene as long as the motion", default=True)
 
     def motion_steps(self, context, job, path, avatar, body):
-        """The motion as BVH; a video is looked at first."""
+        """Adds the job's steps that write `path` as BVH. If it is a video, its motion is estimated first."""
         path, tool = file_of(path), the_program(context)
         if not os.path.exists(path):
             raise Failure(f"{path}: no such file")
@@ -173,7 +175,7 @@ class MotionOptions:
             self.first, self.last, self.smooth, self.loop)))
 
     def motion_put(self, context, armature, job, path):
-        """The action's name and how far steps were stretched, as words."""
+        """Applies the job's BVH to the armature. Returns a message with the frames and the scale of the steps."""
         with open(job.file("motion.bvh"), encoding="utf-8") as f:
             clip = motion.bvh_read(f.read())
         stem = os.path.splitext(os.path.basename(path.rstrip("/\\")))[0]
@@ -187,7 +189,7 @@ class MotionOptions:
 
 
 class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
-    """A motion file (AMASS, BVH, FBX and many more), or a video of somebody, onto the person"""
+    """Apply a motion file (AMASS, BVH, FBX and many more) or a video of somebody to the person"""
     bl_idname = "sherf.motion"
     bl_label = "Motion to avatar"
     bl_options = {"UNDO", "PRESET"}
@@ -205,7 +207,7 @@ class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
         armature = rig.find(context)
         if armature is None:
             raise Failure("no person is selected; select the rig or the mesh of an avatar")
-        self.armature = armature.name  # Undo may make another object of it meanwhile
+        self.armature = armature.name  # keep the name: undo may replace the object meanwhile
         avatar, self.gone = str(armature.get(rig.AVATAR, "")), ""
         if avatar and not os.path.isfile(avatar):
             avatar, self.gone = "", avatar
@@ -224,7 +226,7 @@ class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
 
 # ---- import ----
 class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
-    """A person's photo (or several, chosen together), an avatar, or a .glb of sherf export as a rigged mesh"""
+    """Import a person's photo (or several, selected together), an avatar, or a .glb of sherf export as a rigged mesh"""
     bl_idname = "import_scene.sherf"
     bl_label = "Import sherf avatar"
     bl_options = {"UNDO", "PRESET"}
@@ -269,6 +271,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
             self.motion_steps(context, self.job, self.motion, self.avatar, body)
 
     def person_steps(self, context, photos):
+        """Adds the job's steps that make the avatar and the mesh. Returns the program's --body arguments."""
         tool, body = the_program(context), the_body(context)
         if self.kind == "photo":
             self.photos, self.avatar = photos, self.job.file("avatar.safetensors")
@@ -293,7 +296,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
         return f"{armature.name}: {len(rig.bodies_of(armature)[0].data.vertices)} vertices{said}"
 
     def kept(self, name):
-        """Where the photo's avatar lies from now on; "" where it is not kept."""
+        """Copies the photo's avatar to a permanent file. Returns its path, or "" if the avatar is not kept."""
         if not self.keep:
             return ""
         places = [os.path.dirname(self.path), bpy.utils.user_resource("DATAFILES", path="sherf", create=True)]
@@ -311,7 +314,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
 
 # ---- the rest ----
 class SHERF_OT_rest(bpy.types.Operator):
-    """Make a T or an A the rest pose of rig and mesh; motions and poses stay"""
+    """Make a T or an A the rest pose of rig and mesh; motions and poses look the same"""
     bl_idname = "sherf.rest_pose"
     bl_label = "Rest pose"
     bl_options = {"REGISTER", "UNDO"}
@@ -332,7 +335,7 @@ class SHERF_OT_rest(bpy.types.Operator):
 
 
 class SHERF_OT_cancel(bpy.types.Operator):
-    """End the program sherf; nothing of what it was at is left"""
+    """Stop the program sherf; unfinished results are removed"""
     bl_idname = "sherf.cancel"
     bl_label = "Cancel"
 
@@ -346,7 +349,7 @@ class SHERF_OT_cancel(bpy.types.Operator):
 
 
 class SHERF_OT_program(bpy.types.Operator):
-    """Look for the program sherf, and ask it for its version"""
+    """Look for the program sherf and query its version"""
     bl_idname = "sherf.program"
     bl_label = "Find the program"
 

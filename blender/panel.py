@@ -1,4 +1,4 @@
-"""The panel (3D View, N, tab sherf), the menu's entry, the preferences."""
+"""The panel (3D View, N, tab sherf), the menu entry and the preferences."""
 import bpy
 from bpy.props import StringProperty
 

@@ -1,4 +1,4 @@
-"""A .glb of `sherf export` as a person in the scene: a collection of its own with a rig and a mesh, one material."""
+"""Imports a .glb of `sherf export` as a person: a collection with a rig, a mesh and one material."""
 import contextlib
 import os
 import re
@@ -15,11 +15,12 @@ KINDS = ("objects", "meshes", "armatures", "materials", "images", "actions", "co
 
 # ---- what was there before ----
 def everything():
+    """What the Blender file contains now, by kind, for `remove_new`."""
     return {kind: {x.as_pointer() for x in getattr(bpy.data, kind)} for kind in KINDS}
 
 
 def remove_new(before, keep=()):
-    """Removes what has come since `before`, but for `keep`."""
+    """Removes everything that was added since `before`, except `keep`."""
     keep = {x.as_pointer() for x in keep}
     for kind in KINDS:
         data = getattr(bpy.data, kind)
@@ -29,7 +30,7 @@ def remove_new(before, keep=()):
 
 @contextlib.contextmanager
 def old_numpy_names():
-    """Blender 3.4's importer asks NumPy for names that NumPy 1.24, Debian's, has no more."""
+    """Defines names that Blender 3.4's importer uses and that NumPy 1.24, Debian's version, no longer has."""
     missing = [(n, t) for n, t in (("bool", bool), ("int", int), ("float", float), ("object", object))
                if n not in np.__dict__]
     for name, kind in missing:
@@ -42,7 +43,7 @@ def old_numpy_names():
 
 
 def gltf_options():
-    """Those of what is wanted that this Blender's importer knows."""
+    """The importer options we want, limited to those that this Blender knows."""
     try:
         known = bpy.ops.import_scene.gltf.get_rna_type().properties.keys()
     except (KeyError, AttributeError) as error:
@@ -53,6 +54,7 @@ def gltf_options():
 
 
 def read_glb(path):
+    """Runs Blender's glTF importer. Raises Failure if it cannot read the file."""
     try:
         with old_numpy_names():
             done = bpy.ops.import_scene.gltf(filepath=path, **gltf_options())
@@ -66,12 +68,12 @@ def read_glb(path):
 
 # ---- its looks ----
 def socket(node, *names):
-    """An input by the first of its names that this Blender knows."""
+    """The node's input with the first of `names` that this Blender knows."""
     return next(node.inputs[n] for n in names if n in node.inputs)
 
 
 def colour_source(tree, mesh, image):
-    """The node that the colours come from: the texture, or the vertices' colours."""
+    """Makes the node that supplies the colours: the texture or the vertex colours. Returns its colour output."""
     if image:
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image = image
@@ -85,7 +87,7 @@ def colour_source(tree, mesh, image):
 
 
 def make_material(name, mesh, image, lit):
-    """A Principled BSDF; not lit: it shines with the photo's colours instead of reflecting light."""
+    """A Principled BSDF material. If not lit, it emits the photo's colours instead of reflecting light."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     tree = material.node_tree
@@ -103,6 +105,7 @@ def make_material(name, mesh, image, lit):
 
 
 def image_of(mesh):
+    """The mesh's texture, or None."""
     for material in mesh.materials:
         for node in material.node_tree.nodes if material and material.node_tree else ():
             if node.type == "TEX_IMAGE" and node.image:
@@ -111,7 +114,7 @@ def image_of(mesh):
 
 
 def dress(body, name, lit):
-    """The material and texture by the person's name, all smooth."""
+    """Gives the mesh a material and texture with the person's name, and smooth shading. Returns both."""
     mesh, image = body.data, image_of(body.data)
     material = make_material(name, mesh, image, lit)
     if image:
@@ -127,12 +130,13 @@ def dress(body, name, lit):
 
 # ---- into the scene ----
 def object_mode(context):
+    """Switches to object mode."""
     if context.object and context.object.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def layer_of(parent, collection):
-    """The view layer's place of a collection."""
+    """The layer collection of `collection` below `parent`, or None."""
     if parent.collection == collection:
         return parent
     return next((found for child in parent.children for found in [layer_of(child, collection)] if found), None)
@@ -140,7 +144,7 @@ def layer_of(parent, collection):
 
 @contextlib.contextmanager
 def into_collection(context, name):
-    """A new collection that takes what is imported."""
+    """A new collection that receives everything that is imported inside the block."""
     collection = bpy.data.collections.new(name)
     context.scene.collection.children.link(collection)
     before = context.view_layer.active_layer_collection
@@ -160,7 +164,7 @@ def select(context, armature, body):
 
 
 def tidy(before, collection, path, name, lit):
-    """Of what the importer made the rig and the mesh stay."""
+    """Keeps the rig and the mesh that the importer made and removes the rest. Returns both."""
     new = [o for o in bpy.data.objects if o.as_pointer() not in before["objects"]]
     rigs = [o for o in new if rig.is_person(o)]
     bodies = [o for o in new if o.type == "MESH" and rigs and o.parent == rigs[0] and o.vertex_groups]
@@ -186,7 +190,7 @@ def tidy(before, collection, path, name, lit):
 
 
 def stand(context, armature, body):
-    """The rest pose on the floor: z is 0 under the feet. What it plays, or the pose it is in, likewise."""
+    """Puts the rest pose on the floor (z = 0 under the feet), and also the action or the current pose."""
     armature.rotation_mode = "XYZ"
     heights = np.empty(3 * len(body.data.vertices), np.float32)
     body.data.vertices.foreach_get("co", heights)
@@ -201,7 +205,7 @@ def stand(context, armature, body):
 
 
 def import_glb(context, path, name, lit=True):
-    """The armature of the person; or Failure, and nothing is left of it."""
+    """Imports the person and returns its armature. On Failure nothing is left in the Blender file."""
     glb.check(path)
     if not os.access(path, os.R_OK):
         raise Failure(f"{path}: cannot be read")

@@ -1,4 +1,5 @@
-"""The program sherf: where it is, its command lines, what it says, and running it without waiting. Needs no Blender."""
+"""Finds the program sherf, builds its command lines, reads its output and runs it in the background.
+Needs no Blender."""
 import os
 import re
 import shutil
@@ -14,12 +15,12 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 class Failure(Exception):
-    """What went wrong, as one line for the user."""
+    """An error, as one line for the user."""
 
 
 # ---- where it is ----
 def usual_places(folder=HERE):
-    """Where a program may lie that is not on PATH: beside the add-on, and where `make install` puts it."""
+    """Where the program may be if it is not on PATH: beside the add-on, and where `make install` puts it."""
     name = "sherf.exe" if os.name == "nt" else "sherf"
     places = [os.path.join(folder, name), os.path.join(folder, "bin", name)]
     if os.name != "nt":
@@ -32,7 +33,7 @@ def is_program(path):
 
 
 def find_program(chosen="", folder=HERE):
-    """The path of the program: the one chosen in the preferences, or one on PATH, beside the add-on, installed."""
+    """The path of the program: chosen in the preferences, on PATH, beside the add-on or installed. Raises Failure."""
     if chosen:
         path = os.path.abspath(os.path.expanduser(chosen))
         if is_program(path):
@@ -50,7 +51,7 @@ def find_program(chosen="", folder=HERE):
 
 # ---- command lines ----
 def kind_of(path):
-    """What a file to import is taken for: "glb", "avatar", or "photo" (observations are taken as photos are)."""
+    """The kind of a file to import: "glb", "avatar" or "photo" (observations count as photos). Raises Failure."""
     if not os.path.exists(path):
         raise Failure(f"{path}: no such file")
     end = os.path.splitext(path)[1].lower()
@@ -63,8 +64,8 @@ def kind_of(path):
 
 
 def photos_of(path, chosen):
-    """The files to import: path, or all that were chosen beside it (names, as the file browser has them), path first.
-    Several are photos of one person."""
+    """The files to import, `path` first. chosen: the names of all selected files in the same folder, as the file
+    browser gives them. Several files must be photos of one person; otherwise Failure is raised."""
     folder, shown = os.path.split(path)
     names = sorted((name for name in chosen if name), key=lambda name: name != shown)
     if len(names) < 2:
@@ -78,7 +79,7 @@ def photos_of(path, chosen):
 
 
 def body_words(body, beside):
-    """--body: the one of the preferences, or one that lies beside the file, where the program would find it itself."""
+    """The --body argument: the body of the preferences, or one beside the file, where the program would find it."""
     if body:
         return ["--body", os.path.abspath(body)]
     folder = os.path.abspath(beside if os.path.isdir(beside) else os.path.dirname(os.path.abspath(beside)))
@@ -90,7 +91,7 @@ def body_words(body, beside):
 
 
 def avatar_command(program, photos, avatar, person=0, body=""):
-    """The avatar of one person's photos."""
+    """The command that makes an avatar from one person's photos."""
     words = [program, "avatar"] + [os.path.abspath(photo) for photo in photos] + ["--output", os.path.abspath(avatar)]
     if person:
         words += ["--person", str(person)]
@@ -98,6 +99,7 @@ def avatar_command(program, photos, avatar, person=0, body=""):
 
 
 def export_command(program, avatar, glb, detail="MEDIUM", texture_px=1024, observed=False, body=()):
+    """The command that exports an avatar as .glb, in the T-pose or the observed pose."""
     cells, triangles = DETAIL[detail]
     words = [program, "export", os.path.abspath(avatar), "--output", os.path.abspath(glb), "--lit", "--resolution",
              str(cells), "--triangles", str(triangles), "--texture", str(texture_px)]
@@ -105,13 +107,14 @@ def export_command(program, avatar, glb, detail="MEDIUM", texture_px=1024, obser
 
 
 def video_command(program, video, npz, person=0):
+    """The command that estimates the motion of a person in a video."""
     words = [program, "estimate", os.path.abspath(video), "--output", os.path.abspath(npz)]
     return words + (["--person", str(person)] if person else [])
 
 
 def motion_command(program, avatar, motion, bvh, fps, body=(), root="kept", up="auto", track="", first=0, last=0,
                    smooth_s=0.0, loop=False):
-    """The motion as BVH, in the file's own world; avatar "": for the mean body."""
+    """The command that writes a motion as BVH in the file's own world; avatar "" means the mean body."""
     words = [program, "animate"] + ([os.path.abspath(avatar)] if avatar else [])
     words += ["--motion", os.path.abspath(motion), "--bvh", os.path.abspath(bvh), "--own-place", "--blend", "0"]
     words += ["--fps", f"{fps:.9g}", "--root", root, "--up", up]
@@ -127,7 +130,7 @@ def motion_command(program, avatar, motion, bvh, fps, body=(), root="kept", up="
 
 
 def free_name(folder, stem, ending):
-    """FOLDER/STEM.ending, or STEM-2.ending and so on where that is taken."""
+    """FOLDER/STEM.ending, or STEM-2.ending and so on if that exists already."""
     path, n = os.path.join(folder, stem + ending), 2
     while os.path.lexists(path):
         path, n = os.path.join(folder, f"{stem}-{n}{ending}"), n + 1
@@ -136,7 +139,7 @@ def free_name(folder, stem, ending):
 
 # ---- what it says ----
 def failure_line(log, code):
-    """The program's own line of what went wrong, without its name and the hint at --help."""
+    """The program's error message, without its name and the hint at --help."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     for line in reversed(lines):
         match = re.match(r"sherf( [a-z]+)?: (?!warning: )(.*)", line)
@@ -148,7 +151,7 @@ def failure_line(log, code):
 
 
 def remarks(log, photos=()):
-    """(warnings, what it found in the photos)."""
+    """(warnings, lines about what was found in the photos), as two lists."""
     warning = "sherf: warning: "
     lines = log.splitlines()
     return ([line[len(warning):] for line in lines if line.startswith(warning)],
@@ -156,13 +159,13 @@ def remarks(log, photos=()):
 
 
 def percent(log):
-    """The last figure of progress, as (what, percent), or None."""
+    """The last progress figure as (what, percent), or None."""
     found = re.findall(r"^([^:\n]+): +(\d+)%", log, re.MULTILINE)
     return (found[-1][0], int(found[-1][1])) if found else None
 
 
 def version(program):
-    """What `sherf --version` says."""
+    """The output of `sherf --version`. Raises Failure if `program` is not sherf."""
     try:
         done = subprocess.run([program, "--version"], stdin=subprocess.DEVNULL, capture_output=True, timeout=20,
                               check=False)
@@ -176,8 +179,10 @@ def version(program):
 
 # ---- running it ----
 class Job:
-    """Commands one after another, in a folder of the job's own that goes with it. `steps` (set before the first poll)
-    is a list of (what is being done, words). Nothing here waits but cancel(), two seconds at most."""
+    """Runs commands one after another in a temporary folder, which close() removes.
+
+    steps: a list of (description, command line), set before the first poll. Only cancel() waits, and for two seconds
+    at most."""
 
     def __init__(self):
         self.folder = tempfile.mkdtemp(prefix="sherf-")
@@ -185,10 +190,11 @@ class Job:
         self.begun_s, self.logs, self.cancelled = time.monotonic(), [], False
 
     def file(self, name):
+        """The path of a file in the job's folder."""
         return os.path.join(self.folder, name)
 
     def log(self):
-        """What the running command, or the last one, has said."""
+        """The output so far of the running command, or that of the last one."""
         try:
             with open(self.file("log"), encoding="utf-8", errors="surrogateescape") as f:
                 return f.read()
@@ -206,7 +212,7 @@ class Job:
             raise Failure(f"{self.steps[self.at][1][0]}: cannot be run: {error}") from error
 
     def poll(self):
-        """True when all is done; raises Failure when a command fails."""
+        """Starts the next command if none runs. Returns True when all are done; raises Failure if one failed."""
         if self.process is None:
             if self.at + 1 >= len(self.steps):
                 return True
@@ -222,7 +228,7 @@ class Job:
         return self.at + 1 >= len(self.steps)
 
     def state(self):
-        """A line for the user, and how much of this command is done in percent (None: not known)."""
+        """A status line for the user, and the progress of this command in percent (None: unknown)."""
         text = self.steps[max(self.at, 0)][0] if self.steps else "sherf"
         done = percent(self.log())
         figure = f", {done[0]} {done[1]} %" if done else ""
@@ -230,7 +236,7 @@ class Job:
                 done[1] if done else None)
 
     def cancel(self):
-        """Ends the running command: it is asked first, and clears up itself."""
+        """Stops the running command with SIGTERM, so that it can clean up, and kills it after two seconds."""
         self.cancelled = True
         process, self.process = self.process, None
         if process is None or process.poll() is not None:
@@ -243,5 +249,6 @@ class Job:
             process.wait()
 
     def close(self):
+        """Stops the running command and removes the folder."""
         self.cancel()
         shutil.rmtree(self.folder, ignore_errors=True)

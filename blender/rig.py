@@ -1,4 +1,4 @@
-"""The rig of a person: motions put onto its bones, its rest pose, and its feet on the floor."""
+"""A person's rig: applies motions to its bones, changes its rest pose and puts its feet on the floor."""
 import bpy
 import numpy as np
 from mathutils import Matrix, Quaternion, Vector
@@ -7,18 +7,19 @@ from . import motion
 from .motion import NAMES, PARENTS
 from .program import Failure
 
-REST = "sherf_rest"      # of a bone: how it stands in the T, in the rig's space
-AVATAR = "sherf_avatar"  # of an armature: the avatar file it was made of
-GROUND_FRAMES = 120      # looked at where a motion is put on the floor
-GROUND_SHARE = 10        # percent of them may be below it
+REST = "sherf_rest"      # bone property: its orientation in the T-pose, in the rig's space
+AVATAR = "sherf_avatar"  # armature property: the avatar file it was made from
+GROUND_FRAMES = 120      # frames examined when a motion is put on the floor
+GROUND_SHARE = 10        # percent of these frames that may be below the floor
 
 
 def is_person(thing):
+    """Whether an object is an armature with SMPL's 24 joints."""
     return bool(thing and thing.type == "ARMATURE" and all(n in thing.data.bones for n in NAMES))
 
 
 def find(context):
-    """The person that is active: its rig, or the rig of its mesh. None: there is none."""
+    """The rig of the active person, whether its rig or its mesh is active; None if there is none."""
     thing = context.active_object
     for candidate in (thing, thing.parent if thing else None, thing.find_armature() if thing else None):
         if is_person(candidate):
@@ -27,34 +28,37 @@ def find(context):
 
 
 def bodies_of(armature):
+    """The meshes that the armature deforms."""
     return [o for o in bpy.data.objects if o.type == "MESH" and o.find_armature() == armature]
 
 
 # ---- rest poses ----
 def remember_rest(armature):
-    """The rest pose is the T."""
+    """Records the current rest pose as the T-pose."""
     for name in NAMES:
         bone = armature.data.bones[name]
         bone[REST] = list(bone.matrix_local.to_quaternion())
 
 
 def rests(armature):
-    """How the bones stand in the T, and in the present rest pose."""
+    """The bones' orientations in the T-pose and in the current rest pose, as quaternions."""
     now = [tuple(armature.data.bones[name].matrix_local.to_quaternion()) for name in NAMES]
     kept = [armature.data.bones[name].get(REST) for name in NAMES]
     return [tuple(k) if k is not None and len(k) == 4 else n for k, n in zip(kept, now)], now
 
 
 def rest_matrices(armature):
+    """The bones' rest matrices (4 x 4) in the rig's space, in SMPL's order."""
     return [armature.data.bones[name].matrix_local.copy() for name in NAMES]
 
 
 def locals_of(matrices):
-    """Relative to the parent's."""
+    """The matrices relative to their parents'."""
     return [matrices[PARENTS[j]].inverted() @ m if PARENTS[j] >= 0 else m for j, m in enumerate(matrices)]
 
 
 def raise_rest(armature, body, height):
+    """Moves the rest pose of rig and mesh up by `height` metres."""
     lift = Matrix.Translation((0, 0, height))
     armature.data.transform(lift)
     body.data.transform(lift)
@@ -62,7 +66,7 @@ def raise_rest(armature, body, height):
 
 
 def posed(armature, local):
-    """Where the bones stand, of local[j], their own matrices relative to rest."""
+    """The bones' matrices in the rig's space. local[j]: bone j's own matrix relative to rest."""
     out = []
     for j, step in enumerate(locals_of(rest_matrices(armature))):
         out.append((out[PARENTS[j]] if PARENTS[j] >= 0 else Matrix.Identity(4)) @ step @ local[j])
@@ -71,30 +75,33 @@ def posed(armature, local):
 
 # ---- actions ----
 def action_of(armature):
+    """The armature's action, or None."""
     return armature.animation_data.action if armature.animation_data else None
 
 
 def curves_of(armature, action):
+    """The action's F-curves."""
     if hasattr(action, "fcurves"):
         return action.fcurves
-    slot = armature.animation_data.action_slot  # Blender 5: curves lie in layers
+    slot = armature.animation_data.action_slot  # Blender 5: curves are in layers
     bags = [strip.channelbag(slot) for layer in action.layers for strip in layer.strips]
     return next(bag.fcurves for bag in bags if bag)
 
 
 def path_of(name, what):
+    """The data path of a bone's property."""
     return f'pose.bones["{name}"].{what}'
 
 
 def group_of(armature, action, name, what):
-    """The curves of a bone's place or rotation; None where it has not all of them."""
+    """The F-curves of a bone's location or rotation, or None if any is missing."""
     curves = curves_of(armature, action)
     found = [curves.find(path_of(name, what), index=i) for i in range(4 if what == "rotation_quaternion" else 3)]
     return found if all(found) else None
 
 
 def actions_of(armature):
-    """What the armature plays: its action and those of its tracks."""
+    """The armature's actions: the active one and those of its NLA tracks."""
     data = armature.animation_data
     if not data:
         return []
@@ -103,7 +110,7 @@ def actions_of(armature):
 
 
 def action_locals(armature, action, frame):
-    """The bones' own matrices that an action gives at a frame."""
+    """The bones' own matrices (4 x 4) at a frame of an action."""
     out = []
     for name in NAMES:
         place = group_of(armature, action, name, "location")
@@ -115,6 +122,7 @@ def action_locals(armature, action, frame):
 
 
 def fill_curve(curve, frames, values):
+    """Sets a curve's keys, with linear interpolation."""
     points = curve.keyframe_points
     points.add(len(frames) - len(points))
     points.foreach_set("co", np.stack([frames, values], 1).astype(np.float32).ravel())
@@ -123,7 +131,7 @@ def fill_curve(curve, frames, values):
 
 
 def keep_action(armature):
-    """The action it had stays in the file, for it to be taken again."""
+    """Detaches the armature's action but keeps it in the Blender file, so that it can be used again."""
     data = armature.animation_data_create()
     if data.action:
         data.action.use_fake_user = True
@@ -131,7 +139,7 @@ def keep_action(armature):
 
 
 def write_action(armature, name, frames, places, turns):
-    """A new action of pelvis places F x 3 and rotations F x 24 x 4, all in the bones' own axes."""
+    """A new action with pelvis locations F x 3 and rotations F x 24 x 4, all in the bones' own axes."""
     keep_action(armature)
     for bone in NAMES:
         pose_bone = armature.pose.bones[bone]
@@ -151,7 +159,7 @@ def write_action(armature, name, frames, places, turns):
 
 # ---- on the floor ----
 def weights_of(body):
-    """V x 24."""
+    """The mesh's skin weights, V x 24; every row with weights sums to 1."""
     index = {body.vertex_groups[n].index: j for j, n in enumerate(NAMES) if n in body.vertex_groups}
     out = np.zeros((len(body.data.vertices), 24), np.float32)
     for v in body.data.vertices:
@@ -162,23 +170,25 @@ def weights_of(body):
 
 
 def points_of(body):
+    """The mesh's vertices in homogeneous coordinates, V x 4."""
     out = np.empty(3 * len(body.data.vertices), np.float32)
     body.data.vertices.foreach_get("co", out)
     return np.concatenate([out.reshape(-1, 3), np.ones((len(body.data.vertices), 1), np.float32)], 1)
 
 
 def moves(armature, stand):
-    """24 x 4 x 4: where rest goes."""
+    """The transformations from rest to the bone matrices `stand`, 24 x 4 x 4."""
     rest = rest_matrices(armature)
     return np.array([np.array(m @ r.inverted()) for m, r in zip(stand, rest)], np.float64)
 
 
 def lowest(points, weights, matrices):
+    """The lowest z of the skinned vertices, in metres."""
     return float(((points @ matrices[:, 2, :].T) * weights).sum(1).min())
 
 
 def raise_action(armature, action, height):
-    """Moves the pelvis up all along an action."""
+    """Moves the pelvis up by `height` metres throughout an action."""
     curves = group_of(armature, action, NAMES[0], "location")
     step = rest_matrices(armature)[0].to_3x3().inverted() @ Vector((0, 0, height))
     for curve, more in zip(curves or (), step):
@@ -190,7 +200,7 @@ def raise_action(armature, action, height):
 
 
 def ground_action(armature, body, action):
-    """Puts a motion on the floor: nine frames of ten are above it, or on it."""
+    """Puts a motion on the floor: nine of ten frames are on the floor or above it."""
     first, last = action.frame_range
     points, weights = points_of(body), weights_of(body)
     frames = np.linspace(first, last, min(GROUND_FRAMES, int(last - first) + 1))
@@ -200,7 +210,7 @@ def ground_action(armature, body, action):
 
 
 def ground_pose(armature, body):
-    """Puts the pose that it is in on the floor, above the origin."""
+    """Puts the current pose on the floor, above the origin."""
     local = [armature.pose.bones[n].matrix_basis.copy() for n in NAMES]
     stand = posed(armature, local)
     down = lowest(points_of(body), weights_of(body), moves(armature, stand))
@@ -213,7 +223,7 @@ def ground_pose(armature, body):
 
 # ---- a motion onto the rig ----
 def put_motion(context, armature, clip, name, here=True, first_frame=1, scene_range=True):
-    """A Clip as the armature's action, a key a frame. Returns (the action, how far steps were stretched)."""
+    """Makes a Clip the armature's action, with a key per frame. Returns the action and the scale of the steps."""
     heads = [armature.data.bones[n].head_local for n in NAMES]
     factor = motion.fit_legs(clip, motion.legs([tuple(h) for h in heads]))
     if here:
@@ -238,7 +248,7 @@ def put_motion(context, armature, clip, name, here=True, first_frame=1, scene_ra
 
 # ---- another rest pose ----
 def turn_keys(armature, action, changes):
-    """Every key of a bone's rotation by the change of its rest pose."""
+    """Applies the change of each bone's rest pose to every key of its rotation."""
     for name, change in zip(NAMES, changes):
         curves = group_of(armature, action, name, "rotation_quaternion")
         if not curves:
@@ -250,26 +260,26 @@ def turn_keys(armature, action, changes):
 
 
 def new_rest(armature, turns):
-    """The bones' matrices in a rest pose of turns in SMPL's axes; the pelvis stays."""
+    """The bones' matrices in a rest pose with joint rotations `turns` in SMPL's axes. The pelvis keeps its position."""
     t_rest, rest = rests(armature)
     own = motion.bone_turns(turns, t_rest, rest)
     return posed(armature, [Quaternion(q).to_matrix().to_4x4() for q in own])
 
 
 def bend(body, armature, stand):
-    """The mesh's vertices, as the rig takes them there. Undone exactly by the way back."""
+    """Moves the mesh's vertices as the rig does for the bone matrices `stand`. Going back undoes it exactly."""
     points, weights = points_of(body), weights_of(body)
     away = armature.get("sherf_rest_pose", "T") == "T"
     way = moves(armature, stand) if away else np.linalg.inv(moves(armature, stand))
     blended = np.einsum("vj,jab->vab", weights, way)
-    blended += (1 - weights.sum(1))[:, None, None] * np.eye(4)  # what has no weights stays
+    blended += (1 - weights.sum(1))[:, None, None] * np.eye(4)  # vertices without weights stay
     points = blended @ points[:, :, None] if away else np.linalg.solve(blended, points[:, :, None])
     body.data.vertices.foreach_set("co", np.ascontiguousarray(points[:, :3, 0], np.float32).ravel())
     body.data.update()
 
 
 def set_rest(context, armature, kind):
-    """Makes a T or an A the rest pose of rig and mesh; what it plays, and the pose it is in, look as before."""
+    """Makes a T or an A (`kind`) the rest pose of rig and mesh. Actions and the current pose look as before."""
     if armature.get("sherf_rest_pose", "T") == kind:
         return
     if armature.library or armature.data.library or armature.data.users > 1:
@@ -295,6 +305,7 @@ def set_rest(context, armature, kind):
 
 
 def set_bones(context, armature, matrices):
+    """Sets the bones' rest matrices (edit mode), in the rig's space."""
     mode = armature.mode
     context.view_layer.objects.active = armature
     if mode != "EDIT":

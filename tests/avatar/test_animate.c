@@ -102,7 +102,7 @@ static void cameras(void **state) {
             assert_int_equal(still, kind == SHERF_CAMERA_FIXED);
             assert_int_equal(same_way, kind != SHERF_CAMERA_ORBITING);
         }
-    /* once round in a second: after half of it the camera looks the other way, level as it is */
+    /* one turn per second: after half a second the camera looks the other way and is still level */
     const sherf_animate_options orbit = {.camera = SHERF_CAMERA_ORBITING, .turn_s = 0.5, .aimed = 1};
     assert_ok(f->c, sherf_animate_cameras(f->c, f->avatar, f->body, f->motion, &orbit, k));
     for (int a = 0; a < 3; a++) assert_float_equal(k[0].R[6 + a], -k[5].R[6 + a], 1e-4);
@@ -122,7 +122,9 @@ static void aims_as_the_picture(void **state) {
     const sherf_camera *theirs = sherf_avatar_camera(f->avatar);
     double along = 0;
     for (int a = 0; a < 3; a++) along += k[0].R[6 + a] * theirs->R[6 + a];
-    assert_true(along > cos(12 * M_PI / 180)); /* it looks at the motion's middle, the picture at the body */
+    assert_true(along >
+                cos(12 * M_PI /
+                    180)); /* it looks at the middle of the motion; the picture's camera looks at the body */
     assert_float_equal(k[0].K[4] / k[0].height_px, theirs->K[4] / theirs->height_px, 1e-4);
     free(k);
 }

@@ -63,7 +63,7 @@ static double psnr(const sherf_frame *a, const sherf_frame *b, double *worst) {
 static void frames_are_close(void **state) {
     static const struct {
         float larger, min_db, worst;
-        int share; /* of the points that are queried at most: one in so many */
+        int share; /* the maximum of queried points: one in this many */
     } cases[] = {{3, 40, 0.4f, 7}, {1, 54, 0.15f, 2}};
     scene s;
     open_scene(2, &s);
@@ -134,7 +134,7 @@ static void the_field_is_trilinear(void **state) {
     }
 }
 
-/* Five rays in a cross: the middle one's sample moves like its neighbours beside, in front and behind; it
+/* Five rays in a cross. The middle ray's sample moves like its neighbours beside, in front and behind. It
  * stays if none of them was queried, and so do samples of small weight. */
 static void samples_move_with_their_neighbours(void **state) {
     enum { RAYS = 9, P = 11 };
@@ -147,8 +147,7 @@ static void samples_move_with_their_neighbours(void **state) {
         for (int k = 0; k < 3; k++) direction[3 * n + k] = k == 2 ? 1 : 0.05f * (float)(k ? n / 3 : n % 3);
     }
     const ray_bundle rays = {.width = 3, .height = 3, .direction = direction, .near = near, .far = far};
-    /* rays 1, 3, 5 and 7 have sample 4; the middle one 3, 4 and 5, then 8; ray 0 has 4 and is not beside it
-     */
+    /* rays 1, 3, 5 and 7 have sample 4; the middle ray has 3, 4, 5 and 8; ray 0 has 4 but is not beside it */
     int32_t first[RAYS + 1] = {0, 1, 2, 2, 3, 7, 8, 8, 9, 11}, sample[P] = {4, 4, 4, 3, 4, 5, 8, 4, 4, 1, 2};
     int32_t at[P] = {0, 1, 2, 3, COARSE_MOVED, 4, COARSE_MOVED, 5, COARSE_KEPT, 6, COARSE_KEPT};
     float rgb[3 * P] = {0}, sigma[P] = {0}, new_rgb[21] = {0}, new_sigma[7] = {100, 1, 2, 30, 40, 3, 50};
@@ -162,8 +161,8 @@ static void samples_move_with_their_neighbours(void **state) {
                        .queried_at = at};
     assert_ok(c, coarse_points_answer(c, &rays, new_rgb, new_sigma, &p));
     assert_true(sigma[0] == 100 && sigma[3] == 30 && sigma[5] == 40 && rgb[9] == 0.3f);
-    assert_true(sigma[8] == 10 && sigma[10] == 10 && rgb[30] == 0); /* little weight */
-    assert_true(sigma[6] == 10);                                    /* nothing near it was queried */
+    assert_true(sigma[8] == 10 && sigma[10] == 10 && rgb[30] == 0); /* small weight */
+    assert_true(sigma[6] == 10);                                    /* no neighbour was queried */
     /* pixels and samples are a decimetre apart: three beside (-9, -8, -7), before and behind (20, 30) */
     assert_float_equal(sigma[4], 10 + (-9 - 8 - 7 + 20 + 30) / 5.0f, 1e-2f);
     assert_float_equal(rgb[12], (0.01f + 0.02f + 0.03f + 0.3f + 0.4f) / 5, 1e-3f);

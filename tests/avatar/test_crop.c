@@ -94,7 +94,7 @@ static void large_people_shrink(void **state) {
     assert_int_equal(sherf_observation_image(fit)->width, 256);
     assert_ok(c, body_px_per_m(c, body, sherf_observation_pose(fit), k, &scale));
     assert_float_equal(scale, 115, 1);
-    assert_same_scene(o, fit, 4); /* a pixel of the smaller picture and a half */
+    assert_same_scene(o, fit, 4); /* one and a half pixels of the smaller picture */
     sherf_observation_free(fit);
     sherf_observation_free(o);
     sherf_model_free(m);

@@ -37,11 +37,11 @@ static void avatar_write(context *c, const body_model *body, const char *path) {
     assert_ok(c, model_config_parse(c, settings, &config));
     assert_ok(c, model_create(c, &config, 3, &m));
     float *density = tensor_f32(model_tensor(m, "decoder.alpha_linear.bias"));
-    density[0] = 8; /* as new weights are, there is little to see */
+    density[0] = 8; /* new weights alone show little */
     assert_ok(c, sherf_observation_create(c, &image, &mask, &camera, &pose, &observation));
     assert_ok(c, sherf_avatar_create(c, m, body, observation, &a));
     assert_ok(c, sherf_avatar_save(c, a, path));
-    assert_ok(c, sherf_avatar_load(c, path, body, &loaded)); /* the file says where points are read */
+    assert_ok(c, sherf_avatar_load(c, path, body, &loaded)); /* the file stores where points are read */
     assert_memory_equal(loaded->sheet.body->read_from, a->sheet.body->read_from,
                         (size_t)body->vertices * 12 * sizeof(float));
     sherf_avatar_free(loaded);
@@ -69,7 +69,7 @@ static void render(context *c, const body_model *body, const char *path, sherf_f
     sharp.detail = SHERF_DETAIL_ON;
     if (detailed) assert_ok(c, sherf_render(c, a, body, &pose, &camera, &sharp, detailed));
     assert_ok(c, sherf_render(c, a, body, &pose, &camera, &o, plain));
-    /* and a question that is no frame */
+    /* and a query outside a frame */
     float at[3] = {0, 0.2f, 0.05f}, none[3] = {0, 0, 0}, px[2] = {20, 20}, rgb[3];
     const point_set one = {.count = 1, .canonical = at, .direction_canonical = none, .observed_px = px};
     assert_ok(c, avatar_query(c, a, body, &one, rgb, sigma));
@@ -105,7 +105,7 @@ static void avatars_agree(void **state) {
     const double sharp = test_psnr(&got_sharp.color, &want_sharp.color),
                  change = test_psnr(&want_sharp.color, &want.color);
     print_message("with detail (%.1f dB from without): colour %.1f dB\n", change, sharp);
-    assert_true(sharp >= 60 && change < sharp - 40); /* it is there, and the same */
+    assert_true(sharp >= 60 && change < sharp - 40); /* the detail exists and is the same */
     sherf_frame_free(&want);
     sherf_frame_free(&got);
     sherf_frame_free(&want_sharp);

@@ -41,7 +41,7 @@ static void the_observed_view_is_the_observation(void **state) {
     sherf_frame before = {0}, off = {0}, on = {0};
     open_scene(&s, SHERF_PRECISION_AUTO);
     render(&s, &s.camera, SHERF_DETAIL_OFF, &before);
-    assert_int_equal(s.avatar->detail->made.views, 0); /* not made for those who do not want it */
+    assert_int_equal(s.avatar->detail->made.views, 0); /* not computed while detail is off */
     render(&s, &s.camera, 0, &on);                     /* the default */
     render(&s, &s.camera, SHERF_DETAIL_OFF, &off);
     assert_int_equal(s.avatar->detail->made.views, 1);
@@ -51,8 +51,8 @@ static void the_observed_view_is_the_observation(void **state) {
     const float *truth = sherf_observation_image(s.observation)->data;
     const double soft = difference(off.color.data, truth), sharp = difference(on.color.data, truth);
     if (!(sharp < 42 && sharp < soft)) fail_msg("squared difference %g with detail, %g without", sharp, soft);
-    /* The rim is 33 of these with any weights. Within it 5 are left, of 33 of the second version's and 15 of
-     * the third's. */
+    /* With any weights, the rim accounts for 33 of this. Inside it 5 remain; the second version had 33 there
+     * and the third 15. */
     const double soft_inside = difference_inside(off.color.data, truth),
                  sharp_inside = difference_inside(on.color.data, truth);
     if (!(sharp_inside < 6 && sharp_inside < 0.4 * soft_inside))
@@ -102,7 +102,7 @@ static void render_plainly(scene *s, const sherf_camera *camera, sherf_frame *ou
     detail_free(&s->avatar->detail->made);
 }
 
-/* Switches off what unseen places take from the opposite side. */
+/* Turns off the detail that unseen places take from the opposite side. */
 static void lend_nothing(scene *s) {
     const avatar_detail *d;
     assert_ok(s->c, avatar_detail_of(s->c, s->avatar, s->body, &d));
@@ -310,8 +310,8 @@ static float haze_of(scene *s, const sherf_pose *pose, const sherf_camera *camer
     return firmness_of(s, pose, camera).haze;
 }
 
-/* An outline that the picture shows has less haze: in its pose, from its side, wherever both are in the
- * world. Elsewhere large pixels are firmer. */
+/* An outline that the picture shows has less haze in the picture's pose from the picture's side, wherever
+ * both are in the world. Elsewhere large pixels are firmer. */
 static void haze_is_less_round_a_known_outline(void **state) {
     scene s;
     open_scene(&s, SHERF_PRECISION_AUTO);
@@ -331,10 +331,10 @@ static void haze_is_less_round_a_known_outline(void **state) {
         before = haze;
     }
     sherf_camera behind = turned_camera(&s, M_PI);
-    for (int k = 0; k < 6; k++) behind.K[k] = observed.K[k] / 8; /* pixels of some centimetres */
+    for (int k = 0; k < 6; k++) behind.K[k] = observed.K[k] / 8; /* pixels of several centimetres */
     assert_float_equal(haze_of(&s, &pose, &behind), 0.25, 1e-6);
     assert_float_equal(firmness_of(&s, &pose, &behind).solid, 0.9, 1e-6);
-    for (int k = 0; k < 3; k++) pose.Th_m[k] += (float)k; /* the person and the camera go elsewhere */
+    for (int k = 0; k < 3; k++) pose.Th_m[k] += (float)k; /* person and camera move elsewhere */
     sherf_camera moved = s.camera;
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) moved.T_m[k] -= s.camera.R[3 * k + i] * (float)i;
@@ -417,7 +417,7 @@ static void depths_are_brought_out_of_the_body(void **state) {
     assert_true(depth[2] > 2 && depth[2] < 2.08f); /* between haze and another limb */
 }
 
-/* As in the viewer: bands without detail, and the detail once they are together. */
+/* As in the viewer: bands are rendered without detail, which is added to the complete frame. */
 static void parts_make_the_picture(void **state) {
     scene s;
     static const float black[3] = {0, 0, 0};
@@ -453,7 +453,7 @@ static void files_keep_the_finer_picture(void **state) {
     assert_memory_equal(first.color.data, again.color.data, 3 * SIDE * SIDE * sizeof(float));
     sherf_avatar_free(s.avatar);
     assert_ok(s.c, sherf_avatar_load(s.c, test_path("avatar"), s.body, &s.avatar));
-    mem_free(s.avatar->fine[0].data); /* as an older file's */
+    mem_free(s.avatar->fine[0].data); /* as in an older file */
     s.avatar->fine[0].data = NULL;
     assert_ok(s.c, sherf_avatar_save(s.c, s.avatar, test_path("older")));
     sherf_avatar_free(s.avatar);

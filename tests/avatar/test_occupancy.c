@@ -39,7 +39,7 @@ static void what_is_left_out_has_no_density(void **state) {
     assert_true(rgb && sigma);
     assert_ok(s.c, avatar_query(s.c, s.avatar, s.body, all, rgb, sigma));
     int64_t at = 0;
-    double lost = 0, whole = 0; /* alphas of a centimetre */
+    double lost = 0, whole = 0; /* sums of alpha per centimetre */
     for (int64_t i = 0; i < all->count; i++) {
         const double alpha = sigma[i] > 0 ? 1 - exp(-0.01 * (double)sigma[i]) : 0;
         if (at < kept->count && kept->ray[at] == all->ray[i] && kept->sample[at] == all->sample[i]) {
@@ -52,7 +52,7 @@ static void what_is_left_out_has_no_density(void **state) {
         }
         whole += alpha;
     }
-    assert_int_equal(at, kept->count); /* a part of all, in order */
+    assert_int_equal(at, kept->count); /* a subset of all points, in order */
     if (!(lost < 1e-3 * whole)) fail_msg("%g of %g is left out", lost, whole);
     for (int64_t n = 0; n < kept->rays; n++) assert_true(kept->first[n] <= kept->first[n + 1]);
     assert_int_equal(kept->first[kept->rays], kept->count);

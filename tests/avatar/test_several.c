@@ -104,7 +104,7 @@ static void each_side_is_its_pictures(void **state) {
     close_scene(&s);
 }
 
-/* A picture without the person is refused by name. */
+/* A picture without the person is refused with its name. */
 static void wrong_pictures_are_named(void **state) {
     scene s;
     sherf_model *m;

@@ -1,4 +1,4 @@
-/* Depths along a ray for which the model's number is too small: arms spread, seen along them. */
+/* Rays for which the model's number of depths is too small: spread arms, seen along them. */
 #include <math.h>
 #include <string.h>
 
@@ -48,7 +48,7 @@ static void steps_are_short(void **state) {
             assert_true(even->near[n] == plain->near[n] && even->at_box[n] == plain->at_box[n]);
             if (!even->at_box[n]) continue;
             assert_true(step * length < bound * 1.0001 && step < before * 1.0001);
-            assert_true(even->far[n] > plain->far[n] * 0.9999f); /* the whole box is still passed through */
+            assert_true(even->far[n] > plain->far[n] * 0.9999f); /* rays still pass through the whole box */
             own += step > before * 0.9999;
             cut += step < before * 0.9;
         }
@@ -57,7 +57,7 @@ static void steps_are_short(void **state) {
         rays_free(even);
     }
     assert_ok(s.c, rays_create(s.c, &side, min, max, &even));
-    assert_int_equal(rays_even_steps(even, 48, 1024, 0.1f), 48); /* short enough as it is */
+    assert_int_equal(rays_even_steps(even, 48, 1024, 0.1f), 48); /* already short enough */
     assert_memory_equal(even->far, plain->far, 40 * 40 * sizeof(float));
     rays_free(even);
     rays_free(plain);
@@ -78,7 +78,7 @@ static void automatic_is_nearer_to_many(void **state) {
     const double before = test_psnr(&own.color, &many.color),
                  after = test_psnr(&automatic.color, &many.color);
     if (!(after > before + 4)) fail_msg("%.1f dB, %.1f dB by the model's own number", after, before);
-    for (int i = 0; i < 96 * 96; i++) /* depths past the box are in no picture of depths */
+    for (int i = 0; i < 96 * 96; i++) /* the depth picture has no depths beyond the box */
         assert_true(automatic.depth.data[i] <= own.depth.data[0] || automatic.opacity.data[i] > 0);
     assert_true(automatic.depth.data[0] == own.depth.data[0]);
     sherf_frame_free(&own);

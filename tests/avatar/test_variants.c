@@ -15,7 +15,7 @@ static void render(scene *s, bool behind, sherf_frame *out) {
     float joints[72];
     sherf_camera k = s->camera;
     assert_ok(s->c, sherf_body_pose(s->c, s->body, sherf_avatar_pose(s->avatar), NULL, joints));
-    for (int i = 0; i < 3 && behind; i++) { /* x and z of the world are turned round the pelvis */
+    for (int i = 0; i < 3 && behind; i++) { /* turns x and z of the world about the pelvis */
         k.R[3 * i] *= -1;
         k.R[3 * i + 2] *= -1;
         k.T_m[i] += 2 * (s->camera.R[3 * i] * joints[0] + s->camera.R[3 * i + 2] * joints[2]);
@@ -65,7 +65,7 @@ static void variants_differ_in_what_was_not_seen_alone(void **state) {
     close_scene(&s);
 }
 
-/* In a file that is there: `from` becomes `to`, of the same length. */
+/* In an existing file, replaces `from` by `to`, which has the same length. */
 static void replace_in_file(const char *path, const char *from, const char *to) {
     FILE *f = fopen(path, "rb");
     assert_non_null(f);

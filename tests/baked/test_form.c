@@ -45,7 +45,7 @@ static sherf_pose bent(void) {
     return pose;
 }
 
-/* Both have the same place, in a pose and from sides that were not observed. */
+/* Both frames are at the same place, in a pose and from sides that were not observed. */
 static void stands_where_the_networks_frame_stands(void **state) {
     enum { SIDE = 96 };
     context *c = *state;
@@ -106,7 +106,7 @@ static void corners_stand_in_the_poses_world(void **state) {
     const sherf_pose pose = bent();
     float *is = malloc((size_t)f->corners * 3 * sizeof *is),
           *should = malloc((size_t)f->corners * 3 * sizeof *should);
-    assert_null(f->fold); /* the body here has no volume to keep */
+    assert_null(f->fold); /* this body keeps no volume */
     corners_world(c, f, &pose, should);
     assert_ok(c, baked_places(c, f, body, &pose, is));
     for (int64_t i = 0; i < 3 * f->corners; i++) assert_float_equal(is[i], should[i], 1e-5);
@@ -114,7 +114,8 @@ static void corners_stand_in_the_poses_world(void **state) {
     free(should);
 }
 
-/* If colours encode the texture's columns and rows, a frame's inside has those of the scene's rasteriser. */
+/* If colours encode the texture's columns and rows, the inside of a frame has the columns and rows that the
+ * scene's rasteriser gives. */
 static void colours_are_those_of_the_texture(void **state) {
     enum { SIDE = 120 };
     context *c = *state;
@@ -137,7 +138,7 @@ static void colours_are_those_of_the_texture(void **state) {
     for (int y = 1; y < SIDE - 1; y++)
         for (int x = 1; x < SIDE - 1; x++) {
             const int n = y * SIDE + x;
-            bool flat = r->face[n] >= 0; /* on one surface */
+            bool flat = r->face[n] >= 0; /* the neighbourhood is on one surface */
             for (int k = 0; k < 9 && flat; k++) {
                 const int m = n + (k / 3 - 1) * SIDE + k % 3 - 1;
                 flat = r->face[m] >= 0 && fabsf(r->depth[m] - r->depth[n]) < 0.02f;
@@ -151,7 +152,7 @@ static void colours_are_those_of_the_texture(void **state) {
                 for (int v = 0; v < 3; v++)
                     at += r->barycentric[3 * n + v] *
                           f->uv[2 * (size_t)f->triangle[3 * (size_t)r->face[n] + (size_t)v] + (size_t)k];
-                far += fabsf(255 * frame.color.data[3 * n + k] - at) > 4; /* texels */
+                far += fabsf(255 * frame.color.data[3 * n + k] - at) > 4; /* more than four texels away */
             }
         }
     assert_true(inside > 700);
@@ -200,7 +201,7 @@ static void rims_are_as_soft_as_told(void **state) {
         depth[i] = 2 * o;
         for (int k = 0; k < 3; k++) color[3 * i + k] = o > 0 ? rgb[k] : background[k];
     }
-    assert_ok(c, baked_soften(c, &s, &f)); /* as sharp as can be already */
+    assert_ok(c, baked_soften(c, &s, &f)); /* already as sharp as possible */
     for (int i = 0; i < W * H; i++) assert_true(opacity[i] == (i % W < EDGE));
     s.radius_px = 3;
     assert_ok(c, baked_soften(c, &s, &f));
@@ -214,7 +215,8 @@ static void rims_are_as_soft_as_told(void **state) {
     }
 }
 
-/* Over less than a pixel opacity rises faster, about one half; the person's own colours stay. */
+/* If the radius is less than a pixel, opacity rises faster, around one half, and the person's own colours
+ * stay. */
 static void rims_of_large_pixels_are_sharp(void **state) {
     context *c = *state;
     static const float background[3] = {0.25f, 1, 0}, rgb[3] = {1, 0.5f, 0.125f};
@@ -273,7 +275,8 @@ static void threads_and_files_change_nothing(void **state) {
     sherf_context_free(other);
 }
 
-/* In the body, with the person outside the picture or behind the camera: always a picture. */
+/* Inside the body, and with the person outside the picture or behind the camera: there is always a picture.
+ */
 static void cameras_anywhere(void **state) {
     context *c = *state;
     const sherf_pose pose = *sherf_avatar_pose(avatar);
@@ -295,7 +298,7 @@ static void cameras_anywhere(void **state) {
     sherf_frame_free(&f);
 }
 
-/* ---- files that are not right ---- */
+/* ---- damaged files ---- */
 
 typedef void (*change)(safetensor *t, void *data);
 static void joint_beyond(safetensor *t, void *data) {
@@ -348,7 +351,7 @@ static sherf_status load_changed(context *c, const char *name, change how, const
     safetensor_item item[16];
     safetensor_metadata metadata[8];
     sherf_avatar *a = NULL;
-    void *copy = NULL; /* of the changed tensor */
+    void *copy = NULL; /* copy of the changed tensor */
     assert_ok(c, sherf_avatar_save(c, baked, test_path("good.safetensors")));
     assert_ok(c, safetensors_read(c, test_path("good.safetensors"), &s));
     assert_true(s->count <= COUNT_OF(item) && s->metadata_count <= COUNT_OF(metadata));
@@ -365,7 +368,7 @@ static sherf_status load_changed(context *c, const char *name, change how, const
         memcpy(item[i].dim, t->dim, sizeof t->dim);
     }
     assert_null(name);
-    size_t kept = 0; /* all but the checksum, which is of what was there */
+    size_t kept = 0; /* all metadata except the checksum, which belongs to the old contents */
     for (size_t i = 0; i < s->metadata_count; i++)
         if (strcmp(s->metadata_key[i], "crc32"))
             metadata[kept++] = (safetensor_metadata){
@@ -410,7 +413,7 @@ static void files_that_are_not_right(void **state) {
     assert_int_equal(load_changed(c, NULL, NULL, "format", "sherf-avatar"), SHERF_BAD_FILE);
 }
 
-/* Pixels that only one of both has. */
+/* The number of pixels that only one of the two pictures has. */
 static int differing(const sherf_frame *f, const raster *r) {
     int count = 0;
     for (int i = 0; i < f->opacity.width * f->opacity.height; i++)
@@ -503,6 +506,6 @@ int main(void) {
         cmocka_unit_test(cameras_anywhere),
         cmocka_unit_test(files_that_are_not_right),
         cmocka_unit_test(what_needs_the_network_is_refused),
-        cmocka_unit_test(colours_are_those_of_the_texture) /* and it is so afterwards */};
+        cmocka_unit_test(colours_are_those_of_the_texture) /* still true afterwards */};
     return cmocka_run_group_tests(tests, make, leave);
 }

@@ -1,4 +1,5 @@
-/* From a field to a surface: closed and manifold for any field, in place, oriented, without islands. */
+/* Tests of the surface made from a density field: it is closed and manifold for any field, in place, oriented
+ * and free of islands. */
 #include <math.h>
 #include <string.h>
 
@@ -40,7 +41,7 @@ static double noise(const float p[3], void *user) {
     return random_uniform(key, at);
 }
 
-/* White noise has every case of the cube next to every other. */
+/* In white noise every case of the cube occurs next to every other. */
 static void noise_is_closed(void **state) {
     context *c = test_context();
     for (uint64_t seed = 0; seed < 4; seed++) {
@@ -99,7 +100,7 @@ static void cavities_are_filled(void **state) {
     for (size_t i = 0; i < 49 * 49 * 49; i++)
         if (g.value[i] < 0 && g.value[i] != -1) g.value[i] = 0;
     assert_ok(c, field_level(c, &g, &level));
-    /* a column is opaque near the rim, where the density is still low */
+    /* near the rim a column is opaque although the density is still low */
     assert_true(level >= 1 && level < 15);
     assert_ok(c, field_solidify(c, &g, level));
     assert_ok(c, cubes_surface(c, &g, level, &s));
@@ -200,7 +201,7 @@ static void reduction_keeps_the_surface(void **state) {
         assert_true(s.triangles <= wanted && s.triangles > wanted - 4);
         assert_float_equal(volume_of(&s), volume, 0.02 * volume);
     }
-    /* as few as there can be: three balls */
+    /* three balls cannot have fewer */
     assert_ok(c, surface_reduce(c, &s, 1));
     assert_closed(&s);
     assert_true(s.triangles >= 12 && s.triangles < 120);
@@ -225,7 +226,7 @@ static void noise_is_reduced(void **state) {
 }
 
 /* ---- the atlas ---- */
-/* The corners of a texel's triangle, and the texel's place in it, must match its place in the picture. */
+/* The corners of a texel's triangle and its place in the triangle must match its place in the picture. */
 static void assert_texels(const surface *s, const atlas *a) {
     uint8_t *taken = calloc((size_t)a->side_px * (size_t)a->side_px, 1);
     assert_true(a->texels > 0);
@@ -307,7 +308,7 @@ static void atlas_is_an_atlas(void **state) {
     assert_true(a.charts >= 4 && a.charts < 40);
     assert_texels(&s, &a);
     assert_apart(&s, &a, 0.05);
-    assert_true((double)a.texels > 0.35 * 256 * 256); /* and it fills the picture */
+    assert_true((double)a.texels > 0.35 * 256 * 256); /* the atlas fills the picture */
     assert_spread(c, &s, &a, 0.5);
     float *rgb = malloc((size_t)a.texels * 3 * sizeof *rgb);
     uint8_t *picture = malloc(256 * 256 * 3);
@@ -324,7 +325,7 @@ static void atlas_is_an_atlas(void **state) {
     sherf_context_free(c);
 }
 
-/* More folded and torn than any person. */
+/* A surface more folded and torn than any person. */
 static void atlas_of_noise(void **state) {
     context *c = test_context();
     surface s;
@@ -360,7 +361,7 @@ static void splats_cover_evenly(void **state) {
     splats_place(&s, s.position, s.normal, &p);
     const double spacing = sqrt(4 * M_PI * 0.49 / COUNT);
     double nearest = INFINITY, farthest = 0;
-    for (int i = 0; i < COUNT; i++) { /* no two together, no holes */
+    for (int i = 0; i < COUNT; i++) { /* no two coincide, and there are no holes */
         const float *a = p.position + 3 * i;
         double own = INFINITY;
         assert_float_equal(sqrt((double)a[0] * a[0] + (double)a[1] * a[1] + (double)a[2] * a[2]), 0.7, 0.003);
@@ -373,7 +374,7 @@ static void splats_cover_evenly(void **state) {
         farthest = fmax(farthest, own);
         float q[4], z[3];
         splat_rotation(p.normal + 3 * i, q);
-        z[0] = 2 * (q[1] * q[3] + q[0] * q[2]); /* where the rotation takes z */
+        z[0] = 2 * (q[1] * q[3] + q[0] * q[2]); /* the direction to which the rotation takes z */
         z[1] = 2 * (q[2] * q[3] - q[0] * q[1]);
         z[2] = 1 - 2 * (q[1] * q[1] + q[2] * q[2]);
         for (int k = 0; k < 3; k++) assert_float_equal(z[k], p.normal[3 * i + k], 1e-4);

@@ -1,4 +1,4 @@
-/* base: hashes, arenas, failures, threads, outputs. */
+/* Tests of src/base: hashes, arenas, failures, threads, outputs. */
 #include "support.h"
 
 #include <signal.h>
@@ -79,7 +79,8 @@ static size_t address_space(void) {
     return (size_t)pages * (size_t)sysconf(_SC_PAGESIZE);
 }
 
-/* In a process with room for a few stacks of 8 MiB: 0 is good; NO_LIMIT: there is none here (qemu-user). */
+/* Runs in a process with room for a few stacks of 8 MiB. Returns 0 for success, NO_LIMIT if limits have no
+ * effect (qemu-user). */
 enum { WANTED = 40, NO_LIMIT = 77 };
 static int little_room(void) {
     int hits[WANTED] = {0};
@@ -98,9 +99,9 @@ static int little_room(void) {
     return 0;
 }
 
-/* OpenMP would end the process. This runs before all other tests: a fork has none of the previous threads. */
+/* OpenMP would end the process. This test runs first, because a fork inherits none of the threads. */
 static void threads_that_memory_allows(void **state) {
-    if (SANITIZED) skip(); /* shadow memory is beyond any limit */
+    if (SANITIZED) skip(); /* shadow memory exceeds any limit */
     int status;
     fflush(NULL);
     const pid_t child = fork();
@@ -120,7 +121,7 @@ static void parallel_covers_once(void **state) {
     sherf_context_free(c);
 }
 
-/* An output is renamed into place: never over a device or a folder. */
+/* An output is renamed into place, but never over a device or a folder. */
 static void outputs_are_files(void **state) {
     context *c = test_context();
     const char *bad[] = {"/dev/null", "/dev", "/nonexistent/file"};
@@ -142,12 +143,12 @@ static void outputs_are_files(void **state) {
     sherf_context_free(c);
 }
 
-/* A full disk: it is reported whether the buffer or the end detects it, the old file stays, and nothing else.
- */
+/* A full disk is reported, whether it is noticed at a full buffer or at the end. The old file stays, and
+ * nothing else does. */
 static void a_full_disk_leaves_what_was(void **state) {
     static const char old[] = "old";
     static char much[100000];
-    static const size_t bytes[] = {2000, sizeof much}; /* less than a buffer's size, and more */
+    static const size_t bytes[] = {2000, sizeof much}; /* less than a buffer, and more */
     context *c = test_context();
     struct rlimit was;
     char part[600];

@@ -1,4 +1,4 @@
-/* The elementary functions of base/simd.h, within the errors stated there. */
+/* Tests of the elementary functions of base/simd.h: their errors are within the stated ones. */
 #define LANES 4
 #include <math.h>
 
@@ -54,7 +54,7 @@ static void errors_are_as_stated(void **state) {
 }
 
 static void ends_and_not_a_number(void **state) {
-    const vf x = {NAN, INFINITY, -INFINITY, 1e30f}, e = exp_lanes(x); /* which compilers may compute */
+    const vf x = {NAN, INFINITY, -INFINITY, 1e30f}, e = exp_lanes(x); /* compilers may fold these */
     assert_true(isnan(e[0]) && isfinite(e[1]) && e[2] > 0 && e[2] < 1e-37f);
     vf s, c;
     sincos_lanes(x, &s, &c);

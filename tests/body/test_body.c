@@ -1,4 +1,5 @@
-/* Body: posing, deformation and the nearest vertex against the reference and by properties, and refusals. */
+/* Tests of the body model: posing, deformation and the nearest vertex against the reference and by
+ * properties, and refused input. */
 #include "body_reference.h"
 
 static void vertices_agree(void **state) {
@@ -68,7 +69,7 @@ static void deformation_round_trip(void **state) {
                 back += ((double)z[3 * i + a] - r->target->Th[a]) * r->target->R[3 * a + k];
             assert_true(fabs(back - x[3 * i + k]) < 3e-6);
         }
-    /* a vertex goes to its canonical place but for the difference of the shapes */
+    /* a vertex goes to its canonical place, up to the difference of the shapes */
     float *v = mem_alloc(r->c, 6890, 3 * sizeof *v);
     deform_to_canonical(r->body, r->body->canonical, 6890, r->body->canonical->vertices_smpl, NULL, NULL, v,
                         NULL);
@@ -77,7 +78,7 @@ static void deformation_round_trip(void **state) {
     mem_free(v);
 }
 
-/* Every edge of every face in both directions, once, and nothing else. */
+/* The neighbours are exactly the edges of all faces, once in each direction. */
 static void neighbours_share_an_edge(void **state) {
     body_reference *r = *state;
     const body_model *body = r->body;
@@ -105,8 +106,8 @@ static void neighbours_share_an_edge(void **state) {
     mem_free(met);
 }
 
-/* The mean distance between canonical places of points a hundredth of a millimetre apart where the nearest
- * vertex changes to a neighbour, up to 4 cm above the skin. */
+/* The mean distance between canonical places of two points a hundredth of a millimetre apart, between which
+ * the nearest vertex changes to a neighbour, up to 4 cm above the skin. */
 static double jump(body_reference *r, float blend_m, int *pairs) {
     posed_body *p = r->target;
     vertex_grid *grid;
@@ -151,7 +152,8 @@ static void blended_maps_hardly_jump(void **state) {
     const double paper = jump(r, 0, &pairs), blended = jump(r, 0.025f, &pairs);
     print_message("mean jump %.3g mm, blended %.3g mm, of %d\n", 1e3 * paper, 1e3 * blended, pairs);
     assert_true(pairs > 500 && blended < paper / 3);
-    /* on a vertex far from its neighbours it is that vertex's own way; without `nearest` it always is */
+    /* at a vertex far from its neighbours, that vertex's transformation is used; without `nearest` it always
+     * is */
     float y[3], z[3];
     const int32_t own = 100;
     r->target->blend_m = 1e-4f;
@@ -182,7 +184,8 @@ static void check_grid(context *c, const float *v, int n, float radius, float re
         float p[3], d2, expected_d2;
         for (int k = 0; k < 3; k++)
             p[k] = v[3 * near + k] + (float)(spread * random_normal(2, (uint64_t)(3 * i + k)));
-        if (i % 10 == 0) memcpy(p, v + 3 * near, sizeof p); /* on a vertex: ties where vertices coincide */
+        if (i % 10 == 0)
+            memcpy(p, v + 3 * near, sizeof p); /* at a vertex: ties between coinciding vertices */
         int32_t expected = brute(v, n, p, radius, &expected_d2);
         int32_t found = vertex_grid_nearest_from(g, p, (int32_t)random_below(3, (uint64_t)i, n), &d2);
         if (found != expected || (found >= 0 && d2 != expected_d2))
@@ -286,7 +289,7 @@ static void bad_bodies_are_refused(void **state) {
     assert_int_equal(body_create(c, &a, &body), SHERF_BAD_FILE);
     a.vertices = 6890;
     assert_ok(c, body_create(c, &a, &body));
-    assert_true(body->fingerprint != r->body->fingerprint); /* face 2 was changed */
+    assert_true(body->fingerprint != r->body->fingerprint); /* face 2 is different */
     sherf_body_free(body);
     tubeman_arrays_free(&own);
 }

@@ -15,13 +15,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-/* Every kind of layer, and a tenth of the time of "small". */
+/* The smallest model with every kind of layer; it takes a tenth of the time of "small". */
 #define TINY "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16"
 
 enum { WORDS_MAX = 40, TEXT_MAX = 1 << 16 };
 
 typedef struct {
-    int status; /* exit status; -1: ended by a signal */
+    int status; /* exit status; -1: a signal ended it */
     char out[TEXT_MAX], err[TEXT_MAX];
 } outcome;
 
@@ -32,7 +32,7 @@ static inline void text_read(const char *path, char *text) {
     if (f) fclose(f);
 }
 
-/* The largest file that the program may write, to imitate a full disk; 0: no limit. */
+/* Maximum size of a file that the program may write, to imitate a full disk; 0: no limit. */
 static rlim_t file_bytes_max;
 
 static inline void limit_files(void) {
@@ -65,7 +65,7 @@ static inline pid_t start(const char *words, const char *out, const char *err) {
     return child;
 }
 
-/* Runs the program with `words`, split at blanks. The result is valid until the next call. */
+/* Runs the program with `words`, split at spaces. The result is valid until the next call. */
 static const outcome *run(const char *format, ...) {
     static outcome o;
     char words[8000], out[4096], err[4096];

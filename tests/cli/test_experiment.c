@@ -1,4 +1,4 @@
-/* sherf experiment, killed in the middle of a training or stopped by a full disk, continues. */
+/* Tests of `sherf experiment`: killed in the middle of a training or stopped by a full disk, it continues. */
 #include "program.h"
 
 #include <ftw.h>
@@ -34,7 +34,8 @@ static time_t written(const char *name) {
     return info.st_mtim.tv_sec * 1000 + info.st_mtim.tv_nsec / 1000000;
 }
 
-/* Kills it when the second method has begun and the first is complete; the same command does the rest. */
+/* Kills the program when the second method has begun and the first is complete. The same command then does
+ * the rest. */
 static void a_kill_is_gone_on_from(void **state) {
     char out[4096], err[4096];
     snprintf(out, sizeof out, "%s", test_path("stdout"));
@@ -44,7 +45,7 @@ static void a_kill_is_gone_on_from(void **state) {
     for (int i = 0; i < 6000 && !is_there("runs/thuman/mps-nerf-1/log.jsonl"); i++) usleep(10000);
     assert_int_equal(kill(child, SIGKILL), 0);
     assert_int_equal(waitpid(child, &status, 0), child);
-    assert_true(WIFSIGNALED(status)); /* it had not come to an end */
+    assert_true(WIFSIGNALED(status)); /* it had not finished */
     assert_true(is_there("runs/thuman/nhp-1/finished.json") &&
                 is_there("runs/thuman/nhp-1/scores/angles-0/scores.json"));
     assert_false(is_there("runs/thuman/mps-nerf-1/finished.json"));
@@ -67,8 +68,8 @@ static int is_whole(const char *path, const struct stat *info, int type, struct 
     return 0;
 }
 
-/* A full disk in the middle of a training, of a scoring's page and of a study: one line, no half-written
- * file, and complete files stay. */
+/* A full disk in the middle of a training, while writing a score page and in a study: one line, no
+ * half-written file, and complete files stay. */
 static void a_full_disk_loses_nothing(void **state) {
     char full[512];
     snprintf(full, sizeof full, "%s", test_path("full"));
@@ -79,7 +80,7 @@ static void a_full_disk_loses_nothing(void **state) {
             tubes, full),
         1, "checkpoint.safetensors: cannot be written", "");
     assert_int_equal(nftw(full, is_whole, 16, FTW_PHYS), 0);
-    file_bytes_max = 1100; /* what the first test made is there; the new page is too large */
+    file_bytes_max = 1100; /* the first test's results exist; only the new page is too large */
     assert_error(run("experiment angle-difference -q -p smoke -d thuman:%s --train-people 0 --test-people 1 "
                      "-s 32 -n 30 "
                      "--perceptual none -o %s",

@@ -1,4 +1,4 @@
-/* `sherf export` from an avatar file to other programs' files, and its error messages. */
+/* Tests of `sherf export`: files for other programs from an avatar file, and its error messages. */
 #include "program.h"
 
 #include <dirent.h>
@@ -39,7 +39,7 @@ static int make_avatar(void **state) {
     return 0;
 }
 
-/* Files in the folder `out`. */
+/* The number of files in the folder `out`. */
 static int files_there(void) {
     int count = 0;
     DIR *d = opendir(out);
@@ -49,7 +49,7 @@ static int files_there(void) {
     return count;
 }
 
-/* The file's beginning, text after binary left out. */
+/* The beginning of a file as text, without binary bytes. */
 static const char *beginning(const char *name) {
     static char text[4096];
     char path[2200];
@@ -112,7 +112,7 @@ static void a_motion_goes_along(void **state) {
     assert_contains(data, "\"animations\"");
     assert_contains(data, "\"COLOR_0\"");
     free(data);
-    /* poses of a file, by number */
+    /* a file's poses, by number */
     snprintf(path, sizeof path, "%s/poses.npz", out);
     o = run("animate -m %s -b %s/tubeman.safetensors --npz %s -q", clip, folder, path);
     if (o->status) fail_msg("%s", o->err);
@@ -143,7 +143,7 @@ static void what_cannot_be_is_said(void **state) {
     assert_int_equal(files_there(), before);
 }
 
-/* Files may not grow over a few KB, as on a full disk: nothing of them remains. */
+/* Files may not grow beyond a few KB, as on a full disk: nothing remains of them. */
 static void no_room(void **state) {
     static const char *const names[] = {"y.glb", "y.obj", "y.ply", "y.ply --format splats"};
     const int before = files_there();
@@ -151,7 +151,7 @@ static void no_room(void **state) {
     assert_int_equal(getrlimit(RLIMIT_FSIZE, &limit), 0);
     little = limit;
     little.rlim_cur = 6000;
-    signal(SIGXFSZ, SIG_IGN); /* and the program inherits it: it gets an error like ENOSPC */
+    signal(SIGXFSZ, SIG_IGN); /* the program inherits this and gets an error like ENOSPC */
     for (size_t i = 0; i < COUNT_OF(names); i++) {
         assert_int_equal(setrlimit(RLIMIT_FSIZE, &little), 0);
         const outcome *o = run("%s -o %s/%s", words, out, names[i]);

@@ -114,7 +114,7 @@ static void wrong_usage(void **state) {
     assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
 }
 
-/* Unsupported endings, and standard output. */
+/* Unsupported file extensions, and standard output. */
 static void outputs_are_checked(void **state) {
     static const char *const endings[] = {"avi", "mkv", "tiff", "MPEG", "v2"};
     for (size_t i = 0; i < COUNT_OF(endings); i++) {
@@ -171,7 +171,7 @@ static void assets_beside_the_program(void **state) {
 static void what_is_missing_or_broken(void **state) {
     assert_error(run("info /no/such/file"), 1, "sherf: ", "/no/such/file");
     assert_error(run("convert /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
-    const outcome *o = run("check /no/such/file"); /* this is what it looks for */
+    const outcome *o = run("check /no/such/file"); /* finding such faults is its task */
     assert_int_equal(o->status, 1);
     assert_contains(o->out, "error: /no/such/file");
     assert_error(run("avatar a -m b -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
@@ -235,7 +235,7 @@ static void assert_png(const char *path, unsigned width, unsigned height) {
     assert_int_equal((unsigned)b[22] << 8 | b[23], height);
 }
 
-/* Prints its address, takes motions and poses, and ends with 0 on an interrupt. */
+/* The viewer prints its address, accepts motions and poses, and exits with 0 on an interrupt. */
 static void viewer_by_itself(const char *folder, const char *avatar) {
     char words[7000], out[512], err[512];
     static char text[TEXT_MAX], said[TEXT_MAX];
@@ -243,7 +243,7 @@ static void viewer_by_itself(const char *folder, const char *avatar) {
     snprintf(err, sizeof err, "%s", test_path("view.err"));
     snprintf(words, sizeof words, "view %s %s -b %s/tubeman.safetensors", avatar, avatar, folder);
     const outcome *o = run("%s --motion /no/such/file", words);
-    if (strstr(o->err, "libmicrohttpd")) return; /* a build without it */
+    if (strstr(o->err, "libmicrohttpd")) return; /* a build without the viewer */
     assert_error(run("%s -q --motion /no/such/file", words), 1, "sherf: ", "/no/such/file");
     assert_error(run("%s -q --listen nowhere", words), 1, "sherf: ", "nowhere");
     pid_t child = start(words, out, err);
@@ -271,7 +271,8 @@ static void viewer_by_itself(const char *folder, const char *avatar) {
         fail_msg("status %x: %s", (unsigned)status, said);
 }
 
-/* Without --body and --perceptual both come from the asset folder; here the second is another network. */
+/* Without --body and --perceptual both come from the asset folder; here the second file is another network.
+ */
 static void assets_by_themselves(const char *folder, const char *model) {
     char assets[2048], body[2100], resnet50[2100], own_body[2100];
     snprintf(assets, sizeof assets, "%s", test_path("assets"));
@@ -296,7 +297,7 @@ static void assets_by_themselves(const char *folder, const char *model) {
     assert_int_equal(rename(body, own_body), 0);
 }
 
-/* Without --body: the data set folder's body, with a remark. */
+/* Without --body, the body in the data set's folder is used, with a remark. */
 static void avatars_without_body(const char *folder, const char *person, const char *model,
                                  const char *avatar) {
     char sheet[2100];
@@ -323,13 +324,13 @@ static void avatars_without_body(const char *folder, const char *person, const c
     assert_contains(by_itself->err, "/tubeman.safetensors");
 }
 
-/* A full disk: one line, and nothing of the picture or the film remains. */
+/* A full disk: one line, and nothing of the picture or the video remains. */
 static void full_disk(const char *render, const char *out) {
     static const char *const kinds[] = {".png", ".mp4 --orbit 2"};
     char pattern[2100];
     glob_t found;
     snprintf(pattern, sizeof pattern, "%s-full*", out);
-    file_bytes_max = 1100; /* LLVM's OpenMP ends programs that cannot have a shared file of 1024 */
+    file_bytes_max = 1100; /* LLVM's OpenMP ends programs that cannot create a shared file of 1024 bytes */
     for (size_t i = 0; i < COUNT_OF(kinds); i++) {
         const outcome *o = run("%s -o %s-full%s --size 96 -q", render, out, kinds[i]);
         assert_int_equal(o->status, 1);
@@ -344,7 +345,8 @@ static void frames_of(const char *folder, const char *person, const char *avatar
     char render[6000], out[2048], path[2100];
     snprintf(render, sizeof render, "render %s -q -b %s/tubeman.safetensors", avatar, folder);
     snprintf(out, sizeof out, "%s", test_path("out"));
-    /* The picture's own camera and pose, then an orbit with everything, then the data set's. */
+    /* The picture's own camera and pose, then an orbit with all options, then the data set's poses and
+     * cameras. */
     const outcome *o = run("%s -o - -q", render);
     if (o->status) fail_msg("%s", o->err);
     assert_memory_equal(o->out, "\x89PNG\r\n\x1a\n", 8);
@@ -358,7 +360,7 @@ static void frames_of(const char *folder, const char *person, const char *avatar
         json_of(run("%s -o %s --orbit 3 --size 48x32 --depth --opacity --npy --strip %s/strip.png --json",
                     render, out, out));
     assert_int_equal(number(json, "frames"), 3);
-    assert_true(number(json, "points") > 0); /* the orbit sees the body */
+    assert_true(number(json, "points") > 0); /* the orbit shows the body */
     cJSON_Delete(json);
     const char *const names[] = {"frame_0000.png", "frame_0002.png", "depth_0001.png", "opacity_0002.png"};
     for (size_t i = 0; i < COUNT_OF(names); i++) {
@@ -377,7 +379,7 @@ static void frames_of(const char *folder, const char *person, const char *avatar
     cJSON_Delete(json);
     snprintf(path, sizeof path, "%s.mp4", out);
     assert_true(file_size(path) > 200);
-    for (int i = 0; i < 4; i++) { /* an array a frame */
+    for (int i = 0; i < 4; i++) { /* one array per frame */
         snprintf(path, sizeof path, "%s_%04d.npy", out, i);
         assert_int_equal(file_size(path), 128 + 32 * 32 * 3 * 4);
     }
@@ -411,7 +413,7 @@ static void from_data_to_frames(void **state) {
     assert_true(cJSON_IsArray(cJSON_GetObjectItem(json, "findings")));
     cJSON_Delete(json);
     assert_contains(run("check thuman:%s", folder)->out,
-                    "the body covers the mask"); /* the one that is there */
+                    "the body covers the mask"); /* the body in the folder */
     json = json_of(run("avatar thuman:%s#%s/0/1 -m %s -b %s/tubeman.safetensors -o %s --json", folder, person,
                        model, folder, avatar));
     assert_true(number(json, "bytes") == file_size(avatar));
@@ -442,7 +444,7 @@ static void animations(void **state) {
     snprintf(path, sizeof path, "%s.webm", out);
     assert_true(file_size(path) > 200);
     json = json_of(run("animate -m %s.npz -b %s/tubeman.safetensors --fps 50 --npz %s2.npz --json", out,
-                       folder, out)); /* the motion alone, and again */
+                       folder, out)); /* the motion alone, written and read again */
     assert_int_equal(number(json, "frames"), 25);
     cJSON_Delete(json);
     const outcome *o = run("%s -a -o", words);
@@ -470,7 +472,7 @@ static void animations(void **state) {
     assert_int_equal(strstr(text, "after 0 of") == NULL, file_size(path) > 200);
 }
 
-/* The first Ctrl-C ends a training run properly, with a checkpoint. */
+/* The first Ctrl-C ends a training cleanly, with a checkpoint. */
 static void interrupt_saves(void **state) {
     char folder[2048], out[2048], log[2048], words[6400], checkpoint[2100];
     snprintf(folder, sizeof folder, "%s", test_path("tube"));
@@ -534,7 +536,7 @@ static void last_weights_are_others(void **state) {
     sherf_context_free(c);
 }
 
-/* A photo in place of an observation, and as a folder to correct; each photo fails separately. */
+/* A photo instead of an observation, and as a folder to correct; each photo fails separately. */
 static void photos(void **state) {
     const char *const photo = "../assets/demo/photo.jpg";
     char text[2048], out[2100], avatar[2048], overlay[2048], folder[2048];

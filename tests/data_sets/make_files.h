@@ -18,7 +18,7 @@ enum { MADE_WIDTH = 40, MADE_HEIGHT = 30 };
 static inline const char *join(const char *folder, const char *name) {
     static char path[8][PATH_LENGTH];
     static int next;
-    char made[PATH_LENGTH]; /* folder may be an earlier answer in the same place */
+    char made[PATH_LENGTH]; /* `folder` may be an earlier result in the same storage */
     snprintf(made, sizeof made, "%.2000s/%.2000s", folder, name);
     next = (next + 1) % 8;
     return memcpy(path[next], made, sizeof made);
@@ -39,13 +39,13 @@ static inline void make_text(context *c, const char *path, const char *text) {
     fclose(f);
 }
 
-/* The colour of channel k at (x, y) of the picture number `seed`. */
+/* The value of channel k at (x, y) of the picture with number `seed`. */
 static inline uint8_t made_color(int seed, int x, int y, int k) {
     return (uint8_t)(30 + 200 * random_uniform(random_key(5, "made", (uint64_t)seed),
                                                (uint64_t)((y * 1000 + x) * 3 + k)));
 }
 
-/* The person: a rectangle, with a hole of one pixel at its middle. */
+/* The person: a rectangle with a hole of one pixel in its middle. */
 static inline bool made_person(int x, int y) {
     return x >= 12 && x < 28 && y >= 5 && y < 25 && !(x == 20 && y == 15);
 }
@@ -89,12 +89,12 @@ static inline void pickle_key_doubles(pickle_writer *w, const char *key, int row
 
 typedef struct {
     int poses, views;
-    double unit; /* of T: 1 or 1000 */
+    double unit; /* unit of T: 1 or 1000 */
     double D[5];
-    double K0;            /* K[0][0]; 50 when 0 */
-    double R0;            /* R[0][0] of view 1, when not 0 */
-    const char *image[8]; /* pose * views + view */
-    int views_listed;     /* of the last pose; 0: all */
+    double K0;            /* K[0][0]; 0: 50 */
+    double R0;            /* R[0][0] of view 1; 0: unchanged */
+    const char *image[8]; /* by pose * views + view */
+    int views_listed;     /* views of the last pose; 0: all */
 } made_annots;
 
 static inline void make_annots(context *c, const char *path, const made_annots *a) {
@@ -138,7 +138,7 @@ static inline void make_annots(context *c, const char *path, const made_annots *
     assert_ok(c, pickle_finish_npy(&w, path));
 }
 
-/* A pose number `seed`, root 0, and the global part as axis-angle. */
+/* The pose with number `seed`: root 0, global rotation as axis-angle. */
 static inline void made_pose(int seed, double poses[72], double shapes[10], double Rh[3], double Th[3]) {
     uint64_t key = random_key(9, "pose", (uint64_t)seed);
     for (uint64_t i = 0; i < 72; i++) poses[i] = i < 3 ? 0 : 0.4 * random_uniform(key, i) - 0.2;
@@ -149,7 +149,7 @@ static inline void made_pose(int seed, double poses[72], double shapes[10], doub
     }
 }
 
-/* with_Rh: ZJU-MoCap's form, else THuman's with R. Without the key `without`, unless that is NULL. */
+/* with_Rh: ZJU-MoCap's form, otherwise THuman's form with R. The key `without` is left out (NULL: none). */
 static inline void make_parameters_without(context *c, const char *path, int seed, bool with_Rh,
                                            const char *without) {
     double poses[72], shapes[10], Rh[3], Th[3];
@@ -181,7 +181,7 @@ static inline void make_parameters(context *c, const char *path, int seed, bool 
     make_parameters_without(c, path, seed, with_Rh, NULL);
 }
 
-/* An npz from existing files. */
+/* Makes an npz from existing files. */
 static inline void make_zip(const char *path, int count, const char *const *names, const char *const *files) {
     int error;
     zip_t *z = zip_open(path, ZIP_CREATE | ZIP_TRUNCATE, &error);
@@ -194,7 +194,7 @@ static inline void make_zip(const char *path, int count, const char *const *name
     assert_int_equal(zip_close(z), 0);
 }
 
-/* A camera in cameras.json's form. */
+/* A camera in the form of cameras.json. */
 static inline int made_camera_json(char *out, size_t size, const char *name, int view) {
     double R[9];
     made_rotation(0.3 * view, R);

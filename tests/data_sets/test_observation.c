@@ -1,4 +1,5 @@
-/* Observations from memory, JSON, folders and data sets; files of poses and cameras; what is refused. */
+/* Tests of observations from memory, JSON, folders and data sets, of pose and camera files, and of refused
+ * input. */
 #include "synth/tube/tubeman.h"
 #include "make_files.h"
 
@@ -14,7 +15,7 @@ static void zeros(char *out, int n) {
     strcat(out, "]");
 }
 
-/* A JPEG that says it is 33000 pixels wide. */
+/* A JPEG that states a width of 33000 pixels. */
 static void make_wide(context *c, const char *path) {
     uint8_t rgb[16 * 2 * 3] = {0}, *data;
     size_t bytes;
@@ -44,7 +45,7 @@ static int make_basics(void **state) {
     return 0;
 }
 
-/* observation.json of these parts. */
+/* Writes an observation.json from these parts. */
 static const char *json(context *c, const char *image, const char *mask, const char *camera,
                         const char *body) {
     static char text[16384];
@@ -93,7 +94,7 @@ static void from_json(void **state) {
     sherf_context_free(c);
 }
 
-/* Rotation matrices in place of axis-angles, Rh beside the pose. */
+/* Rotation matrices instead of axis-angles, with Rh beside the pose. */
 static void body_forms(void **state) {
     context *c = test_context();
     sherf_observation *o = NULL;
@@ -118,7 +119,7 @@ static void body_forms(void **state) {
 
 /* ---- names of other tools ---- */
 
-static char warned[2048]; /* all warnings since it was emptied */
+static char warned[2048]; /* all warnings since the last reset */
 
 static void keep_warnings(void *user, sherf_log_level level, const char *line) {
     if (level == SHERF_LOG_WARNING && strlen(warned) + strlen(line) + 2 < sizeof warned)
@@ -147,7 +148,7 @@ static void body_names(void **state) {
         "{\"smpl_poses\": %s, \"betas\": [7], \"cam_t\": [4, 5, 6]}",
         "{\"body_pose\": %s, \"betas\": [7], \"Rh\": [0, 0, 0], \"Th\": [-6, 5, 4], "
         "\"camera_rotation\": [0, 1.5707963267948966, 0], \"cam_t\": [0, 0, 0]}", /* z to x, x to -z */
-        "{\"person_0\": {\"poses\": %s, \"betas\": [7]}, \"cam_t\": [4, 5, 6]}",  /* by any key */
+        "{\"person_0\": {\"poses\": %s, \"betas\": [7]}, \"cam_t\": [4, 5, 6]}",  /* under any key */
         "{\"annots\": [{\"id\": 0, \"poses\": [%s], \"shapes\": [[7]], \"Rh\": [[0, 0, 0]], "
         "\"Th\": [[4, 5, 6]]}]}", /* EasyMocap */
     };
@@ -170,8 +171,8 @@ static void body_names(void **state) {
     sherf_context_free(c);
 }
 
-/* Translations of SMPL-X's bodies are told from a pelvis that lies 0.128 m lower at rest: they are brought to
- * SMPL's, so that the pelvis comes to the same place. */
+/* At rest SMPL-X's pelvis lies 0.128 m lower. Its translations are converted to SMPL's, so that the pelvis
+ * comes to the same place. */
 static void smplx_bodies(void **state) {
     static const struct {
         const char *body;
@@ -184,7 +185,8 @@ static void smplx_bodies(void **state) {
         {"{\"smpl_params_incam\": {\"body_pose\": %s, \"transl\": [4, 5, 6]}}", {4.0049f, 4.8719f, 5.9838f}},
         {"{\"body_pose\": %s, \"Th\": [4, 5, 6], \"expression\": [0], \"Rh\": [0, 0, 1.5707963]}",
          {4.1281f, 5.0049f, 5.9838f}},
-        {"{\"body_pose\": %s, \"jaw_pose\": [0, 0, 0]}", {0, 0, 0}}, /* no place, none to move */
+        {"{\"body_pose\": %s, \"jaw_pose\": [0, 0, 0]}",
+         {0, 0, 0}}, /* without a translation there is nothing to convert */
     };
     char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}", body[4096];
     context *c = test_context();
@@ -204,8 +206,8 @@ static void smplx_bodies(void **state) {
     sherf_context_free(c);
 }
 
-/* Quaternions, the real part first or last, whole and with the root apart; EasyMocap's hands and AIST++'s
- * scaling. */
+/* Quaternions with the real part first or last, with the root included or separate; EasyMocap's hands and
+ * AIST++'s scaling. */
 static void quaternions_and_scaling(void **state) {
     context *c = test_context();
     char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}", body[4096];
@@ -226,7 +228,7 @@ static void quaternions_and_scaling(void **state) {
             assert_float_equal(o->pose.poses_rad[j], !j ? 3 : j > 3 && j % 3 == 1 ? 0.6 : 0, 1e-5);
         sherf_observation_free(o);
     }
-    for (int joints = 26; joints <= 29; joints += 3) { /* 29 are SMPL-X's */
+    for (int joints = 26; joints <= 29; joints += 3) { /* 29 joints are SMPL-X's */
         size_t n = (size_t)sprintf(body, "{\"Th\": [4, 5, 6], \"poses\": [");
         for (int j = 0; j < joints * 3; j++)
             n += (size_t)sprintf(body + n, "%s%g", j ? ", " : "", j < 66 ? 0.2 : 0.9);
@@ -244,7 +246,7 @@ static void quaternions_and_scaling(void **state) {
     sherf_context_free(c);
 }
 
-/* What is not understood is named, in a body, a camera and the whole. */
+/* Keys that are not understood are named, in a body, a camera and the whole file. */
 static void unknown_keys_are_named(void **state) {
     static const struct {
         const char *camera, *body, *says;
@@ -317,7 +319,7 @@ static void camera_names(void **state) {
         assert_string_equal(warned, "");
         sherf_observation_free(o);
     }
-    sherf_observation *o = NULL; /* camera to world is turned round */
+    sherf_observation *o = NULL; /* camera to world is inverted */
     assert_ok(c, sherf_observation_load(
                      c,
                      json(c, "a.png", "m.png",
@@ -331,7 +333,7 @@ static void camera_names(void **state) {
     sherf_context_free(c);
 }
 
-/* NeRF's transforms.json: the lens beside the frames, or in them; a field of view across. */
+/* NeRF's transforms.json: the lens beside the frames or inside them; a horizontal field of view. */
 static void transforms(void **state) {
     static const char frames[] =
         "\"frames\": [{\"file_path\": \"a\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, "
@@ -359,14 +361,14 @@ static void transforms(void **state) {
         assert_null(strstr(warned, "camera_index"));
         sherf_observation_free(o);
     }
-    sherf_observation *o = NULL; /* of several the first, said */
+    sherf_observation *o = NULL; /* the first of several is taken, with a warning */
     assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", "\"transforms.json\"", NULL), &o));
     assert_non_null(strstr(warned, "the first of 2 is taken; \"camera_index\""));
     sherf_observation_free(o);
     sherf_context_free(c);
 }
 
-/* Cameras whose place stands where it is not read, and lenses in other units, are no guesses. */
+/* A camera position under an unknown key, or a lens in other units, is refused instead of guessed. */
 static void cameras_refused(void **state) {
     static const struct {
         const char *camera, *says;
@@ -391,7 +393,7 @@ static void cameras_refused(void **state) {
     sherf_context_free(c);
 }
 
-/* A camera file's lens counts as one in the JSON does. */
+/* A distortion in a camera file counts like one in the JSON. */
 static void camera_files_have_lenses(void **state) {
     static const char lens[] =
         "\"K\": [[50, 0, 20], [0, 55, 15], [0, 0, 1]], \"R\": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "
@@ -434,7 +436,7 @@ static void from_a_folder_with_alpha(void **state) {
         assert_int_equal(o->mask[i], made_person(i % MADE_WIDTH, i / MADE_WIDTH));
     sherf_observation_free(o);
     make_mask(c, join(folder, "alpha/mask.png"), MADE_WIDTH, MADE_HEIGHT, 255,
-              0); /* a mask file goes first */
+              0); /* a mask file takes precedence */
     assert_ok(c, sherf_observation_load(c, alpha, &o));
     assert_int_equal(o->mask[0], 1);
     sherf_observation_free(o);
@@ -442,8 +444,8 @@ static void from_a_folder_with_alpha(void **state) {
     sherf_context_free(c);
 }
 
-/* Soft masks count from a half on, and so do JPEG's, whose black is not quite black; of labels, and of a few
- * soft values among them, everything counts. */
+/* Soft masks count from one half on, and so do JPEGs, whose black is not quite black. Of labels, and of a few
+ * soft values among them, every value counts. */
 static void soft_masks(void **state) {
     enum { N = MADE_WIDTH * MADE_HEIGHT };
     context *c = test_context();
@@ -467,18 +469,19 @@ static void soft_masks(void **state) {
     sherf_context_free(c);
 }
 
-/* A matte with a wide soft edge, little of it white; white all over with a transparent background. */
+/* A matte with a wide soft edge and little white; and one that is white everywhere with a transparent
+ * background. */
 static void mattes(void **state) {
     enum { N = MADE_WIDTH * MADE_HEIGHT };
     context *c = listening_context();
-    for (int form = 0; form < 4; form++) { /* the last one is the first one darker */
+    for (int form = 0; form < 4; form++) { /* form 3 is a darker form 0 */
         uint8_t pixels[N * 4];
         warned[0] = 0;
         sherf_observation *o = NULL;
         for (int i = 0; i < N; i++) {
             const int x = i % MADE_WIDTH, shade = 12 * (x < 20 ? x : 39 - x) + i / MADE_WIDTH % 7;
             if (form == 3) pixels[i] = (uint8_t)(shade / 2);
-            if (form == 0) pixels[i] = (uint8_t)shade; /* half of it from column 11 to 28 */
+            if (form == 0) pixels[i] = (uint8_t)shade; /* at least half of the maximum in columns 11 to 28 */
             for (int k = 0; k < 4 && form == 1; k++) pixels[4 * i + k] = (uint8_t)(k < 3 ? 255 : shade);
             if (form == 2) pixels[i] = made_person(x, i / MADE_WIDTH) ? 0 : 255; /* inverted */
         }
@@ -498,7 +501,7 @@ static void mattes(void **state) {
     sherf_context_free(c);
 }
 
-/* A picture without camera and body, whatever its name. */
+/* A picture without camera and body is recognised under any name. */
 static void pictures_are_named(void **state) {
     context *c = test_context();
     sherf_observation *o = NULL;
@@ -601,7 +604,7 @@ static void from_memory(void **state) {
     assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "less than 2 pixels");
     o->pose.Th_m[2] = 0;
     memset(o->mask, 0, 6 * 4);
-    o->mask[23] = 1; /* a corner that the body is not in */
+    o->mask[23] = 1; /* a corner without the body */
     assert_fails(c, observation_check_body(c, o, body), SHERF_MISMATCH, "inside the mask");
     sherf_observation_free(o);
     sherf_body_free(body);
@@ -629,8 +632,8 @@ static void from_memory(void **state) {
     sherf_context_free(c);
 }
 
-/* 8192 x 64 pixels, four by four alike, grow smaller by four in file and memory; what is larger is refused.
- */
+/* A picture of 8192 x 64 pixels in equal blocks of 4 x 4 is scaled down by four, in file and memory. Larger
+ * ones are refused. */
 static void large_pictures_shrink(void **state) {
     enum { W = 8192, H = 64 };
     context *c = test_context();
@@ -708,7 +711,7 @@ static void poses_from_files(void **state) {
     assert_int_equal(count, 3);
     assert_float_equal(pose[1].poses_rad[3], 0.69, 1e-6);
     assert_float_equal(pose[2].poses_rad[0], 6, 0);
-    assert_float_equal(pose[2].Th_m[0], 3, 0); /* one row for all */
+    assert_float_equal(pose[2].Th_m[0], 3, 0); /* one row applies to all frames */
     sherf_free(pose);
     make_parameters(c, join(folder, "7.npy"), 7, true);
     assert_ok(c, sherf_poses_load(c, join(folder, "7.npy"), &pose, &count));
@@ -728,7 +731,8 @@ static void poses_from_files(void **state) {
     sherf_free(pose);
     npz_member hands[] = {{"poses", 2, {1, 156}, poses}};
     assert_ok(c, npz_write(c, path, 1, hands));
-    assert_ok(c, sherf_poses_load(c, path, &pose, &count)); /* SMPL+H: fingers are left, hands at rest */
+    assert_ok(c,
+              sherf_poses_load(c, path, &pose, &count)); /* SMPL+H: fingers are ignored, hands stay at rest */
     assert_int_equal(count, 1);
     assert_float_equal(pose->poses_rad[65], 0.65, 1e-6);
     assert_float_equal(pose->poses_rad[66], 0, 0);

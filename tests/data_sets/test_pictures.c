@@ -1,5 +1,5 @@
-/* Undistortion and resizing against OpenCV 4.6: hashes and sums of its results on pictures made from the hash
- * generator. */
+/* Tests of undistortion and resizing against OpenCV 4.6: hashes and sums of its results on pictures from the
+ * hash generator. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -33,7 +33,7 @@ static uint64_t hash_bytes(const image_u8 *image) {
     return h;
 }
 
-/* Every value times its own random weight: a value in another place changes the sum. */
+/* Each value is multiplied by its own random weight, so a value in another place changes the sum. */
 static double weighted_sum(const sherf_image *image) {
     uint64_t key = fnv1a64("pictures.weights");
     size_t n = (size_t)image->width * image->height * image->channels;
@@ -88,7 +88,7 @@ static const struct {
      0x6c8a98b0352aea5cu,
      0x4c37193d260688beu,
      1184.218699344},
-    {64, /* and of a thin prism */
+    {64, /* and with a thin prism */
      48,
      3,
      {70.25, 0, 30.75, 0, 71.5, 25.5, 0, 0, 1},

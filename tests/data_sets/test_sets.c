@@ -1,4 +1,5 @@
-/* The four layouts, made small: pictures, masks, cameras, bodies, splits, and what is refused. */
+/* Tests of the four data set layouts on small made-up sets: pictures, masks, cameras, bodies, splits, and
+ * refused input. */
 #include <pthread.h>
 #include <sys/stat.h>
 
@@ -53,7 +54,7 @@ static void assert_pose(const sherf_pose *pose, int seed, bool global_in_root) {
     for (int i = 0; i < 3; i++) assert_float_equal(pose->Th_m[i], Th[i], 1e-6);
 }
 
-/* The made camera of view v at `scale`, T in metres whatever the file's unit. */
+/* Checks the camera of view v at `scale`; T is in metres whatever the file's unit. */
 static void assert_camera(const sherf_camera *camera, int view, double scale) {
     double R[9], K[9] = {50 * scale, 0, 20 * scale, 0, 55 * scale, 15 * scale, 0, 0, 1};
     double T[3] = {0.1, -0.2, 2 + view};
@@ -121,13 +122,13 @@ static void thuman_is_read(void **state) {
     sherf_context_free(c);
 }
 
-/* Names that releases and their repackings have in place of the usual ones; pictures that nothing lists. */
+/* Names that releases and their repackings use instead of the usual ones, and pictures that no list names. */
 static void other_names_are_read(void **state) {
     context *c = test_context();
     char person[PATH_LENGTH], name[256];
     const char *root = fresh_root("other_names");
     snprintf(person, sizeof person, "%s", join(root, "someone"));
-    made_annots a = plain_annots(); /* which lists .png */
+    made_annots a = plain_annots(); /* lists .png files */
     make_annots(c, join(person, "annots_new.npy"), &a);
     for (int i = 0; i < 4; i++) {
         const int number = i / 2 ? 7 : 3;
@@ -141,7 +142,7 @@ static void other_names_are_read(void **state) {
     snprintf(name, sizeof name, "thuman:%.200s", root);
     sherf_dataset *d = opened(c, name);
     data_view *v = NULL;
-    assert_ok(c, dataset_view(c, d, 0, 0, 0, 0, &v)); /* a JPEG: its mask is whole, its colours near */
+    assert_ok(c, dataset_view(c, d, 0, 0, 0, 0, &v)); /* a JPEG: its mask is exact, its colours are close */
     for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++)
         assert_int_equal(v->mask[i], made_person(i % MADE_WIDTH, i / MADE_WIDTH));
     sherf_observation_free(v);
@@ -158,7 +159,8 @@ static void other_names_are_read(void **state) {
 static void unlisted_pictures_are_found(void **state) {
     static const char *const folders[] = {"Camera_B1", "images/2"};
     context *c = test_context();
-    for (int form = 0; form < 2; form++) { /* cameras numbered from 1, as many as there are; below images/ */
+    for (int form = 0; form < 2;
+         form++) { /* folders of cameras numbered from 1, without gaps; the second form is below images/ */
         char person[PATH_LENGTH], name[256];
         const char *root = fresh_root(form ? "unlisted_images" : "unlisted");
         snprintf(person, sizeof person, "%s", join(root, "someone"));
@@ -186,7 +188,7 @@ static void unlisted_pictures_are_found(void **state) {
         }
         sherf_dataset_free(d);
         make_picture(c, join(person, form ? "images/9/000003.png" : "Camera_B9/000003.png"), 0, 4, 4);
-        assert_ok(c, sherf_dataset_open(c, name, &d)); /* one folder more than there are cameras */
+        assert_ok(c, sherf_dataset_open(c, name, &d)); /* one folder more than cameras */
         data_view *v = NULL;
         assert_fails(c, dataset_view(c, d, 0, 0, 0, 0, &v), SHERF_BAD_FILE, "3 folders of pictures");
         sherf_dataset_free(d);
@@ -220,7 +222,7 @@ static void distortion_is_taken_out(void **state) {
         for (size_t k = 0; k < 3; k++)
             assert_float_equal(v->image.data[i * 3 + k], mask.data[i] ? image.data[i * 3 + k] : 0, 0);
     }
-    assert_true(differ > 10); /* the lens does something */
+    assert_true(differ > 10); /* the lens has an effect */
     mem_free(image.data);
     mem_free(mask.data);
     sherf_observation_free(v);
@@ -290,7 +292,7 @@ static void zju_is_read(void **state) {
     sherf_context_free(c);
 }
 
-/* {betas, global_orient, body_pose, transl} with `poses` rows as the dict "smpl" of an npz. */
+/* Writes an npz whose dict "smpl" has {betas, global_orient, body_pose, transl} with `poses` rows. */
 static void make_smpl_npz(context *c, const char *path, int poses) {
     pickle_writer w;
     double *orient = mem_zero(c, (size_t)poses * 3, sizeof *orient),
@@ -303,7 +305,7 @@ static void make_smpl_npz(context *c, const char *path, int poses) {
     }
     pickle_begin(&w, c);
     pickle_dict_open(&w);
-    pickle_key_doubles(&w, "betas", 1, 10, shapes); /* pose 0's */
+    pickle_key_doubles(&w, "betas", 1, 10, shapes); /* the betas of pose 0 */
     pickle_key_doubles(&w, "global_orient", poses, 3, orient);
     pickle_key_doubles(&w, "body_pose", poses, 69, body);
     pickle_key_doubles(&w, "transl", poses, 3, transl);
@@ -360,7 +362,7 @@ static void renderpeople_is_read(void **state) {
     sherf_context_free(c);
 }
 
-/* Two people, of two views and the frames 0 and 6. */
+/* Two people with two views and the frames 0 and 6. */
 static void make_humman(context *c, const char *root) {
     char name[256], json[4096] = "{\"kinect_depth_000\": {}, ";
     double all[72], shapes[10], Rh[3], Th[3];
@@ -402,7 +404,7 @@ static void humman_is_read(void **state) {
     make_humman(c, root);
     sherf_dataset *d = opened(c, root);
     assert_string_equal(dataset_protocol(d)->name, "humman");
-    assert_string_equal(sherf_dataset_person(d, 0), "p0_a0"); /* no list: sorted */
+    assert_string_equal(sherf_dataset_person(d, 0), "p0_a0"); /* without a list people are sorted */
     assert_int_equal(sherf_dataset_pose_count(d, 0), 7);
     assert_int_equal(sherf_dataset_view_count(d, 0), 2);
     data_view *v = NULL;
@@ -439,7 +441,7 @@ static void humman_is_read(void **state) {
     sherf_context_free(c);
 }
 
-/* Without lists of its own: the 22 sequences are tested, all others trained on. */
+/* Without its own lists, the 22 sequences are for testing and all others for training. */
 static void hummans_test_list(void **state) {
     context *c = test_context();
     const char *root = fresh_root("humman_list");
@@ -464,7 +466,7 @@ static void hummans_test_list(void **state) {
     sherf_context_free(c);
 }
 
-/* network.md's table, by the lines of a list of 500 people. */
+/* The table in docs/network.md, by line numbers of a list of 500 people. */
 static void the_papers_splits(void **state) {
     context *c = test_context();
     const char *root = fresh_root("splits");
@@ -547,7 +549,7 @@ static void make_broken_person(context *c, const char *person, const char *what)
     }
 }
 
-/* Which message comes of which fault. */
+/* Each fault and its message. */
 static void broken_sets_are_refused(void **state) {
     context *c = test_context();
     data_view *v = NULL;
@@ -590,7 +592,7 @@ static void broken_sets_are_refused(void **state) {
     sherf_context_free(c);
 }
 
-/* What a pose file lacks is told: taken for zero it would pose the person wrongly in silence. */
+/* A missing part of a pose file is reported. Taken as zero, it would silently give a wrong pose. */
 static void poses_are_whole(void **state) {
     context *c = test_context();
     const char *root = fresh_root("whole");

@@ -1,5 +1,5 @@
-/* Surfaces as files: made of a ball whose inside is known, read back, refused where they are damaged; those
- * of tube people. */
+/* Tests of surface files: made from a ball with a known inside, read back, refused if damaged, and those of
+ * tube people. */
 #include <stdlib.h>
 
 #include "ball.h"
@@ -9,7 +9,7 @@
 
 static const float middle[3] = {0.4f, -0.2f, 1}, radius = 0.3f, cell_m = 0.01f;
 
-/* A colour by height; nothing of the lower quarter is seen. */
+/* A colour by height; the lower quarter is never seen. */
 static bool by_height(void *user, const solid_point *p, bool behind, uint8_t rgb[3]) {
     int *sides = user;
     sides[behind]++;
@@ -76,7 +76,7 @@ static void nothing_to_learn_from(void **state) {
     surface_truth t;
     int sides[2] = {0, 0};
     ball_make(&open, middle, radius, 0, RINGS / 2);
-    /* walls of half of their cells are inside as well: none of them here */
+    /* walls count if half of a cell is inside; none do here */
     const surface_source from = {1, &open.mesh, &open.mesh, cell_m, 0, 3, by_height, sides};
     assert_fails(c, surface_truth_make(c, &from, &t), SHERF_BAD_ARGUMENT, "nothing is inside");
     assert_null(t.vertex);
@@ -132,7 +132,7 @@ static void damaged_files(void **state) {
         if (cases[i].what == 4) t.inside[9] = 2;
         const char *path = test_path("damaged.safetensors");
         assert_ok(c, surface_truth_write(c, &t, path));
-        if (cases[i].what == 5) { /* one row fewer than there are places */
+        if (cases[i].what == 5) { /* one row too few */
             const safetensor_item item[] = {{"vertices", T_F32, 2, {t.vertices, 3}, t.vertex},
                                             {"triangles", T_I32, 2, {t.triangles, 3}, t.triangle},
                                             {"places", T_F32, 2, {t.places, 3}, t.place},
@@ -149,7 +149,7 @@ static void damaged_files(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Of tube people: places are where the body is, and a data set has them where they were asked for. */
+/* Tube people: the places are on the body, and a data set has them if requested. */
 static void of_tube_people(void **state) {
     context *c = test_context();
     sherf_dataset *d;

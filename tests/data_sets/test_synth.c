@@ -1,4 +1,4 @@
-/* Tube people made, read again, checked and described; body files. */
+/* Tests of tube people, which are made, read again, checked and described; and of body files. */
 #include <cjson/cJSON.h>
 #include <sys/stat.h>
 
@@ -105,7 +105,7 @@ static void people_fit_their_pictures(void **state) {
     sherf_context_free(c);
 }
 
-/* A body that the camera does not see makes no avatar. */
+/* A body outside the camera's view makes no avatar. */
 static void a_body_outside_makes_no_avatar(void **state) {
     context *c = test_context();
     sherf_model *model = NULL;
@@ -137,8 +137,8 @@ static void assert_finding(context *c, const char *path, const body_model *body,
     sherf_free(f.text);
 }
 
-/* Takes the THuman annots of person 0 apart and writes them again with T scaled and, if asked, inverted;
- * the R of view `turned` is transposed (-1: of none). */
+/* Reads the THuman annots of person 0 and writes them again with T scaled and, on request, inverted. The R of
+ * view `turned` is transposed (-1: of no view). */
 static void rewrite_cameras(context *c, const char *folder, double scale, bool invert, int turned) {
     static const int square[] = {3, 3}, column[] = {3, 1};
     document *d = NULL;
@@ -189,8 +189,8 @@ static void rewrite_cameras(context *c, const char *folder, double scale, bool i
     document_free(d);
 }
 
-/* The observation of a data set's picture as a JSON file, the body before the camera, its place times
- * `scale`. */
+/* Writes the observation of a data set's picture as JSON, with the body in camera coordinates and its
+ * translation multiplied by `scale`. */
 static void observation_write(context *c, const char *path, double scale) {
     char from[PATH_LENGTH + 20];
     sherf_observation *o = NULL;
@@ -228,13 +228,13 @@ static void check_finds_faults(void **state) {
     sherf_findings f;
     assert_ok(c, sherf_check(c, people, body, overlay, &f));
     assert_int_equal(f.errors, 0);
-    assert_int_equal(f.warnings, 2); /* 4 views where the paper has 24, of both people */
+    assert_int_equal(f.warnings, 2); /* 4 views of both people where the paper has 24 */
     sherf_free(f.text);
     int width, height, channels;
     assert_ok(c, image_size(c, overlay, &width, &height, &channels));
     assert_int_equal(width, 64);
     assert_finding(c, join(people, "tubeman.safetensors"), NULL, 0, "a body of 6890 vertices");
-    /* another person: the first one's folder, faults put in one after the other */
+    /* another person: the first one's folder, with one fault added after the other */
     sherf_synth_options one = options;
     one.people = 1;
     snprintf(broken, sizeof broken, "%s", test_path("faults"));
@@ -363,7 +363,7 @@ static sherf_status load_tiny(context *c, const tiny_body *b, int joints, int sh
     return sherf_body_load(c, test_path("tiny.npz"), out);
 }
 
-/* Pose blendshapes as smplx's package keeps them, either way round. */
+/* Pose blend shapes in both layouts of the smplx package. */
 static void flat_pose_blendshapes(void **state) {
     context *c = test_context();
     static tiny_body b;

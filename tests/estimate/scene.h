@@ -32,7 +32,7 @@ static inline void draw_room(sherf_image *p, int width, int height) {
         }
 }
 
-/* Every pixel another colour. */
+/* Every pixel has a different colour. */
 static inline void draw_noise(sherf_image *p, int width, int height, uint64_t seed) {
     const size_t count = (size_t)width * (size_t)height * 3;
     *p = (sherf_image){width, height, 3, malloc(count * sizeof(float))};
@@ -40,7 +40,7 @@ static inline void draw_noise(sherf_image *p, int width, int height, uint64_t se
     for (size_t i = 0; i < count; i++) p->data[i] = (float)random_uniform(seed, i);
 }
 
-/* Loaded on the first request for joints, for all; reading takes a tenth of a second. */
+/* Loaded once for all, when joints are first requested; reading takes a tenth of a second. */
 static sherf_body *scene_body;
 
 static inline void scene_free(void) {
@@ -48,8 +48,8 @@ static inline void scene_free(void) {
     scene_body = NULL;
 }
 
-/* Puts the observed person into the picture at this scale, with its picture's corner at (left, top), and
- * returns the places of its 24 joints (NULL: not wanted; otherwise call scene_free at the end). */
+/* Draws the observed person into the picture at this scale, with the corner of its picture at (left, top).
+ * Returns the places of its 24 joints (NULL: not wanted; otherwise call scene_free at the end). */
 static inline void put_person(context *c, sherf_image *p, const char *observed, double scale, int left,
                               int top, float joint_px[24][2]) {
     sherf_observation *o;

@@ -1,5 +1,6 @@
-/* Points of the body: their places by skinning, and their derivatives against central differences. The open
- * body keeps volume and the tube people's body has posedirs, so both kinds of pose offsets are tested. */
+/* Tests of points of the body: their places by skinning, and their derivatives against central differences.
+ * The open body keeps volume and the tube people's body has posedirs, so both kinds of pose offsets are
+ * tested. */
 #include <math.h>
 #include <string.h>
 
@@ -26,7 +27,7 @@ static int close_bodies(void **state) {
     return 0;
 }
 
-/* Bent everywhere, turned, with its own shape; one joint is not bent at all, another hardly. */
+/* A pose bent at every joint, turned, with a shape; one joint is not bent at all, another hardly. */
 static void any_state(uint64_t key, body_state *s) {
     double turn[3];
     uint64_t n = 0;
@@ -52,7 +53,7 @@ static body_points *any_points(context *c, const body_model *of, body_point list
     return p;
 }
 
-/* The same body by pose.c: vertices as they are, joints by the maps of the joints. */
+/* The same body by pose.c: vertices directly, joints through the maps of the joints. */
 static void points_lie_where_skinning_puts_them(void **state) {
     context *c = *state;
     for (int b = 0; b < BODIES; b++) {

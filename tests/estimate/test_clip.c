@@ -1,5 +1,5 @@
-/* Videos to motions: the parts on synthetic paths, and everything on a person with a known body, moved across
- * the picture. */
+/* Tests of videos to motions: the parts on synthetic paths, and everything on a person with a known body who
+ * is moved across the picture. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -26,7 +26,8 @@ static void steady_paths_stay(void **state) {
     }
 }
 
-/* A swing at the band's end is halved, a slow one kept, and steps are taken where they pull hard. */
+/* A swing at the end of the band is halved, a slow one is kept, and steps are followed where they pull hard.
+ */
 static void bands_and_steps(void **state) {
     enum { N = 400 };
     context *c = *state;
@@ -59,7 +60,8 @@ static void look_like(clip_frame *f, double yaw, bool wrong) {
             const double out = side ? -0.15 : 0.15;
             mark->place_m[0] = (float)(out * cos(yaw));
             mark->place_m[2] = (float)(out * sin(yaw) * (wrong ? -1 : 1));
-            mark->place_px[0] = (float)(side ? 100 : 200); /* left and right stand where they stand */
+            mark->place_px[0] =
+                (float)(side ? 100 : 200); /* left and right stay where they are in the picture */
         }
 }
 
@@ -134,7 +136,7 @@ static void noise_and_gaps(void **state) {
         off += fabs((double)p.poses_rad[3 * 16 + 2] - (-0.6 + 0.5 * sin(2 * M_PI * i / 30))) / (N - 4);
         lowest = fmax(lowest, fabs(skeleton_lowest(&bones, (const float(*)[4])motion->clip.turn[i],
                                                    motion->clip.pelvis_m[i], up)));
-        /* sideways as it went, in spite of gaps; 5 cm of noise of the distance become 2 */
+        /* the sideways motion is kept in spite of gaps; 5 cm of noise in the distance become 2 cm */
         assert_true(fabs((double)(motion->clip.pelvis_m[i][0] - motion->clip.pelvis_m[0][0]) - 0.04 * i) <
                     0.04);
         assert_true(fabs((double)(motion->clip.pelvis_m[i][2] - motion->clip.pelvis_m[0][2])) < 0.06);
@@ -199,8 +201,8 @@ static double leg_length(const double joint[BODY_JOINTS][3]) {
     return sum;
 }
 
-/* The mean distance between a clip's joints and the observation's, metres; truth and found: the last frame's,
- * in the camera's frame. */
+/* The mean distance in metres between a clip's joints and the observation's. truth and found: those of the
+ * last frame, in the camera's frame. */
 static double joints_off(context *c, const sherf_observation *o, const sherf_motion *motion,
                          const sherf_clip_facts *facts, double truth[BODY_JOINTS][3],
                          double found[BODY_JOINTS][3]) {
@@ -215,7 +217,7 @@ static double joints_off(context *c, const sherf_observation *o, const sherf_mot
     for (int i = 0; i < FRAMES; i++) {
         sherf_motion_pose(motion, i, &pose);
         joints_camera(c, &pose, R, found);
-        /* what is moved across the picture is turned with its ray */
+        /* a person moved across the picture turns with the ray */
         const double turn = SHIFT_PX * (i - FRAMES / 2) / facts->focal_px;
         for (int j = 1; j < BODY_JOINTS; j++) {
             const double *t = truth[j], x = t[0] * cos(turn) + t[2] * sin(turn),
@@ -259,9 +261,9 @@ static void a_known_person(void **state) {
     if (off > 0.08) fail_msg("joints are off by %.0f mm", 1000 * off);
     sherf_motion_pose(motion, 0, &first);
     sherf_motion_pose(motion, FRAMES - 1, &last);
-    double z = (double)o->camera.T_m[2]; /* of the pelvis, nearly */
+    double z = (double)o->camera.T_m[2]; /* approximately the pelvis's distance */
     for (int k = 0; k < 3; k++) z += (double)o->camera.R[6 + k] * (double)o->pose.Th_m[k];
-    /* how large somebody is nobody can see: what is wrong with that is wrong with the way, too */
+    /* a person's size cannot be seen: an error in it is also an error in the distance walked */
     const double larger = leg_length(found) / leg_length(truth),
                  went = (double)(last.Th_m[0] - first.Th_m[0]) / larger,
                  wanted = SHIFT_PX * (FRAMES - 1) * z / (double)o->camera.K[0];

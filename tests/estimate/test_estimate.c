@@ -1,4 +1,5 @@
-/* From a photo to an observation: the shipped photo of a made person, with the shipped networks. */
+/* Tests of estimates from a photo to an observation: the shipped photo of a made person with the shipped
+ * networks. */
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -18,7 +19,7 @@ typedef struct {
     context *c;
     sherf_estimator *networks;
     sherf_body *body;
-    sherf_estimate *e; /* of the whole photo */
+    sherf_estimate *e; /* pixels of the whole photo */
 } scene;
 static scene s;
 
@@ -37,7 +38,7 @@ static int close_scene(void **state) {
     return mem_live() != 0;
 }
 
-/* A person stands there, seen from the front, from head to feet. */
+/* The person stands, seen from the front, from head to feet. */
 static void the_person_stands(void **state) {
     const sherf_estimate_facts *f = sherf_estimate_found(s.e);
     assert_int_equal(f->people, 1);
@@ -48,7 +49,7 @@ static void the_person_stands(void **state) {
     assert_true(f->mask_covered > 0.8 && f->body_inside > 0.9);
     assert_true(fabs(f->lean_deg) < 8);
     assert_true(f->box_px[1] < 90 && f->box_px[3] > 940);
-    /* upright, on the floor, and in front of the camera that sees it there */
+    /* upright, on the floor, and in front of the camera */
     float joints[72];
     assert_ok(s.c, sherf_body_pose(s.c, s.body, sherf_estimate_pose(s.e), NULL, joints));
     const float *head = joints + 3 * 15, *pelvis = joints;
@@ -85,8 +86,7 @@ static void the_same_bits(void **state) {
     sherf_estimate_free(again);
 }
 
-/* What is written is what is read, to the rounding of 8 bits and of decimal numbers. */
-/* The same person and, squeezed, a thinner one: the shared shape is in between, and both still fit their
+/* The same person and a squeezed, thinner one. The shared shape is in between, and both still fit their
  * photos. */
 static void photos_share_a_shape(void **state) {
     sherf_estimate *e[2];
@@ -164,7 +164,7 @@ static void two_people(sherf_image *out, sherf_image *mask) {
             const size_t from = (size_t)v * (size_t)p->width + (size_t)u,
                          at = (size_t)y * (size_t)width + (size_t)x;
             memcpy(out->data + 3 * at, p->data + 3 * from, 3 * sizeof(float));
-            /* of the small one that stands below */
+            /* the mask of the small person below */
             if (small && 2 * y >= p->height) mask->data[at] = s.e->mask.data[from];
         }
 }
@@ -189,7 +189,7 @@ static void the_one_that_is_asked_for(void **state) {
                          SHERF_BAD_ARGUMENT);
         assert_non_null(strstr(sherf_message(s.c), "were found"));
     }
-    /* a mask says who is meant */
+    /* a mask selects the person */
     assert_ok(s.c, sherf_estimate_picture(s.c, s.networks, s.body, &photo, &mask, NULL, &e));
     assert_true(sherf_estimate_found(e)->box_px[0] > (float)s.e->photo.width - 20);
     assert_true(sherf_estimate_found(e)->box_px[1] > (float)s.e->photo.height / 2);
@@ -198,7 +198,7 @@ static void the_one_that_is_asked_for(void **state) {
     mem_free(mask.data);
 }
 
-/* A picture with a transparent background brings its mask. */
+/* A picture with a transparent background provides its own mask. */
 static void alpha_is_a_mask(void **state) {
     const sherf_image *p = &s.e->photo;
     const size_t n = (size_t)p->width * (size_t)p->height;
@@ -233,7 +233,7 @@ static void refused(const char *path, const sherf_estimate_options *o, sherf_sta
     assert_null(strchr(sherf_message(s.c), '\n'));
 }
 
-/* Columns and rows from `at` on. */
+/* Columns and rows starting at `at`. */
 static sherf_image piece_of(const sherf_image *from, int left, int top, int width, int height) {
     sherf_image out = {width, height, 3, mem_alloc(s.c, (size_t)width * (size_t)height, 3 * sizeof(float))};
     for (int y = 0; y < height; y++)
@@ -265,7 +265,7 @@ static void a_head_alone_is_refused(void **state) {
     }
 }
 
-/* A full disk leaves no folder, and an existing folder as it was. */
+/* A full disk leaves no new folder and does not change an existing one. */
 static void a_folder_is_whole_or_not_there(void **state) {
     struct rlimit limit, little;
     const char *folder = test_path("half");
@@ -276,7 +276,7 @@ static void a_folder_is_whole_or_not_there(void **state) {
     signal(SIGXFSZ, SIG_IGN);
     for (int there = 0; there < 2; there++) {
         little = limit;
-        little.rlim_cur = there ? 1200 : 100000; /* the text alone does not fit; a picture does not fit */
+        little.rlim_cur = there ? 1200 : 100000; /* not even the text fits; only a picture does not fit */
         snprintf(text[0], sizeof text[0], "%s/observation.json", folder);
         snprintf(text[1], sizeof text[1], "%s/image.png", folder);
         if (there) assert_ok(s.c, sherf_estimate_save(s.c, s.e, s.body, folder));

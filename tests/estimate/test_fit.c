@@ -1,5 +1,5 @@
-/* The fit of known bodies: landmarks are computed from a pose, a shape and a camera, with the networks'
- * errors and noise and a mask drawn from the body; the fit must recover them. */
+/* Tests of the fit on known bodies: landmarks are computed from a pose, a shape and a camera, with the
+ * networks' errors and noise and a mask drawn from the body. The fit must recover them. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,11 +10,11 @@
 #include "sampling/sampling.h"
 
 enum { SIDE = 512 };
-/* Somebody, seen. turn_rad: about the vertical, 0 faces the camera. */
+/* A person as the camera sees them. turn_rad: about the vertical, 0 faces the camera. */
 typedef struct {
     double turn_rad, pitch_rad, distance_m, rise_m, focal_px, lean_rad, noise_px;
-    double hip, knee, spread, lift, forward, elbow; /* of both sides */
-    double clothes;                                 /* as a part of what is usual */
+    double hip, knee, spread, lift, forward, elbow; /* angles, the same on both sides */
+    double clothes;                                 /* relative to the usual clothes */
     bool faults, mask;
 } scene;
 static const scene standing = {
@@ -50,7 +50,7 @@ static void pose_body(const scene *w, body_state *s) {
     s->pelvis_m[1] = w->rise_m, s->pelvis_m[2] = w->distance_m;
 }
 
-/* The network's depth error along the ray, in addition to being a quarter short. */
+/* The networks' depth error along the ray, in addition to being a quarter too short. */
 static double fault_m(int l) {
     if (l <= LANDMARK_RIGHT_EAR) return -0.065;
     if (l == LANDMARK_LEFT_KNEE || l == LANDMARK_RIGHT_KNEE) return -0.03;
@@ -190,7 +190,7 @@ static void standing_people_stand(void **state) {
     assert_true(r.stands && !r.from_behind && !r.cut_feet && !r.poor);
     assert_true(fabs(r.lean_rad) < 5 * M_PI / 180);
     assert_true(r.iou > 0.85 && r.landmarks_px < 0.01 * r.height_px);
-    w.pitch_rad = 0.25, w.rise_m = 0.1; /* looked down upon; and what is wrong with the networks */
+    w.pitch_rad = 0.25, w.rise_m = 0.1; /* seen from above, and with the networks' errors */
     w.faults = true, w.noise_px = 2;
     fit_and_check(c, "from above", &w, 0.055, &r);
     assert_true(fabs(r.lean_rad) < 8 * M_PI / 180);
@@ -266,7 +266,7 @@ static void priors_have_their_slopes(void **state) {
     mem_free(e);
 }
 
-/* Standing is usual, and more so near the mean; a knee that bends forward is not. */
+/* Standing is usual, especially near the mean. A knee that bends forward is not. */
 static void usual_poses_cost_less(void **state) {
     double x[FIT_POSE_NUMBERS], r[FIT_POSE_NUMBERS], mean, standing_cost, wrong;
     for (int i = 0; i < FIT_POSE_NUMBERS; i++) x[i] = FIT_POSE_MEAN_UNIT * fit_pose_kinds[0].mean[i];
@@ -276,7 +276,7 @@ static void usual_poses_cost_less(void **state) {
     for (int i = 0; i < FIT_POSE_NUMBERS; i++)
         x[i] = i < FIT_POSE_NUMBERS - 2 ? fit_joints[fit_pose_joint[i / 3]].usual[i % 3] : 0;
     fit_pose_nearest(x, r, &standing_cost);
-    assert_true(standing_cost > 0 && standing_cost < 60); /* of as many numbers 59 are usual */
+    assert_true(standing_cost > 0 && standing_cost < 60); /* 59 is the usual cost of as many numbers */
     x[9] = -0.5;
     fit_pose_nearest(x, r, &wrong);
     assert_true(wrong > standing_cost + 20);
@@ -313,7 +313,7 @@ static void other_poses(void **state) {
     fit_and_check(c, "arms up", &w, 0.05, &r);
 }
 
-/* Cut off below the knees: the landmarks there are outside, and arbitrary. */
+/* The picture ends below the knees: the landmarks there are outside and arbitrary. */
 static void what_is_cut_off_stays_at_rest(void **state) {
     context *c = *state;
     static shot o;

@@ -1,5 +1,5 @@
-/* The mask: a made person in front of a made background, seen by a made network: the true mask, blurred over
- * several of its pixels, with a bite, a leak and an island. */
+/* Tests of the mask on a made person in front of a made background. A made network sees the true mask,
+ * blurred over several of its pixels, with a bite, a leak and an island. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -14,8 +14,8 @@
 enum { W = 320, H = 288 };
 static photo_person person;
 
-/* Head, trunk, legs apart, an arm away from the trunk; straight edges run between pixels, so that no pixel is
- * half covered by them. */
+/* Head, trunk, spread legs and an arm away from the trunk. Straight edges run between pixels, so that they
+ * cover no pixel by half. */
 static bool shape(double x, double y) {
     const double u = x - 160.5, v = y - 20.5;
     const bool head = hypot(u, v - 30) < 26, trunk = fabs(u) < 40 && v > 50 && v < 150;
@@ -55,7 +55,7 @@ static sherf_image picture(context *c, int width, int height, int channels) {
     return p;
 }
 
-/* scale: pixels for each of the shape's, on a side. */
+/* scale: pixels per pixel of the shape, on each side. */
 static void make(context *c, int scale, sherf_image *photo, sherf_image *truth) {
     *photo = picture(c, W * scale, H * scale, 3);
     *truth = picture(c, W * scale, H * scale, 1);
@@ -101,7 +101,7 @@ static double overlap(const sherf_image *a, const sherf_image *b) {
     return (double)both / (double)any;
 }
 
-/* Refined, the mask is nearly the truth; also at four times the size; and the same for any number of threads.
+/* The refined mask is nearly the truth, also at four times the size, and the same for any number of threads.
  */
 static void test_overlap(void **state) {
     context *c = *state;
@@ -129,7 +129,7 @@ static void test_overlap(void **state) {
     }
 }
 
-/* The region ends at the hips: the mask is 0 below, with a warning. */
+/* The region ends at the hips: the mask is 0 below them, with a warning. */
 static void test_region(void **state) {
     context *c = *state;
     sherf_image photo, truth, mask;
@@ -195,9 +195,9 @@ static void test_clean(void **state) {
             prior[y * N + x] = body && !real;
             if (x >= 55 && x < 58 && y >= 5 && y < 8) value[y * N + x] = 1; /* an island */
             if (x >= 45 && x < 52 && y >= 20 && y < 30)
-                value[y * N + x] = 1;                                  /* a foot, say: 7 % of the rest */
-            if (x == 60 && y > 40) value[y * N + x] = 0.3f;            /* soft, far off */
-            if (x == 41 && y < 50 && y >= 10) value[y * N + x] = 0.3f; /* soft, at the body */
+                value[y * N + x] = 1;                                  /* such as a foot: 7 % of the rest */
+            if (x == 60 && y > 40) value[y * N + x] = 0.3f;            /* soft and far away */
+            if (x == 41 && y < 50 && y >= 10) value[y * N + x] = 0.3f; /* soft and at the body */
         }
     assert_ok(c, mask_clean(c, N, N, prior, 1, value));
     assert_true(value[20 * N + 20] == 1 && value[35 * N + 18] == 1 && value[35 * N + 33] == 0);
@@ -224,8 +224,8 @@ static void test_guided(void **state) {
     sherf_image_free(&guide), sherf_image_free(&value), sherf_image_free(&weight);
 }
 
-/* In doubt a pixel follows its colour, even if no plane over colour separates: black and white are the
- * person's, grey is not. */
+/* An uncertain pixel follows its colour, even if no plane over colour separates: black and white belong to
+ * the person, grey does not. */
 static void test_local_color(void **state) {
     enum { N = 60 };
     context *c = *state;

@@ -39,7 +39,7 @@ static void draw(context *c, int picture, int side, sherf_image *p) {
     if (picture == 0) draw_noise(p, side, side, 11);
     if (picture == 1) draw_figure(p, side);
     if (picture != 2) return;
-    draw_figure(p, side); /* made person of the repository, every other pixel, before the gradient */
+    draw_figure(p, side); /* the repository's made person, every other pixel, in front of the gradient */
     sherf_observation *o;
     assert_ok(c, sherf_observation_load(c, "thuman:../assets/demo#person_900006/2/2", &o));
     const int step = o->image.width / side;
@@ -70,7 +70,7 @@ static void compare(const safetensors *wanted, const char *network, int picture,
     const safetensor *t = safetensors_find(wanted, name);
     assert_non_null(t);
     const int64_t sampled = (count + STRIDE - 1) / STRIDE;
-    assert_int_equal(t->dim[0], sampled + 2); /* then the largest's index and value */
+    assert_int_equal(t->dim[0], sampled + 2); /* followed by the index and value of the largest */
     const float *want = t->data, size = fabsf(want[sampled + 1]);
     for (int64_t i = 0; i <= sampled; i++) {
         const int64_t at = i < sampled ? i * STRIDE : (int64_t)want[sampled];

@@ -1,5 +1,5 @@
-/* People in synthetic pictures: found, with their landmarks at the true joints, and nobody found where there
- * is nobody. */
+/* Tests of finding people in synthetic pictures: their landmarks are at the true joints, and nobody is found
+ * in empty pictures. */
 #include "scene.h"
 
 #include "estimate/landmarks.h"
@@ -17,13 +17,13 @@ static const char *const side[] = {"thuman:../assets/demo#person_900006/2/2",
                                    "thuman:../assets/demo#person_900006/2/0"};
 enum { FRONT, BACK, SIDES, ROOM = 480 };
 
-/* Made once: somebody from both sides, and what is seen of them. */
+/* Made once: a person from both sides, and what the networks see of them. */
 static pose_networks *networks;
 static sherf_image seen_photo[SIDES];
 static float seen_joint_px[SIDES][24][2];
 static photo_person *seen[SIDES];
 
-/* The mean distance, relative to the joints' height in the picture. */
+/* The mean distance, relative to the height of the joints in the picture. */
 static double error_of(const photo_person *p, float (*joint_px)[2]) {
     double sum = 0, top = 1e9, low = -1e9;
     for (size_t i = 0; i < COUNT_OF(pair); i++) {
@@ -72,7 +72,7 @@ static void front_and_back(void **state) {
         sum += error / SIDES;
         assert_true(seen[i]->score > .9f);
         mask_fits(seen[i], seen_joint_px[i]);
-        /* joints 16 and 17: the shoulders, whose left one is on the right of those who face the camera */
+        /* joints 16 and 17, the shoulders: the left one is on the right if the person faces the camera */
         const float apart_px = seen_joint_px[i][16][0] - seen_joint_px[i][17][0];
         assert_true(i == FRONT ? apart_px > 20 : apart_px < -20);
         const landmark *left = &seen[i]->landmark[LANDMARK_LEFT_SHOULDER],
@@ -110,7 +110,7 @@ static void mirrored(void **state) {
     free(p.data);
 }
 
-/* A person who was taken for turned round is turned back, and nobody else changes. */
+/* A person whose front was taken for the back is turned back; nobody else changes. */
 static void turned_back_without_the_head(void **state) {
     context *c = *state;
     for (int i = 0; i < SIDES; i++) {
@@ -162,7 +162,7 @@ static void small_ones(void **state) {
     free(p.data);
 }
 
-/* The largest first; the same bits for any number of threads and of wanted people. */
+/* The largest person comes first; the same bits for any number of threads and of requested people. */
 static void several(void **state) {
     context *c = *state;
     const int threads = c->threads;
@@ -215,7 +215,8 @@ static void nobody(void **state) {
     free(p.data);
 }
 
-/* Follows a person who moves to the right frame by frame, without the detector; then nobody is there. */
+/* The tracker follows a person who moves to the right frame by frame, without the detector; then nobody is
+ * there. */
 static void tracked(void **state) {
     context *c = *state;
     float joint_px[24][2];

@@ -1,4 +1,4 @@
-/* Shrinking against means taken by hand, for any number of threads. */
+/* Tests of shrinking pictures against means taken by hand, for any number of threads. */
 #include "estimate/shrink.h"
 #include "support.h"
 
@@ -13,7 +13,8 @@ static void row(const void *user, int y, float *out) {
         for (int k = 0; k < C; k++) *out++ = (float)value(x, y, k);
 }
 
-/* The mean over a target pixel's area, in W x H points: each pixel's border lies between two. */
+/* The mean over a target pixel's area, from W x H sample points; each border of a pixel lies between two of
+ * them. */
 static double mean(int width, int height, int x, int y, int k) {
     double sum = 0;
     for (int v = 0; v < H; v++)

@@ -1,4 +1,4 @@
-/* The baselines on a tube person: what they draw, and that sherf_eval scores exactly that. */
+/* Tests of the baselines on a tube person: what they draw, and that sherf_eval scores exactly that. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -95,7 +95,7 @@ static void mean_color_is_the_mean(void **state) {
     sherf_observation_free(target);
 }
 
-/* A file with random weights, and the network from it. */
+/* A file with random weights, and the network loaded from it. */
 static resnet50_network *made_up_resnet50(context *c, const char *path) {
     safetensor_item item[2 * RESNET50_CONVOLUTIONS];
     char name[2 * RESNET50_CONVOLUTIONS][64];
@@ -135,7 +135,7 @@ static double distance_of(context *c, const resnet50_network *n, const uint8_t *
     return distance;
 }
 
-/* A baseline's PSNR, recomputed, and its distance. */
+/* A baseline's recomputed PSNR and perceptual distance. */
 static double psnr_of(context *c, const baselines *y, int person, int pose, int view, bool painted,
                       const resnet50_network *n, double *distance) {
     data_view *truth;
@@ -220,7 +220,7 @@ static void scores_are_those_of_the_pictures(void **state) {
     sherf_free(s.table);
 }
 
-/* One observation of each person, chosen by the seed and the person's name only. */
+/* One observation of each person, chosen only by the seed and the person's name. */
 static void random_observations(void **state) {
     context *c = *state;
     picture first[3];

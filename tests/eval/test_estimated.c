@@ -1,5 +1,5 @@
-/* Evaluation with estimates: errors of bent skeletons, and the mapping of the truth: a true body and camera
- * in another world score like the truth. */
+/* Tests of evaluation with estimates: errors of bent skeletons, and the mapping of the truth. A true body and
+ * camera in another world score like the truth. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -53,10 +53,10 @@ static void similarities_are_taken_out(void **state) {
         for (int k = 0; k < 3; k++) axis[k] /= sqrt(length);
         turn_points(12, axis, 0.16 * trial, 0.5 + 0.1 * trial, shift, (const double(*)[3])x, y);
         assert_true(procrustes_distance(12, (const double(*)[3])x, (const double(*)[3])y) < 1e-5);
-        for (int i = 0; i < 12; i++) y[i][0] = -y[i][0]; /* no rotation makes a right hand of a left one */
+        for (int i = 0; i < 12; i++) y[i][0] = -y[i][0]; /* no rotation turns a left hand into a right one */
         assert_true(procrustes_distance(12, (const double(*)[3])x, (const double(*)[3])y) > 0.1);
     }
-    /* Two points, one of which is off by d: half of it on either once the scale has given way. */
+    /* Two points, one of them off by d: with the scale free, half of it remains at each. */
     const double a[2][3] = {{0, 0, 0}, {0, 0, 0}}, b[2][3] = {{-1, 0, 0}, {1, 0, 0}};
     assert_true(fabs(procrustes_distance(2, a, b) - 1) < 1e-12);
 }
@@ -77,10 +77,10 @@ static void axis_between(const float a[3], const float b[3], double out[3]) {
     for (int k = 0; k < 3; k++) out[k] /= sqrt(length);
 }
 
-/* The body turned about its own axes: 0 its left, 1 along the trunk, 2 forward. */
+/* The body turned about one of its own axes: 0 left, 1 along the trunk, 2 forward. */
 static void turned_about(int which, double angle, const float in[BODY_JOINTS][3], float out[BODY_JOINTS][3]) {
     double axis[3][3], x[BODY_JOINTS][3], y[BODY_JOINTS][3];
-    const double shift[3] = {0.1, -0.2, 0.3}; /* where it stands does not count */
+    const double shift[3] = {0.1, -0.2, 0.3}; /* position has no effect */
     float hips[3];
     for (int k = 0; k < 3; k++) hips[k] = 0.5f * (in[1][k] + in[2][k]);
     axis_between(hips, in[12], axis[1]);
@@ -127,10 +127,10 @@ static void errors_are_what_was_done(void **state) {
 /* ---- the protocol ---- */
 
 typedef struct {
-    float world_rad[3], world_m[3]; /* camera and body go together into this world */
-    float turn_rad[3], away_m;      /* of the body about its pelvis; along the camera's axis */
-    bool own_pose;                  /* novel views in the estimated pose */
-    int lost, seen;                 /* the number of the picture in which nobody is found; pictures so far */
+    float world_rad[3], world_m[3]; /* camera and body move together into this world */
+    float turn_rad[3], away_m; /* the body turns about its pelvis; it moves away along the camera's axis */
+    bool own_pose;             /* novel views in the estimated pose */
+    int lost, seen;            /* number of the picture in which nobody is found; pictures so far */
 } bend;
 
 static void product(const float a[9], const float b[9], float out[9]) {
@@ -159,7 +159,7 @@ static void bend_body(context *c, const bend *b, const sherf_camera *camera, she
     product(turn, pose->R, pose->R);
 }
 
-/* x' = Q x + q for the body, and the camera sees the same. */
+/* Moves the body, x' = Q x + q, and the camera, which sees the same. */
 static void move_world(const bend *b, sherf_camera *camera, sherf_pose *pose) {
     float Q[9], inverse[9], minus[3];
     rodrigues(b->world_rad, Q);
@@ -246,7 +246,7 @@ static void the_truth_in_another_world_scores_as_the_truth(void **state) {
     sherf_context_free(c);
 }
 
-/* A body that is too far away is moved back by its pelvis; a turned one is not: in the true pose, where only
+/* A body that is too far away is moved back by its pelvis; a turned body is not. In the true pose, where only
  * the avatar is wrong, less is lost. */
 static void errors_cost_what_they_should(void **state) {
     context *c = test_context();
@@ -275,7 +275,7 @@ static void errors_cost_what_they_should(void **state) {
     sherf_context_free(c);
 }
 
-/* A target's pose is the truth's, its shape the estimate's, and the pelvis is seen at the same place. */
+/* A target has the true pose and the estimated shape, and its pelvis is seen at the same place. */
 static void poses_keep_the_pelvis(void **state) {
     context *c = test_context();
     sherf_dataset *data;
@@ -307,7 +307,7 @@ static void poses_keep_the_pelvis(void **state) {
         apply(by->R, out, by->T_m, out); /* in the target's camera */
         posed_body_free(p);
     }
-    /* at the same pixel, and as many pixels a metre of what the observed picture shows */
+    /* at the same pixel, with the same number of pixels per metre in the observed picture */
     assert_true(w.scale > 0.9 && w.scale < 1.1 && w.scale != 1);
     for (int k = 0; k < 3; k++) assert_true(fabs(w.scale * (double)a[k] - (double)b[k]) < 1e-5);
     assert_ok(c, carried_pose(c, &w, body, &truth->pose, true, &carried_to));

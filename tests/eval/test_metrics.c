@@ -1,10 +1,10 @@
-/* PSNR and SSIM against their definitions; rectangles. */
+/* Tests of PSNR and SSIM against their definitions, and of rectangles. */
 #include <math.h>
 
 #include "eval/metrics.h"
 #include "support.h"
 
-/* SSIM straight from its definition, window by window. */
+/* SSIM computed directly from its definition, window by window. */
 static double ssim_by_definition(int width, int height, const float *a, const float *b, double range) {
     double total = 0, c1 = pow(0.01 * range, 2), c2 = pow(0.03 * range, 2);
     int count = 0;

@@ -1,5 +1,5 @@
-/* sherf_eval on two small tube people and a random model: which pictures are scored, and which files are
- * written. */
+/* Tests of sherf_eval on two small tube people and a random model: which pictures are scored, and which files
+ * are written. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,7 +57,7 @@ static double psnr_again(context *c, const sherf_dataset *d, const char *folder,
     return -10 * log10(sum / n);
 }
 
-/* Person 0 observed in pose 0, view 4, in these poses and views. */
+/* Options for person 0, observed in pose 0 and view 4, with these poses and views. */
 static sherf_eval_options one_person(const char *poses, const char *views) {
     return (sherf_eval_options){.data = people.spec,
                                 .people = "0",
@@ -68,7 +68,8 @@ static sherf_eval_options one_person(const char *poses, const char *views) {
                                 .views = views};
 }
 
-/* The surface that an avatar would be baked to is compared on request; an empty avatar's is missed. */
+/* The surface that an avatar would be baked to is compared on request; that of an empty avatar counts as
+ * missed. */
 static void surfaces_on_request(void **state) {
     context *c = test_context();
     for (int dense = 0; dense < 2; dense++) {
@@ -149,8 +150,8 @@ static double pixels_of(const document *d, const char *region) {
     return number(value_get(value_get(value_get(d->root, "regions"), "novel_pose"), region), "pixels");
 }
 
-/* Frames with detail come from pictures scaled for the network, as users make avatars; the paper's come from
- * the pictures as they are. */
+/* Frames with detail come from pictures scaled for the network, as users make avatars. The paper's frames
+ * come from unscaled pictures. */
 static void detail_is_what_users_see(void **state) {
     static const char *const size[] = {"px_per_m=0", "px_per_m=40,image_size=32"};
     context *c = test_context();
@@ -179,7 +180,7 @@ static void detail_is_what_users_see(void **state) {
     sherf_context_free(c);
 }
 
-/* Two pictures of the person: fewer targets, a different avatar, and more of the body seen. */
+/* Two pictures of the person: fewer targets, a different avatar, and more of the body is seen. */
 static void several_pictures(void **state) {
     context *c = test_context();
     char folder[600], path[700];
@@ -187,7 +188,7 @@ static void several_pictures(void **state) {
     document *d[2];
     snprintf(folder, sizeof folder, "%s/out/several", root);
     snprintf(path, sizeof path, "%s/scores.json", folder);
-    for (int i = 0; i < 2; i++) { /* of six views 4, and 1 on the other side */
+    for (int i = 0; i < 2; i++) { /* view 4 of six, and view 1 on the other side */
         sherf_eval_options o = one_person("0,2", "0:1:4");
         o.pictures = i + 1, o.output = folder;
         assert_ok(c, sherf_eval(c, &o, &s[i]));
@@ -226,7 +227,7 @@ static bool banks_equal(context *c, const model *m, const body_model *body, cons
     return equal;
 }
 
-/* The statistics are those of a training step, and the weights stay. */
+/* The statistics are those of a training step, and the weights do not change. */
 static void batch_statistics_are_the_pictures(void **state) {
     context *c = test_context();
     sherf_dataset *data;
@@ -249,7 +250,7 @@ static void batch_statistics_are_the_pictures(void **state) {
     assert_false(banks_equal(c, m, body, g, running, batch));
     assert_memory_equal(m->weights->values, before, bytes);
     assert_true(banks_equal(c, m, body, g, batch, training));
-    assert_true(memcmp(m->weights->values, before, bytes) != 0); /* the training's are moved */
+    assert_true(memcmp(m->weights->values, before, bytes) != 0); /* training updates the running statistics */
     free(before);
     observation_geometry_free(g);
     sherf_body_free(body);
@@ -266,7 +267,7 @@ static double psnr_of(context *c, const sherf_eval_options *o) {
     return s.novel_view.psnr;
 }
 
-/* As the release scores: with batch statistics, and a picture's PSNR rounded to three decimals. */
+/* Scores as in the release: with batch statistics, and each picture's PSNR rounded to three decimals. */
 static void scores_as_released(void **state) {
     context *c = test_context();
     sherf_eval_options o = one_person("0", "0");
@@ -280,14 +281,14 @@ static void scores_as_released(void **state) {
     sherf_context_free(c);
 }
 
-/* Of THuman's protocol the people have poses 0 and 2, views 0, 2, 4 and observation view 4. */
+/* Of THuman's protocol these people have poses 0 and 2, views 0, 2 and 4, and the observed view 4. */
 static void the_protocol_as_far_as_it_goes(void **state) {
     context *c = test_context();
     sherf_eval_options o = {
         .data = people.spec, .people = "0-1", .body = people.body, .model = people.weights};
     sherf_scores s;
     assert_ok(c, sherf_eval(c, &o, &s));
-    assert_int_equal(s.novel_view.count, 2 * 2 * 2); /* people, poses, views but the observed one */
+    assert_int_equal(s.novel_view.count, 2 * 2 * 2); /* people x poses x views without the observed one */
     assert_int_equal(s.novel_pose.count, 2 * 3);
     sherf_free(s.table);
     sherf_context_free(c);
@@ -320,7 +321,7 @@ static void mistakes_are_one_line(void **state) {
     sherf_context_free(c);
 }
 
-/* Weights that a training has ruined. */
+/* Weights ruined by a training. */
 static void weights_are_finite(void **state) {
     context *c = test_context();
     char path[700];
@@ -330,7 +331,8 @@ static void weights_are_finite(void **state) {
     snprintf(path, sizeof path, "%s/nan.safetensors", root);
     assert_ok(c, file_read(c, people.weights, (size_t)1 << 30, &data, &bytes));
     memset(data + bytes - 64, 0xff, 4);
-    unsigned char *sum = memmem(data, bytes, "\"crc32\"", 7); /* of what was there: another key */
+    unsigned char *sum =
+        memmem(data, bytes, "\"crc32\"", 7); /* the checksum of the old contents gets another key */
     assert_non_null(sum);
     sum[1] = 'x';
     FILE *f = fopen(path, "wb");
@@ -355,7 +357,7 @@ static void broken_people_are_named(void **state) {
     sherf_eval_options o = one_person("0", "1");
     o.data = broken_spec, o.observations = "0:0", o.output = folder;
     sherf_scores scores;
-    static uint8_t corner[48 * 48] = {1}; /* a mask that the body does not reach */
+    static uint8_t corner[48 * 48] = {1}; /* a mask away from the body */
     snprintf(path, sizeof path, "%s/tube_000/mask_cihp/view00/000000.png", broken);
     assert_ok(c, png_write(c, path, 48, 48, 1, corner));
     assert_int_equal(sherf_eval(c, &o, &scores), SHERF_MISMATCH);
@@ -364,7 +366,7 @@ static void broken_people_are_named(void **state) {
     static uint8_t kept[48 * 48], fill[48 * 48];
     for (int i = 0; i < 48 * 48; i++) kept[i] = i % 48 > 15 && i % 48 < 32; /* where the person stands */
     assert_ok(c, png_write(c, path, 48, 48, 1, kept));
-    for (int full = 0; full < 2; full++) { /* of a picture that is compared with */
+    for (int full = 0; full < 2; full++) { /* the mask of a target picture */
         snprintf(path, sizeof path, "%s/tube_000/mask_cihp/view01/000000.png", broken);
         memset(fill, full ? 255 : 0, sizeof fill);
         assert_ok(c, png_write(c, path, 48, 48, 1, fill));

@@ -1,4 +1,5 @@
-/* Separate errors of the parts that the observed picture shows and does not show, on a tube person. */
+/* Tests of separate errors for the parts that the observed picture shows and does not show, on a tube person.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -8,8 +9,8 @@
 
 enum { SIDE = 96, PIXELS = SIDE * SIDE, FRONT = 0, BACK = 3 };
 
-/* The target's own picture, off by 0.1 in every value, scored by the parts of the person that `from` shows.
- */
+/* Measures the target's own picture with 0.1 added to every value, separately for the parts of the person
+ * that view `from` shows and does not show. */
 static void measure(context *c, const body_model *body, sherf_dataset *data, int from, int to,
                     region_errors *out) {
     data_view *seen, *target;

@@ -1,4 +1,4 @@
-/* Which pictures are scored: lists, targets, means. */
+/* Tests of which pictures are scored: lists, targets, means. */
 #include <math.h>
 #include <string.h>
 
@@ -51,7 +51,7 @@ static void targets(void **state) {
     assert_true(selection_target(&s, 0, (picture){0, 2}, &novel) && !novel);
     assert_true(selection_target(&s, 0, (picture){2, 4}, &novel) && novel);
     assert_false(selection_target(&s, 1, (picture){0, 4}, &novel));
-    s.pictures = 3; /* of six views: 4, 0 and 2 */
+    s.pictures = 3; /* views 4, 0 and 2 of six */
     s.all_views = 6;
     assert_int_equal(selection_picture(&s, 0, 0).view, 4);
     assert_int_equal(selection_picture(&s, 0, 1).view, 0);
@@ -75,7 +75,7 @@ static void protocol_of(context *c, const dataset_reader *reader, int poses, int
     pthread_mutex_destroy(&cache.lock);
 }
 
-/* The poses of all targets of one kind, each once, in order. */
+/* The poses of all targets of one kind, without repetition and in order. */
 static int poses_of(const selection *s, bool novel_pose, int out[64]) {
     int n = 0;
     for (int p = 0; p < 1000; p++)
@@ -89,12 +89,12 @@ static int poses_of(const selection *s, bool novel_pose, int out[64]) {
     return n;
 }
 
-/* The release's: novel poses are those behind the observed one, which RenderPeople observes later. */
+/* As in the release, novel poses come after the observed one, which is a later one in RenderPeople. */
 static void poses_of_the_protocols(void **state) {
     static const struct {
         const dataset_reader *reader;
         int views, first, step, count, novel_first, novel_count, from;
-        int64_t pairs; /* targets: poses x observed views x views, less those observed in novel view */
+        int64_t pairs; /* targets: poses x observed views x views, minus the observed ones in novel view */
     } all[] = {
         {&dataset_thuman, 24, 0, 2, 5, 2, 4, 0, 5 * 3 * 11 + 4 * 3 * 12},
         {&dataset_renderpeople, 36, 0, 2, 5, 4, 4, 2, 5 * (17 + 17 + 18) + 4 * 3 * 18},

@@ -1,4 +1,4 @@
-/* The sheet of an evaluation: what stands where, and what does not fit. */
+/* Tests of an evaluation's sheet: where pictures are placed, and what does not fit. */
 #include "support.h"
 
 #include <stdlib.h>
@@ -23,18 +23,18 @@ static void cells_hold_their_part(void **state) {
             p[0] = x < 30 ? 1 : 0, p[1] = y < 10 ? 0.5f : 0, p[2] = 0.2f;
         }
     assert_ok(c, sheet_create(c, 2, &s));
-    /* 20 x 4 pixels: the square reaches from row -2 to 18 */
+    /* 20 x 4 pixels: the square extends from row -2 to row 18 */
     assert_ok(c, sheet_put(c, &s, 1, 3, &image, (rectangle){15, 6, 20, 4}));
     assert_int_equal(at(&s, 0, 3, 64, 64)[0], 255);
     assert_int_equal(at(&s, 1, 2, 127, 64)[0], 255);
     assert_int_equal(at(&s, 1, 3, 2, 2)[2], 0);                              /* beyond the picture's edge */
-    assert_int_equal(at(&s, 1, 3, 2, 40)[2], 51);                            /* in it */
+    assert_int_equal(at(&s, 1, 3, 2, 40)[2], 51);                            /* inside it */
     assert_int_equal(at(&s, 1, 3, 60, 40)[0], 255);                          /* x = 24 */
     assert_int_equal(at(&s, 1, 3, 120, 40)[0], 0);                           /* x = 33 */
     assert_int_equal(at(&s, 1, 3, 60, 60)[1], 128);                          /* y = 7 */
     assert_int_equal(at(&s, 1, 3, 60, 120)[1], 0);                           /* y = 16 */
     assert_ok(c, sheet_put(c, &s, 2, 0, &image, (rectangle){0, 0, W, H}));   /* no such row */
-    assert_ok(c, sheet_put(c, &s, 0, 0, &image, (rectangle){90, 90, 5, 5})); /* nothing of the picture */
+    assert_ok(c, sheet_put(c, &s, 0, 0, &image, (rectangle){90, 90, 5, 5})); /* outside the picture */
     assert_int_equal(at(&s, 0, 0, 64, 64)[1], 255);
     assert_ok(c, sheet_write(c, &s, test_path("sheet.png")));
     int width, height, channels;

@@ -1,4 +1,4 @@
-/* Distances of surfaces, checked against known distances. */
+/* Tests of surface distances against known ones. */
 #include <stdlib.h>
 
 #include "baked/form.h"
@@ -7,7 +7,7 @@
 #include "eval/surface_list.h"
 #include "support.h"
 
-/* A ball in a larger one: 1 cm everywhere, the same normals. */
+/* A ball inside a larger one: 1 cm everywhere, with the same normals. */
 static void a_ball_in_a_ball(void **state) {
     static ball small, large;
     context *c = test_context();
@@ -24,7 +24,7 @@ static void a_ball_in_a_ball(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Half of the truth: all of it is on the truth, but the truth's other half is far from it. */
+/* Half of the truth: all of it lies on the truth, but the other half of the truth is far from it. */
 static void half_a_ball(void **state) {
     static ball half, all;
     context *c = test_context();
@@ -34,13 +34,13 @@ static void half_a_ball(void **state) {
     ball_make(&all, middle, 0.2f, 0, RINGS);
     assert_ok(c, surfaces_compare(c, 4000, 4, 0.01f, 1, &half.mesh, 1, &all.mesh, &s));
     assert_true(s.to_truth_m < 1e-7);
-    /* from an angle a below the rim to the rim, 2 r sin(a / 2), over half of the ball's area */
+    /* from angle a below the rim to the rim it is 2 r sin(a / 2), averaged over half of the ball's area */
     const double mean = 4 * 0.2 * (sqrt(2) - 1) / 3;
     assert_true(fabs(s.from_truth_m - mean / 2) < 0.002);
     sherf_context_free(c);
 }
 
-/* The exact distance of every kind of place: over the face, by an edge, by a corner. */
+/* The exact distance for every kind of place: above the face, at an edge, at a corner. */
 static void places_by_a_triangle(void **state) {
     static ball tiny;
     context *c = test_context();
@@ -81,7 +81,8 @@ static solid_mesh mesh_of(const void *field) {
     return *(const solid_mesh *)field;
 }
 
-/* A baked avatar's surface is in the observed pose: here the truth at rest, moved by the root. */
+/* A baked avatar's surface is compared in the observed pose: here it is the truth at rest, moved by the root.
+ */
 static void assert_baked_one_is_compared(context *c, const sherf_dataset *d, const char *folder,
                                          const surface_truth *t) {
     const size_t n = (size_t)t->vertices;
@@ -143,7 +144,7 @@ static void avatars_and_the_data_sets_surface(void **state) {
                 n == 2);
     surface_list_mean(&l, 0, &n);
     assert_int_equal(n, 0);
-    mesh.triangles = 1; /* nothing came out */
+    mesh.triangles = 1; /* no surface was made */
     assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
     assert_true(l.count == 2 && l.missed == 1);
     char *text = surface_list_text(c, &l);

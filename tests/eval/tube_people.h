@@ -9,7 +9,7 @@
 #include "support.h"
 
 typedef struct {
-    char spec[600], body[600], weights[600]; /* of the data set; files */
+    char spec[600], body[600], weights[600]; /* the data set's spec; files */
 } tube_people;
 
 static inline sherf_status tube_people_make(context *c, const char *root, const sherf_synth_options *synth,

@@ -25,7 +25,7 @@ static inline document *study_page(context *c, const char *folder) {
     return d;
 }
 
-/* Picture `part` (0 the input, 1 a, 2 b) of a trial: the bytes of its PNG, static storage. */
+/* Picture `part` (0 input, 1 a, 2 b) of a trial: the bytes of its PNG, in static storage. */
 static inline const unsigned char *study_png(const document *page, size_t trial, size_t part, size_t *bytes) {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     static unsigned char out[1 << 20];

@@ -1,5 +1,5 @@
-/* The parts of experiments: intervals, scores from files, pages, plots, angles, disturbed bodies, the plan.
- */
+/* Tests of the parts of experiments: intervals, scores from files, pages, plots, angles, disturbed bodies,
+ * the plan. */
 #include <math.h>
 #include <stdio.h>
 
@@ -51,7 +51,7 @@ static void intervals_of_little(void **state) {
     assert_true(v.mean == 3 && v.low == 2 && v.high == 4);
     assert_ok(c, interval_bootstrap(c, 1, (double[]){NAN}, NULL, 1, &v));
     assert_true(isnan(v.mean));
-    /* Who has three times the pictures weighs three times as much; who has none, nothing. */
+    /* A person with three times the pictures has three times the weight; a person with none has none. */
     assert_ok(c, interval_bootstrap(c, 3, (double[]){2, 4, 9}, (double[]){3, 1, 0}, 1, &v));
     assert_true(v.mean == 2.5 && v.low == 2 && v.high == 4);
 }
@@ -91,7 +91,7 @@ static void scores_of_a_file(void **state) {
     assert_true(s->person[0].mean[0][METRIC_SSIM] == 0.5 && isnan(s->person[0].mean[0][METRIC_LPIPS]));
     assert_ok(c, scores_interval(c, s, NULL, 1, SCORED_VIEW, METRIC_PSNR, &v));
     assert_true(v.mean == 22 && v.low == 20 && v.high == 24);
-    assert_ok(c, scores_interval(c, s, NULL, 2, SCORED_VIEW, METRIC_PSNR, &v)); /* seeds: b has 26 */
+    assert_ok(c, scores_interval(c, s, NULL, 2, SCORED_VIEW, METRIC_PSNR, &v)); /* two seeds: b has 26 */
     assert_true(v.mean == 23 && v.low == 20 && v.high == 26);
     assert_ok(c, scores_interval(c, s, &other, 1, SCORED_VIEW, METRIC_PSNR, &v));
     assert_true(v.mean == 1.5 && v.low == 0 && v.high == 3);
@@ -99,7 +99,7 @@ static void scores_of_a_file(void **state) {
     scores_free(&other);
 }
 
-/* Of a two, of b one: means over all three, people's over their own. */
+/* Two of person a, one of b: means are over all three, a person's mean is over their own. */
 static void surfaces_of_a_file(void **state) {
     static const char text[] =
         "{\"images\": [], \"people\": [{\"person\": \"a\"}, {\"person\": \"b\"}, {\"person\": \"c\"}], "
@@ -153,7 +153,8 @@ static void page_make(context *c, page *p) {
     assert_non_null(t);
     assert_ok(c, page_add_column(c, t, "view", "PSNR", 2, 1));
     assert_ok(c, page_add_column(c, t, "view", "LPIPS", 3, -1));
-    assert_ok(c, page_add_column(c, t, "", "n", 0, 1)); /* of one row alone: not the best of any */
+    assert_ok(
+        c, page_add_column(c, t, "", "n", 0, 1)); /* only one row has it, so it is not marked as the best */
     const interval rows[2][3] = {{{20, 19.5, 20.5}, {0.2, NAN, NAN}, {4, NAN, NAN}},
                                  {{21, 20, 22}, {0.3, NAN, NAN}, {NAN, NAN, NAN}}};
     for (int i = 0; i < 2; i++) memcpy(page_add_row(c, t, "row %d", i)->value, rows[i], sizeof rows[i]);
@@ -249,7 +250,7 @@ static void canvas_letters(void **state) {
     canvas p;
     int dark = 0;
     assert_ok(c, canvas_create(c, 20, 20, &p));
-    canvas_text(&p, 15, 15, "i(", 0); /* beyond the edge: what is outside is left out */
+    canvas_text(&p, 15, 15, "i(", 0); /* text beyond the edge is clipped */
     canvas_text(&p, 0, 0, "1", 0);
     for (int i = 0; i < 15 * 20; i++) dark += !p.rgb[3 * i];
     assert_int_equal(dark, 8 * 9); /* rows 2 6 2 2 7 */

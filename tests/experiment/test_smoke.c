@@ -1,5 +1,5 @@
-/* Every experiment as a smoke test on tube people: what is trained and scored, continuing, and the written
- * files. */
+/* Runs every experiment as a smoke test on tube people: what is trained and scored, continuing, and the
+ * written files. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,7 +31,7 @@ static int make_data(void **state) {
     return failed;
 }
 
-/* Two data sets of tubes, the first with surfaces, and tiny networks; into a folder of this name. */
+/* Two data sets of tube people, the first with surfaces, and tiny networks, into a folder with this name. */
 static sherf_experiment_options smoke(const char *folder) {
     static sherf_experiment_data data[2];
     static char path[4][600];
@@ -83,7 +83,7 @@ static const char *const main_scores[] = {
     "runs/thuman/pixelnerf-1/scores/protocol/scores.json", "runs/thuman/nhp-1/scores/protocol/scores.json",
     "runs/thuman/mps-nerf-1/scores/protocol/scores.json", "runs/thuman/sherf-1/scores/protocol/scores.json"};
 
-/* ---- the main table, cut off again and again ---- */
+/* ---- the main table, interrupted again and again ---- */
 /* Cancels at the n-th progress report. */
 typedef struct {
     context *c;
@@ -136,28 +136,28 @@ static void main_shows_its_scores(void **state) {
         assert_true(fabs(mean_of(results, 0, (int)i, 0) - view->real) < 1e-9);
         assert_true(i ? fabs(mean_of(results, 0, (int)i, 2) - pose->real) < 1e-9
                       : isnan(mean_of(results, 0, 0, 2)));
-        if (i) /* SHERF less this one, in the second table */
+        if (i) /* SHERF minus this method, in the second table */
             assert_true(i == 3 || fabs(mean_of(results, 1, (int)i, 0) -
                                        (mean_of(results, 0, 3, 0) - mean_of(results, 0, (int)i, 0))) < 1e-9);
         document_free(scored);
     }
-    assert_true(mean_of(results, 2, 3, 0) == 24.66); /* the paper's, in a table of its own */
+    assert_true(mean_of(results, 2, 3, 0) == 24.66); /* the paper's value, in a separate table */
     document_free(results);
     snprintf(path, sizeof path, "%s/main/novel-pose.png", o.output);
     assert_ok(c, image_size(c, path, &width, &height, &channels));
-    assert_int_equal(width, (2 + 3) * SHEET_CELL_PX); /* PixelNeRF shows none */
+    assert_int_equal(width, (2 + 3) * SHEET_CELL_PX); /* PixelNeRF has no column */
     assert_true(height > 4 * SHEET_CELL_PX);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
 
-/* A finished run is checked and kept: nothing is written again. */
+/* A finished run is checked and kept; nothing is written again. */
 static void finished_runs_stay(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("whole");
     char path[1400];
     snprintf(path, sizeof path, "%s/runs/thuman/sherf-1/checkpoint.safetensors", o.output);
-    assert_int_equal(unlink(path), 0); /* a training would make it again */
+    assert_int_equal(unlink(path), 0); /* a training would write it again */
     assert_ok(c, sherf_experiment(c, "main", &o, NULL));
     assert_false(path_is_file(path));
     sherf_context_free(c);
@@ -187,7 +187,7 @@ static void methods_have_their_rates(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* ---- the others, which share its runs ---- */
+/* ---- the other experiments, which share its runs ---- */
 static void the_others(void **state) {
     static const char *const plots[] = {"input-angle/input-angle", "angle-difference/angle-difference"};
     context *c = test_context();
@@ -210,7 +210,7 @@ static void the_others(void **state) {
     document *scored = json_of(c, o.output, "runs/thuman/sherf-1/scores/angles-0/scores.json");
     const value *images = value_get(scored->root, "images");
     assert_int_equal(value_count(images), 12 * 11);
-    double sum = 0; /* of the front view's pictures, column 5 of -150 ... 180 */
+    double sum = 0; /* over the pictures of the front view, column 5 of -150 ... 180 */
     for (size_t i = 0; i < value_count(images); i++) {
         const value *image = value_at(images, i);
         if (value_at(value_get(image, "observation"), 1)->integer == 12)
@@ -239,7 +239,7 @@ static void the_others(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A method's row has what its scoring says of surfaces, of which some came out. */
+/* A method's row has the surface distances of its scoring, in which some observations gave a surface. */
 static void assert_surfaces(context *c, const document *results, const char *folder, int row,
                             const char *method) {
     static const char *const key[] = {"chamfer_cm", "to_truth_cm", "from_truth_cm", "normal_deg"};
@@ -291,7 +291,7 @@ static void pifu_has_surfaces(void **state) {
     assert_ok(c, folder_make(c, folder));
     assert_int_equal(rename(path, kept), 0);
     snprintf(path, sizeof path, "%s/runs/thuman/pifu-1/checkpoint.safetensors", o.output);
-    assert_int_equal(unlink(path), 0); /* a training would make it again */
+    assert_int_equal(unlink(path), 0); /* a training would write it again */
     assert_ok(c, sherf_experiment(c, "pifu", &o, NULL));
     assert_false(path_is_file(path));
     snprintf(folder, sizeof folder, "%s/kept", o.output);
@@ -300,7 +300,8 @@ static void pifu_has_surfaces(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* People without surfaces, and one test person without the observed pose's: refused before any training. */
+/* People without surfaces, or a test person without a surface in the observed pose, are refused before any
+ * training. */
 static void pifu_wants_surfaces(void **state) {
     context *c = test_context();
     sherf_experiment_options o = smoke("none");
@@ -325,7 +326,7 @@ static void pifu_wants_surfaces(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* One answer for each pair of the study that the others left, all for the first method. */
+/* Answers to each pair of the study that has none yet, all in favour of the first method. */
 static char *answers_for(context *c, const document *key) {
     static char text[8192];
     const value *trials = value_get(key->root, "trials");
@@ -346,7 +347,7 @@ static char *answers_for(context *c, const document *key) {
     return text;
 }
 
-/* Whether a method made this picture: it is the left half of one in its scoring. */
+/* Whether a method made this picture, which is then the left half of one in its scoring. */
 static bool made_by(context *c, const char *output, const char *label, const image_u8 *shown) {
     const char *key = !strcmp(label, "SHERF") ? "sherf" : !strcmp(label, "NHP") ? "nhp" : "mps-nerf";
     char folder[700], path[1400];
@@ -453,7 +454,7 @@ static void minutes_are_counted_in_steps(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A folder stores the whole recipe, and is refused if the file has another one. */
+/* A folder stores the whole recipe. Running it with another recipe is refused. */
 static void the_recipe_is_kept(void **state) {
     static const char *const key[] = {"beta2", "halve_pictures", "batch", "targets", "test_poses", "steps"};
     context *c = test_context();
@@ -476,7 +477,7 @@ static void the_recipe_is_kept(void **state) {
     assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(beta2 differs");
     memcpy(at, "0.99", 4);
     assert_non_null(at = strstr((char *)kept, "\"rates\""));
-    memcpy(at, "\"speed\"", 7); /* as of a program whose methods all had one */
+    memcpy(at, "\"speed\"", 7); /* as written by a program whose methods all had the same one */
     assert_ok(c, file_write(c, path, kept, bytes));
     assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(rates differs");
     memcpy(at, "\"rates\"", 7);
@@ -543,7 +544,7 @@ static void mistakes_are_one_line(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Another method's weights in a run's folder are refused by name, and stay. */
+/* Another method's weights in a run's folder are refused with their name, and stay. */
 static void weights_of_another_method(void **state) {
     context *c = test_context();
     const sherf_experiment_options o = smoke("others");

@@ -1,5 +1,5 @@
-/* Studies of preferences: intervals and strengths against known values, the page, the key, hostile answers.
- */
+/* Tests of preference studies: intervals and strengths against known values, the page, the key, hostile
+ * answers. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 /* ---- numbers ---- */
 static void wilson_and_binomial(void **state) {
-    interval v = wilson(8, 10); /* Newcombe 1998's kind of table: 0.4902, 0.9433 */
+    interval v = wilson(8, 10); /* values of the kind of Newcombe 1998's table: 0.4902, 0.9433 */
     assert_true(fabs(v.mean - 0.8) < 1e-12 && fabs(v.low - 0.490162) < 1e-5 &&
                 fabs(v.high - 0.943318) < 1e-5);
     v = wilson(0, 20);
@@ -36,7 +36,7 @@ static void strengths_and_agreement(void **state) {
 
 /* ---- a small study ---- */
 enum { PEOPLE = 2, PAIRS = 4 };
-/* Of two people, each against two methods, and a catch trial. */
+/* A study of two people, each against two methods, with a catch trial. */
 static void small_study(context *c, study *s, study_picture picture[3]) {
     *s = (study){.people = PEOPLE, .methods = 3};
     s->person = mem_zero(c, PEOPLE, sizeof *s->person);
@@ -64,7 +64,7 @@ static const char *write_small(context *c, study *s) {
     assert_ok(c, study_write(c, s, 3, picture, 7, folder));
     document *page = study_page(c, folder);
     for (size_t t = 0; t < (size_t)s->trials; t++)
-        for (size_t i = 0; i < 3; i++) { /* all trials have these three */
+        for (size_t i = 0; i < 3; i++) { /* every trial has these three pictures */
             size_t bytes;
             const unsigned char *png = study_png(page, t, i, &bytes);
             assert_int_equal(bytes, picture[i].bytes);
@@ -153,7 +153,7 @@ static sherf_status read_text(context *c, const study *s, study_answers *a, cons
     return study_read_answers(c, s, answer_path, a);
 }
 
-/* A file with these answers, of this rater. */
+/* A file with these answers of this rater. */
 static const char *file_of(const study *s, const char *rater, const char *trials) {
     static char text[4096];
     snprintf(
@@ -230,7 +230,7 @@ static void hostile_answers_are_refused(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Writing, reading the key and answers, with memory running out at each allocation in turn. */
+/* Writing, and reading the key and answers, while memory runs out at each allocation in turn. */
 static void memory_runs_out(void **state) {
     char key[700], folder[512];
     context *c = test_context();

@@ -1,4 +1,4 @@
-/* Files of a tube person's avatar, read as other programs would. */
+/* Tests of the exported files of a tube person's avatar, read as other programs would. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -94,7 +94,7 @@ static void skin_follows_the_body(void **state) {
         assert_float_equal(turned[i], normal[i], 1e-3);
     }
     posed_body_free(p);
-    /* in another pose, place and shape the body's surface stays near to its own */
+    /* in another pose, position and shape the body's surface stays near its own */
     pose = *sherf_avatar_pose(avatar);
     for (int i = 0; i < 72; i++) pose.poses_rad[i] += 0.2f * (float)sin(i);
     pose.shapes[0] += 1;
@@ -224,7 +224,7 @@ static void assert_reads_back(context *c, const char *path, const sherf_motion *
     sherf_motion *motion = NULL;
     const sherf_motion_options o = {.body = body, .shapes = sherf_avatar_pose(avatar)->shapes};
     sherf_status status = sherf_motion_load(c, path, &o, &motion);
-    if (status == SHERF_UNSUPPORTED && strstr(c->message, "libassimp")) return; /* a build without it */
+    if (status == SHERF_UNSUPPORTED && strstr(c->message, "libassimp")) return; /* a build without assimp */
     assert_ok(c, status);
     assert_non_null(strstr(sherf_motion_description(motion), "GLB"));
     assert_int_equal(sherf_motion_frame_count(motion), sherf_motion_frame_count(wrote));
@@ -391,7 +391,7 @@ static void ply_is_a_closed_mesh(void **state) {
     }
     assert_closed(&s);
     assert_true(volume_of(&s) > 0);
-    body_canonical_bounds(body, low, high); /* 5 cm off the body, as the shell is */
+    body_canonical_bounds(body, low, high); /* 5 cm off the body, like the shell */
     const float cell = (high[1] - low[1]) / 40;
     for (int k = 0; k < 3; k++) {
         assert_float_equal(min[k], low[k], 1.5 * cell);
@@ -429,7 +429,7 @@ static void obj_brings_its_picture(void **state) {
     assert_int_equal(v, e.vertices);
     assert_int_equal(vn, e.vertices);
     assert_int_equal(f, e.triangles);
-    assert_true(high - low > 1.2); /* stands along z */
+    assert_true(high - low > 1.2); /* the body stands along z */
     mem_free(text);
     image_u8 picture;
     char beside[600];
@@ -475,14 +475,14 @@ static void splats_are_read_back(void **state) {
             assert_true(color > -1e-3f && color < 1.001f);
             assert_true(x[10 + k] < logf(0.1f) && x[10 + k] > logf(1e-4f));
         }
-        assert_true(x[12] < x[10]); /* flat along the normal */
+        assert_true(x[12] < x[10]); /* flat, perpendicular to the normal */
         assert_float_equal(x[13] * x[13] + x[14] * x[14] + x[15] * x[15] + x[16] * x[16], 1, 1e-4);
         assert_float_equal(1 / (1 + expf(-x[9])), 0.95, 1e-3);
     }
     mem_free(file);
 }
 
-/* ---- what cannot be ---- */
+/* ---- refused requests ---- */
 static void assert_refused(context *c, const sherf_export_options *o, const char *path, const char *word) {
     assert_int_equal(sherf_export(c, avatar, body, o, path, NULL), SHERF_BAD_ARGUMENT);
     if (!strstr(c->message, word)) fail_msg("no '%s' in '%s'", word, c->message);

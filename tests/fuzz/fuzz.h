@@ -12,7 +12,8 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static inline context *fuzz_context(void) {
-    static const sherf_options alone = {.threads = 1}; /* there is a target a core already */
+    static const sherf_options alone = {.threads =
+                                            1}; /* one thread: there is a target on every core already */
     static sherf_context *c;
     if (!c && sherf_context_create(&alone, &c) != SHERF_OK) abort();
     c->message[0] = 0;
@@ -25,7 +26,8 @@ static inline uint64_t fuzz_sum(const void *data, size_t bytes) {
     return sum;
 }
 
-/* Trees share parts, so the traversal is bounded; it recurses, which finished trees allow. */
+/* Trees share parts, so the traversal is bounded. It may recurse, because finished trees have limited depth.
+ */
 static inline void fuzz_walk(const value *v, size_t *visits, uint64_t *sum) {
     if (!v || ++*visits > 100000) return;
     size_t n = 1;
@@ -57,7 +59,7 @@ static inline void fuzz_walk(const value *v, size_t *visits, uint64_t *sum) {
     }
 }
 
-/* Ends one round: live is mem_live() from its beginning. */
+/* Ends one round. live: mem_live() at its beginning. */
 static inline int fuzz_end(context *c, sherf_status status, size_t live) {
     if (status != SHERF_OK && !c->message[0]) abort();
     if (mem_live() != live) abort();

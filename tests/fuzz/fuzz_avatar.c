@@ -1,5 +1,5 @@
-/* An avatar's file after its safetensors reader (fuzz_safetensors): a tiny avatar of each model is made once,
- * and the input changes its tensors and settings. Avatars that can be read are rendered. */
+/* Fuzz target: avatar files behind their safetensors reader (fuzz_safetensors). A tiny avatar of each model
+ * is made once, and the input changes its tensors and settings. Avatars that can be read are rendered. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -49,7 +49,7 @@ static sherf_status small_body_create(context *c, body_model **out) {
         }
         regressor[j * vertices + nearest] = 1;
     }
-    for (int v = 0; v < vertices; v++) { /* in place: the next one is never before */
+    for (int v = 0; v < vertices; v++) { /* in place: the source is never before the destination */
         const size_t from = (size_t)(STEP * v), to = (size_t)v;
         memmove(t.v_template + 3 * to, t.v_template + 3 * from, 3 * sizeof(double));
         memmove(t.shapedirs + 30 * to, t.shapedirs + 30 * from, 30 * sizeof(double));
@@ -100,11 +100,11 @@ static void make(context *c, int kind) {
     sherf_observation_free(o);
 }
 
-/* ---- changes, as a file could have them: data is as long as the shape says ---- */
+/* ---- changes that a file could have: data is as long as the shape says ---- */
 typedef struct {
     safetensors file;
     safetensor tensor[TENSORS];
-    void *own[TENSORS]; /* data of this one alone */
+    void *own[TENSORS]; /* data of the changed avatar alone */
     char config[1024];
 } changed;
 
@@ -114,7 +114,7 @@ static size_t bytes_of(const safetensor *t) {
     return n;
 }
 
-/* Repeats copies of `from` into data of exactly the new size; false: it would be too large. */
+/* Fills data of exactly the new size with copies of `from`. Returns false if it would be too large. */
 static bool take_data(changed *f, size_t i, const safetensor *from) {
     enum { BYTES_MAX = 1 << 20 };
     const size_t bytes = bytes_of(&f->tensor[i]), there = bytes_of(from);
@@ -180,8 +180,8 @@ static void change(changed *f, const uint8_t four[4]) {
     }
 }
 
-/* The number of changes, then the changes; if the number is 128 or more, the rest is appended to the
- * settings. */
+/* The input is the number of changes, then the changes. If the number is 128 or more, the rest is appended to
+ * the settings. */
 static void changed_make(changed *f, int kind, const uint8_t *data, size_t size) {
     static char *key[16], *text[16];
     f->file = *whole[kind];

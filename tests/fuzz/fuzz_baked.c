@@ -5,8 +5,8 @@
 
 enum { SIDE = 96 };
 
-/* The file of a baked avatar of any body. Avatars that can be read are drawn from two sides, so that any
- * index that the reader accepts is used; from nearby, edges are softened. */
+/* The file of a baked avatar of any body. Avatars that can be read are drawn from two sides, so that every
+ * index that the reader accepts is used. Seen from nearby, edges are softened. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static body_model *body;
     context *c = fuzz_context();

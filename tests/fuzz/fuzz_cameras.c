@@ -1,5 +1,5 @@
-/* Camera files: JSON in all its layouts, and everything else that document_read accepts. The first byte
- * chooses the reader: with a picture's size, without, or a data set's cameras.json. */
+/* Fuzz target: camera files, as JSON in all its layouts and everything else that document_read accepts. The
+ * first byte chooses the reader: with a picture's size, without, or for a data set's cameras.json. */
 #include <math.h>
 
 #include "data/dataset.h"

@@ -1,5 +1,5 @@
-/* Every form that is recognised by its first bytes: npz and torch zips, torch legacy streams, and the others
- * again. */
+/* Fuzz target: every format that is recognised by its first bytes, including npz, torch zips and torch legacy
+ * streams. */
 #include "fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -1,4 +1,4 @@
-/* EXIF, and what a focal length it gives must be. */
+/* Fuzz target: EXIF. A focal length that it gives must be valid. */
 #include <math.h>
 
 #include "fuzz.h"

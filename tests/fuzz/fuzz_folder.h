@@ -1,4 +1,4 @@
-/* A folder for the target's own files, for readers that take paths; removed at the end. */
+/* A folder for the files of a fuzz target whose reader takes paths; removed at the end. */
 #ifndef FUZZ_FOLDER_H
 #define FUZZ_FOLDER_H
 
@@ -18,7 +18,7 @@ static inline void fuzz_folder_remove(void) {
 
 static inline const char *fuzz_folder(void) {
     if (*fuzz_folder_path) return fuzz_folder_path;
-    /* in memory, where files are flushed in no time */
+    /* in memory, where flushing a file takes no time */
     snprintf(fuzz_folder_path, sizeof fuzz_folder_path, "%s/fuzz_XXXXXX",
              access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
     if (!mkdtemp(fuzz_folder_path)) abort();
@@ -26,7 +26,7 @@ static inline const char *fuzz_folder(void) {
     return fuzz_folder_path;
 }
 
-/* Writes a file of the folder and gives its path (static). */
+/* Writes a file in the folder and returns its path (static). */
 static inline const char *fuzz_file(const char *name, const void *data, size_t size) {
     static char path[128];
     snprintf(path, sizeof path, "%s/%s", fuzz_folder(), name);

@@ -1,5 +1,6 @@
-/* The container, the headers of its streams, and EXIF. libde265 and dav1d decode the pixels; they are not
- * built for fuzzing, may take seconds for a stream of a few hundred bytes, and leak memory. */
+/* Fuzz target: HEIF containers, the headers of their streams, and EXIF. libde265 and dav1d, which decode the
+ * pixels, are not built for fuzzing, may take seconds for a stream of a few hundred bytes, and leak memory.
+ */
 #include "fuzz.h"
 #include "io/heif_stream.h"
 

@@ -1,4 +1,4 @@
-/* --joints: a JSON of names for a BVH file whose own are not known. */
+/* Fuzz target: --joints, a JSON of names for a BVH file whose own names are unknown. */
 #include <math.h>
 #include <string.h>
 

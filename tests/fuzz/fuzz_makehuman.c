@@ -1,5 +1,5 @@
-/* One file of MakeHuman's package is arbitrary, chosen by the first byte; the others are valid. If the
- * package opens, it is shaped. */
+/* Fuzz target: MakeHuman's package. One of its files, chosen by the first byte, is arbitrary and the others
+ * are valid. If the package opens, bodies are shaped with it. */
 #include "fuzz_folder.h"
 
 #include "../support/makehuman_small.h"
@@ -19,7 +19,7 @@ static void package_make(context *c) {
     made = true;
 }
 
-/* Everybody at a corner of the macro parameters; every point of the rig. */
+/* Shapes people at every corner of the macro parameters and visits every point of the rig. */
 static void use(context *c, const makehuman *data) {
     const makehuman_macro corner = {
         .sex = 1, .age_years = 90, .weight = 1, .muscle = 1, .height = 1, .asian = 1};

@@ -1,4 +1,4 @@
-/* Motion files of all families: every motion that is returned can be played to its end. The first byte
+/* Fuzz target: motion files of all families. Every returned motion can be played to its end. The first byte
  * chooses the options. */
 #include <math.h>
 

@@ -1,4 +1,4 @@
-/* One frame of a folder, or a list of frames, as JSON: EasyMocap, LHM, ExAvatar. */
+/* Fuzz target: one frame of a folder, or a list of frames, as JSON (EasyMocap, LHM, ExAvatar). */
 #include <math.h>
 
 #include "fuzz.h"

@@ -1,5 +1,5 @@
-/* An observation's JSON next to a valid picture and mask: i.png and m.png, 32 x 32, the mask in the middle.
- * It may name itself as the file of cameras or of bodies: o.json. */
+/* Fuzz target: an observation's JSON beside a valid picture and mask: i.png and m.png, 32 x 32, with the mask
+ * in the middle. The JSON, o.json, may name itself as its camera or body file. */
 #include <string.h>
 
 #include "data/data.h"
@@ -21,7 +21,7 @@ static void pictures_make(context *c) {
     if (sherf_image_write(c, path, &person) != SHERF_OK) abort();
 }
 
-/* Paths may lead anywhere, as in a user's own file; the target only reads files next to it. */
+/* Paths may lead anywhere in a user's own file; this target only reads files beside the JSON. */
 static bool leads_away(const uint8_t *data, size_t size) {
     return memchr(data, '/', size) || memchr(data, '\\', size);
 }

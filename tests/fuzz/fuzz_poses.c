@@ -1,4 +1,5 @@
-/* Files of poses, of a frame or of many: JSON in all its layouts, and what else document_read takes. */
+/* Fuzz target: pose files with one frame or many, as JSON in all its layouts and everything else that
+ * document_read accepts. */
 #include <math.h>
 
 #include "data/parse.h"

@@ -1,4 +1,5 @@
-/* A thing that MakeHuman's people wear, bound to a base mesh of 16 vertices; what opens is fitted. */
+/* Fuzz target: proxies, the clothes of MakeHuman's people, bound to a base mesh of 16 vertices. Proxies that
+ * open are fitted. */
 #include <math.h>
 
 #include "fuzz.h"

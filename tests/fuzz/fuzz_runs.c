@@ -1,5 +1,5 @@
-/* Files that trainings and evaluations write and read again: scores.json and log.jsonl. The first byte
- * chooses. */
+/* Fuzz target: files that trainings and evaluations write and read again, scores.json and log.jsonl. The
+ * first byte chooses. */
 #include "experiment/scores.h"
 #include "fuzz_folder.h"
 #include "train/history.h"

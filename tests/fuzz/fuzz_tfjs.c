@@ -1,10 +1,10 @@
-/* Fuzz target: TensorFlow.js's models. */
+/* Fuzz target: TensorFlow.js models. */
 #include <string.h>
 
 #include "fuzz.h"
 #include "io/tfjs.h"
 
-/* model.json, a 0 byte, and what its files hold; each file is as long as its name says. */
+/* The input is model.json, a 0 byte, and the contents of its files; each file is as long as its name says. */
 typedef struct {
     const uint8_t *data;
     size_t size;

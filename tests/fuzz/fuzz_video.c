@@ -1,4 +1,5 @@
-/* FFmpeg's libraries are not instrumented here: this finds crashes, leaks and endless videos on our side. */
+/* Fuzz target: videos. FFmpeg's libraries are not instrumented here, so this finds crashes, leaks and endless
+ * videos on our side. */
 #include "fuzz.h"
 #include "io/video_read.h"
 

@@ -1,5 +1,5 @@
-/* Requests to the viewer from a browser or anybody else: host, origin, path and the fields of a query, one on
- * each line. */
+/* Fuzz target: requests to the viewer from a browser or anybody else. Host, origin, path and the fields of a
+ * query are on one line each. */
 #include <string.h>
 
 #include "fuzz.h"

@@ -37,7 +37,7 @@ static inline void assert_shape(const value *v, dtype type, int rank, const int6
     for (int i = 0; i < rank; i++) assert_int_equal(v->array.dim[i], dim[i]);
 }
 
-/* The numbers of v are exactly these. */
+/* Checks that the numbers of v are exactly these. */
 static inline void assert_numbers(context *c, const value *v, size_t n, const double *want) {
     double *have = calloc(n + 1, sizeof *have);
     assert_non_null(v);

@@ -1,4 +1,4 @@
-/* BVH files: their contents, and what they must not be able to do. */
+/* Tests of BVH files: their contents, and what hostile files must not be able to do. */
 #include "support.h"
 
 #include <math.h>
@@ -38,7 +38,7 @@ static void test_small(void **state) {
     static const double turned[9] = {0, 0, 1, 1, 0, 0, 0, 1, 0};
     for (int i = 0; i < 9; i++) {
         assert_float_equal(global[9 + i], turned[i], 1e-6);
-        assert_float_equal(global[18 + i], turned[i], 1e-6); /* an end site goes along */
+        assert_float_equal(global[18 + i], turned[i], 1e-6); /* an end site moves along */
     }
     bvh_rotations(b, 0, NULL, global);
     for (int i = 0; i < 27; i++) assert_float_equal(global[i], (i % 9 % 4 == 0 ? 1.0 : 0.0), 1e-9);
@@ -46,14 +46,14 @@ static void test_small(void **state) {
     sherf_context_free(c);
 }
 
-/* Truncated anywhere it is refused with a message, and nothing leaks; only the last number may lose digits.
- */
+/* A file truncated anywhere is refused with a message, and nothing leaks. Only the last number may lose
+ * digits. */
 static void test_truncated(void **state) {
     context *c = test_context();
     size_t live = mem_live(), whole = strlen(small);
     for (size_t n = 0; n + 2 < whole; n++) {
         bvh *b;
-        char *copy = malloc(n + 1); /* so that reading past the end is seen */
+        char *copy = malloc(n + 1); /* in its own block, so that the sanitizer sees reads past the end */
         memcpy(copy, small, n);
         c->message[0] = 0;
         assert_int_equal(bvh_parse(c, (const unsigned char *)copy, n, &b), SHERF_BAD_FILE);
@@ -75,18 +75,18 @@ static bvh *parsed(context *c, const char *from, const char *to) {
     return b;
 }
 
-/* Commas of a locale; a recording that was cut off; two bytes a character. */
+/* Decimal commas of a locale, a recording that was cut off, and two bytes per character. */
 static void test_texts(void **state) {
     context *c = test_context();
     bvh *b = parsed(c, "OFFSET 0 1.5 0", "OFFSET 0,000 1,5 -2,25");
     assert_true(b->joint[1].offset[1] == 1.5 && b->joint[1].offset[2] == -2.25);
     bvh_free(b);
-    b = parsed(c, "Frames: 2", "Frames: 3"); /* two of three are there */
+    b = parsed(c, "Frames: 2", "Frames: 3"); /* two of three frames */
     assert_int_equal(b->frames, 2);
     assert_float_equal(b->value[12], 90, 0);
     bvh_free(b);
     b = parsed(c, "0 0 0 0 0 0 0 0 0\n1 2 3 90", "0 0 0 0 0 0 0 0 0\n0 0 0 0 0 0 0 0 0\n1 2 3 90");
-    assert_int_equal(b->frames, 2); /* more than it says: those that it says */
+    assert_int_equal(b->frames, 2); /* more frames than announced: only the announced ones are read */
     assert_float_equal(b->value[12], 0, 0);
     bvh_free(b);
     for (int big = 0; big < 2; big++) {
@@ -159,8 +159,8 @@ static const struct {
     {"LeftForeArm", 8, {0, -5, 0}},   {"LeftHand", 9, {0, -4, 0}},    {"RightArm", 7, {-3, 4, 0}},
     {"RightForeArm", 11, {0, -5, 0}}, {"RightHand", 12, {0, -4, 0}}};
 
-/* A file whose rest pose has the arms down and the legs apart: at rest, the body's bones point where the
- * file's do. */
+/* A file whose rest pose has the arms down and the legs apart: at rest, the body's bones point in the
+ * directions of the file's. */
 static void test_retarget(void **state) {
     context *c = test_context();
     bvh_joint joint[COUNT_OF(skeleton)] = {0};
@@ -191,7 +191,7 @@ static void test_retarget(void **state) {
     float pose[72], R[9];
     assert_ok(c, bvh_body_match(c, &b, NULL, (const float(*)[3])rest, &map));
     bvh_body_pose(&b, &map, 0, pose);
-    rodrigues(pose + 3 * 16, R); /* the left arm, along x, hangs */
+    rodrigues(pose + 3 * 16, R); /* the left arm, along x, hangs down */
     assert_float_equal(R[0], 0, 1e-5);
     assert_float_equal(R[3], -1, 1e-5);
     for (int k = 0; k < 3; k++) assert_float_equal(pose[3 * 18 + k], 0, 1e-5); /* the elbow is straight */
@@ -202,7 +202,7 @@ static void test_retarget(void **state) {
     float upper[9], lower[9];
     rodrigues(pose + 3 * 16, upper);
     rodrigues(pose + 3 * 18, lower);
-    double z = 0; /* where the forearm, x at rest, points: upper * lower * x */
+    double z = 0; /* the direction of the forearm, which is x at rest: upper * lower * x */
     for (int k = 0; k < 3; k++) z += upper[6 + k] * lower[3 * k];
     assert_float_equal(z, 1, 1e-4);
     strcpy(joint[1].name, "Unknown");

@@ -1,4 +1,4 @@
-/* sherf_convert: every kind of input, its result, and refusals. */
+/* Tests of sherf_convert: every kind of input with its result, and refused input. */
 #include "sample.h"
 
 static safetensors *convert(context *c, const char *input, const char *said) {
@@ -76,7 +76,7 @@ static void test_heads(void **state) {
     safetensors_free(s);
 }
 
-/* The 26 tensors of VGG16, all zeros, under torchvision's or the LPIPS package's names; and heads. */
+/* The 26 tensors of VGG16, all zeros, under the names of torchvision or of the LPIPS package; and heads. */
 static void write_vgg16(context *c, const char *path, bool slices, bool heads) {
     static const int index[13] = {0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28};
     static const int width[13] = {64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512};
@@ -122,7 +122,7 @@ static void test_vgg16(void **state) {
     safetensors_free(s);
 }
 
-/* For a file that is meant to be VGG16, the message names the wrong tensor. */
+/* If a file is meant to be VGG16, the message names the wrong tensor. */
 static void test_vgg16_faults(void **state) {
     context *c = *state;
     static char name[26][32];
@@ -165,7 +165,7 @@ static void test_resnet(void **state) {
     assert_string_equal(safetensors_metadata(s, "format"), "resnet18");
     assert_tensor(s, "layer4.1.conv2.weight", T_F32, 4, (int64_t[]){512, 512, 3, 3});
     safetensors_free(s);
-    assert_ok(c, npz_write(c, path, 4, member)); /* neither 18 nor all of 34 */
+    assert_ok(c, npz_write(c, path, 4, member)); /* neither 18 nor all 34 */
     assert_int_equal(sherf_convert(c, path, test_path("no.safetensors"), NULL), SHERF_MISMATCH);
     assert_ok(c, npz_write(c, path, 6, member));
     s = convert(c, path, "ResNet-34: 6 tensors");

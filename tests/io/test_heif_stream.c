@@ -1,5 +1,5 @@
-/* Synthetic files whose streams state larger frames than their containers: refused before a decoder sees
- * them. */
+/* Tests of HEIF and AVIF files whose streams state larger frames than their containers: they are refused
+ * before a decoder sees them. All files are synthetic. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -49,7 +49,8 @@ static void obu(out *o, int type, const out *inside) {
     put(o, inside);
 }
 
-/* reduced: a still picture's header; else one whose frame has a size of its own. */
+/* An AV1 stream. reduced: with a still picture's header; otherwise with a header whose frame has its own
+ * size. */
 static void av1(out *o, bool reduced, int size) {
     out q = {0}, f = {0};
     bits(&q, 0, 3);
@@ -63,7 +64,7 @@ static void av1(out *o, bool reduced, int size) {
     bits(&q, 0, 3);
     if (!reduced) bits(&q, 1, 5); /* an order hint */
     if (!reduced) bits(&q, 0, 2);
-    if (!reduced) bits(&q, 3, 2); /* the frame says what it is of: screen content, whole motion */
+    if (!reduced) bits(&q, 3, 2); /* the frame states its screen content and integer motion */
     if (!reduced) bits(&q, 6, 3);
     aligned(&q);
     obu(o, 1, &q);
@@ -97,7 +98,8 @@ static void sps(out *o, int size) {
     aligned(o);
 }
 
-/* A picture of SHOWN x SHOWN by the container, in one item of `type`, which lies in `pieces` pieces. */
+/* A container that states a picture of SHOWN x SHOWN, in one item of `type` that is split into `pieces`
+ * pieces. */
 static void file(out *o, const char *type, const out *config, const out *data, int pieces) {
     out ftyp = {0}, meta = {0}, hdlr = {0}, pitm = {0}, iloc = {0}, iinf = {0}, infe = {0}, iprp = {0},
         ipco = {0}, ispe = {0}, ipma = {0};
@@ -149,7 +151,7 @@ static void file(out *o, const char *type, const out *config, const out *data, i
     box(o, "mdat", data);
 }
 
-/* ---- what is made of them ---- */
+/* ---- reading them ---- */
 static void look(context *c, const out *f, int coded) {
     heif_sizes sizes;
     image_u8 p;
@@ -205,7 +207,7 @@ static void hevc_streams(void **state) {
         }
 }
 
-/* An item in the box idat, which is not there. */
+/* An item in an idat box that does not exist. */
 static void without_idat(void **state) {
     context *c = *state;
     heif_sizes sizes;
@@ -218,14 +220,14 @@ static void without_idat(void **state) {
         file(&f, "av01", &config, &data, pieces);
         uint8_t *iloc = memmem(f.data, f.bits / 8, "iloc", 4);
         assert_non_null(iloc);
-        iloc[4] = 1;                /* the version that says where items lie */
+        iloc[4] = 1;                /* the version that can place items elsewhere */
         iloc[15] = 1;               /* in idat */
-        iloc[19] = (uint8_t)pieces; /* so many extents */
+        iloc[19] = (uint8_t)pieces; /* the number of extents */
         assert_ok(c, heif_stream_sizes(c, f.data, f.bits / 8, &sizes));
     }
 }
 
-/* Items of endless pieces without length: read no longer than a file of this size justifies. */
+/* Items with very many pieces of length zero: reading takes no longer than a file of this size justifies. */
 static void endless(void **state) {
     context *c = *state;
     heif_sizes sizes;
@@ -245,7 +247,8 @@ static void endless(void **state) {
     assert_true(sizes.odd);
 }
 
-/* Every cut, and every byte set to 255: nothing is read beyond the end (the sanitizers see it). */
+/* Every truncation, and every byte set to 255: nothing is read beyond the end (the sanitizers would see it).
+ */
 static void broken(void **state) {
     context *c = *state;
     heif_sizes sizes;

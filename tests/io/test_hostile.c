@@ -1,5 +1,5 @@
-/* Damaged input to every reader: truncated at every length, bytes changed, out of memory at every allocation.
- * A reader may succeed or fail; it may not crash, leak, or fail without a message. */
+/* Tests of damaged input to every reader: truncated at every length, bytes changed, out of memory at every
+ * allocation. A reader may succeed or fail, but may not crash, leak, or fail without a message. */
 #include <dirent.h>
 
 #include "sample.h"
@@ -18,7 +18,7 @@ static bool is_picture(const sample *s) {
     return path_ends(s->name, ".png") || path_ends(s->name, ".jpg");
 }
 
-/* Reads once from memory and frees the result. */
+/* Reads from memory once and frees the result. */
 static sherf_status attempt(context *c, const sample *s, const unsigned char *data, size_t bytes) {
     c->message[0] = 0;
     if (is_picture(s)) {
@@ -50,7 +50,8 @@ static void test_cut(void **state) {
     for (int i = 0; i < sample_count; i++) {
         sample *s = &samples[i];
         for (size_t n = 0; n < s->bytes; n += n < 700 || n + 300 > s->bytes ? 1 : 13) {
-            unsigned char *cut = malloc(n + 1); /* its own block: the sanitizer sees one byte too far */
+            unsigned char *cut =
+                malloc(n + 1); /* in its own block, so that the sanitizer sees one byte too far */
             memcpy(cut, s->data, n);
             cut[n] = 0;
             check_attempt(c, s, cut, n, "cut at", n);
@@ -118,7 +119,7 @@ static void test_no_memory(void **state) {
     }
 }
 
-/* Small pickles that request much memory: each must be refused at once. */
+/* Small pickles that demand much memory: each must be refused at once. */
 static void test_greedy(void **state) {
     context *c = *state;
     static const struct {
@@ -167,7 +168,7 @@ static void test_nested(void **state) {
     double x;
     memcpy(text, "\x80\x02]K\1a", 6);
     n = 6;
-    for (int i = 0; i < 40; i++) { /* keep it, then a new list that holds it twice */
+    for (int i = 0; i < 40; i++) { /* memoises the list, then makes a new list that holds it twice */
         memcpy(text + n, "q\0]h\0ah\0a", 9);
         text[n + 1] = text[n + 4] = text[n + 7] = (unsigned char)i;
         n += 9;
@@ -188,7 +189,7 @@ static void test_nested(void **state) {
     free(deep);
 }
 
-/* Streams of torch.save within each other, where the protocol's number should be: each a level of calls. */
+/* torch.save streams nested in each other, in place of the protocol number: each is one more call level. */
 static void test_streams_within_streams(void **state) {
     enum { LEVELS = 300 };
     static const char magic[] = "\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.",
@@ -220,7 +221,8 @@ static int setup(void **state) {
         sample *s = &samples[sample_count];
         char path[512];
         if (e->d_name[0] == '.' || path_ends(e->d_name, ".md")) continue;
-        /* test_photo.c and the fuzzers damage these: their decoders are others' and take milliseconds each */
+        /* test_photo.c and the fuzzers damage these: their decoders are other libraries and take milliseconds
+         * each */
         if (path_ends(e->d_name, ".webp") || path_ends(e->d_name, ".heic") || path_ends(e->d_name, ".avif"))
             continue;
         snprintf(s->name, sizeof s->name, "%.100s", e->d_name);

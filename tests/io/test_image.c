@@ -1,4 +1,4 @@
-/* Pictures: decoded as OpenCV decodes them (hashes of cv2.imread's bytes), written, refused. */
+/* Tests of pictures: decoded as by OpenCV (hashes of cv2.imread's bytes), written, refused. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -17,7 +17,7 @@ static const struct {
     int width, height;
     uint64_t rgb, grey; /* 0: not compared */
 } pictures[] = {
-    {"cmyk_c.jpg", 37, 29, 0x8abcb9ff7135b266u, 0}, /* OpenCV rounds the grey of CMYK in a way of its own */
+    {"cmyk_c.jpg", 37, 29, 0x8abcb9ff7135b266u, 0}, /* OpenCV rounds the grey of CMYK in its own way */
     {"cmyk_y.jpg", 37, 29, 0x46e8d825b3c7a765u, 0},
     {"g1_0.png", 37, 29, 0xec724e9635109384u, 0xe7ddba2e679bdd6eu},
     {"g2_1.png", 37, 29, 0xf091d2ba446215e6u, 0x30653261ed632228u},
@@ -57,7 +57,7 @@ static void test_as_opencv(void **state) {
         }
 }
 
-/* Files written with random 16-bit values; the scaling is to nearest, v * 255 / 65535. */
+/* Files with random 16-bit values, which are scaled to the nearest of v * 255 / 65535. */
 static void test_sixteen_bits(void **state) {
     context *c = *state;
     static const char *const name[] = {"g16_1.png", "rgb16_0.png", "rgba16_0.png"};
@@ -87,7 +87,7 @@ static void chunk(FILE *f, const char *type, const unsigned char *data, unsigned
     fwrite(sum, 1, 4, f);
 }
 
-/* A mask of 16-bit values 0 and 1, as some labelling tools write it: 1 is the person, though as a colour it
+/* A mask of 16-bit values 0 and 1, as some labelling tools write it: 1 is the person, although as a colour it
  * is nearly 0. */
 static void test_mask(void **state) {
     context *c = *state;
@@ -161,7 +161,7 @@ static void test_write(void **state) {
     free(rgb);
 }
 
-/* Outputs recognised by their names. */
+/* Output formats recognised by file names. */
 static void test_outputs(void **state) {
     static const struct {
         const char *name;
@@ -233,7 +233,7 @@ static void test_public(void **state) {
     assert_int_equal(float_to_u8(2), 255);
 }
 
-/* A header alone may not make us allocate for 60000 x 60000 pixels. */
+/* A header alone must not make us allocate 60000 x 60000 pixels. */
 static void test_too_large(void **state) {
     context *c = *state;
     unsigned char *data;
@@ -268,7 +268,7 @@ static void test_writing_without_memory(void **state) {
     assert_true(path_is_file(path));
 }
 
-/* To memory and back: PNG exactly, JPEG nearly; a failed allocation leaks nothing. */
+/* Encoding to memory and decoding: PNG is exact, JPEG nearly; a failed allocation leaks nothing. */
 static void test_to_memory(void **state) {
     enum { W = 37, H = 23 };
     context *c = *state;

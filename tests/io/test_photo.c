@@ -1,5 +1,5 @@
-/* Users' photos: every orientation in every format, alpha, focal lengths, and names for files that are not
- * pictures. The picture is always the same: 24 x 16 pixels, one colour in each quarter. */
+/* Tests of users' photos: every orientation in every format, alpha, focal lengths, and messages for files
+ * that are not pictures. The picture is always the same: 24 x 16 pixels with one colour in each quarter. */
 #include <lcms2.h>
 #include <math.h>
 #include <zlib.h>
@@ -15,11 +15,12 @@ static const uint8_t *colour_at(int x, int y) {
     return quarter[(x >= W / 2) + 2 * (y >= H / 2)];
 }
 
-/* The picture as a camera held like this stores it. The standard defines where the stored row 0 and column 0
- * are seen. */
+/* The pixels as a camera stores them with this orientation. The standard defines where the stored row 0 and
+ * column 0 are seen. */
 static void stored(int orientation, int channels, int *width, int *height, uint8_t *out) {
     static const struct {
-        bool row_is_x, row_back, column_back; /* rows go along x; from the far end; so do the columns */
+        bool row_is_x, row_back,
+            column_back; /* rows run along x; rows start at the far end; columns start at the far end */
     } way[9] = {{0},          {0, 0, 0},    {0, 0, 1},    {0, 1, 1},   {0, 1, 0},
                 {true, 0, 0}, {true, 1, 0}, {true, 1, 1}, {true, 0, 1}};
     const bool swap = way[orientation].row_is_x;
@@ -62,8 +63,8 @@ static void put_entry(bytes *b, const tag *t, size_t *rational, bool big) {
     if (t->type == 5) *rational += 8;
 }
 
-/* A TIFF header, a directory with the orientation and the offset of the Exif directory, that directory, its
- * fractions. */
+/* A TIFF header, a directory with the orientation and the offset of the Exif directory, the Exif directory
+ * and its fractions. */
 static void put_exif(bytes *b, bool big, int orientation, const tag *tags, size_t n) {
     const size_t exif = 8 + 2 + 2 * 12 + 4;
     size_t rational = exif + 2 + n * 12 + 4;
@@ -105,7 +106,7 @@ static void make_jpeg(context *c, bytes *b, int orientation, bool big, const tag
     mem_free(data);
 }
 
-/* eXIf before or behind the pixels. */
+/* eXIf before or after the pixels. */
 static void make_png(context *c, bytes *b, int orientation, bool big, bool behind) {
     uint8_t rgba[W * H * 4], *data;
     int width, height;
@@ -124,7 +125,7 @@ static void make_png(context *c, bytes *b, int orientation, bool big, bool behin
     mem_free(data);
 }
 
-/* quad.webp in the container that may have EXIF. */
+/* quad.webp in the container that can hold EXIF. */
 static void make_webp(context *c, bytes *b, int orientation, bool prefixed) {
     bytes plain = {0}, exif = {0};
     put_file(c, &plain, "quad.webp");
@@ -148,11 +149,11 @@ static void make_webp(context *c, bytes *b, int orientation, bool prefixed) {
 static void assert_upright(const image_u8 *p, int tolerance, const char *what) {
     assert_int_equal(p->width, W);
     assert_int_equal(p->height, H);
-    for (int y = 2; y < H; y += 11) /* not at the colours' borders, where codecs blur */
+    for (int y = 2; y < H; y += 11) /* away from the borders of the colours, where codecs blur */
         for (int x = 2; x < W; x += 19)
             for (int k = 0; k < p->channels; k++) {
                 int have = p->data[(y * W + x) * p->channels + k], want = colour_at(x, y)[k];
-                if (k < 3 && p->channels == 4 && !colour_at(x, y)[3]) continue; /* nobody sees it */
+                if (k < 3 && p->channels == 4 && !colour_at(x, y)[3]) continue; /* an invisible pixel */
                 if (abs(have - want) > tolerance)
                     fail_msg("%s: %d at %d %d, channel %d: not %d", what, have, x, y, k, want);
             }
@@ -167,7 +168,7 @@ static void assert_turned(context *c, const bytes *b, const char *kind, int orie
     assert_true(info.width == W && info.height == H && p.channels == (info.alpha ? 4 : 3));
     assert_upright(&p, tolerance, kind);
     mem_free(p.data);
-    assert_ok(c, image_parse(c, b->data, b->n, 0, &p)); /* the size is the turned one's, too */
+    assert_ok(c, image_parse(c, b->data, b->n, 0, &p)); /* the stated size is also the turned one */
     assert_true(p.width == W && p.height == H && !p.data);
     assert_ok(c, image_parse(c, b->data, b->n, IMAGE_MASK, &p));
     assert_true(p.channels == 1 && p.data[0] == 1);
@@ -186,12 +187,12 @@ static void test_turns(void **state) {
         }
     bytes jpeg = {0};
     make_jpeg(c, &jpeg, 1, true, NULL, 0);
-    jpeg.data[6 + 6 + 8 + 2 + 8 + 1] = 9; /* no such turn */
+    jpeg.data[6 + 6 + 8 + 2 + 8 + 1] = 9; /* there is no such orientation */
     assert_turned(c, &jpeg, "JPEG", 1, 12);
 }
 
-/* quad.webp is upright, so its orientation turns it away: the first pixel is of the quarter that moves there.
- */
+/* quad.webp is upright, so its orientation turns it away: the first pixel has the colour of the quarter that
+ * moves there. */
 static void test_webp_turns(void **state) {
     context *c = *state;
     static const int first[9] = {0, 0, 1, 3, 2, 0, 2, 3, 1};
@@ -207,7 +208,7 @@ static void test_webp_turns(void **state) {
         }
 }
 
-/* Made with libheif, cwebp and webpmux of Debian 12: a HEIC of every turn, AVIF of some. */
+/* Made with Debian 12's libheif, cwebp and webpmux: a HEIC with every orientation, AVIF with some. */
 static void test_files(void **state) {
     context *c = *state;
     char name[32];
@@ -260,15 +261,15 @@ static void test_focal_length(void **state) {
     const double diagonal = sqrt(W * W + H * H) / sqrt(36. * 36 + 24 * 24);
     const tag film[] = {{0xa405, 3, 28, 1}};
     const tag film_and_other[] = {{0x920a, 5, 425, 100}, {0xa405, 3, 26, 1}};
-    /* 50 mm, the sensor's 240 pixels (here scaled to 24) are 30 mm: 5 a pixel of 24 */
+    /* 50 mm; the sensor's 240 pixels (here scaled to 24) span 30 mm: 40 pixels of 24 */
     const tag plane[] = {
         {0x920a, 5, 50, 1}, {0xa002, 4, 240, 1}, {0xa003, 3, 160, 1}, {0xa20e, 5, 80, 1}, {0xa210, 3, 3, 1}};
-    const tag inches[] = {{0x920a, 5, 50, 1}, {0xa20e, 5, 2032, 10}}; /* 203.2 pixels an inch */
+    const tag inches[] = {{0x920a, 5, 50, 1}, {0xa20e, 5, 2032, 10}}; /* 203.2 pixels per inch */
     const tag cut[] = {{0xa002, 4, 240, 1}, {0xa003, 3, 240, 1}, {0xa405, 3, 28, 1}};
     const tag no_sensor[] = {{0x920a, 5, 50, 1}};
     const tag nothing_below[] = {{0x920a, 5, 50, 0}, {0xa20e, 5, 2032, 10}};
     const tag absurd[] = {{0xa405, 3, 60000, 1}};
-    for (int way = 0; way < 4; way++) { /* either order of bytes, upright and turned */
+    for (int way = 0; way < 4; way++) { /* both byte orders, upright and turned */
         int o = way / 2 ? 6 : 1;
         assert_float_equal(focal_of(c, o, way % 2, film, 1), 28 * diagonal, 1e-4);
         assert_float_equal(focal_of(c, o, way % 2, film_and_other, 2), 26 * diagonal, 1e-4);
@@ -282,8 +283,8 @@ static void test_focal_length(void **state) {
     }
 }
 
-/* Every cut of the data and every byte of it set to 255: nothing is read beyond the end (the sanitizers see
- * it). */
+/* Every truncation of the data, and every byte of it set to 255: nothing is read beyond the end (the
+ * sanitizers would see it). */
 static void test_broken_exif(void **state) {
     const tag tags[] = {{0x920a, 5, 50, 1}, {0xa405, 3, 26, 1}};
     exif_facts facts;
@@ -399,7 +400,7 @@ static void test_without_memory(void **state) {
 
 /* ---- colour profiles ---- */
 
-/* Display P3 to sRGB by the published matrix, both with sRGB's curve. */
+/* Display P3 to sRGB with the published matrix; both have sRGB's curve. */
 static int from_p3(const uint8_t *p, int k) {
     static const double m[3][3] = {{1.2249, -0.2247, 0}, {-0.0420, 1.0419, 0}, {-0.0197, -0.0786, 1.0979}};
     double sum = 0;
@@ -411,7 +412,7 @@ static int from_p3(const uint8_t *p, int k) {
     return (int)lrint(255 * (sum > 0.0031308 ? 1.055 * pow(sum, 1 / 2.4) - 0.055 : 12.92 * sum));
 }
 
-/* An ICC profile of sRGB's curve with red and green as given. */
+/* An ICC profile with sRGB's curve and the given red and green. */
 static void make_profile(bytes *b, const double red[2], const double green[2]) {
     const cmsCIExyY white = {0.3127, 0.3290, 1};
     const cmsCIExyYTRIPLE primaries = {{red[0], red[1], 1}, {green[0], green[1], 1}, {0.15, 0.06, 1}};
@@ -477,7 +478,7 @@ static void webp_with(context *c, bytes *b, const bytes *profile) {
     put(b, plain.data + 12, plain.n - 12);
 }
 
-/* turn1.avif with another code for its primaries. */
+/* turn1.avif with a different code for its primaries. */
 static void avif_with(context *c, bytes *b, int primaries) {
     put_file(c, b, "turn1.avif");
     for (size_t i = 0; i + 6 < b->n; i++)
@@ -495,7 +496,8 @@ static void assert_colours(context *c, const bytes *b, profile_fate fate, int to
     assert_ok(c, image_photo_parse(c, b->data, b->n, &p, &info));
     c->threads = 2;
     assert_ok(c, image_photo_parse(c, b->data, b->n, &other, &info));
-    assert_ok(c, image_parse(c, b->data, b->n, p.channels, &plain)); /* no photo: as in the file */
+    assert_ok(c, image_parse(c, b->data, b->n, p.channels,
+                             &plain)); /* not read as a photo: colours stay as in the file */
     assert_memory_equal(p.data, other.data, (size_t)(W * H * p.channels));
     assert_int_equal(info.profile, fate);
     for (int y = 2; y < H; y += 11)
@@ -526,9 +528,9 @@ static void test_profiles(void **state) {
         file.n = 0;
         make[i](c, &file, &usual);
         assert_colours(c, &file, PROFILE_NONE, 0);
-        if (make[i] == png_with) continue; /* libpng leaves a broken one out by itself */
+        if (make[i] == png_with) continue; /* libpng drops a broken profile itself */
         broken = wide;
-        memset(broken.data + 128, 255, 200); /* how many tags, and where they are */
+        memset(broken.data + 128, 255, 200); /* the number of tags and their positions */
         file.n = 0;
         make[i](c, &file, &broken);
         assert_colours(c, &file, PROFILE_BROKEN, 0);

@@ -1,4 +1,4 @@
-/* safetensors: written, read back, and refused if the format's rules are broken. */
+/* Tests of safetensors: written, read back, and refused if the format's rules are broken. */
 #include "sample.h"
 
 static void test_round(void **state) {
@@ -48,8 +48,8 @@ static void test_round(void **state) {
     document_free(d);
 }
 
-/* If any bit of a file with a checksum is flipped, the file is refused, unless the bit was in the checksum's
- * name. */
+/* A file with a checksum is refused if any of its bits is flipped, unless that bit is in the checksum's name.
+ */
 static void test_flipped(void **state) {
     context *c = *state;
     const float f[3] = {1, -2, 3.5f};
@@ -75,7 +75,7 @@ static void test_flipped(void **state) {
         }
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
     }
-    assert_in_range(read, 1, 60); /* that the flips reach a file that is read */
+    assert_in_range(read, 1, 60); /* some flips leave a file that is read */
     data[bytes - 1] ^= 1;
     assert_int_equal(safetensors_parse(c, data, bytes, &s), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "damaged"));
@@ -100,7 +100,7 @@ static void test_strict(void **state) {
 #define B "\"b\":{\"dtype\":\"U8\",\"shape\":[4],\"data_offsets\":"
     assert_ok(c, parse(c, A "[0,8]}," B "[8,12]}}", 12, &s));
     safetensors_free(s);
-    assert_ok(c, parse(c, A "[4,12]}," B "[0,4]}}", 12, &s)); /* the order of the header is free */
+    assert_ok(c, parse(c, A "[4,12]}," B "[0,4]}}", 12, &s)); /* the header may have any order */
     assert_string_equal(s->tensor[0].name, "b");
     safetensors_free(s);
     assert_ok(c, parse(c, "{}", 0, &s));
@@ -139,7 +139,7 @@ static void test_strict(void **state) {
     assert_int_equal(safetensors_parse(c, huge, 9, &s), SHERF_BAD_FILE);
 }
 
-/* Cut anywhere, and any allocation failing. */
+/* Truncated anywhere, and with any allocation failing. */
 static void test_hostile(void **state) {
     context *c = *state;
     const float f[6] = {1, 2, 3, 4, 5, 6};

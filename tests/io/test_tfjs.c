@@ -1,11 +1,12 @@
-/* TensorFlow.js layers models: the manifest and its files, refusals, and ResNet-50 from one. */
+/* Tests of TensorFlow.js layers models: the manifest and its files, refused input, and ResNet-50 from such a
+ * model. */
 #include <math.h>
 #include <unistd.h>
 
 #include "io/tfjs.h"
 #include "sample.h"
 
-/* ---- small manifests; every file holds the bytes 0, 1, 2, ... and is as long as its name says ---- */
+/* ---- small manifests; every file contains the bytes 0, 1, 2, ... and is as long as its name says ---- */
 static sherf_status counting(void *user, context *c, const char *path, size_t limit_bytes,
                              unsigned char **data, size_t *bytes) {
     size_t n = (size_t)atoi(path);
@@ -124,7 +125,7 @@ static void no_memory(void **state) {
     }
 }
 
-/* ---- a whole ResNet-50 of which only the first stages are there ---- */
+/* ---- ResNet-50, of which only the first stages exist ---- */
 enum { LAYERS = 24 };
 static const struct {
     const char *name;
@@ -195,7 +196,7 @@ static void write_model(const char *folder, int odd_stride) {
         snprintf(path, sizeof path, "%s/%s.bin", folder, k ? "two" : "one");
         shard[k] = fopen(path, "wb");
     }
-    const size_t first = 1234567; /* bytes: the cut goes through a number */
+    const size_t first = 1234567; /* bytes: the cut is inside a number */
     size_t at = 0;
     for (int l = 0; l < LAYERS; l++)
         for (int part = 0; part < 6; part++) {
@@ -245,7 +246,7 @@ static void resnet50(void **state) {
             assert_true(w && b && w->rank == 4 && w->dim[0] == layer[l].out && w->dim[1] == in &&
                         w->dim[3] == k);
             double factor = number(l, 2, o) / sqrt((double)number(l, 5, o) + 0.001);
-            int from = l ? i : 2 - i; /* the stem takes RGB, the file has BGR */
+            int from = l ? i : 2 - i; /* the stem takes RGB, but the file has BGR */
             double weight = factor * number(l, 0, (((int64_t)y * k + x) * in + from) * layer[l].out + o);
             double bias = ((double)number(l, 1, o) - number(l, 4, o)) * factor + number(l, 3, o);
             assert_true(fabs(((const float *)w->data)[((o * in + i) * k + y) * k + x] - weight) < 1e-6);
@@ -253,7 +254,7 @@ static void resnet50(void **state) {
         }
         safetensors_free(s);
     }
-    /* another network, a file that is a link to elsewhere, a file that is not there */
+    /* another network, a file that is a link to somewhere else, a missing file */
     size_t live = mem_live();
     write_model(folder, 14);
     assert_int_equal(sherf_convert(c, folder, out, NULL), SHERF_MISMATCH);

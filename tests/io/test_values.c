@@ -1,4 +1,4 @@
-/* Every format of values, compared with the data that the samples were made from. */
+/* Tests of every format of values, compared with the data from which the samples were made. */
 #include "sample.h"
 
 static void test_json(void **state) {
@@ -40,8 +40,8 @@ static void test_json_refused(void **state) {
     document_free(d);
 }
 
-/* Python's json writes these names for what is not finite. */
-/* Two bytes for each character, in either order. */
+/* JSON with two bytes per character, in both byte orders. Python's json writes names for numbers that are not
+ * finite. */
 static void test_json_wide(void **state) {
     static const char wide[] = "\xff\xfe{\0\"\0\xe4\0\"\0:\0002\0}\0", big[] = "\xfe\xff\0[\0003\0]";
     context *c = *state;
@@ -131,7 +131,7 @@ static void check_arrays(context *c, const value *root) {
     assert_int_equal(value_get(value_at(value_get(root, "objects"), 0), "a")->integer, 1);
 }
 
-/* Objects without a value stay records; a list inside itself is cut. */
+/* Objects without a value stay records; a list that contains itself is cut. */
 static void check_records(const value *root) {
     const value *odd = value_get(root, "odd"), *within = value_get(root, "within");
     assert_int_equal(odd->kind, VALUE_RECORD);
@@ -147,7 +147,7 @@ static void check_records(const value *root) {
     assert_int_equal(value_at(within, 1)->kind, VALUE_RECORD);
 }
 
-/* All protocols; a text whose line ends FTP or git has changed; packed files. */
+/* All protocols; a text pickle whose line ends were changed by FTP or git; packed files. */
 static void test_pickles(void **state) {
     static const char *const name[] = {"values_p0.pkl", "values_p1.pkl",  "values_p2.pkl",   "values_p3.pkl",
                                        "values_p4.pkl", "values_p5.pkl",  "values_crlf.pkl", "values.pkl.gz",
@@ -174,7 +174,7 @@ static void test_bodies(void **state) {
     const double pose[] = {-1.25, -0.25, -1.0, -0.375};
     for (size_t i = 0; i < COUNT_OF(name); i++) {
         document *d = sample_read(c, name[i], i == 4 ? "npz" : "pickle");
-        int64_t shapes = i < 2 ? 10 : 12; /* chumpy's Select takes the first ten */
+        int64_t shapes = i < 2 ? 10 : 12; /* chumpy's Select takes the first ten values */
         assert_shape(value_get(d->root, "v_template"), T_F64, 2, (int64_t[]){3, 3});
         assert_numbers(c, value_get(d->root, "v_template"), 9, v_template);
         assert_shape(value_get(d->root, "f"), T_I64, 2, (int64_t[]){2, 3});
@@ -219,7 +219,7 @@ static void test_npy(void **state) {
     assert_ok(c, value_integer(c, d->root, "scalar", &n));
     assert_int_equal(n, 3);
     document_free(d);
-    d = sample_read(c, "dict.npy", "npy"); /* the dict in it, not an array */
+    d = sample_read(c, "dict.npy", "npy"); /* the dict inside, not an array */
     assert_numbers(c, value_at(value_get(d->root, "K"), 1), 9, (double[]){2, 0, 0, 0, 2, 0, 0, 0, 2});
     assert_true(value_is_string(value_get(d->root, "name"), "x"));
     document_free(d);
@@ -332,7 +332,7 @@ static void test_refused_by_name(void **state) {
     assert_int_equal(document_read(c, test_path("missing"), &d, NULL), SHERF_NO_FILE);
     assert_int_equal(document_read(c, "data", &d, NULL), SHERF_BAD_FILE); /* a folder */
     assert_null(d);
-    /* a class called as a constructor of harm stays a name */
+    /* a harmful class called as a constructor stays a name */
     const char *harm = "cos\nsystem\n(S'echo harm'\ntR.";
     assert_ok(c, pickle_parse(c, (const unsigned char *)harm, strlen(harm), &d));
     assert_int_equal(d->root->kind, VALUE_RECORD);

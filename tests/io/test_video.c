@@ -1,4 +1,5 @@
-/* Videos: written, reopened through FFmpeg, with the right number and size of frames and similar colours. */
+/* Tests of videos: written, reopened through FFmpeg, with the right number and size of frames and similar
+ * colours. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
 #include <libavutil/pixdesc.h>
@@ -23,8 +24,8 @@ static void paint(sherf_image *image, int frame) {
 typedef struct {
     int frames;
     double fps, seconds;
-    int luma[2];  /* of the last frame, at a quarter and three quarters of the middle row */
-    int alpha[2]; /* there; -1: the format has none */
+    int luma[2];  /* in the last frame, at a quarter and three quarters of the middle row */
+    int alpha[2]; /* at the same places; -1: the format has none */
 } decoded;
 
 /* Decodes the whole file. `decoder`: by name; NULL: any decoder. */
@@ -57,7 +58,7 @@ static void decode(const char *path, enum AVCodecID id, const char *decoder, int
             for (int k = 0; k < 2; k++) {
                 int at = width / 4 + k * (width / 2), y = height / 2;
                 const uint8_t *p = frame->data[0] + y * frame->linesize[0] + at * (bytes4 ? 4 : 1);
-                out->luma[k] = bytes4 ? p[1] : p[0]; /* green, in its place */
+                out->luma[k] = bytes4 ? p[1] : p[0]; /* green at its place */
                 if (bytes4) out->alpha[k] = p[3];
                 const AVPixFmtDescriptor *form = av_pix_fmt_desc_get(frame->format);
                 if (form->comp[0].depth > 8) { /* 10 or 12 bits */
@@ -91,7 +92,7 @@ static void test_video(void **state) {
         paint(&image, i);
         assert_ok(c, sherf_video_add(c, v, &image));
     }
-    assert_false(path_is_file(path)); /* not before it is whole */
+    assert_false(path_is_file(path)); /* not before it is complete */
     assert_ok(c, sherf_video_close(c, v));
     decode(path, AV_CODEC_ID_H264, NULL, 62, 46, &d);
     assert_int_equal(d.frames, FRAMES);
@@ -104,7 +105,7 @@ static void test_video(void **state) {
     free(image.data);
 }
 
-/* WebM, GIF and MOV, with and without alpha: the left half is opaque, the right half transparent. */
+/* WebM, GIF and MOV with and without alpha: the left half is opaque, the right half transparent. */
 static void test_alpha(void **state) {
     context *c = *state;
     static const struct {
@@ -127,7 +128,7 @@ static void test_alpha(void **state) {
             for (int p = 0; p < 61 * 45; p++)
                 for (int k = 0; k < channels; k++)
                     image.data[channels * p + k] = k < 3 ? 0.6f : p % 61 < 30 ? 1 : 0;
-            image.data[(size_t)channels * (size_t)i] = 0.1f; /* frames that do not change would be left out */
+            image.data[(size_t)channels * (size_t)i] = 0.1f; /* unchanged frames would be left out */
             assert_ok(c, sherf_video_add(c, v, &image));
         }
         assert_ok(c, sherf_video_close(c, v));
@@ -177,7 +178,7 @@ static void test_palette(void **state) {
     for (int i = 0; i < SIDE * SIDE; i++)
         for (int k = 0; k < 3; k++)
             assert_true(abs((int)(color[index[i]] >> (16 - 8 * k) & 255) - i % 3 * 100) <= 4);
-    memset(rgba, 0, sizeof rgba); /* nobody there */
+    memset(rgba, 0, sizeof rgba); /* everything is transparent */
     palette_apply(p, rgba, SIDE, SIDE, true, color, index, SIDE);
     for (int i = 0; i < SIDE * SIDE; i++) assert_int_equal(index[i], PALETTE_CLEAR);
     palette_free(p);

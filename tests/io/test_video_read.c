@@ -1,5 +1,5 @@
-/* Reading videos: the project's own writer's files are read back upright, in time and in the requested size;
- * other data are refused. */
+/* Tests of reading videos: files of the project's own writer are read back upright, in time and in the
+ * requested size; other data is refused. */
 #include <libavformat/avformat.h>
 #include <libavutil/display.h>
 #include <math.h>
@@ -12,7 +12,7 @@
 
 enum { FRAMES = 8, WIDE = 64, HIGH = 48 };
 
-/* A bright square in the upper left corner; the rest is lighter from frame to frame. */
+/* A frame with a bright square in the upper left corner; the rest gets lighter from frame to frame. */
 static float shade(int frame) {
     return 0.1f + 0.07f * (float)frame;
 }
@@ -37,7 +37,7 @@ static int value(const image_u8 *p, double u, double v, int channel) {
     return p->data[((size_t)y * (size_t)p->width + (size_t)x) * 3 + (size_t)channel];
 }
 
-/* Reads everything; counts repeated frames. shades (may be NULL): the middle of each frame. */
+/* Reads all frames and counts repeated ones. shades (may be NULL): the middle of each frame. */
 static int read_all(context *c, video_reader *v, int *repeated, int *shades, int max) {
     const image_u8 *p;
     int count = 0;
@@ -76,7 +76,7 @@ static void own_videos(void **state) {
         for (int f = 0; f < FRAMES; f++)
             if (fabs(shades[f] - 255 * (double)shade(f)) > 8)
                 fail_msg("%s, frame %d: %d, not %.0f", names[i], f, shades[f], 255 * (double)shade(f));
-        assert_ok(c, video_read_next(c, v, &p, NULL)); /* it stays at its end */
+        assert_ok(c, video_read_next(c, v, &p, NULL)); /* after the end, reading stays at the end */
         assert_null(p);
         video_read_close(v);
     }
@@ -131,8 +131,8 @@ static void turn_file(const char *from, const char *to, double degrees, bool mir
     avformat_close_input(&in);
 }
 
-/* Where the bright corner moves to: a phone held upright states 90 degrees clockwise, which FFmpeg's helper
- * writes as +90 in its own sense (av_display_rotation_set turns clockwise). */
+/* Where the bright corner is after turning. A phone held upright states 90 degrees clockwise, which FFmpeg's
+ * helper writes as +90 in its own sense (av_display_rotation_set turns clockwise). */
 static void display_matrix(void **state) {
     context *c = *state;
     static const struct {
@@ -142,7 +142,7 @@ static void display_matrix(void **state) {
     } list[] = {{90, false, 0.9, 0.1}, {180, false, 0.9, 0.9}, {270, false, 0.1, 0.9},
                 {0, true, 0.9, 0.1},   {0, false, 0.1, 0.1},   {90, true, 0.1, 0.1}};
     char flat[PATH_LENGTH];
-    snprintf(flat, sizeof flat, "%s", test_path("flat.mp4")); /* its storage is used again */
+    snprintf(flat, sizeof flat, "%s", test_path("flat.mp4")); /* copied, because the storage is reused */
     write_clip(c, flat, 20);
     for (size_t i = 0; i < COUNT_OF(list); i++) {
         char name[32];
@@ -191,12 +191,12 @@ static void hostile(void **state) {
     refuse(c, "no video at all, only text", 26, SHERF_BAD_FILE, "not a video");
     static const char list[] = "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n/etc/passwd\n#EXT-X-ENDLIST\n",
                       more[] = "ffconcat version 1.0\nfile /etc/passwd\n";
-    refuse(c, list, sizeof list - 1, SHERF_BAD_FILE, "not a video"); /* would open other files */
+    refuse(c, list, sizeof list - 1, SHERF_BAD_FILE, "not a video"); /* it would open other files */
     refuse(c, more, sizeof more - 1, SHERF_BAD_FILE, "not a video");
     assert_int_equal(video_read_parse(c, data, bytes, &(video_read_options){.pixels_max = 1000}, &v),
                      SHERF_UNSUPPORTED);
     assert_non_null(strstr(c->message, "too large"));
-    /* cut off anywhere: frames or a line */
+    /* truncated anywhere, it gives frames or an error line */
     const size_t live = mem_live();
     for (size_t n = 0; n < bytes; n += bytes / 40) {
         const image_u8 *p;

@@ -1,6 +1,6 @@
-/* What the tests of the fused radiance field in training are given: a small model, a bank of made-up numbers,
- * one pass forwards and back, and how far its gradients are from another's. SIDE: of the pictures; WITHOUT:
- * of every three pixels, how many have no gradient. */
+/* Shared by the tests of the fused radiance field in training: a small model, a bank of made-up numbers, one
+ * forward and backward pass, and the difference of its gradients from another pass's. SIDE: of the pictures.
+ * WITHOUT: of every three pixels, the number without a gradient. */
 #ifndef POINTS_FUSED_PASS_H
 #define POINTS_FUSED_PASS_H
 
@@ -13,7 +13,7 @@
 #include "model/sherf/sherf.h"
 #include "support.h"
 
-/* What both ways are given: a small model, the tube person in two poses, a bank of made-up numbers. */
+/* The input of both paths: a small model, the tube person in two poses, a bank of made-up numbers. */
 typedef struct {
     context *c;
     body_model *body;
@@ -21,7 +21,7 @@ typedef struct {
     sherf_image image;
     observation_geometry *g;
     target_geometry *target;
-    float *values; /* the bank's numbers */
+    float *values; /* the numbers of the bank */
 } scene;
 
 enum { BANK = 3 + 1 + POINT_LEVELS };
@@ -33,11 +33,11 @@ static void look(const body_model *body, float azimuth, sherf_camera *out) {
     (void)body;
 }
 
-/* The same weights every time, in the memory. */
+/* The same weights every time, in the given memory. */
 static model *weights_in(context *c, const model_config *config, const tensor_memory *memory) {
     model *m;
     assert_ok(c, model_create(c, config, 3, &m));
-    /* biases and norms away from 0 and 1, densities that both show and hide */
+    /* biases and norms differ from 0 and 1, densities both show and hide */
     for (int i = 0; i < m->weights->count; i++) {
         parameter *q = m->weights->item[i];
         if (q->buffer || q->value.rank > 1 || !model_is_queried(config->kind, q->name)) continue;
@@ -79,7 +79,7 @@ static inline void scene_close(scene *s) {
     sherf_context_free(s->c);
 }
 
-/* One pass: the outputs of a fixed sum of the frame, and all gradients into `out` (the weights', then the
+/* One pass. Returns the outputs' fixed weighted sum, and all gradients in `out` (first the weights', then the
  * bank's). */
 static inline int64_t pass(scene *s, model *m, const backend *with, bool bf16, float *frame_out,
                            float **gradients) {
@@ -119,7 +119,7 @@ static inline int64_t pass(scene *s, model *m, const backend *with, bool bf16, f
     assert_ok(c, model_frame(t, m, s->body, s->g, &bank, s->target, 0, 5, &frame));
     assert_ok(c, tensor_download(c, frame, frame_out));
     float *d = mem_alloc(c, SIDE * SIDE * 5, sizeof *d);
-    for (int64_t i = 0; i < SIDE * SIDE * 5; i++) /* none on depth, which has no gradient */
+    for (int64_t i = 0; i < SIDE * SIDE * 5; i++) /* no gradient for depth */
         d[i] = i % 5 == 4 || i % 15 < 5 * WITHOUT ? 0 : 1 + 0.5f * (float)random_normal(99, (uint64_t)i);
     assert_ok(c, tensor_upload(c, tape_grad(t, frame), d));
     mem_free(d);
@@ -139,22 +139,22 @@ static inline int64_t pass(scene *s, model *m, const backend *with, bool bf16, f
     return total;
 }
 
-/* ---- ops in bf16 on any processor: products whose two sides were rounded, with float32 sums. Of the ops of
- * a pass only linear has products in bf16. ---- */
+/* ---- ops in bf16 on any processor: products of rounded factors with float32 sums. In a pass only linear has
+ * products in bf16. ---- */
 static sherf_status rounded(op_call *call, const tensor *x, tensor *out) {
     const int64_t n = tensor_count(x);
     const float *from = x->data;
     uint32_t *to = arena_alloc(call->c, call->scratch, (size_t)n, sizeof *to);
     if (!to) return SHERF_NO_MEMORY;
     memcpy(to, from, (size_t)n * sizeof *to);
-    for (int64_t i = 0; i < n; i++) /* to nearest even; a pass has only finite numbers */
+    for (int64_t i = 0; i < n; i++) /* to nearest even; all numbers of a pass are finite */
         to[i] = (to[i] + 0x7fff + (to[i] >> 16 & 1)) & 0xffff0000u;
     *out = *x;
     out->data = to;
     return SHERF_OK;
 }
 
-/* As the processor's own: few rows, inputs or outputs stay in float32. */
+/* Like the processor's own op: few rows, inputs or outputs stay in float32. */
 static bool is_rounded(const op_call *call) {
     const int64_t I = call->in[1]->dim[1], O = call->in[1]->dim[0];
     return I >= 16 && O >= 16 && tensor_count(call->in[0]) / I >= 16;
@@ -175,7 +175,7 @@ static sherf_status linear_rounded_backward(op_call *call) {
     op_call k = *call, bias = *call;
     tensor x, w, dy;
     if (!is_rounded(call)) return backend_cpu.backward[OP_linear](call);
-    bias.din[0] = bias.din[1] = k.din[2] = NULL; /* the bias' gradient is a sum, not a product */
+    bias.din[0] = bias.din[1] = k.din[2] = NULL; /* the bias's gradient is a sum, not a product */
     sherf_status status = backend_cpu.backward[OP_linear](&bias);
     if (!status) status = rounded(call, call->in[0], &x);
     if (!status) status = rounded(call, call->in[1], &w);
@@ -202,8 +202,8 @@ static double off(const float *a, const float *b, int64_t n) {
     return sqrt(apart / size);
 }
 
-/* Rounding to bf16 in an order of its own may be as far from float32 as the ops' bf16 is, not much further.
- */
+/* Rounding to bf16 in a different order may differ from float32 about as much as the ops' bf16 does, but not
+ * much more. */
 static void no_worse(const char *name, const float *fused, const float *rounded, const float *exact,
                      int64_t n) {
     const double a = off(fused, exact, n), b = off(rounded, exact, n);
@@ -211,7 +211,7 @@ static void no_worse(const char *name, const float *fused, const float *rounded,
     if (a > 1.3 * b + 0.003) fail_msg("%s: %g from float32, the ops in bf16 %g", name, a, b);
 }
 
-/* Every gradient of what a point has. */
+/* Checks the gradients of everything that enters a point. */
 static inline void no_worse_all(const scene *s, const float *fused, const float *rounded, const float *exact,
                                 int64_t n) {
     const parameters *p = s->m->weights;

@@ -89,7 +89,8 @@ static void made_weights(made *fixture) {
     w->rgb_b = made_values(fixture, "rgb.b", 3, 0, 0.05);
 }
 
-/* A body of a kind: a capsule along y, radius 0.25 m, half length 0.75 m. Distance of a point to its skin. */
+/* A stand-in for a body: a capsule along y with radius 0.25 m and half length 0.75 m. Returns the distance of
+ * a point to its skin. */
 static double made_distance(double x, double y, double z) {
     double cy = y < -0.6 ? y + 0.6 : y > 0.6 ? y - 0.6 : 0;
     return sqrt(x * x + cy * cy + z * z) - 0.25;
@@ -145,8 +146,8 @@ static void made_bank(made *fixture, int plane_size, int image, float voxel_m) {
     for (int i = 0; i < POINT_LEVELS; i++) made_level(fixture, i, 2 << i);
 }
 
-/* A picture of the capsule: rays along z from z = -2 (parallel, then slightly tilted), 48 samples from 1.5 to
- * 2.5; kept: within 5 cm of the skin. The observation looks along x. */
+/* A picture of the capsule: rays along z from z = -2 (parallel, then slightly tilted) with 48 samples
+ * from 1.5 to 2.5; those within 5 cm of the skin are kept. The observation looks along x. */
 static void made_points(made *fixture, int width, int height, int samples) {
     int64_t n = (int64_t)width * height, count = 0, room = 1024;
     fixture->rays = (ray_bundle){.width = width, .height = height, .origin_world = {0, 0, -2}};

@@ -1,6 +1,6 @@
-/* A whole training step on a GPU, or else on the emulated CUDA backend (tests/support/cuda): encoder, frame,
- * losses and every gradient, against the CPU's in float32. The device's memory is locked between ops, so host
- * code that reads or writes a tensor's data there ends the program. */
+/* Tests of a whole training step on a GPU, or on the emulated CUDA backend (tests/support/cuda): encoder,
+ * frame, losses and every gradient, against the CPU's in float32. The device's memory is locked between ops,
+ * so host code that accesses a tensor's data there ends the program. */
 #include "losses_of.h"
 #include "support.h"
 
@@ -89,7 +89,7 @@ static void step(scene *s, const backend *b, result *out) {
                                .at_box = s->target->rays->at_box};
     model_bank bank;
     tensor *frame, *total;
-    for (int round = 0; round < 2; round++) { /* the second in memory that was used */
+    for (int round = 0; round < 2; round++) { /* the second round runs in used memory */
         tape_reset(t);
         parameters_zero_grads(p);
         assert_ok(c, model_encode(t, out->m, s->body, s->g, &bank));

@@ -1,5 +1,5 @@
-/* MPS-NeRF against a second implementation, in double and written from its description alone: values and
- * gradients of whole frames, in the observed pose and in another one. And its use. */
+/* Tests of MPS-NeRF against a second implementation, in double and written only from its description: values
+ * and gradients of whole frames, in the observed pose and in another; and of its use. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -93,7 +93,7 @@ static void point(second *s, rival_map map, rival_map image, const float canonic
         rival_linear(&s->w, name, in, h, WIDTH, y);
         double *to = h;
         in = WIDTH;
-        if (i == 4) { /* the input again, before what was made of it */
+        if (i == 4) { /* skip connection: the input comes first, then this layer's own input */
             memcpy(h, x, sizeof x);
             to = h + 39 + POINT;
             in += 39 + POINT;
@@ -216,7 +216,7 @@ static void counts_are_those_of_the_paper(void **state) {
     sherf_context_free(c);
 }
 
-/* Rays that are jittered are moved by up to half a step, whole. */
+/* With jitter, each ray's depths are all moved by the same amount, up to half a step. */
 static void rays_are_jittered(void **state) {
     context *c = test_context();
     model_config config;

@@ -1,5 +1,5 @@
-/* Neural Human Performer against a second implementation, in double and written from its description alone:
- * values and gradients of whole frames, in the observed pose and in another one. And its use. */
+/* Tests of Neural Human Performer against a second implementation, in double and written only from its
+ * description: values and gradients of whole frames, in the observed pose and in another; and of its use. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +25,7 @@ typedef struct {
     rival_weights w;
     bool own;
     double min[3];
-    int *voxel; /* V: row of level 0 */
+    int *voxel; /* [V]: the vertex's row in level 0 */
     level level[LEVELS];
     int rays, ray[RAYS];
 } second;
@@ -80,7 +80,7 @@ static void lay_out(second *s) {
         const level *from = &s->level[l - 1];
         for (int k = 0; k < 3; k++) size[k] /= 2;
         level_new(&s->level[l], size, 8 * from->count);
-        for (int i = 0; i < from->count; i++) /* 2 o + k - 1 = i for a k of 0, 1, 2 */
+        for (int i = 0; i < from->count; i++) /* 2 o + k - 1 = i for k = 0, 1 or 2 */
             for (int n = 0; n < 27; n++) {
                 int o[3];
                 bool whole = true;
@@ -96,7 +96,7 @@ static void lay_out(second *s) {
         assert_int_equal(s->level[l].count, ((nhp_geometry *)s->scene->geometry->own)->level[l].voxels);
 }
 
-/* Convolution, batch norm of eps 1e-3 and ReLU: to->v from `from`'s values. */
+/* Convolution, batch norm with eps 1e-3 and ReLU: computes to->v from the values of `from`. */
 static double *sparse(second *s, const level *from, const double *x, int in, const level *to, int out,
                       int stride, const char *name, int index) {
     const double *w = rival_weight(&s->w, "%s.%d.weight", name, index);
@@ -182,7 +182,7 @@ static void volume(second *s, rival_map map) {
     }
 }
 
-/* All four levels at a point of the pose's own space, trilinear, zero where nothing is. */
+/* All four levels at a point in the pose's own space, trilinear; zero where there is nothing. */
 static void volume_at(const second *s, const double smpl[3], double *out) {
     for (int l = 1; l < LEVELS; out += channels[l++]) {
         const level *at = &s->level[l];
@@ -247,7 +247,7 @@ static void point(second *s, rival_map map, const double x[3], const double dire
     for (int k = 0; k < 3; k++) out[k] = 1 / (1 + exp(-out[k]));
 }
 
-/* Where the observation has the target's point i. */
+/* Where the observation sees point i of the target. */
 static void observed(const second *s, int64_t i, const double world[3], double out[3]) {
     const point_set *p = s->scene->target->points;
     float x[3];
@@ -308,7 +308,7 @@ static double second_sum(void *arg, const void *mix) {
     return sum;
 }
 
-/* The vertices that the body hides, by every triangle before every vertex's pixel. */
+/* The vertices hidden by the body: every triangle against every vertex's pixel. */
 static void visibility_agrees(const second *s) {
     const body_model *body = s->scene->body;
     const nhp_geometry *own = s->scene->geometry->own;
@@ -355,7 +355,7 @@ static void agrees(const char *preset, int pose, bool own, float steep, float de
     rival_scene_open(c, &config, pose, RAYS, &scene);
     assert_ok(c, model_create(c, &config, 7, &m));
     rival_shake(m);
-    /* so that some rays see something, and others do not */
+    /* so that some rays see something and others do not */
     for (int i = 0; i < WIDTH; i++) tensor_f32(model_tensor(m, "field.density.1.weight"))[i] *= steep;
     tensor_f32(model_tensor(m, "field.density.1.bias"))[0] = dense;
     assert_ok(c, parameters_make_grads(c, m->weights));
@@ -399,7 +399,7 @@ static void counts_are_those_of_the_paper(void **state) {
     rival_counts(COUNT_OF(known), known);
 }
 
-/* Even depths are moved by up to half a step, and not past the ends. */
+/* Even depths are moved by up to half a step, but not beyond the ends. */
 static void depths_are_jittered(void **state) {
     context *c = test_context();
     model_config config;
@@ -435,7 +435,7 @@ static void an_avatar_shows_any_pose(void **state) {
     rival_moves(USED_OWN);
 }
 
-/* Voxels of a file that are outside the volume, or come twice. */
+/* Voxels of a file that are outside the volume or occur twice. */
 static void bad_voxels_are_refused(void **state) {
     context *c = test_context();
     for (int kind = 0; kind < 3; kind++) {
@@ -455,7 +455,7 @@ static void bad_voxels_are_refused(void **state) {
             int32_t *voxel = (int32_t *)(uintptr_t)x->data;
             voxel[1] = kind == 0 ? -1 : kind == 1 ? 1 << 30 : voxel[0];
         }
-        size_t kept = 0; /* all but the checksum, which is of what was there */
+        size_t kept = 0; /* all metadata except the checksum, which belongs to the old contents */
         for (size_t i = 0; i < s->metadata_count; i++)
             if (strcmp(s->metadata_key[i], "crc32"))
                 metadata[kept++] = (safetensor_metadata){s->metadata_key[i], s->metadata_value[i]};

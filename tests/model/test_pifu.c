@@ -1,4 +1,4 @@
-/* PIFu's networks: their sizes, and values and gradients against a second implementation in double, which is
+/* Tests of PIFu's networks: their sizes, and values and gradients against a second implementation in double,
  * written from docs/rivals.md with plain loops. */
 #include <math.h>
 #include <stdio.h>
@@ -20,8 +20,8 @@ static int64_t count_of(const parameters *p, const char *begins) {
     return n;
 }
 
-/* The page's numbers; its filter also counts norms that the authors declare in blocks as wide as their input,
- * and never use: 16,640 weights. */
+/* The numbers in docs/rivals.md. Its count of the filter includes norms that the authors declare in blocks as
+ * wide as their input but never use: 16,640 weights. */
 static void as_many_weights(void **state) {
     context *c = test_context();
     declaration d = {c, parameters_create(c), false};
@@ -59,7 +59,7 @@ static rival_map of_image(const second *s) {
     return map;
 }
 
-/* conv(relu(norm(x))); x stays. */
+/* Returns conv(relu(norm(x))); does not free x. */
 static rival_map norm_conv(const second *s, rival_map x, const char *norm, const char *conv, int pad) {
     rival_map y = rival_map_copy(x);
     rival_norm(s->w, norm, y, true);
@@ -68,7 +68,7 @@ static rival_map norm_conv(const second *s, rival_map x, const char *norm, const
     return z;
 }
 
-/* Takes x. */
+/* Frees x. */
 static rival_map block(const second *s, const char *name, rival_map x, bool widens) {
     static const char *const norm[] = {"bn1", "bn2", "bn3"}, *const conv[] = {"conv1", "conv2", "conv3"};
     rival_map part[3], y = x;
@@ -96,7 +96,7 @@ static rival_map half(rival_map x) {
     return y;
 }
 
-/* Adds x, resized corners on corners; takes x. */
+/* Adds x, resized with aligned corners; frees x. */
 static void add_resized(rival_map to, rival_map x) {
     double *v = malloc((size_t)x.channels * sizeof *v);
     for (int i = 0; i < to.height; i++)
@@ -123,7 +123,7 @@ static rival_map two_levels(const second *s, const char *name, rival_map x) {
     return outer;
 }
 
-/* 1 x 1 with bias; x stays. */
+/* 1 x 1 convolution with bias; does not free x. */
 static rival_map mix(const second *s, const char *name, rival_map x) {
     rival_map y = rival_convolved(s->w, x, name, 1, 0);
     const double *bias = rival_weight(s->w, "%s.bias", name);
@@ -163,7 +163,7 @@ static void geometry_maps(const second *s, rival_map out[STACKS]) {
     free(x.v);
 }
 
-/* Takes x. */
+/* Frees x. */
 static rival_map mirrored(rival_map x, int pad) {
     rival_map y = rival_map_new(x.height + 2 * pad, x.width + 2 * pad, x.channels);
     for (int i = 0; i < y.height; i++)
@@ -203,7 +203,7 @@ static rival_map color_map(const second *s) {
     return x;
 }
 
-/* The input again before every layer but the first. */
+/* Every layer but the first gets the input again. */
 static void point_network(const second *s, const char *name, int in, const double *x, int out, double *y) {
     double both[128], next[64];
     int before = 0;
@@ -248,7 +248,7 @@ static void second_run(second *s) {
     free(colors.v);
 }
 
-/* The mean over stacks of the mean squared occupancy - label, and the mean squared colour - truth. */
+/* The mean over stacks of the mean of (occupancy - label)^2 and the mean of (colour - truth)^2. */
 static double second_loss(void *self, const void *arg) {
     second *s = self;
     double sum = 0;
@@ -259,7 +259,7 @@ static double second_loss(void *self, const void *arg) {
     return sum;
 }
 
-/* ---- both ---- */
+/* ---- both implementations ---- */
 typedef struct {
     float image[SIDE * SIDE * 3], uv[2 * POINTS], z[POINTS], label[POINTS], color[3 * POINTS];
 } inputs;
@@ -295,8 +295,8 @@ static tensor *loss_of(tape *t, const pifu_network *n, const inputs *in, tensor 
     return op_add(t, sum, op_mean_square(t, *painted, color, NULL));
 }
 
-/* Those that a batch norm does not undo: biases before one, and those that reach every norm as a number a
- * channel, change nothing. The values are w's. */
+/* The weights that a batch norm does not cancel. A bias before a norm, or one that reaches every norm as one
+ * number per channel, has no effect. The values are w's. */
 static void with_gradients(const rival_weights *w, rival_weights *out) {
     out->count = 0;
     for (int i = 0; i < w->count; i++) {
@@ -317,7 +317,7 @@ static void values_and_gradients(void **state) {
     pifu_declare(&d, &tiny, &n);
     model m = {.weights = d.p};
     assert_ok(c, parameters_lay_out(c, d.p));
-    parameters_initialise(d.p, 8); /* of which no ReLU is at its kink */
+    parameters_initialise(d.p, 8); /* a seed with which no ReLU is at its kink */
     rival_shake(&m);
     assert_ok(c, parameters_make_grads(c, d.p));
     rival_weights_take(&m, &w);

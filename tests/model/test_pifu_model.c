@@ -1,5 +1,5 @@
-/* PIFu as a model: where it reads a picture, what it learns of surfaces, the avatars that come of it, and
- * what they cannot do. Its networks are test_pifu.c's. */
+/* Tests of PIFu as a model: where it reads a picture, what it learns about surfaces, the avatars made with
+ * it, and what they cannot do. test_pifu.c tests its networks. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,8 +40,8 @@ static double height_of(const sherf_body *body, const posed_body *p) {
     return high - low;
 }
 
-/* All of the body is in the square; a step of the square's side along the camera's x, and one in depth, have
- * the same scale to each other for everybody; the square shows the picture. */
+/* The whole body is in the square, and the square shows the picture. Steps along the camera's x and in depth
+ * have the same relative scale for everybody. */
 static void the_square_is_about_the_person(void **state) {
     context *c = test_context();
     model_config config;
@@ -61,10 +61,10 @@ static void the_square_is_about_the_person(void **state) {
         high = fmaxf(high, uv[2 * i + 1]);
     }
     assert_true(high - low > 1.2f && high - low < 1.93f && fabsf(high + low) < 0.02f);
-    /* the tube person stands, arms down to raised: the square is made for its height or a little more */
+    /* the tube person may hold the arms down or raised: the square is made for its height or a little more */
     const double height = height_of(s.body, s.geometry->body);
     assert_true((double)crop->height_m > 0.999 * height && (double)crop->height_m < 1.3 * height);
-    /* ten centimetres to the right and as many behind the square's middle */
+    /* a point ten centimetres to the right of the square's middle and ten behind it */
     float three[9];
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
@@ -73,7 +73,8 @@ static void the_square_is_about_the_person(void **state) {
     assert_true(fabsf(uv[0]) < 1e-4f && fabsf(uv[1]) < 1e-4f && fabsf(z[0]) < 1e-4f);
     assert_true(fabs((double)uv[2] - 0.1 * 2 * 0.88 / (double)crop->height_m) < 2e-3);
     assert_true(fabs((double)z[2] - 10 * 0.1 * 2.25 / (double)crop->height_m) < 1e-3 && fabsf(z[1]) < 1e-4f);
-    /* its pixels are smaller than the picture's here, so each is the picture's value there */
+    /* here the square's pixels are smaller than the picture's, so each has the value that the picture has
+     * there */
     rival_map image = rival_image(s.observation, 2, -1);
     double worst = 0, spread = 0;
     for (int y = 1; y + 1 < crop->side; y++)
@@ -123,7 +124,7 @@ static double overlap(const sherf_observation *o, const sherf_frame *f) {
     return both / any;
 }
 
-/* From the observed camera the surface has the mask's outline; from a file it is the same. */
+/* From the observed camera the surface has the mask's outline; read from a file it is the same. */
 static void it_learns_what_is_inside(void **state) {
     context *c = test_context();
     sherf_model *m;
@@ -159,7 +160,7 @@ static void it_learns_what_is_inside(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Coarse to fine finds what asking everywhere finds. */
+/* The coarse-to-fine search finds what querying everywhere finds. */
 static void coarse_to_fine(void **state) {
     context *c = test_context();
     sherf_model *m;
@@ -243,7 +244,7 @@ static void trainings_that_are_refused(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Files of avatars whose arrays do not fit each other. */
+/* Avatar files whose arrays do not match each other. */
 static void damaged_avatars(void **state) {
     static const struct {
         int array, what;
@@ -279,7 +280,7 @@ static void every_allocation_fails(void **state) {
                     "resolution=16");
 }
 
-/* An evaluation has the surface of the observation beside the pictures' scores. */
+/* An evaluation reports the observation's surface beside the pictures' scores. */
 static void its_surface_is_scored(void **state) {
     context *c = test_context();
     sherf_model *m;

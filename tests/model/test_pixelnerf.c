@@ -1,5 +1,5 @@
-/* PixelNeRF against a second implementation, in double and written from its description alone: values and
- * gradients of whole frames, from the picture to the rays. And what the model can do, and cannot. */
+/* Tests of PixelNeRF against a second implementation, in double and written only from its description: values
+ * and gradients of whole frames, from the picture to the rays; and of what the model can and cannot do. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,7 +17,7 @@ enum { SIDE = 32, WIDTH = 16, ENCODER = 8, FEATURES = 8 * ENCODER, RAYS = 10 };
 typedef struct {
     int passes, pool, samples, drawn, around;
     bool own;
-    float dense; /* added to raw density, so that there is something to see */
+    float dense; /* added to the raw density, so that something is visible */
 } variant;
 
 typedef struct {
@@ -25,7 +25,7 @@ typedef struct {
     variant v;
     rival_weights w;
     double middle[3];
-    /* of each of the target's drawn rays, by pass; made once, then fixed */
+    /* the target's drawn rays, by pass; made once, then fixed */
     struct {
         int ray, count[2];
         double depth[2][64], way[2][64];
@@ -34,7 +34,8 @@ typedef struct {
     bool fixed;
 } second;
 
-/* ResNet-18 as far as its third stage, resized to the first's size and side by side: [16, 16, 64]. */
+/* ResNet-18 up to its third stage; the stages are resized to the size of the first and concatenated: [16, 16,
+ * 64]. */
 static double *features_of(second *s) {
     rival_map x = rival_image(s->scene->observation, 2, -1), stage[4];
     x = rival_conv_norm(&s->w, x, "encoder.conv1", "encoder.bn1", 2, 3, true);
@@ -48,8 +49,8 @@ static double *features_of(second *s) {
     return rival_side_by_side(4, stage).v;
 }
 
-/* h + fc1(relu(fc0(relu h))), five times, features added before the first three. out: r, g, b, raw density.
- */
+/* h + fc1(relu(fc0(relu h))), five times; features are added before the first three. out: r, g, b, raw
+ * density. */
 static void field(second *s, const char *net, const double code[42], const double *feature, double out[4]) {
     char name[64];
     double h[WIDTH], x[WIDTH], y[WIDTH];
@@ -108,7 +109,7 @@ static void sample(second *s, const char *net, double *map, int ray, double dept
     field(s, net, code, feature, out);
 }
 
-/* The depths of the pass that comes, and the way behind each; weight [count]: of the first pass's samples. */
+/* The depths of the second pass and the interval after each. weight [count]: of the first pass's samples. */
 static void fine_depths(second *s, int n, const double *weight, const double *sigma) {
     const ray_bundle *r = s->scene->target->rays;
     const int S = s->v.samples, ray = s->ray[n].ray;
@@ -161,8 +162,8 @@ static void second_frame(second *s, double out[RAYS][2][4]) {
     free(map);
 }
 
-/* Stratified middles, the last way to the box's end; or the kept ones of even depths, the last one without
- * end. */
+/* Stratified middles, with the last interval up to the end of the box; or the kept ones of even depths, with
+ * an infinite last interval. */
 static void first_depths(second *s) {
     const ray_bundle *r = s->scene->target->rays;
     const point_set *p = s->scene->target->points;
@@ -184,7 +185,7 @@ static void first_depths(second *s) {
     }
 }
 
-/* ---- held against the model ---- */
+/* ---- compared with the model ---- */
 static double of_frame(double out[RAYS][2][4], const second *s, const double mix[RAYS][2][4]) {
     double sum = 0;
     for (int n = 0; n < s->rays; n++)
@@ -293,8 +294,8 @@ static void settings_that_do_not_go_together(void **state) {
     sherf_context_free(c);
 }
 
-/* Drawn rays are distinct, at the box, as many as requested, and of the mask as far as requested; all samples
- * of them are points, in order, and nothing else is. */
+/* Drawn rays are distinct and meet the box. There are as many as requested, and as many in the mask as
+ * requested if it has enough. Exactly their samples are points, in order. */
 static void rays_are_drawn(void **state) {
     context *c = test_context();
     model_config config;
@@ -322,7 +323,7 @@ static void rays_are_drawn(void **state) {
         for (int k = 0; k < 3; k++)
             assert_true(fabsf(x[k] - r->origin_world[k] - depth * r->direction[3 * n + k]) < 2e-6f);
     }
-    /* more than there are in the mask, and more than there are */
+    /* more than the mask has, and more than there are */
     target_geometry *all, *some;
     point_set *too_many;
     const sherf_camera *camera = sherf_observation_camera(shown);
@@ -359,7 +360,7 @@ static void what_it_cannot_do_is_one_line(void **state) {
     rival_observation(c, 0, 0, &body, &o);
     assert_ok(c, sherf_avatar_create(c, m, body, o, &a));
     sherf_pose pose = *sherf_observation_pose(o);
-    pose.poses_rad[3] += 5e-5f; /* as after a way through text */
+    pose.poses_rad[3] += 5e-5f; /* an error like that of writing to text and reading back */
     const sherf_render_options exact = {.exact = 1, .detail = SHERF_DETAIL_OFF};
     assert_ok(c, sherf_render(c, a, body, &pose, sherf_observation_camera(o), &exact, &f));
     pose.poses_rad[3] += 0.1f;

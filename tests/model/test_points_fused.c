@@ -1,5 +1,5 @@
-/* The radiance field's fused way through training against the ops in float32: densities, colours and
- * the gradients of all that goes in. */
+/* Tests of the radiance field's fused training path against the ops in float32: densities, colours and the
+ * gradients of all inputs. */
 enum { SIDE = 96, WITHOUT = 0 };
 #include "points_fused_pass.h"
 
@@ -8,7 +8,7 @@ static void agrees(const char *config) {
     scene_open(&s, config);
     static float frame[3][SIDE * SIDE * 5];
     float *fused, *rounded, *exact;
-    backend ops = backend_cpu; /* another than the one that fuses */
+    backend ops = backend_cpu; /* a copy, which is not the backend that fuses */
     int64_t n = pass(&s, s.m, &backend_cpu, true, frame[0], &fused);
     assert_int_equal(pass(&s, s.m, &ops, false, frame[2], &exact), n);
     ops_round(&ops);
@@ -21,16 +21,16 @@ static void agrees(const char *config) {
     scene_close(&s);
 }
 
-/* float32's sums in another order, and functions to a few units of their last place: as near to the ops as
- * that allows. */
+/* Sums in float32 in a different order, and functions accurate to a few units in the last place: as close to
+ * the ops as that allows. */
 static void equals(const char *name, const float *fused, const float *exact, int64_t n) {
     const double a = off(fused, exact, n);
     if (getenv("SHERF_TEST_VERBOSE")) printf("%-56s %.2e\n", name, a);
     if (!(a < 5e-6)) fail_msg("%s: %g from the ops", name, a);
 }
 
-/* Whatever the point, a ReLU lets through or it does not: near its kink two orders of summing may differ on
- * that, and one point's gradient with it. */
+/* Moves every ReLU of every point away from its kink. Near the kink, two orders of summation may disagree on
+ * whether it lets the value through, and the gradient of that point would differ. */
 static void decide(const parameters *p) {
     for (int i = 0; i < p->count; i++) {
         tensor *x = &p->item[i]->value;
@@ -49,11 +49,11 @@ static void agrees_float(const char *config) {
     scene_open(&s, config);
     static float frame[2][SIDE * SIDE * 5];
     float *fused, *again, *exact;
-    backend ops = backend_cpu; /* another than the one that fuses */
+    backend ops = backend_cpu; /* a copy, which is not the backend that fuses */
     const parameters *p = s.m->weights;
     decide(p);
     int64_t n = pass(&s, s.m, &backend_cpu, false, frame[0], &fused);
-    s.c->threads = 5; /* the same bits as with any other number */
+    s.c->threads = 5; /* the same bits as with any other number of threads */
     assert_int_equal(pass(&s, s.m, &backend_cpu, false, frame[1], &again), n);
     assert_memory_equal(frame[0], frame[1], sizeof frame[0]);
     assert_memory_equal(fused, again, (size_t)n * sizeof *again);

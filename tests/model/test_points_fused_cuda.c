@@ -1,6 +1,6 @@
-/* The radiance field's fused way through training by the kernels of src/model/sherf/cuda, on a GPU or on the
- * host (tests/support/cuda), against the processor's ops in float32: densities, colours and the gradients of
- * all that goes in; and with threads and blocks in the opposite order the same bits. */
+/* Tests of the radiance field's fused training path with the kernels of src/model/sherf/cuda, on a GPU or on
+ * the host (tests/support/cuda), against the processor's ops in float32: densities, colours and the gradients
+ * of all inputs; and with threads and blocks in the opposite order, the same bits. */
 enum { SIDE = 40, WITHOUT = 1 };
 #include "points_fused_pass.h"
 
@@ -21,7 +21,8 @@ static int64_t pass_there(scene *s, float *frame, float **gradients) {
     tape *t = tape_create(c, (tape_options){there, true, true, true});
     assert_non_null(t);
     assert_non_null(gpu_renderer_of(c));
-    assert_ptr_equal(gpu_renderer_of(c)->memory, there->memory); /* or it would not be the fused way */
+    assert_ptr_equal(gpu_renderer_of(c)->memory,
+                     there->memory); /* otherwise the path would not be the fused one */
     tape_free(t);
     const int64_t n = pass(s, m, there, true, frame, gradients);
     model_free(m);
@@ -34,7 +35,7 @@ static void agrees(const char *config) {
     scene_open(&s, config);
     static float frame[4][SIDE * SIDE * 5];
     float *fused, *again, *rounded, *exact;
-    backend ops = backend_cpu; /* another than the one that fuses */
+    backend ops = backend_cpu; /* a copy, which is not the backend that fuses */
     print_message("%lld points\n", (long long)s.target->points->count);
     const int64_t n = pass(&s, s.m, &ops, false, frame[2], &exact);
     ops_round(&ops);

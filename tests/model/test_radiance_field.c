@@ -1,5 +1,5 @@
-/* The fused radiance field against the network written out step by step in double, at every instruction set
- * that the machine has. */
+/* Tests of the fused radiance field against the network written out step by step in double, at every
+ * instruction set that the machine has. */
 #include "support.h"
 
 #include "radiance_field_made.h"
@@ -165,7 +165,7 @@ static void reference_point(const made *fixture, int64_t p, double out[4]) {
     for (int k = 0; k < 3; k++) out[k] = 1.002 / (1 + exp(-out[k])) - 0.001;
 }
 
-/* Compositing with every sample of the ray, kept or not. */
+/* Compositing with every sample of the ray, whether kept or not. */
 static void reference_ray(const made *fixture, int64_t ray, const double *out, const float background[3],
                           double y[5], double depth_min, double depth_max) {
     const point_set *p = &fixture->points;
@@ -198,7 +198,7 @@ static example paper, narrow, odd;
 
 static void example_create(example *e, const radiance_sizes *s) {
     made_create(&e->fixture, s, 40, 64, 0.02f, 56, 60, 24);
-    /* hostile places: far away, exactly on borders, not a number */
+    /* hostile positions: far away, exactly on borders, not a number */
     float *x = e->fixture.points.canonical, *uv = e->fixture.points.observed_px;
     x[0] = 100;
     x[3] = e->fixture.bank.plane_min[0];
@@ -236,7 +236,7 @@ static radiance_field *network(context *c, const example *e, bool bf16) {
     return n;
 }
 
-/* Largest error over the largest value; [0] colour, [1] density; rms likewise. */
+/* Largest error relative to the largest value, [0] colour, [1] density; rms likewise. */
 static void compare_points(const example *e, const float *rgb, const float *sigma, double worst[2],
                            double rms[2]) {
     double top[2] = {0, 0}, error[2] = {0, 0}, sum[2] = {0, 0};
@@ -271,7 +271,7 @@ static void check_run(const example *e, isa_level level, bool bf16, double worst
         assert_true(worst[i] < worst_allowed);
         assert_true(rms[i] < rms_allowed);
     }
-    /* the same again, and with one thread: bit for bit */
+    /* run again with one thread: the same bits */
     float *again = malloc(count * 3 * sizeof *rgb), *sigma_again = malloc(count * sizeof *sigma);
     c->threads = 1;
     assert_ok(c, radiance_field_run(c, n, &e->fixture.points, again, sigma_again));
@@ -297,10 +297,10 @@ static void bf16_points(void **state) {
     skip_without_bf16();
     check_run(&paper, ISA_AMX, true, 4e-2, 8e-3);
     check_run(&narrow, ISA_AMX, true, 4e-2, 8e-3);
-    check_run(&odd, ISA_AMX, true, 2e-5, 2e-6); /* tokens of 24 are not for tiles: it is in float32 */
+    check_run(&odd, ISA_AMX, true, 2e-5, 2e-6); /* tokens of 24 do not fit tiles, so it computes in float32 */
 }
 
-/* Where bf16 is requested and cannot be had: the bits of float32. */
+/* If bf16 is requested but unavailable, the bits are those of float32. */
 static void bf16_in_vain(void **state) {
     const size_t count = (size_t)narrow.fixture.points.count;
     float *y[2] = {malloc(count * 4 * sizeof(float)), malloc(count * 4 * sizeof(float))};

@@ -1,5 +1,5 @@
-/* Stage by stage against the reference, in the order of the computation: the first stage that is off is the
- * wrong one. */
+/* Tests stage by stage against the reference, in the order of the computation: the first stage that differs
+ * is the faulty one. */
 #include "reference.h"
 
 #include "losses_of.h"
@@ -60,7 +60,7 @@ static void reference_close(reference *r) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* [C, h, w] of every `channel`-th channel and `step`-th pixel of a channels-last map. */
+/* [C, h, w]: every `channel`-th channel and `step`-th pixel of a channels-last map. */
 static void compare_map(const reference *r, const char *name, const tensor *map, int channel, int step) {
     int64_t H = (map->dim[0] + step - 1) / step, W = (map->dim[1] + step - 1) / step,
             C = (map->dim[2] + channel - 1) / channel;
@@ -76,7 +76,7 @@ static void compare_map(const reference *r, const char *name, const tensor *map,
 }
 
 static void check_voxels(const reference *r) {
-    static const int ties[] = {810, 815, 870, 875}; /* on a rounding tie of the grid */
+    static const int ties[] = {810, 815, 870, 875}; /* vertices on a rounding tie of the grid */
     context *c = r->c;
     observation_geometry *again = NULL;
     assert_ok(c, observation_geometry_create(c, &r->m->config, r->body, &r->image, &r->camera[1], &r->pose[1],
@@ -106,7 +106,7 @@ static void check_encoder(const reference *r, const model_bank *bank, const mode
     for (int i = 0, res = 4; i < stages->blocks; i++, res *= 2) {
         char name[64];
         int step = res > 8 ? res / 8 : 1,
-            cut = res > 4 ? 2 : 1; /* the files' own step, and the cut of the copy */
+            cut = res > 4 ? 2 : 1; /* the step of the files, and that of the cut copy */
         snprintf(name, sizeof name, "generator.b%d.x", res);
         compare_map(r, name, stages->block_x[i], 16, step * cut);
         snprintf(name, sizeof name, "generator.b%d.image", res);
@@ -114,7 +114,7 @@ static void check_encoder(const reference *r, const model_bank *bank, const mode
     }
 }
 
-/* Index of each picked point among ours, by ray and sample. */
+/* Index of each picked point among our points, by ray and sample. */
 static void find_picks(const reference *r, int64_t n, int64_t *row) {
     const int32_t *ray = safetensors_find(r->want, "pick.ray")->data,
                   *sample = safetensors_find(r->want, "pick.sample")->data;
@@ -127,7 +127,7 @@ static void find_picks(const reference *r, int64_t n, int64_t *row) {
     }
 }
 
-/* Rows `row` of x, `columns` wide, against the stored ones. */
+/* Compares rows `row` of x, `columns` wide, with the stored ones. */
 static void compare_rows(const reference *r, const char *name, const float *x, int64_t columns, int64_t n,
                          const int64_t *row, reference_bound bound) {
     float *got = mem_alloc(r->c, (size_t)(n * columns), sizeof *got);
@@ -169,7 +169,7 @@ static double psnr(const float *a, const float *b, int64_t count) {
     return -10 * log10(fmax(sum / (double)count, 1e-20));
 }
 
-/* The stored picture is [3, S, S]; ours S x S x `columns` with colour first. */
+/* The stored picture is [3, S, S]; ours is S x S x `columns` with colour first. */
 static double picture_psnr(const reference *r, const float *frame, int columns) {
     const int n = REFERENCE_SIZE * REFERENCE_SIZE;
     const float *want = reference_floats(r->want, "render.rgb", 3 * n);
@@ -201,7 +201,7 @@ static void stages_agree(void **state) {
                 *depth = reference_floats(r.want, "render.depth", n);
     for (int i = 0; i < n; i++) {
         assert_true(fabsf(tensor_f32(frame)[5 * i + 3] - opacity[i]) <= 3e-4f);
-        /* depth = sum w t / sum w: where hardly anything is hit, a rounding of both is left */
+        /* depth = sum w t / sum w: where hardly anything is hit, only rounding errors remain in both sums */
         if (opacity[i] > 1e-3f || opacity[i] == 0)
             assert_true(fabsf(tensor_f32(frame)[5 * i + 4] - depth[i]) <= 3e-4f * 4);
     }
@@ -209,12 +209,12 @@ static void stages_agree(void **state) {
     reference_close(&r);
 }
 
-/* The program's way: avatar and fused radiance field, float32 and, where there is any, bf16. */
+/* The program's path: avatar and fused radiance field, in float32 and, if available, in bf16. */
 static void avatars_agree(void **state) {
     reference r;
     reference_open(&r, "reference_eval.safetensors", false);
     sherf_observation o = {
-        .image = r.image, .camera = r.camera[1], .pose = r.pose[1]}; /* no mask: the whole picture */
+        .image = r.image, .camera = r.camera[1], .pose = r.pose[1]}; /* without a mask: the whole picture */
     sherf_frame frame[2] = {{.points = 0}};
     for (int k = 0; k < 1 + isa_has_bf16(); k++) {
         context *c = r.c;
@@ -232,12 +232,12 @@ static void avatars_agree(void **state) {
         sherf_avatar_free(a);
     }
     double db = picture_psnr(&r, frame[0].color.data, 3);
-    /* 4 vertices on a rounding tie may fall into other voxels here, which moves the picture a little */
+    /* 4 vertices on a rounding tie may be in other voxels here, which changes the picture a little */
     if (!(db >= 55)) fail_msg("the float32 avatar's picture agrees to %.1f dB only", db);
     if (!isa_has_bf16()) {
         sherf_frame_free(&frame[0]);
         reference_close(&r);
-        skip_without_bf16(); /* the rest */
+        skip_without_bf16(); /* the rest needs bf16 */
     }
     double half = psnr(frame[1].color.data, frame[0].color.data, 3 * REFERENCE_SIZE * REFERENCE_SIZE);
     if (getenv("SHERF_TEST_VERBOSE"))
@@ -253,7 +253,7 @@ static void fill(tensor *w, const char *name, double scale) {
     test_centred(name, tensor_count(w), scale, w->data);
 }
 
-/* LPIPS with made-up weights, by the stated rules. */
+/* LPIPS with made-up weights that follow the stated rules. */
 static lpips_network *reference_lpips(context *c) {
     lpips_network *n = NULL;
     assert_ok(c, lpips_create(c, &n));
@@ -286,7 +286,7 @@ static void check_statistics(const reference *r) {
         const char *name = r->want->tensor[i].name;
         if (strncmp(name, "stats.", 6)) continue;
         parameter *q = parameter_find(r->m->weights, name + 6);
-        /* Layers that never run are not in our models; the file holds what they started with. */
+        /* Layers that never run are not in our models; the file has their initial values. */
         if (!q) continue;
         reference_compare(name, r->want->tensor[i].data, q->value.data, tensor_count(&q->value), stage);
     }
@@ -299,7 +299,7 @@ static void check_gradient(const reference *r, const parameter *q, double worst[
     const float *g = q->grad.data;
     bool is_const = !strcmp(q->name, "backbone.synthesis.b4.const");
     bool noisy = strstr(q->name, "encoder_3d") || !strncmp(q->name, "conv1d_projection", 17) ||
-                 !strncmp(q->name, "encoder_2d_feature", 18); /* float32 itself is that noisy */
+                 !strncmp(q->name, "encoder_2d_feature", 18); /* float32 itself is this noisy */
     double norm = 0, top = 0, error = 0;
     for (int64_t k = 0; k < n; k++) norm += (double)g[k] * (double)g[k];
     norm = sqrt(norm);
@@ -331,9 +331,9 @@ static void check_gradient(const reference *r, const parameter *q, double worst[
 }
 
 /* One unit of the global encoder's last ReLU (pixel 6, channel 268) is 2e-6 above its kink, less than float32
- * noise: on which side a processor's rounding puts it decides 1e-2 of the encoder's gradients. Its channel's
- * bias is raised by 4e-5, which moves the latent by less than that noise and puts the unit on the reference's
- * side everywhere. */
+ * noise. A processor's rounding decides on which side it is, and with it 1e-2 of the encoder's gradients.
+ * Raising its channel's bias by 4e-5 moves the latent by less than that noise and puts the unit on the
+ * reference's side everywhere. */
 static void off_the_kink(model *m) {
     tensor_f32(model_tensor(m, "encoder_2d.backbone.layer4.1.bn2.bias"))[268] += 4e-5f;
 }

@@ -1,4 +1,5 @@
-/* Several pictures of a person as one: where they lie side by side, and where each vertex is read in them. */
+/* Tests of several pictures of a person used as one: their places side by side, and where each vertex is read
+ * in them. */
 #include <math.h>
 #include <string.h>
 
@@ -20,7 +21,8 @@ typedef struct {
     float *uv[PICTURES];
 } scene;
 
-/* Front, back and left of a person who moves in between, from cameras of their own. Grey, no two alike. */
+/* Front, back and left of a person who moves in between, each from its own camera; grey pictures, no two
+ * alike. */
 static void open_scene(scene *s) {
     static const float azimuth[PICTURES] = {0.2f, 3.2f, 1.4f}, lens[PICTURES] = {0.8f, 0.6f, 0.9f};
     context *c = s->c = test_context();
@@ -60,7 +62,7 @@ static void close_scene(scene *s) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* Left edges, found where the sheet has a picture's first row. */
+/* Left edges, found from the pictures' first rows in the sheet. */
 static void find_pictures(const scene *s, const observed_sheet *sheet, int left[PICTURES]) {
     for (int i = 0; i < PICTURES; i++) {
         const sherf_image *p = &s->picture[i].image;
@@ -113,7 +115,7 @@ static void vertices_are_read_where_they_are_seen(void **state) {
     close_scene(&s);
 }
 
-/* Between vertices of two pictures a blend of both would lie in neither. */
+/* A blend of positions between vertices of two pictures would be in neither picture. */
 static void points_are_read_in_one_picture(void **state) {
     scene s;
     observed_sheet sheet;
@@ -133,7 +135,7 @@ static void points_are_read_in_one_picture(void **state) {
         const int32_t nearest = vertex_grid_nearest(body_canonical_grid(s.body), x, NULL);
         deform_to_picture(s.body, sheet.body, 1, x, &nearest, world);
         camera_project(&sheet.camera, 1, world, px, NULL);
-        for (int i = 0; i < PICTURES; i++) { /* its own place in one of them */
+        for (int i = 0; i < PICTURES; i++) { /* the point's own place in one of them */
             float posed[3], uv[2];
             deform_from_canonical(s.body, s.posed[i], 1, x, &nearest, posed);
             camera_project(&s.picture[i].camera, 1, posed, uv, NULL);
@@ -145,7 +147,7 @@ static void points_are_read_in_one_picture(void **state) {
     close_scene(&s);
 }
 
-/* The picture itself, and nothing moved. */
+/* One picture is used as it is, and nothing moves. */
 static void one_picture_is_itself(void **state) {
     scene s;
     observed_sheet sheet;

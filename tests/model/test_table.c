@@ -1,4 +1,4 @@
-/* The table of models: a second model, of which nothing but this file knows, is trained, saved, loaded and
+/* Tests of the table of models: a second model, known only to this file, is trained, saved, loaded and
  * rendered by the same code as SHERF. */
 #include <math.h>
 #include <stdio.h>
@@ -12,7 +12,7 @@
 /* ---- the model: one convolution of the picture, read where a point is seen, and one linear layer ---- */
 typedef struct {
     int width;
-    float density; /* what the density begins with */
+    float density; /* initial density */
 } plain_settings;
 
 typedef struct {
@@ -77,7 +77,7 @@ static const model_kind plain = {.name = "plain",
                                  .query = query,
                                  .kept = kept};
 
-/* ---- */
+/* ---- tests ---- */
 static int make_data(void **state) {
     context *c = test_context();
     const sherf_synth_options synth = {.people = 1, .poses = 1, .views = 3, .size_px = 32, .seed = 5};
@@ -119,7 +119,7 @@ static sherf_train_options training(int64_t steps, const char *preset) {
     return o;
 }
 
-/* Rendered, and rendered again from its file. */
+/* Renders an avatar, and renders it again from its file. */
 static void check_avatar(context *c, const sherf_model *m, const sherf_body *body) {
     char picture[600];
     sherf_observation *o;
@@ -153,7 +153,7 @@ static void a_second_model_trains_and_renders(void **state) {
     sherf_body *body;
     sherf_train_options o = training(4, "plain:eight");
     assert_ok(c, sherf_train(c, &o));
-    o = training(8, "plain:eight"); /* goes on from its checkpoint */
+    o = training(8, "plain:eight"); /* continues from its checkpoint */
     assert_ok(c, sherf_train(c, &o));
     o = training(9, "small");
     assert_fails(c, sherf_train(c, &o), SHERF_MISMATCH, "leave the preset out");
@@ -175,7 +175,7 @@ static void a_second_model_trains_and_renders(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* What a frame answers at its points is what the model's ops answer. */
+/* At its points, a frame gives the values that the model's ops give. */
 static void check_points(context *c, const sherf_model *m, const sherf_body *body) {
     char picture[600];
     sherf_observation *o;
@@ -202,7 +202,7 @@ static void check_points(context *c, const sherf_model *m, const sherf_body *bod
     assert_true(P > 100 && largest > 0);
     for (int64_t i = 0; i < P; i++) assert_float_equal(tensor_f32(density)[i], sigma[i], 3e-4f * largest);
     for (int64_t i = 0; i < 3 * P; i++) assert_float_equal(tensor_f32(color)[i], rgb[i], 3e-4f);
-    if (a->field_kind == &field_of_ops) { /* a file may say what it likes of its volume */
+    if (a->field_kind == &field_of_ops) { /* a file may state any size of its volume */
         a->kept.array[a->kept.count - 1].dim[0]--;
         assert_fails(c, avatar_query(c, a, body, target->points, rgb, sigma), SHERF_MISMATCH,
                      "of the volume has");
@@ -216,7 +216,7 @@ static void check_points(context *c, const sherf_model *m, const sherf_body *bod
     sherf_observation_free(o);
 }
 
-/* SHERF with fewer and more levels than its fused network has, and with other encodings. */
+/* SHERF with fewer and more levels than its fused network supports, and with other encodings. */
 static void sherfs_settings_reach_frames(void **state) {
     static const struct {
         const char *run, *preset, *kept;
@@ -286,7 +286,7 @@ static void every_allocation_fails(void **state) {
     sherf_context_free(c);
 }
 
-/* Weights of a model that this version has not, and of none at all. */
+/* Weights of a model that this version does not have, and of no model at all. */
 static void unknown_models_are_one_line(void **state) {
     context *c = test_context();
     const char *path = path_of("other.safetensors");
@@ -302,7 +302,7 @@ static void unknown_models_are_one_line(void **state) {
     const safetensor_metadata without[] = {{"format", "sherf-model"}, {"model", "plain"}};
     assert_ok(c, safetensors_write(c, path, 1, &item, 2, without));
     assert_fails(c, sherf_model_load(c, path, &m), SHERF_BAD_FILE, "without its settings (plain.config)");
-    /* an avatar of it */
+    /* an avatar of that model */
     assert_ok(c, sherf_body_load(c, path_of("tubeman.safetensors"), &body));
     char fingerprint[32];
     snprintf(fingerprint, sizeof fingerprint, "%016llx", (unsigned long long)body->fingerprint);

@@ -1,4 +1,5 @@
-/* SHERF without some of its features or its transformer: what the decoder reads, what is declared, use. */
+/* Tests of SHERF without some of its features or its transformer: what the decoder reads, which weights are
+ * declared, and use. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -45,7 +46,7 @@ static void second_norm(int n, double *v) {
     for (int i = 0; i < n; i++) v[i] = (v[i] - mean) / sqrt(square + 1e-5);
 }
 
-/* gamma * norm(W_c [pixel, point]) + beta, gamma and beta linear in the plane's values. */
+/* gamma * norm(W_c [pixel, point]) + beta; gamma and beta are linear in the plane's values. */
 static void second_adain(const second *s, const double *style, const double *content, double out[WIDTH]) {
     double scale[WIDTH], shift[WIDTH];
     rival_linear(&s->w, "renderer.adain.content", 2 * WIDTH, content, WIDTH, out);
@@ -92,7 +93,7 @@ static void second_styled(const second *s, double token[3][WIDTH]) {
     }
 }
 
-/* What the decoder reads of a point, 64 numbers or the first 64 of 96. */
+/* What the decoder reads of a point: 64 numbers, or the first 64 of 96. */
 static void second_fused(const second *s, double out[2 * WIDTH]) {
     double token[3][WIDTH];
     (s->k->fusion >= FUSION_ADAIN ? second_styled : second_tokens)(s, token);
@@ -105,7 +106,8 @@ static void second_fused(const second *s, double out[2 * WIDTH]) {
 static void every_weight_has_a_gradient(const char *preset, const model *m) {
     for (int i = 0; i < m->weights->count; i++) {
         const parameter *q = m->weights->item[i];
-        /* 32 pixels are one in the global encoder's last stage, and batch norm of one is constant. */
+        /* a picture of 32 pixels is a single pixel in the global encoder's last stage, and batch norm of one
+         * pixel is constant */
         bool any = q->buffer || !strncmp(q->name, "encoder_2d.", 11);
         for (int64_t k = 0; k < tensor_count(&q->value) && !any; k++)
             any = m->weights->grads[q->offset + k] != 0;
@@ -113,7 +115,7 @@ static void every_weight_has_a_gradient(const char *preset, const model *m) {
     }
 }
 
-/* Each point's fused tokens are those of the definition, and every weight that is declared takes part. */
+/* Each point's fused tokens agree with the definition, and every declared weight has an effect. */
 static void agrees(const char *preset, double tolerance) {
     context *c = test_context();
     rival_scene scene;
@@ -126,7 +128,7 @@ static void agrees(const char *preset, double tolerance) {
     rival_scene_open(c, &config, 1, RAYS, &scene);
     assert_ok(c, model_create(c, &config, 7, &m));
     rival_shake(m);
-    tensor_f32(model_tensor(m, "decoder.alpha_linear.bias"))[0] += 8; /* points are seen */
+    tensor_f32(model_tensor(m, "decoder.alpha_linear.bias"))[0] += 8; /* some points are seen */
     assert_ok(c, parameters_make_grads(c, m->weights));
     second s = {.k = model_sherf_settings(&config)};
     rival_weights_take(m, &s.w);
@@ -184,7 +186,7 @@ static void fair_concatenation_agrees(void **state) {
 }
 
 /* ---- fusion by style ---- */
-enum { POINTS = 12 }; /* whose gradients are looked at */
+enum { POINTS = 12 }; /* points whose gradients are compared */
 typedef struct {
     second *second;
     float *value[5]; /* planes, pixel, volume: a copy of each point's */
@@ -213,7 +215,7 @@ static float *copied(const tensor *x) {
     return memcpy(copy, tensor_f32(x), bytes);
 }
 
-/* The gradients of the fusion's weights are the second implementation's differences. */
+/* The gradients of the fusion's weights equal the differences of the second implementation. */
 static void gradients_agree(const char *preset) {
     context *c = test_context();
     rival_scene scene;
@@ -282,13 +284,14 @@ static int64_t count_of(context *c, const char *preset) {
     return n;
 }
 
-/* The transformer has 8,416 weights beside the projection's 3,104, fair concatenation 6,208 in its place. */
+/* The transformer has 8,416 weights in addition to the projection's 3,104; fair concatenation has 6,208
+ * instead. */
 static void counts(void **state) {
     context *c = test_context();
     const int64_t whole = count_of(c, "paper");
     assert_int_equal(whole - count_of(c, "paper,fusion=1"), 8416);
     assert_int_equal(whole - count_of(c, "paper,fusion=2"), 8416 - 6208);
-    const int64_t projection = 3104; /* which these have not */
+    const int64_t projection = 3104; /* these presets have no projection */
     assert_int_equal(whole - count_of(c, "paper,fusion=3"), 8416 + projection - 10400);
     assert_int_equal(whole - count_of(c, "paper,fusion=4"), 8416 + projection - 14624);
     assert_int_equal(whole - count_of(c, "paper,fusion=5"), 8416 + projection - 14624);

@@ -1,11 +1,11 @@
-/* What tests of motion formats share: files that are the walk, and files that are refused. */
+/* Shared by the tests of motion formats: files that contain the walk, and files that are refused. */
 #ifndef TEST_MOTION_FORMATS_H
 #define TEST_MOTION_FORMATS_H
 #include "walk.h"
 
 #include "data/pickle_write.h"
 
-/* The file is the walk, to a millimetre at every vertex, and says so. */
+/* Checks that the file contains the walk, to a millimetre at every vertex, and that its line says so. */
 static inline void assert_walk(const walk_fixture *f, const char *path, const sherf_motion_options *options,
                                double fps, const char *part, const char *other) {
     sherf_motion_options o = options ? *options : (sherf_motion_options){0};
@@ -38,7 +38,7 @@ static inline void refused(const walk_fixture *f, const char *path, const sherf_
 /* ---- arrays of the walk ---- */
 typedef struct {
     float whole[WALK_FRAMES][165], root[WALK_FRAMES][3], body[WALK_FRAMES][69], trans[WALK_FRAMES][3],
-        smpl[WALK_FRAMES][72], transx[WALK_FRAMES][3]; /* transx: of SMPL-X, whose pelvis at rest is lower */
+        smpl[WALK_FRAMES][72], transx[WALK_FRAMES][3]; /* transx: for SMPL-X, whose pelvis is lower at rest */
 } arrays;
 
 static inline void arrays_of(const walk *w, const double C[9], arrays *a) {
@@ -59,7 +59,7 @@ static inline void floats(pickle_writer *w, const char *key, int count, const fl
     pickle_floats(w, 2, (const int[]){WALK_FRAMES, count}, data);
 }
 
-/* Where joints are tells all but twist: the joints come out where they were. */
+/* Joint positions determine everything but twist: the joints come out where they were. */
 static inline void assert_joints(const walk_fixture *f, const char *path, const double at[WALK_FRAMES][22][3],
                                  const char *part, const char *other) {
     sherf_motion *motion;

@@ -1,4 +1,4 @@
-/* Rotations between rotations, and what is done to clips in time and place. */
+/* Tests of interpolated rotations, and of changes to clips in time and place. */
 #include "walk.h"
 
 static void some_turn(int n, double max_rad, float q[4]) {
@@ -21,7 +21,7 @@ static void slerp_properties(void **state) {
         for (int k = 0; k < 4; k++) minus[k] = -b[k]; /* the same rotation */
         quaternion_slerp(a, minus, t, other);
         assert_true(quaternion_angle(at, other) < 2e-3);
-        quaternion_multiply(left, a, a); /* turned worlds have turned paths */
+        quaternion_multiply(left, a, a); /* rotating both ends rotates the path */
         quaternion_multiply(left, b, b);
         quaternion_slerp(a, b, t, other);
         quaternion_multiply(left, at, turned);
@@ -45,7 +45,7 @@ static void turns_round_trip(void **state) {
     }
 }
 
-/* Joints turn at speeds of their own, the pelvis moves steadily. */
+/* A clip whose joints turn at different speeds while the pelvis moves steadily. */
 static void steady(context *c, int frames, double fps, clip *k) {
     assert_ok(c, clip_create(c, frames, fps, k));
     for (int i = 0; i < frames; i++) {
@@ -80,7 +80,7 @@ static void resampling(void **state) {
     steady(c, 31, 30, &slow);
     assert_ok(c, clip_resample(c, &fast, 30));
     assert_true(difference(&slow, &fast) < 1e-5);
-    assert_int_equal(clip_resample(c, &fast, 1e9), SHERF_BAD_ARGUMENT); /* and is as it was */
+    assert_int_equal(clip_resample(c, &fast, 1e9), SHERF_BAD_ARGUMENT); /* the clip is unchanged */
     assert_true(difference(&slow, &fast) < 1e-5);
     clip_free(&slow);
     clip_free(&fast);
@@ -112,7 +112,7 @@ static void smoothing(void **state) {
     clip clean, noisy, smooth;
     steady(c, 60, 30, &clean);
     steady(c, 60, 30, &smooth);
-    assert_ok(c, clip_smooth(c, &smooth, 0.1)); /* what is steady stays, to its very ends */
+    assert_ok(c, clip_smooth(c, &smooth, 0.1)); /* steady motion stays the same, up to its very ends */
     assert_true(difference(&clean, &smooth) < 1e-4);
     clip_free(&smooth);
     steady(c, 60, 30, &noisy);
@@ -131,7 +131,7 @@ static void smoothing(void **state) {
     clip_free(&noisy);
 }
 
-/* Played round and round, no step is longer than those of the clip itself by much, the seam's included. */
+/* Played repeatedly, no step is much longer than the clip's own steps, including the one across the seam. */
 static void loops_close(void **state) {
     walk_fixture *f = *state;
     clip k;
@@ -185,7 +185,7 @@ static void up_and_root(void **state) {
         pose_to_turns(&f->walk.pose[i], &f->walk.skeleton, k.turn[i], k.pelvis_m[i]);
     clip_mean_up(&k, up);
     assert_true(up[1] > 0.99);
-    clip_upright(&k, SHERF_UP_Z); /* it thinks that z is up: now the body lies */
+    clip_upright(&k, SHERF_UP_Z); /* with z taken as up, the body lies */
     clip_mean_up(&k, up);
     assert_true(up[2] < -0.99);
     clip_upright(&k, SHERF_UP_MINUS_Y);
@@ -205,7 +205,7 @@ static void up_and_root(void **state) {
     clip_free(&k);
 }
 
-/* The lowest vertex of the walk is near what the skeleton says. */
+/* The lowest vertex of the walk is near the height that the skeleton gives. */
 static void lowest_is_near_the_mesh(void **state) {
     walk_fixture *f = *state;
     static const double y[3] = {0, 1, 0};
@@ -220,8 +220,8 @@ static void lowest_is_near_the_mesh(void **state) {
     free(v);
 }
 
-/* In any world: the first frame stands where the pose stands, on its ground, facing as it does; distances and
- * relative turns are as they were. */
+/* In any world, the first frame is at the pose's place, on its ground, facing the same way. Distances and
+ * relative rotations do not change. */
 static void starts_where_it_should(void **state) {
     walk_fixture *f = *state;
     static const double worlds[][9] = {{1, 0, 0, 0, 1, 0, 0, 0, 1},
@@ -260,7 +260,7 @@ static void starts_where_it_should(void **state) {
         assert_float_equal(quaternion_angle(k.turn[0][0], k.turn[11][0]), relative, 1e-3);
         double moved = 0;
         for (int i = 0; i < 3; i++) moved += pow((double)k.pelvis_m[11][i] - k.pelvis_m[0][i], 2);
-        assert_true(sqrt(moved) > far); /* it still walks */
+        assert_true(sqrt(moved) > far); /* the person still walks */
         clip_free(&k);
     }
 }

@@ -1,11 +1,12 @@
-/* Every format, written by its rules: the same walk poses the body the same. And what hostile files get. */
+/* Tests of every motion format, written by its rules: the same walk gives the same body poses; and of hostile
+ * files. */
 #include "formats.h"
 
 #include "base/path.h"
 #include "data/bvh_names.h"
 #include "io/value.h"
 
-/* Rows of `width` out of rows of 165. */
+/* Copies the first `width` numbers of rows of 165. */
 static float *rows(const float (*from)[165], int width) {
     static float out[WALK_FRAMES * 165];
     for (int i = 0; i < WALK_FRAMES; i++) memcpy(out + i * width, from[i], (size_t)width * sizeof *out);
@@ -64,7 +65,7 @@ static void amass(void **state) {
     faced[4] = (npz_member){.name = "surface_model_type", .text = "smplx"};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(faced), faced));
     assert_walk(f, path, NULL, 20, "SMPL-X by parts", "z up");
-    parts[2].data = a.trans[0]; /* the same in centimetres and millimetres, found by how high the pelvis is */
+    parts[2].data = a.trans[0]; /* in centimetres and millimetres, detected by the height of the pelvis */
     for (int i = 0; i < WALK_FRAMES * 3; i++) a.trans[i / 3][i % 3] *= 100;
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(parts), parts));
     assert_walk(f, path, NULL, 20, "centimetres", "z up");
@@ -74,7 +75,7 @@ static void amass(void **state) {
     assert_walk(f, path, &(sherf_motion_options){.scale = 0.001}, 20, "millimetres", "z up");
 }
 
-/* y up in a file that is usually z up, and rotations as matrices and quaternions. */
+/* A file with y up whose format usually has z up, and rotations as matrices and quaternions. */
 static void found_by_content(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("found.npz");
@@ -107,7 +108,7 @@ static void found_by_content(void **state) {
     assert_walk(f, path, NULL, 20, "AMASS, SMPL", "y up");
     assert_walk(f, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_XYZW}, 20, "AMASS", "y up");
     sherf_motion
-        *motion; /* the wrong order turns the person over, or is no rotation: but it is what was asked */
+        *motion; /* the wrong order turns the person over or is not a rotation, but it was requested */
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.rotations = SHERF_ROTATIONS_WXYZ},
                                       &motion));
     sherf_motion_free(motion);
@@ -155,7 +156,7 @@ static void gvhmr(void **state) {
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
     assert_walk(f, path, NULL, 30, "GVHMR", "(assumed)");
     for (int i = 0; i < 4; i++) member[i].name += strlen("smpl_params_global/");
-    member[2].data = a.trans[0]; /* nothing tells of SMPL-X now */
+    member[2].data = a.trans[0]; /* nothing shows that it is SMPL-X now */
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
     assert_walk(f, path, NULL, 30, "SMPL poses", "body shape");
     pickle_writer w;
@@ -222,7 +223,7 @@ static void wham(void **state) {
     refused(f, path, &(sherf_motion_options){.track = "9"}, SHERF_BAD_FILE, "ascend");
 }
 
-/* The first version's files: matrices, the root by itself. */
+/* The first version's files: matrices, with a separate root. */
 static void wham_by_parts(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("wham_parts.pkl");
@@ -307,7 +308,7 @@ static void other_dicts(void **state) {
     assert_walk(f, path, NULL, 30, "GVHMR", "y up");
 }
 
-/* EasyMocap's: the root apart, about the origin. */
+/* EasyMocap: a separate root rotation about the origin. */
 static void root_apart(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("mocap.npz");
@@ -330,7 +331,7 @@ static void root_apart(void **state) {
     assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
 }
 
-/* Dicts in dicts, and lists with a person each. */
+/* Nested dicts, and lists with one entry per person. */
 static void other_pickles(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("other.pkl");
@@ -362,7 +363,7 @@ static void other_pickles(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "EMDB", "y up");
-    pickle_begin(&w, f->c); /* 3DPW: somebody with fewer frames comes first */
+    pickle_begin(&w, f->c); /* 3DPW: a person with fewer frames comes first */
     pickle_dict_open(&w);
     static const char *const key[] = {"poses", "trans"};
     for (int k = 0; k < 2; k++) {
@@ -402,7 +403,7 @@ static void dances(void **state) {
     }
 }
 
-/* Bare arrays: a row of everything, and 6 numbers a rotation with the frames last. */
+/* Plain arrays: one row with everything, and 6 numbers per rotation with the frames last. */
 static void other_arrays(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("other.npy");
@@ -477,20 +478,20 @@ static void joints_alone(void **state) {
                             {"lengths", 1, {2}, lengths}};
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(results), results));
     sherf_motion *motion;
-    assert_int_equal(sherf_motion_load(f->c, path, NULL, &motion), SHERF_BAD_FILE); /* zeros are no body */
+    assert_int_equal(sherf_motion_load(f->c, path, NULL, &motion), SHERF_BAD_FILE); /* zeros are not a body */
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &motion));
     assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
     sherf_motion_free(motion);
     path = test_path("features.npy");
     assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 263}, features[0]));
     const double begin[3] = {at[0][0][0], 0, at[0][0][2]};
-    for (int i = 0; i < WALK_FRAMES; i++) /* which begin at the origin */
+    for (int i = 0; i < WALK_FRAMES; i++) /* they begin at the origin */
         for (int j = 0; j < 22; j++)
             for (int k = 0; k < 3; k += 2) at[i][j][k] -= begin[k];
     assert_joints(f, path, (const double(*)[22][3])at, "HumanML3D", "from joints");
 }
 
-/* A file a frame that is no JSON: SMPLify-X's folders with 000.pkl in them, FRAME_PERSON.npz. */
+/* One file per frame that is not JSON: SMPLify-X's folders that contain 000.pkl, and FRAME_PERSON.npz. */
 static void folders_of_arrays(void **state) {
     const walk_fixture *f = *state;
     char folder[4096], path[4200];
@@ -535,7 +536,7 @@ static void folders_of_arrays(void **state) {
     assert_walk(f, folder, NULL, 30, "SMPLify-X", "y down");
 }
 
-/* One frame of PHALP: everybody's matrices. */
+/* Writes one frame of PHALP: the matrices of every person. */
 static void phalp_frame(pickle_writer *w, const walk *k, int frame, int others_before) {
     char name[32];
     snprintf(name, sizeof name, "video/%06d.jpg", frame);
@@ -579,7 +580,7 @@ static void phalp(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_file(&w, path));
     assert_walk(f, path, NULL, 30, "PHALP", "track 12 of 3");
-    sherf_motion *motion; /* person 1 is there in every third frame, from 2 to 11: gaps are filled */
+    sherf_motion *motion; /* person 1 is in every third frame, from 2 to 11: gaps are filled */
     assert_ok(f->c,
               sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1", .body = f->body}, &motion));
     assert_int_equal(sherf_motion_frame_count(motion), 10);
@@ -589,7 +590,8 @@ static void phalp(void **state) {
     sherf_motion_free(motion);
 }
 
-/* Written by joblib 1.x's rules: the bytes of arrays stand in the stream, behind wrappers; packed or not. */
+/* Files written by the rules of joblib 1.x, packed or not: the bytes of arrays are in the stream, after
+ * wrappers. */
 static void joblib(void **state) {
     const walk_fixture *f = *state;
     static const char *const path[] = {"data/io/joblib.pkl", "data/io/joblib_zlib.pkl"};
@@ -600,7 +602,7 @@ static void joblib(void **state) {
         assert_non_null(strstr(sherf_motion_description(motion), "WHAM"));
         assert_int_equal(sherf_motion_frame_count(motion), 5);
         for (int i = 0; i < 5;
-             i++) { /* pose_world[i, k] = (i + k / 100) / 10, trans_world in Fortran's order */
+             i++) { /* pose_world[i, k] = (i + k / 100) / 10; trans_world is in Fortran order */
             sherf_motion_pose(motion, i, &p);
             assert_float_equal(p.poses_rad[10], (i + 0.1) / 10, 1e-5);
             for (int a = 0; a < 3; a++) assert_float_equal(p.Th_m[a], i + 0.25 * a, 1e-5);
@@ -647,7 +649,8 @@ static void easymocap(void **state) {
         snprintf(path, sizeof path, "%s/%06d.json", folder, i + 8);
         FILE *out = fopen(path, "wb");
         fprintf(out, "[");
-        if (i > 3) easymocap_person(out, &f->walk, 0, 5), fprintf(out, ", "); /* somebody else stands there */
+        if (i > 3)
+            easymocap_person(out, &f->walk, 0, 5), fprintf(out, ", "); /* another person at the same time */
         easymocap_person(out, &f->walk, i, 2);
         fprintf(out, "]");
         fclose(out);
@@ -659,7 +662,7 @@ static void easymocap(void **state) {
     sherf_motion_free(motion);
     refused(f, folder, &(sherf_motion_options){.track = "6"}, SHERF_BAD_ARGUMENT, "'6'");
     const char *list = test_path("easymocap.json");
-    for (int nested = 0; nested < 2; nested++) { /* a list of people a frame, or of one person */
+    for (int nested = 0; nested < 2; nested++) { /* a list of people per frame, or of one person */
         FILE *out = fopen(list, "wb");
         fprintf(out, "[");
         for (int i = 0; i < WALK_FRAMES; i++) {
@@ -673,7 +676,7 @@ static void easymocap(void **state) {
     }
 }
 
-/* What `sherf render --poses` reads: a list of poses under "frames". */
+/* The input of `sherf render --poses`: a list of poses under "frames". */
 static void poses_in_frames(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("frames.json");
@@ -728,7 +731,7 @@ static void bvh_files(void **state) {
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.0254, 50 * M_PI / 180});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "a unit is 0.0254 m");
     assert_walk(f, path, &(sherf_motion_options){.scale = 0.0254}, 20, "BVH", "y up");
-    /* a rest pose that stands along z, or faces the other way */
+    /* a rest pose with z up, or one that faces the other way */
     static const double about_y[9] = {-1, 0, 0, 0, 1, 0, 0, 0, -1};
     walk_write_bvh(&f->walk, path, &(bvh_style){walk_mixamo_names, 22, 0.01, 0.5, walk_z_up});
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
@@ -772,7 +775,7 @@ static void bvh_rigs(void **state) {
     assert_walk(f, path, NULL, 20, "names of Mixamo", "y up");
 }
 
-/* Names that no rig has, by a map of all, and of some. */
+/* Names of no known rig, with a map of all of them, and of some. */
 static void bvh_joints_by_map(void **state) {
     const walk_fixture *f = *state;
     char path[4096], map[4096];
@@ -786,14 +789,14 @@ static void bvh_joints_by_map(void **state) {
     fprintf(out, "}");
     fclose(out);
     assert_walk(f, path, &o, 20, "names of the map", "y up");
-    out = fopen(map, "wb"); /* the trunk follows from what hangs on what, but for the head */
+    out = fopen(map, "wb"); /* the trunk is found from the hierarchy, except the head */
     for (int j = 1; j < 22; j++)
         if (j != 3 && j != 6 && j != 9 && j != 12)
             fprintf(out, "%s\"%s\": \"a%d\"", j > 1 ? ", " : "{", joint_name(j), j);
     fprintf(out, ", \"neck\": \"a12\"}");
     fclose(out);
     assert_walk(f, path, &o, 20, "names of the map", "y up");
-    out = fopen(map, "wb"); /* the other way round */
+    out = fopen(map, "wb"); /* from the file's names to SMPL's */
     for (int j = 0; j < 22; j++) fprintf(out, "%s\"a%d\": \"%s\"", j ? ", " : "{", j, joint_name(j));
     fprintf(out, "}");
     fclose(out);
@@ -810,8 +813,8 @@ static void bvh_joints_by_map(void **state) {
     }
 }
 
-/* Axes that make x go from `from` to `to`, else as they come: the way of LAFAN1, MotionBuilder and many
- * others. */
+/* Axes whose x points from `from` to `to`, with `turn` about it: the convention of LAFAN1, MotionBuilder and
+ * many others. */
 static void along_bone(const double from[3], const double to[3], double turn, double out[9]) {
     double x[3], y[3], length = 0;
     float axis_angle[3], R[9];
@@ -832,7 +835,7 @@ static void along_bone(const double from[3], const double to[3], double turn, do
     walk_multiply(wide, first, out);
 }
 
-/* The worst vertex of a motion that is calibrated. */
+/* Checks the largest vertex error of a calibrated motion. */
 static void assert_calibrated(const walk_fixture *f, const char *path, double most_m) {
     sherf_motion *motion;
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
@@ -847,7 +850,8 @@ static void assert_calibrated(const walk_fixture *f, const char *path, double mo
     if (!(worst < most_m)) fail_msg("a vertex is %g m off", worst);
 }
 
-/* Each joint has axes of its own, about the bone as it likes: the rest pose is a tangle. The frames tell. */
+/* Each joint has its own axes, with any turn about the bone, so the rest pose is a tangle. The frames
+ * determine the axes. */
 static void bvh_tangled_rest(void **state) {
     static const int8_t end[BODY_JOINTS] = {3,  4,  5,  6,  7,  8,  9,  10, 11, 12,
                                             10, 11, 15, 16, 17, 15, 18, 19, 20, 21};
@@ -863,7 +867,7 @@ static void bvh_tangled_rest(void **state) {
     assert_calibrated(f, path, 0.03);
 }
 
-/* One joint of the trunk with axes of its own, about up or about left: the limbs still hang as a person's. */
+/* One joint of the trunk has its own axes, turned about up or left, while the limbs hang like a person's. */
 static void bvh_turned_trunk(void **state) {
     static const double turns[][9] = {
         {0, 0, 1, 0, 1, 0, -1, 0, 0}, /* by 90 degrees about up, and by 100 about left */
@@ -881,7 +885,7 @@ static void bvh_turned_trunk(void **state) {
     }
 }
 
-/* What begins as a scene and is none, or has no animation. */
+/* Files that begin like a scene but are not one, or that have no animation. */
 static void broken_scenes(void **state) {
     const walk_fixture *f = *state;
     static const char *const begins[] = {"glTF\2\0\0\0\xff\xff\xff\xff", "Kaydara FBX Binary  ",
@@ -901,7 +905,7 @@ static void broken_scenes(void **state) {
     }
 }
 
-/* CMU's own clips, where Debian's assimp-testmodels put them: people stand upright on the ground. */
+/* CMU's own clips from Debian's assimp-testmodels: people stand upright on the ground. */
 static void captured_clips(void **state) {
     const walk_fixture *f = *state;
     static const char *const clip_of[] = {"/usr/share/assimp/models/BVH/01_01.bvh",
@@ -923,12 +927,13 @@ static void captured_clips(void **state) {
     }
 }
 
-/* The file's animation, read as any other motion, is m. */
+/* The file's animation, read like any other motion, equals m. */
 static void assert_glb_is(const walk_fixture *f, const char *path, const sherf_motion *motion) {
     sherf_motion *got = NULL;
     sherf_pose now, then;
     sherf_status status = sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &got);
-    if (status == SHERF_UNSUPPORTED && strstr(f->c->message, "libassimp")) return; /* a build without it */
+    if (status == SHERF_UNSUPPORTED && strstr(f->c->message, "libassimp"))
+        return; /* a build without assimp */
     assert_ok(f->c, status);
     assert_int_equal(got->clip.frames, motion->clip.frames);
     assert_float_equal(got->clip.fps, motion->clip.fps, 1e-3);
@@ -941,7 +946,7 @@ static void assert_glb_is(const walk_fixture *f, const char *path, const sherf_m
     sherf_motion_free(got);
 }
 
-/* Written in AMASS's form and read again. */
+/* A motion written in AMASS's form and read again. */
 static void saved(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("walk2.bvh"), *npz = test_path("saved.npz");
@@ -991,7 +996,7 @@ static void options_together(void **state) {
     assert_ok(f->c, sherf_motion_load(f->c, path, &o, &motion));
     assert_int_equal(sherf_motion_frame_count(motion), 17);
     sherf_pose q;
-    for (int i = 0; i < 30; i++) { /* 7 frames go round behind the blend of 10 */
+    for (int i = 0; i < 30; i++) { /* 7 frames repeat after the blend of 10 */
         sherf_motion_pose_at(motion, (10 + i * 0.3) / walk_fps, &p);
         sherf_motion_pose_at(motion, (10 + i * 0.3 + 21) / walk_fps, &q);
         assert_true(walk_distance(f->c, f->body, &p, &q) < 1e-3);
@@ -1056,8 +1061,8 @@ static void wrong_numbers(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "zlib");
 }
 
-/* Files of all families cut short and with changed bytes: an error in a line, or a motion, and nothing left.
- */
+/* Truncated files of all families and files with changed bytes give an error line or a motion, and nothing
+ * leaks. */
 static void damaged(void **state) {
     const walk_fixture *f = *state;
     static const char *const made[] = {"joblib",   "amass.npz", "aist.pkl", "gvhmr.pkl",
@@ -1094,7 +1099,7 @@ static void damaged(void **state) {
     assert_int_equal(mem_live(), live);
 }
 
-/* A text is called one; what begins as a pickle's text keeps the pickle's message. */
+/* A text file is called a text. A file that begins like a text pickle keeps the pickle's message. */
 static void plain_texts(void **state) {
     const walk_fixture *f = *state;
     static const struct {
@@ -1118,7 +1123,7 @@ static void plain_texts(void **state) {
     }
 }
 
-/* Every allocation fails once: the status says so, and nothing stays. */
+/* Every allocation fails once: the status reports it, and nothing leaks. */
 static void without_memory(void **state) {
     const walk_fixture *f = *state;
     static const char *const made[] = {"amass.npz", "wham.pkl", "phalp.pkl", "walk.bvh", "easymocap.json"};

@@ -1,5 +1,5 @@
-/* Motions in the kinds that tools' users make of their formats: dicts of frames and of people, arrays in
- * arrays, degrees, quaternions apart from their root's, BVH whose joints no name tells. */
+/* Tests of the variants of motion formats that users make with tools: dicts of frames and of people, arrays
+ * in arrays, degrees, quaternions separate from the root's, BVHs whose joint names are unknown. */
 #include "formats.h"
 
 #include "base/path.h"
@@ -13,7 +13,7 @@ static void rest_of(const arrays *a, int frame, pickle_writer *w, const char *tr
     pickle_floats(w, 2, (const int[]){1, 3}, a->trans[frame]);
 }
 
-/* A dict in a dict by any key, as np.savez makes of one: what it says of its rate counts, too. */
+/* A nested dict under any key, as np.savez stores a dict. A frame rate inside it counts too. */
 static void in_one_dict(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("one.npy");
@@ -35,7 +35,7 @@ static void in_one_dict(void **state) {
     assert_walk(f, path, NULL, 50, "AMASS, SMPL", "z up");
 }
 
-/* ROMP's results of a video: a dict a picture, whose rows are the people in it. */
+/* ROMP's results of a video: one dict per picture, whose rows are the people in it. */
 static void frames_by_picture(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("video_results.npy");
@@ -65,11 +65,11 @@ static void frames_by_picture(void **state) {
     pickle_dict_close(&w);
     assert_ok(f->c, pickle_finish_npy(&w, path));
     assert_walk(f, path, NULL, 30, "ROMP", "row 0 of each frame's up to 2 people");
-    sherf_motion *motion; /* row 1 is there in frames 1, 4, 7, 10: gaps are filled */
+    sherf_motion *motion; /* row 1 exists in frames 1, 4, 7 and 10: gaps are filled */
     assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.track = "1"}, &motion));
     assert_int_equal(sherf_motion_frame_count(motion), 10);
     sherf_motion_free(motion);
-    path = test_path("picture.npz"); /* of one picture: two people are no two frames */
+    path = test_path("picture.npz"); /* in one picture: two people are not two frames */
     const float sure[2] = {1, 1};
     npz_member picture[] = {{"smpl_thetas", 2, {2, 72}, down.smpl[0]},
                             {"cam_trans", 2, {2, 3}, down.trans[0]},
@@ -80,7 +80,7 @@ static void frames_by_picture(void **state) {
     sherf_motion_free(motion);
 }
 
-/* {person: {body_pose (F, 69), ...}}: whoever is there longest, or by name. {frame: {body_pose (1, 69),
+/* {person: {body_pose (F, 69), ...}}: the person present longest, or one by name. {frame: {body_pose (1, 69),
  * ...}}. */
 static void dicts_of_dicts(void **state) {
     const walk_fixture *f = *state;
@@ -109,7 +109,7 @@ static void dicts_of_dicts(void **state) {
     assert_int_equal(sherf_motion_frame_count(motion), 2);
     sherf_motion_free(motion);
     refused(f, path, &(sherf_motion_options){.track = "2"}, SHERF_BAD_ARGUMENT, "'2' among the 2");
-    for (int people = 2; people; people--) { /* a list of people; of one alone, too */
+    for (int people = 2; people; people--) { /* a list of people, also of a single one */
         pickle_begin(&w, f->c);
         pickle_list_open(&w);
         for (int k = 0; k < people; k++) {
@@ -138,7 +138,7 @@ static void dicts_of_dicts(void **state) {
     assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
 }
 
-/* The real part of a root that is turned round is small: where it stands, the body tells. */
+/* A root that is turned around has a small real part: the body shows where it is. */
 static void quaternions_apart(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("quaternions.npz");
@@ -162,7 +162,7 @@ static void quaternions_apart(void **state) {
     }
 }
 
-/* Numbers that are no radians; a motion without a place, said. */
+/* Numbers that are not radians are refused; a motion without a translation is read with a remark. */
 static void said_not_guessed(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("said.npz");
@@ -183,7 +183,7 @@ static void said_not_guessed(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "an array of 12 x 71");
 }
 
-/* Matrices that are transposed, and angles with the wrong sign, bend knees forwards. */
+/* Transposed matrices, and angles with the wrong sign, bend the knees forwards. */
 static void knees_that_bend_forwards(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("knees.npz");
@@ -208,7 +208,7 @@ static void knees_that_bend_forwards(void **state) {
     }
 }
 
-/* Two people frame by frame, which are not as many people of two frames. */
+/* Frames x people is not taken for people x frames. */
 static void frames_before_people(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("axes.npz");
@@ -232,7 +232,7 @@ static void frames_before_people(void **state) {
     refused(f, path, NULL, SHERF_BAD_FILE, "frames come first");
 }
 
-/* Files of other programs are named for what they are, with what to do. */
+/* Files of other programs are named, with advice on what to do. */
 static void other_programs(void **state) {
     const walk_fixture *f = *state;
     static const struct {
@@ -261,8 +261,7 @@ static void other_programs(void **state) {
     }
 }
 
-/* Of (F, 24, 3) the lengths of limbs tell places from rotations; an axis of 1 before the frames falls away.
- */
+/* In (F, 24, 3) the lengths of limbs distinguish positions from rotations. A leading axis of 1 is dropped. */
 static void arrays_of_three(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("three.npy");
@@ -297,13 +296,13 @@ static void arrays_of_three(void **state) {
 
 /* ---- BVH ---- */
 
-/* Collars, toes and head follow from what hangs on what; a rig's words for the middle. */
+/* Collars, toes and head are found from the hierarchy; the rigs' words for the middle are known. */
 static void bvh_by_place(void **state) {
     static const struct {
-        const char *name[6]; /* of joints 10 to 15; NULL: as in the rig */
+        const char *name[6]; /* names of joints 10 to 15; NULL: as in the rig */
     } renamed[] = {
-        {{"ball_01_l", "ball_01_r", "spine_04", "thorax_l", "thorax_r", "spine_05"}}, /* Rigify's way */
-        {{NULL, NULL, "Neck_M", "Scapula_l", "Scapula_r", "Head_M"}}, /* Advanced Skeleton's */
+        {{"ball_01_l", "ball_01_r", "spine_04", "thorax_l", "thorax_r", "spine_05"}}, /* Rigify */
+        {{NULL, NULL, "Neck_M", "Scapula_l", "Scapula_r", "Head_M"}},                 /* Advanced Skeleton */
     };
     const walk_fixture *f = *state;
     const char *path = test_path("place.bvh"), *names[BODY_JOINTS];
@@ -332,7 +331,7 @@ static char *text_of(context *c, const char *path) {
     return text;
 }
 
-/* The file with `to` in place of `from`. */
+/* The file with `to` instead of `from`. */
 static void changed(const char *path, const char *text, const char *from, const char *to) {
     const char *at = strstr(text, from);
     FILE *out = fopen(path, "wb");
@@ -357,7 +356,7 @@ static void bvh_texts(void **state) {
         refused(f, path, NULL, SHERF_BAD_FILE, "--source-fps");
         assert_walk(f, path, &(sherf_motion_options){.source_fps = 20}, 20, "BVH", "y up");
     }
-    for (int big = 0; big < 2; big++) { /* UTF-16 without its mark */
+    for (int big = 0; big < 2; big++) { /* UTF-16 without a byte order mark */
         FILE *out = fopen(path, "wb");
         for (const char *p = text; *p; p++) fputc(big ? 0 : *p, out), fputc(big ? *p : 0, out);
         fclose(out);
@@ -366,7 +365,7 @@ static void bvh_texts(void **state) {
     free(text);
 }
 
-/* A frame rate by any usual name, beside the bodies and in a dict beside them. */
+/* A frame rate under any usual name, beside the bodies or in a dict beside them. */
 static void rates(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("rates.npz");
@@ -388,7 +387,7 @@ static void rates(void **state) {
                          {.name = "fps", .text = "50"}};
     assert_ok(f->c, npz_write(f->c, path, 3, text));
     assert_walk(f, path, NULL, 50, "50 a second,", "y up");
-    for (int inside = 0; inside < 2; inside++) { /* of two people, as InterHuman has it; MoSh++ */
+    for (int inside = 0; inside < 2; inside++) { /* two people as in InterHuman; MoSh++ */
         pickle_begin(&w, f->c);
         pickle_dict_open(&w);
         pickle_string(&w, inside ? "details" : "mocap_framerate");
@@ -408,7 +407,7 @@ static void rates(void **state) {
     }
 }
 
-/* A list of frames beside other things; rows of people in each; PromptHMR's people. */
+/* A list of frames beside other entries; rows of people in each frame; PromptHMR's people. */
 static void packed_with_more(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("more.pkl");
@@ -464,7 +463,7 @@ static void packed_with_more(void **state) {
     assert_walk(f, path, NULL, 30, "PromptHMR", "y up");
 }
 
-/* Axes of joints and their numbers exchanged; a root in degrees; a world that stands on another axis. */
+/* Axes of joints and numbers swapped; a root in degrees; a world with another up axis. */
 static void exchanged(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("exchanged.npz");

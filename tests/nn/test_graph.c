@@ -1,4 +1,4 @@
-/* Graphs: convolutions against plain sums in double, the other nodes by hand, and what is refused. */
+/* Tests of graphs: convolutions against plain sums in double, the other nodes by hand, and refused input. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -23,7 +23,8 @@ static int64_t out_of(int64_t in, int64_t kernel, int64_t stride, bool same, int
     return out;
 }
 
-/* y = relu6(sum + bias + w * x), depthwise or not; the sum is of the same convolution without all that. */
+/* y = relu6(sum + bias + w * x), depthwise or not; the sum comes from the same convolution without bias,
+ * addition and relu6. */
 static void convolve(context *c, bool depthwise, int k, int stride, bool same, int pad) {
     const int out = depthwise ? I : O, taps = k * k * I * (depthwise ? 1 : O);
     float x[H * W * I], w[5 * 5 * I * O], b[I];
@@ -80,7 +81,7 @@ static void convolutions(void **state) {
         }
 }
 
-/* One node behind an input [2, 2, 4] that holds 0, 1, ..., 15; kept for the numbers. */
+/* Checks the numbers that one node gives for an input [2, 2, 4] of 0, 1, ..., 15. */
 static void gives(context *c, graph_node n, int count, const float *want) {
     float x[16];
     const float *y;

@@ -1,4 +1,4 @@
-/* The perceptual distance against plain loops in double, with made-up weights. */
+/* Tests of the perceptual distance against plain loops in double, with made-up weights. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 
 enum { H = 18, W = 21, VALUES = H * W * 3 };
 
-/* ---- the slow one: everything in double, no ops ---- */
+/* ---- the slow implementation: everything in double, without ops ---- */
 typedef struct {
     int h, w, c;
     double *v;
@@ -18,7 +18,7 @@ static map map_make(int h, int w, int c) {
     return (map){h, w, c, calloc((size_t)h * (size_t)w * (size_t)c, sizeof(double))};
 }
 
-/* Consumes x only when `eat`. Zeros around: side / 2. */
+/* A convolution padded with side / 2 zeros. Frees x if `eat`. */
 static map slow_convolution(const resnet50_network *n, int layer, map x, bool relu, bool eat) {
     const resnet50_layer *l = &resnet50_layers[layer];
     const float *weight = tensor_f32(n->weight[layer]), *bias = tensor_f32(n->bias[layer]);
@@ -48,7 +48,7 @@ static map slow_pool(map x) {
     for (int i = 0; i < y.h; i++)
         for (int j = 0; j < y.w; j++)
             for (int c = 0; c < y.c; c++) {
-                double max = 0; /* the zeros around */
+                double max = 0; /* zero padding */
                 for (int r = 2 * i - 1; r <= 2 * i + 1; r++)
                     for (int q = 2 * j - 1; q <= 2 * j + 1; q++)
                         if (r >= 0 && r < x.h && q >= 0 && q < x.w)
@@ -72,7 +72,7 @@ static void slow_features(const resnet50_network *n, const double *picture, map 
             y = slow_convolution(n, layer + 1, y, true, true);
             y = slow_convolution(n, layer + 2, y, false, true);
             map shortcut = x;
-            bool keep = stage && !block; /* what stage 2 gave is handed out */
+            bool keep = stage && !block; /* the result of stage 2 goes to the caller */
             if (!block) {
                 shortcut = slow_convolution(n, layer + 3, x, false, false);
                 if (!keep) free(x.v);
@@ -108,7 +108,7 @@ static double slow_distance(const resnet50_network *n, const double *a, const do
     return total;
 }
 
-/* ---- */
+/* ---- tests ---- */
 
 static resnet50_network *made_up(context *c) {
     resnet50_network *n;
@@ -150,7 +150,7 @@ static void as_the_slow_one(void **state) {
         assert_ok(c, tape_status(t));
         assert_true(fabs(*tensor_f32(d) - want) < 1e-5 * want);
         assert_ok(c, tape_backward(t, d, 1));
-        /* along a random direction, by central differences of the slow one */
+        /* along a random direction, by central differences of the slow implementation */
         const double h = 1e-6;
         double slope = 0;
         static float direction[VALUES];

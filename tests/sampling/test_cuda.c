@@ -1,6 +1,6 @@
-/* Frames by the kernels of src/sampling/cuda, on the host (tests/support/cuda) or on a GPU where there is
- * one, against the CPU's: the same points to the bit, the network and the pictures within their bounds; and
- * with threads and blocks in the opposite order the same bits. */
+/* Tests of frames by the kernels of src/sampling/cuda, on the host (tests/support/cuda) or on a GPU, against
+ * the CPU's: the same points to the bit, the network and the pictures within their bounds; and with threads
+ * and blocks in the opposite order, the same bits. */
 #include "support.h"
 
 #include <stdio.h>
@@ -77,7 +77,7 @@ static gpu_avatar *avatar(scene *s, const made *fixture, bool bf16) {
     return a;
 }
 
-/* The target twice: for the CPU, and joints for the GPU. */
+/* Makes the target twice: one for the CPU, and its joints for the GPU. */
 static void target_pose(scene *s, float angle_rad, float blend_m, posed_body **whole, posed_body **joints) {
     sherf_pose pose;
     pose_of(angle_rad, &pose);
@@ -169,7 +169,7 @@ static void points_agree(void **state) {
     scene_close(&s);
 }
 
-/* The CPU's values of a made network's points. */
+/* The CPU's values for the points of a made-up network. */
 static void host_values(context *c, const made *fixture, float **rgb, float **sigma) {
     radiance_field *n;
     *rgb = mem_alloc(c, (size_t)fixture->points.count, 3 * sizeof(float));
@@ -199,7 +199,7 @@ static void check_network(scene *s, const radiance_sizes *sizes, int side, bool 
     float *rgb[2], *sigma[2], *want_rgb, *want_sigma;
     made_create(&fixture, sizes, 24, 32, 0.04f, side, side, 12);
     const int64_t n = fixture.points.count;
-    fixture.points.canonical[0] = NAN; /* such a point harms no other */
+    fixture.points.canonical[0] = NAN; /* such a point does not harm others */
     host_values(c, &fixture, &want_rgb, &want_sigma);
     gpu_avatar *a = avatar(s, &fixture, bf16);
     assert_int_equal(s->gpu->in_bf16(a), bf16 && fits);
@@ -233,7 +233,7 @@ static void float_network_agrees(void **state) {
     scene s;
     scene_open(&s);
     check_network(&s, &made_paper, 20, false, true, 2e-5, 2e-6);
-    check_network(&s, &made_odd, 14, true, false, 2e-5, 2e-6); /* tokens of 24: it is not for bf16 */
+    check_network(&s, &made_odd, 14, true, false, 2e-5, 2e-6); /* tokens of 24 do not suit bf16 */
     scene_close(&s);
 }
 
@@ -241,7 +241,7 @@ static void bf16_network_agrees(void **state) {
     scene s;
     scene_open(&s);
     check_network(&s, &made_paper, 14, true, true, 4e-2, 8e-3);
-    /* more tiles than there are blocks */
+    /* more tiles than blocks */
     check_network(&s, &made_narrow, 40, true, true, 4e-2, 8e-3);
     scene_close(&s);
 }

@@ -1,8 +1,8 @@
-/* The points near the body: against the reference and brute force. */
+/* Tests of the points near the body, against the reference and brute force. */
 #include "body_reference.h"
 #include "sampling/sampling.h"
 
-/* Row of the reference's picked point among ours. */
+/* The row of one of the reference's picked points among ours. */
 static int64_t find_point(const point_set *p, int32_t ray, int32_t sample) {
     for (int32_t i = p->first[ray]; i < p->first[ray + 1]; i++)
         if (p->sample[i] == sample) return i;
@@ -10,8 +10,8 @@ static int64_t find_point(const point_set *p, int32_t ray, int32_t sample) {
     return -1;
 }
 
-/* Ties of the nearest canonical vertex: where another vertex is as near but for rounding, either may be
- * taken. */
+/* Ties of the nearest canonical vertex: if another vertex is equally near up to rounding, either is allowed.
+ */
 static bool tied(const body_reference *r, const float p[3]) {
     double best = 1e30, second = 1e30;
     for (int v = 0; v < r->body->vertices; v++) {
@@ -59,7 +59,7 @@ static void points_agree(void **state) {
     rays_free(rays);
 }
 
-/* Every sample of a small frame one by one, on every instruction set, with one thread and three. */
+/* Every sample of a small frame one by one, with every instruction set, with one thread and three. */
 static void points_are_exact(void **state) {
     body_reference *r = *state;
     const int samples = 70; /* more than one word of bits */

@@ -1,5 +1,4 @@
-/* Cameras, rays, masks and the rasteriser: against the reference, brute force and analysis.
- */
+/* Tests of cameras, rays, masks and the rasteriser, against the reference, brute force and analysis. */
 #include "body_reference.h"
 
 /* ---- cameras ---- */
@@ -39,7 +38,7 @@ static void orbit_looks_at_the_centre(void **state) {
     }
     sherf_camera k;
     sherf_camera_orbit(centre, 2, 0, 0, 0.8f, 320, 200, &k);
-    float p[3] = {0.3f, -0.2f + 2 * (float)tan(0.4), 0.1f}, uv[2]; /* half the field of view up */
+    float p[3] = {0.3f, -0.2f + 2 * (float)tan(0.4), 0.1f}, uv[2]; /* upwards by half the field of view */
     camera_project(&k, 1, p, uv, NULL);
     assert_true(fabsf(uv[1]) < 0.01f);
     camera_resize(&k, 160, 50);
@@ -52,7 +51,7 @@ static void bad_cameras_are_refused(void **state) {
     context *c = r->c;
     const float box[6] = {0, 0, 0, 1, 1, 1};
     static const struct {
-        int field; /* of K R T */
+        int field; /* the product K R T */
         float value;
         const char *says;
     } bad[] = {{0, NAN, "K is not finite"},      {13, INFINITY, "R is not finite"},
@@ -98,8 +97,8 @@ static void rays_agree(void **state) {
     rays_free(rays);
 }
 
-/* Sixteen columns at a time give the same bits as one at a time, also for rays along the axes, from inside
- * the box and past it. */
+/* Sixteen columns at a time give the same bits as one at a time, including rays along the axes, from inside
+ * the box and missing it. */
 static void rays_are_exact(void **state) {
     context *c = ((body_reference *)*state)->c;
     const float min[3] = {-0.4f, -0.9f, -0.25f}, max[3] = {0.5f, 0.8f, 0.2f}, centre[3] = {0};
@@ -130,7 +129,7 @@ static void rays_are_exact(void **state) {
     assert_true(met > all / 4 && met < all * 3 / 4);
 }
 
-/* A box is convex: the rays of a row that hit it are adjacent. The paper's method leaves some out. */
+/* A box is convex, so the rays of a row that hit it are adjacent. The paper's method misses some of them. */
 static int rows_with_holes(const ray_bundle *r) {
     int holes = 0;
     for (int y = 0; y < r->height; y++) {
@@ -170,8 +169,8 @@ static void repaired_rays_have_no_holes(void **state) {
 }
 
 /* ---- rasteriser ---- */
-/* A slanted plane seen in perspective: depth and barycentric coordinates at every pixel, one face in front of
- * the camera and reaching behind it. */
+/* A slanted plane in perspective: depth and barycentric coordinates at every pixel; one face begins behind
+ * the camera and extends in front of it. */
 static void raster_is_analytic(void **state) {
     context *c = ((body_reference *)*state)->c;
     sherf_camera k = {.width_px = 60, .height_px = 40, .K = {50, 0, 29.5f, 0, 50, 19.5f, 0, 0, 1}};
@@ -210,8 +209,8 @@ static void raster_is_analytic(void **state) {
     }
 }
 
-/* The body: the surface seen at each vertex's pixel is not behind the vertex, there are no holes inside, and
- * the result is the same for any thread count. */
+/* The body: the surface at each vertex's pixel is not behind the vertex, there are no holes inside, and the
+ * result is the same for any number of threads. */
 static void raster_draws_the_body(void **state) {
     body_reference *r = *state;
     float *x = mem_alloc(r->c, 6890, 3 * sizeof *x), *uv = mem_alloc(r->c, 6890, 3 * sizeof *uv);

@@ -1,4 +1,5 @@
-/* What a picture shows of a body, compared with rays and triangles one by one, and where the rest is read. */
+/* Tests of what a picture shows of a body, against rays and triangles one by one, and of where the rest is
+ * read. */
 #include <math.h>
 
 #include "body/deform_point.h"
@@ -46,8 +47,7 @@ static void close_scene(scene *s) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* The depth, relative to the distance to x, at which the line from the eye hits a triangle; 0: it does not.
- */
+/* The depth, relative to the distance to x, at which the line from the eye hits a triangle; 0: no hit. */
 static double crossing(const float eye[3], const float x[3], const float *a, const float *b, const float *d) {
     double e[2][3], line[3], from[3], p[3], q[3];
     for (int k = 0; k < 3; k++) {
@@ -67,7 +67,7 @@ static double crossing(const float eye[3], const float x[3], const float *a, con
     return det != 0 && u / det >= 0 && v / det >= 0 && (u + v) / det <= 1 ? t / det : 0;
 }
 
-/* How far in front of vertex v the first triangle is, metres. */
+/* The distance in metres by which the first triangle is in front of vertex v. */
 static double before(const scene *s, int v) {
     float eye[3];
     const float *x = s->world + 3 * (size_t)v;
@@ -97,14 +97,14 @@ static void what_is_seen_agrees_with_rays(void **state) {
         for (int k = 0; k < 3; k++) faces += normal[3 * v + k] * ((double)eye[k] - s.world[3 * v + k]);
         const bool is_seen = s.shown[v] == SHOWN_SEEN;
         seen += is_seen;
-        if (fabs(way - 0.02) < 0.01) continue; /* about as far as what counts as behind */
+        if (fabs(way - 0.02) < 0.01) continue; /* about the distance from which a vertex counts as behind */
         wrong += is_seen != (way < 0.02 && faces > 0);
     }
     print_message("%d seen, %d behind, %d covered, %d outside; of every 13th %d are seen, %d differ\n",
                   kinds[0], kinds[1], kinds[2], kinds[3], seen, wrong);
     assert_true(kinds[SHOWN_SEEN] > s.body->vertices / 5 && kinds[SHOWN_BEHIND] > s.body->vertices / 5);
     assert_true(kinds[SHOWN_COVERED] > 50 && kinds[SHOWN_OUTSIDE] == 0);
-    assert_true(wrong <= 6); /* those next to outlines share their pixel with what is before them */
+    assert_true(wrong <= 6); /* vertices beside outlines share their pixel with what is in front of them */
     mem_free(normal);
     close_scene(&s);
 }
@@ -192,7 +192,7 @@ static void mirrored_places_are_the_other_sides(void **state) {
         if (!s.p->seen[other]) continue; /* beside a mirrored one */
         deform_to_picture(s.body, s.p, 1, s.body->canonical->vertices_smpl + 3 * v, &v, x);
         for (int k = 0; k < 3; k++) off = fmaxf(off, fabsf(x[k] - s.world[3 * other + k]));
-        assert_true(off < 0.035f); /* no vertex need lie exactly at the mirror image */
+        assert_true(off < 0.035f); /* there need not be a vertex exactly at the mirror image */
         mirrored++;
     }
     print_message("%d vertices are read at their mirror image\n", mirrored);

@@ -1,4 +1,4 @@
-/* The inside of open shells, and places on their visible surface. */
+/* Tests of the inside of open shells, and of places on their visible surface. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -31,7 +31,7 @@ static void a_closed_ball(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* A body whose upper half is missing under an open cap, as under a shirt: still solid. */
+/* A body whose upper half is missing under an open cap, as under a shirt, is still solid. */
 static void a_cap_over_half_a_body(void **state) {
     static ball body, cap;
     context *c = test_context();
@@ -44,14 +44,14 @@ static void a_cap_over_half_a_body(void **state) {
     assert_true(solid_contains(&g, middle) && solid_contains(&g, (float[]){0, 0.18f, 0}));
     assert_true(solid_contains(&g, (float[]){0, -0.18f, 0}) && !solid_contains(&g, (float[]){0, 0.23f, 0}));
     solid_grid_free(&g);
-    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 0, &g)); /* a bowl alone holds nothing */
+    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 0, &g)); /* a bowl alone encloses nothing */
     assert_false(solid_contains(&g, middle));
     solid_grid_free(&g);
     sherf_context_free(c);
 }
 
-/* A shirt's hem: the cap ends 3 cm away from the body below it, whose covered part is missing. Sealed, it is
- * solid, and loses only a dent as wide as the gap. */
+/* A shirt's hem: the cap ends 3 cm away from the body below it, whose covered part is missing. Sealed, the
+ * body is solid and loses only a dent as wide as the gap. */
 static void a_gap_at_the_hem(void **state) {
     static ball body, cap;
     context *c = test_context();
@@ -60,21 +60,21 @@ static void a_gap_at_the_hem(void **state) {
     ball_make(&cap, (float[]){0, 0, 0}, 0.23f, 0, RINGS / 2 + 1);
     const solid_mesh both[2] = {body.mesh, cap.mesh};
     assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 0, &g));
-    assert_false(solid_contains(&g, (float[]){0, 0.1f, 0})); /* it has leaked */
+    assert_false(solid_contains(&g, (float[]){0, 0.1f, 0})); /* it leaks */
     solid_grid_free(&g);
     assert_ok(c, solid_grid_create(c, 2, both, 0.01f, 2, &g));
     assert_true(solid_contains(&g, (float[]){0, 0.1f, 0}) && solid_contains(&g, (float[]){0, -0.15f, 0}));
     assert_false(solid_contains(&g, (float[]){0, 0.26f, 0}));
     assert_false(solid_contains(&g, (float[]){0.15f, -0.2f, 0}));
     solid_grid_free(&g);
-    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 2, &g)); /* the bowl is a bowl still */
+    assert_ok(c, solid_grid_create(c, 1, both, 0.01f, 2, &g)); /* the bowl is still a bowl */
     assert_false(solid_contains(&g, (float[]){0, -0.1f, 0}));
     solid_grid_free(&g);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
 }
 
-/* Points are on the mesh, by area, have outward normals, and none is on the hidden inside. */
+/* Points are on the mesh, distributed by area, and have outward normals; none is on the hidden inside. */
 static void points_of_what_is_seen(void **state) {
     enum { COUNT = 4000 };
     static ball outer, inner;
@@ -99,7 +99,7 @@ static void points_of_what_is_seen(void **state) {
         upper += v[1] > 0.1f; /* a quarter of a ball's area */
     }
     assert_true(abs(upper - COUNT / 4) < 4 * sqrt(COUNT * 3. / 16));
-    assert_ok(c, solid_points(c, &g, 1, both, 5, 10, p, &found)); /* nothing of it is seen */
+    assert_ok(c, solid_points(c, &g, 1, both, 5, 10, p, &found)); /* none of it is seen */
     assert_int_equal(found, 0);
     solid_grid_free(&g);
     sherf_context_free(c);

@@ -13,7 +13,7 @@ typedef struct {
     solid_mesh mesh;
 } ball;
 
-/* A ball of latitudes `first` to `last` of RINGS: open where that is not all. */
+/* A ball with the latitudes `first` to `last` of RINGS; it is open if these are not all. */
 static inline void ball_make(ball *b, const float middle[3], float radius, int first, int last) {
     int64_t n = 0;
     for (int i = 0; i <= RINGS; i++)

@@ -1,7 +1,6 @@
-/* tests/data/body_reference.safetensors: a cut of the reference's stages of body and rays. Rows: every 35th
- * vertex
- * ("vertex"), every 83rd ray ("ray"), every 16th picked point ("point", rows of "pick.ray", "pick.sample").
- */
+/* tests/data/body_reference.safetensors: a selection of the reference's stages of body and rays. Rows: every
+ * 35th vertex ("vertex"), every 83rd ray ("ray"), every 16th picked point ("point", rows of "pick.ray",
+ * "pick.sample"). */
 #ifndef BODY_REFERENCE_H
 #define BODY_REFERENCE_H
 #include <math.h>
@@ -84,7 +83,7 @@ static inline int body_reference_close(void **state) {
     return 0;
 }
 
-/* Rows `row` of `ours` (width values each) against the stored rows. */
+/* Compares rows `row` of `ours` (width values each) with the stored rows. */
 static inline void assert_rows(const float *ours, const float *stored, const int32_t *row, int64_t rows,
                                int width, double tolerance, const char *what) {
     for (int64_t i = 0; i < rows; i++)
@@ -103,8 +102,8 @@ static inline ray_bundle *target_rays(body_reference *r, const sherf_camera *cam
     return rays;
 }
 
-/* Rays at the target and then `make`, which frees its own result, with every allocation failing in turn;
- * there are more than `least` of them. */
+/* Makes rays at the target and calls `make`, which frees its own result, while every allocation fails in
+ * turn. There are more than `least` allocations. */
 static inline void target_no_memory(body_reference *r,
                                     sherf_status (*make)(body_reference *r, const sherf_camera *small,
                                                          const ray_bundle *rays),

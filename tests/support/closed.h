@@ -14,13 +14,13 @@ static int compare_u64(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* The flaw, or NULL. Every directed edge exists once and so does its reverse; the triangles round every
- * vertex form one fan, and every vertex has some. */
+/* Returns the flaw, or NULL. Every directed edge occurs once and so does its reverse; the triangles around
+ * every vertex form one fan, and every vertex has a triangle. */
 static const char *flaw_of(int64_t vertices, int64_t triangles, const uint32_t *triangle) {
     static char text[200];
     size_t n = 3 * (size_t)triangles;
     uint64_t *edge = malloc(n * sizeof *edge);
-    uint32_t *next = malloc(n * sizeof *next); /* of the edge (a, b): the third corner, in the edges' order */
+    uint32_t *next = malloc(n * sizeof *next); /* the third corner of the edge (a, b), in the edges' order */
     uint32_t *degree = calloc((size_t)vertices, sizeof *degree),
              *seen = calloc((size_t)vertices, sizeof *seen);
     const char *flaw = NULL;

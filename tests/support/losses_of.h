@@ -1,4 +1,4 @@
-/* Losses and their values at once, wherever the tape computes. */
+/* Computes losses and their values at once, on the device of the tape. */
 #ifndef TEST_LOSSES_OF_H
 #define TEST_LOSSES_OF_H
 

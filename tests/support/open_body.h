@@ -1,4 +1,4 @@
-/* The open body, for a test's functions: the state is a context. */
+/* The open body for the functions of a test, whose state is a context. */
 #ifndef TEST_OPEN_BODY_H
 #define TEST_OPEN_BODY_H
 

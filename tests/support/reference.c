@@ -1,4 +1,4 @@
-/* The reference network: its weights by rule, and what the file has (reference.h). */
+/* The reference network: its weights by rule, and the contents of its file (reference.h). */
 #include "reference.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@ static bool ends(const char *name, const char *suffix) {
     return n >= m && !strcmp(name + n - m, suffix);
 }
 
-/* The scale, and 1 or 0 to add; tried from the top as the rules say. */
+/* The scale, and 1 or 0 to add; rules are tried from the top. */
 static double rule(const char *name, const tensor *w, double *add) {
     double fan_in = 1;
     for (int i = 1; i < w->rank; i++) fan_in *= (double)w->dim[i];

@@ -1,6 +1,6 @@
 /* The reference network: weights and inputs by the stated rules, outputs from
- * tests/data/reference_*.safetensors (cut from what the authors' PyTorch network answered, float32 on a CPU).
- */
+ * tests/data/reference_*.safetensors (a selection of the outputs of the authors' PyTorch network, float32 on
+ * a CPU). */
 #ifndef TEST_REFERENCE_H
 #define TEST_REFERENCE_H
 
@@ -18,8 +18,8 @@ void reference_camera(const safetensors *s, const char *who, sherf_camera *out);
 void reference_pose(const safetensors *s, const char *who, sherf_pose *out);
 void reference_image(context *c, bool target, sherf_image *out); /* sherf_image_free */
 
-/* Fails unless |got - want| <= largest * of the largest want, and the root mean square <= rms of it.
- * `stride`: floats from one row of got to the next, rows of `columns`. */
+/* Fails unless |got - want| <= largest * max |want| and the root mean square error <= rms * max |want|.
+ * `stride`: floats from one row of got to the next; rows have `columns` values. */
 typedef struct {
     double largest, rms;
 } reference_bound;

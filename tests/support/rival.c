@@ -295,7 +295,7 @@ void rival_frame_agrees(tape *t, tensor *frame, int rays, const int *ray, double
 
 void rival_gradients_agree(const model *m, rival_weights *w, int each, double tolerance,
                            double (*f)(void *self, const void *arg), void *self, const void *arg) {
-    const double step = 1e-6; /* larger ones meet kinks of ReLUs */
+    const double step = 1e-6; /* larger steps cross kinks of ReLUs */
     double worst = 0;
     for (int i = 0; i < w->count; i++) {
         const parameter *q = parameter_find(m->weights, w->item[i].name);
@@ -478,7 +478,7 @@ void rival_losses(context *c, const char *preset, const char *folder, int steps,
     fclose(f);
     assert_int_equal(n, steps);
     snprintf(path, sizeof path, "%s/checkpoint.safetensors", rival_file(folder));
-    remove(path); /* the next training begins anew */
+    remove(path); /* the next training starts anew */
 }
 
 void rival_trains(const char *preset, int steps, double factor) {

@@ -1,4 +1,4 @@
-/* Shared by the tests of the models next to SHERF: the parts of a second implementation in double, written
+/* Shared by the tests of the models beside SHERF: the parts of a second implementation in double, written
  * from their definitions as plainly as possible, and the use of such a model. */
 #ifndef TEST_RIVAL_H
 #define TEST_RIVAL_H
@@ -7,7 +7,7 @@
 
 #include "model/model.h"
 
-/* ---- one tube person, observed and shown ---- */
+/* ---- one tube person, as observation and as target ---- */
 /* A preset's trained weights. */
 typedef struct {
     const char *preset;
@@ -16,13 +16,13 @@ typedef struct {
 void rival_counts(int presets, const rival_count *known);
 
 const char *rival_file(const char *name); /* a path in the data's folder; static storage, 4 at a time */
-int rival_data(void **state);             /* setup of a group: two tube people of 32 x 32, 2 poses, 4 views */
+int rival_data(void **state); /* setup of a test group: two tube people of 32 x 32 pixels, 2 poses, 4 views */
 typedef struct {
     sherf_body *body;
     sherf_observation *observation; /* pose 0, view 0 */
-    sherf_camera camera;            /* the observation's */
+    sherf_camera camera;            /* the observation's camera */
     observation_geometry *geometry; /* for training */
-    target_geometry *target;        /* a pose's view 1: some rays, drawn from the mask and around it */
+    target_geometry *target;        /* view 1 of a pose: some rays, drawn from the mask and around it */
 } rival_scene;
 void rival_scene_open(context *c, const model_config *config, int pose, int rays, rival_scene *out);
 void rival_scene_close(rival_scene *s);
@@ -53,39 +53,40 @@ typedef struct {
 rival_map rival_image(const sherf_observation *o, double factor, double offset);
 rival_map rival_map_new(int height, int width, int channels); /* zeroed */
 rival_map rival_map_copy(rival_map x);
-/* Batch norm of one picture, in place. */
+/* Batch norm of a single picture, in place. */
 void rival_norm(const rival_weights *w, const char *name, rival_map x, bool relu);
-/* CONV.weight, square; x stays. */
+/* Convolves with CONV.weight, which is square; does not free x. */
 rival_map rival_convolved(const rival_weights *w, rival_map x, const char *conv, int stride, int pad);
-/* Those that take a map free it. */
+/* Functions that take a map free it. */
 rival_map rival_conv_norm(const rival_weights *w, rival_map x, const char *conv, const char *norm, int stride,
                           int pad, bool relu);
 rival_map rival_max_pool(rival_map x); /* 3 x 3, stride 2, padding 1 */
 rival_map rival_resnet_stage(const rival_weights *w, rival_map x, const char *prefix, int stage, int blocks);
-/* Resized to the size of the first, corners on corners; takes them all. */
+/* Resizes all maps to the size of the first with aligned corners and concatenates them; frees all. */
 rival_map rival_side_by_side(int count, rival_map *stage);
 void rival_bilinear(rival_map map, double x, double y, double *out); /* zero outside */
 void rival_linear(const rival_weights *w, const char *name, int in, const double *x, int out, double *y);
-/* r, g, b, opacity over black; weight [count] of each sample; `way` in depth, `length` of the direction. */
+/* r, g, b, opacity over black; weight [count] of each sample; `way`: the interval in depth; `length`: of the
+ * direction. */
 void rival_composite(int count, const double *sigma, const double *rgb, const double *way, double length,
                      double *weight, double out[4]);
 int rival_ascending(const void *a, const void *b);
 
-/* frame [N, 5] has `want` at each ray, as far as `tolerance`, neither all opaque nor empty; `mix` becomes its
- * gradient. */
+/* Checks that frame [N, 5] equals `want` at each ray within `tolerance`, and is neither all opaque nor empty.
+ * `mix` becomes its gradient. */
 void rival_frame_agrees(tape *t, tensor *frame, int rays, const int *ray, double want[][4], double mix[][4],
                         double tolerance);
-/* `each` numbers of every trained tensor, moved by `step`: the central difference of f is the gradient that
- * the model has, to `tolerance` of the tensor's largest. */
+/* Moves `each` numbers of every trained tensor by `step` and checks that the central difference of f is the
+ * model's gradient, within `tolerance` of the tensor's largest. */
 void rival_gradients_agree(const model *m, rival_weights *w, int each, double tolerance,
                            double (*f)(void *self, const void *arg), void *self, const void *arg);
 
 /* ---- use ---- */
-/* An avatar, rendered, saved, loaded and rendered the same; a frame as people look at it. */
+/* Makes, renders, saves and loads an avatar and renders it the same; also a frame with detail. */
 void rival_use(const char *preset);
-/* The same avatar in another pose: something else is seen. */
+/* Renders the same avatar in another pose, which must look different. */
 void rival_moves(const char *preset);
-/* A file of an avatar; static storage. */
+/* The file of an avatar; static storage. */
 const char *rival_avatar(context *c, const char *preset, sherf_body **body);
 /* From settings to a frame, with memory running out at each allocation in turn. */
 void rival_no_memory(const char *preset);
@@ -93,9 +94,9 @@ void rival_no_memory(const char *preset);
 void rival_losses(context *c, const char *preset, const char *folder, int steps, double *loss);
 /* The mean loss of the last tenth of `steps` is below `factor` times that of the first tenth. */
 void rival_trains(const char *preset, int steps, double factor);
-/* Six steps in two goes are six steps in one. */
+/* Checks that six steps in two runs equal six steps in one. */
 void rival_goes_on(const char *preset);
-/* A new model is scored on two novel views and `novel_poses` pictures in novel poses. */
+/* Scores a new model on two novel views and `novel_poses` pictures in novel poses. */
 void rival_is_scored(const char *preset, int novel_poses);
 
 #endif

@@ -1,5 +1,5 @@
-/* A tube person's avatar with a network of constant density: the surface is the shell's, about 5 cm off the
- * body. */
+/* A tube person's avatar with a network of constant density: its surface is that of the shell, about 5 cm off
+ * the body. */
 #ifndef TESTS_SOLID_AVATAR_H
 #define TESTS_SOLID_AVATAR_H
 
@@ -9,7 +9,7 @@
 
 enum { SOLID_SIDE = 64, SOLID_DENSITY = 60 };
 
-/* In the test's folder people/, of which the body is. */
+/* in the test's folder people/, which also has the body */
 static inline sherf_status solid_avatar_make(context *c, body_model **body, sherf_avatar **avatar) {
     char root[600], path[700];
     sherf_dataset *data = NULL;

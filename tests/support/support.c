@@ -61,7 +61,7 @@ const char *test_path(const char *name) {
     return path[next];
 }
 
-static char *given_isa; /* SHERF_ISA as the program began with it, or NULL */
+static char *given_isa; /* SHERF_ISA as it was when the program started, or NULL */
 
 __attribute__((constructor)) static void keep_isa(void) {
     const char *given = getenv("SHERF_ISA");

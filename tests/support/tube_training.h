@@ -1,4 +1,4 @@
-/* A training of a tiny model on tube people, and what it has logged. */
+/* Trains a tiny model on tube people and reads the log. */
 #ifndef TEST_TUBE_TRAINING_H
 #define TEST_TUBE_TRAINING_H
 
@@ -13,9 +13,9 @@
     "volume_channels0=8,volume_channels1=8,volume_channels2=8,decoder_width=16,decoder_depth=2,"             \
     "decoder_skip=0,view_width=16,voxel_size_m=0.05"
 
-static char root[512]; /* of the data set */
+static char root[512]; /* folder of the data set */
 
-/* 64 at a time. */
+/* A path in the data set's folder; static storage, 64 at a time. */
 static inline const char *path_of(const char *name) {
     static char path[64][1024];
     static int next;
@@ -31,7 +31,7 @@ static inline sherf_status tubes_make(context *c, const sherf_synth_options *syn
     return status;
 }
 
-/* One of these at a time. */
+/* Valid until the next call. */
 static inline sherf_train_options tube_training(const char *preset, const char *output, int64_t steps) {
     static char spec[600], body[600];
     snprintf(spec, sizeof spec, "thuman:%s", root);
@@ -49,7 +49,7 @@ static inline sherf_train_options tube_training(const char *preset, const char *
                                  .sample_every = 1000};
 }
 
-/* A number of a line (from 1 on) of a training's log; NaN for null. */
+/* A number in a line (counted from 1) of a training's log; NaN for null. */
 static inline double logged(context *c, const char *folder, int line, const char *key) {
     char path[1200], text[4096];
     snprintf(path, sizeof path, "%s/log.jsonl", folder);

@@ -1,4 +1,4 @@
-/* A walk on the open body: turning, swaying, moving along; all formats must give the same. */
+/* A walk on the open body, with turning, swaying and moving along. All formats must give the same walk. */
 #ifndef TEST_MOTION_WALK_H
 #define TEST_MOTION_WALK_H
 #include <math.h>
@@ -63,7 +63,8 @@ static inline int walk_teardown(void **state) {
     return mem_live() == 0 ? 0 : -1;
 }
 
-/* Into a world whose axes are the rows of C, seen from ours: root turned, translation of SMPL's kind. */
+/* Converts to a world whose axes, seen from ours, are the rows of C: the root is turned, the translation is
+ * SMPL's kind. */
 static inline void walk_in(const walk *w, int i, const double C[9], float root[3], float trans[3]) {
     double R[9], pelvis[3];
     float turned[9];
@@ -77,12 +78,12 @@ static inline void walk_in(const walk *w, int i, const double C[9], float root[3
     rotation_to_axis_angle(turned, root);
 }
 
-/* Rows: x, y, z of the file's world in ours. */
+/* Rows: x, y, z of the file's world in our axes. */
 static const double walk_y_up[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
 static const double walk_z_up[9] = {1, 0, 0, 0, 0, -1, 0, 1, 0};
 static const double walk_y_down[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1};
 
-/* The largest distance of a vertex between the motion's frame and the walk's. */
+/* The largest distance of a vertex between a frame of the motion and the walk's. */
 static inline double walk_distance(context *c, const body_model *body, const sherf_pose *a,
                                    const sherf_pose *b) {
     size_t n = (size_t)body->vertices * 3;
@@ -98,7 +99,7 @@ static inline double walk_distance(context *c, const body_model *body, const she
     return max;
 }
 
-/* ---- BVH of the body's own skeleton ---- */
+/* ---- BVH with the body's own skeleton ---- */
 
 /* The angles of R = Rz(a) Rx(b) Ry(c), degrees. */
 static inline void walk_euler_zxy(const double R[9], double degrees[3]) {
@@ -112,26 +113,26 @@ static inline void walk_multiply(const double a[9], const double b[9], double ou
         out[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] + a[i / 3 * 3 + 2] * b[6 + i % 3];
 }
 
-/* Whether `joint` is `other` or hangs on it. */
+/* Whether `joint` is `other` or a descendant of it. */
 static inline bool walk_below(int joint, int other) {
     while (joint > other) joint = skeleton_parent[joint];
     return joint == other;
 }
 
-/* Arms at rest `spread` radians below the T (an A-pose); the rest pose is in the axes whose rows are `axes`,
- * in our world. The file's rotations start from there. */
+/* At rest the arms are `spread` radians below the T (an A-pose). The rest pose is in the axes whose rows are
+ * `axes`, in our world. The file's rotations are relative to it. */
 typedef struct {
     const char *const *names;
     int joints;
     double unit, spread;
     const double *axes; /* NULL: ours */
-    /* By joint, what its own axes are turned by against ours at rest (its columns); NULL: not. The rest pose
-     * is then none of a person. No spread and no axes go with it. */
+    /* For each joint, the rotation at rest from our axes to its own (as columns); NULL: none. The rest pose
+     * is then not that of a person. Not to be combined with spread or axes. */
     const double (*own)[9];
-    bool placed; /* bones are told by the positions of every frame alone: every offset is 0 */
+    bool placed; /* bones are given only by the positions in every frame; every offset is 0 */
 } bvh_style;
 
-/* From the parent, in the file's unit. */
+/* Offset from the parent, in the file's unit. */
 static inline void walk_bvh_offset(const walk *w, const bvh_style *style, int j, double turned[3]) {
     double offset[3];
     int parent = skeleton_parent[j];
@@ -168,7 +169,7 @@ static inline void walk_bvh_joint(FILE *f, const walk *w, const bvh_style *style
     fprintf(f, "}\n");
 }
 
-/* Order of the joints in the file: depth first. */
+/* The order of the joints in the file: depth first. */
 static inline int walk_bvh_order(int j, int joints, int *order, int count) {
     order[count++] = j;
     for (int i = j + 1; i < joints; i++)
@@ -201,7 +202,7 @@ static inline void walk_write_bvh(const walk *w, const char *path, const bvh_sty
             /* file * (rest bone of the file) = global * (rest bone of the body) */
             double side = walk_below(j, 16) ? -1 : walk_below(j, 17) ? 1 : 0, a = side * style->spread;
             double back_of[9], back[9] = {cos(a), sin(a), 0, -sin(a), cos(a), 0, 0, 0, 1};
-            if (style->axes) { /* the rest pose is turned back first */
+            if (style->axes) { /* the rest pose is undone first */
                 double turn_back[9];
                 for (int k = 0; k < 9; k++) turn_back[k] = style->axes[k % 3 * 3 + k / 3];
                 walk_multiply(back, turn_back, back_of);
@@ -239,7 +240,7 @@ static const char *const walk_mixamo_names[BODY_JOINTS] = {
     "mixamorig:Head",        "mixamorig:LeftArm",         "mixamorig:RightArm",
     "mixamorig:LeftForeArm", "mixamorig:RightForeArm",    "mixamorig:LeftHand",
     "mixamorig:RightHand",   "mixamorig:LeftHandMiddle1", "mixamorig:RightHandMiddle1"};
-/* Other rigs' names, of 22 joints. */
+/* Names of other rigs, for 22 joints. */
 static const char *const walk_ipi_names[BODY_JOINTS] = {
     "Hip",       "LThigh",    "RThigh",   "LowerSpine", "LShin", "RShin",     "MiddleSpine", "LFoot",
     "RFoot",     "Chest",     "LToe",     "RToe",       "Neck",  "LClavicle", "RClavicle",   "Head",

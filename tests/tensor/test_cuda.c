@@ -1,6 +1,6 @@
-/* The CUDA backend against the reference in double, on the cases of test_ops.c: its kernels emulated on the
- * host (support/cuda) wherever there was a C++ compiler, and on a GPU where the build and the machine have
- * one. */
+/* Tests of the CUDA backend against the reference in double, on the cases of test_ops.c: with kernels
+ * emulated on the host (support/cuda) if there was a C++ compiler, and on a GPU if the build and the machine
+ * have one. */
 #include "cases.h"
 
 #include "check.inc"
@@ -32,7 +32,7 @@ static void nothing_forgotten(void **state) {
                 fail_msg("%s: no kernel or no gradient for %s", backends[b]->name, op_names[op]);
 }
 
-/* Value and gradients, with threads and blocks in one of two orders where they are emulated. */
+/* Value and gradients. Emulated threads and blocks run in one of two orders. */
 static void run_ordered(context *c, const op_case *k, const backend *b, int order, tensor **in,
                         tensor **value) {
     tensor *there[OP_MAX_IN];
@@ -64,7 +64,7 @@ static void check_order(context *c, const op_case *k, const backend *b) {
     }
 }
 
-/* The same bits again, in whatever order threads and blocks run. */
+/* The bits are the same again, in whatever order threads and blocks run. */
 static void deterministic(void **state) {
     context *c = test_context();
     for (int b = 0; b < backend_count; b++)
@@ -74,7 +74,7 @@ static void deterministic(void **state) {
     sherf_context_free(c);
 }
 
-/* A tensor of the host's memory is refused by name, and so is an op that is not there. */
+/* A tensor in the host's memory is refused with its name, and so is an op without a kernel. */
 static void refused(void **state) {
     context *c = test_context();
     tape *t = tape_create(c, (tape_options){.backend = backends[0]});
@@ -89,7 +89,7 @@ static void refused(void **state) {
     sherf_context_free(c);
 }
 
-/* What a tape does with the device's memory besides ops. */
+/* A tape's use of the device's memory apart from ops. */
 static void tape_agrees(void **state) {
     context *c = test_context();
     tape *t = tape_create(c, (tape_options){.backend = backends[0], .record = true});

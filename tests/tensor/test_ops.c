@@ -1,5 +1,5 @@
-/* Every op: gradients of the reference kernels in double against central differences; every backend against
- * the reference; and that no op was forgotten. */
+/* Tests of every op: gradients of the reference kernels in double against central differences, every backend
+ * against the reference, and that no op was forgotten. */
 #include "cases.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ static double loss_of(tape *t, const op_case *k, tensor **in) {
     return sum;
 }
 
-/* Central differences of one input; the gradient g is there. */
+/* Compares the gradient g of one input with central differences. */
 static void check_input(tape *plain, const op_case *k, tensor **in, int i) {
     double *x = in[i]->data, *g = in[i]->grad->data, largest = 0, worst = 0;
     int64_t n = tensor_count(in[i]), at = 0;
@@ -63,10 +63,10 @@ static void gradients(void **state) {
     sherf_context_free(c);
 }
 
-/* The tape's next tensors lie in memory full of not-a-numbers. */
+/* Fills the memory of the tape's next tensors with not-a-numbers. */
 static void fill_memory(tape *t) {
     const size_t bytes = tape_peak(t);
-    for (int i = 0; i < 2; i++) { /* the first time may take new blocks, which the reset joins */
+    for (int i = 0; i < 2; i++) { /* the first call may take new blocks, which the reset merges */
         tape_reset(t);
         void *p = tape_alloc(t, bytes, 1);
         assert_non_null(p);
@@ -75,8 +75,8 @@ static void fill_memory(tape *t) {
     tape_reset(t);
 }
 
-/* Gradients that the tape makes are those added to cleared ones: kernels that write a fresh gradient write
- * all of it. */
+/* Gradients written to fresh memory equal those added to cleared memory: kernels that write a fresh gradient
+ * write all of it. */
 static void check_fresh(context *c, const op_case *k, bool bf16) {
     tensor *in[OP_MAX_IN], *old[OP_MAX_IN] = {NULL};
     inputs_make(c, k, T_F32, in);
@@ -110,7 +110,7 @@ static void fresh_agree(void **state) {
     sherf_context_free(c);
 }
 
-/* x + x, and x + a view of x: the first of them writes, the second adds. */
+/* x + x, and x + a view of x: the first gradient is written, the second added. */
 static void fresh_twice(void **state) {
     context *c = test_context();
     tape *t = tape_create(c, (tape_options){.backend = &backend_cpu, .record = true});
@@ -148,7 +148,7 @@ static void bf16_agrees(void **state) {
     sherf_context_free(c);
 }
 
-/* The spatial kernels at the levels that the tests above did not take. */
+/* The spatial kernels at the levels that the tests above did not use. */
 static void levels_agree(void **state) {
     context *c = test_context();
     for (int level = ISA_PLAIN; level <= ISA_AVX2 && level < (int)test_isa_highest(); level++) {
@@ -225,7 +225,7 @@ static void errors_stick(void **state) {
     sherf_context_free(c);
 }
 
-/* Memory of dropped tensors is taken again, and only where nothing is recorded. */
+/* The memory of dropped tensors is reused, but only if nothing is recorded. */
 static void dropped_memory(void **state) {
     context *c = test_context();
     for (int record = 0; record < 2; record++) {

@@ -1,5 +1,5 @@
-/* Single values of the spatial ops, computed elsewhere or by hand, and what they do at the edges: in every
- * float32 backend. */
+/* Tests of single values of the spatial ops, computed elsewhere or by hand, and of their behaviour at edges,
+ * in every float32 backend. */
 #include "support.h"
 
 #include <math.h>
@@ -49,7 +49,7 @@ static void test_composite(void **state) {
     each_backend(composite_values);
 }
 
-/* Depths of one's own: those of even samples give the same frame but for the last interval, which is given.
+/* Explicit depths: those of even samples give the same frame, except for the last interval, which is given.
  */
 static void composite_uneven(tape *t) {
     const float sigma[] = {3, 0.7f, 2, 0.7f}, near = 2, far = 3, length = 1.25f;
@@ -82,7 +82,7 @@ static void test_uneven(void **state) {
     each_backend(composite_uneven);
 }
 
-/* Nothing gets through the first sample (alpha is exactly 1): gradients are finite, and 0 behind it. */
+/* Nothing passes the first sample (alpha is exactly 1): gradients are finite, and 0 behind it. */
 static void opaque_gradient(tape *t) {
     const float sigma[] = {1e6f, 5, 1e6f}, rgb[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, near = 2, far = 3,
                 length = 1;
@@ -143,8 +143,8 @@ static void test_distance(void **state) {
     each_backend(distance_value);
 }
 
-/* Pixels without any feature: against features the distance is their share, the gradient 0; against none 0.
- */
+/* Pixels without any feature: compared with features, the distance is their share and the gradient 0;
+ * compared with none, both are 0. */
 static void distance_zero(tape *t) {
     const float a[6] = {0}, b[6] = {3, 0, 4, 0, 0, 0};
     tensor *x = INPUT(t, a, 1, 2, 3), *y = INPUT(t, b, 1, 2, 3);
@@ -159,7 +159,8 @@ static void test_distance_zero(void **state) {
     each_backend(distance_zero);
 }
 
-/* Outside, not-a-number and infinite positions read zero and scatter nothing; inside, bilinear weights. */
+/* Positions that are outside, not a number or infinite read zero and scatter nothing; inside, weights are
+ * bilinear. */
 static void sampling_edges(tape *t) {
     const float map[] = {1, 2, 4, 8}, x[] = {1, 10};
     const float at[] = {0.25f, 0.5f,  NAN, 0, INFINITY, 0,    0, -INFINITY, -1,
@@ -201,7 +202,7 @@ static void test_encode(void **state) {
     each_backend(encode_values);
 }
 
-/* Far arguments stay finite, not-a-number stays what it is. */
+/* Far arguments stay finite, and not-a-number stays not-a-number. */
 static void activations(tape *t) {
     const float x[] = {-1000, -20, -0.0f, 20, 1000, NAN, -INFINITY, INFINITY};
     const double gelu[] = {0, 0, 0, 20, 1000}, sigmoid[] = {0, 0, 0.5, 1, 1},
@@ -224,7 +225,7 @@ static void test_activations(void **state) {
     each_backend(activations);
 }
 
-/* A rule that reads a row twice in one tap is no convolution: the CPU's gradient refuses it. */
+/* A rule that reads a row twice in one tap is not a convolution: the CPU's gradient refuses it. */
 static void test_rule_twice(void **state) {
     context *c = test_context();
     tape *t = tape_create(c, (tape_options){.backend = &backend_cpu, .record = true});

@@ -1,6 +1,6 @@
-/* Training, avatars and evaluation on the emulated GPU (tests/support/cuda) through the API, against the
- * CPU's: the same losses and weights within float32's rounding, the same bits from run to run, one kind of
- * file for both devices, one line where the device's memory does not suffice. */
+/* Tests of training, avatars and evaluation on the emulated GPU (tests/support/cuda) through the API, against
+ * the CPU's: the same losses and weights within float32's rounding, the same bits from run to run, one kind
+ * of file for both devices, and one error line if the device's memory is too small. */
 #include "support.h"
 
 #include <stdio.h>
@@ -24,7 +24,7 @@ extern int cuda_emulated_order;
 extern size_t cuda_emulated_bytes;
 
 static bool on_gpu;
-static char program[4096]; /* this one, started again under mpirun */
+static char program[4096]; /* this program, started again under mpirun */
 
 static context *device_context(bool gpu) {
     context *c = test_context();
@@ -55,8 +55,8 @@ static void train(bool gpu, const char *output, int64_t steps) {
     sherf_context_free(c);
 }
 
-/* |a - b| / |b| over all tensors of two files; and the largest of one tensor whose name begins with `prefix`.
- */
+/* |a - b| / |b| over all tensors of two files, and the largest of a single tensor whose name begins with
+ * `prefix`. */
 static double difference(context *c, const char *a, const char *b, const char *prefix, double *worst) {
     safetensors *x, *y;
     double all_size = 0, all_off = 0;
@@ -97,8 +97,8 @@ static void losses_agree(context *c, const char *a, const char *b, double bound)
         }
 }
 
-/* Adam's first steps go as far for a gradient of rounding errors as for any other, so single weights may
- * differ; what it keeps of the gradients may not. */
+/* Adam's first steps are as large for a gradient of rounding errors as for any other, so single weights may
+ * differ. Its stored moments of the gradients may not. */
 static void files_agree(context *c, const char *a, const char *b, double bound, double second_bound) {
     double second;
     const double off = difference(c, path_of(a), path_of(b), "second.", &second);
@@ -118,7 +118,7 @@ static void training_follows_the_cpus(void **state) {
 
 static void training_gives_the_same_bits(void **state) {
     context *c = test_context();
-    cuda_emulated_order = 1; /* threads and blocks the other way round */
+    cuda_emulated_order = 1; /* threads and blocks in the opposite order */
     train(true, path_of("again"), STEPS);
     cuda_emulated_order = 0;
     train(true, path_of("parts"), 1);
@@ -133,7 +133,7 @@ static void training_gives_the_same_bits(void **state) {
     sherf_context_free(c);
 }
 
-/* A checkpoint goes on on the other device. */
+/* A checkpoint can be continued on the other device. */
 static void devices_take_turns(void **state) {
     context *c = test_context();
     train(false, path_of("turns"), 1);
@@ -180,7 +180,7 @@ static void avatars_agree(void **state) {
 /* ---- several processes, each with its GPU ---- */
 static sherf_train_options options_for_ranks(const char *output) {
     sherf_train_options o = options_for(output, 1);
-    o.batch = 4; /* a whole branch of the sum for each of two */
+    o.batch = 4; /* each of two processes gets a whole branch of the sum */
     o.targets = 1;
     return o;
 }
@@ -197,7 +197,7 @@ static int run_rank(const char *data, const char *output) {
 
 static void processes_equal_one(void **state) {
     char command[16384];
-    if (on_gpu) skip(); /* there may be one */
+    if (on_gpu) skip(); /* there may be only one GPU */
     if (system("command -v mpirun >/dev/null 2>&1")) skip();
     context *c = device_context(true);
     sherf_train_options o = options_for_ranks(path_of("one"));
@@ -283,7 +283,7 @@ static void check_lack(context *c, const char *what, sherf_status status) {
 }
 
 static void lack_of_memory_is_one_line(void **state) {
-    if (on_gpu) skip(); /* it has enough */
+    if (on_gpu) skip(); /* enough memory */
     context *c = device_context(true);
     const size_t live = mem_live();
     sherf_model *m;

@@ -1,4 +1,4 @@
-/* The losses of a frame against their definitions, and which are left out. */
+/* Tests of a frame's losses against their definitions, and of leaving some out. */
 #include <math.h>
 #include <string.h>
 
@@ -67,8 +67,8 @@ static void values_are_the_means(void **state) {
     sherf_context_free(c);
 }
 
-/* What is outside the mask has the background's colour: a frame composited over it has no colour loss, and
- * one over black has the background's square there. */
+/* Outside the mask the target has the background's colour. There a frame composited over that background has
+ * no colour loss, and one over black has the square of the background. */
 static void backgrounds_are_behind_the_person(void **state) {
     static scene s;
     make_scene(&s);
@@ -137,7 +137,7 @@ static void resnet50_adds_its_distance(void **state) {
                      tensor_f32(r->weight[i]));
     loss_target g = {W, H, s.image, s.mask, NULL, s.at_box};
     loss_values v;
-    for (int own = 0; own < 2; own++) { /* its own weight, or one that is given */
+    for (int own = 0; own < 2; own++) { /* its default weight, or a given one */
         tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
         const loss_networks networks = {.resnet50 = r, .resnet50_weight = own ? 2 : 0};
         assert_ok(c, losses_of(t, &networks, frame, &g, &total, &v));
@@ -151,7 +151,7 @@ static void resnet50_adds_its_distance(void **state) {
     sherf_context_free(c);
 }
 
-/* Without a term its gradient is not there, and the total is that of the others. */
+/* Without a term there is no gradient of it, and the total is that of the others. */
 static void terms_are_left_out(void **state) {
     static scene s;
     make_scene(&s);
@@ -163,7 +163,7 @@ static void terms_are_left_out(void **state) {
         tensor *frame = tape_input(t, s.frame, 2, (int64_t[]){N, 5}), *total;
         const loss_networks networks = {.without = without};
         loss_values v;
-        if (without == (LOSS_COLOR | LOSS_MASK | LOSS_SSIM)) continue; /* nothing would be left here */
+        if (without == (LOSS_COLOR | LOSS_MASK | LOSS_SSIM)) continue; /* no term would be left */
         frame->needs_grad = true;
         assert_ok(c, losses_of(t, &networks, frame, &g, &total, &v));
         const double parts[] = {100 * v.color, 10 * v.mask, 1 - v.ssim};

@@ -1,4 +1,5 @@
-/* The trainer's parts on their own: optimiser, schedule, average, order of pictures, sums of a step. */
+/* Tests of the trainer's parts on their own: optimiser, schedule, average, order of pictures, sums of a step.
+ */
 #include <math.h>
 #include <string.h>
 
@@ -42,7 +43,7 @@ static void adam_follows_its_equations(void **state) {
     sherf_context_free(c);
 }
 
-/* With a first moment, as the authors of other models train them. */
+/* With a first moment, as the authors of other models train. */
 static void momentum_follows_its_equations(void **state) {
     enum { N = 20000 };
     static float x[N], g[N];
@@ -146,7 +147,7 @@ static void every_picture_once_an_epoch(void **state) {
     }
 }
 
-/* Of a model that shows the observed pose alone: other views of it, as before. */
+/* For a model that shows only the observed pose, targets are other views of it, as before. */
 static void targets_can_keep_the_pose(void **state) {
     sampling any = two_people(-1), one = any;
     one.one_pose = true;
@@ -171,7 +172,7 @@ static void backgrounds_are_black_or_drawn(void **state) {
             dark += d.background[k] > 0 && d.background[k] < 0.5f;
         }
         different += d.background[0] != d.background[1];
-        d.background[0] = d.background[1] = d.background[2] = 0; /* all else is drawn as without */
+        d.background[0] = d.background[1] = d.background[2] = 0; /* all other draws are unchanged */
         assert_true(d.person == plain.person && d.view == plain.view && d.noise_key == plain.noise_key);
         assert_memory_equal(d.more, plain.more, sizeof d.more);
     }
@@ -190,8 +191,8 @@ static parameters *made_up_weights(context *c) {
     return p;
 }
 
-/* What the samples [begin, end) of 8 make of gradients and statistics, with the second of two targets as good
- * as the first in the even ones, and not there in the odd ones. */
+/* What the samples [begin, end) of 8 add to gradients and statistics. The second of two targets is as good as
+ * the first in even samples and missing in odd ones. */
 static void run_share(context *c, parameters *p, int begin, int end, step_total *s) {
     assert_ok(c, total_create(c, p, 8, begin, end, 2, s));
     assert_ok(c, total_start(c, s));
@@ -203,7 +204,7 @@ static void run_share(context *c, parameters *p, int begin, int end, step_total 
         test_centred(name, 48, pow(3, i % 4), add);
         for (int64_t k = 0; k < p->trained_floats; k++) g[k] += add[k % 48];
         for (int64_t k = 0; k < 6; k++) b[k] += 0.1f * (add[k] - b[k]);
-        for (int k = 0; k < 2 - i % 2; k++) { /* SSIM is in the total, so that what is stored lacks its 1 */
+        for (int k = 0; k < 2 - i % 2; k++) { /* SSIM is part of the total, so the stored value lacks its 1 */
             const float row[LOSSES] = {i == 3 ? 3 : (float)i - 1, 1, 2, i == 3 ? NAN : 0.5f, NAN, NAN};
             memcpy(total_rows(s, i) + k * LOSSES, row, sizeof row);
         }
@@ -222,7 +223,7 @@ static void shares_add_up_to_the_same_bits(void **state) {
     assert_true(mean.total == 3.5 && mean.ssim == 0.5 && isnan(mean.lpips));
     for (int k = 0; k < 2; k++) run_share(c, q[k], 4 * k, 4 * k + 4, &half[k]);
     const size_t row = (size_t)half[0].buffers;
-    for (size_t i = 0; i < 8 * row; i++) { /* what ranks_sum does to the rows */
+    for (size_t i = 0; i < 8 * row; i++) { /* the effect of ranks_sum on the rows */
         const int k = i / row >= 4;
         assert_true(half[!k].statistics[i] == 0);
         half[0].statistics[i] += half[1].statistics[i];
@@ -294,8 +295,8 @@ static sherf_status own_backward(tape *t, void *payload) {
     return SHERF_OK;
 }
 
-/* Weights 0 and 1 of layers before a step of its own kind, which uses 3; 2 before and behind it, as a view.
- */
+/* Weights 0 and 1 of layers before a step of its own kind, which uses 3; weight 2 is before and after it, as
+ * a view. */
 static void gradients_are_told_when_final(void **state) {
     context *c = test_context();
     parameters *p = parameters_create(c);

@@ -1,5 +1,5 @@
-/* The models beside SHERF on the emulated GPU (tests/support/cuda), against the processor's: the losses of
- * two steps, and frames of the avatars of one file. */
+/* Tests of the models beside SHERF on the emulated GPU (tests/support/cuda), against the processor's: the
+ * losses of two steps, and frames of avatars from one file. */
 #include "rival.h"
 
 #ifdef HAVE_CUDA_EMULATED

@@ -1,4 +1,4 @@
-/* Estimated observations in samples: the targets are mapped to the estimate's world. */
+/* Tests of estimated observations in samples: the targets are mapped to the estimate's world. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,7 +34,7 @@ static int free_data(void **state) {
 
 typedef enum { MOVED, NOBODY, NOWHERE } kind;
 
-/* The truth in a world of its own, a quarter turned about y; or nobody; or a body beside the picture. */
+/* The truth in its own world, a quarter turn about y; or nobody; or a body outside the picture. */
 static sherf_status estimate(context *c, void *state, const sherf_image *photo,
                              const sherf_observation *truth, sherf_observation **out) {
     static const float Q[9] = {0, 0, 1, 0, 1, 0, -1, 0, 0}, shift_m[3] = {1, -2, 0.5f};
@@ -78,7 +78,7 @@ static void load(context *c, kind what, bool estimated, sample *out) {
     assert_ok(c, sample_load(c, &from, drawn, out));
 }
 
-/* The same rays meet the body, to rounding. */
+/* The same rays meet the body, up to rounding. */
 static void same_target(const target_geometry *a, const target_geometry *b) {
     const int64_t apart = a->points->count - b->points->count;
     assert_true(a->points->count > 500 && llabs(apart) * 100 < a->points->count);
@@ -131,7 +131,8 @@ static void a_share_is_estimated(void **state) {
     sherf_context_free(c);
 }
 
-/* One in two, and two to N of those equally often; the views are distinct; other draws stay the same. */
+/* One in two has several pictures, with 2 to N equally often. The views are distinct, and other draws do not
+ * change. */
 static void every_other_has_several_pictures(void **state) {
     context *c = test_context();
     sampling s;

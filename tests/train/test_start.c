@@ -1,5 +1,6 @@
-/* Other projects' files for starting a training: ResNet-18 for the encoders, VGG16 with its heads for the
- * loss. Complete, of the right shapes and finite, or refused by the tensor's name. */
+/* Tests of other projects' files from which a training starts: ResNet-18 for the encoders, VGG16 with its
+ * heads for the loss. They are complete, of the right shapes and finite, or refused with the tensor's name.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -42,7 +43,7 @@ static void an_encoder_starts_whole_or_not_at_all(void **state) {
     const size_t count = resnet_items(from, item);
     assert_true(count > 20 && count < 200);
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
-    assert_ok(c, model_load_resnet(c, m, path)); /* the global encoder is narrower and stays as it is */
+    assert_ok(c, model_load_resnet(c, m, path)); /* the global encoder is narrower and does not change */
     for (int i = 0; i < m->weights->count; i++) {
         const parameter *a = m->weights->item[i], *b = from->weights->item[i];
         if (!strncmp(a->name, feature, strlen(feature)))
@@ -64,10 +65,10 @@ static void an_encoder_starts_whole_or_not_at_all(void **state) {
         assert_fails(c, model_load_resnet(c, m, path), SHERF_MISMATCH, "has shape");
         item[i] = kept;
     }
-    *(float *)(uintptr_t)item[count / 2].data = NAN; /* in `from`, which the items point into */
+    *(float *)(uintptr_t)item[count / 2].data = NAN; /* in `from`, to which the items point */
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
     assert_fails(c, model_load_resnet(c, m, path), SHERF_BAD_FILE, "not finite");
-    /* another network that happens to begin with the same layer */
+    /* another network that begins with the same layer by chance */
     for (size_t i = 0; i < count; i++)
         if (!strcmp(item[i].name, "conv1.weight"))
             assert_ok(c, safetensors_write(c, path, 1, item + i, 0, NULL));
@@ -109,7 +110,7 @@ static void lpips_is_whole_finite_and_no_less_than_zero(void **state) {
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
     assert_ok(c, lpips_load(c, path, &read));
     lpips_free(read);
-    item[4].dim[0] = 64, item[4].dim[1] = 128; /* features.5.weight, turned round */
+    item[4].dim[0] = 64, item[4].dim[1] = 128; /* features.5.weight, transposed */
     assert_ok(c, safetensors_write(c, path, count, item, 0, NULL));
     assert_fails(c, lpips_load(c, path, &read), SHERF_MISMATCH, "features.5.weight has another shape");
     item[4].dim[0] = 128, item[4].dim[1] = 64;

@@ -1,5 +1,5 @@
-/* The whole trainer on a small made-up data set: the loss falls, a stopped training continues with the same
- * bits, several processes equal one. */
+/* Tests of the whole trainer on a small made-up data set: the loss falls, a stopped training continues with
+ * the same bits, and several processes equal one. */
 #include <fcntl.h>
 #include <math.h>
 #include <signal.h>
@@ -18,7 +18,7 @@
 #include "model/model.h"
 #include "tube_training.h"
 
-static char program[4096]; /* this one, started again under mpirun */
+static char program[4096]; /* this program, started again under mpirun */
 
 static context *float_context(int threads) {
     context *c;
@@ -39,7 +39,8 @@ static sherf_train_options options_for(const char *output, int64_t steps) {
     return tube_training(TINY ",samples=16", output, steps);
 }
 
-/* The largest difference of two files' tensors over the largest value of each; both have the same names. */
+/* The largest difference of two files' tensors relative to the largest value of each; both have the same
+ * names. */
 static double difference(context *c, const char *a, const char *b) {
     safetensors *x, *y;
     double worst = 0;
@@ -108,7 +109,7 @@ static void resuming_gives_the_same_bits(void **state) {
     sherf_context_free(c);
 }
 
-/* Fine-tuning: after learns_and_writes. */
+/* Fine-tuning; runs after learns_and_writes. */
 static void a_training_starts_from_weights(void **state) {
     context *c = float_context(1);
     const char *run = path_of("tuned"), *weights = path_of("learn/model.safetensors");
@@ -119,7 +120,7 @@ static void a_training_starts_from_weights(void **state) {
     assert_true(logged(c, run, 1, "loss") < 0.7 * logged(c, path_of("learn"), 1, "loss"));
     /* running statistics move */
     assert_true(difference(c, weights, path_of("tuned/model.safetensors")) < 0.5);
-    o.output = path_of("seeing"); /* other settings without weights of their own */
+    o.output = path_of("seeing"); /* other settings without their own weights */
     o.preset = TINY ",samples=16,occlusion=2";
     assert_ok(c, sherf_train(c, &o));
     assert_true(difference(c, weights, path_of("seeing/model.safetensors")) < 0.5);
@@ -155,7 +156,7 @@ static void cancelling_saves(void **state) {
     assert_non_null(strstr(c->message, "after step 2"));
     sherf_context_free(c);
     c = float_context(1);
-    assert_ok(c, sherf_train(c, &o)); /* picks its checkpoint up by itself */
+    assert_ok(c, sherf_train(c, &o)); /* it finds its checkpoint by itself */
     assert_true(difference(c, path_of("whole/checkpoint.safetensors"),
                            path_of("cancelled/checkpoint.safetensors")) == 0);
     sherf_context_free(c);
@@ -174,7 +175,7 @@ static void losses_and_beta2_are_kept(void **state) {
     o.output = parts;
     o.steps = 2;
     assert_ok(c, sherf_train(c, &o));
-    o = options_for(parts, 5); /* not said again */
+    o = options_for(parts, 5); /* not given again */
     assert_ok(c, sherf_train(c, &o));
     assert_true(difference(c, path_of("less/checkpoint.safetensors"),
                            path_of("less_parts/checkpoint.safetensors")) == 0);
@@ -203,7 +204,7 @@ static void as_the_release_trains(void **state) {
     context *c = float_context(1);
     const char *run = path_of("released");
     sherf_train_options o = options_for(run, 3);
-    o.halve_pictures = 17; /* of 8 a step: 2 steps */
+    o.halve_pictures = 17; /* 8 per step: 2 steps */
     o.last_weights = 1;
     assert_ok(c, sherf_train(c, &o));
     const double rate = logged(c, run, 1, "rate");
@@ -221,7 +222,7 @@ static void as_the_release_trains(void **state) {
         const safetensor *average = safetensors_find(checkpoint, name);
         assert_non_null(last);
         const size_t bytes = tensor_bytes_of(w);
-        if (strstr(w->name, ".const")) continue; /* in another order of rows there */
+        if (strstr(w->name, ".const")) continue; /* its rows are in another order */
         assert_memory_equal(w->data, last->data, bytes);
         averaged |= memcmp(average->data, last->data, bytes) != 0;
     }
@@ -234,7 +235,8 @@ static void as_the_release_trains(void **state) {
     sherf_context_free(c);
 }
 
-/* Words of a file without a checksum for others of the same length; and the last number not finite. */
+/* Replaces words of a file without a checksum by others of the same length, or makes the last number
+ * infinite. */
 static void spoil(context *c, const char *path, const char *word, const char *other, bool number) {
     unsigned char *data;
     size_t bytes;
@@ -267,7 +269,7 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     assert_int_equal(sherf_train(c, &o), SHERF_MISMATCH);
     assert_non_null(strstr(c->message, "not sherf:base"));
     assert_false(path_is_folder(path_of("bad")));
-    o.preset = NULL; /* the checkpoint's */
+    o.preset = NULL; /* the checkpoint's preset */
     assert_ok(c, sherf_train(c, &o));
     folder_remove(path_of("bad"));
     o = options_for(path_of("bad"), 7);
@@ -277,7 +279,7 @@ static void a_bad_checkpoint_is_one_line(void **state) {
     o = options_for(path_of("bad"), 2);
     assert_ok(c, sherf_train(c, &o));
     o = options_for(path_of("bad"), 7);
-    o.learning_rate = 1e308; /* weights that are lost do not take the place of good ones */
+    o.learning_rate = 1e308; /* lost weights do not replace good ones */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_ARGUMENT);
     assert_non_null(strstr(c->message, "diverged"));
     o = options_for(path_of("bad"), 7);
@@ -324,12 +326,12 @@ static void a_damaged_checkpoint_gives_way_to_the_one_before(void **state) {
     flip_a_bit(now);
     assert_ok(c, sherf_train(c, &o));
     assert_true(difference(c, path_of("whole/checkpoint.safetensors"), now) == 0);
-    assert_true(difference(c, now, before) > 0); /* the damaged one did not take its place */
+    assert_true(difference(c, now, before) > 0); /* the damaged one did not replace it */
     assert_int_equal(unlink(now), 0);
     assert_ok(c, sherf_train(c, &o));
     assert_true(difference(c, path_of("whole/checkpoint.safetensors"), now) == 0);
     flip_a_bit(now);
-    o.resume = now; /* requested by name: no other is taken */
+    o.resume = now; /* requested by name: no other one is used instead */
     assert_int_equal(sherf_train(c, &o), SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "checkpoint.safetensors: damaged"));
     o.resume = NULL;
@@ -367,11 +369,11 @@ static void two_trainings_in_one_folder_are_refused(void **state) {
     close(ready[0]);
     close(ready[1]);
     assert_ok(c, sherf_train(c, &o));
-    assert_ok(c, sherf_train(c, &o)); /* nor does a training hold it longer than it lasts */
+    assert_ok(c, sherf_train(c, &o)); /* a training does not hold the lock after it ends */
     sherf_context_free(c);
 }
 
-/* Cameras of tube_000, T scaled and then moved along x. */
+/* Cameras of tube_000 with T scaled and then moved along x. */
 static void write_cameras(context *c, const char *spec, const char *person, float scale, float shift) {
     enum { VIEWS = 3 };
     sherf_dataset *d;
@@ -386,7 +388,7 @@ static void write_cameras(context *c, const char *spec, const char *person, floa
     assert_ok(c, thuman_write_annots(c, person, 1, VIEWS, camera));
 }
 
-/* One line that names the file or the error, and no folder of a run that never made a step. */
+/* One line names the file or the error, and no folder is left of a run that never made a step. */
 static void broken_data_is_one_line(void **state) {
     context *c = float_context(1);
     const size_t live = mem_live();
@@ -405,7 +407,7 @@ static void broken_data_is_one_line(void **state) {
     assert_non_null(strstr(c->message, "the body lies outside the picture"));
     assert_false(path_is_folder(path_of("broken_run")));
     write_cameras(c, spec, path_of("broken/tube_000"), 1, -50);
-    for (int v = 0; v < 3; v++) { /* whichever comes first is drawn */
+    for (int v = 0; v < 3; v++) { /* any of them may be drawn first */
         char name[64];
         snprintf(name, sizeof name, "broken/tube_000/mask_cihp/view%02d/000000.png", v);
         assert_int_equal(unlink(path_of(name)), 0);
@@ -425,7 +427,7 @@ static void broken_data_is_one_line(void **state) {
     sherf_context_free(c);
 }
 
-/* Every pixel of the masks of a pose of "masks", whose first mask is 000000.png. */
+/* Sets every pixel of the masks of a pose of "masks", whose first mask is 000000.png. */
 static void fill_masks(context *c, int pose, int views, bool keep, uint8_t with) {
     for (int v = 0; v < views; v++) {
         char name[80], kept[90];
@@ -444,8 +446,8 @@ static void fill_masks(context *c, int pose, int views, bool keep, uint8_t with)
     }
 }
 
-/* Wrong masks of first pictures are found before the first step. One that is drawn later ends the training by
- * its name; the progress is saved, and with the mask repaired the training continues as if nothing had
+/* Wrong masks of first pictures are found before the first step. One that is drawn later ends the training
+ * with its name; the progress is saved, and with the mask repaired the training continues as if nothing had
  * happened. */
 static void an_empty_or_full_mask_ends_it(void **state) {
     enum { VIEWS = 3 };
@@ -495,8 +497,8 @@ static void processes_equal_one(void **state) {
     sherf_train_options o = options_for(path_of("one"), 3);
     assert_ok(c, sherf_train(c, &o));
     const int counts[] = {2, 3};
-    /* Open MPI keeps memory of plugins that it has unloaded, which no suppression can name; leaks of ours are
-     * counted by mem_live above. */
+    /* Open MPI keeps memory of plugins that it has unloaded, and no suppression can name it; our own leaks
+     * are counted by mem_live above. */
     for (size_t i = 0; i < COUNT_OF(counts); i++) {
         char name[32];
         snprintf(name, sizeof name, "ranks%d", counts[i]);

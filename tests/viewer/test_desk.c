@@ -1,5 +1,5 @@
-/* The viewer without its HTTP: who may send requests, which are accepted, whose turn it is, what is painted.
- */
+/* Tests of the viewer without its HTTP: who may send requests, which are accepted, whose turn it is, what is
+ * painted. */
 #include "support.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@ static void tokens(void **state) {
     assert_true(token_matches(token, path, &rest));
     assert_string_equal(rest, "/frame");
     assert_false(token_matches(other, path, &rest));
-    for (int i = 1; i <= VIEWER_TOKEN; i++) { /* one letter wrong, or cut off */
+    for (int i = 1; i <= VIEWER_TOKEN; i++) { /* one letter wrong, or truncated */
         path[i] ^= 1;
         assert_false(token_matches(token, path, &rest));
         path[i] ^= 1;
@@ -29,7 +29,7 @@ static void tokens(void **state) {
         snprintf(cut, sizeof cut, "%.*s", i, path);
         assert_false(token_matches(token, cut, &rest));
     }
-    path[VIEWER_TOKEN + 1] = 'x'; /* longer */
+    path[VIEWER_TOKEN + 1] = 'x'; /* too long */
     assert_false(token_matches(token, path, &rest));
     path[VIEWER_TOKEN + 1] = 0;
     assert_true(token_matches(token, path, &rest));
@@ -121,7 +121,7 @@ static const char *const bad_fields[][2] = {{"w", "15"},
                                             {"unknown", "1"},
                                             {"", "1"}};
 
-/* ---- which are taken ---- */
+/* ---- which requests are accepted ---- */
 static void fields(void **state) {
     viewer_query q;
     query_start(&q);
@@ -135,7 +135,7 @@ static void fields(void **state) {
     assert_true(fabsf(q.request.background[2] - 1) < 1e-6f &&
                 fabsf(q.request.background[1] - 128 / 255.f) < 1e-6f);
     assert_false(q.request.follow);
-    for (size_t i = 0; i < COUNT_OF(good_fields); i++) /* none twice */
+    for (size_t i = 0; i < COUNT_OF(good_fields); i++) /* none occurs twice */
         if (query_take(&q, good_fields[i][0], good_fields[i][1])) fail_msg("%s twice", good_fields[i][0]);
     for (size_t i = 0; i < COUNT_OF(bad_fields); i++) {
         query_start(&q);
@@ -179,18 +179,18 @@ static void newest_wins(void **state) {
     assert_int_equal(wakes[0], 1);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_JOB);
     assert_ptr_equal(turn, b);
-    viewer_job *c = request(&d, "anna", 3, &wakes[2]); /* while it was being made */
+    viewer_job *c = request(&d, "anna", 3, &wakes[2]); /* while it was being rendered */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_done(&d, turn, JOB_DONE); /* too late: nobody is woken again */
     assert_int_equal(b->state, JOB_REPLACED);
     assert_int_equal(wakes[1], 1);
     desk_release(&d, turn);
-    viewer_job *late = request(&d, "anna", 2, &wakes[3]); /* was overtaken on its way */
+    viewer_job *late = request(&d, "anna", 2, &wakes[3]); /* overtaken on the way */
     assert_int_equal(late->state, JOB_REPLACED);
     assert_int_equal(wakes[3], 1);
     assert_int_equal(c->state, JOB_WAITING);
-    /* four answers are under way: that is enough for one client */
+    /* four answers are under way, the limit for one client */
     viewer_query q = from("anna", 9);
     viewer_job *none;
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_TOO_MANY);
@@ -221,7 +221,7 @@ static void turns_are_taken(void **state) {
     int film = desk_seat(&d, "film");
     d.client[film].film.state = FILM_RUNNING;
     pthread_mutex_unlock(&d.lock);
-    for (int i = 0; i < 40; i++) { /* large pictures: none is complete */
+    for (int i = 0; i < 40; i++) { /* large pictures: none is finished */
         viewer_turn t = desk_turn(&d, 0, &turn, &seat);
         if (t == TURN_FILM)
             films++;
@@ -233,7 +233,7 @@ static void turns_are_taken(void **state) {
     }
     assert_int_equal(films, 10);
     for (int i = 0; i < 3; i++) assert_int_equal(served[own[i]->seat], 10);
-    /* nobody else waits: the film has all turns */
+    /* nobody else waits: the video gets all turns */
     desk_close(&d);
     assert_int_equal(wakes, 3);
     assert_int_equal(desk_turn(&d, 0, &turn, &seat), TURN_CLOSED);
@@ -260,7 +260,7 @@ static void seats_are_few(void **state) {
     }
     viewer_query q = from("onemore", 1);
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_NO_SEAT);
-    d.client[job[3]->seat].seen_s -= 3600; /* still waits for its picture */
+    d.client[job[3]->seat].seen_s -= 3600; /* it still waits for its picture */
     assert_int_equal(desk_admit(&d, &q, &none), ADMITTED_NO_SEAT);
     desk_close(&d);
     int seat = job[3]->seat;
@@ -296,7 +296,7 @@ static void painted(void **state) {
     assert_memory_equal(out + 3 * corner, ((uint8_t[]){255, 0, 0}), 3);
     assert_memory_equal(out + 3 * solid, ((uint8_t[]){153, 153, 153}), 3);
     assert_memory_equal(out + 3 * half, ((uint8_t[]){204, 77, 77}), 3);
-    paint(&w, &o, color, opacity, depth, 4, scratch, out); /* the colour itself, and how much of it */
+    paint(&w, &o, color, opacity, depth, 4, scratch, out); /* the colour, and how much of it */
     assert_memory_equal(out + 4 * corner, ((uint8_t[]){0, 0, 0, 0}), 4);
     assert_memory_equal(out + 4 * half, ((uint8_t[]){153, 153, 153, 128}), 4);
     w.mode = VIEWER_OPACITY;

@@ -1,4 +1,4 @@
-/* The viewer over raw sockets: its answers, and what it withstands. */
+/* Tests of the viewer over raw sockets: its answers, and what it withstands. */
 #include "support.h"
 
 #include <arpa/inet.h>
@@ -53,13 +53,13 @@ static int connected(void) {
 static void send_text(int fd, const char *text, size_t bytes) {
     while (bytes) {
         ssize_t n = send(fd, text, bytes, MSG_NOSIGNAL);
-        if (n <= 0) return; /* closed by the other side: what it said is read below */
+        if (n <= 0) return; /* closed by the other side: its answer is read below */
         text += n;
         bytes -= (size_t)n;
     }
 }
 
-/* Reads to the end of the connection; the answer is valid until the next call. */
+/* Reads until the connection closes; the answer is valid until the next call. */
 static const answer *receive(int fd) {
     static uint8_t text[ANSWER_MAX];
     static answer a;
@@ -113,12 +113,12 @@ static void assert_status(const answer *a, int status) {
                  a->body ? (char *)a->body : "");
 }
 
-/* It still works. */
+/* Checks that the viewer still works. */
 static void assert_alive(void) {
     assert_status(get("/about"), 200);
 }
 
-/* ---- what is answered ---- */
+/* ---- answers ---- */
 static void page(void **state) {
     const answer *a = get("/");
     assert_status(a, 200);
@@ -175,7 +175,7 @@ static void pictures(void **state) {
     assert_int_equal(p.height, 64);
     assert_true(abs(p.data[0] - 0x20) < 4 && abs(p.data[1] - 0x40) < 4 && abs(p.data[2] - 0x60) < 4);
     mem_free(p.data);
-    /* where the body is, without loss */
+    /* the body's position, lossless */
     p = picture_of(get("/frame?client=anna&n=2&w=64&h=64&mode=opacity&png=1"), "image/png", 1);
     int full = 0, sum_x = 0;
     for (int i = 0; i < 64 * 64; i++)
@@ -195,9 +195,9 @@ static void pictures(void **state) {
     mem_free(p.data);
 }
 
-/* ---- what the page draws by itself ---- */
+/* ---- what the page draws itself ---- */
 
-/* The bounds of what is opaque in the frame of a query, in pixels. */
+/* The bounds, in pixels, of the opaque part of a query's frame. */
 static void opaque_bounds(const char *query, int side, float low[2], float high[2]) {
     image_u8 p = picture_of(get("%s&w=%d&h=%d&mode=opacity&png=1", query, side, side), "image/png", 1);
     for (int k = 0; k < 2; k++) low[k] = (float)side, high[k] = 0;
@@ -210,7 +210,7 @@ static void opaque_bounds(const char *query, int side, float low[2], float high[
     mem_free(p.data);
 }
 
-/* Computes from the answers' bytes where a corner of the surface is in a frame. */
+/* Computes the position of a surface corner in a frame, from the bytes of the answers. */
 static void corner_world(const uint8_t *surface, const float *frame, uint32_t corners, uint32_t i,
                          float out[3]) {
     float p[4] = {0, 0, 0, 1};
@@ -227,7 +227,7 @@ static void corner_world(const uint8_t *surface, const float *frame, uint32_t co
     assert_int_equal(sum, 255);
 }
 
-/* The surface as the page gets it, once it is ready; free it. */
+/* The surface as the page gets it, once it is ready; the caller frees it. */
 static uint8_t *take_surface(uint32_t *corners) {
     const answer *a = get("/surface?avatar=0");
     for (int i = 0; i < 2000 && a->status == 202; i++, a = get("/surface?avatar=0")) usleep(50000);
@@ -253,7 +253,7 @@ static uint8_t *take_surface(uint32_t *corners) {
     return surface;
 }
 
-/* The surface, put into a frame by the page's bytes, is where the network's picture has the body. */
+/* The surface, placed into a frame with the page's bytes, is where the network's picture shows the body. */
 static void surface_stands_in_the_picture(void **state) {
     enum { SIDE = 128 };
     static const char query[] = "/frame?client=lena&n=1&motion=2&frame=4&az=0.7&el=0.2";
@@ -267,8 +267,8 @@ static void surface_stands_in_the_picture(void **state) {
     assert_true(moves[0] == LIVE_MOVES && moves[1] == 3 && moves[2] == POSES - 3);
     assert_int_equal(a->bytes, 16 + 4 * (LIVE_FRAMING + (POSES - 3) * (size_t)LIVE_FRAME));
     float frame[LIVE_FRAME];
-    memcpy(frame, a->body + 16 + 4 * (LIVE_FRAMING + LIVE_FRAME), sizeof frame); /* the second: frame 4 */
-    assert_true(fabsf(frame[0] - 2) < 1e-4f);                                    /* half a metre a frame */
+    memcpy(frame, a->body + 16 + 4 * (LIVE_FRAMING + LIVE_FRAME), sizeof frame); /* the second one: frame 4 */
+    assert_true(fabsf(frame[0] - 2) < 1e-4f);                                    /* half a metre per frame */
 
     viewer_query q;
     const viewer_framing *f;
@@ -306,7 +306,7 @@ static void surface_stands_in_the_picture(void **state) {
     }
 }
 
-/* A baked avatar's pictures are its own frames, quick or not; its surface is ready at once. */
+/* A baked avatar's pictures are its own frames, whether quick or not; its surface is ready at once. */
 static void baked_avatars(void **state) {
     enum { SIDE = 160 };
     uint32_t head[LIVE_HEAD];
@@ -354,7 +354,7 @@ static void surfaces_and_moves_there_are_not(void **state) {
     assert_alive();
 }
 
-/* A picture made in bands equals one made at once; following the body keeps it in the middle. */
+/* A picture made in bands equals one made at once. Following the body keeps it in the middle. */
 static void bands_and_following(void **state) {
     viewer *v = all.viewer;
     viewer_query q;
@@ -364,7 +364,7 @@ static void bands_and_following(void **state) {
     q.request.azimuth_rad = 0.4f;
     q.request.motion = 2;
     q.request.frame = 3;
-    viewer_scene scene; /* of our own: the other one is the rendering thread's */
+    viewer_scene scene; /* our own context: the other one belongs to the rendering thread */
     sherf_viewer_avatar avatar = {"a", all.avatar, all.body};
     sherf_viewer_motion motion = {"m", all.poses, POSES, 10};
     sherf_viewer_options o = {.avatars = &avatar, .avatar_count = 1, .motions = &motion, .motion_count = 1};
@@ -393,7 +393,7 @@ static void bands_and_following(void **state) {
     assert_true(weight > 100);
     if (!(worst < 1e-3)) fail_msg("bands differ by %g", worst);
     if (!(fabs(x / weight - 48) < 5))
-        fail_msg("the body is at %g of 96", x / weight); /* it is 1.5 m away by then */
+        fail_msg("the body is at %g of 96", x / weight); /* by then it is 1.5 m away */
     free(picture[0].data);
     free(picture[1].data);
     scene_free(&own.scene);
@@ -401,7 +401,7 @@ static void bands_and_following(void **state) {
     assert_non_null(v);
 }
 
-/* ---- who is refused ---- */
+/* ---- refused requests ---- */
 static void strangers(void **state) {
     char path[200];
     const answer *a = receive(start_request("GET", "/", HOST));
@@ -417,7 +417,7 @@ static void strangers(void **state) {
     assert_status(with("GET", "/", "Host: evil.example\r\n"), 403);
     assert_status(with("GET", "/", "Host: evil.example:80\r\nOrigin: http://evil.example:80\r\n"), 403);
     assert_true(with("GET", "/", "")->status >= 400);
-    assert_status(with("GET", "/", "Host: localhost:9999\r\n"), 200); /* a tunnel's end */
+    assert_status(with("GET", "/", "Host: localhost:9999\r\n"), 200); /* the end of a tunnel */
     assert_status(with("GET", "/about", HOST "Origin: http://127.0.0.1\r\n"), 200);
     assert_status(with("GET", "/about", HOST "Origin: http://evil.example\r\n"), 403);
     assert_status(with("GET", "/about", HOST "Origin: null\r\n"), 403);
@@ -469,12 +469,12 @@ static void nonsense(void **state) {
 static void oversized(void **state) {
     static char lines[70000];
     char text[400];
-    /* a body, announced or in chunks, or of no end */
+    /* a body, announced, in chunks or endless */
     assert_status(with("POST", "/film?client=anna", HOST "Content-Length: 5\r\n"), 413);
     assert_status(with("POST", "/film?client=anna", HOST "Content-Length: 99999999999999\r\n"), 413);
     assert_status(with("POST", "/film?client=anna", HOST "Transfer-Encoding: chunked\r\n"), 413);
     assert_true(with("GET", "/about", HOST "Content-Length: -1\r\n")->status >= 400);
-    /* lines without end */
+    /* endless lines */
     int n = sprintf(lines, "GET /%s/about HTTP/1.1\r\n" HOST "X: ", all.token);
     memset(lines + n, 'x', sizeof lines - (size_t)n);
     int fd = connected();
@@ -487,7 +487,7 @@ static void oversized(void **state) {
     send_text(fd, lines, sizeof lines);
     status = receive(fd)->status;
     assert_true(status == 0 || status >= 400);
-    /* very many of them */
+    /* very many lines */
     fd = connected();
     n = snprintf(text, sizeof text, "GET /%s/about HTTP/1.1\r\n" HOST, all.token);
     send_text(fd, text, (size_t)n);
@@ -501,18 +501,18 @@ static void oversized(void **state) {
     assert_alive();
 }
 
-/* ---- who is slow, or goes ---- */
+/* ---- slow and lost clients ---- */
 static void newest_request_wins(void **state) {
     char path[300];
     snprintf(path, sizeof path, "/%s/frame?client=berta&n=1&w=704&h=704&png=1", all.token);
     int large = start_request("GET", path, HOST);
-    usleep(150000); /* it is being made */
+    usleep(150000); /* the picture is being made */
     double begun = time_seconds();
     const answer *a = get("/frame?client=berta&n=2&w=32&h=32");
     double small_s = time_seconds() - begun;
     assert_status(a, 200);
     assert_status(receive(large), 204);
-    /* and another client's large one does not hold up ours */
+    /* another client's large picture does not delay ours */
     large = start_request("GET", path, HOST); /* overtaken: an older number */
     assert_status(receive(large), 204);
     snprintf(path, sizeof path, "/%s/frame?client=conny&n=1&w=512&h=512", all.token);
@@ -525,7 +525,7 @@ static void newest_request_wins(void **state) {
 
 static void vanishing(void **state) {
     char path[300];
-    for (int i = 0; i < 12; i++) { /* gone while the picture is being made */
+    for (int i = 0; i < 12; i++) { /* gone while the picture is made */
         snprintf(path, sizeof path, "/%s/frame?client=gone&n=%d&w=%d&h=64", all.token, i + 1, 64 + 16 * i);
         int fd = start_request("GET", path, HOST);
         if (i % 2) usleep(20000);
@@ -557,7 +557,7 @@ static void stalling(void **state) {
     send_text(quiet[1], "GET / HT", 8);
     double begun = time_seconds();
     assert_alive();
-    /* one that sends a letter now and then is never silent, and yet is not waited for */
+    /* a client that sends a letter now and then is never silent, but is not waited for */
     for (int i = 0; i < 8; i++) {
         send_text(quiet[2], "x", 1);
         usleep(100000);
@@ -575,14 +575,14 @@ static void many_connections(void **state) {
     enum { MANY = 150 };
     int fd[MANY];
     server_patience = 0.1;
-    for (int i = 0; i < MANY; i++) fd[i] = connected(); /* more than are served at a time */
-    assert_alive();                                     /* as soon as the first ones have had their time */
+    for (int i = 0; i < MANY; i++) fd[i] = connected(); /* more clients than are served at a time */
+    assert_alive(); /* as soon as the first ones have used up their time */
     for (int i = 0; i < MANY; i++) close(fd[i]);
     server_patience = 1;
     assert_alive();
 }
 
-/* ---- films ---- */
+/* ---- videos ---- */
 static cJSON *film_state_of(const char *client) {
     const answer *a = get("/film?client=%s", client);
     assert_status(a, 200);
@@ -612,10 +612,10 @@ static void films(void **state) {
     assert_memory_equal(a->body + 4, "ftyp", 4);
     assert_status(with("DELETE", "/film?client=dora", HOST), 200);
     assert_status(get("/film.mp4?client=dora"), 404);
-    /* one that is given up while it is made */
+    /* a video that is given up while it is made */
     assert_status(with("POST", "/film?client=emil&w=256&h=256&turn=300", HOST), 200);
     assert_status(with("POST", "/film?client=emil&w=64&h=64&turn=3", HOST), 409);
-    assert_status(get("/frame?client=dora&n=1&w=32&h=32"), 200); /* pictures do not wait for it */
+    assert_status(get("/frame?client=dora&n=1&w=32&h=32"), 200); /* pictures do not wait for the video */
     assert_status(with("DELETE", "/film?client=emil", HOST), 200);
     for (int i = 0; i < 200; i++) {
         cJSON *json = film_state_of("emil");
@@ -635,7 +635,7 @@ static void bad_options(void **state) {
     assert_int_equal(sherf_viewer_create(c, &o, &v), SHERF_BAD_ARGUMENT);
     assert_null(v);
     o.listen = NULL;
-    o.port = all.port; /* taken */
+    o.port = all.port; /* the port is taken */
     assert_int_equal(sherf_viewer_create(c, &o, &v), SHERF_UNSUPPORTED);
     o.port = 70000;
     assert_int_equal(sherf_viewer_create(c, &o, &v), SHERF_BAD_ARGUMENT);
@@ -646,7 +646,7 @@ static void bad_options(void **state) {
     o.size_px = 5000;
     assert_int_equal(sherf_viewer_create(c, &o, &v), SHERF_BAD_ARGUMENT);
     o.size_px = 0;
-    assert_ok(c, sherf_viewer_create(c, &o, &v)); /* closed with nobody there, and never run */
+    assert_ok(c, sherf_viewer_create(c, &o, &v)); /* closed without clients, and never run */
     sherf_viewer_free(v);
 }
 
@@ -668,7 +668,7 @@ static int setup(void **state) {
     assert_ok(c, sherf_body_load(c, test_path("people/tubeman.safetensors"), &all.body));
     assert_ok(c, sherf_model_create(
                      c, "small,encoder_width=8,style_width=16,plane_resolution=16,channel_max=16", 3, &m));
-    /* dense all over, so that what is near the body is seen */
+    /* dense everywhere, so that everything near the body is visible */
     *(float *)parameter_find(m->weights, "decoder.alpha_linear.bias")->value.data = 100;
     assert_ok(c, sherf_dataset_open(c, folder, &d));
     assert_ok(c, sherf_dataset_observation(c, d, 0, 0, 0, &o));
@@ -699,7 +699,7 @@ static int setup(void **state) {
 static int teardown(void **state) {
     void *good = &all;
     if (all.viewer) {
-        char path[300]; /* somebody waits for a large picture when the end comes */
+        char path[300]; /* a client waits for a large picture when the end comes */
         snprintf(path, sizeof path, "/%s/frame?client=last&n=1&w=1024&h=1024", all.token);
         int fd = start_request("GET", path, HOST);
         usleep(100000);

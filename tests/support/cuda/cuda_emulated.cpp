@@ -1,4 +1,4 @@
-/* CUDA's language on the host: fibres, barriers, the device's memory (cuda_emulated.h). */
+/* CUDA's language emulated on the host: fibres, barriers, the device's memory (cuda_emulated.h). */
 #include <deque>
 #include <setjmp.h>
 #include <stdio.h>
@@ -33,36 +33,36 @@ enum { STACK_BYTES = 128 << 10, THREADS_MAX = 1024 };
 enum thread_state { FRESH, READY, AT_WARP, AT_BLOCK, DONE };
 
 struct fibre {
-    ucontext_t place; /* where it begins; under the sanitizer, where it stands */
-    jmp_buf stop;     /* where it stands, once it has begun */
+    ucontext_t place; /* where it begins; under the sanitizer, its current position */
+    jmp_buf stop;     /* its current position, once it has begun */
     bool begun;
     const void *stack;
     size_t stack_bytes;
-    void *watched; /* by the address sanitizer */
+    void *watched; /* kept by the address sanitizer */
 };
 
 struct thread {
     thread_state state;
     fibre *on;         /* where it stopped at a barrier */
-    const void *given; /* at a warp's barrier: what it shows to the other lanes */
+    const void *given; /* at a warp's barrier, the value that it shows to the other lanes */
     size_t given_bytes;
 };
 enum { GIVEN_MAX = 32 };
-/* What the lanes of each warp have shown at its newest barrier. */
+/* The values that the lanes of each warp showed at its newest barrier. */
 static unsigned char shown[THREADS_MAX / WARP][WARP][GIVEN_MAX] __attribute__((aligned(16)));
 
-/* Copies that are done where they are waited for, and not sooner. */
+/* Copies that are done when something waits for them, and not sooner. */
 struct pending {
     void *to;
     const void *from;
     int group;
 };
 static std::vector<pending> copies[THREADS_MAX];
-static int groups[THREADS_MAX]; /* closed so far */
+static int groups[THREADS_MAX]; /* number of closed ones */
 
 static std::vector<fibre *> idle;
 static thread threads[THREADS_MAX];
-static int thread_count, fresh_count, current; /* fresh: not begun yet */
+static int thread_count, fresh_count, current; /* fresh: not yet begun */
 static const std::function<void()> *kernel_body;
 static fibre scheduler, *running;
 
@@ -71,7 +71,7 @@ static fibre scheduler, *running;
     abort();
 }
 
-/* On a fibre again, after the scheduler; or on the scheduler, whose own stack is known then. */
+/* Back on a fibre after the scheduler, or on the scheduler, whose own stack is then known. */
 static void changed(fibre *now) {
 #ifdef FIBRES_WATCHED
     const void *stack;
@@ -91,7 +91,7 @@ static void change(fibre *from, fibre *to) {
 #ifdef FIBRES_WATCHED
     swapcontext(&from->place, &to->place);
 #else
-    /* swapcontext makes two system calls; it is needed to begin only */
+    /* swapcontext makes two system calls, so it is used only to begin */
     from->begun = true;
     if (!_setjmp(from->stop)) {
         if (to->begun) _longjmp(to->stop, 1);
@@ -106,15 +106,15 @@ static void step_into(int i) {
     threadIdx = dim3(i % blockDim.x, i / blockDim.x % blockDim.y, i / blockDim.x / blockDim.y);
 }
 
-/* The next thread in the order that is requested. */
+/* The next thread in the requested order. */
 static int fresh_take() {
     const int i = cuda_emulated_order ? fresh_count - 1 : thread_count - fresh_count;
     fresh_count--;
     return i;
 }
 
-/* A fibre runs threads one after another until one stops at a barrier; so kernels without barriers need one.
- */
+/* A fibre runs threads one after another until one stops at a barrier, so kernels without barriers need only
+ * one. */
 static void fibre_main() {
     changed(running);
     for (;;) {
@@ -159,7 +159,7 @@ static void wait(thread_state barrier) {
     step_into(at);
 }
 
-/* Lets the threads [begin, end) go on when all that are not done stand at the barrier. */
+/* Lets the threads [begin, end) continue when all unfinished ones are at the barrier. */
 static bool release(int begin, int end, thread_state barrier) {
     int waiting = 0;
     for (int i = begin; i < end; i++) {
@@ -205,13 +205,13 @@ static void run_block() {
 }
 
 /* ---- memory: locked from an op's end to the next launch or copy ----
- * A region ends where a mapping ends that is of whole huge pages: locking takes one entry of the page table
- * for each of them instead of 512, and nothing lies behind a region's end. */
+ * A region ends at the end of a mapping of whole huge pages. So locking changes one entry of the page table
+ * per huge page instead of 512, and nothing lies beyond a region's end. */
 enum { PAGE_BYTES = 4096, HUGE_BYTES = 2 << 20 };
 struct region {
     char *data;
     size_t bytes;
-    char *block, *mapping; /* the huge pages; all that was mapped */
+    char *block, *mapping; /* the huge pages; the whole mapping */
     size_t block_bytes, mapping_bytes;
 };
 static std::vector<region> regions;
@@ -240,15 +240,15 @@ static bool region_map(size_t bytes, region *r) {
     return false;
 }
 
-/* Copies out of pinned memory happen as late as they may: when somebody waits for them, or when work comes
- * that they must be done before. So memory that is written again too early is found. */
+/* Copies out of pinned memory happen as late as possible: when something waits for them, or before work that
+ * must follow them. So memory that is overwritten too early is found. */
 struct late_copy {
     void *to;
     const void *from;
     size_t bytes;
 };
 static std::deque<late_copy> late;
-static uint64_t late_done; /* of all there have been */
+static uint64_t late_done; /* among all copies so far */
 
 static void copy_late(uint64_t until) {
     lock_memory(false);
@@ -258,7 +258,7 @@ static void copy_late(uint64_t until) {
     }
 }
 
-/* Before work of the stream. */
+/* Called before work in the stream. */
 static void begin_work() {
     copy_late(UINT64_MAX);
 }
@@ -280,7 +280,7 @@ void emulate(dim3 grid, dim3 block, const std::function<void()> &body) {
     }
 }
 
-/* The lanes' values: GIVEN_MAX bytes apart, until this lane comes to a barrier again. */
+/* The lanes' values, GIVEN_MAX bytes apart, valid until this lane reaches a barrier again. */
 static const unsigned char (*exchange(const void *mine, size_t bytes))[GIVEN_MAX] {
     threads[current].given = mine;
     threads[current].given_bytes = bytes;
@@ -343,9 +343,9 @@ static float of_bf16(uint32_t pair, int high) {
     return v;
 }
 
-/* As PTX lays the fragments out: with g = lane / 4 and t = lane % 4, a[] holds rows g and g + 8 of columns 2
- * t and 2 t + 1, then the same of columns 8 further; b[] rows 2 t, 2 t + 1 of column g, then 8 further; c[]
- * columns 2 t and 2 t + 1 of row g, then of row g + 8. */
+/* The fragments as in PTX: with g = lane / 4 and t = lane % 4, a[] holds rows g and g + 8 of columns 2 t and
+ * 2 t + 1, then the same for columns 8 further; b[] holds rows 2 t and 2 t + 1 of column g, then 8 further;
+ * c[] holds columns 2 t and 2 t + 1 of row g, then of row g + 8. */
 void mma_bf16(float c[4], const uint32_t a[4], const uint32_t b[2]) {
     const uint32_t mine[6] = {a[0], a[1], a[2], a[3], b[0], b[1]};
     const unsigned char(*lanes)[GIVEN_MAX] = exchange(mine, sizeof mine);
@@ -392,7 +392,7 @@ float half_value(uint16_t half) {
     return half >> 15 ? -size : size;
 }
 
-/* To nearest, even on a tie; beyond the largest: infinite. */
+/* Rounds to nearest, ties to even; beyond the largest value the result is infinite. */
 uint16_t half_of(float v) {
     const uint16_t sign = signbit(v) ? 0x8000 : 0;
     if (isnan(v)) return 0x7fff;
@@ -427,10 +427,10 @@ void async_wait_but(int newest) {
     mine = left;
 }
 
-/* ---- the runtime's part ---- */
+/* ---- the part of CUDA's runtime ---- */
 static size_t in_use;
 
-/* Not a number in every type, until somebody writes. */
+/* Not a number in every type, until something writes there. */
 void *device_take(context *c, size_t bytes) {
     const size_t rounded = (bytes + PAGE_BYTES - 1) / PAGE_BYTES * PAGE_BYTES;
     const bool room = !cuda_emulated_bytes || in_use + rounded <= cuda_emulated_bytes;
@@ -449,7 +449,7 @@ void *device_take(context *c, size_t bytes) {
 }
 
 void device_give(void *p) {
-    begin_work(); /* what is still to be copied there */
+    begin_work(); /* copies to it that are still due */
     lock_memory(true);
     for (size_t i = 0; i < regions.size(); i++)
         if (regions[i].data == p) {
@@ -528,7 +528,7 @@ void pinned_give(void *p) {
     mem_free(p);
 }
 
-/* ---- the library's part ---- */
+/* ---- the part of this project's library ---- */
 static float rounded(float v, bool bf16) {
     uint32_t bits;
     if (!bf16) return v;

@@ -1,7 +1,7 @@
-/* CUDA's language on the host, for the kernels of src/tensor/cuda compiled as plain C++. Threads of a block
- * are fibres that change at barriers; blocks run one after another. It finds wrong indices, missing barriers
- * (threads and blocks run in both orders) and host code that reads the device's memory (which is locked
- * between ops). It proves nothing about a GPU. */
+/* CUDA's language emulated on the host, for the kernels of src/tensor/cuda compiled as plain C++. The threads
+ * of a block are fibres that switch at barriers; blocks run one after another. It finds wrong indices,
+ * missing barriers (threads and blocks run in both orders) and host code that reads the device's memory
+ * (which is locked between ops). It proves nothing about a GPU. */
 #ifndef CUDA_EMULATED_H
 #define CUDA_EMULATED_H
 
@@ -44,10 +44,10 @@ int atomicAdd(int *to, int v);
 
 namespace cuda_backend {
 
-/* The sum over the 32 lanes of a warp, in the order of the shuffles on a GPU. All of them must call it. */
+/* The sum over the 32 lanes of a warp, in the order of a GPU's shuffles. All lanes must call it. */
 float warp_sum(float v);
 
-/* What src/sampling/cuda/warp.h has for a GPU. */
+/* The functions that src/sampling/cuda/warp.h has for a GPU. */
 float quad_sum(float v);
 int32_t warp_before(int32_t v);
 int bits_set(uint32_t bits);
@@ -80,7 +80,7 @@ void launch_wide(void (*kernel)(P...), dim3 grid, dim3 block, size_t shared_byte
 
 /* 0: threads and blocks in ascending order; 1: descending. For tests. */
 extern "C" int cuda_emulated_order;
-/* How much memory the device has; 0: no limit. */
+/* The size of the device's memory; 0: no limit. */
 extern "C" size_t cuda_emulated_bytes;
 
 #endif

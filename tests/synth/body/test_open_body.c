@@ -1,5 +1,5 @@
-/* The shipped open body, assets/body.safetensors: skeleton, rest pose, weights, shapes, volume at bent
- * joints. And the builder with a source made of a few balls. */
+/* Tests of the shipped open body, assets/body.safetensors: skeleton, rest pose, weights, shapes, volume at
+ * bent joints; and of the builder, with a source made of a few balls. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -53,16 +53,16 @@ static void skeleton(void **state) {
         assert_float_equal(J[middle[i]][0], 0, 3e-3);
         if (i) assert_true(J[middle[i]][1] > J[middle[i - 1]][1] + 0.03); /* one above the other */
     }
-    /* a T: elbows and wrists at the height and depth of the shoulders */
+    /* a T: elbows and wrists have the height and depth of the shoulders */
     for (int j = 18; j <= 21; j++)
         for (int k = 1; k < 3; k++) assert_float_equal(J[j][k], J[16][k], 0.015);
-    /* SMPL's neutral joints, to within what people differ by: SMPL's poses then mean the same */
+    /* joints are SMPL's neutral ones, within the variation of people, so SMPL's poses mean the same */
     static const double smpl[][4] = {{0, 0, -0.223, 0.028},   {1, 0.07, -0.31, 0.01}, {4, 0.10, -0.69, 0},
                                      {7, 0.09, -1.09, -0.03}, {12, 0, 0.29, -0.02},   {16, 0.17, 0.23, -0.02},
                                      {18, 0.43, 0.21, -0.04}, {20, 0.68, 0.22, -0.04}};
     for (size_t i = 0; i < COUNT_OF(smpl); i++)
         for (int k = 0; k < 3; k++) assert_float_equal(J[(int)smpl[i][0]][k], smpl[i][1 + k], 0.11);
-    /* toes in front, face in front of the head joint */
+    /* toes are in front, and the face is in front of the head joint */
     assert_true(J[10][2] > J[7][2] + 0.08);
 }
 
@@ -82,7 +82,7 @@ static void weights(void **state) {
         }
         assert_float_equal(sum, 1, 1e-5);
         assert_true(count <= 8);
-        /* the left hand knows nothing of the right one */
+        /* the left hand does not depend on the right one */
         const float *w = body->weights + (size_t)v * BODY_JOINTS;
         assert_true(w[20] + w[22] == 0 || w[21] + w[23] == 0);
     }
@@ -126,7 +126,7 @@ static void shapes(void **state) {
             assert_true(h > 1.25 && h < 2.1);
             assert_true(litres > 15 && litres < 130);
         }
-    /* components stand at right angles and fall in length */
+    /* components are orthogonal and decrease in length */
     double last = INFINITY;
     for (int a = 0; a < BODY_SHAPES; a++)
         for (int b = 0; b <= a; b++) {
@@ -141,7 +141,7 @@ static void shapes(void **state) {
                 assert_true(fabs(dot) < 1e-4 * last);
             }
         }
-    /* betas come back from the mesh */
+    /* betas can be recovered from the mesh */
     float want[BODY_SHAPES] = {1.5f, -0.5f, 0.3f, 0, 0, 2, 0, 0, -1, 1}, got[BODY_SHAPES];
     float *v = malloc((size_t)s->body->vertices * 3 * sizeof *v);
     for (size_t i = 0; i < 3 * (size_t)s->body->vertices; i++) {
@@ -153,7 +153,7 @@ static void shapes(void **state) {
     free(v);
 }
 
-/* A closed surface, and UVs for every corner. */
+/* The surface is closed, and every corner has UVs. */
 static void surface(void **state) {
     shipped *s = *state;
     const body_model *body = s->body;
@@ -169,8 +169,7 @@ static void surface(void **state) {
             assert_true(x >= 0 && x <= 1);
         }
     }
-    /* directed edges cancel: the sum of their vectors' hashes is 0 when each is met once in either direction
-     */
+    /* directed edges cancel: the sum of their vectors' hashes is 0 if each occurs once in either direction */
     uint64_t sum = 0;
     for (int f = 0; f < body->faces; f++)
         for (int i = 0; i < 3; i++) {
@@ -181,7 +180,7 @@ static void surface(void **state) {
 }
 
 /* The kept volume at a joint: the volume of the cone from the joint to all triangles within `reach` of it at
- * rest, bent relative to unbent. */
+ * rest, in the bent pose relative to the unbent one. */
 static double kept(const shipped *s, int joint, int axis, double angle_rad, double reach) {
     static const float zero[BODY_SHAPES], R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3];
     float pose[72] = {0};
@@ -242,7 +241,7 @@ static void volume(void **state) {
     }
 }
 
-/* Skinning's inverse includes the offsets: to canonical space and back. */
+/* The inverse of skinning includes the offsets: to canonical space and back. */
 static void there_and_back(void **state) {
     const shipped *s = *state;
     float pose[72] = {0}, R[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, Th[3] = {0.1f, 0, 0},
@@ -264,7 +263,7 @@ static void there_and_back(void **state) {
     posed_body_free(p);
 }
 
-/* Saved and read again, it is the same body. */
+/* A body that is saved and read again is the same. */
 static void saved(void **state) {
     const shipped *s = *state;
     body_model *again = NULL;
@@ -277,7 +276,7 @@ static void saved(void **state) {
 
 /* ---- the builder ---- */
 
-/* A ball of 400 vertices: its radius and length are drawn, and a little noise; joints along it. */
+/* A ball of 400 vertices with a random radius and length and a little noise; joints lie along it. */
 enum { BALL = 400 };
 static sherf_status ball(context *c, const void *arg, uint64_t key, float *v, double joints[BODY_JOINTS][3],
                          double *parameter) {
@@ -318,13 +317,13 @@ static void builder(void **state) {
     body_model *body = NULL, *again = NULL;
     open_body_report report;
     assert_ok(c, open_body_create(c, &source, 200, &body, &report));
-    assert_true(report.share[0] + report.share[1] > 0.999); /* what there is to it */
+    assert_true(report.share[0] + report.share[1] > 0.999); /* expected components */
     assert_true(report.share[0] >= report.share[1] && report.share[1] > report.share[2]);
-    /* the longer one is first: 0.03 m deviation of the length against 0.02 of the radius */
+    /* the larger one comes first: the length deviates by 0.03 m, the radius by 0.02 m */
     assert_true(fabs(report.correlation[0][1]) > 0.98 && fabs(report.correlation[1][0]) > 0.98);
     assert_float_equal(report.stature_m[0], 0.06, 0.006);
     assert_true(report.joint_error_mm < 1);
-    /* people far apart differ by their parameters: one standard deviation is 1 */
+    /* people at the ends differ by their parameters: one standard deviation is 1 */
     float v[BALL * 3], shape[BODY_SHAPES];
     double joints[BODY_JOINTS][3], parameter[2];
     assert_ok(c, ball(c, NULL, 12345, v, joints, parameter));
@@ -333,7 +332,7 @@ static void builder(void **state) {
     context one = *c;
     one.threads = 1;
     assert_ok(c, open_body_create(&one, &source, 200, &again, &report));
-    assert_true(again->fingerprint == body->fingerprint); /* threads do not matter */
+    assert_true(again->fingerprint == body->fingerprint); /* the number of threads does not matter */
     sherf_body_free(again);
     sherf_body_free(body);
     source.arg = "";

@@ -1,4 +1,4 @@
-/* The parts of people, on small made-up data: no external file is needed. */
+/* Tests of the parts of people on small made-up data, without external files. */
 #include "support.h"
 
 #include <math.h>
@@ -14,7 +14,7 @@
 
 /* ---- proxies ---- */
 
-/* A base mesh: a square of 0.2 m and a point over it. */
+/* A base mesh: a square of 0.2 m and a point above it. */
 static const float base[] = {0, 0, 0, 0.2f, 0, 0, 0.2f, 0.2f, 0, 0, 0.2f, 0, 0.1f, 0.1f, 0.1f};
 static const char cloth[] =
     "{\"ref_vIdxs\": [[0,1,2],[1,2,3],[2,3,0],[3,3,3]], \"weights\": "
@@ -47,14 +47,14 @@ static void test_binding(void **state) {
     const float expected[12] = {0, 0, 0.01f, 0.15f, 0.1f, 0.01f, 0.4f + 0.01f, 0.3f, 0, 0, 0.2f, 0};
     for (int i = 0; i < 12; i++) assert_float_equal(at[i], expected[i], 1e-6);
     float moved[15], again[12];
-    for (int i = 0; i < 15; i++) moved[i] = base[i] + (i % 3 == 1 ? 0.5f : 0); /* it follows */
+    for (int i = 0; i < 15; i++) moved[i] = base[i] + (i % 3 == 1 ? 0.5f : 0); /* it follows the base */
     proxy_fit(p, moved, again);
     for (int i = 0; i < 12; i++) assert_float_equal(again[i], (at[i] + (i % 3 == 1 ? 0.5f : 0)), 1e-6);
-    for (int i = 0; i < 15; i++) moved[i] = base[i] * (i % 3 == 0 ? 1.2f : 1); /* offsets grow in x alone */
+    for (int i = 0; i < 15; i++) moved[i] = base[i] * (i % 3 == 0 ? 1.2f : 1); /* offsets grow in x only */
     proxy_fit(p, moved, again);
     assert_float_equal(again[6], 1.2f * at[6], 1e-6);
     assert_float_equal(again[2], at[2], 1e-6);
-    /* weights carried over stay not negative and sum to 1, also where the binding extrapolates */
+    /* transferred weights are not negative and sum to 1, even where the binding extrapolates */
     const float row[10] = {1, 0, 0, 1, 0.5f, 0.5f, 1, 0, 0, 1};
     float out[8];
     proxy_carry(p, 2, row, out);
@@ -96,7 +96,7 @@ static void test_broken_proxies(void **state) {
     sherf_context_free(c);
 }
 
-/* A plane of 21 x 21 vertices, 1 cm apart, at a height; half the side. */
+/* A plane of 21 x 21 vertices, 1 cm apart, at a height; `half` is half of its side. */
 enum { SIDE = 21, PLANE = SIDE * SIDE, PLANE_FACES = 2 * (SIDE - 1) * (SIDE - 1) };
 static void make_plane(float height, float scale, float *vertex, uint32_t *triangle) {
     int n = 0;
@@ -119,7 +119,7 @@ static void test_cover(void **state) {
     static uint32_t triangle[3 * PLANE_FACES];
     static uint8_t hidden[PLANE];
     make_plane(0, 1, low, triangle);
-    make_plane(0.01f, 0.5f, high, triangle); /* covers the middle of it */
+    make_plane(0.01f, 0.5f, high, triangle); /* covers its middle */
     proxy_surface below = {PLANE, PLANE_FACES, low, triangle}, above = {PLANE, PLANE_FACES, high, triangle};
     memset(hidden, 0, sizeof hidden);
     assert_ok(c, proxy_cover(c, &below, &above, 0.03f, 0, hidden));
@@ -133,13 +133,13 @@ static void test_cover(void **state) {
     for (int i = 0; i < PLANE; i++) narrow += hidden[i];
     assert_true(hidden[PLANE / 2]);
     assert_in_range(narrow, 7 * 7, wide - 30);
-    memset(hidden, 0, sizeof hidden); /* what is under it does not cover it */
+    memset(hidden, 0, sizeof hidden); /* a layer below does not cover it */
     assert_ok(c, proxy_cover(c, &above, &below, 0.03f, 0, hidden));
     for (int i = 0; i < PLANE; i++) assert_false(hidden[i]);
-    for (int i = 0; i < PLANE; i++) high[3 * i + 2] = -0.004f; /* sunk in: comes out to the gap */
+    for (int i = 0; i < PLANE; i++) high[3 * i + 2] = -0.004f; /* a sunken layer moves out to the gap */
     assert_ok(c, proxy_push(c, &below, &above, 0.003f, out));
     for (int i = 0; i < PLANE; i++) assert_float_equal(out[3 * i + 2], 0.003f, 1e-5);
-    for (int i = 0; i < PLANE; i++) high[3 * i + 2] = 0.01f; /* far enough: stays */
+    for (int i = 0; i < PLANE; i++) high[3 * i + 2] = 0.01f; /* a layer far enough outside stays */
     assert_ok(c, proxy_push(c, &below, &above, 0.003f, out));
     assert_memory_equal(out, high, sizeof out);
     sherf_context_free(c);
@@ -210,7 +210,7 @@ static void test_dye(void **state) {
     assert_in_range(bands, 6, 9); /* 0.2 m of bands of 0.05 m, two changes each */
     assert_in_range(yellow, 12, 28);
     mem_free(out.data);
-    cut = (dye_cut){0.1f, INFINITY}; /* shorts: the lower half of the lower square goes */
+    cut = (dye_cut){0.1f, INFINITY}; /* shorts: the lower half of the lower square is removed */
     assert_ok(c, dye_apply(c, map, &texture, r, &cut, &out));
     assert_int_equal(out.data[4 * ((H - 2) * W + 2) + 3], 0);
     assert_int_equal(out.data[4 * (2 * W + 2) + 3], 255);
@@ -265,7 +265,7 @@ static void test_wardrobe(void **state) {
         if (wardrobe_forbidden(t->name)) fail_msg("%s must not be worn", t->name);
         assert_true(!strcmp(t->license, "CC0") || !strcmp(t->license, "CC-BY"));
         assert_true(t->author && *t->author && t->whom);
-        assert_int_equal(wear_find(t->name), i); /* no name twice */
+        assert_int_equal(wear_find(t->name), i); /* no name occurs twice */
         kinds[t->kind]++;
     }
     for (int k = 0; k < WEAR_KINDS; k++) assert_true(kinds[k] || k == WEAR_COAT);
@@ -331,7 +331,7 @@ static void test_people(void **state) {
         assert_true(a.hair < 0 || wear_items[a.hair].kind == WEAR_HAIR);
         assert_true(a.macro.age_years >= 18);
         assert_true(test || !o->test_only);
-        /* train and test people share no combination */
+        /* train and test people share no combination of clothes */
         assert_int_equal(wardrobe_kept_for_tests(a.outfit, a.skin, a.hair), test);
     }
     assert_in_range(women, 1200, 1800);
@@ -344,7 +344,7 @@ static void test_poses(void **state) {
     pose_library *l;
     float pose[72], again[72], odd[72];
     assert_ok(c, pose_library_create(c, &l));
-    for (int i = 0; i < 72; i++) odd[i] = i % 2 ? 3 : -3; /* beyond every range */
+    for (int i = 0; i < 72; i++) odd[i] = i % 2 ? 3 : -3; /* outside every range */
     assert_ok(c, pose_library_add_posture(c, l, "odd", odd));
     int count[POSE_KINDS] = {0};
     for (uint64_t i = 0; i < 2000; i++) {
@@ -362,13 +362,13 @@ static void test_poses(void **state) {
     pose_clamp(pose);
     assert_true(pose_within(pose));
     pose_library_free(l);
-    /* half a step later left and right have changed sides */
+    /* half a step later left and right have swapped */
     pose_walk(0.2, 1, pose);
     pose_walk(0.7, 1, again);
     assert_float_equal(pose[3 * 1], again[3 * 2], 1e-5);
     assert_float_equal(pose[3 * 4], again[3 * 5], 1e-5);
     assert_float_equal(pose[3 * 16 + 2], -again[3 * 17 + 2], 1e-5);
-    assert_true(fabsf(pose[3 * 1] - pose[3 * 2]) > 0.3f); /* legs swing against each other */
+    assert_true(fabsf(pose[3 * 1] - pose[3 * 2]) > 0.3f); /* legs swing in opposite directions */
     sherf_context_free(c);
 }
 

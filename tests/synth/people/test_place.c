@@ -1,4 +1,4 @@
-/* Surroundings of people: patterns, shadows of invisible people, hand-held cameras. */
+/* Tests of the surroundings of people: patterns, shadows of invisible people, hand-held cameras. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -49,7 +49,7 @@ static void patterns_follow_from_their_key(void **state) {
     sherf_context_free(c);
 }
 
-/* ---- who sees what ---- */
+/* ---- visibility ---- */
 
 static const uint32_t two_faces[6] = {0, 1, 2, 0, 2, 3};
 
@@ -61,7 +61,7 @@ static void add_square(context *c, trace_scene *s, float side, float y, trace_ma
     assert_ok(c, trace_scene_add(c, s, &mesh, &material));
 }
 
-/* The brightness of a floor below a roof, straight down from a camera between them or above both. */
+/* The brightness of a floor below a roof, seen straight down from a camera between them or above both. */
 static float floor_below(trace_seen roof, bool lamp, float eye_m) {
     context *c = test_context();
     trace_scene *s;
@@ -94,8 +94,8 @@ static void meshes_are_there_for_some(void **state) {
     enum { BELOW = 0, ABOVE = 1 };
     static const struct {
         trace_seen roof;
-        float sky, lamp; /* of 0.5 that reach the floor */
-        bool hides;      /* from a camera above it */
+        float sky, lamp; /* share of 0.5 that reaches the floor */
+        bool hides;      /* from a camera above the roof */
     } expected[] = {{TRACE_BY_ALL, 0, 0, true},
                     {TRACE_BY_CAMERAS, 0.5f, 0.5f, true},
                     {TRACE_NOT_BY_LAMPS, 0, 0.5f, true},
@@ -103,7 +103,7 @@ static void meshes_are_there_for_some(void **state) {
     for (size_t i = 0; i < COUNT_OF(expected); i++) {
         assert_float_equal(floor_below(expected[i].roof, false, 0.6f), expected[i].sky, 0.03f);
         assert_float_equal(floor_below(expected[i].roof, true, 0.6f), expected[i].lamp, 0.01f);
-        /* the roof's upper side is lit and has a quarter of the brightness */
+        /* the roof's upper side is lit and a quarter as bright */
         assert_float_equal(floor_below(expected[i].roof, true, 3), expected[i].hides ? 0.125f : 0, 0.01f);
     }
 }
@@ -134,7 +134,7 @@ static void glowing_things_need_no_light(void **state) {
 
 enum { SIDE = 40, PIXELS = SIDE * SIDE };
 
-/* A board 1.6 m tall that stands where a person would. */
+/* A board, 1.6 m tall, in the place of a person. */
 static const float board[12] = {-0.3f, -0.9f, 0, 0.3f, -0.9f, 0, 0.3f, 0.7f, 0, -0.3f, 0.7f, 0};
 
 static void draw_place(place_kind kind, uint64_t key, bool with_board, int threads, trace_picture *out) {
@@ -186,7 +186,8 @@ static void places_follow_from_their_key(void **state) {
     trace_picture_free(&other);
 }
 
-/* Where the board hides the floor behind it, the picture still shows the floor, but in the board's shadow. */
+/* Where the board would hide the floor behind it, the picture still shows the floor, but in the board's
+ * shadow. */
 static void people_cast_shadows_and_are_not_seen(void **state) {
     trace_picture with, without;
     draw_place(PLACE_STUDIO, 5, true, 1, &with);
@@ -211,9 +212,9 @@ static void light_belongs_to_the_place(void **state) {
         assert_memory_equal(&l, &again, sizeof l);
         kinds[kind]++;
         assert_true(l.lamps >= 1 && l.lamps <= TRACE_LAMPS);
-        for (int k = 0; k < l.lamps; k++) assert_true(l.lamp[k].to_lamp[1] > 0.2f); /* none from below */
+        for (int k = 0; k < l.lamps; k++) assert_true(l.lamp[k].to_lamp[1] > 0.2f); /* no light from below */
         bool outdoors = kind == PLACE_STREET || kind == PLACE_GREEN;
-        assert_true(outdoors || l.lamp[0].half_angle_rad > 0.1f); /* the sun alone is sharp */
+        assert_true(outdoors || l.lamp[0].half_angle_rad > 0.1f); /* only the sun is sharp */
     }
     for (int k = 0; k < PLACE_KINDS; k++) assert_true(kinds[k] > 8);
 }

@@ -1,4 +1,5 @@
-/* A made person's surface compared with the pictures drawn of it. Needs MakeHuman's data (make assets). */
+/* Tests of a made person's surface against the pictures drawn of it. They need MakeHuman's data (make
+ * assets). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,7 +38,7 @@ static double share_in_mask(const solid_point *place, int64_t count, const data_
     return (double)in / (double)count;
 }
 
-/* The share of a view's person that has a place on it or next to it. */
+/* The share of a view's person pixels that have a place on or beside them. */
 static double share_covered(const solid_point *place, int64_t count, const data_view *view) {
     static uint8_t hit[96 * 96];
     int covered = 0, all = 0;
@@ -54,7 +55,7 @@ static double share_covered(const solid_point *place, int64_t count, const data_
     return (double)covered / all;
 }
 
-/* Litres that the flood does not reach; walls count half. */
+/* The volume in litres that the flood does not reach; walls count half. */
 static double litres(const solid_grid *g) {
     const size_t n = (size_t)g->size[0] * (size_t)g->size[1] * (size_t)g->size[2];
     double cells = 0;
@@ -99,7 +100,7 @@ static void the_surface_is_what_was_drawn(void **state) {
             print_message("pose %d, view %d: %.4f of the places in the mask, %.4f of it covered\n", pose, v,
                           in, covered);
             print_message("%.1f litres\n", litres(&g));
-            assert_true(in > 0.995 && covered > 0.9);         /* hair is not there */
+            assert_true(in > 0.995 && covered > 0.9);         /* hair is left out */
             assert_true(litres(&g) > 40 && litres(&g) < 130); /* nothing leaks */
             solid_grid_free(&g);
             sherf_observation_free(view);
@@ -110,10 +111,10 @@ static void the_surface_is_what_was_drawn(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* People have a person's volume; with only the drawn body, whose skin is missing under clothes, the flood
+/* People have a person's volume. With only the drawn body, whose skin is missing under clothes, the flood
  * would enter. */
 static void nobody_leaks(void **state) {
-    static const uint64_t number[] = {20, 21, 30}; /* of these 20 and 30 would leak */
+    static const uint64_t number[] = {20, 21, 30}; /* of these, 20 and 30 would leak */
     if (!path_is_folder(source)) skip();
     context *c = test_context();
     people_truth *t;
@@ -138,8 +139,8 @@ static void nobody_leaks(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* The difference between a place's colour and its pixel's, if that is the person's, the place faces the
- * camera and nothing is in front: the mean over places, in levels of 255. */
+/* The mean difference between a place's colour and its pixel's, in levels of 255, over places that face the
+ * camera with nothing in front and whose pixel belongs to the person. */
 static double colors_apart(const surface_truth *s, const data_view *view, int *seen) {
     raster *r;
     context *c = test_context();
@@ -182,7 +183,7 @@ static void files_are_alike(context *c, const char *a, const char *b) {
     mem_free(bytes[1]);
 }
 
-/* Surfaces have the pictures' colours, and are the same when they are added later. */
+/* Surfaces have the pictures' colours, and surfaces that are added later are the same. */
 static void surfaces_of_people(void **state) {
     if (!path_is_folder(source)) skip();
     context *c = test_context();
@@ -221,7 +222,7 @@ static void surfaces_of_people(void **state) {
     }
     surface_truth_free(&t);
     sherf_dataset_free(d);
-    /* a person who stands otherwise than this version would draw it */
+    /* a person in a different pose from the one that this version would draw */
     snprintf(file[0], sizeof file[0], "%s/person_000020/surface", folder[1]);
     folder_remove(file[0]);
     snprintf(file[1], sizeof file[1], "%s/person_000020/new_vertices/0.npy", folder[1]);
@@ -237,7 +238,7 @@ static void surfaces_of_people(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
-/* All positions of a surface, one after the other; what the caller frees. */
+/* All positions of a surface in a row; the caller frees them. */
 static float *positions_of(const people_surface *s, int *count) {
     *count = 0;
     for (int i = 0; i < s->meshes; i++) *count += 3 * (int)s->drawn[i].vertices;
@@ -247,7 +248,7 @@ static float *positions_of(const people_surface *s, int *count) {
     return all;
 }
 
-/* The requested person, whoever came before, in the requested pose and shape; without hair. */
+/* The requested person, whoever came before, in the requested pose and shape, without hair. */
 static void whoever_is_asked_for(void **state) {
     if (!path_is_folder(source)) skip();
     context *c = test_context();
@@ -257,7 +258,7 @@ static void whoever_is_asked_for(void **state) {
     float *was[3];
     int count[3];
     sherf_pose_identity(&pose);
-    pose.poses_rad[3] = 1; /* a thigh, so that the hips' places count */
+    pose.poses_rad[3] = 1; /* a thigh, so that places at the hips count */
     assert_ok(c, people_truth_open(c, source, body, &t));
     for (int k = 0; k < 3; k++) {
         assert_ok(c, people_truth_pose(c, t, k == 1 ? 21 : 20, &pose, &s));

@@ -1,5 +1,5 @@
-/* The ray tracer compared with results computed by hand: silhouettes, depth, normals, light, shadow, opacity.
- */
+/* Tests of the ray tracer against results computed by hand: silhouettes, depth, normals, light, shadow,
+ * opacity. */
 #include "support.h"
 
 #include <math.h>
@@ -27,7 +27,7 @@ static void shape_free(shape *s) {
     *s = (shape){0};
 }
 
-/* columns x rows quads over origin + u a + v b, counter-clockwise about a x b. */
+/* columns x rows quads over origin + u a + v b, counter-clockwise around a x b. */
 static shape make_sheet(int columns, int rows, const float origin[3], const float a[3], const float b[3]) {
     shape s = {.vertices = (int64_t)(columns + 1) * (rows + 1), .faces = 2 * (int64_t)columns * rows};
     s.vertex = allocated((size_t)s.vertices, 12), s.uv = allocated((size_t)s.vertices, 8);
@@ -57,7 +57,7 @@ static shape make_sphere(int columns, int rows, const float centre[3], float rad
         s.vertex[3 * n + 2] = centre[2] + radius * (float)(sin(v) * cos(u));
     }
     for (int64_t i = 0; i < 3 * s.faces;
-         i++) /* one seam, one vertex at each pole: smooth normals all round */
+         i++) /* one seam and one vertex at each pole: smooth normals everywhere */
         if (s.face[i] % (uint32_t)(columns + 1) == (uint32_t)columns) s.face[i] -= (uint32_t)columns;
     return s;
 }
@@ -76,14 +76,15 @@ static trace_light even_sky(void) {
     return (trace_light){.up = {0, 1, 0}, .zenith = {1, 1, 1}, .horizon = {1, 1, 1}, .ground = {1, 1, 1}};
 }
 
-/* Looks from the distance at the origin, the person's front; elevation as sherf_camera_orbit. */
+/* A camera that looks from this distance at the origin, from the person's front; elevation as in
+ * sherf_camera_orbit. */
 static sherf_camera camera_at(float distance, float elevation, int size) {
     sherf_camera camera;
     sherf_camera_orbit((float[3]){0}, distance, 0, elevation, 0.8f, size, size, &camera);
     return camera;
 }
 
-/* The picture's value at the projection of a place in the world. */
+/* The picture's value at the projection of a point in the world. */
 static size_t pixel_of(const sherf_camera *camera, const float place[3]) {
     float uv[2];
     camera_project(camera, 1, place, uv, NULL);
@@ -117,14 +118,14 @@ static void test_sphere(void **state) {
     int inner = 0;
     for (int i = 0; i < 200 * 200; i++) {
         area += p.alpha[i];
-        /* the ray through the pixel's middle against the sphere */
+        /* the ray through the pixel's middle, intersected with the sphere */
         float d[3], x = ((float)(i % 200) - camera.K[2]) / camera.K[0],
                     y = ((float)(i / 200) - camera.K[5]) / camera.K[4];
         for (int k = 0; k < 3; k++) d[k] = camera.R[k] * x + camera.R[3 + k] * y + camera.R[6 + k];
         double dd = 0, de = 0, ee = 0;
         for (int k = 0; k < 3; k++) dd += d[k] * d[k], de += d[k] * eye[k], ee += eye[k] * eye[k];
         double root = de * de - dd * (ee - radius * radius), t = (-de - sqrt(root)) / dd;
-        if (!(root > 0.05)) { /* near the outline the depth of facets differs more */
+        if (!(root > 0.05)) { /* near the outline the depth of the facets differs more */
             if (root < -0.01) assert_true(isinf(p.depth_m[i]) && p.alpha[i] == 0 && p.color[3 * i] == 0);
             continue;
         }
@@ -176,8 +177,8 @@ static void test_terminator(void **state) {
     shape_free(&ball);
 }
 
-/* A square roof 0.5 m above a floor, under a lamp of half-angle a straight above: shadow, light, and a border
- * in which the visible part of a disc decides. */
+/* A square roof 0.5 m above a floor, under a lamp of half-angle a straight above: shadow, light, and between
+ * them a penumbra with the visible part of a disc. */
 static void test_shadow(void **state) {
     context *c = *state;
     trace_scene *scene;
@@ -187,7 +188,7 @@ static void test_shadow(void **state) {
     shape roof =
         make_sheet(1, 1, (float[3]){-0.4f, 0.5f, 0.4f}, (float[3]){0.8f, 0, 0}, (float[3]){0, 0, -0.8f});
     const float *positions[2] = {floor.vertex, roof.vertex};
-    const float angle = 0.2f, half = 0.5f * tanf(angle); /* of the border's width */
+    const float angle = 0.2f, half = 0.5f * tanf(angle); /* share of the penumbra's width */
     light.lamps = 1;
     light.lamp_rays = 256;
     light.lamp[0] = (trace_lamp){{0, 1, 0}, angle, {1, 1, 1}};
@@ -203,7 +204,7 @@ static void test_shadow(void **state) {
     assert_float_equal(lit, 1, 1e-3);
     assert_float_equal(p.color[3 * pixel_of(&camera, (float[3]){0, 0, 0})], 0, 1e-3);
     assert_float_equal(p.color[3 * pixel_of(&camera, (float[3]){0.4f, 0, 0})], 0.5, 0.06);
-    /* a quarter of the width outside: the part of a disc on one side of a line half a radius off its middle
+    /* a quarter of the width outside: the part of a disc on one side of a line half a radius from its middle
      */
     double seen = 1 - (acos(0.5) - 0.5 * sqrt(0.75)) / M_PI;
     assert_float_equal(p.color[3 * pixel_of(&camera, (float[3]){0.4f + half / 2, 0, 0})], seen, 0.06);
@@ -213,8 +214,8 @@ static void test_shadow(void **state) {
     shape_free(&floor), shape_free(&roof);
 }
 
-/* A floor beside a wall of height H under an even sky: at the distance d the wall hides
- * (1 - d / sqrt(d^2 + H^2)) / 2 of the light. */
+/* A floor beside a wall of height H under a uniform sky: at distance d the wall hides (1 - d / sqrt(d^2 +
+ * H^2)) / 2 of the light. */
 static void test_corner(void **state) {
     context *c = *state;
     trace_scene *scene;
@@ -238,7 +239,7 @@ static void test_corner(void **state) {
         assert_float_equal(sum, 1 - hidden, 0.02);
     }
     trace_picture_free(&p);
-    /* light handed on: a / (1 - r (1 - a)) for white surfaces */
+    /* reflected light: a / (1 - r (1 - a)) for white surfaces */
     light.bounce = 0.5f;
     assert_ok(c, trace_scene_pose(c, scene, positions, &light));
     assert_ok(c, trace_render(c, scene, &camera, NULL, &p));
@@ -251,7 +252,7 @@ static void test_corner(void **state) {
     shape_free(&floor), shape_free(&wall);
 }
 
-/* Up, level and down under a sky of three colours. */
+/* Upward, level and downward rays under a sky of three colours. */
 static void test_sky(void **state) {
     context *c = *state;
     trace_light light = dark();
@@ -300,14 +301,14 @@ static double covered(const trace_picture *p) {
     return sum;
 }
 
-/* A checkered sheet in front of a black wall, as cut-out, as blended and as opaque. */
+/* A checkered sheet in front of a black wall, drawn as cut-out, blended and opaque. */
 static void test_opacity(void **state) {
     context *c = *state;
     trace_light light = even_sky();
     shape sheet = make_sheet(4, 4, (float[3]){-0.5f, -0.5f, 0}, (float[3]){1, 0, 0}, (float[3]){0, 1, 0});
     const float *positions[1] = {sheet.vertex};
     sherf_camera camera = camera_at(2, 0, 128);
-    double full = camera.K[0] / 2 * camera.K[0] / 2; /* pixels of a square metre 2 m away */
+    double full = camera.K[0] / 2 * camera.K[0] / 2; /* pixels per square metre at 2 m */
     const double expected[3] = {1, 0.5, (0.2 + 0.4) / 2};
     for (int mode = TRACE_OPAQUE; mode <= TRACE_BLENDED; mode++) {
         trace_scene *scene;
@@ -335,8 +336,8 @@ static void test_opacity(void **state) {
     shape_free(&sheet);
 }
 
-/* The same sheets as a roof over a floor: light falls through the holes, and by chance through blended parts.
- */
+/* The same sheets as a roof above a floor: light falls through the holes, and through blended parts by
+ * chance. */
 static void test_opacity_shadow(void **state) {
     context *c = *state;
     trace_light light = even_sky();
@@ -369,8 +370,8 @@ static void test_opacity_shadow(void **state) {
     shape_free(&floor), shape_free(&roof);
 }
 
-/* Skin that lies 5 mm outside a shirt is not drawn, and does not darken it; a bead of skin in front of the
- * shirt and an arm beyond its edge are drawn. */
+/* Skin 5 mm outside a shirt is not drawn and does not darken it. A bead of skin in front of the shirt and an
+ * arm beyond its edge are drawn. */
 static void test_layers(void **state) {
     context *c = *state;
     trace_scene *scene;
@@ -415,7 +416,7 @@ static void must_be_equal(const trace_picture *a, const trace_picture *b) {
     assert_memory_equal(a->normal_world, b->normal_world, pixels * 3 * sizeof(float));
 }
 
-/* Any number of threads, any order of cameras: the same bits. Another seed: others. */
+/* The bits are the same for any number of threads and any order of cameras, and differ for another seed. */
 static void test_same_bits(void **state) {
     context *c = *state;
     int threads = c->threads;
@@ -468,7 +469,7 @@ static void test_same_bits(void **state) {
     c->threads = threads;
 }
 
-/* A scene in its second pose is the scene that was made in that pose. */
+/* A scene moved to its second pose equals a scene that was made in that pose. */
 static void test_second_pose(void **state) {
     context *c = *state;
     trace_light light = even_sky();
@@ -563,9 +564,10 @@ static void test_rejections(void **state) {
     assert_int_equal(trace_texture_create(c, 4, 4, 2, NULL, &t), SHERF_BAD_ARGUMENT);
     assert_int_equal(trace_scene_create(c, 0, &scene), SHERF_BAD_ARGUMENT);
     assert_ok(c, trace_scene_create(c, 0.1f, &scene));
-    assert_int_equal(trace_scene_pose(c, scene, positions, &light), SHERF_BAD_ARGUMENT); /* nothing there */
+    assert_int_equal(trace_scene_pose(c, scene, positions, &light),
+                     SHERF_BAD_ARGUMENT); /* nothing is there */
     assert_int_equal(trace_render(c, scene, &camera, NULL, &p), SHERF_BAD_ARGUMENT);
-    mesh.vertices = ball.vertices - 2; /* a face names the last one but one */
+    mesh.vertices = ball.vertices - 2; /* a face names the last vertex but one */
     assert_int_equal(trace_scene_add(c, scene, &mesh, &plain), SHERF_BAD_ARGUMENT);
     mesh.vertices = ball.vertices, mesh.uvs = 3;
     assert_int_equal(trace_scene_add(c, scene, &mesh, &plain), SHERF_BAD_ARGUMENT);

@@ -1,4 +1,5 @@
-/* Cameras that keep the person in the picture, and animations from the first frame to the file. */
+/* Tests of cameras that keep the person in the picture, and of animations from the first frame to the file.
+ */
 #include "walk.h"
 
 #include "base/path.h"

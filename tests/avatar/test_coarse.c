@@ -1,5 +1,5 @@
-/* Frames with a coarse field: their difference from frames that query every point, and the correction of
- * samples that were not queried. */
+/* Tests of frames with a coarse field: their difference from frames that query every point, and the
+ * correction of samples that were not queried. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* An observation scaled to a model's size: the same scene under the same camera, only scaled. */
+/* Tests of observations scaled to a model's size: the same scene under the same camera, only scaled. */
 #include "support.h"
 
 #include <math.h>

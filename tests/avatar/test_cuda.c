@@ -1,5 +1,5 @@
-/* An avatar's file on a context with a GPU (here the emulation): loaded, placed and rendered through the
- * public functions, compared with the CPU. */
+/* Tests of an avatar's file in a context with a GPU (here the emulation): loaded, placed and rendered through
+ * the public functions, compared with the CPU. */
 #include "support.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* The observation's detail in frames, with the shipped model and the demo's person. */
+/* Tests of the observation's detail in frames, with the shipped model and the demo's person. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,4 +1,5 @@
-/* The empty cells of canonical space, which frames skip: with the shipped model and the demo's person. */
+/* Tests of the empty cells of canonical space, which frames skip, with the shipped model and the demo's
+ * person. */
 #include <math.h>
 #include <string.h>
 

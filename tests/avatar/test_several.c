@@ -1,4 +1,4 @@
-/* Avatars of several pictures, with the shipped model and the demo's person, who is seen from behind. */
+/* Tests of avatars of several pictures, with the shipped model and the demo's person seen from behind. */
 #include <math.h>
 #include <string.h>
 

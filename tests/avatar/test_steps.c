@@ -1,4 +1,4 @@
-/* Rays for which the model's number of depths is too small: spread arms, seen along them. */
+/* Tests of rays for which the model's number of depths is too small: spread arms, seen along them. */
 #include <math.h>
 #include <string.h>
 

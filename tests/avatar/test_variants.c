@@ -1,4 +1,4 @@
-/* Variants: other guesses of unseen parts, which do not change the seen ones. */
+/* Tests of variants: other guesses of unseen parts, which do not change the seen ones. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

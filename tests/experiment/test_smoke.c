@@ -1,5 +1,5 @@
-/* Runs every experiment as a smoke test on tube people: what is trained and scored, continuing, and the
- * written files. */
+/* Tests that run every experiment as a smoke test on tube people: what is trained and scored, continuing, and
+ * the written files. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* Tests stage by stage against the reference, in the order of the computation: the first stage that differs
+/* Tests of every stage against the reference, in the order of the computation: the first stage that differs
  * is the faulty one. */
 #include "reference.h"
 

@@ -1,6 +1,6 @@
-# The kernels of src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda compiled as plain C++
-# and run on the host (support/cuda), where there is a C++ compiler: of the C compiler's family, since the sanitizers of
-# two do not mix.
+# Compiles the kernels of src/tensor/cuda, src/sampling/cuda and src/model/sherf/cuda as plain C++, to run on the host
+# (support/cuda), if there is a C++ compiler. It must be of the C compiler's family, because two families' sanitizers do
+# not mix.
 if(NOT CMAKE_CXX_COMPILER AND CMAKE_C_COMPILER_ID MATCHES Clang)
   find_program(CLANGXX NAMES clang++)
   if(CLANGXX)
@@ -16,7 +16,7 @@ endif()
 enable_language(CXX)
 file(GLOB SHERF_CUDA_KERNELS CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/src/tensor/cuda/*.cu
      ${CMAKE_SOURCE_DIR}/src/sampling/cuda/*.cu ${CMAKE_SOURCE_DIR}/src/model/sherf/cuda/*.cu)
-# What talks to the CUDA runtime and libraries has a stand-in in support/cuda.
+# Code that calls the CUDA runtime and libraries is replaced by support/cuda.
 list(FILTER SHERF_CUDA_KERNELS EXCLUDE REGEX "/(runtime|product|group|frame_runtime)\\.cu$")
 set_source_files_properties(${SHERF_CUDA_KERNELS} PROPERTIES LANGUAGE CXX COMPILE_OPTIONS "-xc++")
 add_library(cuda_emulated STATIC ${SHERF_CUDA_KERNELS} support/cuda/cuda_emulated.cpp support/cuda/group_emulated.cpp)

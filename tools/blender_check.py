@@ -4,9 +4,9 @@
         person.glb cameras.json FRAMES [OUTPUT]
 
 FRAMES holds what `sherf render --poses P.npz --cameras cameras.json --every --background transparent -o FRAMES`
-wrote: frame 0000.png is the first pose from the first camera, then the first pose from the second camera. The
-.glb was exported with `--motion P.npz`, so that its animation has the same poses. OUTPUT: a folder that keeps
-Blender's pictures. docs/export.md has the whole recipe.
+wrote: frame 0000.png is the first pose from the first camera, then comes the first pose from the second camera. The
+.glb was exported with `--motion P.npz`, so its animation has the same poses. OUTPUT: a folder for Blender's pictures.
+docs/export.md has the whole recipe.
 """
 import json, math, os, sys, tempfile
 
@@ -14,13 +14,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-for name in ("bool", "int", "float", "object"):  # Blender 3.4's importer wants names NumPy 1.24 has no more
+for name in ("bool", "int", "float", "object"):  # Blender 3.4's importer uses names that NumPy 1.24 no longer has
     if name not in np.__dict__:
         setattr(np, name, {"bool": bool, "int": int, "float": float, "object": object}[name])
 
 
 def camera_of(k):
-    """A Blender camera from K, R, T with OpenCV's axes; glTF's y is Blender's z."""
+    """Makes a Blender camera from K, R, T with OpenCV's axes. glTF's y is Blender's z."""
     width, height = int(k["width"]), int(k["height"])
     K, R, T = (np.array(k[name], float) for name in "KRT")
     K, R, T = K.reshape(3, 3), R.reshape(3, 3), T.reshape(3)
@@ -42,7 +42,7 @@ def camera_of(k):
 
 
 def picture(path):
-    """H x W x 4 in 0 to 1 as the file has them, first row on top."""
+    """The file's pixels, H x W x 4, in [0, 1], with the top row first."""
     image = bpy.data.images.load(path)
     image.colorspace_settings.name = "Non-Color"
     values = np.array(image.pixels[:], np.float32).reshape(image.size[1], image.size[0], 4)[::-1]
@@ -63,7 +63,7 @@ def main():
     bones = [o for o in bpy.data.objects if o.type == "ARMATURE"]
     print(f"imported: {len(meshes)} skinned mesh, {len(meshes[0].data.vertices)} vertices, "
           f"{len(bones[0].data.bones)} bones")
-    for o in bpy.data.objects:  # the importer's shapes for bones are in the way
+    for o in bpy.data.objects:  # remove the importer's bone shapes
         if o.type == "MESH" and o not in meshes:
             o.hide_render = True
     scene.render.engine = "CYCLES"
@@ -99,7 +99,7 @@ def main():
             overlap = (a & b).sum() / max((a | b).sum(), 1)
             both = a & b
             error = ((own[..., :3] - theirs[..., :3])[both] ** 2).mean() if both.any() else 1
-            # over black, all pixels, as in scores
+            # over black, over all pixels, as scores are computed
             flat = lambda p: p[..., :3] * p[..., 3:]
             whole = ((flat(own) - flat(theirs)) ** 2).mean()
             overlaps.append(overlap)

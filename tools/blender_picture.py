@@ -1,4 +1,4 @@
-"""A picture of a .glb in Blender: the person at some times of its animation, side by side, under a soft light.
+"""Renders a .glb in Blender: the person at some times of its animation, side by side, under a soft light.
 
     blender --background --factory-startup --python tools/blender_picture.py -- person.glb OUT.png [COUNT [HEIGHT]]
 """
@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-for name in ("bool", "int", "float", "object"):  # Blender 3.4's importer wants names NumPy 1.24 has no more
+for name in ("bool", "int", "float", "object"):  # Blender 3.4's importer uses names that NumPy 1.24 no longer has
     if name not in np.__dict__:
         setattr(np, name, {"bool": bool, "int": int, "float": float, "object": object}[name])
 
@@ -29,7 +29,7 @@ for i in range(count):
         if o.type == "MESH" and o is not person:
             o.hide_render = True
     action = armature.animation_data.action if armature.animation_data else None
-    if action:  # frame i of count, held
+    if action:  # hold frame i of count
         first, last = action.frame_range
         at = first + (last - first) * i / max(count - 1, 1)
         for curve in action.fcurves:

@@ -1,5 +1,5 @@
 """Makes the Blender add-on's zip: python3 tools/blender_zip.py OUT.zip. The same sources give the same bytes: names
-sorted, one date, nothing compressed (zlib's versions differ)."""
+are sorted, all dates are equal, and nothing is compressed, because versions of zlib differ."""
 import os
 import sys
 import zipfile

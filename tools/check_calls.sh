@@ -1,12 +1,13 @@
 #!/bin/sh
-# tools/check_calls.sh FOLDER: no source file calls one that calls it, directly or through others. Read from the object
-# files below FOLDER (build/CMakeFiles/sherf_objects.dir); a table of functions counts as calls of them.
+# tools/check_calls.sh FOLDER: checks that no source file calls a file that calls it, directly or through others. It
+# reads the object files below FOLDER (build/CMakeFiles/sherf_objects.dir). A table of functions counts as calls of
+# them.
 set -eu
 objects=$(cd "$1" && pwd)
 cd "$(dirname "$0")/.."
 found=$(cd "$objects" && find src -name '*.c.o' 2>/dev/null) || true
 names=$(for object in $found; do
-    if [ -f "${object%.o}" ]; then echo "$object"; fi # not what a former source left
+    if [ -f "${object%.o}" ]; then echo "$object"; fi # not the object of a deleted source
 done | (cd "$objects" && xargs -r nm -A -P))
 if [ -z "$names" ]; then
     echo "tools/check_calls.sh: no object files below $1" >&2

@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/check_deb.sh [FOLDER]: the packages of FOLDER (build/deb, of `make deb`): lintian finds no error, and in a bare
-# Debian 12 that mmdebstrap makes of this machine's apt sources they install, work (debian/tests/smoke) and are removed
-# with nothing left. As root, or as a user whom mmdebstrap's unshare mode takes.
+# tools/check_deb.sh [FOLDER]: checks the packages in FOLDER (build/deb, made by `make deb`). lintian finds no error. In
+# a bare Debian 12, which mmdebstrap makes from this machine's apt sources, they install, work (debian/tests/smoke) and
+# are removed without leaving anything. Run it as root, or as a user for whom mmdebstrap's unshare mode works.
 set -eu
 cd "$(dirname "$0")/.."
 folder=$(cd "${1:-build/deb}" && pwd)
@@ -14,7 +14,7 @@ fi
 
 # packages.txt and debian/control must agree on the build's packages.
 for package in $(sed -n 's/^build \([^ ]*\).*/\1/p' packages.txt); do
-    case $package in gcc | libc6-dev | make | binutils | openmpi-bin) continue ;; esac # build-essential's; to run
+    case $package in gcc | libc6-dev | make | binutils | openmpi-bin) continue ;; esac # build-essential, or only to run
     sed -n '/^Build-Depends/,/^$/p' debian/control | grep -q "[ ]$package,$" ||
         { echo "tools/check_deb.sh: $package of packages.txt is not in debian/control" >&2; exit 1; }
 done

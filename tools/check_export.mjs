@@ -1,5 +1,5 @@
-// node tools/check_export.mjs FILE...: every .glb must be without errors and warnings for Khronos' validator, every
-// .ply is read by gsplat's loader and must have the count, bounds and colours that its bytes say.
+// node tools/check_export.mjs FILE...: checks exported files. Khronos' validator must find no errors or warnings in a
+// .glb. gsplat's loader must read from a .ply the count, bounds and colours that are in its bytes.
 import fs from 'node:fs';
 import { createRequire } from 'node:module';
 import { pathToFileURL } from 'node:url';
@@ -19,7 +19,7 @@ async function glb(path) {
         `${i.totalTriangleCount} triangles, ${i.animationCount} animations`);
 }
 
-// What the bytes say, by the header's own order of properties (all are floats).
+// The values in the file's bytes, in the header's order of properties (all are floats).
 function raw(path) {
     const bytes = fs.readFileSync(path), end = bytes.indexOf('end_header\n') + 11;
     const lines = bytes.subarray(0, end).toString('latin1').split('\n');

@@ -1,7 +1,7 @@
 #!/bin/sh
 # tools/check_export.sh [FILE.glb|SPLATS.ply ...]: passes exported files to other projects' programs from npm: Khronos'
-# glTF validator and gsplat's loader. Without files: those of tests/export (built in BUILD, ./build). Without npm, or if
-# it cannot fetch them, it checks nothing and says so.
+# glTF validator and gsplat's loader. Without arguments it checks the files of tests/export (built in BUILD, ./build).
+# If npm is missing or cannot fetch the programs, it checks nothing and says so.
 set -eu
 cd "$(dirname "$0")/.."
 root=$PWD build=${BUILD:-build}

@@ -1,7 +1,8 @@
 #!/bin/sh
-# The table of rooms in docs/architecture.md is the rule: a room's sources may include its own headers and those of the
-# rooms in the table's last column, which are all above it, and call only public functions (sherf/sherf.h) that are
-# defined there. The program and the documents' examples include sherf/sherf.h only.
+# tools/check_includes.sh: checks includes and calls against the table of rooms in docs/architecture.md. A room's
+# sources may include its own headers and those of the rooms in the table's last column, which are all above it, and may
+# call only public functions (sherf/sherf.h) that are defined there. The program and the examples in docs include only
+# sherf/sherf.h.
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files 'src/*.c' 'src/*.h' 'src/*.inc' 'src/*.cu' 'cli/*.c' 'cli/*.h' 'docs/*.c')

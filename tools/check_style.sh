@@ -1,7 +1,7 @@
 #!/bin/sh
-# Every C and CUDA file must have clang-format 14's layout (make format repairs it). Pages, scripts and the build's
-# files keep to 120 columns, except tables, pictures and code blocks in pages, and checksums. Every file begins with a
-# comment about its purpose.
+# tools/check_style.sh: checks the style of all files. Every C and CUDA file has clang-format 14's layout (make format
+# repairs it). Pages, scripts and build files keep to 120 columns, except tables, pictures and code blocks in pages, and
+# checksums. Every file begins with a comment about its purpose.
 set -eu
 cd "$(dirname "$0")/.."
 files=$(git ls-files '*.c' '*.h' '*.cu' '*.cpp')

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tools/deb.sh [FOLDER]: Debian's packages of the last commit, source and binary, into FOLDER (build/deb): sherf,
-# libsherf0, libsherf-dev and sherf-assets, in the Release build, from the archive that `make dist` writes.
+# tools/deb.sh [FOLDER]: makes Debian packages of the last commit, source and binary, in FOLDER (build/deb): sherf,
+# libsherf0, libsherf-dev and sherf-assets, as a Release build of the archive that `make dist` writes.
 # tools/check_deb.sh tests them.
 set -eu
 cd "$(dirname "$0")/.."

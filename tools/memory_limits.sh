@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# tools/memory_limits.sh SHERF [LEVELS]: avatar, render, export, bake and train under `ulimit -v`, at LEVELS (10) even
-# fractions of each one's use without a limit. Every run either makes the same as the unlimited one, or ends with 1 and
-# one line on standard error and leaves nothing: no output and no half-written file. Limits too low for the system to
-# load the program (127) are counted separately.
+# tools/memory_limits.sh SHERF [LEVELS]: runs avatar, render, export, bake and train under `ulimit -v`, at LEVELS (10)
+# even fractions of the memory that each uses without a limit. Every run either gives the same result as without a
+# limit, or ends with exit status 1 and one line on standard error, and leaves neither an output nor a half-written
+# file. Limits too low for the system to load the program (127) are counted separately.
 set -euo pipefail
 sherf=$(realpath "$1")
 levels=${2:-10}
@@ -28,7 +28,7 @@ words_of() {
     words+=(-q)
 }
 
-# The peak of its address space, KiB.
+# The peak of the program's address space, KiB.
 peak_of() {
     local pid now peak=0
     words_of "$1" whole

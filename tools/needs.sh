@@ -1,5 +1,5 @@
 #!/bin/sh
-# tools/needs.sh FILE: Debian's packages of the libraries that a program or library is linked with, one on each line.
+# tools/needs.sh FILE: lists the Debian packages of the libraries with which FILE is linked, one per line.
 set -eu
 for name in $(readelf -d "$1" | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p'); do
     file=$(/sbin/ldconfig -p |

@@ -1,5 +1,5 @@
-# tools/tiny.sh: sourced by kill.sh and memory_limits.sh. A work folder, which is removed at the end; settings of a
-# network whose training step takes milliseconds; and a count of failures.
+# tools/tiny.sh: sourced by kill.sh and memory_limits.sh. Makes a work folder, which is removed at the end, sets up a
+# network whose training step takes milliseconds, and counts failures.
 export OMP_WAIT_POLICY=passive
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

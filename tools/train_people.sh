@@ -1,14 +1,14 @@
 #!/bin/sh
-# tools/train_people.sh SHERF FOLDER: makes the shipped model from the fetched assets alone (`make assets` first). Makes
-# the people, trains on them, continues with others that are seen as in photos and with `occlusion`, and scores the
-# model on people it never saw, next to two baselines. Continues where it was stopped. PEOPLE, POSES, VIEWS, PRESET and
-# TRAIN (further options) set the content; STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the resnet50 distance),
-# the length; TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and TUNED_STAGES, as
-# STEPS:RATE:ESTIMATED (the share of estimated observations), do the same for the second training.
+# tools/train_people.sh SHERF FOLDER: makes the shipped model from the fetched assets alone (run `make assets` first).
+# It makes the people, trains on them, continues with other people who are seen as in photos and with `occlusion`, and
+# scores the model on people it never saw, beside two baselines. A stopped run continues where it ended. PEOPLE, POSES,
+# VIEWS, PRESET and TRAIN (further options) set the content. STAGES, as STEPS:RATE:WEIGHT:BACKGROUND (WEIGHT: of the
+# resnet50 distance), sets the length. TUNED_PEOPLE (from a ring of cameras, and a third as many from photo cameras) and
+# TUNED_STAGES, as STEPS:RATE:ESTIMATED (the share of estimated observations), do the same for the second training.
 set -eu
 sherf=$1
 mkdir -p "$2"
-out=$(cd "$2" && pwd) # links need the whole path
+out=$(cd "$2" && pwd) # links need the full path
 people=${PEOPLE:-320}
 poses=${POSES:-3}
 views=${VIEWS:-8}

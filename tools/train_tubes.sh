@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/train_tubes.sh SHERF FOLDER: from nothing, not even the shipped model, to an animated person. Makes tube people,
-# trains a small model on all but the last for about five minutes, makes an avatar of the last from one picture, renders
-# it from all sides and walking, and scores it against the truth.
+# tools/train_tubes.sh SHERF FOLDER: makes an animated person from nothing, not even the shipped model. It makes tube
+# people, trains a small model on all except the last for about five minutes, makes an avatar of the last from one
+# picture, renders it from all sides and walking, and scores it against the truth.
 set -eu
 sherf=$1
 out=$2

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# tools/tsan.sh [TEST...]: tests (of the viewer, training, films and what they share, or those named as ctest names
-# them) under clang's thread sanitizer, in BUILD (build-tsan). LLVM's OpenMP reports its threads to it (libarcher);
-# oneDNN, libgomp and other Debian libraries are not instrumented and left out. tools/tsan.supp suppresses reports about
-# other projects' code. Takes minutes.
+# tools/tsan.sh [TEST...]: runs tests under clang's thread sanitizer, in BUILD (build-tsan): those of the viewer,
+# training, videos and their shared code, or the named ones (ctest's names). LLVM's OpenMP reports its threads to the
+# sanitizer (libarcher). oneDNN, libgomp and other Debian libraries are not instrumented and are left out.
+# tools/tsan.supp suppresses reports about other projects' code. It takes minutes.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=${BUILD:-build-tsan}

@@ -1,8 +1,8 @@
 #!/bin/sh
-# tools/walk.sh FRAMES: a walk on the spot, one step of each leg, as a file of poses for `sherf render --poses`.
+# tools/walk.sh FRAMES: prints a walk on the spot, one step of each leg, as a pose file for `sherf render --poses`.
 # x points to the body's left, y up, z to its front; the rest pose spreads the arms.
 exec awk -v frames="${1:-48}" '
-# The rotation about x by a after the one about z by b, as an axis-angle vector.
+# The rotation about z by b, then about x by a, as an axis-angle vector.
 function joint(k, a, b,    w, x, y, z, s, angle) {
     w = cos(a / 2) * cos(b / 2); x = sin(a / 2) * cos(b / 2)
     y = -sin(a / 2) * sin(b / 2); z = cos(a / 2) * sin(b / 2)

@@ -1,7 +1,7 @@
 #!/bin/sh
-# tools/wheel.sh BUILD: the Python wheel of BUILD's library, with the shipped assets, as
-# BUILD/wheel/sherf-VERSION-*.whl. It is built with Debian's Python, fetches nothing, and contains no other project's
-# library: lib/needs.txt names their packages.
+# tools/wheel.sh BUILD: makes the Python wheel of BUILD's library with the shipped assets,
+# BUILD/wheel/sherf-VERSION-*.whl. It uses Debian's Python and fetches nothing. The wheel contains no other project's
+# library; lib/needs.txt names their packages.
 set -eu
 cd "$(dirname "$0")/.."
 build=$(cd "$1" && pwd)

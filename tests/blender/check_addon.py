@@ -1,8 +1,9 @@
-"""The add-on in Blender, from its zip, with the program:
+"""Tests the add-on in Blender, installed from its zip, with the program:
 
     blender --background --factory-startup --python tests/blender/check_addon.py -- ZIP SHERF PHOTO [PICTURES]
 
-A photo becomes an avatar; mesh, rig, texture, motions and failures are looked at. PICTURES: a folder for renderings."""
+A photo becomes an avatar; the test examines mesh, rig, texture, motions and failures. PICTURES: a folder for
+renderings."""
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from mathutils import Matrix
 ARGUMENTS = sys.argv[sys.argv.index("--") + 1:]
 ZIP, SHERF, PHOTO = map(os.path.abspath, ARGUMENTS[:3])
 PICTURES = os.path.abspath(ARGUMENTS[3]) if len(ARGUMENTS) > 3 else None
-FOLDER = tempfile.mkdtemp(prefix="sherf check ünï ")  # with blanks and letters of no ASCII
+FOLDER = tempfile.mkdtemp(prefix="sherf check ünï ")  # with spaces and non-ASCII letters
 NAMES = None
 faults = []
 
@@ -37,7 +38,7 @@ def counts():
 
 
 def refuses(call, said, what):
-    """It reports `said`, and leaves nothing."""
+    """Checks that the call reports `said` and leaves nothing behind."""
     before = counts()
     try:
         call()
@@ -55,7 +56,7 @@ def sherf(*words):
                    stderr=subprocess.DEVNULL)
 
 
-# ---- what the program says, read from its .glb without Blender's importer ----
+# ---- the program's result, read from its .glb without Blender's importer ----
 class Glb:
     def __init__(self, path):
         with open(path, "rb") as f:
@@ -100,7 +101,7 @@ class Glb:
         return np.array(joints), np.array(vertices)
 
 
-# ---- what Blender has ----
+# ---- Blender's state ----
 def joints_of(armature):
     return np.array([(armature.matrix_world @ armature.pose.bones[n].head)[:] for n in NAMES])
 
@@ -130,14 +131,14 @@ def off_mm(a, b):
 
 
 def turned_onto(a, b):
-    """a turned about z and moved so that it lies best on b."""
+    """The points a, turned about z and moved to fit b best."""
     p, q = a - a.mean((0, 1)), b - b.mean((0, 1))
     angle = math.atan2((p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]).sum(), (p[..., :2] * q[..., :2]).sum())
     return p @ np.array(Matrix.Rotation(angle, 3, "Z")).T + b.mean((0, 1))
 
 
 def picture(name, armature):
-    """From the front, the side and behind, by Workbench's light if there is a display, else Cycles."""
+    """Renders from the front, the side and behind, with Workbench if there is a display, otherwise with Cycles."""
     if not PICTURES:
         return
     scene = bpy.context.scene
@@ -218,7 +219,7 @@ def check_photo(photo):
 
 
 def motion_file():
-    """A walk that turns and goes, as AMASS has them, 30 frames at 30 a second."""
+    """Writes a walk that turns and moves on, in AMASS's form: 30 frames at 30 frames per second."""
     path, frames = os.path.join(FOLDER, "walk ä.npz"), 30
     poses, trans = np.zeros((frames, 72), np.float32), np.zeros((frames, 3), np.float32)
     t = np.arange(frames) * 2 * math.pi / frames
@@ -283,7 +284,7 @@ def check_rest(armature, here):
 
 
 def check_glb(glb, joints):
-    """A .glb with an animation of its own."""
+    """Imports a .glb that has its own animation."""
     armature = imported(glb)
     off = off_mm(turned_onto(joints, played(armature, 0) if not len(joints) else shown(armature, joints)),
                  shown(armature, joints))
@@ -295,7 +296,7 @@ def check_glb(glb, joints):
 
 
 def shown(armature, joints):
-    """The importer's keys begin at frame 0."""
+    """Checks the animation of a .glb; the importer's keys begin at frame 0."""
     out = []
     for f in range(len(joints)):
         bpy.context.scene.frame_set(f)
@@ -320,7 +321,7 @@ def check_failures(photo, avatar):
     with open(cut, "wb") as f:
         f.write(data[:len(data) // 2])
     refuses(lambda: ops.sherf(filepath=cut), "damaged", "a .glb cut off")
-    with open(hollow, "wb") as f:  # accessors point beyond the buffer
+    with open(hollow, "wb") as f:  # accessors that point beyond the buffer
         f.write(data.replace(b'"count":', b'"count":9'))
     with open(hollow, "r+b") as f:
         size = os.path.getsize(hollow)
@@ -338,7 +339,7 @@ def check_failures(photo, avatar):
 
 
 def check_cancel(photo):
-    """As Esc does it: without a window the operator's parts are called by hand."""
+    """Cancels as Esc does. Without a window the parts of the operator are called directly."""
     module = sys.modules["sherf"]
     job = module.program.Job()
     job.steps = [("making the avatar", module.program.avatar_command(SHERF, [photo], job.file("a.safetensors")))]

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tests/blender/check_addon.sh BLENDER PYTHON SHERF [PICTURES]: the add-on's zip, made and tried in a Blender that has
-# no settings of the user's and keeps none.
+# tests/blender/check_addon.sh BLENDER PYTHON SHERF [PICTURES]: makes the add-on's zip and tests it in a Blender that
+# neither reads nor changes the user's settings.
 set -eu
 here=$(cd "$(dirname "$0")/../.." && pwd)
 work=$(mktemp -d)

@@ -1,4 +1,4 @@
-"""The parts of the Blender add-on that need no Blender: python3 tests/blender/test_parts.py"""
+"""Tests the parts of the Blender add-on that need no Blender: python3 tests/blender/test_parts.py"""
 import importlib.util
 import json
 import math
@@ -18,7 +18,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)
 
 
 def part(name):
-    """blender/NAME.py as a module of a package, without the package's own __init__, which needs Blender."""
+    """Loads blender/NAME.py as a module of a package without the package's own __init__, which needs Blender."""
     if "sherf_addon" not in sys.modules:
         package = types.ModuleType("sherf_addon")
         package.__path__ = [os.path.join(ROOT, "blender")]
@@ -31,7 +31,7 @@ Failure = program.Failure
 
 
 def script(folder, name, text):
-    """A program of a few lines of shell."""
+    """Writes a program that is a few lines of shell."""
     path = os.path.join(folder, name)
     with open(path, "w", encoding="utf-8") as f:
         f.write("#!/bin/sh\n" + text)
@@ -94,7 +94,7 @@ class Lines(Folder):
     def test_commands(self):
         words = program.avatar_command("/p/sherf", ["-x.jpg"], "/o.safetensors", person=2)
         self.assertEqual(words[:2] + words[5:], ["/p/sherf", "avatar", "--person", "2"])
-        self.assertTrue(os.path.isabs(words[2]))  # a name that begins with - is no option
+        self.assertTrue(os.path.isabs(words[2]))  # a file name that begins with - is not an option
         body = self.path("body.safetensors")
         photo = self.path("me.jpg")
         self.assertEqual(program.avatar_command("s", [photo], "o")[-2:], ["--body", body])
@@ -113,10 +113,10 @@ class Lines(Folder):
     def test_several_photos(self):
         front, back = self.path("front.jpg"), self.path("back.png")
         names = ["back.png", "front.jpg"]
-        self.assertEqual(program.photos_of(front, names), [front, back])  # the one shown comes first
+        self.assertEqual(program.photos_of(front, names), [front, back])  # the shown one comes first
         self.assertEqual(program.photos_of(back, names), [back, front])
         self.assertEqual(program.photos_of(front, ["front.jpg"]), [front])
-        self.assertEqual(program.photos_of(front, [""]), [front])  # as a script calls, or an empty choice
+        self.assertEqual(program.photos_of(front, [""]), [front])  # as a script calls it, or with an empty selection
         self.path("me.safetensors")
         with self.assertRaisesRegex(program.Failure, "me.safetensors: no photo"):
             program.photos_of(front, ["front.jpg", "me.safetensors"])
@@ -124,7 +124,7 @@ class Lines(Folder):
             program.photos_of(front, ["front.jpg", "gone.jpg"])
 
     def test_options_are_the_programs(self):
-        """Every option that is given is in the program's tables."""
+        """Every option used here is in the program's tables."""
         calls = (program.avatar_command("s", ["p", "q"], "a", 1, "b"),
                  program.export_command("s", "a", "g", observed=True),
                  program.video_command("s", "v", "n", 1),
@@ -226,7 +226,7 @@ def chance_turn(rng):
 
 
 def bvh_of(offsets, pelvis, turns):
-    """As the program writes it, with rotations Z X Y."""
+    """A BVH as the program writes it, with rotations in the order Z X Y."""
     def joint(j):
         out = [f"{'JOINT' if j else 'ROOT'} {motion.NAMES[j].replace('left_', 'L_').replace('right_', 'R_').title()}",
                "{", "OFFSET " + " ".join(f"{100 * x:.6f}" for x in offsets[j]),
@@ -289,7 +289,7 @@ class Motion(unittest.TestCase):
                 motion.bvh_read(broken)
 
     def test_onto_a_rig(self):
-        """Bones that lie anyhow, in a T and in another rest pose, put the joints where the motion has them."""
+        """Bones of any orientation, in a T and in another rest pose, put the joints where the motion has them."""
         t_rest = [chance_turn(self.rng) for _ in range(24)]
         for rest_turns in ([motion.IDENTITY] * 24, motion.a_pose()):
             rest = motion.bone_directions(rest_turns, t_rest)
@@ -301,7 +301,7 @@ class Motion(unittest.TestCase):
                         at.append(motion.to_blender(self.pelvis[frame]))
                         stand.append(motion.multiply(rest[j], turns[j]))
                         continue
-                    # as Blender does: the rest pose relative to the parent's, then the bone's own rotation
+                    # like Blender: first the rest pose relative to the parent's, then the bone's own rotation
                     local = motion.multiply(motion.inverse(rest[parent]), rest[j])
                     stand.append(motion.multiply(stand[parent], motion.multiply(local, turns[j])))
                     step = motion.rotate(motion.inverse(t_rest[parent]), motion.to_blender(self.offsets[j]))
@@ -315,7 +315,7 @@ class Motion(unittest.TestCase):
         self.near((self.clip.pelvis[0][0], self.clip.pelvis[0][2]), (0, 0))
         self.assertAlmostEqual(motion.heading(self.clip.turns[0][0]), 0, places=6)
         after = self.clip.joints(2)
-        for j in range(1, 24):  # moved as a whole
+        for j in range(1, 24):  # the whole body is moved
             self.assertAlmostEqual(math.dist(after[0], after[j]), math.dist(before[0], before[j]), places=6)
             self.assertAlmostEqual(after[j][1], before[j][1], places=6)
 
@@ -345,7 +345,7 @@ class Zip(Folder):
         self.assertEqual(made[0], made[1])
 
     def test_versions(self):
-        """The program's, the add-on's and the extension's are one."""
+        """The versions of the program, the add-on and the extension are the same."""
         def found(name, pattern):
             with open(os.path.join(ROOT, name), encoding="utf-8") as f:
                 return re.search(pattern, f.read()).group(1).replace(", ", ".")

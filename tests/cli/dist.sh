@@ -1,6 +1,6 @@
 #!/bin/sh
-# tests/cli/dist.sh: the source archive is the same bytes twice, whatever the time, the zone and the umask, holds every
-# file of the commit, and names nobody as the owner. 77: there is no git checkout.
+# tests/cli/dist.sh: tests that the source archive has the same bytes twice, whatever the time, time zone and umask,
+# contains every file of the commit, and names no user as the owner. Exit status 77: there is no git checkout.
 set -eu
 here=$(cd "$(dirname "$0")/../.." && pwd)
 cd "$here"

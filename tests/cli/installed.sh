@@ -1,7 +1,6 @@
 #!/bin/sh
-# tests/cli/installed.sh BUILD: installs into a temporary folder and uses what is there as a stranger would:
-# compiles docs/example.c with pkg-config (C, C++, shared, static) and with find_package, runs it, looks at the names in
-# view.
+# tests/cli/installed.sh BUILD: tests an installation in a temporary folder as a new user would: compiles docs/example.c
+# with pkg-config (C, C++, shared, static) and with find_package, runs it, and examines the exported names.
 set -eu
 build=$1
 here=$(cd "$(dirname "$0")/../.." && pwd)
@@ -9,7 +8,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 fail() { echo "installed.sh: $*" >&2; exit 1; }
 
-usr="$work/a prefix" # with a space in it
+usr="$work/a prefix" # contains a space
 cmake --install "$build" --prefix "$usr" >"$work/install.log"
 lib=$(dirname "$(find "$usr" -name libsherf.a)")
 for file in bin/sherf include/sherf/sherf.h share/man/man1/sherf.1 share/man/man1/sherf-render.1 \
@@ -29,16 +28,16 @@ others=$(nm -D --defined-only "$lib/libsherf.so" | awk '$2 != "A" {print $3}' | 
 others=$(nm -g --defined-only "$lib/libsherf.a" | awk 'NF == 3 {print $3}' | grep -v '^sherf_' || true)
 [ -z "$others" ] || fail "libsherf.a shows" $others
 
-# pkg-config quotes the space, so its words are evaluated.
+# pkg-config quotes the space, so its output must be evaluated.
 eval "cc -std=c11 -Wall -Wextra -Werror '$here/docs/example.c' $(pkg-config --cflags --libs sherf) -o '$work/example'"
-# The archive with the shared libraries of others: --static would ask for theirs too.
+# Our static library with other projects' shared libraries: --static would ask for their static ones too.
 eval "cc -std=c11 '$here/docs/example.c' $(pkg-config --cflags sherf) '$lib/libsherf.a' \
     $(pkg-config --libs $(pkg-config --print-requires-private sherf)) \
     $(sed -n 's/^Libs.private: //p' "$lib/pkgconfig/sherf.pc") \
     -o '$work/example-static'"
 eval "c++ -std=c++20 -Wall -x c++ '$here/docs/example.c' -x none \
     $(pkg-config --cflags --libs sherf) -o '$work/example-cxx'"
-# find_package: moved elsewhere first, since nothing in it may name the folder it was installed to.
+# find_package: the installation is moved first, because nothing in it may name the original folder.
 find_package() { # PREFIX VERSION
     cmake -S "$here/tests/cli/find_package" -B "$work/found" -D EXAMPLE="$here/docs/example.c" \
         -D CMAKE_PREFIX_PATH="$1" -D WANTED="$2" >"$work/cmake.log" 2>&1

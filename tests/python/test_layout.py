@@ -1,4 +1,4 @@
-"""Structs, enumerations and functions of the package are those of sherf.h, as the C compiler has them."""
+"""Tests that the package's structs, enumerations and functions match sherf.h as the C compiler sees it."""
 
 import ctypes
 import re
@@ -16,7 +16,7 @@ ENUMERATIONS = {"SHERF_PRECISION": _library.PRECISIONS, "SHERF_DEVICE": _library
 
 
 def numbers_of_c(expressions):
-    """What the compiler makes of these expressions."""
+    """The values of these expressions in C."""
     lines = "".join(f'printf("%lld\\n", (long long)({e}));' for e in expressions)
     program = f'#include <sherf/sherf.h>\n#include <stdio.h>\nint main(void) {{{lines} return 0;}}\n'
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""The Python package: photo to avatar to files, and that whatever is wrong raises and nothing crashes."""
+"""Tests the Python package: from photo to avatar to files; every wrong input raises and nothing crashes."""
 
 import ctypes.util
 import gc
@@ -50,7 +50,7 @@ class TestSeveral(Folder):
         np.testing.assert_array_equal(one.pose.poses, people["avatar"].pose.poses)
         views = [[avatar.render(camera=camera).color for camera in avatar.orbit(2, size=SIZE)]
                  for avatar in (both, one)]
-        self.assertGreater(np.abs(views[0][1] - views[1][1]).mean(), 0.002)  # the back is another
+        self.assertGreater(np.abs(views[0][1] - views[1][1]).mean(), 0.002)  # the back is different
         both.save(self.folder / "both.safetensors")
         sherf.Avatar.load(self.folder / "both.safetensors", people["body"])
         self.assertEqual(one.variant, 0)

@@ -1,5 +1,5 @@
-// What the tests in a real browser share: Debian's chromium, driven by npm's playwright-core (found through NODE_PATH,
-// or PLAYWRIGHT_CORE=its folder); checks that are counted; screenshots in $SCREENSHOTS, when that is a folder.
+// Shared by the tests in a real browser: Debian's chromium, driven by npm's playwright-core (found through NODE_PATH,
+// or PLAYWRIGHT_CORE=its folder); counted checks; screenshots in $SCREENSHOTS if that is a folder.
 import { createRequire } from "node:module";
 import { existsSync } from "node:fs";
 import path from "node:path";

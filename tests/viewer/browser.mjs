@@ -1,7 +1,7 @@
-// The viewer in a real browser: node tests/viewer/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
+// Tests the viewer in a real browser: node tests/viewer/browser.mjs SHERF BODY AVATAR... [-- MOTION...]
 // Needs Debian's chromium and npm's playwright-core (found through NODE_PATH, or PLAYWRIGHT_CORE=its folder).
-// $RATES=only: how many pictures a second it shows, and nothing else (10 seconds).
-// Leaves screenshots in $SCREENSHOTS, when that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed,
+// $RATES=only: only measures the number of pictures per second (10 seconds).
+// Saves screenshots in $SCREENSHOTS if that is a folder; $SIZE is the viewer's --size (384). Exit status: 0 passed,
 // 1 failed, 77 cannot be run.
 import { spawn } from "node:child_process";
 import { mkdtempSync, readFileSync, rmSync } from "node:fs";
@@ -14,7 +14,7 @@ const [sherf, body, ...avatars] = dash < 0 ? words : words.slice(0, dash);
 const motions = dash < 0 ? [] : words.slice(dash + 1);
 if (!avatars.length) skip("usage: browser.mjs SHERF BODY AVATAR... [-- MOTION...]");
 const size = process.env.SIZE || "384";
-const patience = 180000; // ms; a busy machine takes its time
+const patience = 180000; // ms; a busy machine is slow
 
 function serve(port) {
   const words = ["view", ...avatars, "-b", body, "--port", String(port), "--size", size,
@@ -39,7 +39,7 @@ const text = (page) => page.textContent("#speed");
 const ready = (page) =>
   page.waitForFunction(() => document.getElementById("speed").textContent.includes("ms"), null,
   { timeout: patience });
-// Refined: the full side is on the screen and nothing is under way.
+// Refined: the picture has its full size and nothing is under way.
 const still = (page) =>
   page.waitForFunction(() => shown.stamp === stamp && shown.side >= fullSide() && !shown.baked && !pending, null,
   { timeout: patience, polling: 50 });
@@ -54,8 +54,8 @@ const pixels = (page, canvas = "canvas") => page.evaluate((canvas) => {
 const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
 const colours = (a) => new Set(a.map((x, i) => (i % 4 ? -1 : (x << 16) | (a[i + 1] << 8) | a[i + 2]))).size;
 
-// Pictures a second while the page turns the body, or plays the motion, at this side for some seconds; the page
-// chooses its sides itself otherwise.
+// Pictures per second while the page turns the body or plays the motion for some seconds, with this side in pixels.
+// Without a side the page chooses its own.
 async function rate(page, plays, side = 128, seconds = 3) {
   await page.evaluate(([plays, side]) => {
     Object.assign(limits, { quick: false, sideLeast: side, sideMost: side });
@@ -66,7 +66,7 @@ async function rate(page, plays, side = 128, seconds = 3) {
     setPlaying(true);
   }, [plays, side]);
   const result = await page.evaluate(([plays, side, seconds]) => new Promise((done) => {
-    const begun = performance.now(), first = 500; // ms until it is in its stride
+    const begun = performance.now(), first = 500; // ms until the rate is steady
     let from = 0, sequence = -1, pictures = 0, size = "";
     const step = (now) => {
       if (shown.sequence !== sequence && now - begun > first) {
@@ -159,7 +159,7 @@ try {
   check(difference(near, await pixels(page)) > 2, "the right button moves");
   await page.keyboard.press("0");
 
-  // what is shown
+  // what the page shows
   for (const [key, mode] of [["2", "opacity"], ["3", "depth"], ["4", "normal"], ["1", "color"]]) {
     await page.keyboard.press(key);
     await still(page);
@@ -196,7 +196,7 @@ try {
     await page.waitForTimeout(300);
     const times = [];
     for (let i = 0; i < 8; i++) {
-      await page.waitForTimeout(200 + 17 * i); // not a share of a short clip
+      await page.waitForTimeout(200 + 17 * i); // never a fraction of a short clip's length
       times.push(Number(await page.inputValue("#line")));
     }
     check(new Set(times).size > 4, `the motion plays: frames ${times.join(" ")}; ${await text(page)}`);
@@ -236,7 +236,7 @@ try {
     await page.selectOption("#avatar", "0");
   }
 
-  // the surface that the page draws by itself, which without a graphics card it does only here
+  // the surface that the page draws itself, which it does without a graphics card only in this test
   check(await page.evaluate(() => !live.ready(0, 0, 0, 1)), "without a graphics card the page asks for pictures");
   const surface = await desktop.newPage();
   surface.on("pageerror", (e) => problems.push(e.message));
@@ -293,7 +293,7 @@ try {
   await shot(small, "phone-pose");
   await small.tap("#help");
   await shot(small, "phone-help");
-  // a pinch, by two touches
+  // a pinch with two touches
   await small.evaluate(() => document.getElementById("help-box").close());
   const zoomed = await small.evaluate(() => {
     const touch = (type, id, x, y) => stage.dispatchEvent(
@@ -314,7 +314,7 @@ try {
   await shot(small, "phone-wide");
   await small.close();
 
-  // reconnect: the network goes and comes back
+  // reconnect: the network fails and comes back
   await desktop.setOffline(true);
   await page.keyboard.press("ArrowLeft");
   await page.waitForFunction(() => !document.getElementById("notice").hidden, null, { timeout: 60000 });
@@ -325,7 +325,7 @@ try {
   const own = problems.filter((p) => !/Failed to load resource: net::ERR_INTERNET_DISCONNECTED/.test(p));
   check(own.length === 0, "no errors in the page" + own.map((p) => "\n      " + p).join(""));
 
-  // the program ends and is started anew at the same port: another key
+  // the program ends and starts again at the same port with another key
   const port = new URL(address).port;
   server.child.kill("SIGINT");
   check((await server.ended) === 0, "Ctrl-C ends the program with status 0");

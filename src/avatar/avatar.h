@@ -8,7 +8,7 @@
 #include "model/field.h"
 #include "sampling/coarse.h"
 
-/* The picture behind an image, with more pixels, H x W x 3; data NULL: there is none. Owned. */
+/* The unscaled picture of an image, with more pixels, H x W x 3; data NULL: there is none. Owned. */
 typedef struct {
     int width, height;
     uint8_t *data;

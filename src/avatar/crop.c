@@ -17,8 +17,8 @@ static const double margin_m = 0.15;
 enum { FINE_TIMES = 2, FINE_SIDE_MAX = 768 };
 static const double fine_min = 1.2;
 
-/* The square of the picture that holds the body, at least `side_min` wide, in whole pixels. False: a joint
- * lies behind the camera. */
+/* The square of the picture that contains the body, at least `side_min` wide, in whole pixels. False: a joint
+ * is behind the camera. */
 static bool square_round(const float joint[BODY_JOINTS][3], const sherf_camera *camera, double margin_px,
                          double side_min, int *left, int *top, int *side) {
     double min[2] = {INFINITY, INFINITY}, max[2] = {-INFINITY, -INFINITY};

@@ -5,7 +5,7 @@
 
 #include "avatar/detail.h"
 
-/* How far a point may lie behind the observed view's surface, and in front of it: its weight falls from the
+/* How far a point may be behind the observed view's surface, and in front of it: its weight falls from the
  * first number on and is 0 at the second. */
 static const float behind_m[2] = {0.03f, 0.06f}, before_m[2] = {0.03f, 0.07f};
 /* How far an unseen colour moves towards the opposite side's, and how much of that side's pattern it takes.

@@ -1,5 +1,5 @@
-/* Depths of hazy surfaces flicker from pixel to pixel. They are smoothed along the surface, not across its
- * edges, and so is what depends on them. */
+/* Smooths the depths of hazy surfaces, which flicker from pixel to pixel, and everything that depends on
+ * them. It smooths along the surface, not across its edges. */
 #include <math.h>
 #include <string.h>
 

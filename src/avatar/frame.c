@@ -107,7 +107,7 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
     if (status == SHERF_OK)
         status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
     if (status != SHERF_OK) return status;
-    /* a small picture has hardly more points than the field has cells */
+    /* a small picture has few more points than the field has cells */
     if (coarse && !(rays_pitch(rays) * coarse->per_m < 1)) coarse = NULL;
     status = coarse ? frame_coarse(c, a, body, posed, rays, samples, coarse, o->background, frame)
                     : frame_of_points(c, a, body, posed, rays, samples, empty, o, frame);

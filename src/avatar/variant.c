@@ -1,6 +1,7 @@
-/* Several ways in which unseen parts may look. The best guess errs most in brightness: one factor per person,
- * 0.12 either way on synthetic people, makes up 1.0 dB of its error (docs/model-card.md). So a variant draws
- * the brightness of unseen parts, the places that patterns continue from, and their strength. */
+/* Variants: several plausible looks of unseen parts. The best guess errs most in brightness: one factor
+ * per person, 0.12 either way on synthetic people, makes up 1.0 dB of its error (docs/model-card.md). So a
+ * variant draws the brightness of unseen parts, the places that patterns continue from, and their strength.
+ */
 #include <math.h>
 
 #include "avatar/detail.h"

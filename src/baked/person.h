@@ -1,5 +1,5 @@
-/* person: an avatar made into what a file of another program holds: a posed surface with a skin, its colours
- * as a texture or at the vertices, or splats on it. */
+/* person: an avatar converted for files of other programs: a posed surface with a skin, with its colours as a
+ * texture or at the vertices, or splats on it. */
 #ifndef SHERF_BAKED_PERSON_H
 #define SHERF_BAKED_PERSON_H
 
@@ -11,9 +11,9 @@ typedef struct {
     int resolution; /* cells along the longest side of the canonical body */
     double level;   /* density of the surface, per metre; 0: where its silhouettes match the frames' */
     double islands; /* components with less than this share of the largest one's area are removed */
-    int triangles;  /* reduce the surface to so many; 0: leave all */
+    int triangles;  /* reduce the surface to this many; 0: no reduction */
     int texture_px; /* side of the texture; 0: colours of the vertices */
-    int splats;     /* so many splats instead of colours of the surface; 0: none */
+    int splats;     /* this many splats instead of the surface's colours; 0: none */
     bool detail;    /* colours with the observation's detail */
     /* the world and pose in which the surface stands; NULL: the rest pose of its shape */
     const sherf_pose *pose;

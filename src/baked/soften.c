@@ -9,7 +9,7 @@
 
 enum { REACH_MAX = 32, LOOK = 4 };
 static const float faint = 0.01f;    /* opacities below this are not drawn */
-static const float slope_max = 1.5f; /* how much faster than over a pixel it rises at most */
+static const float slope_max = 1.5f; /* the maximum factor by which it rises faster than over a pixel */
 
 typedef struct {
     const baked_soft *s;

@@ -9,8 +9,8 @@
 typedef struct {
     int64_t count;
     int32_t *texel; /* count, of the atlas's */
-    int32_t *from;  /* texels x 4: numbers below count whose mean it is; -1 behind the last. Its own alone
-                       where it  is one of them */
+    int32_t *from;  /* texels x 4: indices below count of the texels whose mean it is; -1 after the last. Only
+                       its own if it is one of them */
 } texel_mesh;
 /* positions: texels x 3; distances tell pieces of the surface apart. */
 sherf_status texel_mesh_make(context *c, const atlas *a, const float *positions, texel_mesh *out);

@@ -1,4 +1,4 @@
-/* Whether this build has CUDA and this machine a GPU for it; sherf_device_find reports the same for verbs. */
+/* GPUs that this build can use on this machine. sherf_device_find reports the same for verbs. */
 #ifndef SHERF_DEVICE_H
 #define SHERF_DEVICE_H
 

@@ -1,5 +1,5 @@
-/* Data that annots.npy does not list (a refined ZJU-MoCap has only cameras): pictures by view and pose, from
- * the existing folders; and files under unusual names. */
+/* Finds data that annots.npy does not list (a refined ZJU-MoCap has only cameras): pictures by view
+ * and pose, from the existing folders; and files under unusual names. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>

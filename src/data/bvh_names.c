@@ -1,6 +1,6 @@
-/* Names are split into words (at blanks, points, underscores and capitals), so that a rig's prefixes
- * ("mixamorig", "Bip01", "DEF", "J_Bip") are ignored and a side may be anywhere: LeftArm, l_uparm, thigh.L,
- * Bip01 R Thigh. */
+/* Finds a rig's joints by the words in their names. Names are split into words (at blanks, points,
+ * underscores and capitals), so that a rig's prefixes ("mixamorig", "Bip01", "DEF", "J_Bip") are ignored and
+ * a side may be anywhere: LeftArm, l_uparm, thigh.L, Bip01 R Thigh. */
 #include "data/bvh_names.h"
 
 #include <ctype.h>
@@ -241,7 +241,7 @@ static void drop_stray_collars(const bvh *b, int joint[BODY_JOINTS]) {
         if (joint[j] >= 0 && !hangs_on(b, joint[j + 3], joint[j])) joint[j] = -1;
 }
 
-/* ---- what no name tells: from what hangs on what ---- */
+/* ---- joints that no name identifies: found from the hierarchy ---- */
 
 /* The only child of a joint; -1: none, or several. */
 static int only_child(const bvh *b, int joint) {

@@ -11,8 +11,9 @@ const char *joint_name(int j);
 
 /* The file's joint for each of the body's, or -1; and whose names they are ("Mixamo"; static). Limbs are
  * found by name, on both sides, and the trunk by the hierarchy: the pelvis carries legs and spine, the chest
- * the arms. given: a dict of SMPL's names and the file's (or the other way round), which go first; or NULL.
- * Fails when hips, knees, shoulders or elbows are not found, or a name is not there. */
+ * the arms. given: a dict from SMPL's names to the file's (or from the file's to SMPL's), which takes
+ * precedence; or NULL. Fails if hips, knees, shoulders or elbows are not found, or if the file has no joint
+ * of a given name. */
 sherf_status bvh_names_match(context *c, const bvh *b, const value *given, int joint[BODY_JOINTS],
                              const char **whose);
 

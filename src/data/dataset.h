@@ -15,7 +15,7 @@ typedef struct {
     int poses, views;
     parsed_camera *camera; /* views; T in metres */
     int *number;           /* THuman, ZJU-MoCap: poses; the number in the parameter files' names */
-    char **image;          /* THuman, ZJU-MoCap: poses x views, below the person's folder; NULL: not there */
+    char **image;          /* THuman, ZJU-MoCap: poses x views, below the person's folder; NULL: missing */
     sherf_pose *pose;      /* RenderPeople: poses */
     bool *present;         /* HuMMan: poses; frames are numbered as their files, with gaps */
 } person_record;
@@ -64,10 +64,10 @@ struct sherf_dataset {
 };
 
 /* ---- for readers ---- */
-/* Cameras of cameras.json: NAME and the view's number in so many digits, up to the first gap. */
+/* Cameras of cameras.json: NAME and the view's number in this many digits, up to the first gap. */
 sherf_status cameras_json_read(context *c, const char *folder, const char *name, int digits,
                                person_record *r);
-int dataset_find(const sherf_dataset *d, const char *name, size_t length); /* -1: not there */
+int dataset_find(const sherf_dataset *d, const char *name, size_t length); /* -1: missing */
 
 /* ---- for the rest ---- */
 /* The reader named in front of the path in "thuman:PATH", and the path; NULL: none is named. */

@@ -58,7 +58,7 @@ static sherf_status add_line(context *c, sherf_dataset *d, const char *line, siz
     return length ? add_person(c, d, line, length) : SHERF_OK;
 }
 
-/* One person a line. *found: the file is there. */
+/* One person per line. *found: the file exists. */
 static sherf_status read_list(context *c, sherf_dataset *d, const char *file, bool *found) {
     char path[PATH_LENGTH];
     unsigned char *data = NULL;

@@ -26,7 +26,7 @@ sherf_status joints_last_check(context *c, const char *what, const value *v, int
 /* One body by the names of parts.h. A camera that stands in the body's file (camera_rotation, cam_t, ...)
  * goes into R and Th: the body is then in that camera's frame. */
 sherf_status parse_pose(context *c, const value *v, sherf_pose *out);
-sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); /* poses are there */
+sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); /* the dict has poses */
 
 /* ---- cameras (parse_camera.c) ---- */
 /* OpenCV's axes, world to camera. D: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, zeros where there are none.
@@ -34,11 +34,11 @@ sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); 
 typedef struct {
     double K[9], R[9], T[3], D[DISTORTION_MAX];
     int width, height;  /* of the picture it is for, where the file says so; else 0 */
-    bool turned, moved; /* R, and T, were there; else they are 1 and 0 */
+    bool turned, moved; /* whether R and T were given; otherwise they are 1 and 0 */
 } parsed_camera;
-/* shared: of a file, where lens and size stand that the camera does not say itself; NULL: none.
- * K, or what stands for it; R and T, or one matrix; D; width and height: by the names of docs/observation.md.
- * size: of the picture, where focal lengths without a centre are to be taken; NULL: K must be whole. */
+/* shared: part of a file with lens and size for cameras that do not state their own; NULL: none. K or its
+ * alternatives; R and T, or one matrix; D; width and height: under the names in docs/observation.md. size: of
+ * the picture, used if focal lengths have no centre; NULL: K must be complete. */
 sherf_status parse_camera(context *c, const value *v, const value *shared, const int size[2],
                           parsed_camera *out);
 /* All of a file (sherf_cameras_load); *out is mem_free'd. size as above. */

@@ -217,7 +217,7 @@ static sherf_status place_of(context *c, const value *v, parsed_camera *out) {
     named_value R = value_first(v, R_names), T = value_first(v, T_names);
     const named_value to_camera = value_first(v, to_camera_names), gl = value_first(v, gl_to_world_names),
                       cv_to_world = value_first(v, to_world_names), to_world = gl.item ? gl : cv_to_world;
-    const bool splat = !T.item && position.item && value_numbers(R.item) == 9; /* R is to the world, too */
+    const bool splat = !T.item && position.item && value_numbers(R.item) == 9; /* R is camera to world, too */
     if (gl.item && R.item && value_numbers(R.item) < 0) R.item = NULL; /* a step, in NeRF's own files */
     if (!R.item) R = quaternion;
     if (splat) T = position;

@@ -7,7 +7,7 @@
 
 typedef enum {
     PART_POSES,       /* all joints: poses, smpl_thetas, ... */
-    PART_BODY,        /* all but the root: body_pose, pose_body, ... */
+    PART_BODY,        /* all joints but the root: body_pose, pose_body, ... */
     PART_ROOT,        /* global_orient, root_pose, ... */
     PART_SHAPES,      /* betas, shape, ... */
     PART_TURN,        /* R, Rh: beside the root's rotation */
@@ -18,7 +18,7 @@ typedef enum {
 enum { PARTS = PART_CAMERA_PLACE + 1 };
 
 typedef struct {
-    const char *name; /* as the file calls it; NULL: it is not there */
+    const char *name; /* the name in the file; NULL: missing */
     const value *item;
 } named_value;
 typedef struct {
@@ -32,16 +32,15 @@ extern const double smplx_pelvis_m[3];
 
 /* The first of these names (up to NULL) that the dict has and that is not null; item NULL: none. */
 named_value value_first(const value *dict, const char *const *names);
-/* The parts of a dict or record; of one that holds the body in a dict of its own (pred_smpl_params, smpl,
- * results, ...; or by any key, where no other one has poses), what is inside goes before what is beside it.
- */
+/* The parts of a dict or record. If it holds the body in an inner dict (pred_smpl_params, smpl, results, ...;
+ * or under any key, if no other inner dict has poses), parts inside take precedence over parts beside it. */
 void body_parts_find(const value *v, body_parts *out);
-/* Logs the keys that are no parts, and not known to be of no use here, in one warning that begins with
- * `what`; and a body whose root has no rotation in another one. */
+/* Logs the keys that are neither parts nor known to be irrelevant, in one warning that begins with `what`;
+ * and in another warning a body whose root has no rotation. */
 void body_parts_warn(context *c, const value *v, const char *what);
 /* Fails for a dict without poses; the message says what it has instead. */
 sherf_status body_parts_missing(context *c, const value *v);
-/* Fails with `what`, and with the keys that are there. */
+/* Fails with `what` and the keys that exist. */
 sherf_status keys_missing(context *c, const value *v, const char *what);
 /* Logs the keys of any dict that are not among `known` (up to NULL). */
 void unknown_keys_warn(context *c, const value *v, const char *const *known, const char *what);

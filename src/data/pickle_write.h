@@ -1,5 +1,5 @@
-/* A pickle of dicts, lists, strings and float arrays, as NumPy's own would be, inside an .npy file: what
- * np.load(path, allow_pickle=True).item() reads. */
+/* A pickle of dicts, lists, strings and float arrays in an .npy file, as NumPy would write it. np.load(path,
+ * allow_pickle=True).item() reads it. */
 #ifndef SHERF_DATA_PICKLE_WRITE_H
 #define SHERF_DATA_PICKLE_WRITE_H
 
@@ -25,6 +25,6 @@ void pickle_floats(pickle_writer *w, int rank, const int *dim, const float *data
 void pickle_doubles(pickle_writer *w, int rank, const int *dim, const double *data);
 /* Writes the one value that was made as a 0-d object array, and frees the writer whatever happens. */
 sherf_status pickle_finish_npy(pickle_writer *w, const char *path);
-/* The same as a plain pickle: what pickle.load reads. */
+/* The same as a plain pickle, which pickle.load reads. */
 sherf_status pickle_finish_file(pickle_writer *w, const char *path);
 #endif

@@ -4,9 +4,9 @@
 
 #include "data/data.h"
 
-/* Intersection over union of the body's silhouette and the observation's mask, uncertain pixels left out; the
- * camera and pose may differ from the observation's own (same size), and the mask may be seen in a mirror, or
- * with person and background exchanged. */
+/* Intersection over union of the body's silhouette and the observation's mask, without uncertain pixels. The
+ * camera and pose may differ from the observation's own (same size). The mask may be mirrored, or have person
+ * and background swapped. */
 typedef enum { MASK_AS_IT_IS, MASK_MIRRORED, MASK_INVERTED } mask_reading;
 sherf_status silhouette_overlap(context *c, const sherf_observation *o, const body_model *body,
                                 const sherf_pose *pose, const sherf_camera *camera, mask_reading reading,

@@ -13,7 +13,7 @@ typedef struct {
     int64_t vertices, triangles, places, points;
     float *vertex;      /* V x 3 */
     uint32_t *triangle; /* T x 3 */
-    float *place;       /* on what is seen of it, by area: N x 3 */
+    float *place;       /* on the visible part of the surface, by area: N x 3 */
     float *normal;      /* N x 3, unit, outwards */
     uint8_t *color;     /* N x 3, sRGB */
     float *point;       /* P x 3 */
@@ -21,11 +21,11 @@ typedef struct {
 } surface_truth;
 void surface_truth_free(surface_truth *t);
 
-/* The colour of a place seen from its front or from behind; false: it is not seen. */
+/* The colour of a place seen from its front or from behind; false: it is not visible. */
 typedef bool (*surface_color)(void *user, const solid_point *place, bool behind, uint8_t rgb[3]);
 typedef struct {
     int meshes;
-    const solid_mesh *drawn, *walls; /* what is seen, and what keeps the flood out (solid.h) */
+    const solid_mesh *drawn, *walls; /* the visible triangles, and those that stop the flood (solid.h) */
     float cell_m;
     int seal; /* of solid_grid_create */
     uint64_t key;
@@ -42,8 +42,8 @@ sherf_status surface_truth_write(context *c, const surface_truth *t, const char 
 /* parts: TRUTH_MESH (vertices, triangles) and TRUTH_SAMPLES (places, points), checked: finite, indices in
  * range, points of both kinds. */
 sherf_status surface_truth_read(context *c, const char *path, unsigned parts, surface_truth *out);
-/* The file of a data set's person in a pose. SHERF_NO_FILE: there is none; the message says how to make
- * it. */
+/* The file of a data set's person in a pose. SHERF_NO_FILE: there is none; the message says how to make it.
+ */
 sherf_status surface_truth_find(context *c, const sherf_dataset *d, int person, int pose,
                                 char path[PATH_LENGTH]);
 /* Its surface. */

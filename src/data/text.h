@@ -8,7 +8,7 @@ typedef struct {
     context *c;
     char *data; /* NULL while empty */
     size_t bytes, room;
-    bool failed; /* out of memory: what follows is dropped */
+    bool failed; /* out of memory: the rest is dropped */
 } text_builder;
 void text_add(text_builder *t, const char *format, ...) PRINTF_LIKE(2, 3);
 void text_add_list(text_builder *t, const char *format, va_list args);

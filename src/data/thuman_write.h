@@ -18,7 +18,7 @@ sherf_status thuman_write_vertices(context *c, const char *folder, int pose, int
                                    const float *vertices_world);
 sherf_status thuman_write_annots(context *c, const char *folder, int poses, int views,
                                  const sherf_camera *camera);
-/* One mask and one picture; rgb is taken as it is (black outside the mask is the caller's). */
+/* Writes one mask and one picture. rgb is written unchanged; the caller makes it black outside the mask. */
 sherf_status thuman_write_picture(context *c, const char *folder, int view, int pose, int width, int height,
                                   const uint8_t *rgb, const uint8_t *mask);
 

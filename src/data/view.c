@@ -28,9 +28,9 @@ static bool is_noisy(const size_t count[256]) {
     return dark >= SHADES && light >= SHADES;
 }
 
-/* A soft mask is grey, and either most of what is not black in it is white, or it has many shades, or those
- * of a JPEG: labels of the body's parts are few, or in colours. Half of its brightest value, from which on it
- * is the person; 0: it is not soft. */
+/* A soft mask is grey and has mostly white apart from black, or many shades, or the shades of a JPEG. Masks
+ * of labels have few values or colours. Returns half of its brightest value, the smallest that counts as the
+ * person; 0: it is not soft. */
 static int mask_half(const image_u8 *color) {
     enum { SHADES_MIN = 32, WHITE = 250 };
     const size_t n = (size_t)color->width * color->height;

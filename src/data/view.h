@@ -4,18 +4,18 @@
 
 #include "data/parse.h"
 
-/* Longer sides are refused: of files, and of what they become. An observation is scaled down to the last,
- * since the encoders take gigabytes (4 GB, and an avatar of 0.3 GB, at 2048 x 2048) for what networks have
- * not seen in training. */
+/* Maximum sides of files and of the pictures made from them. An observation is scaled down to the last one,
+ * because larger pictures cost gigabytes (4 GB, and an avatar of 0.3 GB, at 2048 x 2048) for details that
+ * networks have not seen in training. */
 enum { VIEW_READ_SIDE_MAX = IMAGE_SIDE_MAX, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
 
 typedef struct {
     const char *image, *mask; /* paths; mask NULL: the picture's alpha channel */
-    parsed_camera camera;     /* for the picture as it is in the file */
+    parsed_camera camera;     /* for the unscaled picture in the file */
     sherf_pose pose;
     double scale;  /* used when width is 0 */
     int width;     /* 0: by scale */
-    bool observed; /* the result is no longer than VIEW_OBSERVED_SIDE_MAX; width is 0; the mask may be soft */
+    bool observed; /* the result is no longer than VIEW_OBSERVED_SIDE_MAX, width is 0, the mask may be soft */
     bool whole;    /* the background stays in the picture */
     bool edge_band; /* ZJU-MoCap: a 5-pixel band along the mask's edge is uncertain */
 } view_source;

@@ -111,7 +111,7 @@ static double worth(const body_fit_result *r) {
     return r->iou - 10 * r->landmarks_px / fmax(r->height_px, 1);
 }
 
-/* Fits from the frame before, and anew where that fits badly. */
+/* Fits each frame from the fit before, and starts anew if the result is bad. */
 static sherf_status fit_next(context *c, const body_model *body, const clip_track *t, clip_frame *f,
                              const body_fit_result *known, const body_fit_result *before) {
     body_fit_result anew;

@@ -107,7 +107,7 @@ static sherf_status search(context *c, follower *f, clip_track *t) {
         t->people = count;
         best = f->wanted < count ? f->wanted : -1;
     } else {
-        double min = 1.5; /* a detection further away is somebody else */
+        double min = 1.5; /* a detection further away is another person */
         for (int i = 0; i < count; i++) {
             const double d = apart(&people[i], &f->person);
             if (d < min) min = d, best = i;
@@ -190,7 +190,7 @@ sherf_status clip_look(context *c, const pose_networks *n, const char *path, con
 /* ---- front and back ---- */
 
 static void exchange(clip_frame *f) {
-    /* pairs are neighbours from the eyes on but for the nose's and the eyes' corners */
+    /* from the eyes on, pairs are adjacent, except the nose's and the eyes' corners */
     static const int pair[][2] = {{1, 4}, {2, 5}, {3, 6}, {7, 8}, {9, 10}};
     for (size_t i = 0; i < COUNT_OF(pair); i++) {
         const landmark l = f->landmark[pair[i][0]];

@@ -293,7 +293,7 @@ static sherf_status hold_feet(context *c, settling *s) {
         for (int i = 0; i < s->count; i++) {
             double stands = i + 1 < s->count ? pull[i] : 0;
             if (i > 0) stands = fmax(stands, pull[i - 1]);
-            /* a person hardly above the floor is on it, sliding or not */
+            /* a person close above the floor is on it, sliding or not */
             stands = fmax(stands, fade(fabs(s->place[i][1] + st[i].lowest - floor_m), 0.05, 0.12));
             s->value[i] = s->place[i][a];
             s->weight[i] = a == 2 ? 0.3 : 1; /* the camera looks along -z */

@@ -10,8 +10,9 @@
 /* A lower score is no person; of two boxes that overlap by more than the second number the better one
  * stays. */
 static const float score_min = .5f, overlap_max = .3f;
-/* From a closer look, only people are taken whose region is at most this share of the square: of others it
- * showed only a piece. If nobody in the photo is larger than `small` of it, a still closer look follows. */
+/* In a closer look, only people are accepted whose region is at most this share of the square: of larger ones
+ * it showed only a piece. If nobody in the photo is larger than `small` of it, an even closer look follows.
+ */
 static const float whole_max = 1.3f, small = .5f;
 /* Photos are scaled down to about this: a quarter of it is twice the network's input. */
 enum { KEPT_MAX = 256, LOOKED_AT_SIDE_MAX = 1792, SHORT_SIDE_MIN = 32, REFINED_MAX = 8 };

@@ -57,9 +57,9 @@ static bool in_photo(const body_fit_input *in, int l) {
            at[1] <= (float)(in->height_px - 1);
 }
 
-/* The networks guess hidden landmarks rather well (5 cm off instead of 2), so these have a small weight;
- * landmarks outside the photo have hardly any. Several landmarks of fingers and faces say the same, so each
- * weighs less. */
+/* The networks guess hidden landmarks rather well (5 cm off instead of 2), so these have a small weight.
+ * Landmarks outside the photo have almost none. Several landmarks of fingers and faces carry the same
+ * information, so each weighs less. */
 static void weigh_landmarks(fit_problem *p) {
     for (int l = 0; l < LANDMARKS; l++) {
         if (fit_landmarks[l].joint < 0) continue;

@@ -13,7 +13,7 @@
 static const float score_min = .5f;
 /* Two people are one when their landmarks lie this close, as a part of the region's side. */
 static const float same_place = .08f;
-/* Or when this share of one's mask is in the other's. */
+/* Or if this share of one's mask is in the other's. */
 static const float part_min = .7f;
 /* Parts of a region's side. */
 static const float settled_size = .15f, settled_place = .08f;

@@ -10,11 +10,11 @@ enum { PHOTO_PEOPLE_MAX = 8 };
  * freed with mem_free; none: *out is NULL and that is no failure. The same bits for any number of threads. */
 sherf_status people_find(context *c, const pose_networks *n, const sherf_image *photo, int max,
                          photo_person **out, int *count);
-/* One look at one region; out->score says whether a person is there. */
+/* One look at one region; out->score says whether it shows a person. */
 sherf_status landmarks_find(context *c, const pose_networks *n, const sherf_image *photo,
                             const photo_region *region, photo_person *out);
-/* Finds the person of the frame before in the next frame, without the detector. *there: the person is still
- * seen; else *out is what was seen instead. `out` may be `before`. */
+/* Finds the person of the previous frame in the next one, without the detector. *there: the person is still
+ * visible; otherwise *out is what was seen instead. `out` may be `before`. */
 sherf_status landmarks_track(context *c, const pose_networks *n, const sherf_image *frame,
                              const photo_person *before, photo_person *out, bool *there);
 #endif

@@ -5,8 +5,8 @@
 #include "estimate/networks.h"
 #include "estimate/person.h"
 
-/* One look at one region. Mirrored: the network sees the region's mirror image, and what it says is mirrored
- * back, left and right exchanged. */
+/* One look at one region. Mirrored: the network sees the region's mirror image, and its result is mirrored
+ * back with left and right swapped. */
 sherf_status look_once(context *c, const pose_networks *n, const sherf_image *photo,
                        const photo_region *region, bool mirrored, photo_person *out);
 /* Looks until the region stops moving. *there: it shows a person, and none of the `count` known ones. */

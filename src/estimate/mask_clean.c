@@ -75,7 +75,7 @@ static void islands_drop(pieces *p, const float *prior, float *value) {
     }
 }
 
-/* Steps along rows and columns from the pieces, as far as soft pixels belong to them. */
+/* Walks along rows and columns from the pieces through the soft pixels that belong to them. */
 static void far_drop(pieces *p, float mask_px, float *value) {
     const int32_t n = p->width * p->height, reach = (int32_t)ceilf(soft_mask_px * mask_px);
     int64_t end = 0, done = 0;

@@ -4,8 +4,8 @@
 
 #include "base/base.h"
 
-/* value, prior: [height, width], the mask and what the network said; mask_px: pixels here to one of the
+/* value, prior: [height, width], the mask and the network's result; mask_px: pixels here per pixel of the
  * network's mask. Removes pieces (values from 0.5) far smaller than the largest, and soft pixels far from the
- * others; fills holes that are small, or that the network did not see. */
+ * others. Fills holes that are small or that the network did not see. */
 sherf_status mask_clean(context *c, int width, int height, const float *prior, float mask_px, float *value);
 #endif

@@ -22,7 +22,7 @@ static void rows_erode(void *arg, int64_t begin, int64_t end, int thread) {
     for (int64_t y = begin; y < end; y++) {
         const float *in = r->mask->data + (size_t)y * width;
         uint8_t *out = r->along + (size_t)y * width;
-        int since = r->reach; /* pixels since the last outside one; beyond the photo the person may go on */
+        int since = r->reach; /* since the last outside pixel; the person may continue beyond the photo */
         for (int x = 0; x < width; x++) {
             since = in[x] < all_of_it ? -1 : since + 1;
             out[x] = since >= r->reach;

@@ -38,7 +38,7 @@ static int clamped(int64_t i, int count) {
     return i < 0 ? 0 : i >= count ? count - 1 : (int)i;
 }
 
-/* Adds up pixels begin to end of a row, as far as they lie in the photo. */
+/* Adds up the pixels of a row from begin to end that are inside the photo. */
 static void add_row(const sherf_image *p, int64_t y, int64_t begin, int64_t end, float sum[3]) {
     const float *row = p->data + (size_t)clamped(y, p->height) * (size_t)p->width * 3;
     for (int64_t x = begin > 0 ? begin : 0; x < end && x < p->width; x++)
@@ -152,7 +152,7 @@ sherf_status region_sample(context *c, const sherf_image *photo, const photo_reg
     return SHERF_OK;
 }
 
-/* The mean of a square that reaches past the edge is of what is there. */
+/* The mean of a square that extends past the edge uses the pixels inside. */
 static void repair_edges(const sherf_image *photo, int step, sherf_image *out) {
     const int right = photo->width - (out->width - 1) * step, low = photo->height - (out->height - 1) * step;
     for (int y = 0; y < out->height; y++)

@@ -17,7 +17,7 @@ sherf_status photo_shrink(context *c, const sherf_image *photo, int step, sherf_
 void region_place(const photo_region *region, float u, float v, float place_px[2]);
 /* And back. */
 void region_find(const photo_region *region, const float place_px[2], float uv[2]);
-/* The square about `middle_px` that reaches 1.25 times as far as `top_px`, which shall be above the middle.
+/* The square around `middle_px` that extends 1.25 times as far as `top_px`, which should be above the middle.
  */
 photo_region region_about(const float middle_px[2], const float top_px[2]);
 #endif

@@ -1,7 +1,7 @@
 /* estimated: evaluating with bodies and cameras that were estimated from the observed picture alone.
  *
- * An estimate has a world of its own. The truth is mapped to it: directions through the observed camera, in
- * whose frame both worlds are known, and places so that the true body's pelvis meets the estimate's. */
+ * An estimate has its own world. The truth is mapped to it: directions through the observed camera, in whose
+ * frame both worlds are known, and positions so that the true body's pelvis coincides with the estimate's. */
 #ifndef SHERF_ESTIMATED_H
 #define SHERF_ESTIMATED_H
 

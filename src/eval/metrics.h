@@ -14,9 +14,9 @@ bool mask_bounds(const uint8_t *mask, int width, int height, rectangle *out);
  * NaN when the mask is empty. */
 double metric_psnr(int64_t pixels, const float *prediction, const float *truth, const uint8_t *mask);
 
-/* Mean SSIM of two pictures of width x height x channels: every 7 x 7 window that lies inside, unweighted,
- * sample (n - 1) covariances, k1 .01, k2 .03. This is what scikit-image 0.19 computes for float pictures,
- * where the range is that of the type, 2. Needs both sides >= 7. */
+/* Mean SSIM of two pictures of width x height x channels: every 7 x 7 window inside, unweighted, sample (n -
+ * 1) covariances, k1 .01, k2 .03. scikit-image 0.19 computes the same for float pictures, where the range is
+ * that of the type, 2. Needs both sides >= 7. */
 enum { METRIC_SSIM_WINDOW = 7 };
 static const double metric_ssim_range = 2;
 sherf_status metric_ssim(context *c, int width, int height, int channels, const float *a, const float *b,

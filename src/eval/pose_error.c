@@ -97,7 +97,8 @@ double procrustes_distance(int n, const double (*x)[3], const double (*y)[3]) {
 
 /* ---- the errors ---- */
 
-/* Unit vectors: up along the trunk, and the way that hips and shoulders face, at a right angle to it. */
+/* Unit vectors: up along the trunk, and the direction that hips and shoulders face, at a right angle to it.
+ */
 static void trunk_of(const double (*joint)[3], double up[3], double facing[3]) {
     double left[3];
     for (int k = 0; k < 3; k++) {

@@ -168,7 +168,7 @@ static sherf_status compare_with(evaluation *e, const data_view *truth, int pers
     return SHERF_OK;
 }
 
-/* One of the two distances; NaN where its network is not there or the rectangle too small for it. */
+/* One of the two distances; NaN if its network is missing or the rectangle is too small for it. */
 static sherf_status distance(evaluation *e, const comparison *k, bool lpips, double *out) {
     const int64_t shape[3] = {k->r.height, k->r.width, 3};
     const int min = lpips ? LPIPS_SIDE_MIN : RESNET50_SIDE_MIN;
@@ -263,7 +263,7 @@ static sherf_status write_files(evaluation *e, const data_view *truth, report_en
     return status;
 }
 
-/* The pair's prediction and truth, both as they are compared. */
+/* Prediction and truth of a pair, as they are compared. */
 static sherf_status show_pair(evaluation *e, const comparison *k, const data_view *truth, int pair) {
     context *c = e->c;
     if (!k->truth) return SHERF_OK;
@@ -381,8 +381,8 @@ static sherf_status estimate(evaluation *e, int person, picture from, bool first
     return named(e, status, person, from);
 }
 
-/* Makes an observation's picture for the network; *out NULL: it was to be estimated and nobody was found.
- * Adds what it shows to e->shown. */
+/* Makes an observation's picture for the network; *out NULL: an estimate was requested and nobody was found.
+ * Adds the parts that it shows to e->shown. */
 static sherf_status observe(evaluation *e, int person, picture from, bool first, sherf_observation **out) {
     context *c = e->c;
     uint8_t *shown = NULL;
@@ -395,7 +395,7 @@ static sherf_status observe(evaluation *e, int person, picture from, bool first,
     return status;
 }
 
-/* The pictures in which somebody was found; *count 0: not in the first one. */
+/* The pictures in which a person was found; *count 0: none in the first one. */
 static sherf_status observe_all(evaluation *e, const selection *s, int i,
                                 sherf_observation *out[SHERF_PICTURES_MAX], int *count) {
     sherf_status status = SHERF_OK;
@@ -408,8 +408,8 @@ static sherf_status observe_all(evaluation *e, const selection *s, int i,
     return status;
 }
 
-/* Makes the avatar as users do, from pictures cropped and scaled for the network, if frames have detail;
- * otherwise, as in the paper, from the pictures as they are. */
+/* Makes the avatar. If frames have detail, it uses pictures cropped and scaled for the network, as users do;
+ * otherwise it uses unscaled pictures, as in the paper. */
 static sherf_status make_avatar(evaluation *e, int pictures, sherf_observation *const *observation,
                                 sherf_avatar **out) {
     context *c = e->c;

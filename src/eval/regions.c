@@ -1,4 +1,4 @@
-/* Errors apart by what the observed picture shows. */
+/* Computes separate errors for the parts that the observed picture shows and does not show. */
 #include <math.h>
 
 #include "eval/regions.h"

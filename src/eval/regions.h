@@ -18,8 +18,8 @@ typedef struct {
 } region_errors;
 /* What the observation shows of the body's vertices, V; mem_free it. */
 sherf_status regions_look(context *c, const body_model *body, const sherf_observation *o, uint8_t **shown);
-/* Merges what another picture shows into *to: each vertex takes the better of both. *to NULL: takes over
- * `shown`, which is then NULL. */
+/* Merges the parts that another picture shows into *to: each vertex takes the better of both. *to NULL: takes
+ * over `shown`, which is then NULL. */
 void regions_join(const body_model *body, uint8_t **shown, uint8_t **to);
 /* Over the pixels of the person on which the body is drawn. prediction: H x W x 3. */
 sherf_status regions_measure(context *c, const body_model *body, const uint8_t *shown, const data_view *truth,

@@ -109,7 +109,7 @@ static void number_text(double v, const char *format, char text[16]) {
         snprintf(text, 16, format, v);
 }
 
-/* "psnr ssim lpips resnet50 count", with the sign of what is a difference. */
+/* "psnr ssim lpips resnet50 count"; differences have a sign. */
 static void columns(sherf_score s, bool gain, char text[96]) {
     char t[4][16];
     number_text(s.psnr, gain ? "%+.3f" : "%.3f", t[0]);

@@ -241,8 +241,7 @@ sherf_status selection_create(context *c, const sherf_dataset *d, int person, co
     int missing = 0;
     const person_record *record;
     *out = (selection){.person = person, .all_views = has_views};
-    sherf_status status =
-        dataset_record(c, d, person, &record); /* what is wrong with it, if it has no poses */
+    sherf_status status = dataset_record(c, d, person, &record); /* reports why, if it has no poses */
     if (status != SHERF_OK) return status;
     status = poses ? selection_list(c, poses, "poses", has_poses, &out->pose, &out->poses)
                    : sequence(c, p->pose_first, p->pose_step, p->pose_count, has_poses, &out->pose,

@@ -127,7 +127,7 @@ static void measure(const tree *to, int64_t count, const solid_point *place, dou
     }
 }
 
-/* Places on what is seen of a surface; *place is mem_free'd, whatever the answer. */
+/* Draws places on the visible part of a surface; *place is mem_free'd, whatever the result. */
 static sherf_status places_draw(context *c, int64_t places, uint64_t key, float cell_m, int meshes,
                                 const solid_mesh *mesh, solid_point **place, int64_t *found) {
     solid_grid g;

@@ -4,7 +4,7 @@
 
 #include "scene/solid.h"
 
-/* Means over places by area of what is seen from outside of either surface. */
+/* Means over places, distributed by area, on the outside of either surface. */
 typedef struct {
     double to_truth_m;   /* from the prediction's places to the nearest of the truth: point to surface */
     double from_truth_m; /* from the truth's to the nearest of the prediction */

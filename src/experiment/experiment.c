@@ -83,7 +83,7 @@ static void settings_take(const sherf_experiment_options *o, experiment_settings
     s->test_people = s->people / 10 < 2 ? 2 : s->people / 10 > 30 ? 30 : s->people / 10;
 }
 
-/* The name without its folders: assets may be elsewhere the next time. */
+/* The name without its folders, because assets may be elsewhere next time. */
 static const char *file_name(const char *path) {
     const char *slash = path ? strrchr(path, '/') : NULL;
     return slash ? slash + 1 : path;

@@ -147,7 +147,7 @@ const experiment_data *scoring_data(const experiment_job *j, const run *r, const
 sherf_status run_path(const experiment_job *j, const run *r, const char *name, char out[PATH_LENGTH]);
 sherf_status scoring_path(const experiment_job *j, const run *r, const scoring *s, int pose, const char *name,
                           char out[PATH_LENGTH]);
-/* Logs a line: what is being done, and the estimated time left. */
+/* Logs a line: the current step and the estimated time left. */
 void run_tell(experiment_job *j, const run *r, const char *what);
 
 /* ---- run.c ---- */
@@ -180,7 +180,7 @@ typedef struct {
     double step_ms, frame_ms;
 } preset_time;
 /* What an experiment lacks and how long that takes, for dry runs. Each run or scoring counts once: `seen`
- * holds what earlier experiments would have made. */
+ * holds those that earlier experiments would have made. */
 typedef struct {
     text_builder text;
     int count, capacity;

@@ -98,7 +98,7 @@ static sherf_status draw_people(experiment_job *j, const experiment_data *d, con
     return sherf_synth_people(j->c, folder, &o);
 }
 
-/* ---- what is scored ---- */
+/* ---- the scored pictures ---- */
 enum {
     POSES_MAX = 64,
     VIEWS_MAX = 64,

@@ -39,7 +39,7 @@ static void material_free(study_material *material) {
     sherf_dataset_free(material->data);
 }
 
-/* ---- what was rendered ---- */
+/* ---- rendered pictures ---- */
 static int person_of(const study *s, const value *name) {
     for (int i = 0; i < s->people; i++)
         if (name && value_is_string(name, s->person[i])) return i;

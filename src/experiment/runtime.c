@@ -36,7 +36,7 @@ static void runtime_free(runtime *t) {
     sherf_body_free(t->body);
 }
 
-/* ---- what is timed ---- */
+/* ---- the timed steps ---- */
 /* Zooms and centres the picture so that the body's larger extent takes this share of it. */
 static sherf_status zoom(context *c, const sherf_body *body, const sherf_pose *pose, sherf_camera *camera) {
     const int V = sherf_body_vertex_count(body);

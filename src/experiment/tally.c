@@ -85,7 +85,7 @@ static sherf_status training_hours(experiment_job *j, const run *r, run_tally *t
     return status;
 }
 
-/* Writes a line about one run: what it lacks. */
+/* Writes a line about what one run lacks. */
 static sherf_status tell_run(experiment_job *j, const run *r, run_tally *t) {
     tell_state state = {t, 0};
     preset_time took;

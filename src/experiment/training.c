@@ -82,7 +82,7 @@ static sherf_status number_read(context *c, const char *path, const char *key, d
     return status == SHERF_OK ? status : failure_prefix(c, status, "%s", path);
 }
 
-/* ---- how many steps fit in so many minutes ---- */
+/* ---- the number of steps that fit in the given minutes ---- */
 /* Trains a few steps in a temporary folder; *seconds becomes their median if it is lower. */
 static sherf_status step_measure(experiment_job *j, const run *r, double *seconds) {
     enum { STEPS_MAX = 1000 };

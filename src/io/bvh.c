@@ -209,7 +209,7 @@ static sherf_status read_motion(reader *r) {
     if (!b->channels || !frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
     if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: the motion's reader asks for the rate */
         return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
-    /* each number takes at least two characters, but for the last one */
+    /* each number takes at least two characters, except the last one */
     size_t room = (size_t)frames * (size_t)b->channels, left = ((size_t)(r->end - r->at) + 1) / 2;
     if (room > left) room = left;
     b->value = mem_alloc(r->c, room, sizeof *b->value);
@@ -224,7 +224,8 @@ static sherf_status read_motion(reader *r) {
     return SHERF_OK;
 }
 
-/* Skeletons whose bones are told by the positions of every frame alone: the first frame's are taken. */
+/* Some skeletons have their bones only in the positions of every frame. The first frame's positions are then
+ * used as offsets. */
 static void fill_offsets(bvh *b) {
     for (int i = 1; i < b->joints; i++) {
         bvh_joint *j = &b->joint[i];

@@ -10,7 +10,7 @@
 #include "io/convert.h"
 #include "io/tfjs.h"
 
-/* ---------------------------------------------------------------- what is written -------------------- */
+/* ---------------------------------------------------------------- the output --------------------------- */
 
 /* Adds an array under a name, as the given type (float32, float64, I32 or I64) and shape. */
 static sherf_status put(conversion *o, const char *name, const value *v, dtype type, int rank,
@@ -221,8 +221,8 @@ static const value *vgg_tensor(const named_arrays *n, int k, const char *part) {
     return named_arrays_find(n, name);
 }
 
-/* Whether it is VGG16, or a file that is meant to be: most of the 26 tensors are there. `fault` then says
- * what is wrong with the others; empty: nothing. */
+/* Whether it is VGG16, or a file that is meant to be: it has most of the 26 tensors. `fault` then says what
+ * is wrong with the others; empty: nothing. */
 static bool vgg16_is(const named_arrays *n, char *fault, size_t size) {
     int there = 0;
     fault[0] = 0;

@@ -32,7 +32,7 @@ typedef struct {
     char *text; /* JSON */
     size_t length, room;
     bool failed;  /* no memory for it */
-    uint64_t sum; /* FNV-1a of the weights as they are written */
+    uint64_t sum; /* FNV-1a of the written weights */
 } work;
 
 /* ---------------------------------------------------------------- the text --------------------------- */
@@ -220,13 +220,13 @@ static int integers_of(const work *w, int i, int max, int64_t *out) {
     return (int)count;
 }
 
-/* ---------------------------------------------------------------- what belongs together -------------- */
+/* ---------------------------------------------------------------- nodes that are fused ----------------- */
 typedef struct {
     bool depthwise, biased;
     const char *then;
 } convolution;
 
-/* Whether it can be written: bias and activation as they are fused. */
+/* Whether it can be written, with its fused bias and activation. */
 static bool convolution_of(const source *n, convolution *out) {
     *out = (convolution){.then = ""};
     if (op_is(n, "Conv2D") || op_is(n, "DepthwiseConv2dNative")) {

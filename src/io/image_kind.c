@@ -1,5 +1,5 @@
-/* image: recognises a file's kind by its first bytes: the supported kinds, and names for files that people
- * mistake for pictures, so that the error says what they have. */
+/* image: recognises a file's kind by its first bytes: the supported kinds, and files that people mistake for
+ * pictures, which the error message then names. */
 #include <ctype.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* image: what every decoder does with its picture: sets its size, stores rows, reports errors. */
+/* image: shared by all decoders: sets a picture's size, stores rows, reports errors. */
 #include <string.h>
 
 #include "io/image_inside.h"

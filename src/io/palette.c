@@ -1,4 +1,4 @@
-/* Median cut over a histogram of 5 bits a channel; ordered dithering. */
+/* palette: median cut over a histogram of 5 bits per channel, and ordered dithering. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -83,7 +83,7 @@ static value *embedded(builder *b, const value *arguments, const pickle_source *
         return build_fail(b, SHERF_BAD_FILE, "torch: an embedded storage without bytes");
     if (source->level >= TORCH_LEVELS)
         return build_fail(b, SHERF_BAD_FILE, "torch: storages within storages");
-    /* the same bytes may be loaded many times: that work counts as memory */
+    /* the same bytes may be loaded many times, so that work counts as memory */
     if (data->string.length > b->limit - b->used)
         return build_fail(b, SHERF_BAD_FILE, "torch: too many embedded storages");
     b->used += data->string.length;

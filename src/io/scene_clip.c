@@ -249,7 +249,7 @@ static sherf_status frame_values(context *c, scene_job *j, double time, float *v
     return SHERF_OK;
 }
 
-/* The number of frames a second of the joint with the most keys; 30 if curves have few. */
+/* The frame rate, in frames per second, of the joint with the most keys; 30 if curves have few. */
 static double rate_of(const struct aiAnimation *a, double seconds) {
     enum { RATE_MIN = 20, USUAL = 30 };
     unsigned keys = 2;

@@ -43,7 +43,7 @@ struct sherf_video {
     palette *palette;          /* NULL for others */
     uint8_t *rgba;             /* 4 bytes a pixel, of the size that is written */
     int64_t count;
-    bool created; /* the temporary file is there */
+    bool created; /* the temporary file exists */
 };
 
 static sherf_status failed(context *c, sherf_status status, const sherf_video *v, const char *what,

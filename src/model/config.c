@@ -71,7 +71,7 @@ static sherf_status set_one(context *c, model_config *config, const char *text) 
     return failure(c, SHERF_BAD_ARGUMENT, "model setting '%.60s': no such setting", text);
 }
 
-/* Comma-separated settings; none is fine. */
+/* Comma-separated settings; there may be none. */
 static sherf_status set_all(context *c, model_config *config, const char *text) {
     char copy[1024];
     if (strlen(text) >= sizeof copy) return failure(c, SHERF_BAD_ARGUMENT, "model preset: text too long");

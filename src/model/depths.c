@@ -1,4 +1,4 @@
-/* Depths by chance: stratified, and by what a first pass saw. */
+/* Random depths: stratified, and distributed by the result of a first pass. */
 #include "model/depths.h"
 
 #include <math.h>
@@ -60,7 +60,7 @@ point_set *depths_jittered(tape *t, const point_set *points, float last_way, uin
     return out;
 }
 
-/* ---- by what the first pass saw ---- */
+/* ---- distributed by the result of the first pass ---- */
 static const double weight_spare = 1e-5; /* so that every interval can be drawn */
 
 typedef struct {

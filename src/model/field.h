@@ -10,7 +10,7 @@
  * change. */
 typedef struct {
     const model_config *config;
-    const parameters *weights; /* what queries read, in the host's memory */
+    const parameters *weights; /* arrays that queries read, in the host's memory */
     const kept_bank *kept;
     const observed_sheet *sheet; /* of the pictures */
     int pictures;

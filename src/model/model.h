@@ -53,7 +53,7 @@ typedef struct {
 /* "[MODEL:]PRESET[,name=value...]", as "small,plane_resolution=64"; without MODEL the table's first. */
 sherf_status model_config_parse(context *c, const char *text, model_config *out);
 sherf_status model_config_parse_as(context *c, const model_kind *kind, const char *text, model_config *out);
-/* One line "PRESET,name=value,...": what model_config_parse_as reads back. Free with mem_free. */
+/* One line "PRESET,name=value,...", which model_config_parse_as reads back. Free with mem_free. */
 char *model_config_text(context *c, const model_config *config);
 sherf_status model_config_check(context *c, const model_config *config);
 /* A file's metadata hold the model's name under "model" and its settings under model_metadata_key, or under
@@ -72,7 +72,7 @@ typedef struct {
     sherf_camera camera;
     void *own; /* the model's own geometry, from its observe */
 } observation_geometry;
-/* training: also makes what only training needs. */
+/* training: also makes the parts that only training needs. */
 sherf_status observation_geometry_create(context *c, const model_config *config, const body_model *body,
                                          const sherf_image *image_rgb, const sherf_camera *camera,
                                          const sherf_pose *pose, bool training, observation_geometry **out);
@@ -107,7 +107,7 @@ sherf_status observation_geometry_of(context *c, const model_config *config, con
 /* Draws some of a target's rays, for trainings that do not render whole pictures. */
 typedef struct {
     int count;           /* distinct rays at the box to draw; 0: all */
-    float inside;        /* this share of them where mask is not 0, as far as there are enough */
+    float inside;        /* this share of them where the mask is not 0, if there are enough */
     const uint8_t *mask; /* H x W */
     bool jitter;         /* moves all depths of a ray by the same amount, up to half a step */
     uint64_t key;

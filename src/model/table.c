@@ -1,4 +1,4 @@
-/* The models there are. A new one is a file with its model_kind, `model_NAME`, and its line here. */
+/* The table of models. A new one is a file with its model_kind, `model_NAME`, and a line here. */
 #include <string.h>
 
 #include "model/model.h"

@@ -183,7 +183,7 @@ sherf_status clip_smooth(context *c, clip *k, double seconds) {
     return SHERF_OK;
 }
 
-/* ---- loops and the way in ---- */
+/* ---- loops and the blend before the motion ---- */
 
 static double eased(double t) { /* 0 to 1, slow at both ends */
     t = t < 0 ? 0 : t > 1 ? 1 : t;

@@ -11,7 +11,7 @@
 
 static const int whole_joints[] = {24, 22, 52, 55, 29, 0}, body_joints[] = {21, 23, 0}, root_joint[] = {1, 0};
 
-/* ---- what a frame holds ---- */
+/* ---- the contents of a frame ---- */
 
 static bool person_is(const value *v) {
     body_parts p;
@@ -100,7 +100,7 @@ static sherf_status joints_of(context *c, const named_value *part, const sherf_m
         return rotation_frame(c, rest->name, rest->item, o->rotations, whole_joints, 0, n % 24 ? 22 : 24,
                               turn);
     sherf_status status = rotation_frame(c, rest->name, rest->item, o->rotations, body_joints, 1, 23, turn);
-    if (status || !root->item) return status; /* EasyMocap's are without the root, too */
+    if (status || !root->item) return status; /* EasyMocap's poses are without the root, too */
     const sherf_rotations form = rotation_root_form(c, rest->item, root->item, 1, body_joints, o->rotations);
     return rotation_frame(c, root->name, root->item, form, root_joint, 0, 1, turn);
 }
@@ -134,7 +134,7 @@ typedef struct {
     source *s;
     char name[64];  /* the person's; "" until the first was met */
     int64_t max;    /* frames that there can be */
-    int64_t people; /* most rows of people in one frame's arrays */
+    int64_t people; /* maximum number of rows of people in one frame's arrays */
     int count;
 } taker;
 
@@ -246,7 +246,7 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
 
 /* ---- dicts of dicts ---- */
 
-/* The number that ends at `end` in the text, which is moved to its beginning; -1: there is none before. */
+/* The number that ends at `end` in the text, with `end` moved to its beginning; -1: there is none. */
 static int64_t number_before(const char *name, size_t *end) {
     while (*end && (name[*end - 1] < '0' || name[*end - 1] > '9')) --*end;
     size_t begin = *end;

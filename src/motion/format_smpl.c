@@ -48,7 +48,7 @@ static void find_parts(const value *root, body_parts *out) {
     out->part[PART_SHAPES] = (named_value){"betas", get_prefixed(root, "betas")};
 }
 
-/* If both all joints and all but the root are present, the latter count. */
+/* If the file has both all joints and all but the root, the latter count. */
 static const value *rows_of(const body_parts *p) {
     return p->part[PART_BODY].item ? p->part[PART_BODY].item : p->part[PART_POSES].item;
 }
@@ -130,7 +130,7 @@ static sherf_status choose_person(context *c, const value *root, const value *ro
     return SHERF_OK;
 }
 
-/* ---- what it is ---- */
+/* ---- recognising the format ---- */
 
 /* Sources that have a key of their own, and their usual settings. In a camera's view y points down. */
 static const struct {

@@ -34,8 +34,8 @@ static int by_size(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* A pelvis is about a metre above the ground: what stands tens or hundreds of units high is in centimetres or
- * millimetres. */
+/* A pelvis is about a metre above the ground. If it is tens or hundreds of units high, the unit is
+ * centimetres or millimetres. */
 static sherf_status unit_find(context *c, const source *s, sherf_up up, double *unit_m) {
     float *height = mem_alloc(c, (size_t)s->clip.frames, sizeof *height);
     if (!height) return SHERF_NO_MEMORY;
@@ -184,7 +184,7 @@ sherf_status motion_finish(context *c, source *s, const sherf_motion_options *o,
     return status;
 }
 
-/* ---- what it is ---- */
+/* ---- recognising the format ---- */
 
 static bool bvh_is(const unsigned char *data, size_t bytes) {
     static const char word[] = "HIERARCHY";
@@ -239,7 +239,7 @@ static sherf_status source_of_family(context *c, const value *root, const sherf_
     return not_known(c, root);
 }
 
-/* What is beside the bodies may be packed with them: a list of frames, people, a frame rate. */
+/* Data beside the bodies may be packed with them: a list of frames, people, a frame rate. */
 static sherf_status source_of_tree(context *c, const value *root, const sherf_motion_options *o, source *s) {
     double fps = 0;
     bool said = false;

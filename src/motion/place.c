@@ -1,4 +1,4 @@
-/* A clip's place: which way is up, what the root may do, where it begins. */
+/* A clip's place: the up axis, the movement of the root, the start. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* Shared by all families of formats. */
+/* Functions shared by all families of motion formats. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -12,7 +12,7 @@ typedef struct {
     char detail[192];   /* further details, such as which track of how many; may be empty */
     clip clip;          /* file's axes; pelvis_m is the translation in the file's unit until it is placed */
     int64_t *number;    /* of each frame, ascending; NULL: one after the other. mem_free'd with the source */
-    sherf_up up;        /* as the format usually has it */
+    sherf_up up;        /* usual value of the format */
     double unit_m;      /* metres in the unit of the translations; 0: to be detected */
     bool fps_said;      /* by the file, not assumed */
     bool unplaced;      /* there is no translation in the file */
@@ -44,7 +44,8 @@ sherf_status source_numbers(context *c, source *s); /* room for frames' numbers,
 
 /* ---- rotations (rotations.c) ---- */
 enum { ROTATION_JOINTS_MAX = 60 };
-/* Rows of an array or list, one a frame, to joints `first`, `first` + 1, ... of the clip, at most `max`. */
+/* Reads the rows of an array or list, one per frame, into joints `first`, `first` + 1, ... of the clip, at
+ * most `max`. */
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k);
 /* The form of a root's quaternions: that of the body's quaternions, which are many enough to show where the

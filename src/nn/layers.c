@@ -1,4 +1,4 @@
-/* Layers that several parts of a network use. */
+/* Layers shared by several parts of a network. */
 #include "nn/layers.h"
 
 #include <math.h>

@@ -104,7 +104,7 @@ sherf_status parameters_make_grads(context *c, parameters *p) {
 }
 
 void parameters_zero_grads(parameters *p) {
-    context quiet = {0}; /* what fails on a device fails again when its results are read */
+    context quiet = {0}; /* a failure on the device is reported again when its results are read */
     if (p->grads) block_clear(&quiet, p->memory, p->grads, (size_t)p->trained_floats * sizeof(float));
 }
 

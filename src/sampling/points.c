@@ -24,12 +24,12 @@ typedef struct {
     const vertex_grid *grid;
     const vertex_shell *shell;
     const occupancy_grid *empty; /* or NULL */
-    /* coarse frames only: `out` has what is queried, `sample` the bits of all */
+    /* coarse frames only: `out` has the queried samples, `sample` the bits of all */
     const coarse_field *coarse;
     coarse_points *answer;
     float heavy_per_m;  /* samples with a larger weight per metre of their ray are queried */
     bool sparse;        /* every other sample is queried */
-    uint64_t *query;    /* rays x words: bits of what is queried */
+    uint64_t *query;    /* rays x words: bits of the queried samples */
     float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
     float *fraction;    /* depth i = near + (far - near) * fraction[i] */
     uint64_t *sample;   /* rays x words: first the candidates, then the kept */
@@ -394,7 +394,7 @@ static void fill_points(const points_job *job, int64_t chunk) {
         if (!job->observation) continue;
         int32_t canonical_nearest[BATCH];
         float own[3 * BATCH], *world = p->observation_world ? p->observation_world + 3 * (at + b) : own;
-        for (int64_t i = 0; i < count; i++) /* the target's nearest vertex is nearly always near here, too */
+        for (int64_t i = 0; i < count; i++) /* the target's nearest vertex is almost always near here, too */
             canonical_nearest[i] = vertex_grid_nearest_from(grid, canonical + 3 * i, nearest[b + i], NULL);
         deform_to_picture(job->body, job->observation, count, canonical, canonical_nearest, world);
         camera_project(job->camera, count, world, p->observed_px + 2 * (at + b), NULL);

@@ -64,7 +64,7 @@ void body_world_box(const body_model *body, const posed_body *p, float min_world
 sherf_status vertices_visible(context *c, const body_model *body, const float *vertices_world,
                               const sherf_camera *camera, int32_t *visible);
 
-/* ---- what the picture does not show (network.md) ---- */
+/* ---- what the picture does not show (docs/network.md) ---- */
 enum {
     SHOWN_SEEN,    /* the vertex faces the camera, and nothing is in front of it */
     SHOWN_BEHIND,  /* it is on the body's other side */
@@ -75,8 +75,8 @@ enum {
  * beside_m: a limb covers this much more than itself in the picture. */
 sherf_status body_shown(context *c, const body_model *body, const float *vertices_world,
                         const sherf_camera *camera, const float *image, float beside_m, uint8_t *shown);
-/* A picture of the person in a pose of its own. image: H x W x 3, black outside the person; NULL: all of it
- * is the person. sheet: 12, from this picture's world to the one in which points are read; NULL: the same. */
+/* A picture of the person in its own pose. image: H x W x 3, black outside the person; NULL: the person fills
+ * it. sheet: 12, from this picture's world to the one in which points are read; NULL: the same world. */
 typedef struct {
     const posed_body *body;
     const sherf_camera *camera;

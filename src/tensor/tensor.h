@@ -44,7 +44,7 @@ struct tensor {
     bool needs_grad;             /* a parameter, or computed from one while the tape records */
     tensor *grad;                /* same shape; NULL before the first addition */
     tensor *view_of;             /* tape_reshape: the tensor whose data and gradient data this one shares */
-    const void *room;            /* the tape that owns its memory (tape_tensor); NULL: somebody else */
+    const void *room;            /* the tape that owns its memory (tape_tensor); NULL: another owner */
     const char *name;            /* parameters only, for messages */
     const void *first_use; /* parameters only, during a backward pass: the step after which its gradient is
                               final; NULL: unknown, or passed */
@@ -155,8 +155,8 @@ tensor *tape_zeros(tape *t, dtype type, int rank, const int64_t *dim);
 tensor *tape_input(tape *t, const float *data, int rank, const int64_t *dim);
 tensor *tape_input_i32(tape *t, const int32_t *data, int rank, const int64_t *dim);
 tensor *tape_reshape(tape *t, tensor *x, int rank, const int64_t *dim); /* same data and gradient data */
-/* Host values that somebody else keeps at least until the reset: read in place if the backend can, else
- * copied. No gradient. */
+/* Host values that their owner keeps at least until the reset: read in place if the backend can, otherwise
+ * copied. They have no gradient. */
 tensor *tape_constant(tape *t, dtype type, int rank, const int64_t *dim, const void *data);
 /* Declares that x is no longer read. If the tape does not record, later tensors reuse its memory, which is in
  * the caches and whose pages the system has cleared already. Does nothing for NULL and for tensors of another
@@ -188,9 +188,9 @@ typedef sherf_status (*tape_backward_function)(tape *t, void *payload);
 void tape_record(tape *t, tape_backward_function backward, void *payload);
 /* The gradient of x, made and zeroed on first use; a parameter's gradient lives with the parameter. */
 tensor *tape_grad(tape *t, tensor *x);
-/* Called during a backward pass when nothing will be added to a parameter's gradient any more; once with
- * NULL: to none whose first_use is NULL. Concurrent passes must then not share parameters' structs. f NULL:
- * nobody is told. */
+/* Called during a backward pass when nothing more will be added to a parameter's gradient; called once with
+ * NULL when that holds for all parameters whose first_use is NULL. Concurrent passes must then not share
+ * parameters' structs. f NULL: no calls. */
 typedef void (*tape_final_function)(void *user, tensor *parameter);
 void tape_on_final(tape *t, tape_final_function f, void *user);
 /* Seeds d(loss)/d(loss) = scale (loss has one element) and runs the tape backwards. Gradients add up over

@@ -179,7 +179,7 @@ static char *setting_text(context *c, const bench_shares *shares) {
     return text;
 }
 
-/* `begin` and the setting behind it; begin is freed. */
+/* `begin` followed by the setting; frees begin. */
 static sherf_status tell(context *c, int json, const bench_shares *shares, char *begin, char **text) {
     char *setting = json ? setting_json(c, shares) : setting_text(c, shares);
     if (begin && setting) *text = mem_format(c, "%s%s", begin, setting);

@@ -1,5 +1,5 @@
-/* As many multiply-adds a second as registers allow, for files that are compiled once per instruction set:
- * define LANES and PEAK before the inclusion. */
+/* The processor's peak: as many multiply-adds per second as registers allow. For files that are compiled once
+ * per instruction set: define LANES and PEAK before the inclusion. */
 #include "base/simd.h"
 
 /* Independent ones, enough for two units of four cycles, and for NEON four; 16 and 32 registers hold them. */

@@ -1,4 +1,4 @@
-/* bench: how long one run of something takes, the median of several. */
+/* bench: the median time of several runs. */
 #include <stdlib.h>
 
 #include "train/bench.h"

@@ -74,7 +74,7 @@ static sherf_status observation_load(context *c, const sample_source *from, draw
     return status;
 }
 
-/* Makes what the encoders read: the observation's picture o with the further ones beside it, which are not
+/* Makes the input of the encoders: the observation's picture o with the further ones beside it, which are not
  * needed afterwards. */
 static sherf_status geometry_load(context *c, const sample_source *from, const draw *drawn,
                                   const data_view *o, observation_geometry **out) {

@@ -13,8 +13,7 @@ typedef struct {
     const uint8_t *mask;    /* H x W, 1: the person */
     const uint8_t *unknown; /* H x W, or NULL */
     const uint8_t *at_box;  /* H x W, rays that meet the target's box */
-    float
-        background; /* grey in [0, 1]: the colour outside the mask, and what the frame was composited over */
+    float background; /* grey in [0, 1]: the colour outside the mask, over which the frame was composited */
     const training_recipe *recipe; /* NULL: SHERF's losses */
     tensor *coarse;                /* [N, 5] of a first pass, or NULL */
 } loss_target;

@@ -176,7 +176,7 @@ static sherf_status mean_statistics(context *c, step_total *s) {
 }
 
 /* ---- losses ---- */
-/* Means over the targets; what a target does not have (NaN) is not in the mean. */
+/* Means over the targets, without those whose value is missing (NaN). */
 static void mean_targets(const step_total *s, const float *rows, float mean[LOSSES]) {
     double sum[LOSSES] = {0};
     int count[LOSSES] = {0};

@@ -45,7 +45,7 @@ typedef struct {
     bool resumed;
     bool folder_is_new;
     int lock;           /* rank 0's lock on the output folder, or -1 */
-    int64_t saved_step; /* of the checkpoint that is there, or -1 where that one is not worth keeping */
+    int64_t saved_step; /* step of the existing checkpoint, or -1 if that is not worth keeping */
 } trainer;
 
 static void trainer_free(trainer *t) {
@@ -265,7 +265,7 @@ static sherf_status begin_new(trainer *t) {
     return status == SHERF_OK ? adam_of_model(t->c, t->model, t->state.beta2, &t->adam) : status;
 }
 
-/* The folder's own checkpoint, or the one before it where that one is damaged or not there. */
+/* The folder's own checkpoint, or the previous one if that is damaged or missing. */
 static sherf_status folder_checkpoint(trainer *t, const char *path) {
     char before[PATH_LENGTH], reason[sizeof t->c->message];
     sherf_status status = output_path(t, before, checkpoint_before);

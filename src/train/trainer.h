@@ -31,7 +31,7 @@ typedef struct {
     int levels;
     float **branch;    /* levels, trained_floats each: finished branches of 2^level samples; made on demand */
     bool *full;        /* levels: the branch holds something */
-    int64_t buffers;   /* floats behind the trained ones */
+    int64_t buffers;   /* number of floats after the trained ones */
     float *before;     /* running statistics at the start of the step */
     float *statistics; /* samples x buffers */
     float *rows;       /* (end - begin) x targets x LOSSES */

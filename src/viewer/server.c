@@ -229,7 +229,7 @@ static enum MHD_Result picture_send(http_request *r, struct MHD_Connection *conn
     return send_off(connection, MHD_HTTP_OK, of_memory(data, bytes, "image/png"));
 }
 
-/* ---- what the page draws by itself ---- */
+/* ---- what the page draws itself ---- */
 static enum MHD_Result surface_send(http_request *r, struct MHD_Connection *connection) {
     viewer_query q;
     const uint8_t *data;
@@ -333,7 +333,7 @@ static enum MHD_Result film_file_send(http_request *r, struct MHD_Connection *co
     return send_off(connection, MHD_HTTP_OK, response);
 }
 
-/* ---- the way of a request ---- */
+/* ---- the course of a request ---- */
 static const char *header(struct MHD_Connection *connection, const char *name) {
     return MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
 }

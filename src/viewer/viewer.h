@@ -27,7 +27,7 @@ enum {
     VIEWER_POSED = 6        /* posed bodies kept, about 7 MB each */
 };
 
-/* ---- what a client requests (request.c) ---- */
+/* ---- a client's requests (request.c) ---- */
 typedef enum { VIEWER_COLOR, VIEWER_OPACITY, VIEWER_DEPTH, VIEWER_NORMAL } viewer_mode;
 
 typedef struct {
@@ -167,7 +167,7 @@ typedef struct {
     bool turns;             /* round the body; otherwise through the motion */
     int frames, done;
     float fps, speed;
-    int fd; /* of the finished file, which has no name any more */
+    int fd; /* of the finished file, which no longer has a name */
     int64_t bytes;
     char message[160];
     /* of the thread that renders */

@@ -193,7 +193,7 @@ static sherf_status frame(tape *t, const model *m, const body_model *body, const
     return model_pass(t, m, body, g, bank, target, points, background, 0, NULL, out);
 }
 
-/* ---- what avatars keep: the encoder's stages, the levels and where their voxels are ---- */
+/* ---- arrays that avatars keep: the encoder's stages, the levels and the positions of their voxels ---- */
 static void kept(const model_config *config, kept_bank *out) {
     static const char *const stage[] = {"stage.0", "stage.1", "stage.2"};
     static const char *const value[] = {"volume.1.value", "volume.2.value", "volume.3.value",

@@ -138,7 +138,7 @@ static sherf_status losses(tape *t, const model *m, const observation_geometry *
 
 static const model_surface_training surfaces = {.count = count, .losses = losses};
 
-/* ---- what avatars keep ---- */
+/* ---- arrays that avatars keep ---- */
 static void kept(const model_config *config, kept_bank *out) {
     *out = (kept_bank){.count = PIFU_KEPT,
                        .array = {[PIFU_VERTICES] = {"surface.vertices", T_F32, 2, {0, 3}},

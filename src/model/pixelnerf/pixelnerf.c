@@ -244,7 +244,7 @@ static sherf_status frame(tape *t, const model *m, const body_model *body, const
     return model_pass(t, m, body, g, &second, target, fine, background, 0, NULL, out);
 }
 
-/* ---- what avatars keep: the stages, which take a thirtieth of the maps' memory ---- */
+/* ---- arrays that avatars keep: the stages, which take a thirtieth of the maps' memory ---- */
 static void kept(const model_config *config, kept_bank *out) {
     static const char *const name[PIXELNERF_STAGES] = {"stage.0", "stage.1", "stage.2", "stage.3"};
     const int64_t width = settings_of(config)->encoder_width;

@@ -35,7 +35,7 @@ typedef struct {
 /* model_bank.own; the bank has, for each network, three maps [H/2, W/2, width] of the features to add. */
 typedef struct {
     int network;                     /* whose maps come first */
-    tensor *stage[PIXELNERF_STAGES]; /* of the encoder, each of its own size */
+    tensor *stage[PIXELNERF_STAGES]; /* the encoder's stages, each with its own size */
 } pixelnerf_bank;
 
 #endif

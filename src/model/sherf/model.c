@@ -87,7 +87,7 @@ static sherf_status query(tape *t, const model *m, const body_model *body, const
     return status;
 }
 
-/* ---- what avatars keep ---- */
+/* ---- arrays that avatars keep ---- */
 /* For the fused network: planes in one piece, and voxels by number. Otherwise the bank's tensors. */
 static void bank_kept(const model_config *config, kept_bank *out) {
     static const char *const plane[] = {"planes.0", "planes.1", "planes.2"};

@@ -31,11 +31,11 @@ typedef struct {
     int use_global, use_point, use_pixel; /* features [1] */
     int fusion;                           /* a fusion_kind [FUSION_TRANSFORMER] */
 } sherf_settings;
-/* Without the transformer: what the decoder reads of the three projected tokens. */
+/* Without the transformer: how the decoder reads the three projected tokens. */
 typedef enum {
     FUSION_TRANSFORMER,
     FUSION_NONE, /* density reads token 0, colour token 1: the release's switch, which drops token 2 */
-    FUSION_FAIR, /* a linear layer of all three tokens gives what density and colour read */
+    FUSION_FAIR, /* a linear layer of all three tokens, whose result density and colour read */
     /* Without the projection: the global token is the style of the other two; then a linear layer as in
      * FUSION_FAIR. */
     FUSION_ADAIN, /* scale and shift of their normalised mixture */
@@ -52,10 +52,10 @@ sherf_status model_sherf_infer(context *c, const safetensors *s, model_config *o
 /* Whether the fused network supports these settings; otherwise points go op by op. */
 bool model_sherf_is_fused(const model_config *config);
 void model_sherf_sizes(const model_config *config, radiance_sizes *out);
-/* Multiply-adds per point, without what is computed once per avatar (docs/speed.md). */
+/* Multiply-adds per point, without the parts that are computed once per avatar (docs/speed.md). */
 double model_sherf_point_products(const model_config *config);
 
-/* ---- geometry.c: what body and camera determine for the point-level features ---- */
+/* ---- geometry.c: the inputs of the point-level features, determined by body and camera ---- */
 typedef struct {
     int32_t *visible; /* V */
     float *vertex_px; /* V x 2 */
@@ -191,7 +191,7 @@ typedef struct {
 sherf_status model_sherf_points(tape *t, const model *m, const body_model *body,
                                 const observation_geometry *g, const model_bank *bank,
                                 const point_set *points, int64_t begin, int64_t end, point_outputs *out);
-/* weights.c: what the fused network reads. */
+/* weights.c: the weights that the fused network reads. */
 void model_sherf_weights(const parameters *weights, const model_config *config, radiance_weights *out);
 
 /* points_fused.c: training through the fused network (fused/train.h). */

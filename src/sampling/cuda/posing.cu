@@ -30,7 +30,7 @@ sherf_status cells_room(context *c, arena *a, int vertices, bool near, vertex_ce
 }
 
 /* ---- the cells ---- */
-struct body_bounds { /* what a thread has seen */
+struct body_bounds { /* what the thread has seen so far */
     float min[3], max[3], min_world[3], max_world[3];
     int finite;
 };

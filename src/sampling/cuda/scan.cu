@@ -1,4 +1,4 @@
-/* Sums of all values before each, in three passes: sums of blocks, their sums, and each block again. */
+/* Prefix sums in three passes: sums of blocks, prefix sums of these, and each block again. */
 #include "sampling/cuda/frame.h"
 
 namespace cuda_backend {

@@ -256,7 +256,7 @@ static sherf_status read_mesh(reading *r, const value *root) {
 
 /* ---- the rig ---- */
 
-/* Sorted names with their values, one after the other: thousands at most. */
+/* Sorted names with their values in a row: thousands at most. */
 typedef struct {
     const char *name;
     int index;

@@ -37,7 +37,7 @@ typedef struct {
 /* samples: 64 to 4096. Memory: samples * V * 12 bytes. The same source and number give the same bytes. */
 sherf_status open_body_create(context *c, const body_source *source, int samples, body_model **out,
                               open_body_report *report);
-/* The body with UVs (uv, f_uv) and what is known of it as metadata. */
+/* The body with UVs (uv, f_uv) and its known properties as metadata. */
 sherf_status open_body_save(context *c, const body_source *source, const body_model *body,
                             const open_body_report *report, const char *path);
 

@@ -9,7 +9,7 @@
 
 static const float over_skin_m = 0.003f, over_cloth_m = 0.006f;
 
-/* ---- what all people are made of ---- */
+/* ---- parts common to all people ---- */
 
 sherf_status studio_open(context *c, const char *source, const char *body_path, studio **out) {
     *out = NULL;

@@ -1,4 +1,4 @@
-/* Patterns in space, combined with the folds in a texture. */
+/* Dyes textures: patterns in space, combined with the folds in a texture. */
 #include "synth/people/dye.h"
 
 #include <math.h>

@@ -30,7 +30,7 @@ sherf_status dye_map_create(context *c, const proxy *p, const float *vertex, boo
 void dye_map_free(dye_map *map);
 
 typedef enum {
-    DYE_KEEP, /* as it is, but brighter or darker by value */
+    DYE_KEEP, /* unchanged, but brighter or darker by value */
     DYE_PLAIN,
     DYE_BANDS,   /* horizontal */
     DYE_STRIPES, /* vertical */

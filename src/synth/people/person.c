@@ -1,4 +1,5 @@
-/* Each choice has its own random stream, so that a new garment changes only the clothes. */
+/* Draws a person's parameters. Each choice has its own random stream, so that a new garment changes only the
+ * clothes. */
 #include "synth/people/person.h"
 
 #include <math.h>

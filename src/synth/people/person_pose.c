@@ -400,7 +400,7 @@ float pose_imbalance(const body_model *body, const float *vertices) {
     return isfinite(out) ? out : 1;
 }
 
-/* ---- what was given ---- */
+/* ---- given poses ---- */
 
 sherf_status pose_library_create(context *c, pose_library **out) {
     *out = mem_zero(c, 1, sizeof **out);

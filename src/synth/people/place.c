@@ -101,7 +101,7 @@ static void panel(builder *b, shape_mesh *mesh, float x, float y, float z, float
                 0.4f);
 }
 
-/* ---- what hangs on walls; z: the wall ---- */
+/* ---- things on walls; z: the wall ---- */
 
 static void frame(builder *b, shape_mesh *mesh, float x, float y, float z, float wide, float tall, float w) {
     box(b, mesh, x - wide / 2, y, z, w, tall, 0.05f);
@@ -156,7 +156,7 @@ static void picture_on(builder *b, float x, float z) {
     frame(b, wood, x, y, z, wide, tall, 0.04f);
 }
 
-/* ---- what stands; z: its middle ---- */
+/* ---- standing things; z: their middle ---- */
 
 static void legs(builder *b, shape_mesh *mesh, float x, float z, float wide, float deep, float tall) {
     for (int i = 0; i < 4; i++)

@@ -78,7 +78,7 @@ static sherf_status read_uvs(context *c, const value *root, proxy *p) {
     return value_floats(c, list, "uvs", n, p->uv);
 }
 
-/* Faces as three.js' format 3 has them: flags, corners, then what the flags name. */
+/* Reads faces in three.js' format 3: flags, corners, then the parts that the flags name. */
 enum {
     FACE_QUAD = 1,
     FACE_MATERIAL = 2,

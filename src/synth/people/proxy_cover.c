@@ -1,5 +1,5 @@
-/* Finds what covers what: samples surfaces as points with normals a few millimetres apart, and looks up
- * nearest points. */
+/* Finds which surfaces cover others: samples surfaces as points with normals a few millimetres apart, and
+ * looks up nearest points. */
 #include <math.h>
 #include <string.h>
 

@@ -5,7 +5,7 @@
 #include "synth/trace/trace_inside.h"
 
 enum { PACKET = 16, SAMPLES_MAX = 64, LAYERS_MAX = 32, BLOCK = 4 };
-/* If less light than this comes from behind, it is ignored. */
+/* Less light than this from behind is ignored. */
 static const float through_min = 1 / 256.0f;
 /* A less opaque place's colour does not represent others. */
 static const float typical_min = 0.25f;
@@ -26,7 +26,7 @@ typedef struct {
     uint32_t sobol[SAMPLES_MAX][2];
     uint64_t key;
     int blocks_x, blocks_y;
-    uint8_t *touched; /* block by block: something may be visible there */
+    uint8_t *touched; /* by block: something may be visible there */
     int32_t *block;   /* the touched ones */
     int64_t blocks;
 } render_job;
@@ -218,7 +218,7 @@ static bool go_on(packet *p, int lane, float near, float far, int layer) {
     return true;
 }
 
-/* Chooses the visible one of a surface and a possible cover, once that is known. False: the ray must go on
+/* Chooses the visible one of a surface and a possible cover, once that is known. False: the ray must continue
  * first. */
 static bool settle(const render_job *job, packet *p, int lane, bool met, found *f, bool *settled) {
     const found *under = &p->under[lane];
@@ -236,7 +236,7 @@ static bool settle(const render_job *job, packet *p, int lane, bool met, found *
     return true;
 }
 
-/* Processes the ray's hit. True: it must go on. */
+/* Processes the ray's hit. True: the ray must continue. */
 static bool take_surface(const render_job *job, packet *p, int lane, bool shade, shaded *last) {
     found f;
     bool met = find_surface(p, lane, &f), settled = false;

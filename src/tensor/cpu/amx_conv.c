@@ -1,8 +1,8 @@
-/* Every pass is a correlation over flat positions. A map is rounded to bf16 and stored as padded rows of
- * fixed width, one after the other, 32 channels at a time. The neighbour of a position under a kernel tap is
- * then always the same distance away, so a tile is sixteen consecutive positions for any width of the map;
- * results in the padding between rows are dropped. For stride 2 the map is split into its four phases (even
- * or odd row, even or odd column), and each tap reads one phase. */
+/* Convolutions on AMX tiles. Every pass is a correlation over flat positions. A map is rounded to bf16 and
+ * stored as padded rows of fixed width, one after the other, 32 channels at a time. The neighbour of a
+ * position under a kernel tap is then always the same distance away, so a tile is sixteen consecutive
+ * positions for any width of the map; results in the padding between rows are dropped. For stride 2 the map
+ * is split into its four phases (even or odd row, even or odd column), and each tap reads one phase. */
 #include "tensor/cpu/amx_conv.h"
 
 enum { MAX_KERNEL = 7, MAX_TAPS = MAX_KERNEL * MAX_KERNEL };

@@ -1,8 +1,8 @@
-/* Output rows are sorted by the set of their taps, so that 32 consecutive rows have mostly the same ones. A
- * tap that none of the 32 has is skipped. For the others the rows are gathered from a bf16 copy, with a row
- * of zeros where an input is missing. On the shells of bodies, one product in five involves zeros after
- * sorting; in the voxels' order it would be one in three to three in four. The order depends only on the
- * rule, and every sum runs in that order on one thread. */
+/* Sparse convolutions on AMX tiles. Output rows are sorted by the set of their taps, so that 32 consecutive
+ * rows have mostly the same ones. A tap that none of the 32 has is skipped. For the others the rows are
+ * gathered from a bf16 copy, with a row of zeros where an input is missing. On the shells of bodies, one
+ * product in five involves zeros after sorting; in the voxels' order it would be one in three to three in
+ * four. The order depends only on the rule, and every sum runs in that order on one thread. */
 #include "tensor/cpu/amx_sparse.h"
 
 enum { TAPS = 27, GROUP = 32, CHANNELS_MIN = 16 };
@@ -67,7 +67,7 @@ static bool rows_sort(op_call *call, row_order *s) {
     return true;
 }
 
-/* ---- what is gathered ---- */
+/* ---- gathering ---- */
 typedef struct {
     int64_t rows, channels, blocks; /* of 32 channels */
     const float *from;

@@ -54,7 +54,7 @@ typedef struct {
     const dnnl_memory_desc_t *desc;
     void *data;
 } plan_arg;
-enum { PLAN_ARGS = 6 }; /* at most, for a primitive */
+enum { PLAN_ARGS = 6 }; /* maximum for a primitive */
 /* Runs a primitive and waits for it. */
 dnnl_status_t plan_execute(dnnl_primitive_t primitive, dnnl_engine_t engine, int count, const plan_arg *args);
 /* Runs a primitive with its scratchpad taken from the call's scratch; waits for it. */

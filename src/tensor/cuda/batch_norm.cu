@@ -1,4 +1,5 @@
-/* saved: mean[C], 1 / standard deviation[C] (the third row of the shape rule is not used here). */
+/* The CUDA kernels of batch_norm. saved: mean[C], 1 / standard deviation[C] (the third row of the shape rule
+ * is not used here). */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {
@@ -50,7 +51,8 @@ sherf_status batch_norm_backward(op_call *call) {
     const float *x = values(call->in[0]), *weight = values(call->in[1]), *y = values(call->out[0]);
     const float *dy = values(call->dout[0]), *mean = (const float *)call->saved, *scale = mean + C;
     float *dx = values(call->din[0]), *dweight = values(call->din[1]), *dbias = values(call->din[2]);
-    float *sums = scratch<float>(call, 2 * C); /* over rows of g and g n, n = (x - m) k, g = dy behind relu */
+    float *sums =
+        scratch<float>(call, 2 * C); /* over rows of g and g n, with n = (x - m) k and g = dy after relu */
     if (!sums) return SHERF_NO_MEMORY;
     auto passed = [=] __device__(int64_t i) -> float { return a.relu && y[i] <= 0 ? 0 : dy[i]; };
     sherf_status status = column_sums<2>(

@@ -1,4 +1,4 @@
-/* concat, slice. */
+/* The CUDA kernels of concat and slice. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

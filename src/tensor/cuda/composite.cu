@@ -1,4 +1,4 @@
-/* One thread a ray; ref/spatial_composite.inc has the formulas. */
+/* The CUDA kernels of compositing, one thread per ray; ref/spatial_composite.inc has the formulas. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

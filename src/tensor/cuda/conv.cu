@@ -1,5 +1,5 @@
-/* conv2d and conv2d_transpose: patches times weights. The transposed convolution is the gradient of a
- * convolution of stride 2 without padding, so its passes are swapped. */
+/* The CUDA kernels of conv2d and conv2d_transpose: patches times weights. The transposed convolution is the
+ * gradient of a convolution of stride 2 without padding, so its passes are swapped. */
 #include "tensor/cuda/product.h"
 
 namespace cuda_backend {

@@ -1,5 +1,5 @@
-/* bias_act, add, scale, multiply, sine, mask_rows, shift_scale, gelu, sigmoid, softplus, positional_encode:
- * every output value depends on a few input values. */
+/* The CUDA kernels of bias_act, add, scale, multiply, sine, mask_rows, shift_scale, gelu, sigmoid, softplus
+ * and positional_encode: every output value depends on a few input values. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

@@ -1,5 +1,5 @@
-/* fir_upsample: each output gathers its 4 x 4 taps; in the backward pass each pixel of x gathers from the
- * outputs. */
+/* The CUDA kernels of fir_upsample: each output gathers its 4 x 4 taps; in the backward pass each pixel of x
+ * gathers from the outputs. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

@@ -1,4 +1,4 @@
-/* mean_square, ssim, feature_distance: scalars. */
+/* The CUDA kernels of mean_square, ssim and feature_distance, whose results are scalars. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

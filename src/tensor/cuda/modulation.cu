@@ -1,4 +1,4 @@
-/* demodulation, scale_channels, normalize_moment. */
+/* The CUDA kernels of demodulation, scale_channels and normalize_moment. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

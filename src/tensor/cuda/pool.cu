@@ -1,4 +1,4 @@
-/* max_pool, average_pool. */
+/* The CUDA kernels of max_pool and average_pool. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

@@ -1,5 +1,5 @@
-/* sample_bilinear, sample_trilinear, scatter_mean. Their gradients sort the corners of all points by their
- * places. */
+/* The CUDA kernels of sample_bilinear, sample_trilinear and scatter_mean. Their gradients sort the corners of
+ * all points by position. */
 #include "tensor/cuda/scatter.h"
 
 namespace cuda_backend {

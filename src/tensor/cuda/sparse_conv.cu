@@ -1,6 +1,6 @@
-/* Gathers, then multiplies: the 27 taps of every row are put next to each other, zeros where the rule has
- * none, and multiplied by w [O, 27 I]. In bands of rows. The backward pass inverts the rule, so that every
- * row of x gathers from the outputs that read it. */
+/* Sparse convolutions in CUDA. Gathers, then multiplies: the 27 taps of every row are put next to each other,
+ * zeros where the rule has none, and multiplied by w [O, 27 I]. In bands of rows. The backward pass inverts
+ * the rule, so that every row of x gathers from the outputs that read it. */
 #include "tensor/cuda/product.h"
 
 namespace cuda_backend {

@@ -1,4 +1,4 @@
-/* layer_norm, token_attention. */
+/* The CUDA kernels of layer_norm and token_attention. */
 #include "tensor/cuda/cuda.h"
 
 namespace cuda_backend {

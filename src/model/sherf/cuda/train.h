@@ -70,7 +70,7 @@ struct sums_unit {
 /* ---- sums of vectors' gradients, by lane (train_fusion.cu) ---- */
 enum { NORM0_W, NORM0_B, NORM1_W, NORM1_B, TOKEN_B, VECTORS = TOKEN_B + 3, VECTOR_SLOTS = VECTORS * 8 };
 
-/* ---- weights for the way back that stay in shared memory, in fragments ---- */
+/* ---- weights of the backward pass that stay in shared memory, as fragments ---- */
 struct back_places {
     int rgb, heads, mlp0, mlp1, fragments;
 };
@@ -132,7 +132,7 @@ __device__ inline void load_tokens(const train_run &r, const float *token_b, con
     }
 }
 
-/* ---- what is made once for an observation ---- */
+/* ---- made once per observation ---- */
 struct train_network {
     network_sizes s;
     int h_tiles, feature_channels;

@@ -26,7 +26,7 @@ static void release(void *field) {
     mem_free(f);
 }
 
-/* ---- the bank, from what the avatar keeps ---- */
+/* ---- the bank, from the arrays that the avatar keeps ---- */
 /* *out: the grid; the caller frees it, even after an error. */
 static sherf_status level_of(context *c, const kept_array *value, const kept_array *voxel, int l,
                              radiance_bank *b, int32_t **out) {

@@ -1,6 +1,5 @@
-/* A radiance field as plain arrays in the host's memory: the bank after the linear layers before fusion and
- * the layers after the algebra that does not depend on points (inside.h), for backends of its own
- * kind. */
+/* parts: a radiance field as plain arrays in the host's memory, for other backends: the bank after the linear
+ * layers before fusion, and the layers after the algebra that does not depend on points (inside.h). */
 #ifndef SHERF_RADIANCE_PARTS_H
 #define SHERF_RADIANCE_PARTS_H
 

@@ -10,10 +10,10 @@ enum { TRAIN_POINTS = 128, TRAIN_PARTS = TRAIN_POINTS / POINT_TILE };
 
 typedef struct {
     point_tile part[TRAIN_PARTS];
-    _Alignas(64) float dout[4][TRAIN_POINTS]; /* of the colour before the sigmoid, and of the density; 0
-                                                 behind count */
+    _Alignas(64) float dout[4][TRAIN_POINTS]; /* gradients of the colour before the sigmoid and of the
+                                                 density; 0 beyond count */
     int count;
-    float *dtoken; /* [count][3 D]: the gradient of what was sampled, out */
+    float *dtoken; /* [count][3 D], out: the gradient of the sampled values */
 } train_tile;
 
 /* The layers' transposed weights, from the gradient of a result to that of inputs: BACK(with, name, matrix,

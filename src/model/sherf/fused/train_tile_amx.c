@@ -13,7 +13,7 @@
 enum {
     ONE = WIDTH * GROUP,
     ALL = 3 * ONE,
-    ITEMS = 3 * AMX_GROUPS, /* groups of points, at most: every token's */
+    ITEMS = 3 * AMX_GROUPS, /* maximum number of groups of points: every token's */
     PART_GROUPS = POINT_TILE / GROUP
 };
 
@@ -166,7 +166,7 @@ static inline void sums_of(const tiles *l, const char *x, float *y) {
     ORDER();
 }
 
-/* ---- forwards, keeping what the way back needs ---- */
+/* ---- forward pass, keeping what the backward pass needs ---- */
 static void forward(const amx_trainer *r, const train_tile *t, space *s) {
     const radiance_field *n = r->base.n;
     const radiance_amx *a = n->amx;

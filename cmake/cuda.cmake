@@ -25,5 +25,5 @@ set_source_files_properties(src/base/device.c src/tensor/backend.c src/model/she
                             SHERF_HAVE_CUDA)
 target_link_libraries(sherf_needs INTERFACE CUDA::cudart_static stdc++)
 set(SHERF_CUDA_LIBS " -L${CUDAToolkit_LIBRARY_DIR} -lcudart_static -lstdc++ -ldl -lrt -lpthread") # for sherf.pc
-list(APPEND SHERF_OBJECTS $<TARGET_OBJECTS:sherf_cuda>) # of the library, besides sherf_objects
+list(APPEND SHERF_OBJECTS $<TARGET_OBJECTS:sherf_cuda>) # part of the library, besides sherf_objects
 set(SHERF_TESTS_DEFINE SHERF_HAVE_CUDA)

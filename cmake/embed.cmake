@@ -1,4 +1,4 @@
-# The pages of web/ as arrays in C files: the viewer's, whose first file is the page itself, and the study's.
+# Embeds the pages of web/ as arrays in C files: the viewer's, whose first file is the page itself, and the study's.
 set(SHERF_EMBEDDED "")
 function(embed_web name header)
   set(output ${CMAKE_BINARY_DIR}/${name}s.c)

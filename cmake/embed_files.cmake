@@ -1,5 +1,5 @@
 # cmake -D OUTPUT=FILE.c -D NAME=viewer_file -D HEADER=viewer/viewer.h -D FOLDER=... -D FILES=a;b -P embed_files.cmake:
-# viewer_files and viewer_file_count, as the header declares them.
+# writes viewer_files and viewer_file_count, as the header declares them.
 set(types_html "text/html; charset=utf-8")
 set(types_css "text/css; charset=utf-8")
 set(types_js "text/javascript; charset=utf-8")

@@ -1,4 +1,4 @@
-# Every tests/fuzz/fuzz_NAME.c is one libFuzzer target; seeds are in tests/fuzz/seeds/NAME/.
+# Builds the fuzz targets. Every tests/fuzz/fuzz_NAME.c is one libFuzzer target; seeds are in tests/fuzz/seeds/NAME/.
 if(NOT CMAKE_C_COMPILER_ID MATCHES Clang)
   message(FATAL_ERROR "SHERF_FUZZ needs clang: -DCMAKE_C_COMPILER=clang")
 endif()

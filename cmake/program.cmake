@@ -60,13 +60,13 @@ add_custom_command(
   DEPENDS sherf)
 add_custom_target(sherf_texts ALL DEPENDS ${pages} ${texts}/sherf.bash ${texts}/_sherf)
 
-# pkg-config: what a static link needs in addition.
+# pkg-config: the additional libraries of a static link.
 list(JOIN SHERF_PKG_CONFIG ", " SHERF_REQUIRES_PRIVATE)
-list(GET OpenMP_C_LIBRARIES 0 SHERF_OPENMP) # not the flag, which another compiler may not know
+list(GET OpenMP_C_LIBRARIES 0 SHERF_OPENMP) # the library rather than the flag, which another compiler may not know
 if(CMAKE_C_COMPILER_ID STREQUAL GNU)
   set(SHERF_OPENMP -lgomp) # in a folder of the compiler's version
 endif()
-# Relative to sherf.pc: right after `cmake --install --prefix` too, and pkg-config quotes a space in it.
+# Relative to sherf.pc, so that it is right after `cmake --install --prefix` too; pkg-config quotes spaces in it.
 foreach(folder LIBDIR INCLUDEDIR)
   set(SHERF_PC_${folder} "\${prefix}/${CMAKE_INSTALL_${folder}}")
   if(IS_ABSOLUTE "${CMAKE_INSTALL_${folder}}")
@@ -81,7 +81,7 @@ endif()
 set(SHERF_LIBS_PRIVATE "-ldnnl -lembree3 -lm ${SHERF_OPENMP}${SHERF_CUDA_LIBS}")
 configure_file(cmake/sherf.pc.in ${CMAKE_BINARY_DIR}/sherf.pc @ONLY)
 
-# find_package(sherf), relative to its own file as well.
+# find_package(sherf), also relative to its own file.
 include(CMakePackageConfigHelpers)
 set(SHERF_CMAKE_FOLDER ${CMAKE_INSTALL_LIBDIR}/cmake/sherf)
 set(SHERF_ASSETS ${CMAKE_INSTALL_DATADIR}/sherf)

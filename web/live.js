@@ -30,9 +30,9 @@ const live = (() => {
     void main() { color = vec4(texture(picture, texel).rgb, 1); }`;
 
   let canvas = null, gl = null, program = null, places = null;
-  const surfaces = new Map(); // by avatar: "waits", "failed", or what is drawn
-  const chunks = new Map();   // by avatar/motion/first frame: null while it comes, the last used ones last
-  let told = () => {};        // something has come
+  const surfaces = new Map(); // by avatar: "waits", "failed", or the surface
+  const chunks = new Map();   // by avatar/motion/first frame: null while loading; the most recently used are last
+  let told = () => {};        // called when something has arrived
   let scale = 1, last = 0, pace = 0;
 
   function shader(kind, source) {
@@ -42,7 +42,7 @@ const live = (() => {
     return s;
   }
 
-  // False if the browser cannot, or would have to draw without a graphics card, unless it is `forced` to.
+  // False if the browser cannot draw it, or only without a graphics card, unless `forced`.
   function open(on, tell, forced) {
     canvas = on;
     told = tell;
@@ -54,7 +54,7 @@ const live = (() => {
     return prepare();
   }
 
-  // Not every browser calls that a major caveat.
+  // Not every browser reports this as a major caveat.
   function isSoftware() {
     const info = gl.getExtension("WEBGL_debug_renderer_info");
     return /swiftshader|llvmpipe|softpipe|software/i.test(
@@ -153,8 +153,8 @@ const live = (() => {
     return typeof surfaces.get(avatar) === "object" && !!chunks.get(name(avatar, motion, n));
   }
 
-  // The viewer's camera (src/viewer/scene.c) as a matrix to clip space, column by column; and the metres that the
-  // height spans.
+  // The viewer's camera (src/viewer/scene.c) as a matrix to clip space, column by column; and the height of the view in
+  // metres.
   function cameraOf(f, way, view, width, height) {
     const { cos, sin, hypot, max, min } = Math;
     const axes = f.subarray(0, 9), centre = f.subarray(9, 12), half = f.subarray(12, 15), distance = f[15];
@@ -173,7 +173,7 @@ const live = (() => {
     const near = 0.05, far = 4 * distance + 20, sx = (2 * focal) / width, sy = (-2 * focal) / height;
     const a = (far + near) / (far - near), b = (-2 * far * near) / (far - near), m = new Float32Array(16);
     for (let k = 0; k < 4; k++) {
-      m[4 * k] = sx * rows[0][k] + rows[2][k] / width; // frames have their pixels' middles at whole numbers
+      m[4 * k] = sx * rows[0][k] + rows[2][k] / width; // pixel centres of frames are at whole numbers
       m[4 * k + 1] = sy * rows[1][k] - rows[2][k] / height;
       m[4 * k + 2] = a * rows[2][k] + (k === 3 ? b : 0);
       m[4 * k + 3] = rows[2][k];

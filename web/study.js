@@ -1,5 +1,5 @@
-// A study of preferences: a rater always gets the same order and sides, and answers stay in this browser until they are
-// saved as a file. The page does not know which method made a picture; the key stays with the page's author.
+// The page of a preference study: a rater always gets the same order and sides, and answers stay in this browser until
+// they are saved as a file. The page does not know which method made a picture; the key stays with the page's author.
 "use strict";
 // id, draw, repeats, always, trials of [input, a, b], pictures
 const study = JSON.parse(document.getElementById("study").textContent);
@@ -31,7 +31,7 @@ function shuffle(list, next) {
   return list;
 }
 
-// A rater's trials: some of all, the ones that everybody sees, and a few repeated later with sides exchanged.
+// A rater's trials: a random part of all, those that everybody sees, and a few repeated later with sides swapped.
 function planOf(rater) {
   const next = numbers(study.id + rater),
     always = new Set(study.always);
@@ -59,7 +59,7 @@ function planOf(rater) {
 function keep() {
   try {
     localStorage.setItem(place, JSON.stringify(state));
-  } catch {} // private windows: the answers live as long as the page
+  } catch {} // private windows: the answers last as long as the page
 }
 
 function kept() {
@@ -76,7 +76,7 @@ function kept() {
   return null;
 }
 
-// ?rater=NAME fixes order and sides.
+// ?rater=NAME fixes the order and the sides.
 function newRater() {
   const asked = new URLSearchParams(location.search).get("rater");
   if (asked && /^[0-9A-Za-z-]{1,64}$/.test(asked)) return asked;
@@ -99,7 +99,7 @@ async function show() {
   const images = [at("input"), at("left").firstElementChild, at("right").firstElementChild];
   [input, q.left === "a" ? a : b, q.left === "a" ? b : a].forEach((p, i) => (images[i].src = study.pictures[p]));
   only("trial");
-  await Promise.all(images.map((i) => i.decode().catch(() => {}))); // none is seen before the others
+  await Promise.all(images.map((i) => i.decode().catch(() => {}))); // all appear at the same time
   if (n !== state.answers.length) return;
   shownAt = performance.now();
   open = true;

@@ -18,17 +18,17 @@ const play = { on: false, loop: true, rate: 1, last: 0, told: 0 };
 let about = null;
 
 // ---- the view, the request in progress, the measured speed
-let stamp = 1;              // counts changes of the view
-let changed = 0;            // time of the last one
-let sequence = 0;           // of requests
-let pending = null;          // the request under way
-let got = { stamp: 0, side: 0, sequence: 0 }; // the newest picture that came,
-let shown = got;            // and that was drawn
+let stamp = 1;              // number of changes of the view
+let changed = 0;            // time of the last change
+let sequence = 0;           // number of requests
+let pending = null;          // the request in progress
+let got = { stamp: 0, side: 0, sequence: 0 }; // the newest picture received,
+let shown = got;            // and the newest one drawn
 let moving = 128;           // side of pictures while something moves
-let costMs = 0;             // milliseconds of a picture of side 1, lately
-let metresHigh = 0;         // what the height of the stage spans at zoom 1
+let costMs = 0;             // recent milliseconds per picture of side 1
+let metresHigh = 0;         // height of the stage at zoom 1
 let retry = 0, broken = false, timer = 0;
-let drawing = 0;            // of the surface: the animation frame that is requested
+let drawing = 0;            // the requested animation frame that draws the surface
 const drawn = [];           // times of pictures while something moves
 
 function touch() {
@@ -39,7 +39,7 @@ function touch() {
 }
 
 const motion = () => about.motions[view.motion];
-const motionFps = () => motion().fps || 1; // single poses: one a second
+const motionFps = () => motion().fps || 1; // single poses: one per second
 const frameNow = () => clamp(Math.floor(view.time * motionFps() + 1e-6), 0, motion().frames - 1);
 const isMoving = () => play.on || performance.now() - changed < limits.stillMs;
 
@@ -114,7 +114,7 @@ function schedule() {
   else if (side < 0) timer = setTimeout(schedule, limits.stillMs);
 }
 
-// Replaces a picture that nobody waits for any more by a tiny one.
+// Replaces a picture that is no longer needed by a tiny one.
 function dismiss() {
   pending = null;
   fetch("frame?" + query(16, 16, { client, n: ++sequence }), { cache: "no-store" }).catch(() => {});
@@ -127,7 +127,7 @@ async function request(side) {
   const begun = performance.now();
   try {
     const more = { client, n: own.sequence };
-    if (live && limits.quick) more.quick = 1; // drawn of the baked surface, where the program has it
+    if (live && limits.quick) more.quick = 1; // drawn from the baked surface, if the program has it
     else if (own.fine) more.fine = 1;
     const answer = await fetch("frame?" + query(width, height, more), { cache: "no-store" });
     if (answer.status === 204) return;
@@ -145,7 +145,7 @@ async function request(side) {
     measure(side, ms, live, width, height, own.baked);
     if (broken) { broken = false; lost.waited = 0; note(""); }
   } catch (error) {
-    if (got === own) got = shown; // it came, but cannot be seen
+    if (got === own) got = shown; // received, but not visible
     lost(error);
   } finally {
     if (pending === own) {
@@ -183,7 +183,7 @@ function measure(side, ms, live, width, height, baked) {
   $("speed").textContent = text;
 }
 
-// The bottom line while something moves, with pictures a second.
+// Writes the bottom line while something moves, with pictures per second.
 function tellPace(text, now) {
   drawn.push(now);
   while (drawn[0] < now - 1000) drawn.shift();
@@ -192,7 +192,7 @@ function tellPace(text, now) {
   if (drawn.length > 2) text += ` · ${(((drawn.length - 1) * 1000) / (now - drawn[0])).toFixed(0)} fps`;
   $("speed").textContent = text;
 }
-tellPace.told = 0; // when the line was written last
+tellPace.told = 0; // time when the line was last written
 
 async function refusal(answer) {
   const error = new Error((await answer.text()).trim());
@@ -236,7 +236,7 @@ function shift(dx, dy) {
   touch();
 }
 
-// The place at (x, y) of the window stays there.
+// The point at (x, y) of the window stays there.
 function zoom(factor, x = stage.clientWidth / 2, y = stage.clientHeight / 2) {
   const before = view.zoom;
   view.zoom = clamp(view.zoom * factor, 0.2, 20);
@@ -327,7 +327,7 @@ function tick(now) {
   }
   if (frameNow() !== before) {
     touch();
-    if (now - play.told > limits.tellMs) { // drawing the time line as often as the body costs pictures
+    if (now - play.told > limits.tellMs) { // drawing the time line for every picture would be slow
       play.told = now;
       showTime();
     }
@@ -368,7 +368,7 @@ function setAvatar(n) {
   const { picture } = about.avatars[n];
   $("show-input").disabled = !picture;
   if (picture) $("input-image").src = "picture?avatar=" + n;
-  else showInput(false); // a baked avatar does not hold it
+  else showInput(false); // a baked avatar does not contain it
   document.title = about.avatars[n].name + " · sherf";
   touch();
 }
@@ -435,7 +435,7 @@ function save(blob, name) {
 
 const fileName = (end) => "sherf-" + about.avatars[view.avatar].name.replace(/[^\p{L}\p{N}_-]+/gu, "-") + end;
 
-// In full size, as another client, so that the screen's requests go on.
+// In full size, as another client, so that the screen's requests continue.
 async function savePicture() {
   if ($("picture").disabled) return;
   $("picture").disabled = true;

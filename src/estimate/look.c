@@ -10,8 +10,8 @@
 static const float score_first = .1f, score_min = .5f;
 /* The region is settled when it would move by less; parts of its side. */
 static const float settled_size = .06f, settled_place = .05f;
-/* The network asks for a tenth when the region is a third too small or too large, so the next look goes
- * further than it says. */
+/* If the region is a third too small or too large, the network only requests a change of a tenth, so the next
+ * look goes further than it says. */
 static const float stride = 2.2f, grow_max = 1.8f;
 /* Two looks show one person if `apart` is less. */
 static const float same_place = .1f;

@@ -1,5 +1,5 @@
 /* The tape: calls kernels, records steps as a list from the newest on, and runs them backward. A gradient is
- * made when something first adds to it; during the backward pass a listener is told when a parameter's
+ * made when something first adds to it; during the backward pass a listener is called when a parameter's
  * gradient is final. */
 #include <math.h>
 #include <stdio.h>

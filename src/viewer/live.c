@@ -1,5 +1,5 @@
 /* What the page draws itself while something moves: an avatar's baked surface, and a motion as joint
- * matrices. A thread of its own makes surfaces, when a page first asks for one. */
+ * matrices. A separate thread makes surfaces, when a page first requests one. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -1,4 +1,4 @@
-/* sherf experiment: the paper's comparisons, each by one command. */
+/* sherf experiment: the paper's comparisons, one command each. */
 #include <stdlib.h>
 #include <string.h>
 

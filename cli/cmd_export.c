@@ -1,4 +1,4 @@
-/* sherf export: an avatar as a rigged .glb, a textured .obj, a .ply mesh or .ply splats. */
+/* sherf export: writes an avatar as a rigged .glb, a textured .obj, a .ply mesh or .ply splats. */
 #include <stdlib.h>
 #include <string.h>
 

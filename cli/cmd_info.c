@@ -1,4 +1,4 @@
-/* sherf info: each file's kind and contents, as text or JSON. */
+/* sherf info: describes each file's kind and contents, as text or JSON. */
 #include <string.h>
 
 #include "session.h"

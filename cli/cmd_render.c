@@ -92,7 +92,7 @@ static int options_check(background *ground) {
 
 /* ---- pictures made of a frame ---- */
 typedef struct {
-    sherf_image rgba, depth; /* that the frame itself does not have; depth's data is freed with free */
+    sherf_image rgba, depth; /* of a frame, in addition to its own; depth's data is freed with free */
 } pictures;
 
 static int room(sherf_image *image, const sherf_image *like, int channels) {

@@ -1,4 +1,4 @@
-/* sherf synth: data sets of made people, tubes or clothed, and the open body. */
+/* sherf synth: makes data sets of made people, tubes or clothed, and the open body. */
 #include <string.h>
 
 #include "session.h"

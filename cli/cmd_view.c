@@ -74,7 +74,7 @@ static int avatar_add(session *s, gallery *g, const char *input) {
     return EXIT_DONE;
 }
 
-/* Adds a motion file, or else a file of poses as for sherf render. */
+/* Adds a motion file, or otherwise a pose file as for sherf render. */
 static int motion_add(session *s, gallery *g, const char *path) {
     sherf_motion_options load = {
         .joints = set.joints, .body = g->body, .shapes = sherf_avatar_pose(g->made[0])->shapes};

@@ -36,7 +36,7 @@ int usage_error(const char *verb_name, const char *format, ...) {
     return EXIT_USAGE;
 }
 
-/* The index of `text` among the words of "a|b|c"; -1: it is none of them. */
+/* The index of `text` among the words of "a|b|c"; -1: it is not one of them. */
 static int word_index(const char *words, const char *text) {
     size_t length = strlen(text);
     for (int i = 0;; i++) {

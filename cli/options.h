@@ -29,7 +29,7 @@ typedef struct {
     char letter;      /* 0: no short form */
     const char *name; /* without the dashes; NULL ends a table */
     option_kind kind;
-    void *value;             /* its destination, of the type above; holds the default before */
+    void *value;             /* destination, of the type above; holds the default initially */
     const char *argument;    /* the value's name in the help; a choice's words */
     const char *help;        /* a phrase without a full stop */
     double minimum, maximum; /* of numbers, both ends allowed; equal: any */
@@ -42,7 +42,7 @@ typedef struct {
     const char *arguments; /* as in the usage line: "OBSERVATION"; "" for none */
     const char *summary;   /* one phrase, for the list of verbs */
     const char *description;
-    const char *example; /* whole command lines, one each line */
+    const char *example; /* complete command lines, one per line */
     const option *options;
     int arguments_min, arguments_max;
     const char *words; /* the allowed first arguments, "render|train"; NULL: anything */
@@ -71,13 +71,13 @@ int options_parse(const verb *v, int *count, char **argument);
 /* Prints one line on stderr that refers to --help; returns EXIT_USAGE. */
 int usage_error(const char *verb_name, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* Parses "0,2,4" or "first:step:count". NULL: it is no such list. Free the result with free. */
+/* Parses "0,2,4" or "first:step:count". NULL: not such a list. Free the result with free. */
 int *list_parse(const char *text, int *count);
 bool list_valid(const char *text);
 /* "512" (*height is then 0) or "640x360", each 1 to 32768. */
 bool size_parse(const char *text, int *width, int *height);
 
-/* ---- what is made of the tables (describe.c); verbs end with a NULL ---- */
+/* ---- texts made from the tables (describe.c); verbs end with a NULL ---- */
 void describe_program(FILE *f, const verb *const *verbs);
 void describe_verb(FILE *f, const verb *v);
 void describe_man(FILE *f, const verb *const *verbs, const verb *v); /* v NULL: the program's page */

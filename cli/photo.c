@@ -1,4 +1,4 @@
-/* Photos in place of observations: the estimate, and the messages about it. */
+/* Photos instead of observations: the estimate, and the messages about it. */
 #include "photo.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* photo: for verbs that accept a photo in place of an observation. */
+/* photo: for verbs that accept a photo instead of an observation. */
 #ifndef CLI_PHOTO_H
 #define CLI_PHOTO_H
 
@@ -40,8 +40,8 @@ int photo_estimator(session *s, sherf_estimator **out);
 /* Estimates, prints a line about the result, and a line for each warning. */
 int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
                    sherf_estimate **out);
-/* All of it, to observations of one person, at most SHERF_PICTURES_MAX, with one shape; draws the requested
- * picture. out: NULLs; free them for any result. */
+/* Estimates all photos, as observations of one person with one shape, at most SHERF_PICTURES_MAX; draws the
+ * requested picture. out: NULLs; free them for any result. */
 int photo_observations(session *s, const sherf_body *body, int count, const char *const *path,
                        sherf_observation **out);
 /* The estimate's facts, for --json. */

@@ -30,23 +30,23 @@ const char *session_precision(const session *s); /* in use: "fp32" or "bf16" */
 const char *session_device(const session *s);    /* "cpu" or "cuda" */
 /* Prints and deletes `json`. */
 void session_json(cJSON *json);
-/* Prints a text; with --json, as "text" together with `what` was made and where. */
+/* Prints a text; with --json, as "text" together with `what` and its path. */
 void session_text(const char *what, const char *path, const char *text);
 
 /* The file that an option names: `given`, NULL for "none". If it was not given, the asset `name` from the
- * folder $SHERF_ASSETS, ./assets, next to the program (../assets where it was built, ../share/sherf where it
- * was moved), or the installation's; NULL: it is in none of them. */
+ * folder $SHERF_ASSETS, ./assets, beside the program (../assets if built there, ../share/sherf if moved), or
+ * the installation's; NULL: none of them has it. */
 const char *session_asset(const char *given, const char *name);
 /* The resnet50 distance's network, of --perceptual. */
 const char *session_perceptual(const char *given);
-/* The folders that it looks into, for messages. */
+/* The folders in which it looks, for messages. */
 const char *session_asset_places(void);
 
 /* The folder into which `make assets` puts the people's material: here, or next to the program. */
 const char *session_people_source(void);
 
 /* The body file for --body: `given`. If it was not given, body.safetensors or tubeman.safetensors in the
- * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), and else the
+ * folder of `data` (an observation, a data set's spec or one of its pictures; may be NULL), otherwise the
  * asset body.safetensors, the open body, with a remark on stderr. NULL, after one line on stderr: there is
  * none. */
 const char *session_body(const session *s, const char *given, const char *data);

@@ -1,4 +1,4 @@
-/* shots: the pictures that `sherf render` takes: a list of poses, a list of cameras, and their pairs. */
+/* shots: the pictures that `sherf render` makes: a list of poses, a list of cameras, and their pairs. */
 #ifndef CLI_SHOTS_H
 #define CLI_SHOTS_H
 
@@ -11,7 +11,7 @@ typedef struct {
     int64_t orbit;                                          /* cameras of an orbit; 0: none */
     double azimuth_deg, elevation_deg, distance_m, fov_deg; /* distance 0: far enough to see everything */
     const char *size;
-    bool their_shape; /* also take the body shape from a file of poses */
+    bool their_shape; /* also take the body shape from a pose file */
     bool every;       /* every camera for every pose */
 } shots_request;
 

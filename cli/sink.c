@@ -27,8 +27,8 @@ int sink_output_check(const char *verb_name, const char *output, bool transparen
     return EXIT_DONE;
 }
 
-/* In a folder FOLDER/depth_0007.png; next to OUT.png and OUT.mp4, OUT_depth.png and OUT_depth.mp4. A film's
- * arrays are one file for each frame: OUT_depth_0007.npy. */
+/* In a folder: FOLDER/depth_0007.png. Beside OUT.png and OUT.mp4: OUT_depth.png and OUT_depth.mp4. The arrays
+ * of a video are one file per frame: OUT_depth_0007.npy. */
 static int name(const sink *k, int n, const char *extension, char path[PATH_BYTES]) {
     int length;
     if (sink_is_video(k->output) || sink_is_picture(k->output)) {

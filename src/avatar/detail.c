@@ -67,7 +67,7 @@ static bool at_mask_edge(const float *image, int width, int height, int x, int y
     return black >= STRAIGHT_EDGE;
 }
 
-/* room: two floats a texel. */
+/* room: two floats per texel. */
 static void keep_difference(const context *c, detail_view *d, const float *image, sherf_frame *own,
                             float *room) {
     const int width = d->width, height = d->height;

@@ -86,7 +86,7 @@ void carry_free(detail_carry *d);
 int carry_places(const detail_carry *d, const detail_variant *variant, const body_model *body,
                  const float x[3], int32_t nearest, carry_place out[CARRY_PLACES]);
 /* Computes the texels' color and pattern, and d->patterned. Call it after detail_see_body. own: the avatar's
- * picture of the view; room: two floats a texel. */
+ * picture of the view; room: two floats per texel. */
 sherf_status carry_pattern(context *c, const body_model *body, detail_view *d, const float *image,
                            const sherf_frame *own, float *room);
 

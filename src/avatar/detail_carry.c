@@ -137,7 +137,7 @@ int carry_places(const detail_carry *d, const detail_variant *variant, const bod
 
 /* ---- patterns ---- */
 
-/* Splits the picture into the colour around each pixel and the pattern on it. room: two floats a texel; its
+/* Splits the picture into the colour around each pixel and the pattern on it. room: two floats per texel; its
  * second half receives the pattern's squared contrast around each pixel. */
 static void split_picture(const context *c, detail_view *d, const float *image, const sherf_frame *own,
                           int radius, float *room) {

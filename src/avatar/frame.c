@@ -1,4 +1,4 @@
-/* A frame as the network gives it: how many depths its rays have, and which points are skipped. */
+/* Frames from the network: the number of depths on its rays, and the points that are skipped. */
 #include <math.h>
 #include <string.h>
 

@@ -9,7 +9,7 @@
 enum { POSES_FITTED = 64, SIZE_DEFAULT = 512 };
 static const double fov_default = 30 * M_PI / 180, spare = 1.08, turn_default_s = 8;
 
-/* A camera that stands upright in the axes B (columns left, up, front), about `centre` of the world. */
+/* An upright camera in the axes B (columns left, up, front), around `centre` of the world. */
 static void camera_around(const double B[9], const double centre[3], double distance, double azimuth,
                           double elevation, double fov, int width, int height, sherf_camera *out) {
     const float origin[3] = {0, 0, 0};

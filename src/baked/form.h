@@ -28,7 +28,7 @@ typedef struct {
     uint8_t *png;                   /* of the texture, as files have it */
     size_t png_bytes;
 } baked_form;
-void baked_form_free(baked_form *f); /* and f itself */
+void baked_form_free(baked_form *f); /* frees f itself, too */
 /* The coarser levels from the first. */
 sherf_status baked_levels_make(context *c, baked_form *f);
 

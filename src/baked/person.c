@@ -164,7 +164,7 @@ static sherf_status vertices_color(context *c, bake_steps *j) {
 sherf_status baked_person_make(context *c, const sherf_avatar *a, const body_model *body,
                                const baked_options *o, baked_person *out) {
     bake_steps j = {.a = a, .body = body, .o = o, .out = out, .since_s = time_seconds()};
-    surface posed = {0}; /* only its vertices */
+    surface posed = {0}; /* only the vertices */
     *out = (baked_person){0};
     sherf_status status = surface_make(c, &j);
     if (status == SHERF_OK) status = surface_pose(c, &j, &posed);

@@ -15,7 +15,7 @@ typedef struct {
     int texture_px; /* side of the texture; 0: colours of the vertices */
     int splats;     /* this many splats instead of the surface's colours; 0: none */
     bool detail;    /* colours with the observation's detail */
-    /* the world and pose in which the surface stands; NULL: the rest pose of its shape */
+    /* the world and pose of the surface; NULL: the rest pose of its shape */
     const sherf_pose *pose;
 } baked_options;
 

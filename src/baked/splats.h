@@ -6,7 +6,7 @@
 
 typedef struct {
     int64_t count;
-    int32_t *face;                  /* triangle each lies on */
+    int32_t *face;                  /* the triangle of each */
     float *barycentric;             /* count x 2: of its second and third corner */
     float *position, *normal, *rgb; /* count x 3 */
     float across_m, along_m;        /* standard deviations in the surface and along its normal */

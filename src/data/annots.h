@@ -16,7 +16,7 @@ sherf_status annots_pose_files(context *c, const person_record *r, const char *f
                                char vertices[PATH_LENGTH]);
 
 /* ---- annots_folders.c ---- */
-/* Poses and pictures from the folders of views, where there is no ims. r has its cameras. */
+/* Takes poses and pictures from the folders of views if there is no ims. r has its cameras. */
 sherf_status annots_from_folders(context *c, const char *folder, person_record *r);
 /* Finds a picture and its mask: with another ending (.jpg for .png), or below images/ if it is only there;
  * else at the usual place. */

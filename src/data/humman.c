@@ -70,7 +70,7 @@ static sherf_status pose_files(context *c, const person_record *r, const char *f
     return status ? status : path_join(c, parameters, PATH_LENGTH, folder, name);
 }
 
-/* The official test list; everybody else is trained on. */
+/* The official test list; all others are for training. */
 static const char *const tested[] = {
     "p000455_a000986", "p000456_a000396", "p000465_a000048", "p000465_a000701", "p000474_a000048",
     "p000477_a000396", "p000482_a000793", "p000491_a005730", "p000503_a000064", "p000503_a000224",

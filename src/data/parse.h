@@ -23,8 +23,8 @@ sherf_status radians_check(context *c, const char *what, bool root, double squar
 /* Fails where the last axis is that of the joints, and not of a joint's numbers. */
 sherf_status joints_last_check(context *c, const char *what, const value *v, int joints);
 
-/* One body by the names of parts.h. A camera that stands in the body's file (camera_rotation, cam_t, ...)
- * goes into R and Th: the body is then in that camera's frame. */
+/* One body under the names of parts.h. A camera in the body's file (camera_rotation, cam_t, ...) is included
+ * in R and Th: the body is then in that camera's frame. */
 sherf_status parse_pose(context *c, const value *v, sherf_pose *out);
 sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); /* the dict has poses */
 

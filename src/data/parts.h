@@ -23,8 +23,8 @@ typedef struct {
 } named_value;
 typedef struct {
     named_value part[PARTS];
-    /* Of SMPL-X, as faces and eyes beside it and names tell (55 joints tell it as well): its pelvis at rest
-     * lies elsewhere than SMPL's, by smplx_pelvis_m, so its translation means another place. */
+    /* Whether it is SMPL-X, as faces and eyes beside it and names show (55 joints show it as well). At rest
+     * its pelvis is offset from SMPL's by smplx_pelvis_m, so the same translation means another position. */
     bool smplx;
     named_value scaling; /* AIST++'s: its vertices are SMPL's times it, and moved by the translation */
 } body_parts;

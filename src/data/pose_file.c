@@ -5,7 +5,7 @@
 
 enum { POSES_MAX = 1 << 20 };
 
-/* An observation's JSON gives its body. */
+/* An observation's JSON provides its body. */
 static const value *body_root(const value *root) {
     root = value_unwrapped(root);
     const value *body = value_unwrapped(value_get(root, "body"));
@@ -118,7 +118,7 @@ static size_t camera_values(const value *root, const value **out) {
         for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
         return list->list.count;
     }
-    list = value_get(root, "frames"); /* NeRF's transforms.json: the lens may stand beside */
+    list = value_get(root, "frames"); /* NeRF's transforms.json: the lens may be beside the frames */
     if (list && list->kind == VALUE_LIST && value_get(value_at(list, 0), "transform_matrix")) {
         for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
         return list->list.count;

@@ -23,7 +23,7 @@ typedef struct {
     double pelvis_m[3];
 } body_state;
 
-/* vertex >= 0: that vertex; else the place that lies `offset_m` from the joint in the rest pose and turns
+/* vertex >= 0: that vertex. Otherwise the place that is `offset_m` from the joint in the rest pose and turns
  * with it. */
 typedef struct {
     int vertex, joint;

@@ -33,7 +33,7 @@ static float overlap(const float a[4], const float b[4]) {
     return shared > 0 ? shared / (area(a) + area(b) - shared) : 0;
 }
 
-/* Anchors: strides 8, 16, 32 with 2, 2, 6 a cell, row by row; u and v of the cell's middle. */
+/* Anchors: strides 8, 16, 32 with 2, 2, 6 per cell, row by row; u and v of the cell's middle. */
 static void anchor(int row, float centre[2]) {
     static const struct { int cells, each; } level[] = {{28, 2}, {14, 2}, {7, 6}};
     int k = 0;

@@ -28,10 +28,10 @@ struct body_fit_result {
     sherf_camera camera;
     sherf_pose pose;
     double pitch_rad, roll_rad; /* of the camera: looking down, turned clockwise as seen by it */
-    double height_px;           /* how high the body stands in the picture, head to feet, cut off or not */
+    double height_px;           /* the body's height in the picture, head to feet, whether cut off or not */
     double landmarks_px;        /* mean distance of the landmarks that are seen, weighted by visibility */
     double mask_covered;        /* share of the mask that the body covers */
-    double body_inside;         /* share of the body's silhouette that lies in the mask */
+    double body_inside;         /* share of the body's silhouette that is inside the mask */
     double iou;                 /* of the two, in the picture */
     double lean_rad;            /* of the trunk against the vertical, forward positive */
     /* Facts for a caller's warnings. */

@@ -11,7 +11,7 @@
 
 /* A look with a lower probability of a person is dropped. */
 static const float score_min = .5f;
-/* Two people are one when their landmarks lie this close, as a part of the region's side. */
+/* Two people are one if their landmarks are this close, as a share of the region's side. */
 static const float same_place = .08f;
 /* Or if this share of one's mask is in the other's. */
 static const float part_min = .7f;
@@ -20,7 +20,7 @@ static const float settled_size = .15f, settled_place = .08f;
 /* Disagreement of a straight and a mirrored look (look_mirrored): up to the first is usual, from the second
  * it is no person. */
 static const float doubt_little = .015f, doubt_cut = .03f, doubt_max = .15f;
-/* The part of a region's side in which no knee or ankle lies, if the person is wholly in the region. */
+/* The share of a region's side without any knee or ankle, if the whole person is in the region. */
 static const float rim = .06f;
 enum { OTHER_REGIONS = 3, SHORT_SIDE_MIN = 32 };
 static const float pi = 3.14159265f;
@@ -77,7 +77,7 @@ static bool is_part(const photo_person *a, const photo_person *b) {
     return all && (float)shared >= part_min * (float)all;
 }
 
-/* Whether the detection lies so near a person already found that a look would find the same person again. */
+/* Whether the detection is so near a person already found that a look would find the same person again. */
 static bool is_known(const detection *d, const photo_person *people, int count) {
     for (int i = 0; i < count; i++) {
         const photo_region *r = &people[i].next;

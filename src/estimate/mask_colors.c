@@ -69,7 +69,7 @@ static bool neighbours_mean(const rim *r, const float *colors, int x, int y, flo
 typedef struct {
     const rim *rim;
     const size_t *wanted;
-    bool *found; /* one a wanted pixel */
+    bool *found; /* one per wanted pixel */
     float *colors;
 } ringing;
 
@@ -83,7 +83,7 @@ static void ring_part(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
-/* What no ring reaches keeps the photo's colours. */
+/* Pixels that no ring reaches keep the photo's colours. */
 static void rings_fill(context *c, const rim *r, size_t *wanted, bool *found, size_t count, float *colors) {
     for (int ring = 0; ring < RINGS_MAX && count; ring++) {
         ringing g = {r, wanted, found, colors};

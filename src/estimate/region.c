@@ -104,7 +104,7 @@ typedef struct {
 static void sample_rows(void *arg, int64_t begin, int64_t end, int thread) {
     const sampling *s = arg;
     const bool shrinks = s->region->side_px > (float)s->side;
-    const int samples = shrinks ? 2 : 1; /* a side */
+    const int samples = shrinks ? 2 : 1; /* per side */
     const float part = 1.f / ((float)samples * (float)s->side);
     float corner[2], across[2], down[2]; /* and a whole side from there; region_place at each would be slow */
     region_place(s->region, 0, 0, corner);

@@ -10,7 +10,7 @@ typedef struct {
     const void *user;
     int width, height;
     sherf_image *out;
-    float *rows; /* two a thread: as read, and summed down */
+    float *rows; /* two per thread: as read, and summed down */
 } shrinking;
 
 /* Weight of source pixel i in target pixel `to`, which covers [to, to + 1) * scale. */

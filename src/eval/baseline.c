@@ -102,7 +102,7 @@ void baseline_mean_color(const baselines *y, const data_view *target, float *out
         for (size_t k = 0; k < 3; k++) out[3 * i + k] = target->mask[i] ? y->mean_color[k] : 0;
 }
 
-/* The mean of fine x fine samples a pixel. */
+/* The mean of fine x fine samples per pixel. */
 static void draw(const raster *r, int fine, const body_model *body, const float *color, float *out) {
     const size_t width = (size_t)(r->width / fine), height = (size_t)(r->height / fine);
     const float share = 1 / (float)(fine * fine);

@@ -11,7 +11,7 @@ typedef struct {
     float mean_color[3];
     float *color;  /* V x 3: seen, else that of the mirrored vertex if seen, else of the nearest seen in rest
                       pose */
-    int32_t *seen; /* V: 1 where the vertex faces the camera, nothing hides it and it lies inside the mask */
+    int32_t *seen; /* V: 1 if the vertex faces the camera, nothing hides it and it is inside the mask */
 } baselines;
 sherf_status baselines_create(context *c, const body_model *body, const sherf_observation *o, baselines *out);
 void baselines_free(baselines *y); /* its arrays; fine on zeroes */

@@ -29,7 +29,7 @@ typedef struct {
     uint8_t *shown;             /* the parts of the body that it shows */
     sherf_image painted;        /* the painted body's picture */
     int *people, people_count;
-    selection *selection; /* one a person */
+    selection *selection; /* one per person */
     int64_t done, total;
     sherf_frame frame;
     report report;

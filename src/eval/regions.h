@@ -9,7 +9,7 @@
 enum {
     REGION_SEEN,
     REGION_UNSEEN,  /* on the other side of the body, or covered */
-    REGION_COVERED, /* of these: another limb lies before it */
+    REGION_COVERED, /* those of them with another limb in front */
     REGIONS
 };
 typedef struct {

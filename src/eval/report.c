@@ -87,7 +87,7 @@ static sherf_score report_gain(const report *r, int person, bool novel_pose) {
                          .resnet50 = fmin(a.resnet50, b.resnet50) - mean.resnet50};
 }
 
-/* The person after `previous` in the report, -1 at its end; `at` is where the walk stands. */
+/* The person after `previous` in the report, -1 at its end; `at` is the current position. */
 static int next_person(const report *r, int64_t *at, int previous) {
     while (*at < r->count && r->entry[*at].person == previous) (*at)++;
     return *at < r->count ? r->entry[*at].person : -1;

@@ -25,17 +25,18 @@ typedef struct {
     bool *novel_pose;
     int *pose, *view;
     int view_poses;       /* 0: all */
-    int novel_pose_first; /* a pose's number */
-    bool one_pose;        /* nothing is compared in a novel pose; the caller's to set */
-    int pictures;  /* of an observation, 0 as 1: further ones from views evenly round; the caller's to set */
-    int all_views; /* that the person has */
+    int novel_pose_first; /* number of a pose */
+    bool one_pose;        /* no novel pose is compared; set by the caller */
+    int pictures;  /* of an observation; 0 means 1; further ones are from views spaced evenly around; set by
+                      the caller */
+    int all_views; /* views that the person has */
 } selection;
 
-/* observations, poses, views as in sherf_eval_options; the seed is that of random observations, which are one
- * of the person's listed poses from any view, and the same whoever else is evaluated. Where they are NULL the
- * paper's protocol stands: each of its poses is observed from each of its observation views, and novel poses
- * are made from one of them, the `pose_count` - 1 that follow it. Pictures that the person does not have are
- * left out with a warning. */
+/* observations, poses, views as in sherf_eval_options. seed: for random observations, each one of the
+ * person's listed poses from any view, independent of the other people. NULL selects the paper's protocol:
+ * each of its poses is observed from each of its observation views, and novel poses are the `pose_count` - 1
+ * that follow one of them, rendered from that one. Pictures that the person does not have are left out with a
+ * warning. */
 sherf_status selection_create(context *c, const sherf_dataset *d, int person, const char *observations,
                               const char *poses, const char *views, uint64_t seed, selection *out);
 bool selection_is_random(const char *observations);

@@ -12,7 +12,7 @@ typedef struct {
     surface_scores scores;
 } surface_entry;
 typedef struct {
-    int64_t count, capacity, missed; /* missed: observations of which nothing came out */
+    int64_t count, capacity, missed; /* missed: observations that gave no surface */
     surface_entry *entry;
 } surface_list;
 void surface_list_free(surface_list *l);

@@ -65,7 +65,7 @@ static double square_distance(const double a[3], const double b[3]) {
     return sum;
 }
 
-/* The square of the distance to a triangle: to its plane where the foot lies inside, else to an edge. */
+/* The squared distance to a triangle: to its plane if the foot is inside, otherwise to an edge. */
 static double triangle_distance(const double v[3][3], const double p[3], double normal[3]) {
     double edge[2][3], from[3], foot[3], least = INFINITY;
     for (int k = 0; k < 3; k++)

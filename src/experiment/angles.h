@@ -1,4 +1,4 @@
-/* angles: where cameras stand about a person. */
+/* angles: the positions of cameras around a person. */
 #ifndef SHERF_ANGLES_H
 #define SHERF_ANGLES_H
 

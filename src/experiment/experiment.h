@@ -31,7 +31,7 @@ typedef struct {
     bool front_view;      /* people are observed from the front only */
     bool own;             /* its authors' recipe */
     bool on_request;      /* only if requested by name */
-    bool one_pose;        /* it shows no novel poses */
+    bool one_pose;        /* shows no novel poses */
 } experiment_method;
 const experiment_method *experiment_method_find(const char *key);
 const experiment_method *experiment_method_at(int i); /* from 0; NULL after the last */
@@ -44,7 +44,7 @@ typedef enum {
     SCORING_ESTIMATED, /* the protocol with bodies, cameras and masks estimated from the pictures */
     SCORING_DISTURBED, /* the protocol with bodies disturbed by a given number of millimetres (disturb.h) */
     SCORING_VIEWS,     /* a few pictures to look at, in the observed pose */
-    SCORING_POSES,     /* and in others */
+    SCORING_POSES,     /* a few pictures to look at, in other poses */
     SCORING_STUDY,     /* pictures for a study of preferences, kept as files */
     SCORING_SURFACE,   /* surfaces; few pictures, which are not looked at */
     SCORING_KINDS
@@ -82,7 +82,7 @@ typedef struct {
     char train_people[32], test_people[32];               /* of made people; "": the options' */
     char body[PATH_LENGTH];
     bool made, tubes;  /* synthetic people, drawn by this program if missing; tube people */
-    bool only_crossed; /* only to test other models on, and the reverse */
+    bool only_crossed; /* only for testing models trained on other data, and for the reverse */
 } experiment_data;
 /* The given data sets, or the synthetic one. */
 sherf_status data_choose(experiment_job *j);
@@ -132,7 +132,7 @@ sherf_status job_path(const experiment_job *j, char out[PATH_LENGTH], const char
 /* ---- runs.c ---- */
 typedef struct {
     const experiment_method *method;
-    const experiment_data *data; /* that it is trained on */
+    const experiment_data *data; /* its training data */
     int seed;                    /* from 0 */
 } run;
 /* The current experiment's runs in order; false after the last. */

@@ -207,7 +207,7 @@ static sherf_status read_motion(reader *r) {
         (status = expect(r, "Time:")) || (status = read_number(r, &b->frame_time_s)))
         return status;
     if (!b->channels || !frames) return failure(r->c, SHERF_BAD_FILE, "no channels or no frames");
-    if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: the motion's reader asks for the rate */
+    if (!(b->frame_time_s >= 0 && b->frame_time_s < 1e3)) /* 0: the motion's reader requests the rate */
         return failure(r->c, SHERF_BAD_FILE, "a frame takes %g s", b->frame_time_s);
     /* each number takes at least two characters, except the last one */
     size_t room = (size_t)frames * (size_t)b->channels, left = ((size_t)(r->end - r->at) + 1) / 2;

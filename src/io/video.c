@@ -41,7 +41,7 @@ struct sherf_video {
     AVPacket *packet;
     struct SwsContext *scaler; /* NULL for a palette */
     palette *palette;          /* NULL for others */
-    uint8_t *rgba;             /* 4 bytes a pixel, of the size that is written */
+    uint8_t *rgba;             /* 4 bytes per pixel, of the size that is written */
     int64_t count;
     bool created; /* the temporary file exists */
 };

@@ -13,8 +13,8 @@ enum { VIDEO_READ_SIDE_MAX = 8192, VIDEO_READ_PIXELS_MAX = 8192 * 4352, VIDEO_RE
 
 typedef struct {
     int side_px; /* the longer side is reduced to this; 0: as in the file */
-    double fps;  /* frames a second to return, up to 1000; 0: the video's average, divided by an integer if it
-                    exceeds VIDEO_READ_FPS_MAX */
+    double fps;  /* frames per second to return, up to 1000; 0: the video's average, divided by an integer if
+                    it exceeds VIDEO_READ_FPS_MAX */
     int pixels_max; /* of a frame; 0: VIDEO_READ_PIXELS_MAX */
 } video_read_options;
 

@@ -83,7 +83,7 @@ static sherf_status set_all(context *c, model_config *config, const char *text) 
     return SHERF_OK;
 }
 
-/* Where there is no such preset, sets *found to false and does nothing else. */
+/* If there is no such preset, sets *found to false and does nothing else. */
 static sherf_status preset_get(context *c, const model_kind *kind, const char *name, size_t length,
                                model_config *out, bool *found) {
     *found = false;

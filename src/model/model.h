@@ -199,7 +199,7 @@ typedef struct {
     int rays; /* rays of an observed person, drawn anew for each sample and shared among its targets */
     float rays_inside; /* share of the rays in the mask */
     bool jitter;       /* as ray_draw's */
-    int batch;         /* samples a step */
+    int batch;         /* samples per step */
     double learning_rate, beta1, beta2;
     double halve_every; /* steps; 0: never */
 } training_recipe;

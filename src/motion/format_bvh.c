@@ -32,7 +32,7 @@ static void rest_joints(const bvh *b, const bvh_body *map, double at[BODY_JOINTS
     }
 }
 
-/* Frame times are rounded: 0.0083333 s means 120 a second. */
+/* Frame times are rounded: 0.0083333 s means 120 frames per second. */
 static double rate_of(double frame_time_s) {
     double fps = 1 / frame_time_s, whole = round(fps);
     return fabs(fps - whole) < 1e-4 * fps ? whole : fps;

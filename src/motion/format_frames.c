@@ -1,6 +1,6 @@
-/* Frame by frame. EasyMocap: [{id, Rh, Th, poses, shapes}, ...], a file a frame in a folder, or one list of
- * such lists. LHM and ExAvatar: a folder of {root_pose, body_pose, trans, betas, ...}. SMPLify-X and others:
- * a folder of pickles or npz. */
+/* Formats with one dict per frame. EasyMocap: [{id, Rh, Th, poses, shapes}, ...], one file per frame in a
+ * folder, or one list of such lists. LHM and ExAvatar: a folder of {root_pose, body_pose, trans, betas, ...}.
+ * SMPLify-X and others: a folder of pickles or npz. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>

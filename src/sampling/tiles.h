@@ -19,7 +19,7 @@ typedef struct {
 typedef struct {
     const void *self;
     void (*answer)(const void *self, point_tile *t, void *scratch); /* fills t->out */
-    size_t scratch_bytes;                                           /* one a thread, 64-byte aligned */
+    size_t scratch_bytes;                                           /* one per thread, 64-byte aligned */
     bool stops_early; /* frames may skip points behind opaque ones */
 } tile_source;
 

@@ -126,7 +126,7 @@ typedef struct {
     float focal_px, centre_px[2];
     float near_m, far_m; /* of the depth picture */
 } viewer_optics;
-/* color: over black. out: width x height x channels, 3 or 4. scratch: 2 floats a pixel, for normals. */
+/* color: over black. out: width x height x channels, 3 or 4. scratch: 2 floats per pixel, for normals. */
 void paint(const viewer_request *r, const viewer_optics *o, const float *color, const float *opacity,
            const float *depth, int channels, float *scratch, uint8_t *out);
 

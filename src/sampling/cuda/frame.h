@@ -69,7 +69,7 @@ struct frame_head {
     float depth_min, depth_max; /* of all rays, in the box */
     float longest_m, step_m;    /* the longest path of a ray through the box; even step length, or 0 */
     int32_t finite;             /* whether the vertices are finite and plausible */
-    int32_t samples;            /* a ray */
+    int32_t samples;            /* per ray */
     int32_t too_many;           /* more candidates than any room */
     int32_t candidates, points;
 };

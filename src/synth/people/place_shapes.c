@@ -60,7 +60,7 @@ static void put_vertex(const shapes *s, shape_mesh *mesh, const float at[3], flo
     mesh->vertices++;
 }
 
-/* A lattice of `across` + 1 vertices a row, the last of them from vertex `first` on. */
+/* A lattice of `across` + 1 vertices per row, the last of them from vertex `first` on. */
 static void put_faces(shape_mesh *mesh, int first, int across, int rows) {
     for (int j = 0; j < rows; j++)
         for (int i = 0; i < across; i++) {

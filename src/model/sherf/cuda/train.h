@@ -38,7 +38,7 @@ struct train_part {
     const float *values;
 };
 struct train_bank {
-    train_part part[TRAIN_PARTS], image; /* tokens of the image: 0, it has three values a row */
+    train_part part[TRAIN_PARTS], image; /* tokens of the image: 0, it has three values per row */
 };
 
 /* ---- a group's record, in tiles of 16 channels ---- */

@@ -28,7 +28,7 @@ typedef struct {
     int32_t *cell;         /* [z + 1][y + 1][x + 1]: index of corner, or -1: nothing there */
     int32_t (*corner)[8];  /* rows of value, x fastest; 0: the row of zeros */
     int64_t corners, rows;
-    int stride; /* values a row */
+    int stride; /* values per row */
     float *value;
     uint16_t *half;
 } radiance_level;
@@ -75,7 +75,7 @@ struct radiance_field {
     float map_scale[2]; /* texel = pixel * scale */
     int image_width, image_height;
     float image_scale[2];
-    float *image; /* 4 values a pixel: red, green, blue, 0 */
+    float *image; /* 4 values per pixel: red, green, blue, 0 */
     float volume_min[3];
     radiance_level level[POINT_LEVELS];
     float bank_scale; /* of the float16 values: stored = value * scale */
@@ -84,7 +84,7 @@ struct radiance_field {
     float *token_b;
     RADIANCE_MEMBERS(radiance_layer)
     radiance_amx *amx;
-    /* runs one tile; scratch has scratch_bytes, 64-byte aligned, one a thread */
+    /* runs one tile; scratch has scratch_bytes, 64-byte aligned, one per thread */
     void (*tile)(const radiance_field *n, point_tile *t, void *scratch);
     size_t scratch_bytes;
 };

@@ -1,4 +1,4 @@
-/* The float32 tile: included by one file per instruction set, which defines LANES (floats a vector), ROWS x
+/* The float32 tile: included by one file per instruction set, which defines LANES (floats per vector), ROWS x
  * VECTORS (the block of outputs that a product keeps in registers) and KERNELS, the name of what it gives.
  * Activations are [channel][POINT_TILE]: all arithmetic runs across points. */
 #include <math.h>

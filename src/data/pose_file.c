@@ -111,35 +111,37 @@ static bool is_camera_key(const value *key, bool kinect) {
     return !kinect || !strncmp(key->string.text, color, sizeof color - 1);
 }
 
-/* The camera dicts of a file in order: "cameras": [...], or name -> camera. */
-static size_t camera_values(const value *root, const value **out) {
-    const value *list = value_get(root, "cameras");
-    if (list && list->kind == VALUE_LIST) {
-        for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
-        return list->list.count;
-    }
-    list = value_get(root, "frames"); /* NeRF's transforms.json: the lens may be beside the frames */
-    if (list && list->kind == VALUE_LIST && value_get(value_at(list, 0), "transform_matrix")) {
-        for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
-        return list->list.count;
-    }
-    list = value_get(root, "cameras");
-    if (value_get(root, "camera")) root = value_get(root, "camera");
-    if (camera_is(root)) {
-        if (out) out[0] = root;
-        return 1;
-    }
-    if (list) root = list;
-    if (root->kind != VALUE_DICT) return 0;
+static size_t list_values(const value *list, const value **out) {
+    for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
+    return list->list.count;
+}
+
+/* The camera dicts of a dict with names as keys. */
+static size_t named_values(const value *dict, const value **out) {
     bool kinect = false;
     size_t n = 0;
-    for (size_t i = 0; i < root->dict.count; i++) kinect |= is_camera_key(root->dict.pair[i].key, true);
-    for (size_t i = 0; i < root->dict.count; i++)
-        if (is_camera_key(root->dict.pair[i].key, kinect) && camera_is(root->dict.pair[i].item)) {
-            if (out) out[n] = root->dict.pair[i].item;
+    if (dict->kind != VALUE_DICT) return 0;
+    for (size_t i = 0; i < dict->dict.count; i++) kinect |= is_camera_key(dict->dict.pair[i].key, true);
+    for (size_t i = 0; i < dict->dict.count; i++)
+        if (is_camera_key(dict->dict.pair[i].key, kinect) && camera_is(dict->dict.pair[i].item)) {
+            if (out) out[n] = dict->dict.pair[i].item;
             n++;
         }
     return n;
+}
+
+/* The camera dicts of a file in order: "cameras": [...], or name -> camera. out NULL: counts them. */
+static size_t camera_values(const value *root, const value **out) {
+    const value *cameras = value_get(root, "cameras"), *one = value_get(root, "camera"),
+                *frames = value_get(root, "frames");
+    if (cameras && cameras->kind == VALUE_LIST) return list_values(cameras, out);
+    /* NeRF's transforms.json: the lens may be beside the frames */
+    if (frames && frames->kind == VALUE_LIST && value_get(value_at(frames, 0), "transform_matrix"))
+        return list_values(frames, out);
+    if (!one) one = root;
+    if (!camera_is(one)) return named_values(cameras ? cameras : one, out);
+    if (out) out[0] = one;
+    return 1;
 }
 
 sherf_status cameras_read(context *c, const char *path, const int size[2], parsed_camera **out, int *count) {

@@ -75,7 +75,7 @@ static int run(int count, char **argument) {
     return verb_run(v, count - 2, argument + 2);
 }
 
-/* By default the OpenMP runtime lets idle threads spin for milliseconds, which halves the speed of all as
+/* By default the OpenMP runtime lets idle threads spin for milliseconds, which halves everyone's speed as
  * soon as two programs share the cores. It reads its settings before main, so a shorter spin (some tens of
  * microseconds with gcc's runtime, which obeys the count before the policy; none with LLVM's) needs a second
  * start. A policy set by the user stays. */

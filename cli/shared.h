@@ -47,7 +47,7 @@
      "keep the network's colours and haze; otherwise frames get the picture's detail, and haze is cleared"}
 #define SHARED_EXACT(to)                                                                                     \
     {0, "exact", OPTION_FLAG, to, NULL,                                                                      \
-     "query every point near the body; otherwise only points with weight, and in bf16 those in front of "    \
+     "query every point near the body; otherwise only points with weight, and on a GPU those in front of "    \
      "99.9 % opacity and outside empty space"}
 /* clang-format on */
 

@@ -335,8 +335,8 @@ typedef struct {
     float background[3]; /* RGB in [0, 1]; the paper's is black */
     int samples;         /* depths per ray; 0: SHERF_SAMPLES_AUTO */
     int exact;  /* non-zero: the network is queried at every point near the body. 0: points of little weight
-                   take their value from a grid of 1 cm, which is computed with the avatar's first frame; in
-                   bf16 that grid only tells which space is empty, and points behind 99.9 % opacity are left
+                   take their value from a grid of 1 cm, which is computed with the avatar's first frame; on a
+                   GPU that grid only tells which space is empty, and points behind 99.9 % opacity are left
                    out */
     int detail; /* 0: SHERF_DETAIL_ON */
 } sherf_render_options;

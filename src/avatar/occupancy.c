@@ -215,9 +215,9 @@ void lazy_occupancy_free(lazy_occupancy *l) {
     mem_free(l);
 }
 
-/* Where products are cheap, in bf16 and on a GPU, only empty space is skipped. */
-static bool takes_coarse(const context *c, const sherf_avatar *a) {
-    return c->precision == SHERF_PRECISION_FP32 && !avatar_takes_joints(a);
+/* Where whole frames are made on a GPU, only empty space is skipped. */
+static bool takes_coarse(const sherf_avatar *a) {
+    return !avatar_takes_joints(a);
 }
 
 sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_model *body,
@@ -226,8 +226,8 @@ sherf_status avatar_occupancy(context *c, const sherf_avatar *a, const body_mode
     sherf_status status = SHERF_OK;
     pthread_mutex_lock(&l->lock);
     if (!l->looked) {
-        status = takes_coarse(c, a) ? coarse_field_find(c, a, body, &l->cells, &l->coarse)
-                                    : occupancy_find(c, a, body, &l->cells);
+        status = takes_coarse(a) ? coarse_field_find(c, a, body, &l->cells, &l->coarse)
+                                 : occupancy_find(c, a, body, &l->cells);
         l->looked = status == SHERF_OK;
     }
     pthread_mutex_unlock(&l->lock);

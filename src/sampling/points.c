@@ -244,7 +244,8 @@ static void drop_empty(const points_job *job, int64_t chunk) {
 /* Transmittance below which the rest of a ray is hidden; the total weight that samples may have without being
  * queried. */
 static const float hidden = 3e-3f, spared = 0.1f;
-/* Where pixels are closer together than this, only every other sample is queried. */
+/* Where pixels are closer together than this, the weights from which samples are queried are larger and, in
+ * float32, only every other one is queried: in bf16 products are cheap. */
 static const float sparse_m = 0.005f;
 
 /* Samples of a ray that are near the body, from front to back. */
@@ -557,7 +558,7 @@ sherf_status coarse_points_create(context *c, const body_model *body, const pose
                       .rays = rays,
                       .coarse = coarse,
                       .heavy_per_m = fine ? 3 : 0.5f,
-                      .sparse = fine,
+                      .sparse = fine && c->precision == SHERF_PRECISION_FP32,
                       .answer = out};
     *out = (coarse_points){0};
     return points_make(c, &job, samples, false, &out->queried);

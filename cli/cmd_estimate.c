@@ -105,7 +105,8 @@ static int one(session *s, const sherf_estimator *n, const sherf_body *body, con
         cJSON_AddStringToObject(said, "observation", folder);
         cJSON_AddItemToArray(json, said);
     } else if (!status) {
-        session_remark("%s: the observation; look at %s/overlay.png", folder, folder);
+        const bool slash = folder[strlen(folder) - 1] == '/';
+        session_remark("%s: the observation; look at %s%soverlay.png", folder, folder, slash ? "" : "/");
     }
     sherf_estimate_free(e);
     return status;

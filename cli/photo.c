@@ -34,7 +34,7 @@ int photo_estimator(session *s, sherf_estimator **out) {
     return path ? session_status(s, sherf_estimator_load(s->context, path, out)) : EXIT_FAILED;
 }
 
-static void warn(const char *path, const sherf_estimate_facts *f) {
+static void warn(const char *path, unsigned warnings) {
     static const struct {
         unsigned bit;
         const char *text;
@@ -48,7 +48,7 @@ static void warn(const char *path, const sherf_estimate_facts *f) {
         {SHERF_ESTIMATE_MASK_CUT, "the cut-out may end before the person does"},
     };
     for (size_t i = 0; i < sizeof lines / sizeof *lines; i++)
-        if (f->warnings & lines[i].bit) session_remark("%s: %s", path, lines[i].text);
+        if (warnings & lines[i].bit) session_remark("%s: %s", path, lines[i].text);
 }
 
 static void say(const char *path, const sherf_estimate_facts *f) {
@@ -62,11 +62,11 @@ static void say(const char *path, const sherf_estimate_facts *f) {
         "height off (%.1f s)",
         path, which, f->person_px, 100 * f->mask_covered, 100 * f->landmarks_off,
         1e-3 * (f->find_ms + f->mask_ms + f->fit_ms));
-    warn(path, f);
 }
 
-int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
-                   sherf_estimate **out) {
+/* Estimates, and prints the line about the result, without the warnings. */
+static int estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
+                    sherf_estimate **out) {
     const sherf_estimate_options o = {
         .person = (int)photo_wanted.person, .focal_px = photo_wanted.focal_px, .mask = photo_wanted.mask};
     const int status = session_status(s, sherf_estimate_photo(s->context, n, body, path, &o, out));
@@ -74,12 +74,29 @@ int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body,
     return status;
 }
 
+int photo_estimate(session *s, const sherf_estimator *n, const sherf_body *body, const char *path,
+                   sherf_estimate **out) {
+    const int status = estimate(s, n, body, path, out);
+    if (!status) warn(path, sherf_estimate_found(*out)->warnings);
+    return status;
+}
+
+/* The face is a guess only where every photo is from behind. */
+static void warn_all(int count, const char *const *path, sherf_estimate *const *e) {
+    unsigned unless = SHERF_ESTIMATE_FROM_BEHIND;
+    for (int i = 0; i < count; i++) unless &= sherf_estimate_found(e[i])->warnings;
+    for (int i = 0; i < count; i++)
+        warn(path[i],
+             sherf_estimate_found(e[i])->warnings & (~(unsigned)SHERF_ESTIMATE_FROM_BEHIND | unless));
+}
+
 /* Estimates several photos of one person, with one shape, and draws the requested picture. */
 static int estimate_all(session *s, const sherf_body *body, int count, const char *const *path,
                         sherf_estimate **e) {
     sherf_estimator *n = NULL;
     int status = photo_estimator(s, &n);
-    for (int i = 0; i < count && !status; i++) status = photo_estimate(s, n, body, path[i], &e[i]);
+    for (int i = 0; i < count && !status; i++) status = estimate(s, n, body, path[i], &e[i]);
+    if (!status) warn_all(count, path, e);
     if (!status) status = session_status(s, sherf_estimate_share_shape(s->context, body, count, e));
     if (!status && photo_wanted.overlay)
         status = session_status(s, sherf_estimate_overlay(s->context, e[0], body, photo_wanted.overlay));

@@ -538,7 +538,7 @@ static void last_weights_are_others(void **state) {
 
 /* A photo instead of an observation, and as a folder to correct; each photo fails separately. */
 static void photos(void **state) {
-    const char *const photo = "../assets/demo/photo.jpg";
+    const char *const photo = "../assets/demo/photo.jpg", *const back = "../assets/demo/photo-back.jpg";
     char text[2048], out[2100], avatar[2048], overlay[2048], folder[2048];
     setenv("SHERF_ASSETS", "../assets", 1);
     snprintf(text, sizeof text, "%s", test_path("text.jpg"));
@@ -557,6 +557,17 @@ static void photos(void **state) {
     assert_int_equal(cJSON_GetArraySize(cJSON_GetObjectItem(said, "warnings")), 0);
     cJSON_Delete(json);
     assert_int_equal(run("check %s -b ../assets/body.safetensors", out)->status, 0);
+    o = run("estimate %s -o %s/", photo, out);
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "one/overlay.png");
+    /* The front shows the face that the back does not. */
+    o = run("avatar %s -o %s", back, avatar);
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "seen from behind");
+    o = run("avatar %s %s -o %s", photo, back, avatar);
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "photo-back.jpg: one person");
+    assert_null(strstr(o->err, "seen from behind"));
     text_write(text, "<!DOCTYPE html><html></html>");
     snprintf(folder, sizeof folder, "%s", test_path("many"));
     o = run("estimate %s %s -o %s", text, photo, folder);

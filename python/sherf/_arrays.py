@@ -28,7 +28,7 @@ def numbers(value: Any, what: str) -> npt.NDArray[Any]:
     except (ValueError, TypeError) as error:
         raise ValueError(f"{what}: no array can be made of it ({error})") from None
     if array.dtype.kind not in "biuf":
-        raise TypeError(f"{what}: numbers are wanted, not {array.dtype}")
+        raise TypeError(f"{what}: expected numbers, not {array.dtype}")
     return array
 
 
@@ -36,7 +36,7 @@ def floats(value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
     """A new finite float32 array of `shape`; `value` has that shape or is flat. Raises TypeError or ValueError."""
     array = numbers(value, what)
     if array.shape != shape and array.shape != (int(np.prod(shape)),):
-        raise ValueError(f"{what}: {_shape_text(shape)} numbers are wanted, not {_shape_text(array.shape)}")
+        raise ValueError(f"{what}: expected {_shape_text(shape)} numbers, not {_shape_text(array.shape)}")
     with np.errstate(over="ignore"):
         out = np.array(array, np.float32, order="C").reshape(shape)
     if not np.isfinite(out).all():
@@ -54,13 +54,13 @@ def picture(value: Any, channels: int, what: str) -> FloatArray:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] != channels:
         wanted = "height x width" + (f" x {channels}" if channels > 1 else "")
-        raise ValueError(f"{what}: {wanted} is wanted, not {_shape_text(array.shape)}")
+        raise ValueError(f"{what}: expected {wanted}, not {_shape_text(array.shape)}")
     if not 1 <= min(array.shape[:2]) <= max(array.shape[:2]) <= _LARGEST:
         raise ValueError(f"{what}: {_shape_text(array.shape[:2])} pixels are none or too many")
     if array.dtype == np.uint8:
         return np.ascontiguousarray(array, np.float32) / np.float32(255)
     if array.dtype.kind in "iu":
-        raise TypeError(f"{what}: uint8 (0 to 255), bool or floats (0 to 1) are wanted, not {array.dtype}")
+        raise TypeError(f"{what}: expected uint8 (0 to 255), bool or floats (0 to 1), not {array.dtype}")
     with np.errstate(over="ignore"):
         out = np.array(array, np.float32, order="C")
     if not np.isfinite(out).all():
@@ -93,7 +93,7 @@ def whole(value: Any, low: int, high: int, what: str) -> int:
     try:
         number = operator.index(value)
     except TypeError:
-        raise TypeError(f"{what}: a whole number is wanted, not {value!r}") from None
+        raise TypeError(f"{what}: expected a whole number, not {value!r}") from None
     if not low <= number <= high:
         raise ValueError(f"{what}: {number} is not {low} to {high}")
     return number
@@ -104,7 +104,7 @@ def real(value: Any, what: str) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"{what}: a number is wanted, not {value!r}") from None
+        raise TypeError(f"{what}: expected a number, not {value!r}") from None
     if not np.isfinite(number):
         raise ValueError(f"{what}: {number} is not finite")
     return number
@@ -114,5 +114,5 @@ def size_of(value: Any, what: str = "size") -> tuple[int, int]:
     """(width, height) in pixels, from one number or two. Raises TypeError or ValueError."""
     pair = value if isinstance(value, (tuple, list)) else (value, value)
     if len(pair) != 2:
-        raise ValueError(f"{what}: one number or (width, height) is wanted, not {value!r}")
+        raise ValueError(f"{what}: expected one number or (width, height), not {value!r}")
     return whole(pair[0], 1, _LARGEST, what), whole(pair[1], 1, _LARGEST, what)

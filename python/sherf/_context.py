@@ -91,7 +91,7 @@ class Context(Object):
         if not isinstance(threads, int) or not 0 <= threads <= 4096:
             raise ValueError(f"threads: {threads!r} is not 0 to 4096")
         if progress is not None and not callable(progress):
-            raise TypeError("progress: a function is wanted")
+            raise TypeError("progress: expected a function")
         work = _Work(progress)
         keep = (LOG_FUNCTION(work.on_log), PROGRESS_FUNCTION(work.on_progress))
         chosen = choice(device, DEVICES, "device")
@@ -169,7 +169,7 @@ def context_or_default(context: Context | None) -> Context:
     if context is None:
         return default_context()
     if not isinstance(context, Context):
-        raise TypeError(f"context: a sherf.Context is wanted, not {type(context).__name__}")
+        raise TypeError(f"context: expected a sherf.Context, not {type(context).__name__}")
     return context
 
 
@@ -178,7 +178,7 @@ def path_bytes(path: Any, what: str = "path") -> bytes:
     try:
         encoded = os.fsencode(path)
     except TypeError:
-        raise TypeError(f"{what}: a path is wanted, not {type(path).__name__}") from None
+        raise TypeError(f"{what}: expected a path, not {type(path).__name__}") from None
     if not encoded or b"\0" in encoded:
         raise ValueError(f"{what}: {path!r} is no path")
     return encoded

@@ -108,6 +108,6 @@ def using(*objects: tuple[Object | None, type]) -> Iterator[list[int | None]]:
         pointers: list[int | None] = []
         for thing, kind in objects:
             if thing is not None and not isinstance(thing, kind):
-                raise TypeError(f"a sherf.{kind.__name__} is wanted, not {type(thing).__name__}")
+                raise TypeError(f"expected a sherf.{kind.__name__}, not {type(thing).__name__}")
             pointers.append(None if thing is None else stack.enter_context(thing._handle.use()))
         yield pointers

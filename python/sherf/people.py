@@ -79,7 +79,7 @@ def _data(array: FloatArray) -> Any:
 def struct_of(thing: Any, kind: type[Pose] | type[Camera]) -> Any:
     """The library's struct of a pose or camera. Raises TypeError if `thing` is not a `kind`."""
     if not isinstance(thing, kind):
-        raise TypeError(f"a sherf.{kind.__name__} is wanted, not {type(thing).__name__}")
+        raise TypeError(f"expected a sherf.{kind.__name__}, not {type(thing).__name__}")
     return thing.struct()
 
 

@@ -159,6 +159,7 @@ static bool smplx_told(const value *v) {
     for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
         const value *key = v->dict.pair[i].key, *item = v->dict.pair[i].item;
         if (key->kind != VALUE_STRING || !item || item->kind == VALUE_NONE) continue;
+        if (!strcasecmp(key->string.text, "eye")) continue; /* a camera's place */
         if (has_word(key->string.text, words, COUNT_OF(words))) return true;
     }
     return value_get(v, "smpl_params_incam") || value_get(v, "smpl_params_global");

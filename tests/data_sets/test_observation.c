@@ -179,6 +179,7 @@ static void smplx_bodies(void **state) {
         float Th[3];
     } cases[] = {
         {"{\"body_pose\": %s, \"transl\": [4, 5, 6], \"left_hand_pose\": [0]}", {4, 5, 6}}, /* SMPL+H */
+        {"{\"body_pose\": %s, \"transl\": [4, 5, 6], \"eye\": [0, 1, 3]}", {4, 5, 6}},      /* a camera's */
         {"{\"body_pose\": %s, \"transl\": [4, 5, 6], \"jaw_pose\": [0, 0, 0]}", {4.0049f, 4.8719f, 5.9838f}},
         {"{\"body_pose\": %s, \"cam_t\": [4, 5, 6], \"expression\": [0]}", {4.0049f, 4.8719f, 5.9838f}},
         {"{\"smplx_body_pose\": %s, \"cam_trans\": [4, 5, 6]}", {4.0049f, 4.8719f, 5.9838f}},

@@ -127,6 +127,8 @@ const char *image_other_kind(const unsigned char *data, size_t n) {
         SIGN(0, "PAR1", "a Parquet table"),
         SIGN(0, "PXR-USDC", "a USD scene: export it as BVH, FBX or GLB"),
         SIGN(0, "Ogawa", "an Alembic scene: export it as BVH, FBX or GLB"),
+        SIGN(0, "glTF", "a GLB, of which sherf animate reads the animation"),
+        SIGN(0, "Kaydara FBX", "an FBX, of which sherf animate reads the animation"),
         SIGN(0, "BLENDER", "a Blender file: export it as BVH, FBX or GLB"),
         SIGN(0, "Vocaloid Motion Data", "a motion of MikuMikuDance (VMD): export it as BVH, FBX or GLB"),
         SIGN(0, "\x02P", "a C3D of markers, which has no joints: fit a body to it first"),

@@ -259,6 +259,12 @@ static void other_programs(void **state) {
         fclose(out);
         refused(f, path, NULL, SHERF_BAD_FILE, files[i].says);
     }
+    FILE *glb = fopen(path, "wb"); /* a motion, but nothing that the other verbs read */
+    fputs("glTF\2", glb);
+    fclose(glb);
+    char *text;
+    assert_int_equal(sherf_info(f->c, path, 0, &text), SHERF_BAD_FILE);
+    assert_non_null(strstr(sherf_message(f->c), "a GLB, of which sherf animate reads the animation"));
 }
 
 /* In (F, 24, 3) the lengths of limbs distinguish positions from rotations. A leading axis of 1 is dropped. */

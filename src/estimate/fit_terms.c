@@ -12,7 +12,7 @@
 typedef struct {
     fit_problem *p;
     const fit_state *s;
-    fit_equations *e; /* NULL: only the cost is wanted */
+    fit_equations *e; /* NULL: only computes the cost */
     double cost, up[3], up_pitch[3], up_roll[3], focal;
 } terms;
 

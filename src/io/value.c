@@ -55,7 +55,7 @@ void *build_memory(builder *b, size_t count, size_t size) {
     size_t bytes;
     if (b->status != SHERF_OK) return NULL;
     if (__builtin_mul_overflow(count, size, &bytes) || bytes > b->limit - b->used)
-        return build_fail(b, SHERF_BAD_FILE, "asks for more memory than a file of its size may (%zu MB)",
+        return build_fail(b, SHERF_BAD_FILE, "needs more memory than a file of its size may (%zu MB)",
                           b->limit >> 20);
     bytes = bytes ? (bytes + 15) & ~(size_t)15 : 16;
     void *p = NULL;

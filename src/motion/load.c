@@ -94,7 +94,7 @@ static sherf_status motion_options_check(context *c, const sherf_motion_options 
 static sherf_status apply_time(context *c, clip *k, const sherf_motion_options *o) {
     int last = o->last && o->last < k->frames ? o->last : k->frames - 1;
     if (o->first > last)
-        return failure(c, SHERF_BAD_ARGUMENT, "frame %d is wanted first, but there are %d", o->first,
+        return failure(c, SHERF_BAD_ARGUMENT, "frame %d cannot be the first of %d, counted from 0", o->first,
                        k->frames);
     sherf_status status = clip_crop(c, k, o->first, last - o->first + 1);
     if (!status) status = clip_smooth(c, k, o->smooth_s);

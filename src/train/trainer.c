@@ -341,7 +341,7 @@ static sherf_status surfaces_check(trainer *t) {
     if (!t->model->config.kind->surfaces) return SHERF_OK;
     if (t->state.targets > 1)
         return failure(t->c, SHERF_BAD_ARGUMENT,
-                       "a %s learns from surfaces and has no target pictures, %d were asked for", name,
+                       "a %s learns from surfaces and has no target pictures, %d were requested", name,
                        t->state.targets);
     if (t->state.estimated > 0)
         return failure(t->c, SHERF_UNSUPPORTED,

@@ -6,38 +6,11 @@
 #include <immintrin.h>
 #endif
 
-#include "sampling/coarse.h"
-#include "scene/ray.h"
+#include "sampling/points_inside.h"
 
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to
  * make, which was half of the time of a picture of 128. */
 static const float voxel_m = 0.04f;
-
-/* ---- one frame's work ---- */
-typedef struct {
-    const body_model *body;
-    const posed_body *target, *observation;
-    const sherf_camera *camera;
-    const ray_bundle *rays;
-    int samples, words; /* words: 64-bit words of sample bits a ray */
-    int64_t chunk;      /* rays of one piece of work */
-    const vertex_grid *grid;
-    const vertex_shell *shell;
-    const occupancy_grid *empty; /* or NULL */
-    /* coarse frames only: `out` has the queried samples, `sample` the bits of all */
-    const coarse_field *coarse;
-    coarse_points *answer;
-    float heavy_per_m;  /* samples with a larger weight per metre of their ray are queried */
-    bool sparse;        /* every other sample is queried */
-    uint64_t *query;    /* rays x words: bits of the queried samples */
-    float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
-    float *fraction;    /* depth i = near + (far - near) * fraction[i] */
-    uint64_t *sample;   /* rays x words: first the candidates, then the kept */
-    int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
-    int32_t *nearest;   /* of the kept, by chunk from candidate[chunk] on */
-    int32_t *kept;      /* chunks */
-    point_set *out;
-} points_job;
 
 /* A ray in the target's voxels: place = from + t * step. */
 typedef struct {
@@ -146,15 +119,6 @@ static test_function *test_best(void) {
     return test_plain;
 }
 
-static int64_t chunk_count(const points_job *job) {
-    return (job->out->rays + job->chunk - 1) / job->chunk;
-}
-
-static int64_t chunk_end(const points_job *job, int64_t chunk) {
-    int64_t end = (chunk + 1) * job->chunk;
-    return end < job->out->rays ? end : job->out->rays;
-}
-
 /* Pass 1: candidates by voxel; candidate[chunk + 1] is their number. */
 static void find_candidates(const points_job *job, int64_t chunk, test_function *test) {
     int64_t count = 0;
@@ -173,13 +137,6 @@ static void find_candidates(const points_job *job, int64_t chunk, test_function 
         }
     }
     job->candidate[chunk + 1] = count;
-}
-
-static inline void sample_smpl(const points_job *job, int64_t n, int i, float out[3]) {
-    const ray_bundle *r = job->rays;
-    const float *R = job->target->R, *Th = job->target->Th, *d = r->direction + 3 * n;
-    const float t = r->near[n] + (r->far[n] - r->near[n]) * job->fraction[i];
-    ray_point_smpl(r->origin_world, d, t, R, Th, out);
 }
 
 /* Pass 2: the exact test; `sample` keeps the bits of samples closer than 5 cm, first[n + 1] their number. */
@@ -239,130 +196,6 @@ static void drop_empty(const points_job *job, int64_t chunk) {
     job->kept[chunk] = total;
 }
 
-/* ---- coarse frames: pass 2 ---- */
-
-/* Transmittance below which the rest of a ray is hidden; the total weight that samples may have without being
- * queried. */
-static const float hidden = 3e-3f, spared = 0.1f;
-/* Where pixels are closer together than this, the weights from which samples are queried are larger and, in
- * float32, only every other one is queried: in bf16 products are cheap. */
-static const float sparse_m = 0.005f;
-
-/* Samples of a ray that are near the body, from front to back. */
-typedef struct {
-    int count, sample[8];
-    int32_t nearest[8];
-    float place[3 * 8];
-} walk_step;
-
-/* Takes a word's next candidates; skips those not near the body. */
-static uint64_t step_on(const points_job *job, int64_t n, int word, uint64_t bits, int32_t *guess,
-                        walk_step *s) {
-    for (s->count = 0; bits && s->count < (int)COUNT_OF(s->sample); bits &= bits - 1) {
-        float *x = s->place + 3 * s->count;
-        s->sample[s->count] = 64 * word + __builtin_ctzll(bits);
-        sample_smpl(job, n, s->sample[s->count], x);
-        const int32_t found = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
-        if (found < 0) continue;
-        s->nearest[s->count++] = *guess = found;
-    }
-    deform_to_canonical(job->body, job->target, s->count, s->place, NULL, s->nearest, s->place, NULL);
-    return bits;
-}
-
-/* A ray's samples with density. */
-typedef struct {
-    int count, sample[POINT_SAMPLES_MAX];
-    int32_t nearest[POINT_SAMPLES_MAX];
-    float weight[POINT_SAMPLES_MAX]; /* by the coarse field */
-} walk;
-
-/* Metres between two samples. */
-static float step_of(const points_job *job, int64_t n) {
-    const ray_bundle *r = job->rays;
-    const float *d = r->direction + 3 * n;
-    const float step = job->samples > 1 ? (r->far[n] - r->near[n]) / (float)(job->samples - 1) : 0;
-    return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-}
-
-/* Goes from front to back until the rest is hidden; writes the coarse field's values to value. */
-static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *k) {
-    const float delta = step_of(job, n);
-    float light = 1;
-    int32_t guess = -1;
-    walk_step s;
-    k->count = 0;
-    for (int w = 0; w < job->words; w++) {
-        uint64_t bits = job->sample[n * job->words + w];
-        while (bits && light > hidden) {
-            bits = step_on(job, n, w, bits, &guess, &s);
-            for (int i = 0; i < s.count && light > hidden; i++) {
-                coarse_at(job->coarse, s.place + 3 * i, value[k->count]);
-                const float sigma = value[k->count][0];
-                if (!(sigma > 0)) continue;
-                const float passes = s.sample[i] + 1 < job->samples ? expf(-sigma * delta) : 0;
-                k->sample[k->count] = s.sample[i];
-                k->nearest[k->count] = s.nearest[i];
-                k->weight[k->count++] = light * (1 - passes);
-                light *= passes;
-            }
-        }
-    }
-}
-
-/* The weight from which samples are queried, so that the weights below it sum to at most `spared`. */
-static float weight_threshold(const walk *k, float heavy) {
-    for (float threshold = heavy;; threshold *= 0.7f) {
-        float sum = 0;
-        for (int i = 0; i < k->count; i++) sum += k->weight[i] < threshold ? k->weight[i] : 0;
-        if (sum <= spared) return threshold;
-    }
-}
-
-static void walk_rays(const points_job *job, int64_t chunk) {
-    int32_t *nearest = job->nearest + job->candidate[chunk], queried = 0;
-    float(*value)[4] = job->value + job->candidate[chunk];
-    walk k;
-    for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
-        uint64_t *kept = job->sample + n * job->words, *query = job->query + n * job->words;
-        const int32_t before = queried;
-        const int place = (int)(n % job->rays->width + n / job->rays->width);
-        walk_ray(job, n, value, &k);
-        memset(kept, 0, (size_t)job->words * sizeof *kept);
-        const float threshold = weight_threshold(&k, job->heavy_per_m * step_of(job, n));
-        for (int i = 0; i < k.count; i++) {
-            const uint64_t bit = (uint64_t)1 << (k.sample[i] % 64);
-            kept[k.sample[i] / 64] |= bit;
-            value[i][0] =
-                k.weight[i] < threshold ? value[i][0] : -value[i][0]; /* fill_coarse takes it back */
-            if (k.weight[i] < threshold || (job->sparse && (place + k.sample[i]) % 2)) continue;
-            query[k.sample[i] / 64] |= bit;
-            nearest[queried++] = k.nearest[i];
-        }
-        value += k.count;
-        job->answer->all.first[n + 1] = k.count;
-        job->out->first[n + 1] = queried - before;
-    }
-    job->kept[chunk] = queried;
-}
-
-/* Pass 3 for all of them. */
-static void fill_coarse(const points_job *job, int64_t chunk) {
-    coarse_points *a = job->answer;
-    const float(*value)[4] = (const float(*)[4])job->value + job->candidate[chunk];
-    const int64_t begin = chunk * job->chunk;
-    int32_t at = a->all.first[begin], queried = job->out->first[begin];
-    for (int64_t n = begin; n < chunk_end(job, chunk); n++)
-        for (int w = 0; w < job->words; w++)
-            for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1, at++, value++) {
-                a->all.sample[at] = 64 * w + __builtin_ctzll(bits);
-                a->sigma[at] = fabsf((*value)[0]);
-                for (int k = 0; k < 3; k++) a->rgb[3 * at + k] = (*value)[k + 1];
-                const bool heavy = (*value)[0] < 0, query = job->query[n * job->words + w] & bits & -bits;
-                a->queried_at[at] = query ? queried++ : heavy ? COARSE_MOVED : COARSE_KEPT;
-            }
-}
-
 /* Pass 3: the kept points' numbers, places and projections. */
 static void fill_points(const points_job *job, int64_t chunk) {
     enum { BATCH = 256 };
@@ -418,19 +251,6 @@ static sherf_status points_allocate(context *c, const points_job *job, bool keep
     return SHERF_OK;
 }
 
-static sherf_status coarse_allocate(context *c, points_job *job) {
-    coarse_points *a = job->answer;
-    point_set *all = &a->all;
-    for (int64_t n = 0; n < all->rays; n++) all->first[n + 1] += all->first[n];
-    all->count = all->first[all->rays];
-    const size_t n = (size_t)all->count;
-    all->sample = mem_alloc(c, n, sizeof *all->sample);
-    a->rgb = mem_alloc(c, n, 3 * sizeof *a->rgb);
-    a->sigma = mem_alloc(c, n, sizeof *a->sigma);
-    a->queried_at = mem_alloc(c, n, sizeof *a->queried_at);
-    return all->sample && a->rgb && a->sigma && a->queried_at ? SHERF_OK : SHERF_NO_MEMORY;
-}
-
 /* Room for pass 1, and for pass 2 where its numbers do not depend on pass 1. */
 static sherf_status rays_allocate(context *c, points_job *job, int64_t chunks) {
     point_set *p = job->out;
@@ -467,7 +287,7 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
     for (int64_t i = 0; i < chunks; i++) {
         if (job->coarse)
-            walk_rays(job, i);
+            points_walk(job, i);
         else
             keep_near(job, i);
         if (job->empty) drop_empty(job, i);
@@ -475,11 +295,11 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     for (int64_t n = 0; n < p->rays; n++) p->first[n + 1] += p->first[n];
     p->count = p->first[p->rays];
     if ((status = points_allocate(c, job, keep_stages, p)) != SHERF_OK) return status;
-    if (job->coarse && (status = coarse_allocate(c, job)) != SHERF_OK) return status;
+    if (job->coarse && (status = points_allocate_coarse(c, job)) != SHERF_OK) return status;
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
     for (int64_t i = 0; i < chunks; i++) {
         fill_points(job, i);
-        if (job->coarse) fill_coarse(job, i);
+        if (job->coarse) points_fill_coarse(job, i);
     }
     return SHERF_OK;
 }
@@ -497,8 +317,7 @@ sherf_status points_prepare(context *c, const body_model *body, posed_body *targ
     return target->near ? SHERF_OK : grid_create(c, body, target, &target->near);
 }
 
-/* The job's `out` is made here; it has the model's points. */
-static sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out) {
+sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out) {
     const ray_bundle *rays = job->rays;
     *out = NULL;
     if (samples < 1 || samples > POINT_SAMPLES_MAX)
@@ -544,24 +363,6 @@ sherf_status points_create(context *c, const body_model *body, const posed_body 
                       .rays = rays,
                       .empty = empty && empty->bit ? empty : NULL};
     return points_make(c, &job, samples, keep_stages, out);
-}
-
-sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
-                                  const ray_bundle *rays, int samples, const posed_body *observation,
-                                  const sherf_camera *observation_camera, const coarse_field *coarse,
-                                  coarse_points *out) {
-    const bool fine = rays_pitch(rays) < sparse_m;
-    points_job job = {.body = body,
-                      .target = target,
-                      .observation = observation,
-                      .camera = observation_camera,
-                      .rays = rays,
-                      .coarse = coarse,
-                      .heavy_per_m = fine ? 3 : 0.5f,
-                      .sparse = fine && c->precision == SHERF_PRECISION_FP32,
-                      .answer = out};
-    *out = (coarse_points){0};
-    return points_make(c, &job, samples, false, &out->queried);
 }
 
 void points_free(point_set *p) {

@@ -1,0 +1,61 @@
+/* What makes the samples near the body shares with what makes those of a coarse frame. */
+#ifndef SHERF_POINTS_INSIDE_H
+#define SHERF_POINTS_INSIDE_H
+
+#include "sampling/coarse.h"
+#include "scene/ray.h"
+
+/* ---- one frame's work ---- */
+typedef struct {
+    const body_model *body;
+    const posed_body *target, *observation;
+    const sherf_camera *camera;
+    const ray_bundle *rays;
+    int samples, words; /* words: 64-bit words of sample bits a ray */
+    int64_t chunk;      /* rays of one piece of work */
+    const vertex_grid *grid;
+    const vertex_shell *shell;
+    const occupancy_grid *empty; /* or NULL */
+    /* coarse frames only: `out` has the queried samples, `sample` the bits of all */
+    const coarse_field *coarse;
+    coarse_points *answer;
+    float heavy_per_m;  /* samples with a larger weight per metre of their ray are queried */
+    bool sparse;        /* every other sample is queried */
+    uint64_t *query;    /* rays x words: bits of the queried samples */
+    float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
+    float *fraction;    /* depth i = near + (far - near) * fraction[i] */
+    uint64_t *sample;   /* rays x words: first the candidates, then the kept */
+    int64_t *candidate; /* chunks + 1: the first slot of a chunk in `nearest` */
+    int32_t *nearest;   /* of the kept, by chunk from candidate[chunk] on */
+    int32_t *kept;      /* chunks */
+    point_set *out;
+} points_job;
+
+static inline int64_t chunk_count(const points_job *job) {
+    return (job->out->rays + job->chunk - 1) / job->chunk;
+}
+
+static inline int64_t chunk_end(const points_job *job, int64_t chunk) {
+    int64_t end = (chunk + 1) * job->chunk;
+    return end < job->out->rays ? end : job->out->rays;
+}
+
+static inline void sample_smpl(const points_job *job, int64_t n, int i, float out[3]) {
+    const ray_bundle *r = job->rays;
+    const float *R = job->target->R, *Th = job->target->Th, *d = r->direction + 3 * n;
+    const float t = r->near[n] + (r->far[n] - r->near[n]) * job->fraction[i];
+    ray_point_smpl(r->origin_world, d, t, R, Th, out);
+}
+
+/* The job's `out` is made here; it has the model's points. */
+sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out);
+
+/* ---- coarse frames (points_coarse.c) ---- */
+/* Pass 2: goes along a chunk's rays and chooses the samples to query. */
+void points_walk(const points_job *job, int64_t chunk);
+/* Between passes 2 and 3. */
+sherf_status points_allocate_coarse(context *c, points_job *job);
+/* Pass 3 for all samples. */
+void points_fill_coarse(const points_job *job, int64_t chunk);
+
+#endif

@@ -58,6 +58,7 @@ typedef struct posed_body {
     float joints_smpl[BODY_JOINTS][3];
     float transform[BODY_JOINTS][12]; /* A_k: rest to posed, relative to the rest pose */
     float R[9], Th[3];                /* body to world */
+    isa_level isa;                    /* of the loops over points (deform.c) */
     float min_smpl[3], max_smpl[3];
     /* V x 12: the complete map of a point whose nearest vertex is v (see deform.c). If the blended rotation
      * is singular, the vertex follows its heaviest joint only. */
@@ -68,6 +69,7 @@ typedef struct posed_body {
     /* V x 12, as from_canonical, for features: from canonical space to the place in the world at which a
      * point is read in the picture (scene.h, body_read_pictures). NULL: its own place. */
     float *read_from;
+    uint8_t *together;  /* with read_from, by neighbour of body_model: maps_join (deform_point.h) */
     int32_t *seen;      /* V, with read_from: whether the picture shows the vertex */
     joint_pose *joints; /* from posed_joints_create only, which leaves out all per-vertex data */
 } posed_body;

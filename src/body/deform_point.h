@@ -2,6 +2,7 @@
 #ifndef SHERF_DEFORM_POINT_H
 #define SHERF_DEFORM_POINT_H
 
+#include <math.h>
 #include <string.h>
 
 #include "body/body.h"
@@ -17,6 +18,7 @@ typedef struct {
     float blend_m;
     const int32_t *neighbour_first, *neighbour;
     bool apart; /* some maps lead to other places than their neighbours' (maps_part); these are not blended */
+    const uint8_t *together; /* by neighbour: whether maps_join; NULL: unknown */
 } vertex_mapping;
 
 HOST_AND_DEVICE static inline bool map_mirrors(const float *m) {
@@ -39,6 +41,27 @@ HOST_AND_DEVICE static inline bool maps_part(const float *a, const float *b, con
     map_point(b, x, other);
     for (int k = 0; k < 3; k++) d += (to[k] - other[k]) * (to[k] - other[k]);
     return d > far_m * far_m;
+}
+
+/* From the vertex, which lies at x: the distance within which the next function's answer holds. */
+#define MAPS_JOIN_M 0.2f
+/* Whether two neighbours' maps surely lead to one place (not maps_part) from wherever is near x. */
+HOST_AND_DEVICE static inline bool maps_join(const float *a, const float *b, const float x[3]) {
+    const float near_m = 0.19f; /* less than maps_part's, for rounding */
+    float to[3], other[3], d = 0, turn = 0;
+    if (map_mirrors(a) != map_mirrors(b)) return false;
+    map_point(a, x, to);
+    map_point(b, x, other);
+    for (int k = 0; k < 3; k++) d += (to[k] - other[k]) * (to[k] - other[k]);
+    for (int k = 0; k < 12; k++) turn += k % 4 < 3 ? (a[k] - b[k]) * (a[k] - b[k]) : 0;
+    return sqrtf(d) + MAPS_JOIN_M * sqrtf(turn) < near_m;
+}
+
+/* Whether the map of v's neighbour number i is left out at x, which is d0 from v, squared. */
+HOST_AND_DEVICE static inline bool map_is_apart(const vertex_mapping *g, size_t v, int32_t i,
+                                                const float x[3], float d0) {
+    if (!g->apart || (g->together && g->together[i] && d0 < MAPS_JOIN_M * MAPS_JOIN_M)) return false;
+    return maps_part(g->maps + 12 * v, g->maps + 12 * (size_t)g->neighbour[i], x);
 }
 
 /* map += w * by */
@@ -65,7 +88,7 @@ HOST_AND_DEVICE static inline void map_blend(const vertex_mapping *g, size_t v, 
         float w = 1 - (d - d0) * reach;
         if (!(w > 0)) continue;
         const float *by = g->maps + 12 * (size_t)g->neighbour[i];
-        if (g->apart && maps_part(g->maps + 12 * v, by, x)) continue;
+        if (map_is_apart(g, v, i, x, d0)) continue;
         if (w > 1) w = 1; /* `nearest` is not actually the nearest */
         w *= w;
         sum += w;

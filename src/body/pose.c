@@ -231,6 +231,7 @@ sherf_status posed_body_create(context *c, const body_model *body, const float p
     p->from_canonical = mem_alloc(c, 12 * n, sizeof *p->from_canonical);
     if (!p->vertices_smpl || !p->pose_offset || !p->shape_offset || !p->to_canonical || !p->from_canonical)
         goto fail;
+    p->isa = isa_best();
     job->body = body;
     job->p = p;
     joints_make(body, pose_rad, shape, R, Th, &job->j, p);
@@ -256,6 +257,7 @@ void posed_body_free(posed_body *p) {
     mem_free(p->to_canonical);
     mem_free(p->from_canonical);
     mem_free(p->read_from);
+    mem_free(p->together);
     mem_free(p->seen);
     mem_free(p->joints);
     vertex_grid_free(p->near);

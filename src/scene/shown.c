@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "body/deform_point.h"
 #include "scene/scene.h"
 
 /* Vertices this much deeper than the body's first surface are hidden. */
@@ -342,14 +343,26 @@ static void make_maps(void *arg, int64_t begin, int64_t end, int thread) {
     }
 }
 
+static void find_together(void *arg, int64_t begin, int64_t end, int thread) {
+    const read_job *j = arg;
+    const body_model *body = j->body;
+    const float *maps = j->p->read_from;
+    for (int64_t v = begin; v < end; v++)
+        for (int32_t i = body->neighbour_first[v]; i < body->neighbour_first[v + 1]; i++)
+            j->p->together[i] = maps_join(maps + 12 * v, maps + 12 * (size_t)body->neighbour[i],
+                                          body->canonical->vertices_smpl + 3 * v);
+}
+
 sherf_status body_read_pictures(context *c, const body_model *body, int count, const body_picture *picture,
                                 bool mirror, posed_body *p) {
     const size_t V = (size_t)body->vertices;
     choice k = {.body = body, .count = count, .picture = picture};
     read_job j = {body, picture, p, NULL, NULL, mem_alloc(c, V, sizeof *j.read)};
     p->read_from = mem_alloc(c, V, 12 * sizeof *p->read_from);
+    p->together = mem_alloc(c, (size_t)body->neighbour_first[V] + 1, sizeof *p->together);
     p->seen = mem_alloc(c, V, sizeof *p->seen);
-    sherf_status status = j.read && p->read_from && p->seen ? SHERF_OK : SHERF_NO_MEMORY;
+    const bool room = j.read && p->read_from && p->together && p->seen;
+    sherf_status status = room ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK) status = choose(c, &k);
     if (status == SHERF_OK) {
         j.shown = k.shown + (size_t)count * V;
@@ -357,6 +370,7 @@ sherf_status body_read_pictures(context *c, const body_model *body, int count, c
         status = find_places(c, &j, mirror);
     }
     if (status == SHERF_OK) parallel_for(c, (int64_t)V, 1024, make_maps, &j);
+    if (status == SHERF_OK) parallel_for(c, (int64_t)V, 1024, find_together, &j);
     for (size_t v = 0; v < V && status == SHERF_OK; v++) p->seen[v] = j.shown[v] == SHOWN_SEEN;
     choice_free(&k);
     mem_free(j.read);

@@ -198,6 +198,45 @@ static void check_grid(context *c, const float *v, int n, float radius, float re
     vertex_grid_free(g);
 }
 
+/* Every instruction set blends to the same bits, also maps of which some lead to other places. */
+static void instruction_sets_blend_alike(void **state) {
+    enum { N = 3000 };
+    body_reference *r = *state;
+    posed_body *p = r->target;
+    const isa_level isa = p->isa;
+    const size_t V = (size_t)r->body->vertices;
+    float x[3 * N], d[3 * N], out[4][3 * N];
+    int32_t nearest[N];
+    float *apart = mem_alloc(r->c, V, 12 * sizeof *apart);
+    for (int i = 0; i < N; i++) {
+        nearest[i] = (int32_t)random_below(7, (uint64_t)i, r->body->vertices);
+        for (int k = 0; k < 3; k++) {
+            x[3 * i + k] = p->vertices_smpl[3 * nearest[i] + k] +
+                           (float)(0.04 * random_normal(8, (uint64_t)(3 * i + k)));
+            d[3 * i + k] = (float)random_normal(9, (uint64_t)(3 * i + k));
+        }
+    }
+    memcpy(apart, p->from_canonical, V * 12 * sizeof *apart);
+    for (size_t v = 0; v < V; v += 3) apart[12 * v + 3] += 0.5f; /* metres */
+    p->blend_m = 0.025f;
+    for (int plain = 0; plain < 2; plain++) {
+        p->isa = plain ? ISA_PLAIN : isa;
+        deform_to_canonical(r->body, p, N, x, d, nearest, out[plain], out[2 + plain]);
+    }
+    assert_memory_equal(out[0], out[1], sizeof out[0]);
+    assert_memory_equal(out[2], out[3], sizeof out[0]);
+    p->read_from = apart;
+    for (int plain = 0; plain < 2; plain++) {
+        p->isa = plain ? ISA_PLAIN : isa;
+        deform_to_picture(r->body, p, N, x, nearest, out[plain]);
+    }
+    assert_memory_equal(out[0], out[1], sizeof out[0]);
+    p->read_from = NULL;
+    p->isa = isa;
+    p->blend_m = 0;
+    mem_free(apart);
+}
+
 static void nearest_is_exact(void **state) {
     body_reference *r = *state;
     const float *v = r->body->canonical->vertices_smpl;
@@ -326,8 +365,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(vertices_agree),           cmocka_unit_test(poses_agree_with_public_function),
         cmocka_unit_test(deformation_round_trip),   cmocka_unit_test(neighbours_share_an_edge),
-        cmocka_unit_test(blended_maps_hardly_jump), cmocka_unit_test(nearest_is_exact),
-        cmocka_unit_test(rotations_round_trip),     cmocka_unit_test(normals_point_out),
-        cmocka_unit_test(bad_bodies_are_refused),   cmocka_unit_test(allocations_may_fail)};
+        cmocka_unit_test(blended_maps_hardly_jump), cmocka_unit_test(instruction_sets_blend_alike),
+        cmocka_unit_test(nearest_is_exact),         cmocka_unit_test(rotations_round_trip),
+        cmocka_unit_test(normals_point_out),        cmocka_unit_test(bad_bodies_are_refused),
+        cmocka_unit_test(allocations_may_fail)};
     return cmocka_run_group_tests(tests, body_reference_open, body_reference_close);
 }

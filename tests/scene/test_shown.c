@@ -156,6 +156,7 @@ static void no_limb_is_read_for_what_it_covers(void **state) {
     for (int mirror = 0; mirror < 2; mirror++) {
         int moved = 0, mirrored = 0;
         mem_free(s.p->read_from);
+        mem_free(s.p->together);
         mem_free(s.p->seen);
         assert_ok(s.c, body_read_pictures(s.c, s.body, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, mirror,
                                           s.p));
@@ -197,6 +198,34 @@ static void mirrored_places_are_the_other_sides(void **state) {
     }
     print_message("%d vertices are read at their mirror image\n", mirrored);
     assert_true(mirrored > 500);
+    close_scene(&s);
+}
+
+/* Neighbours' maps that are marked as leading together do so wherever near the vertex; most are marked, and
+ * those of other places are not. */
+static void maps_lead_together(void **state) {
+    scene s;
+    int64_t marked = 0, apart = 0;
+    open_scene(&s, 1.2f);
+    assert_ok(s.c,
+              body_read_pictures(s.c, s.body, 1, &(body_picture){s.p, &s.camera, NULL, NULL}, true, s.p));
+    const float *vertex = s.body->canonical->vertices_smpl, *maps = s.p->read_from;
+    for (int32_t v = 0; v < s.body->vertices; v++)
+        for (int32_t i = s.body->neighbour_first[v]; i < s.body->neighbour_first[v + 1]; i++) {
+            const float *own = maps + 12 * v, *other = maps + 12 * s.body->neighbour[i];
+            marked += s.p->together[i];
+            apart += maps_part(own, other, vertex + 3 * v);
+            for (int k = 0; k < 6 && s.p->together[i]; k++) {
+                float x[3];
+                memcpy(x, vertex + 3 * v, sizeof x);
+                x[k / 2] += k % 2 ? MAPS_JOIN_M : -MAPS_JOIN_M;
+                assert_true(!maps_part(own, other, x));
+            }
+        }
+    const int64_t all = s.body->neighbour_first[s.body->vertices];
+    print_message("%lld of %lld pairs lead together, %lld apart\n", (long long)marked, (long long)all,
+                  (long long)apart);
+    assert_true(marked > all * 8 / 10 && apart > 100);
     close_scene(&s);
 }
 
@@ -246,6 +275,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_seen_agrees_with_rays),
                                        cmocka_unit_test(no_limb_is_read_for_what_it_covers),
                                        cmocka_unit_test(mirrored_places_are_the_other_sides),
-                                       cmocka_unit_test(black_is_not_read), cmocka_unit_test(left_is_right)};
+                                       cmocka_unit_test(maps_lead_together),
+                                       cmocka_unit_test(black_is_not_read),
+                                       cmocka_unit_test(left_is_right)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

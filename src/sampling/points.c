@@ -284,6 +284,7 @@ static sherf_status points_run(context *c, points_job *job, bool keep_stages) {
     if (!(job->nearest = mem_alloc(c, (size_t)candidates, sizeof *job->nearest))) return SHERF_NO_MEMORY;
     if (job->coarse && !(job->value = mem_alloc(c, (size_t)candidates, sizeof *job->value)))
         return SHERF_NO_MEMORY;
+    if (job->coarse && (status = ray_lattice_create(c, job)) != SHERF_OK) return status;
 #pragma omp parallel for schedule(dynamic) num_threads(c->threads)
     for (int64_t i = 0; i < chunks; i++) {
         if (job->coarse)
@@ -345,6 +346,7 @@ sherf_status points_make(context *c, points_job *job, int samples, bool keep_sta
     mem_free(job->nearest);
     mem_free(job->value);
     mem_free(job->kept);
+    ray_lattice_free(&job->lattice);
     if (status == SHERF_OK)
         *out = job->out;
     else

@@ -5,44 +5,35 @@
 
 #include "sampling/points_inside.h"
 
-/* Transmittance below which the rest of a ray is hidden; the total weight that samples may have without being
- * queried. */
-static const float hidden = 3e-3f, spared = 0.1f;
+/* The total weight that a ray's samples may have without being queried. */
+static const float spared = 0.1f;
 /* Where pixels are closer together than this, the weights from which samples are queried are larger and, in
- * float32, only every other one is queried: in bf16 products are cheap. */
-static const float sparse_m = 0.005f;
+ * float32, only every other one with a weight below `certain` is queried: in bf16 products are cheap. */
+static const float sparse_m = 0.005f, certain = 0.1f;
 
-/* Samples of a ray that are near the body, from front to back. */
-typedef struct {
-    int count, sample[8];
-    int32_t nearest[8];
-    float place[3 * 8];
-} walk_step;
+/* A sample's place and nearest vertex; false if it is not near the body. *guess: a vertex near it, or -1. */
+static bool find_nearest(const points_job *job, int64_t n, int i, float x[3], int32_t *guess) {
+    sample_smpl(job, n, i, x);
+    const int32_t nearest = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
+    if (nearest >= 0) *guess = nearest;
+    return nearest >= 0;
+}
 
-/* Takes a word's next candidates; skips those not near the body. */
-static uint64_t step_on(const points_job *job, int64_t n, int word, uint64_t bits, int32_t *guess,
-                        walk_step *s) {
-    for (s->count = 0; bits && s->count < (int)COUNT_OF(s->sample); bits &= bits - 1) {
-        float *x = s->place + 3 * s->count;
-        s->sample[s->count] = 64 * word + __builtin_ctzll(bits);
-        sample_smpl(job, n, s->sample[s->count], x);
-        const int32_t found = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
-        if (found < 0) continue;
-        s->nearest[s->count++] = *guess = found;
-    }
-    deform_to_canonical(job->body, job->target, s->count, s->place, NULL, s->nearest, s->place, NULL);
-    return bits;
+bool points_coarse_value(const points_job *job, int64_t n, int i, int32_t *guess, float value[4]) {
+    float x[3];
+    if (!find_nearest(job, n, i, x, guess)) return false;
+    deform_to_canonical(job->body, job->target, 1, x, NULL, guess, x, NULL);
+    coarse_at(job->coarse, x, value);
+    return true;
 }
 
 /* A ray's samples with density. */
 typedef struct {
     int count, sample[POINT_SAMPLES_MAX];
-    int32_t nearest[POINT_SAMPLES_MAX];
     float weight[POINT_SAMPLES_MAX]; /* by the coarse field */
 } walk;
 
-/* Metres between two samples. */
-static float step_of(const points_job *job, int64_t n) {
+float points_step_m(const points_job *job, int64_t n) {
     const ray_bundle *r = job->rays;
     const float *d = r->direction + 3 * n;
     const float step = job->samples > 1 ? (r->far[n] - r->near[n]) / (float)(job->samples - 1) : 0;
@@ -51,27 +42,26 @@ static float step_of(const points_job *job, int64_t n) {
 
 /* Goes from front to back until the rest is hidden; writes the coarse field's values to value. */
 static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *k) {
-    const float delta = step_of(job, n);
+    const float delta = points_step_m(job, n);
     float light = 1;
     int32_t guess = -1;
-    walk_step s;
+    ray_surrounding around;
+    const bool between = ray_lattice_surround(job, n, &around);
     k->count = 0;
-    for (int w = 0; w < job->words; w++) {
-        uint64_t bits = job->sample[n * job->words + w];
-        while (bits && light > hidden) {
-            bits = step_on(job, n, w, bits, &guess, &s);
-            for (int i = 0; i < s.count && light > hidden; i++) {
-                coarse_at(job->coarse, s.place + 3 * i, value[k->count]);
-                const float sigma = value[k->count][0];
-                if (!(sigma > 0)) continue;
-                const float passes = s.sample[i] + 1 < job->samples ? expf(-sigma * delta) : 0;
-                k->sample[k->count] = s.sample[i];
-                k->nearest[k->count] = s.nearest[i];
-                k->weight[k->count++] = light * (1 - passes);
-                light *= passes;
-            }
+    for (int w = 0; w < job->words; w++)
+        for (uint64_t bits = job->sample[n * job->words + w]; bits && light > COARSE_HIDDEN;
+             bits &= bits - 1) {
+            const int i = 64 * w + __builtin_ctzll(bits);
+            float *v = value[k->count];
+            if (!(between && ray_lattice_value(&job->lattice, &around, i, delta, v)) &&
+                !points_coarse_value(job, n, i, &guess, v))
+                continue;
+            if (!(v[0] > 0)) continue;
+            const float passes = i + 1 < job->samples ? expf(-v[0] * delta) : 0;
+            k->sample[k->count] = i;
+            k->weight[k->count++] = light * (1 - passes);
+            light *= passes;
         }
-    }
 }
 
 /* The weight from which samples are queried, so that the weights below it sum to at most `spared`. */
@@ -84,7 +74,7 @@ static float weight_threshold(const walk *k, float heavy) {
 }
 
 void points_walk(const points_job *job, int64_t chunk) {
-    int32_t *nearest = job->nearest + job->candidate[chunk], queried = 0;
+    int32_t *nearest = job->nearest + job->candidate[chunk], queried = 0, guess = -1;
     float(*value)[4] = job->value + job->candidate[chunk];
     walk k;
     for (int64_t n = chunk * job->chunk; n < chunk_end(job, chunk); n++) {
@@ -93,15 +83,18 @@ void points_walk(const points_job *job, int64_t chunk) {
         const int place = (int)(n % job->rays->width + n / job->rays->width);
         walk_ray(job, n, value, &k);
         memset(kept, 0, (size_t)job->words * sizeof *kept);
-        const float threshold = weight_threshold(&k, job->heavy_per_m * step_of(job, n));
+        const float threshold = weight_threshold(&k, job->heavy_per_m * points_step_m(job, n));
         for (int i = 0; i < k.count; i++) {
             const uint64_t bit = (uint64_t)1 << (k.sample[i] % 64);
             kept[k.sample[i] / 64] |= bit;
             value[i][0] =
                 k.weight[i] < threshold ? value[i][0] : -value[i][0]; /* fill_coarse takes it back */
-            if (k.weight[i] < threshold || (job->sparse && (place + k.sample[i]) % 2)) continue;
+            const bool light = job->sparse && k.weight[i] < certain;
+            if (k.weight[i] < threshold || (light && (place + k.sample[i]) % 2)) continue;
+            float x[3];
+            if (!find_nearest(job, n, k.sample[i], x, &guess)) continue; /* it was interpolated */
             query[k.sample[i] / 64] |= bit;
-            nearest[queried++] = k.nearest[i];
+            nearest[queried++] = guess;
         }
         value += k.count;
         job->answer->all.first[n + 1] = k.count;

@@ -5,6 +5,16 @@
 #include "sampling/coarse.h"
 #include "scene/ray.h"
 
+/* The coarse field's values on every stride-th ray of every stride-th row; rays in between interpolate them.
+ * A pixel of a large picture is much smaller than a cell of the field. stride 1: there is no lattice. */
+typedef struct {
+    int stride, columns, rows;
+    int32_t *low, *high; /* by ray of the lattice: values are kept of its samples low <= i < high */
+    int32_t *end;        /* the first sample that was not evaluated, since it is hidden */
+    int64_t *first;      /* the slot of sample `low`; one more for the number of slots */
+    float (*value)[4];   /* by slot; 0 for samples that are not near the body */
+} ray_lattice;
+
 /* ---- one frame's work ---- */
 typedef struct {
     const body_model *body;
@@ -19,8 +29,9 @@ typedef struct {
     /* coarse frames only: `out` has the queried samples, `sample` the bits of all */
     const coarse_field *coarse;
     coarse_points *answer;
-    float heavy_per_m;  /* samples with a larger weight per metre of their ray are queried */
-    bool sparse;        /* every other sample is queried */
+    float heavy_per_m; /* samples with a larger weight per metre of their ray are queried */
+    bool sparse;       /* every other sample of medium weight is queried */
+    ray_lattice lattice;
     uint64_t *query;    /* rays x words: bits of the queried samples */
     float (*value)[4];  /* of all, by chunk from candidate[chunk] on */
     float *fraction;    /* depth i = near + (far - near) * fraction[i] */
@@ -51,8 +62,29 @@ static inline void sample_smpl(const points_job *job, int64_t n, int i, float ou
 sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out);
 
 /* ---- coarse frames (points_coarse.c) ---- */
+/* The coarse field's value at a sample; false if it is not near the body. *guess: a vertex near it, or -1;
+ * becomes its nearest one. */
+bool points_coarse_value(const points_job *job, int64_t n, int i, int32_t *guess, float value[4]);
+/* Between passes 1 and 2: evaluates the lattice's rays. Free with ray_lattice_free, even after an error. */
+sherf_status ray_lattice_create(context *c, points_job *job);
+/* The lattice's rays round another ray: up to four, with their weights. */
+typedef struct {
+    int count;
+    int32_t ray[4];
+    float weight[4];
+} ray_surrounding;
+/* False where the lattice ends, or where samples of its rays have other depths than ray n's. */
+bool ray_lattice_surround(const points_job *job, int64_t n, ray_surrounding *s);
+/* Interpolates the value of sample i. False if a ray of the lattice does not reach it, or if their opacities
+ * differ. delta: metres of a step. */
+bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float delta, float value[4]);
+void ray_lattice_free(ray_lattice *l);
 /* Pass 2: goes along a chunk's rays and chooses the samples to query. */
 void points_walk(const points_job *job, int64_t chunk);
+/* Transmittance below which the rest of a ray is hidden. */
+#define COARSE_HIDDEN 3e-3f
+/* A ray's opacity over one of its steps is 1 - exp(-density times this). */
+float points_step_m(const points_job *job, int64_t n);
 /* Between passes 2 and 3. */
 sherf_status points_allocate_coarse(context *c, points_job *job);
 /* Pass 3 for all samples. */

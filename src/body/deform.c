@@ -11,8 +11,6 @@
 #define AVX2 __attribute__((target("avx2")))
 
 typedef void blend_function(const vertex_mapping *g, size_t v, const float x[3], float map[12]);
-typedef void apply_function(const vertex_mapping *g, int64_t n, const float *points, const float *directions,
-                            const int32_t *nearest, float *points_out, float *directions_out);
 
 INLINE void apply_any(const vertex_mapping *g, int64_t n, const float *points, const float *directions,
                       const int32_t *nearest, float *points_out, float *directions_out,

@@ -15,12 +15,14 @@ from . import operators, panel
 
 
 def register():
+    """Called by Blender when the add-on is switched on."""
     for kind in operators.CLASSES + panel.CLASSES:
         bpy.utils.register_class(kind)
     bpy.types.TOPBAR_MT_file_import.append(panel.menu)
 
 
 def unregister():
+    """Called by Blender when the add-on is switched off. Cancels a running job."""
     if operators.Busy.job:
         operators.Busy.job.cancel()
     bpy.types.TOPBAR_MT_file_import.remove(panel.menu)

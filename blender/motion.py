@@ -98,6 +98,7 @@ class _Words:
         self.words, self.at = text.split(), 0
 
     def take(self, wanted=None):
+        """The next word, which must be `wanted` if that is given. Raises Failure."""
         if self.at >= len(self.words):
             raise Failure("the motion ends too early")
         word = self.words[self.at]
@@ -107,6 +108,7 @@ class _Words:
         return word
 
     def number(self):
+        """The next word as a finite number. Raises Failure."""
         word = self.take()
         try:
             value = float(word)
@@ -117,6 +119,7 @@ class _Words:
         return value
 
     def peek(self):
+        """The next word without taking it; "" at the end."""
         return self.words[self.at] if self.at < len(self.words) else ""
 
 

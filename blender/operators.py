@@ -18,24 +18,29 @@ MOTION_GLOB = "*.npz;*.npy;*.pkl;*.pickle;*.pt;*.pth;*.json;*.bvh;*.fbx;*.glb;*.
 
 
 def preferences(context):
+    """The add-on's preferences, where the user chooses program and body."""
     return context.preferences.addons[__package__].preferences
 
 
 def the_program(context):
+    """The path of the program to call. Raises Failure if there is none."""
     chosen = preferences(context).program
     return program.find_program(bpy.path.abspath(chosen) if chosen else "")
 
 
 def the_body(context):
+    """The body model chosen in the preferences; "" for the open body."""
     body = preferences(context).body
     return bpy.path.abspath(body) if body else ""
 
 
 def file_of(path):
+    """The absolute path of what the user chose; // begins beside the Blender file."""
     return os.path.abspath(bpy.path.abspath(path))
 
 
 def scene_fps(context):
+    """The scene's frames per second."""
     return context.scene.render.fps / context.scene.render.fps_base
 
 
@@ -55,6 +60,7 @@ class Working:
     timer = None
 
     def execute(self, context):
+        """Begins the job. Called by Blender, after the file dialogue or by a script."""
         if Busy.job:
             self.report({"ERROR"}, "the program sherf is at work already; wait, or cancel it with Esc")
             return {"CANCELLED"}
@@ -77,6 +83,7 @@ class Working:
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
+        """Called by Blender for every event while the job runs in the background."""
         if (event.type == "ESC" and event.value == "PRESS") or self.job.cancelled:
             self.clear(context)
             self.report({"WARNING"}, "sherf: cancelled")
@@ -92,6 +99,7 @@ class Working:
         return {"PASS_THROUGH"}
 
     def show(self, context):
+        """Shows the job's state in the status bar, the panel and the progress cursor."""
         Busy.text, done = self.job.state()
         if done is not None:
             context.window_manager.progress_update(done)
@@ -99,10 +107,12 @@ class Working:
             context.workspace.status_text_set(Busy.text + "   (Esc cancels)")
         redraw(context)
 
-    def cancel(self, context):  # called by Blender, for example when another file is opened
+    def cancel(self, context):
+        """Called by Blender when it drops the operator, for example to open another file."""
         self.clear(context)
 
     def clear(self, context):
+        """Ends the job and takes its state out of the window."""
         self.job.close()
         if self.timer:
             context.window_manager.event_timer_remove(self.timer)
@@ -114,11 +124,13 @@ class Working:
             redraw(context)
 
     def failed(self, context, failure):
+        """Ends the job and reports `failure` to the user. Returns Blender's CANCELLED."""
         self.clear(context)
         self.report({"ERROR"}, str(failure))
         return {"CANCELLED"}
 
     def finished(self, context):
+        """Uses the job's results and reports them with the program's warnings. Returns FINISHED or CANCELLED."""
         try:
             said = self.finish(context)
         except Failure as failure:
@@ -135,6 +147,7 @@ class Working:
 
 
 def redraw(context):
+    """Redraws the 3D views, which show the panel."""
     for area in context.screen.areas if context.screen else ():
         if area.type == "VIEW_3D":
             area.tag_redraw()
@@ -184,6 +197,7 @@ class MotionOptions:
         return f"{len(clip.turns)} frames of {stem}" + ("" if factor == 1 else f", steps scaled by {factor:.2f}")
 
     def draw_motion(self, layout):
+        """Draws the motion's options in the file dialogue."""
         for name in ("place", "root", "loop", "smooth", "first", "last", "track", "up", "scene_range"):
             layout.prop(self, name)
 
@@ -198,12 +212,15 @@ class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
 
     @classmethod
     def poll(cls, context):
+        """Blender greys the button out unless a person is active."""
         return rig.find(context) is not None
 
     def draw(self, context):
+        """Draws the options in the file dialogue."""
         self.draw_motion(self.layout)
 
     def begin(self, context):
+        """Adds the steps that read the motion for the active person. Raises Failure."""
         armature = rig.find(context)
         if armature is None:
             raise Failure("no person is selected; select the rig or the mesh of an avatar")
@@ -215,6 +232,7 @@ class SHERF_OT_motion(bpy.types.Operator, Working, MotionOptions, ImportHelper):
         self.motion_steps(context, self.job, self.filepath, avatar, body)
 
     def finish(self, context):
+        """Applies the motion to the person. Returns a message; raises Failure."""
         armature = bpy.data.objects.get(self.armature)
         if not rig.is_person(armature):
             raise Failure(f"{self.armature}: the person is gone")
@@ -249,6 +267,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
     motion: StringProperty(name="Motion", description="A motion file or video to put on, if any", subtype="FILE_PATH")
 
     def draw(self, context):
+        """Draws the options in the file dialogue; a motion's only if one is chosen."""
         layout = self.layout
         for name in ("person", "keep", "detail", "texture", "pose", "light"):
             layout.prop(self, name)
@@ -258,6 +277,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
             self.draw_motion(box)
 
     def begin(self, context):
+        """Adds the steps from the chosen files to a .glb, and those of the motion. Raises Failure."""
         chosen = program.photos_of(file_of(self.filepath), [file.name for file in self.files])
         self.path = chosen[0]
         self.kind, self.photos = program.kind_of(self.path), ()
@@ -283,6 +303,7 @@ class SHERF_OT_import(bpy.types.Operator, Working, MotionOptions, ImportHelper):
         return words
 
     def finish(self, context):
+        """Imports the .glb and applies the motion. Returns a message; raises Failure."""
         before = person.everything()
         name = os.path.splitext(os.path.basename(self.path.rstrip("/\\")))[0] or "person"
         try:
@@ -322,9 +343,11 @@ class SHERF_OT_rest(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
+        """Blender greys the buttons out unless a person is active."""
         return rig.find(context) is not None
 
     def execute(self, context):
+        """Changes the active person's rest pose."""
         person.object_mode(context)
         try:
             rig.set_rest(context, rig.find(context), self.pose)
@@ -341,9 +364,11 @@ class SHERF_OT_cancel(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
+        """Blender greys the button out unless a job runs."""
         return Busy.job is not None
 
     def execute(self, context):
+        """Stops the job; its operator then clears up."""
         Busy.job.cancel()
         return {"FINISHED"}
 
@@ -354,6 +379,7 @@ class SHERF_OT_program(bpy.types.Operator):
     bl_label = "Find the program"
 
     def execute(self, context):
+        """Reports the program's path and version, or why there is none."""
         try:
             path = the_program(context)
             self.report({"INFO"}, f"{path}: {program.version(path)}")

@@ -6,6 +6,7 @@ from . import operators, rig
 
 
 class SherfPreferences(bpy.types.AddonPreferences):
+    """Where the program and the body model are."""
     bl_idname = __package__
     program: StringProperty(name="Program", description="The program sherf (empty: on PATH, or beside the add-on)",
                             subtype="FILE_PATH")
@@ -13,18 +14,21 @@ class SherfPreferences(bpy.types.AddonPreferences):
                          subtype="FILE_PATH")
 
     def draw(self, context):
+        """Draws the fields and the button that tries the program."""
         self.layout.prop(self, "program")
         self.layout.prop(self, "body")
         self.layout.operator("sherf.program", icon="VIEWZOOM")
 
 
 class VIEW3D_PT_sherf(bpy.types.Panel):
+    """The panel: import, the active person's motion and rest pose, or the running job."""
     bl_label = "sherf"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "sherf"
 
     def draw(self, context):
+        """Draws the running job, or the import buttons and the person."""
         layout = self.layout
         if operators.Busy.job:
             layout.label(text=operators.Busy.text or "sherf")
@@ -38,6 +42,7 @@ class VIEW3D_PT_sherf(bpy.types.Panel):
         self.person(layout, rig.find(context))
 
     def person(self, layout, armature):
+        """Draws the box of the active person; `armature` is None if there is none."""
         box = layout.box()
         if armature is None:
             box.label(text="Select an avatar", icon="INFO")
@@ -58,6 +63,7 @@ class VIEW3D_PT_sherf(bpy.types.Panel):
 
 
 def menu(self, context):
+    """The entry in File > Import."""
     self.layout.operator("import_scene.sherf", text="sherf avatar (.safetensors, .glb, photo)")
 
 

@@ -156,6 +156,7 @@ def into_collection(context, name):
 
 
 def select(context, armature, body):
+    """Selects the mesh and the rig and nothing else; the rig is active."""
     for thing in context.selected_objects:
         thing.select_set(False)
     for thing in (body, armature):

@@ -29,6 +29,7 @@ def usual_places(folder=HERE):
 
 
 def is_program(path):
+    """Whether `path` is a file that can be run."""
     return os.path.isfile(path) and os.access(path, os.X_OK)
 
 
@@ -202,6 +203,7 @@ class Job:
             return ""
 
     def _start(self):
+        """Runs the next command. Raises Failure if it cannot be run."""
         self.at += 1
         hidden = {"creationflags": subprocess.CREATE_NO_WINDOW} if os.name == "nt" else {}
         try:

@@ -51,6 +51,7 @@ def picture(path):
 
 
 def main():
+    """Imports, renders and compares, as the command line says."""
     words = sys.argv[sys.argv.index("--") + 1:]
     glb, cameras, frames = words[:3]
     output = words[3] if len(words) > 3 else tempfile.mkdtemp()

@@ -8,6 +8,7 @@ ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def main():
+    """Writes the zip that the command line names."""
     out = sys.argv[1]
     folder = os.path.join(ROOT, "blender")
     files = [(f"sherf/{name}", os.path.join(folder, name)) for name in os.listdir(folder)

@@ -18,6 +18,7 @@ _LARGEST = 65535  # pixels on a side
 
 
 def _shape_text(shape: tuple[int, ...]) -> str:
+    """A shape in words: "24 x 3"."""
     return " x ".join(map(str, shape)) if shape else "a single number"
 
 

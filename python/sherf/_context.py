@@ -37,6 +37,7 @@ class _Work:
         self.thread = 0
 
     def on_progress(self, _user: Any, text: bytes, done: float, total: float) -> None:
+        """Called by the library with its progress, on the thread that computes."""
         if self.progress is None or self.raised is not None:
             return
         try:
@@ -46,6 +47,7 @@ class _Work:
             LIBRARY.sherf_cancel(self.pointer)
 
     def on_log(self, _user: Any, level: int, line: bytes) -> None:
+        """Called by the library with a line of its log."""
         _log.log(logging.WARNING if level else logging.INFO, "%s", line.decode("utf-8", "replace"))
 
     def call(self, token: object, name: str, arguments: tuple[Any, ...]) -> None:
@@ -66,6 +68,7 @@ class _Work:
             raise error_of(status, message)
 
     def cancel(self, token: object) -> None:
+        """Asks the library to stop the call of `token` if it is the one that runs."""
         with self.lock:
             if self.running is token:
                 LIBRARY.sherf_cancel(self.pointer)

@@ -22,6 +22,7 @@ class Handle:
 
     @contextmanager
     def use(self) -> Iterator[int]:
+        """Yields the pointer, which is not freed inside the block. Raises `sherf.Closed`."""
         with self._lock:
             if self.closed:
                 raise Closed(f"this {self._name} is closed")
@@ -32,6 +33,7 @@ class Handle:
             self._leave()
 
     def _leave(self) -> None:
+        """Ends a use; the last one frees an object that was closed meanwhile."""
         with self._lock:
             self._users -= 1
             last = self.closed and self._users == 0
@@ -62,16 +64,19 @@ class Object:
     _handle: Handle
 
     def __init__(self, *_: Any, **__: Any) -> None:
+        """Raises TypeError: objects come from class methods, such as ``load``."""
         name = type(self).__name__
         raise TypeError(f"{name}() makes nothing; see the class methods of {name}")
 
     @classmethod
     def _of(cls: type[_Self], pointer: int, free: Callable[[int], None]) -> _Self:
+        """A new object that owns `pointer`, which `free` frees."""
         self = object.__new__(cls)
         self._hold(pointer, free)
         return self
 
     def _hold(self, pointer: int, free: Callable[[int], None]) -> None:
+        """Takes ownership of `pointer`, freed by `free` when the object is closed or collected."""
         self._handle = Handle(pointer, free, type(self).__name__)
         weakref.finalize(self, self._handle.close)
 
@@ -85,16 +90,20 @@ class Object:
         self._handle.close()
 
     def __enter__(self: _Self) -> _Self:
+        """Returns the object itself. Raises `sherf.Closed`."""
         with self._handle.use():
             return self
 
     def __exit__(self, *_: object) -> None:
+        """Closes the object."""
         self.close()
 
     def __repr__(self) -> str:
+        """The class, and whether the object is closed."""
         return f"<sherf.{type(self).__name__}{', closed' if self.closed else ''}>"
 
     def __reduce__(self) -> Any:
+        """Raises TypeError: the memory belongs to the library and cannot be pickled or copied."""
         raise TypeError(f"sherf.{type(self).__name__} cannot be pickled or copied; save it to a file")
 
 

@@ -18,27 +18,39 @@ PROGRESS_FUNCTION = CFUNCTYPE(None, c_void_p, c_char_p, c_double, c_double)
 
 
 class Options(Structure):
+    """The C struct sherf_options."""
+
     _fields_ = [("threads", c_int), ("precision", c_int), ("log", LOG_FUNCTION), ("progress", PROGRESS_FUNCTION),
                 ("user", c_void_p), ("device", c_int)]
 
 
 class CameraStruct(Structure):
+    """The C struct sherf_camera."""
+
     _fields_ = [("width_px", c_int), ("height_px", c_int), ("K", c_float * 9), ("R", c_float * 9), ("T_m", c_float * 3)]
 
 
 class PoseStruct(Structure):
+    """The C struct sherf_pose."""
+
     _fields_ = [("poses_rad", c_float * 72), ("shapes", c_float * 10), ("R", c_float * 9), ("Th_m", c_float * 3)]
 
 
 class ImageStruct(Structure):
+    """The C struct sherf_image."""
+
     _fields_ = [("width", c_int), ("height", c_int), ("channels", c_int), ("data", POINTER(c_float))]
 
 
 class EstimateOptions(Structure):
+    """The C struct sherf_estimate_options."""
+
     _fields_ = [("person", c_int), ("focal_px", c_double), ("mask", c_char_p)]
 
 
 class EstimateFactsStruct(Structure):
+    """The C struct sherf_estimate_facts."""
+
     _fields_ = [("people", c_int), ("person", c_int), ("warnings", c_uint), ("width_px", c_int), ("height_px", c_int),
                 ("box_px", c_float * 4), ("person_px", c_double), ("focal_px", c_double), ("pitch_deg", c_double),
                 ("lean_deg", c_double), ("landmarks_off", c_double), ("mask_covered", c_double),
@@ -46,10 +58,14 @@ class EstimateFactsStruct(Structure):
 
 
 class ClipOptions(Structure):
+    """The C struct sherf_clip_options."""
+
     _fields_ = [("person", c_int), ("focal_px", c_double), ("fps", c_double), ("smooth", c_double)]
 
 
 class ClipFactsStruct(Structure):
+    """The C struct sherf_clip_facts."""
+
     _fields_ = [("frames", c_int), ("fps", c_double), ("people", c_int), ("filled", c_int), ("filled_longest", c_int),
                 ("repaired", c_int), ("left_out", c_int), ("poor", c_int), ("focal_px", c_double),
                 ("pitch_rad", c_double), ("roll_rad", c_double), ("landmarks", c_double), ("shapes", c_float * 10),
@@ -57,14 +73,20 @@ class ClipFactsStruct(Structure):
 
 
 class RenderOptions(Structure):
+    """The C struct sherf_render_options."""
+
     _fields_ = [("background", c_float * 3), ("samples", c_int), ("exact", c_int), ("detail", c_int)]
 
 
 class FrameStruct(Structure):
+    """The C struct sherf_frame."""
+
     _fields_ = [("color", ImageStruct), ("opacity", ImageStruct), ("depth", ImageStruct), ("points", c_int64)]
 
 
 class MotionOptions(Structure):
+    """The C struct sherf_motion_options."""
+
     _fields_ = [("up", c_int), ("rotations", c_int), ("scale", c_double), ("source_fps", c_double), ("fps", c_double),
                 ("fps_max", c_double), ("track", c_char_p), ("first", c_int), ("last", c_int), ("root", c_int),
                 ("smooth_s", c_double), ("loop", c_int), ("start", POINTER(PoseStruct)), ("blend_s", c_double),
@@ -72,32 +94,44 @@ class MotionOptions(Structure):
 
 
 class ExportOptions(Structure):
+    """The C struct sherf_export_options."""
+
     _fields_ = [("format", c_char_p), ("resolution", c_int), ("level", c_double), ("islands", c_double),
                 ("triangles", c_int), ("texture_px", c_int), ("splats", c_int), ("pose", POINTER(PoseStruct)),
                 ("motion", c_void_p), ("lit", c_int), ("up", c_int), ("detail", c_int)]
 
 
 class BakeOptions(Structure):
+    """The C struct sherf_bake_options."""
+
     _fields_ = [("resolution", c_int), ("triangles", c_int), ("texture_px", c_int), ("detail", c_int)]
 
 
 class ExportedStruct(Structure):
+    """The C struct sherf_exported."""
+
     _fields_ = [("vertices", c_int64), ("triangles", c_int64), ("splats", c_int64), ("level", c_double),
                 ("islands", c_int), ("charts", c_int), ("seconds", c_double * 4)]
 
 
 class OrbitOptions(Structure):
+    """The C struct sherf_orbit_options."""
+
     _fields_ = [("azimuth_rad", c_double), ("elevation_rad", c_double), ("distance_m", c_double),
                 ("fov_rad", c_double), ("width_px", c_int), ("height_px", c_int)]
 
 
 class AnimateOptions(Structure):
+    """The C struct sherf_animate_options."""
+
     _fields_ = [("camera", c_int), ("width_px", c_int), ("height_px", c_int), ("aimed", c_int),
                 ("azimuth_rad", c_double), ("elevation_rad", c_double), ("distance_m", c_double),
                 ("fov_rad", c_double), ("turn_s", c_double), ("transparent", c_int), ("render", RenderOptions)]
 
 
 class AnimateResult(Structure):
+    """The C struct sherf_animate_result."""
+
     _fields_ = [("frames", c_int), ("frame_ms", c_double), ("points", c_double)]
 
 

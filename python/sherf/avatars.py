@@ -72,10 +72,12 @@ class Motion(Object):
             return cls._of(make(context, "sherf_motion_load", path_bytes(path), byref(o)), LIBRARY.sherf_motion_free)
 
     def __len__(self) -> int:
+        """The number of frames."""
         with self._handle.use() as motion:
             return int(LIBRARY.sherf_motion_frame_count(motion))
 
     def __getitem__(self, frame: int) -> Pose:
+        """The pose of a frame; negative numbers count from the end. Raises IndexError."""
         count = len(self)
         frame = whole(frame, -(2**31), 2**31 - 1, "frame")
         if not -count <= frame < count:
@@ -139,6 +141,7 @@ class Frame:
         write_image(path, self.uint8(alpha), context=context)
 
     def _repr_png_(self) -> bytes:
+        """The picture as PNG, which a notebook displays."""
         with tempfile.TemporaryDirectory() as folder:
             self.save(Path(folder) / "frame.png")
             return (Path(folder) / "frame.png").read_bytes()
@@ -165,6 +168,7 @@ class AnimateFacts(NamedTuple):
 
 
 def _render_options(background: Color, samples: int, exact: bool, detail: bool) -> RenderOptions:
+    """The library's struct. Raises TypeError or ValueError."""
     out = RenderOptions(samples=whole(samples, -2, 1024, "samples"), exact=bool(exact), detail=1 if detail else -1)
     color = floats(background, (3,), "background")
     if color.min() < 0 or color.max() > 1:
@@ -192,6 +196,7 @@ class Avatar(Object):
 
     @classmethod
     def _made(cls, address: int, body: Body, context: Context | None) -> Avatar:
+        """A new avatar that owns the library's avatar at `address`."""
         self = cls._of(address, LIBRARY.sherf_avatar_free)
         self.body, self._context = body, context
         return self
@@ -379,6 +384,7 @@ class Avatar(Object):
     @staticmethod
     def _animate_options(camera: str, size: Any, azimuth_rad: float | None, elevation_rad: float | None,
                          distance_m: float, fov_rad: float, turn_s: float) -> AnimateOptions:
+        """The library's struct of a camera path. Raises TypeError or ValueError."""
         width, height = (0, 0) if size is None else size_of(size)
         return AnimateOptions(choice(camera, CAMERA_PATHS, "camera"), width, height,
                               azimuth_rad is not None or elevation_rad is not None,
@@ -429,4 +435,5 @@ class Avatar(Object):
 
 
 def _int(value: Any, what: str) -> int:
+    """`value` as a C int. Raises TypeError or ValueError."""
     return whole(value, -(2**31), 2**31 - 1, what)

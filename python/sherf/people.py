@@ -73,6 +73,7 @@ class Body(Object):
 
 
 def _data(array: FloatArray) -> Any:
+    """A pointer to an array's floats; the array must outlive it."""
     return array.ctypes.data_as(POINTER(c_float))
 
 
@@ -242,6 +243,7 @@ class Estimate(_Pictured):
         self._write("sherf_estimate_overlay", path, context)
 
     def _write(self, function: str, path: Any, context: Context | None) -> None:
+        """Calls a function that writes the estimate to `path`."""
         with using((self, Estimate), (self._body, Body)) as pointers:
             context_or_default(context).run(function, *pointers, path_bytes(path))
 

@@ -18,10 +18,12 @@ _Thing = TypeVar("_Thing")
 
 
 def _identity() -> FloatArray:
+    """A new 3 x 3 identity."""
     return np.eye(3, dtype=np.float32)
 
 
 def _zeros(*shape: int) -> Callable[[], FloatArray]:
+    """A function that makes new zeros, for a dataclass's default."""
     return lambda: np.zeros(shape, np.float32)
 
 
@@ -40,6 +42,7 @@ class Camera:
     height: int = 0
 
     def __post_init__(self) -> None:
+        """Copies and checks the fields."""
         self.K, self.R, self.T = floats(self.K, (3, 3), "K"), floats(self.R, (3, 3), "R"), floats(self.T, (3,), "T")
         self.struct()
 
@@ -97,6 +100,7 @@ class Pose:
     Th: FloatArray = field(default_factory=_zeros(3))
 
     def __post_init__(self) -> None:
+        """Copies and checks the fields."""
         self.poses, self.shapes = floats(self.poses, (24, 3), "poses"), floats(self.shapes, (10,), "shapes")
         self.R, self.Th = floats(self.R, (3, 3), "R"), floats(self.Th, (3,), "Th")
 

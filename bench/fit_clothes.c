@@ -162,7 +162,12 @@ int main(int arguments, char **argument) {
         if (i == 0 || i + 1 == ROUNDS)
             fprintf(stderr, "round %d: edges %.1f mm off on the mean\n", i, 1000 * off);
     }
-    printf("/* Made by bench/fit_clothes.c from %d places of masks' edges, left and right mirrored. */\n"
+    printf("/* The table of clothes: how far beyond the bare body the mask's edge lies, by joint "
+           "(fit_inside.h).\n"
+           " *\n"
+           " * bench/fit_clothes.c writes this file; it was fitted to %d points on masks' edges and their "
+           "mirror\n"
+           " * images. */\n"
            "#include \"estimate/fit_inside.h\"\n\n/* clang-format off */\n"
            "const fit_clothes fit_clothes_table[BODY_JOINTS] = {\n",
            count);

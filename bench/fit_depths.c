@@ -257,7 +257,11 @@ int main(int arguments, char **argument) {
     fprintf(stderr, "%d looks, left and right mirrored\n", count);
     judge(s, count);
     regress(s, count, -1, weight);
-    printf("/* Made by bench/fit_depths.c from %d looks, left and right mirrored. */\n"
+    printf("/* Corrections of the landmarks' depths, linear in all landmarks' places (fit_inside.h).\n"
+           " *\n"
+           " * bench/fit_depths.c writes this file; it was fitted to %d views of people whose bodies are "
+           "known, half\n"
+           " * of them mirrored. */\n"
            "#include \"estimate/fit_inside.h\"\n\n/* clang-format off */\n"
            "const int16_t fit_depth_weights[FIT_DEPTHS][FIT_DEPTH_NUMBERS] = {\n",
            count);

@@ -146,7 +146,9 @@ static int16_t rounded(double x) {
 
 static void print(const kind *g) {
     static int16_t number[D * (D + 1) / 2];
-    printf("/* Made by bench/fit_poses.c; the numbers' meaning is in fit_inside.h. */\n"
+    printf("/* The mixture of Gaussians of the poses that people are photographed in (fit_inside.h).\n"
+           " *\n"
+           " * bench/fit_poses.c writes this file. */\n"
            "#include \"estimate/fit_inside.h\"\n\n/* clang-format off */\n"
            "const fit_pose_kind fit_pose_kinds[FIT_POSE_KINDS] = {\n");
     for (int k = 0; k < K; k++) {

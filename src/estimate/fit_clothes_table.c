@@ -1,4 +1,7 @@
-/* Made by bench/fit_clothes.c from 121114 places of masks' edges, left and right mirrored. */
+/* The table of clothes: how far beyond the bare body the mask's edge lies, by joint (fit_inside.h).
+ *
+ * bench/fit_clothes.c writes this file; it was fitted to 121114 points on masks' edges and their mirror
+ * images. */
 #include "estimate/fit_inside.h"
 
 /* clang-format off */

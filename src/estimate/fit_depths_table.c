@@ -1,4 +1,7 @@
-/* Made by bench/fit_depths.c from 316 looks, left and right mirrored. */
+/* Corrections of the landmarks' depths, linear in all landmarks' places (fit_inside.h).
+ *
+ * bench/fit_depths.c writes this file; it was fitted to 316 views of people whose bodies are known, half
+ * of them mirrored. */
 #include "estimate/fit_inside.h"
 
 /* clang-format off */

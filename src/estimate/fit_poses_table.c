@@ -1,4 +1,6 @@
-/* Made by bench/fit_poses.c; the numbers' meaning is in fit_inside.h. */
+/* The mixture of Gaussians of the poses that people are photographed in (fit_inside.h).
+ *
+ * bench/fit_poses.c writes this file. */
 #include "estimate/fit_inside.h"
 
 /* clang-format off */

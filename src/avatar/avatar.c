@@ -14,6 +14,15 @@ sherf_avatar *avatar_new(context *c) {
     return NULL;
 }
 
+sherf_status avatar_named(context *c, const sherf_avatar *a, sherf_status status) {
+    return a->path ? failure_prefix(c, status, "%s", a->path) : status;
+}
+
+sherf_status avatar_check_body(context *c, const sherf_avatar *a, const body_model *body) {
+    if (body->fingerprint == a->body_fingerprint) return SHERF_OK;
+    return avatar_named(c, a, failure(c, SHERF_MISMATCH, "the avatar was made with another body"));
+}
+
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
     if (a->form) a->form->release(a->formed);
@@ -28,6 +37,7 @@ void sherf_avatar_free(sherf_avatar *a) {
     observed_sheet_free(&a->sheet);
     parameters_free(a->weights);
     kept_free(&a->kept);
+    mem_free(a->path);
     mem_free(a);
 }
 

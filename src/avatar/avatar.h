@@ -42,6 +42,7 @@ struct sherf_avatar {
     /* Made when a frame first needs them, under locks of their own: any thread may use an avatar. */
     struct lazy_occupancy *occupancy;
     struct lazy_detail *detail;
+    char *path;       /* the file it was loaded from, which errors name; NULL: it was made here */
     uint64_t variant; /* which guess of the unseen parts is shown (detail.h); 0: the best one */
 };
 
@@ -103,6 +104,10 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
 
 /* ---- avatar.c: made of an observation ---- */
 sherf_avatar *avatar_new(context *c); /* empty, NULL: out of memory; free it with sherf_avatar_free */
+/* Puts the name of the avatar's file, if it has one, before the context's message. Returns `status`. */
+sherf_status avatar_named(context *c, const sherf_avatar *a, sherf_status status);
+/* SHERF_MISMATCH, with a message, where the avatar was made with another body. */
+sherf_status avatar_check_body(context *c, const sherf_avatar *a, const body_model *body);
 /* Copies the weights that a model's queries read; parameters_free them, even after an error. */
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
 /* Sets what an observation or a file determines (the sheet, the bodies) and calls avatar_place. */
@@ -118,7 +123,8 @@ sherf_status observed_from_numbers(context *c, const char *name, const float n[O
 /* Makes an avatar of a file that safetensors_read read. sherf_avatar_load (baked/form_read.c) is the public
  * function. */
 sherf_status avatar_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
-/* SHERF_UNSUPPORTED, with a message, where `what` needs the network and this avatar has another form. */
+/* SHERF_UNSUPPORTED, with a message, where `what` ("an export needs") needs the network and this avatar has
+ * another form. */
 sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what);
 /* As sherf_render, with a body posed by avatar_pose: for many frames of one pose. */
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,

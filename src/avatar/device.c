@@ -40,14 +40,13 @@ static bool same_pose(const sherf_pose *a, const sherf_pose *b) {
 sherf_status avatar_pose(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
                          posed_body **out) {
     *out = NULL;
-    if (body->fingerprint != a->body_fingerprint)
-        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    sherf_status status = avatar_check_body(c, a, body);
+    if (status != SHERF_OK) return status;
     if (a->config.kind->one_pose && !same_pose(&a->picture[0].pose, pose))
         return model_needs_canonical(c, &a->config);
     const bool joints = avatar_takes_joints(a);
-    sherf_status status =
-        joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
-               : posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
+    status = joints ? posed_joints_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out)
+                    : posed_body_create(c, body, pose->poses_rad, pose->shapes, pose->R, pose->Th_m, out);
     if (status == SHERF_OK) (*out)->blend_m = (float)a->config.skin_blend_mm / 1000;
     if (status == SHERF_OK && !joints) status = points_prepare(c, body, *out);
     if (status == SHERF_OK) return SHERF_OK;

@@ -46,9 +46,10 @@ sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_b
 
 sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what) {
     if (!a->form) return SHERF_OK;
-    return failure(c, SHERF_UNSUPPORTED,
-                   "a %s avatar has no network: %s needs the avatar that it was made of", a->form->name,
-                   what);
+    return avatar_named(c, a,
+                        failure(c, SHERF_UNSUPPORTED,
+                                "a %s avatar has no network: %s the avatar that it was made from",
+                                a->form->name, what));
 }
 
 /* Colour over black is colour times opacity. */

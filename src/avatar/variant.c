@@ -27,8 +27,9 @@ detail_variant variant_draw(uint64_t seed) {
 
 sherf_status sherf_avatar_choose(sherf_context *c, sherf_avatar *a, uint64_t variant) {
     if (a->form)
-        return failure(c, SHERF_UNSUPPORTED, "a %s avatar keeps the variant that it was made of",
-                       a->form->name);
+        return avatar_named(
+            c, a,
+            failure(c, SHERF_UNSUPPORTED, "a %s avatar keeps the variant it was made with", a->form->name));
     pthread_mutex_lock(&a->detail->lock);
     a->variant = variant;
     a->detail->made.variant = variant_draw(variant);

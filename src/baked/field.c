@@ -31,8 +31,7 @@ static void find_near(void *arg, int64_t begin, int64_t end, int thread) {
 sherf_status field_query(context *c, const sherf_avatar *a, const body_model *body, int64_t n,
                          const float *points_canonical, const float *directions_canonical, float *rgb,
                          float *sigma) {
-    if (body->fingerprint != a->body_fingerprint)
-        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    if (avatar_check_body(c, a, body) != SHERF_OK) return SHERF_MISMATCH;
     canonical_batch b;
     int32_t *nearest = mem_alloc(c, CANONICAL_BATCH, sizeof *nearest),
             *from = mem_alloc(c, CANONICAL_BATCH, sizeof *from);
@@ -152,8 +151,7 @@ static sherf_status find_shell(context *c, const body_model *body, const float *
 
 sherf_status field_density(context *c, const sherf_avatar *a, const body_model *body, int resolution,
                            cubes_grid *out) {
-    if (body->fingerprint != a->body_fingerprint)
-        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    if (avatar_check_body(c, a, body) != SHERF_OK) return SHERF_MISMATCH;
     cubes_grid *g = out;
     canonical_batch b = {0};
     int32_t *nearest = NULL;

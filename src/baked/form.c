@@ -126,7 +126,7 @@ sherf_status sherf_avatar_bake(sherf_context *c, const sherf_avatar *a, const sh
     const sherf_bake_options plain = {0}, *o = options ? options : &plain;
     baked_person p = {0};
     *out = NULL;
-    if (a->form) return failure(c, SHERF_UNSUPPORTED, "this avatar is baked already");
+    if (a->form) return avatar_named(c, a, failure(c, SHERF_UNSUPPORTED, "this avatar is baked already"));
     sherf_status status = options_check(c, o);
     if (status != SHERF_OK) return status;
     const baked_options how = {.resolution = o->resolution ? o->resolution : BAKED_RESOLUTION,
@@ -156,11 +156,9 @@ sherf_status sherf_avatar_bake(sherf_context *c, const sherf_avatar *a, const sh
 static sherf_status render(context *c, const sherf_avatar *a, const body_model *body, const sherf_pose *pose,
                            const sherf_camera *camera, const sherf_render_options *o, sherf_frame *frame) {
     static const float black[3] = {0, 0, 0};
-    if (o && o->exact)
-        return failure(c, SHERF_UNSUPPORTED,
-                       "a baked avatar has no network: exact frames need the avatar that it was baked of");
-    if (body->fingerprint != a->body_fingerprint)
-        return failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    sherf_status status = o && o->exact ? avatar_needs_network(c, a, "exact frames need") : SHERF_OK;
+    if (status == SHERF_OK) status = avatar_check_body(c, a, body);
+    if (status != SHERF_OK) return status;
     return baked_draw(c, a->formed, body, pose, camera, o ? o->background : black, frame);
 }
 

@@ -130,6 +130,19 @@ sherf_status baked_read(context *c, const safetensors *s, const body_model *body
     return SHERF_OK;
 }
 
+/* For the messages of later errors. */
+static sherf_status keep_path(context *c, const char *path, sherf_avatar **a) {
+    const size_t bytes = strlen(path) + 1;
+    (*a)->path = mem_alloc(c, bytes, 1);
+    if ((*a)->path) {
+        memcpy((*a)->path, path, bytes);
+        return SHERF_OK;
+    }
+    sherf_avatar_free(*a);
+    *a = NULL;
+    return SHERF_NO_MEMORY;
+}
+
 sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_body *body,
                                sherf_avatar **out) {
     safetensors *s = NULL;
@@ -140,5 +153,6 @@ sherf_status sherf_avatar_load(sherf_context *c, const char *path, const sherf_b
     status =
         format && !strcmp(format, BAKED_FORMAT) ? baked_read(c, s, body, out) : avatar_read(c, s, body, out);
     safetensors_free(s);
-    return status == SHERF_OK ? SHERF_OK : failure_prefix(c, status, "%s", path);
+    if (status != SHERF_OK) return failure_prefix(c, status, "%s", path);
+    return keep_path(c, path, out);
 }

@@ -121,9 +121,8 @@ sherf_status sherf_export(sherf_context *c, const sherf_avatar *avatar, const sh
     if (out) *out = (sherf_exported){0};
     sherf_status status = format_find(c, path, o.format, &format);
     if (status == SHERF_OK) status = options_check(c, path, format, &o);
-    if (status == SHERF_OK) status = avatar_needs_network(c, avatar, "an export");
-    if (status == SHERF_OK && body->fingerprint != avatar->body_fingerprint)
-        status = failure(c, SHERF_MISMATCH, "the avatar was made with another body");
+    if (status == SHERF_OK) status = avatar_needs_network(c, avatar, "an export needs");
+    if (status == SHERF_OK) status = avatar_check_body(c, avatar, body);
     if (status == SHERF_OK) status = pose_check(c, body, o.pose);
     if (status == SHERF_OK) {
         const baked_options bake = what_to_bake(&o, format);

@@ -143,6 +143,23 @@ static void what_cannot_be_is_said(void **state) {
     assert_int_equal(files_there(), before);
 }
 
+/* Every verb names the baked avatar that it cannot use. */
+static void a_baked_avatar_is_named(void **state) {
+    char baked[2100];
+    snprintf(baked, sizeof baked, "%s", test_path("baked.safetensors"));
+    const outcome *o = run("bake %s -b %s/tubeman.safetensors -o %s -q -r 32 --triangles 400 --texture 64",
+                           avatar, folder, baked);
+    if (o->status) fail_msg("%s", o->err);
+    const int before = files_there();
+    assert_error(run("export %s -b %s/tubeman.safetensors -q -o %s/x.glb", baked, folder, out), 1, baked,
+                 "an export needs the avatar that it was made from");
+    assert_error(run("render %s -b %s/tubeman.safetensors -q --exact -o %s/x.png", baked, folder, out), 1,
+                 baked, "exact frames need");
+    assert_error(run("bake %s -b %s/tubeman.safetensors -q -o %s/x.safetensors", baked, folder, out), 1,
+                 baked, "baked already");
+    assert_int_equal(files_there(), before);
+}
+
 /* Files may not grow beyond a few KB, as on a full disk: nothing remains of them. */
 static void no_room(void **state) {
     static const char *const names[] = {"y.glb", "y.obj", "y.ply", "y.ply --format splats"};
@@ -170,6 +187,7 @@ int main(void) {
     }
     const struct CMUnitTest tests[] = {cmocka_unit_test(every_format_in_every_pose),
                                        cmocka_unit_test(a_motion_goes_along),
-                                       cmocka_unit_test(what_cannot_be_is_said), cmocka_unit_test(no_room)};
+                                       cmocka_unit_test(what_cannot_be_is_said),
+                                       cmocka_unit_test(a_baked_avatar_is_named), cmocka_unit_test(no_room)};
     return cmocka_run_group_tests(tests, make_avatar, NULL);
 }

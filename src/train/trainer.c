@@ -442,10 +442,11 @@ static void announce(trainer *t) {
     if (t->ranks.rank) return;
     log_line(c, SHERF_LOG_INFO,
              "training %s:%s (%.1f million parameters) on %" PRId64
-             " pictures of %d people, %d samples a step, "
+             " pictures of %d people, %d sample%s a step, "
              "steps %" PRId64 " to %" PRId64,
              config->kind->name, config->preset, (double)parameters_trained_count(t->model->weights) / 1e6,
-             sampling_pictures(&t->sampling), t->sampling.people, s->batch, t->first_step + 1, t->last_step);
+             sampling_pictures(&t->sampling), t->sampling.people, s->batch, s->batch == 1 ? "" : "s",
+             t->first_step + 1, t->last_step);
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
     if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);

@@ -1,6 +1,7 @@
 /* Draws people one after the other. A person is complete or absent, so an interrupted run can continue. */
 #include "synth/people/people.h"
 
+#include <cjson/cJSON.h>
 #include <dirent.h>
 #include <math.h>
 #include <stdio.h>
@@ -30,7 +31,7 @@ typedef struct {
     studio *studio;
     pose_library *poses;
     char folder[PATH_LENGTH], body_path[PATH_LENGTH];
-    double done, total; /* pictures */
+    double done, total; /* pictures of the people who are drawn or get their surfaces */
     /* of the current person */
     dressed *dressed;
     trace_scene *scene;
@@ -387,8 +388,8 @@ static sherf_status draw_person(context *c, people_job *job, const person *p) {
     if (job->o.surfaces && (status = surface_folder_make(c, job))) return status;
     for (int i = 0; i < job->o.poses && !status; i++) {
         status = draw_pose(c, job, i);
-        if (job->pictures) job->done += job->o.views;
-        if (!status) status = progress(c, "pictures", job->done, job->total);
+        job->done += job->o.views;
+        if (!status) status = progress(c, job->pictures ? "pictures" : "surfaces", job->done, job->total);
     }
     return status;
 }
@@ -404,8 +405,10 @@ static sherf_status make_person(context *c, people_job *job, uint64_t seed) {
     if (!status) status = thuman_path(c, made, job->part, "surface");
     if (status) return status;
     job->pictures = !path_is_folder(job->drawn);
-    if (!job->pictures) job->total -= (double)job->o.poses * job->o.views;
-    if (!job->pictures && (!job->o.surfaces || path_is_folder(surface))) return SHERF_OK;
+    if (!job->pictures && (!job->o.surfaces || path_is_folder(surface))) {
+        job->total -= (double)job->o.poses * job->o.views;
+        return SHERF_OK;
+    }
     folder_remove(job->part);
     person_draw(job->studio->human, seed, &p);
     status = draw_person(c, job, &p);
@@ -460,6 +463,32 @@ static sherf_status write_text(context *c, const char *path, const char *const *
     return status;
 }
 
+/* Names the first setting of `now` that is another, or missing, in `old`, and then one that only `old` has.
+ */
+static sherf_status settings_compare(context *c, const people_job *job, const cJSON *now, const cJSON *old) {
+    const cJSON *item, *other = NULL;
+    cJSON_ArrayForEach(item, now) {
+        other = cJSON_GetObjectItemCaseSensitive(old, item->string);
+        if (!cJSON_Compare(item, other, true)) break;
+    }
+    if (!item) {
+        cJSON_ArrayForEach(other, old) {
+            if (!cJSON_HasObjectItem(now, other->string)) break;
+        }
+    }
+    if (!item && !other) return SHERF_OK;
+    char *here = item ? cJSON_PrintUnformatted(item) : NULL,
+         *there = other ? cJSON_PrintUnformatted(other) : NULL;
+    failure(c, SHERF_MISMATCH,
+            "%s: its people were made with other settings (%.40s: %.40s there, %.40s here; see people.json); "
+            "choose "
+            "another folder",
+            job->folder, item ? item->string : other->string, there ? there : "none", here ? here : "none");
+    cJSON_free(here);
+    cJSON_free(there);
+    return SHERF_MISMATCH;
+}
+
 /* A folder holds people of one kind: other settings are refused. */
 static sherf_status same_settings(context *c, const people_job *job) {
     char path[PATH_LENGTH], line[256];
@@ -473,10 +502,14 @@ static sherf_status same_settings(context *c, const people_job *job) {
     if (status) return status;
     if (!path_is_file(path)) return write_text(c, path, (const char *const[]){line}, 1);
     if ((status = file_read(c, path, 4096, &old, &bytes))) return status;
-    if (strncmp((const char *)old, line, strlen(line)))
-        status = failure(c, SHERF_MISMATCH, "%s: made with other settings (%s); choose another folder",
-                         job->folder, path);
+    cJSON *there = cJSON_ParseWithLength((const char *)old, bytes), *here = cJSON_Parse(line);
     mem_free(old);
+    if (!cJSON_IsObject(there))
+        status = failure(c, SHERF_BAD_FILE, "%s: not the settings that people were made with", path);
+    else
+        status = here ? settings_compare(c, job, here, there) : SHERF_NO_MEMORY;
+    cJSON_Delete(there);
+    cJSON_Delete(here);
     return status;
 }
 

@@ -27,7 +27,7 @@ static void put_cell(const image_u8 *in, uint8_t *sheet, int width, int x0, int 
 sherf_status people_sheet(context *c, const char *folder, int people, const char *const *name, int poses,
                           int views, const char *png) {
     int rows = people < ROWS_MAX ? people : ROWS_MAX;
-    int columns = poses == 1 && views < COLUMNS ? views : COLUMNS; /* no repetition */
+    int columns = (int64_t)poses * views < COLUMNS ? poses * views : COLUMNS; /* no repetition */
     int width = columns * CELL;
     if (!rows) return failure(c, SHERF_NO_FILE, "%s: nobody to show", folder);
     uint8_t *sheet = mem_zero(c, (size_t)width * (size_t)rows * CELL, 3);
@@ -39,7 +39,7 @@ sherf_status people_sheet(context *c, const char *folder, int people, const char
         for (int i = 0; i < columns && !status; i++) {
             /* the front first, then round the person */
             int view = (views / 2 + i * (views > COLUMNS ? views / COLUMNS : 1)) % views,
-                pose = i * poses / COLUMNS;
+                pose = (int)((int64_t)i * poses / columns);
             image_u8 image = {0};
             status = thuman_picture_path(c, path, one, "", view, pose, ".png");
             if (!status) status = image_read(c, path, 3, &image);

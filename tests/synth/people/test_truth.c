@@ -234,8 +234,35 @@ static void surfaces_of_people(void **state) {
     mem_free(bytes);
     assert_fails(c, sherf_synth_people(c, folder[1], &o), SHERF_MISMATCH, "stands otherwise");
     assert_false(path_is_folder(file[0]));
+    /* other settings, and a record of them that is none */
+    o.views = 4;
+    assert_fails(c, sherf_synth_people(c, folder[1], &o), SHERF_MISMATCH, "views: 3 there, 4 here");
+    o.views = 3, o.cameras = "photo";
+    assert_fails(c, sherf_synth_people(c, folder[1], &o), SHERF_MISMATCH,
+                 "cameras: none there, \"photo\" here");
+    snprintf(file[1], sizeof file[1], "%s/people.json", folder[1]);
+    assert_ok(c, file_write(c, file[1], "[3]", 3));
+    assert_fails(c, sherf_synth_people(c, folder[1], &o), SHERF_BAD_FILE, "people.json: not the settings");
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);
+}
+
+/* Two poses from two sides are four pictures in a row, not ten. */
+static void a_sheet_repeats_nothing(void **state) {
+    if (!path_is_folder(source)) skip();
+    context *c = test_context();
+    sherf_image sheet = {0};
+    char folder[512], png[512];
+    snprintf(folder, sizeof folder, "%s", test_path("few"));
+    snprintf(png, sizeof png, "%s", test_path("few.png"));
+    const sherf_people_options o = {
+        .people = 1, .poses = 2, .views = 2, .size_px = 16, .source = source, .body = body, .sheet = png};
+    assert_ok(c, sherf_synth_people(c, folder, &o));
+    assert_ok(c, sherf_image_read(c, png, &sheet));
+    assert_int_equal(sheet.width, 4 * 160);
+    assert_int_equal(sheet.height, 160);
+    sherf_image_free(&sheet);
+    sherf_context_free(c);
 }
 
 /* All positions of a surface in a row; the caller frees them. */
@@ -303,6 +330,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(numbers_in_names),     cmocka_unit_test(the_surface_is_what_was_drawn),
         cmocka_unit_test(nobody_leaks),         cmocka_unit_test(surfaces_of_people),
-        cmocka_unit_test(whoever_is_asked_for), cmocka_unit_test(no_such_source)};
+        cmocka_unit_test(whoever_is_asked_for), cmocka_unit_test(a_sheet_repeats_nothing),
+        cmocka_unit_test(no_such_source)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -25,7 +25,7 @@ static const option options[] = {
      "also draw a sheet of the best guess and variants 1 to N from behind, beside the avatar", 1,
      VARIANTS_MAX},
     PHOTO_OPTIONS,
-    {0, "overlay", OPTION_FILE, &photo_wanted.overlay, "FILE", "draw the estimated body over a photo, .png"},
+    {0, "overlay", OPTION_FILE, &photo_wanted.overlay, "PNG", "draw the estimated body over a photo"},
     {0},
 };
 

@@ -11,7 +11,7 @@ static struct { const char *body, *overlay; } set;
 static const option options[] = {
     {'b', "body", OPTION_FILE, &set.body, "FILE",
      "body model to check data and observations against (one beside them, or else the open body)"},
-    {'p', "overlay", OPTION_FILE, &set.overlay, "FILE", "draw the body over the picture, .png"},
+    {'p', "overlay", OPTION_FILE, &set.overlay, "PNG", "draw the body over the picture"},
     {0},
 };
 

@@ -40,7 +40,7 @@ static const option options[] = {
     {0, "front-view", OPTION_FLAG, &set.front_view, NULL, "observe people from the front view only"},
     SHARED_WIDTH(&set.size, 8192),
     {0, "epochs", OPTION_REAL, &set.epochs, "X", "stop after X epochs (5)", 0, 1e6},
-    {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 0, 1e12},
+    {'n', "steps", OPTION_INTEGER, &set.steps, "N", "stop after N steps", 1, 1e12},
     {0, "seconds", OPTION_REAL, &set.seconds, "X", "stop after X seconds", 0, 1e9},
     {0, "batch", OPTION_INTEGER, &set.batch, "N", "samples a step, over all processes (4)", 0, 4096},
     {0, "targets", OPTION_INTEGER, &set.targets, "N",
@@ -109,6 +109,9 @@ static int run(session *s, int count, char **argument) {
         snprintf(path, sizeof path, "%s/model.safetensors", set.output);
         cJSON_AddStringToObject(json, "model", path);
         session_json(json);
+    } else {
+        session_remark("%s/model.safetensors: the model; %s/loss.png: the course of its loss", set.output,
+                       set.output);
     }
     return EXIT_DONE;
 }

@@ -7,6 +7,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "sherf/sherf.h"
 
@@ -117,6 +118,11 @@ bool size_parse(const char *text, int *width, int *height) {
     return !*text && *width > 0 && *width <= SIDE_MAX && *height >= 0 && *height <= SIDE_MAX;
 }
 
+static bool is_png(const char *name) {
+    const size_t n = strlen(name);
+    return n > 4 && !strcasecmp(name + n - 4, ".png");
+}
+
 /* Stores `text` as the value of o; returns the error, or NULL. */
 static const char *value_store(const option *o, const char *text) {
     char *end;
@@ -128,6 +134,7 @@ static const char *value_store(const option *o, const char *text) {
     case OPTION_TEXT:
     case OPTION_FILE:
         if (!*text) return "is empty";
+        if (!strcmp(o->argument, "PNG") && !is_png(text)) return "should end in .png: a PNG is written there";
         *(const char **)o->value = text;
         return NULL;
     case OPTION_FILES: {

@@ -10,7 +10,7 @@
 typedef enum {
     OPTION_FLAG,    /* bool */
     OPTION_TEXT,    /* const char * */
-    OPTION_FILE,    /* const char *; completed as a file name */
+    OPTION_FILE,    /* const char *; completed as a file name; with the argument "PNG" it ends in .png */
     OPTION_FILES,   /* option_files; may be repeated */
     OPTION_INTEGER, /* int64_t */
     OPTION_REAL,    /* double */

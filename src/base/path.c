@@ -62,6 +62,13 @@ sherf_status output_open(context *c, const char *path, output_file *out) {
     return SHERF_OK;
 }
 
+sherf_status output_try(context *c, const char *path) {
+    output_file file;
+    sherf_status status = output_open(c, path, &file);
+    output_abort(&file);
+    return status;
+}
+
 sherf_status output_write(context *c, output_file *out, const void *data, size_t bytes) {
     if (!bytes || fwrite(data, 1, bytes, out->file) == bytes) return SHERF_OK;
     return failure(c, SHERF_WRITE_FAILED, "%s: cannot be written: %s", out->final, strerror(errno));

@@ -16,6 +16,7 @@ typedef struct {
     char final[PATH_LENGTH], temporary[PATH_LENGTH];
 } output_file;
 sherf_status output_open(context *c, const char *path, output_file *out);
+sherf_status output_try(context *c, const char *path); /* whether it could be opened; leaves nothing */
 sherf_status output_write(context *c, output_file *out, const void *data, size_t bytes);
 /* At most 4095 bytes at a time. */
 sherf_status output_print(context *c, output_file *out, const char *format, ...) PRINTF_LIKE(3, 4);

@@ -430,8 +430,7 @@ static sherf_status check_person(checker *k, const sherf_dataset *d, int person,
     const data_protocol *protocol = dataset_protocol(d);
     sherf_status status = dataset_record(k->c, d, person, &r);
     if (status) return finding_of(k, status);
-    int first = 0, errors = k->out->errors,
-        front = protocol->front_view < r->views ? protocol->front_view : 0;
+    int first = 0, errors = k->out->errors, front = protocol_front(protocol, r->views);
     while (r->present && first + 1 < r->poses && !r->present[first]) first++;
     if (r->views < protocol->views)
         finding(k, WARNING, "%s: %d views, the paper uses %d", d->name[person], r->views, protocol->views);

@@ -67,6 +67,9 @@ typedef struct {
     double image_scale;
 } data_protocol;
 const data_protocol *dataset_protocol(const sherf_dataset *d);
+/* The view that sees a person from the front: the protocol's, or, where the person has fewer views, the one
+ * as far round the ring of cameras. Made people of any number of views are seen from the front there. */
+int protocol_front(const data_protocol *p, int views);
 /* All of these may be called from several contexts at once on one data set. HuMMan's poses are the numbers in
  * its files' names, so a pose below sherf_dataset_pose_count may be missing. */
 /* Views of one person at the protocol's scale; width 0: the protocol's size, otherwise scaled (K too) to this

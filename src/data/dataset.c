@@ -9,6 +9,10 @@ const data_protocol *dataset_protocol(const sherf_dataset *d) {
     return &d->reader->protocol;
 }
 
+int protocol_front(const data_protocol *p, int views) {
+    return p->front_view < views ? p->front_view : p->front_view * views / p->views;
+}
+
 void record_free(person_record *r) {
     if (!r) return;
     for (int64_t i = 0; r->image && i < (int64_t)r->poses * r->views; i++) mem_free(r->image[i]);

@@ -228,7 +228,9 @@ static sherf_status take_item(context *c, const sherf_dataset *d, const char *it
         else if (sscanf(text, "%9d%n", &first, &end) == 1 && !text[end])
             last = first;
         else
-            return failure(c, SHERF_BAD_ARGUMENT, "%s: no person \"%.*s\"", d->root, (int)length, item);
+            return failure(c, SHERF_BAD_ARGUMENT,
+                           "%s: no person \"%.*s\"; people are names, or lines such as 0-%d", d->root,
+                           (int)length, item, d->people - 1);
         if (first < 0 || last < first || last >= d->people)
             return failure(c, SHERF_BAD_ARGUMENT, "%s: no people %.*s (lines 0 to %d are there)", d->root,
                            (int)length, item, d->people - 1);

@@ -107,6 +107,7 @@ static sherf_status evaluation_open(evaluation *e) {
     if (!e->total) return failure(c, SHERF_BAD_ARGUMENT, "%s: no picture is left to compare with", o->data);
     if (o->sheet) {
         const int rows = observations < SHEET_ROWS_MAX ? (int)observations : SHEET_ROWS_MAX;
+        if ((status = output_try(c, o->sheet)) != SHERF_OK) return status;
         if ((status = sheet_create(c, rows, &e->sheet)) != SHERF_OK) return status;
     }
     if (!o->output) return SHERF_OK;
@@ -564,6 +565,9 @@ sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_
         }
         if ((status = report_write_json(c, &e.report, e.data, path)) != SHERF_OK) goto done;
     }
+    if (options->surfaces && !e.report.surfaces.count && !e.report.surfaces.missed)
+        log_line(c, SHERF_LOG_WARNING, "%s: no surfaces are compared: %s", options->data,
+                 estimator ? "estimates have a world of their own" : "the data set has none");
     char *table = whole_table(&e);
     if (!table) {
         status = SHERF_NO_MEMORY;

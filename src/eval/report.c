@@ -156,7 +156,7 @@ static size_t region_lines(char *to, size_t room, int name_width, const report *
 char *report_table(context *c, const report *r, const sherf_dataset *d) {
     enum { NAME_MAX_WIDTH = 40, LINE = 192, BLOCK = SCORE_KINDS + 1 };
     size_t lines = 2 + BLOCK + REGIONS;
-    int width = r->baselines ? 14 : 6;
+    int width = r->baselines ? 14 : 10; /* the lines below the means */
     int64_t at = 0;
     for (int p = next_person(r, &at, -1); p >= 0; p = next_person(r, &at, p)) {
         int n = (int)strnlen(sherf_dataset_person(d, p), NAME_MAX_WIDTH);

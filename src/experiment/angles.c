@@ -54,7 +54,6 @@ typedef struct {
     experiment_job *j;
     sherf_dataset *data;
     sherf_body *body;
-    int front;
 } angle_source;
 /* Sums of one person's pictures by bin; a bin is a twelfth of a turn. */
 typedef struct {
@@ -72,9 +71,9 @@ static sherf_status picture_bin(const angle_source *s, int person, const picture
     sherf_pose pose;
     double degrees;
     context *c = s->j->c;
+    const int front = protocol_front(dataset_protocol(s->data), sherf_dataset_view_count(s->data, person));
     sherf_status status = dataset_camera(c, s->data, person, k->observed_view, &seen);
-    if (status == SHERF_OK)
-        status = dataset_camera(c, s->data, person, difference ? k->view : s->front, &other);
+    if (status == SHERF_OK) status = dataset_camera(c, s->data, person, difference ? k->view : front, &other);
     if (status == SHERF_OK) status = dataset_pose(c, s->data, person, k->observed_pose, &pose);
     if (status == SHERF_OK) status = camera_angle(c, s->body, &pose, &other, &seen, &degrees);
     if (status == SHERF_OK) *bin = bin_of(angle_rounded(difference ? fabs(degrees) : degrees));
@@ -175,7 +174,6 @@ static sherf_status report_angles(experiment_job *j, page *p, bool difference) {
             c, t, difference ? "degrees between the views" : "degrees from the front view", name, 2, 1);
     }
     if (status == SHERF_OK) {
-        s.front = dataset_protocol(s.data)->front_view;
         plot->step = difference ? STEP_DEG : 60;
         snprintf(plot->x, sizeof plot->x, "%s", t->column[0].group);
         snprintf(plot->y, sizeof plot->y, "PSNR (dB)");

@@ -141,7 +141,8 @@ static cJSON *settings_json(const experiment_job *j) {
     const sherf_experiment_options *o = j->options;
     cJSON *s = cJSON_CreateObject();
     if (s && add_recipe(s, j) && add_rates(s) && add_data(s, o) &&
-        add_text(s, "train_people", o->train_people) && add_text(s, "test_people", o->test_people) &&
+        add_text(s, "train_people", o->train_people) &&
+        (!o->data_count || add_text(s, "test_people", o->test_people)) && /* made ones are counted */
         add_text(s, "motions", file_name(o->motions)) && add_text(s, "resnet18", file_name(o->resnet18)) &&
         add_text(s, "resnet34", file_name(o->resnet34)) && add_text(s, "lpips", file_name(o->lpips)) &&
         add_text(s, "perceptual", file_name(o->perceptual)) &&

@@ -112,7 +112,7 @@ enum {
  * fourth. */
 typedef struct {
     const data_protocol *protocol;
-    int people, poses, views, angles, observed_views;
+    int people, poses, views, angles, observed_views, front;
     int pose[POSES_MAX], view[VIEWS_MAX], angle[VIEWS_MAX], observed_view[3];
     bool whole;       /* the whole protocol */
     char names[2048]; /* of the first people, for galleries, angles and studies */
@@ -150,6 +150,7 @@ static void fill_choice(const experiment_job *j, bool made, int has_poses, int h
     for (size_t i = 0; i < COUNT_OF(p->observation_views); i++)
         if (p->observation_views[i] < has_views)
             out->observed_view[out->observed_views++] = p->observation_views[i];
+    out->front = protocol_front(p, limit);
     out->whole = j->set.scale == SCALE_PAPER && !made;
 }
 
@@ -277,7 +278,7 @@ static void pick_surface(const picture_choice *k, picks *p) {
 static void pick_front(const picture_choice *k, bool paper, picks *p) {
     pick_protocol(k, p);
     p->observations = 0;
-    for (int i = 0; i < (paper ? k->poses : 1); i++) observe(p, k->pose[i], k->protocol->front_view);
+    for (int i = 0; i < (paper ? k->poses : 1); i++) observe(p, k->pose[i], k->front);
 }
 
 static void pick_angles(const picture_choice *k, int pose, picks *p) {
@@ -354,8 +355,6 @@ sherf_status scoring_select(experiment_job *j, const experiment_data *d, const s
         out->poses_observed = j->set.scale == SCALE_PAPER ? k.poses : 1;
         pick_angles(&k, pose, &p);
     } else if (s->kind == SCORING_FRONT) {
-        if (k.protocol->front_view >= (d->made ? VIEWS : k.protocol->views))
-            return failure(j->c, SHERF_BAD_ARGUMENT, "%s: there is no front view", d->test);
         pick_front(&k, j->set.scale == SCALE_PAPER, &p);
     } else if (s->kind == SCORING_VIEWS || s->kind == SCORING_POSES) {
         pick_looks(&k, s->kind == SCORING_POSES, &p);

@@ -186,14 +186,15 @@ static sherf_status notes_add(runtime *t, page *p) {
     char device[200];
     if (c->device != SHERF_DEVICE_CUDA || sherf_device_find(c->device, device, sizeof device) != SHERF_OK)
         snprintf(device, sizeof device, "the processor (%s)", isa_name(isa_best()));
-    sherf_status status = page_add_note(c, p,
-                                        "Medians of %d, quartiles in brackets, after %d to warm up, the "
-                                        "methods in turn in one process; %s, %d threads, "
-                                        "float32. The observation is %d x %d pixels, the person takes %.1f "
-                                        "of the frame's %d x %d. A person without "
-                                        "canonical space is shown in the observed pose, so all are.",
-                                        t->repeats, WARM, device, c->threads, t->observation->image.width,
-                                        t->observation->image.height, person_share, SIDE, SIDE);
+    sherf_status status =
+        page_add_note(c, p,
+                      "Medians of %d, quartiles in brackets, after %d to warm up, the "
+                      "methods in turn in one process; %s, %d thread%s, "
+                      "float32. The observation is %d x %d pixels, the person takes %.1f "
+                      "of the frame's %d x %d. A person without "
+                      "canonical space is shown in the observed pose, so all are.",
+                      t->repeats, WARM, device, c->threads, c->threads == 1 ? "" : "s",
+                      t->observation->image.width, t->observation->image.height, person_share, SIDE, SIDE);
     if (status != SHERF_OK) return status;
     return page_add_note(
         c, p,

@@ -102,7 +102,7 @@ static sherf_status tell_run(experiment_job *j, const run *r, run_tally *t) {
     if (trains) status = training_hours(j, r, t, took.step_ms, &training);
     if (status != SHERF_OK) return status;
     const double scoring_hours = (double)state.pictures * took.frame_ms / 3.6e6;
-    text_add(&t->text, "  %s on %s, seed %d:", preset, r->data->label, r->seed + 1);
+    text_add(&t->text, "  %s (%s) on %s, seed %d:", r->method->label, preset, r->data->label, r->seed + 1);
     if (trains)
         text_add(&t->text, " training, %.2f h (a step of one picture takes %.0f ms);", training,
                  took.step_ms);

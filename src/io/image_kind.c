@@ -173,9 +173,10 @@ void image_other_name(context *c, const unsigned char *data, size_t bytes) {
     const bool text = other && !strcmp(other, "a text");
     char begins[41];
     if (picture) {
-        failure(c, SHERF_BAD_FILE, "a picture (%s)", picture);
-    } else if (other && !text) {
-        failure(c, SHERF_BAD_FILE, "%s", other);
+        failure(c, SHERF_BAD_FILE, "a picture (%s), where a file of numbers should be", picture);
+    } else if (other && !text) { /* some names say already what to do */
+        const bool advice = strpbrk(other, ":,") != NULL;
+        failure(c, SHERF_BAD_FILE, "%s%s", other, advice ? "" : ", where a file of numbers should be");
     } else if (text && !pickle_text_is(data, n)) {
         text_beginning(data, n, begins, sizeof begins);
         failure(c, SHERF_BAD_FILE, "a text that is neither JSON nor a pickle; it begins \"%s\"", begins);

@@ -69,7 +69,14 @@ sherf_status model_load(context *c, const char *path, model **out) {
     sherf_status status = safetensors_read(c, path, &s);
     if (status != SHERF_OK) return status;
     const char *format = safetensors_metadata(s, "format");
-    if (format && strcmp(format, "sherf-model") && strcmp(format, "sherf-checkpoint")) {
+    if (format && !strcmp(format, "sherf-checkpoint")) {
+        status = failure(
+            c, SHERF_BAD_FILE,
+            "%s: a checkpoint of a training, not a model: give model.safetensors, which lies beside it",
+            path);
+        goto done;
+    }
+    if (format && strcmp(format, "sherf-model")) {
         status = failure(c, SHERF_BAD_FILE, "%s: holds a %s, not a model", path, format);
         goto done;
     }

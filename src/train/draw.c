@@ -20,7 +20,7 @@ static int clipped(int limit, int n) {
 sherf_status sampling_create(context *c, const sherf_dataset *d, const char *people, bool front_view,
                              int targets, uint64_t seed, sampling *out) {
     const data_protocol *p = dataset_protocol(d);
-    *out = (sampling){.seed = seed, .front_view = -1, .targets = targets};
+    *out = (sampling){.seed = seed, .targets = targets};
     sherf_status status = dataset_people(c, d, people, true, &out->person, &out->people);
     if (status != SHERF_OK) goto fail;
     out->poses = mem_alloc(c, (size_t)out->people, sizeof *out->poses);
@@ -39,13 +39,8 @@ sherf_status sampling_create(context *c, const sherf_dataset *d, const char *peo
         out->poses[i] = clipped(p->train_poses, (has_poses + out->pose_step - 1) / out->pose_step);
         out->views[i] = clipped(p->views, has_views);
         out->before[i + 1] = out->before[i] + (int64_t)out->poses[i] * out->views[i];
-        if (front_view && p->front_view >= has_views) {
-            status = failure(c, SHERF_BAD_ARGUMENT, "%s has no view %d, which is the front view",
-                             sherf_dataset_person(d, out->person[i]), p->front_view);
-            goto fail;
-        }
     }
-    if (front_view) out->front_view = p->front_view;
+    if (front_view) out->front = p;
     if (sampling_pictures(out) > 0) return SHERF_OK;
     status = failure(c, SHERF_BAD_ARGUMENT, "there is no picture to train on");
 fail:
@@ -102,9 +97,9 @@ draw sampling_draw(const sampling *s, int64_t number) {
     draw d = {.person = s->person[i],
               .pose = (int)(at / s->views[i]) * s->pose_step,
               .view = (int)(at % s->views[i]),
-              .observed_view = s->front_view,
+              .observed_view = s->front ? protocol_front(s->front, s->views[i]) : 0,
               .noise_key = splitmix64(key + 1) | 1};
-    if (s->front_view < 0) d.observed_view = (int)random_below(key, 0, s->views[i]);
+    if (!s->front) d.observed_view = (int)random_below(key, 0, s->views[i]);
     d.estimated = random_uniform(random_key(s->seed, "train.estimated", (uint64_t)number), 0) < s->estimated;
     draw_also(s, i, number, &d);
     d.further = s->targets - 1;

@@ -3,6 +3,7 @@
 #ifndef SHERF_DRAW_H
 #define SHERF_DRAW_H
 
+#include "data/data.h"
 #include "model/model.h"
 
 enum { TARGETS_MAX = 8 };
@@ -15,11 +16,11 @@ typedef struct {
     int *views;      /* of each; owned */
     int64_t *before; /* people + 1: pictures of all people before this one; owned */
     int pose_step;
-    int front_view;         /* -1: any view observes */
-    int targets;            /* of a sample, 1 to TARGETS_MAX */
-    bool one_pose;          /* further targets keep the observation's pose */
-    bool random_background; /* false: always black, the paper's */
-    double estimated;       /* share of the samples whose observation is estimated, 0 to 1 */
+    const data_protocol *front; /* its front view observes; NULL: any view does */
+    int targets;                /* of a sample, 1 to TARGETS_MAX */
+    bool one_pose;              /* further targets keep the observation's pose */
+    bool random_background;     /* false: always black, the paper's */
+    double estimated;           /* share of the samples whose observation is estimated, 0 to 1 */
     /* from 2 on, every other sample whose observation is not estimated has 2 to this many pictures */
     int pictures;
 } sampling;

@@ -434,12 +434,31 @@ static sherf_status prepare(trainer *t) {
     return history_open(c, path, t->first_step, &t->history);
 }
 
+/* Names the front view of the first person who has not the protocol's. */
+static void say_front(const trainer *t) {
+    const sampling *s = &t->sampling;
+    for (int i = 0; i < s->people && s->front; i++) {
+        if (s->front->front_view < s->views[i]) continue;
+        log_line(t->c, SHERF_LOG_INFO, "%s has %d views: view %d is taken for the front view",
+                 sherf_dataset_person(t->data, s->person[i]), s->views[i],
+                 protocol_front(s->front, s->views[i]));
+        return;
+    }
+}
+
 static void announce(trainer *t) {
     context *c = t->c;
     const train_state *s = &t->state;
     char device[200];
     const model_config *config = &t->model->config;
     if (t->ranks.rank) return;
+    if (t->first_step >= t->last_step) {
+        log_line(c, SHERF_LOG_INFO,
+                 "%s: nothing is left to train: step %" PRId64
+                 " is done, and the last was to be step %" PRId64,
+                 t->options->output, t->first_step, t->last_step);
+        return;
+    }
     log_line(c, SHERF_LOG_INFO,
              "training %s:%s (%.1f million parameters) on %" PRId64
              " pictures of %d people, %d sample%s a step, "
@@ -449,7 +468,11 @@ static void announce(trainer *t) {
              t->first_step + 1, t->last_step);
     if (c->device == SHERF_DEVICE_CUDA && sherf_device_find(c->device, device, sizeof device) == SHERF_OK)
         log_line(c, SHERF_LOG_INFO, "on %s", device);
-    if (t->resumed) log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64, s->step);
+    const char *unread = t->options->start ? t->options->start : t->options->resnet;
+    if (t->resumed)
+        log_line(c, SHERF_LOG_INFO, "going on after step %" PRId64 "%s%s%s", s->step, unread ? "; " : "",
+                 unread ? unread : "", unread ? " is of use for a new training only and is not read" : "");
+    say_front(t);
     if (config->kind->surfaces)
         log_line(c, SHERF_LOG_INFO, "on the people's surfaces: what is inside is the loss, and the colours");
     else if (model_recipe(&t->model->config))

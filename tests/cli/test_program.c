@@ -111,7 +111,7 @@ static void wrong_usage(void **state) {
     assert_error(run("%s -o e --first 5 --last 3", animate), 2, "--last", "sherf animate --help");
     assert_error(run("view -b b"), 2, "INPUT... is missing", "sherf view --help");
     assert_error(run("view a.safetensors --port 65536"), 2, "--port: '65536'", "sherf view --help");
-    assert_error(run("check a --overlay b"), 2, "--overlay needs --body", "sherf check --help");
+    assert_error(run("check a --overlay b.png"), 2, "--overlay needs --body", "sherf check --help");
 }
 
 /* Unsupported file extensions, and standard output. */
@@ -178,6 +178,8 @@ static void what_is_missing_or_broken(void **state) {
     assert_error(run("render a -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
     assert_error(run("eval -d /no/such/data -m b -b c"), 1, "sherf: ", "/no/such/data");
     assert_error(run("train -d /no/such/data -b c -o %s", test_path("run")), 1, "sherf: ", "/no/such/");
+    assert_error(run("train -d a -b c -n 0 -o %s", test_path("run")), 2, "--steps: '0' is not in 1",
+                 "--help");
     assert_error(run("synth body -o x"), 2, "--source", "sherf synth --help");
     assert_error(run("synth body --source /no/such/folder -o x"), 1, "sherf: ", "/no/such/folder");
     assert_error(run("synth tube -o /proc/no/such"), 1, "sherf: ", "/proc/no");
@@ -533,6 +535,40 @@ static void last_weights_are_others(void **state) {
         if ((other != 0) != i) fail_msg("%s.safetensors is %s", file[i], other ? "another" : "the same");
         for (int k = 0; k < 2; k++) mem_free(data[k][i]);
     }
+    /* the same command again; then from the front, of people with few views */
+    static const char *const options[] = {"--steps 3", "--steps 4 --start other.safetensors"};
+    static const char *const says[] = {
+        "nothing is left to train: step 3 is done",
+        "going on after step 3; other.safetensors is of use for a new training only"};
+    for (int i = 0; i < 2; i++) {
+        const outcome *o =
+            run("train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --size 64 --batch 1 "
+                "--perceptual none %s -o %s",
+                folder, folder, options[i], out[0]);
+        assert_int_equal(o->status, 0);
+        assert_contains(o->err, says[i]);
+        assert_contains(o->err, "model.safetensors: the model");
+    }
+    char words[6400], sheet[2048];
+    snprintf(sheet, sizeof sheet, "%s", test_path("sheet.jpg"));
+    snprintf(words, sizeof words,
+             "eval -d thuman:%s -b %s/tubeman.safetensors --observation 0:0 --poses 0 --views 1", folder,
+             folder);
+    assert_error(run("%s -q --people 0:1 -m %s/model.safetensors", words, out[0]), 1, "no person \"0:1\"",
+                 "lines such as 0-0");
+    assert_error(run("%s -q -P 0 -m %s/checkpoint.safetensors", words, out[0]), 1,
+                 "checkpoint.safetensors: a checkpoint of a training, not a model", "give model.safetensors");
+    assert_error(run("%s -q -P 0 --sheet %s", words, sheet), 2, sheet, "should end in .png");
+    assert_int_equal(run("%s -q -P 0 -m %s/model.safetensors --sheet /no/such/x.png", words, out[0])->status,
+                     1);
+    const outcome *o = run("%s -P 0 -m %s/model.safetensors --surfaces --perceptual none", words, out[0]);
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "no surfaces are compared: the data set has none");
+    o = run("train -d thuman:%s --people 0-0 -b %s/tubeman.safetensors --preset " TINY
+            " --size 64 --batch 1 --perceptual none --steps 1 --front-view -o %s",
+            folder, folder, test_path("front"));
+    assert_int_equal(o->status, 0);
+    assert_contains(o->err, "has 4 views: view 2 is taken for the front view");
     sherf_context_free(c);
 }
 

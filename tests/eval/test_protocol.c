@@ -113,6 +113,7 @@ static void listed_pictures(void **state) {
     assert_true(isnan(s.novel_view.lpips));
     assert_non_null(strstr(s.table, "novel pose"));
     assert_non_null(strstr(s.table, "mean"));
+    assert_non_null(strstr(s.table, "\n  not seen "));
     document *d;
     sherf_dataset *data;
     snprintf(path, sizeof path, "%s/scores.json", folder);

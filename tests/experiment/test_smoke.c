@@ -502,6 +502,7 @@ static void a_dry_run_makes_nothing(void **state) {
     o.seeds = 2;
     assert_ok(c, sherf_experiment(c, "main", &o, &text));
     assert_non_null(strstr(text, "\n8 trainings, about "));
+    assert_non_null(strstr(text, "\n  SHERF (small,"));
     assert_false(path_is_folder(o.output));
     sherf_free(text);
     o = smoke("whole");
@@ -544,6 +545,25 @@ static void mistakes_are_one_line(void **state) {
     assert_int_equal(mem_live(), 0);
 }
 
+/* A folder of made people is continued: its record agrees with itself. Here the people cannot be drawn. */
+static void made_people_are_gone_on_with(void **state) {
+    context *c = test_context();
+    char path[1400];
+    sherf_experiment_options o = smoke("made");
+    o.data_count = 0;
+    o.train_people = o.test_people = NULL;
+    o.source = "/nowhere";
+    o.body = body[0];
+    for (int i = 0; i < 2; i++)
+        assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_NO_FILE, "/nowhere");
+    snprintf(path, sizeof path, "%s/experiment.json", o.output);
+    assert_true(path_is_file(path));
+    o.people = 8;
+    assert_fails(c, sherf_experiment(c, "main", &o, NULL), SHERF_MISMATCH, "(people differs");
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 /* Another method's weights in a run's folder are refused with their name, and stay. */
 static void weights_of_another_method(void **state) {
     context *c = test_context();
@@ -576,6 +596,7 @@ int main(void) {
         cmocka_unit_test(the_recipe_is_kept),
         cmocka_unit_test(a_dry_run_makes_nothing),
         cmocka_unit_test(mistakes_are_one_line),
+        cmocka_unit_test(made_people_are_gone_on_with),
         cmocka_unit_test(weights_of_another_method),
     };
     return cmocka_run_group_tests(tests, make_data, NULL);

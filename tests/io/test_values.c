@@ -318,7 +318,7 @@ static void test_refused_by_name(void **state) {
          8, "packed by xz, but damaged"},
         {"version https://git-lfs.github.com/spec/v1\noid sha256:aa\n", 56, "a Git LFS pointer"},
         {"<!DOCTYPE html><html></html>", 28, "a web page (HTML), not the file it offers"},
-        {"\x89PNG\r\n\x1a\n\0\0\0\0", 12, "a picture (PNG)"},
+        {"\x89PNG\r\n\x1a\n\0\0\0\0", 12, "a picture (PNG), where a file of numbers should be"},
         {"%PDF-1.7", 8, "a PDF"},
         {"some words", 10, "a text that is neither JSON nor a pickle; it begins \"some words\""},
     };

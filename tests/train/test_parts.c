@@ -98,7 +98,7 @@ static void permutations_are_permutations(void **state) {
 }
 
 /* Two people, 3 and 2 poses on a grid of 5, 4 views. */
-static sampling two_people(int front_view) {
+static sampling two_people(const data_protocol *front) {
     static int person[] = {4, 9}, poses[] = {3, 2}, views[] = {4, 4};
     static int64_t before[] = {0, 12, 20};
     return (sampling){.seed = 3,
@@ -109,11 +109,11 @@ static sampling two_people(int front_view) {
                       .before = before,
                       .pose_step = 5,
                       .targets = 3,
-                      .front_view = front_view};
+                      .front = front};
 }
 
 static void every_picture_once_an_epoch(void **state) {
-    sampling s = two_people(-1);
+    sampling s = two_people(NULL);
     int seen[2][3][4] = {0}, same_order = 0, observed[4] = {0}, other_pose = 0;
     for (int64_t i = 0; i < 40; i++) {
         draw d = sampling_draw(&s, i);
@@ -140,16 +140,19 @@ static void every_picture_once_an_epoch(void **state) {
     assert_true(same_order < 12);
     assert_true(other_pose > 20);
     for (int v = 0; v < 4; v++) assert_true(observed[v] > 2);
-    sampling front = two_people(2);
+    /* half way round, where people have 4 views as where they have 24 */
+    static const data_protocol few = {.views = 4, .front_view = 2}, many = {.views = 24, .front_view = 12};
+    sampling front = two_people(&few), front_of_many = two_people(&many);
     for (int64_t i = 0; i < 20; i++) {
         draw a = sampling_draw(&front, i), b = sampling_draw(&s, i);
         assert_true(a.observed_view == 2 && a.pose == b.pose && a.view == b.view);
+        assert_int_equal(sampling_draw(&front_of_many, i).observed_view, 2);
     }
 }
 
 /* For a model that shows only the observed pose, targets are other views of it, as before. */
 static void targets_can_keep_the_pose(void **state) {
-    sampling any = two_people(-1), one = any;
+    sampling any = two_people(NULL), one = any;
     one.one_pose = true;
     for (int64_t i = 0; i < 20; i++) {
         draw a = sampling_draw(&any, i), b = sampling_draw(&one, i);
@@ -159,7 +162,7 @@ static void targets_can_keep_the_pose(void **state) {
 }
 
 static void backgrounds_are_black_or_drawn(void **state) {
-    sampling s = two_people(-1), random = s;
+    sampling s = two_people(NULL), random = s;
     random.random_background = true;
     int black = 0, dark = 0, different = 0;
     for (int64_t i = 0; i < 100; i++) {

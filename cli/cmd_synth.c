@@ -99,7 +99,31 @@ static int run_tube(session *s) {
     return status ? status : report(set.people, set.poses, set.views);
 }
 
+/* The first given option that tubes (`tube`), or else the body, do not have; NULL: all are theirs. */
+static const char *no_option_of(bool tube) {
+    const struct {
+        const char *name;
+        bool given;
+    } people_only[] = {{"body", set.body},
+                       {"motions", set.motions},
+                       {"background", set.background},
+                       {"cameras", set.cameras},
+                       {"normals", set.normals},
+                       {"depth", set.depth},
+                       {"sheet", tube && set.sheet},
+                       {"source", tube && set.source},
+                       {"poses", !tube && set.poses},
+                       {"views", !tube && set.views},
+                       {"size", !tube && set.size},
+                       {"surfaces", !tube && set.surfaces}};
+    for (size_t i = 0; i < sizeof people_only / sizeof *people_only; i++)
+        if (people_only[i].given) return people_only[i].name;
+    return NULL;
+}
+
 static int run(session *s, int count, char **argument) {
+    const char *wrong = strcmp(argument[0], "people") ? no_option_of(!strcmp(argument[0], "tube")) : NULL;
+    if (wrong) return usage_error(s->verb_name, "%s has no --%s", argument[0], wrong);
     if (!strcmp(argument[0], "body")) return run_body(s);
     return strcmp(argument[0], "people") ? run_tube(s) : run_people(s);
 }

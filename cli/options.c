@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 
 #include "sherf/sherf.h"
 
@@ -191,7 +192,8 @@ static int store(const verb *v, const option *o, const char *text) {
     if (o->kind == OPTION_CHOICE)
         return usage_error(v->name, "--%s: '%s' is none of %s", o->name, text, o->argument);
     if (strcmp(wrong, "is out of range") == 0)
-        return usage_error(v->name, "--%s: '%s' is not in %g to %g", o->name, text, o->minimum, o->maximum);
+        return usage_error(v->name, "--%s: '%s' is not in %.10g to %.10g", o->name, text, o->minimum,
+                           o->maximum);
     return usage_error(v->name, "--%s: '%s' %s", o->name, text, wrong);
 }
 
@@ -249,6 +251,19 @@ static int arguments_check(const verb *v, int count, char **argument) {
     return EXIT_DONE;
 }
 
+/* Refuses to write --output over a file that is read. */
+static int output_check(const verb *v, int count, char **argument) {
+    const option *o = find(v, "output", strlen("output"), 0);
+    const char *output = o && o->kind == OPTION_FILE ? *(const char **)o->value : NULL;
+    struct stat to, from;
+    if (!output || stat(output, &to) || !S_ISREG(to.st_mode)) return EXIT_DONE;
+    for (int i = 0; i < count; i++)
+        if (!stat(argument[i], &from) && from.st_dev == to.st_dev && from.st_ino == to.st_ino)
+            return usage_error(
+                v->name, "--output %s: that is the input, which would be lost; name another file", output);
+    return EXIT_DONE;
+}
+
 int options_parse(const verb *v, int *count, char **argument) {
     int kept = 0;
     bool only_arguments = false;
@@ -268,5 +283,6 @@ int options_parse(const verb *v, int *count, char **argument) {
     }
     *count = kept;
     if (common.help || common.version) return EXIT_DONE;
-    return arguments_check(v, kept, argument);
+    const int status = arguments_check(v, kept, argument);
+    return status ? status : output_check(v, kept, argument);
 }

@@ -407,6 +407,7 @@ static sherf_status check_others(checker *k, const sherf_dataset *d, int person,
               some = d->people > FEW_PEOPLE && others > SOME_VIEWS ? SOME_VIEWS : others;
     const int faults = k->out->errors + k->out->warnings;
     int poses = 0, last = first;
+    char views[40], also[40];
     sherf_status status = SHERF_OK;
     for (int i = 1; i <= some && !status; i++)
         status = check_overlap(k, d, person, first,
@@ -418,9 +419,11 @@ static sherf_status check_others(checker *k, const sherf_dataset *d, int person,
         status = check_overlap(k, d, person, pose, front, true);
         last = pose, poses++;
     }
+    snprintf(views, sizeof views, "%d other view%s", some, some == 1 ? "" : "s");
+    snprintf(also, sizeof also, "%d other pose%s", poses, poses == 1 ? "" : "s");
     if (!status && k->body && some + poses && k->out->errors + k->out->warnings == faults)
-        finding(k, NOTE, "%s: and so it does in %d other view%s and %d other pose%s", d->name[person], some,
-                some == 1 ? "" : "s", poses, poses == 1 ? "" : "s");
+        finding(k, NOTE, "%s: and so it does in %s%s%s", d->name[person], some ? views : "",
+                some && poses ? " and " : "", poses ? also : "");
     return status;
 }
 

@@ -201,11 +201,12 @@ static const char *const form_name[] = {"zip",         "packed", "pickle", "npy"
                                         "safetensors", "torch",  "json",   "pickle"};
 
 static form form_of(const unsigned char *start, size_t n) {
+    /* first: the length that it begins with may look like zlib's or gzip's mark */
+    if (safetensors_is(start, n)) return FORM_SAFETENSORS;
     if (n >= 4 && (!memcmp(start, "PK\3\4", 4) || !memcmp(start, "PK\5\6", 4))) return FORM_ZIP;
     if (packed_kind(start, n)) return FORM_PACKED;
     if (zlib_is(start, n)) return FORM_ZLIB;
     if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) return FORM_NPY;
-    if (safetensors_is(start, n)) return FORM_SAFETENSORS;
     if (torch_legacy_is(start, n)) return FORM_TORCH;
     return json_is(start, n) || utf16_is(start, n) ? FORM_JSON : FORM_PICKLE;
 }

@@ -202,6 +202,9 @@ static sherf_status not_known(context *c, const value *root) {
     sherf_status status = body_parts_missing(c, root);
     char has[400];
     if (status == SHERF_UNSUPPORTED) return status;
+    const value *format = value_get(value_get(root, "__metadata__"), "format"); /* of our own files */
+    if (format && format->kind == VALUE_STRING)
+        return failure(c, SHERF_BAD_FILE, "a %.40s, not a motion (docs/motion.md)", format->string.text);
     const char *keys = strstr(c->message, "; this has ");
     snprintf(has, sizeof has, "%s", keys ? keys : "");
     if (root && root->kind == VALUE_ARRAY) {

@@ -133,7 +133,8 @@ static void what_cannot_be_is_said(void **state) {
     assert_error(run("%s -o %s/x.ply --motion %s", words, out, clip), 1, "x.ply", "into a .glb only");
     assert_error(run("%s -o %s/x.glb --up z", words, out), 1, "x.glb", "always has +Y up");
     assert_error(run("%s -o %s/x.glb --level 900000", words, out), 1, "level 900000", "nowhere that dense");
-    assert_error(run("%s -o %s/x.glb --motion %s", words, out, avatar), 1, avatar, "not a motion");
+    assert_error(run("%s -o %s/x.glb --motion %s", words, out, avatar), 1, avatar,
+                 "a sherf-avatar, not a motion");
     assert_error(run("%s -o %s/x.ply --pose /no/such/file", words, out), 1, "sherf: ", "/no/such/file");
     assert_error(run("%s -o /no/such/folder/x.glb", words), 1, "sherf: ", "/no/such/folder/x.glb");
     assert_error(run("%s -o /no/such/folder/x.obj", words), 1, "sherf: ", "/no/such/folder/x");
@@ -151,6 +152,10 @@ static void a_baked_avatar_is_named(void **state) {
                            avatar, folder, baked);
     if (o->status) fail_msg("%s", o->err);
     const int before = files_there();
+    const long bytes = file_size(avatar);
+    assert_error(run("bake %s -b %s/tubeman.safetensors -q -o %s", avatar, folder, avatar), 2, avatar,
+                 "that is the input");
+    assert_int_equal(file_size(avatar), bytes);
     assert_error(run("export %s -b %s/tubeman.safetensors -q -o %s/x.glb", baked, folder, out), 1, baked,
                  "an export needs the avatar that it was made from");
     assert_error(run("render %s -b %s/tubeman.safetensors -q --exact -o %s/x.png", baked, folder, out), 1,

@@ -181,6 +181,9 @@ static void what_is_missing_or_broken(void **state) {
     assert_error(run("train -d a -b c -n 0 -o %s", test_path("run")), 2, "--steps: '0' is not in 1",
                  "--help");
     assert_error(run("synth body -o x"), 2, "--source", "sherf synth --help");
+    assert_error(run("synth body -s 64 -o x"), 2, "body has no --size", "synth --help");
+    assert_error(run("synth tube --sheet x.png -o x"), 2, "tube has no --sheet", "synth --help");
+    assert_error(run("synth tube -n 1000001 -o x"), 2, "not in 1 to 1000000 ", "synth --help");
     assert_error(run("synth body --source /no/such/folder -o x"), 1, "sherf: ", "/no/such/folder");
     assert_error(run("synth tube -o /proc/no/such"), 1, "sherf: ", "/proc/no");
     char no_gpu[256];

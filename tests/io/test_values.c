@@ -304,6 +304,29 @@ static void test_writing(void **state) {
     assert_int_equal(npy_write_f32(c, "/nowhere/at/all.npy", 1, (int64_t[]){6}, data), SHERF_WRITE_FAILED);
 }
 
+/* The length of a safetensors' header comes first, and may be the mark of zlib or gzip. */
+static void test_lengths_that_look_packed(void **state) {
+    static const unsigned marks[] = {0x0178, 0x3f78, 0x8b1f};
+    static unsigned char data[0x8b1f + 12];
+    context *c = *state;
+    for (size_t i = 0; i < COUNT_OF(marks); i++) {
+        const size_t bytes = 8 + marks[i] + 4;
+        static const char header[] =
+            "{\"__metadata__\": {\"format\": \"x\"}, \"a\": {\"dtype\": \"F32\", \"shape\": [1], "
+            "\"data_offsets\": [0, 4]}";
+        document *d;
+        memset(data, ' ', sizeof data);
+        memset(data, 0, 8);
+        data[0] = marks[i] & 255, data[1] = (unsigned char)(marks[i] >> 8);
+        memcpy(data + 8, header, sizeof header - 1);
+        data[7 + marks[i]] = '}';
+        memset(data + 8 + marks[i], 0, 4);
+        assert_ok(c, document_parse(c, data, bytes, &d, NULL));
+        assert_non_null(value_get(d->root, "a"));
+        document_free(d);
+    }
+}
+
 static void test_refused_by_name(void **state) {
     context *c = *state;
     document *d;
@@ -342,6 +365,7 @@ static void test_refused_by_name(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_json),
+                                       cmocka_unit_test(test_lengths_that_look_packed),
                                        cmocka_unit_test(test_json_refused),
                                        cmocka_unit_test(test_json_names_nan),
                                        cmocka_unit_test(test_json_wide),

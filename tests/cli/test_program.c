@@ -566,8 +566,11 @@ static void last_weights_are_others(void **state) {
     assert_error(run("%s -q -P 0 -m %s/checkpoint.safetensors", words, out[0]), 1,
                  "checkpoint.safetensors: a checkpoint of a training, not a model", "give model.safetensors");
     assert_error(run("%s -q -P 0 --sheet %s", words, sheet), 2, sheet, "should end in .png");
-    assert_int_equal(run("%s -q -P 0 -m %s/model.safetensors --sheet /no/such/x.png", words, out[0])->status,
-                     1);
+    snprintf(name, sizeof name, "%s", test_path("no-sheet"));
+    assert_int_equal(
+        run("%s -q -P 0 -m %s/model.safetensors --sheet /no/such/x.png -o %s", words, out[0], name)->status,
+        1);
+    assert_int_equal(access(name, F_OK), -1); /* it failed before the first picture */
     const outcome *o = run("%s -P 0 -m %s/model.safetensors --surfaces --perceptual none", words, out[0]);
     assert_int_equal(o->status, 0);
     assert_contains(o->err, "no surfaces are compared: the data set has none");

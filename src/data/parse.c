@@ -143,17 +143,17 @@ static sherf_status parse_joints(context *c, const value *v, const char *what, i
 
 /* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
 static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out, bool *smplx) {
-    static const int whole[] = {22, 52, 55, 26,
-                                29}; /* the last two: EasyMocap's hands in 12 numbers, a face in 9 */
+    static const int whole[] = {22, 52, 55,
+                                53, 26, 29}; /* the last two: EasyMocap's hands in 12 numbers, a face in 9 */
     bool last = false;
     const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
     if (poses->item && !(body->item && root->item)) {
         const int64_t numbers = value_numbers(poses->item);
         int given = BODY_JOINTS;
         for (size_t i = 0; i < COUNT_OF(whole); i++)
-            if (numbers == whole[i] * 3 || (i < 3 && (numbers == whole[i] * 9 || numbers == whole[i] * 4)))
+            if (numbers == whole[i] * 3 || (i < 4 && (numbers == whole[i] * 9 || numbers == whole[i] * 4)))
                 given = whole[i];
-        *smplx |= given == JOINTS_MAX || given == 29;
+        *smplx |= given == JOINTS_MAX || given == 53 || given == 29;
         return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22, &last,
                             out->poses_rad);
     }
@@ -169,6 +169,17 @@ static sherf_status parse_turns(context *c, const named_value *part, sherf_pose 
 static void place_smplx(sherf_pose *pose) {
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) pose->Th_m[i] += pose->R[3 * i + k] * (float)smplx_pelvis_m[k];
+}
+
+/* The template's pelvis to this place; joint 0 turns the body about it. */
+static sherf_status place_pelvis(context *c, const named_value *at, sherf_pose *pose) {
+    float pelvis[3];
+    sherf_status status = value_floats(c, at->item, at->name, 3, pelvis);
+    for (int i = 0; i < 3 && !status; i++) {
+        pose->Th_m[i] = pelvis[i];
+        for (int k = 0; k < 3; k++) pose->Th_m[i] -= pose->R[3 * i + k] * (float)smpl_pelvis_m[k];
+    }
+    return status;
 }
 
 /* x_camera = R_c (R x_smpl + Th) + T_c: into R and Th. */
@@ -210,7 +221,8 @@ sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
     if (!status && parts->scaling.item) status = unscaled(c, &parts->scaling, out);
     if (!status && Rc->item) status = parse_rotation(c, Rc->item, Rc->name, turn);
     if (!status && Tc->item) status = value_floats(c, Tc->item, Tc->name, 3, place);
-    if (!status && smplx && (Th->item || Tc->item)) place_smplx(out);
+    if (!status && smplx && (Th->item || (Tc->item && !part[PART_PELVIS].item))) place_smplx(out);
+    if (!status && part[PART_PELVIS].item) status = place_pelvis(c, &part[PART_PELVIS], out);
     if (!status && (Rc->item || Tc->item)) put_before_camera(turn, place, out);
     return status;
 }

@@ -10,7 +10,7 @@
 
 static const char *const poses_names[] = {
     "poses",    "pose",        "smpl_poses", "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
-    "fullpose", "pred_rotmat", "pred_pose",  "pred_thetas", "theta",  NULL};
+    "fullpose", "pred_rotmat", "pred_pose",  "pred_thetas", "theta",  "rotvec",      NULL};
 static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
                                          "smpl_body_pose", "smplx_body_pose", NULL};
 static const char *const root_names[] = {
@@ -38,6 +38,7 @@ static const char *const camera_turn_names[] = {"camera_rotation", "cam_R", NULL
 static const char *const camera_place_names[] = {
     "pred_cam_t_full", "cam_t_full", "pred_cam_t", "cam_t", "camera_translation", "cam_trans", "global_t",
     "trans_cam",       "transl_cam", "cam_transl", NULL};
+static const char *const pelvis_names[] = {"transl_pelvis", NULL};
 
 static const char *const *const part_names[PARTS] = {
     [PART_POSES] = poses_names,
@@ -48,6 +49,7 @@ static const char *const *const part_names[PARTS] = {
     [PART_PLACE] = place_names,
     [PART_CAMERA_TURN] = camera_turn_names,
     [PART_CAMERA_PLACE] = camera_place_names,
+    [PART_PELVIS] = pelvis_names,
 };
 
 /* Dicts that hold the body inside another one. Of GVHMR's two, that in the camera's frame. */
@@ -88,6 +90,7 @@ static const char *const part_words[] = {"pose",  "theta", "beta", "shape",  "tr
 
 /* The neutral templates' pelves: (0.0031, -0.3514, 0.0120) less (-0.0018, -0.2233, 0.0282). */
 const double smplx_pelvis_m[3] = {0.0049, -0.1281, -0.0162};
+const double smpl_pelvis_m[3] = {-0.0018, -0.2233, 0.0282};
 
 static bool among(const char *key, const char *const *names) {
     for (; *names; names++)
@@ -149,20 +152,30 @@ static bool has_word(const char *key, const char *const *words, size_t count) {
     return false;
 }
 
-/* Only SMPL-X's bodies have a jaw, eyes and expressions; GVHMR's parameters are SMPL-X's too. */
+/* Only SMPL-X's bodies have a jaw, eyes and expressions; GVHMR's parameters, Inter-X's and Multi-HMR's are
+ * SMPL-X's too. */
 static bool smplx_told(const value *v) {
     static const char *const words[] = {"jaw", "eye", "leye", "reye", "expression", "expr", "smplx"};
-    static const char *const models[] = {"surface_model_type", "model_type", "model", NULL};
+    static const char *const models[] = {"surface_model_type", "model_type", "model", NULL},
+                             *const keys[] = {"smpl_params_incam", "smpl_params_global", "pose_lhand",
+                                              "rotvec", NULL};
     if (v && v->kind == VALUE_RECORD) v = v->record.state;
     const value *model = value_first(v, models).item;
     if (model && model->kind == VALUE_STRING && !strncasecmp(model->string.text, "smplx", 5)) return true;
+    if (model && model->kind == VALUE_STRING && !strncasecmp(model->string.text, "smplh", 5)) return false;
     for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
         const value *key = v->dict.pair[i].key, *item = v->dict.pair[i].item;
         if (key->kind != VALUE_STRING || !item || item->kind == VALUE_NONE) continue;
         if (!strcasecmp(key->string.text, "eye")) continue; /* a camera's place */
         if (has_word(key->string.text, words, COUNT_OF(words))) return true;
     }
-    return value_get(v, "smpl_params_incam") || value_get(v, "smpl_params_global");
+    return value_first(v, keys).item != NULL;
+}
+
+/* Multi-HMR's transl is where the head is. */
+static bool place_is_head(const body_parts *p) {
+    const char *poses = p->part[PART_POSES].name, *place = p->part[PART_PLACE].name;
+    return poses && place && !strcmp(poses, "rotvec") && !strcmp(place, "transl");
 }
 
 void body_parts_find(const value *v, body_parts *out) {
@@ -174,6 +187,7 @@ void body_parts_find(const value *v, body_parts *out) {
         out->part[p] = value_first(inner, part_names[p]);
         if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
     }
+    if (out->part[PART_PELVIS].item || place_is_head(out)) out->part[PART_PLACE] = (named_value){NULL, NULL};
 }
 
 static bool is_part(const char *key) {
@@ -230,8 +244,11 @@ void body_parts_warn(context *c, const value *v, const char *what) {
     const named_value *part = parts.part;
     unread_of(inner_of(v), NULL, &l);
     unread_of(v, inner_of(v), &l);
-    const bool placed = part[PART_PLACE].item || part[PART_CAMERA_PLACE].item;
+    const bool placed = part[PART_PLACE].item || part[PART_CAMERA_PLACE].item || part[PART_PELVIS].item;
     say(c, &l, what, placed ? "" : "; no translation is among what is (transl, Th, cam_t, ...)");
+    if (!placed && part[PART_POSES].name && !strcmp(part[PART_POSES].name, "rotvec"))
+        log_line(c, SHERF_LOG_WARNING,
+                 "%s: no place is read: Multi-HMR's transl is its head's, transl_pelvis is needed", what);
     if (part[PART_BODY].item && !part[PART_POSES].item && !part[PART_ROOT].item && !part[PART_TURN].item)
         log_line(c, SHERF_LOG_WARNING,
                  "%s: %s without the root's rotation (global_orient, root_orient, ...): taken as not turned",

@@ -6,16 +6,17 @@
 #include "io/value.h"
 
 typedef enum {
-    PART_POSES,       /* all joints: poses, smpl_thetas, ... */
-    PART_BODY,        /* all joints but the root: body_pose, pose_body, ... */
-    PART_ROOT,        /* global_orient, root_pose, ... */
-    PART_SHAPES,      /* betas, shape, ... */
-    PART_TURN,        /* R, Rh: beside the root's rotation */
-    PART_PLACE,       /* the body's translation: transl, Th, ... */
-    PART_CAMERA_TURN, /* of a camera that the tool puts the body before: camera_rotation */
-    PART_CAMERA_PLACE /* cam_t, camera_translation, global_t, ... */
+    PART_POSES,        /* all joints: poses, smpl_thetas, ... */
+    PART_BODY,         /* all joints but the root: body_pose, pose_body, ... */
+    PART_ROOT,         /* global_orient, root_pose, ... */
+    PART_SHAPES,       /* betas, shape, ... */
+    PART_TURN,         /* R, Rh: beside the root's rotation */
+    PART_PLACE,        /* the body's translation: transl, Th, ... */
+    PART_CAMERA_TURN,  /* of a camera that the tool puts the body before: camera_rotation */
+    PART_CAMERA_PLACE, /* cam_t, camera_translation, global_t, ... */
+    PART_PELVIS        /* where the pelvis is, instead of a translation: transl_pelvis */
 } body_part;
-enum { PARTS = PART_CAMERA_PLACE + 1 };
+enum { PARTS = PART_PELVIS + 1 };
 
 typedef struct {
     const char *name; /* the name in the file; NULL: missing */
@@ -29,6 +30,7 @@ typedef struct {
     named_value scaling; /* AIST++'s: its vertices are SMPL's times it, and moved by the translation */
 } body_parts;
 extern const double smplx_pelvis_m[3];
+extern const double smpl_pelvis_m[3]; /* the pelvis of SMPL's neutral template */
 
 /* The first of these names (up to NULL) that the dict has and that is not null; item NULL: none. */
 named_value value_first(const value *dict, const char *const *names);

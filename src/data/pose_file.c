@@ -20,7 +20,7 @@ static int64_t frames_of(const value *v, const int *unit, size_t units) {
 }
 
 static int64_t frame_count(const body_parts *parts) {
-    static const int whole[] = {72, 216, 66, 156, 165, 198, 468, 495}, body[] = {69, 63, 207, 189};
+    static const int whole[] = {72, 216, 66, 156, 165, 159, 198, 468, 495}, body[] = {69, 63, 207, 189};
     const value *poses = parts->part[PART_POSES].item;
     if (poses) return frames_of(poses, whole, COUNT_OF(whole));
     return frames_of(parts->part[PART_BODY].item, body, COUNT_OF(body));

@@ -9,7 +9,8 @@
 #include "base/path.h"
 #include "motion/source.h"
 
-static const int whole_joints[] = {24, 22, 52, 55, 29, 0}, body_joints[] = {21, 23, 0}, root_joint[] = {1, 0};
+static const int whole_joints[] = {24, 22, 52, 55, 53, 29, 0}, body_joints[] = {21, 23, 0},
+                 root_joint[] = {1, 0};
 
 /* ---- the contents of a frame ---- */
 
@@ -120,6 +121,7 @@ static sherf_status person_frame(context *c, const body_parts *all, const sherf_
     if (status) return status;
     quaternion_rotate(world, s->pelvis_m, pelvis);
     for (int a = 0; a < 3; a++) pelvis[a] = Th[a] + pelvis[a] / s->unit_m;
+    if ((status = place_of(c, &part[PART_PELVIS], pelvis))) return status;
     quaternion_rotate(camera, pelvis, pelvis);
     for (int a = 0; a < 3; a++) s->clip.pelvis_m[at][a] = (float)(pelvis[a] + Tc[a]);
     quaternion_multiply(world, turn[0], turn[0]);
@@ -155,17 +157,19 @@ static sherf_status take_first(context *c, taker *t, const value *person, const 
     const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL;
     const char *poses = p->part[PART_POSES].name;
     const bool romp = poses && !strcmp(poses, "smpl_thetas"),
-               smplify = place && !strcmp(place, "camera_translation");
+               smplify = place && !strcmp(place, "camera_translation"),
+               multi = poses && !strcmp(poses, "rotvec");
     s->format = lhm         ? "LHM or ExAvatar"
                 : easymocap ? "EasyMocap"
                 : smplify   ? "SMPLify-X"
                 : romp      ? "ROMP"
+                : multi     ? "Multi-HMR"
                             : "SMPL poses";
-    s->up = lhm || place ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
+    s->up = lhm || place || multi ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;
     s->smplx = p->smplx || (!p->part[PART_BODY].item && value_numbers(p->part[PART_POSES].item) == 165);
-    s->unplaced = !place && !p->part[PART_PLACE].item;
+    s->unplaced = !place && !p->part[PART_PLACE].item && !p->part[PART_PELVIS].item;
     body_parts_warn(c, person, s->format);
     sherf_status status = source_shapes(c, s, p->part[PART_SHAPES].item);
     if (!status) status = source_frames(c, s, t->o, t->max, 30);

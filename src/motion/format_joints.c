@@ -10,7 +10,7 @@
 
 enum { JOINTS = 22, JOINTS_MAX = 55, FEATURES = 263, MOTION_X = 322, SIX = 6 };
 static const double humanml_fps = 20, motion_x_fps = 30;
-static const int whole_joints[] = {24, 22, 52, 55, 0};
+static const int whole_joints[] = {24, 22, 52, 55, 53, 0};
 
 static bool normalise(double v[3]) {
     const double length = sqrt(dot3(v, v));

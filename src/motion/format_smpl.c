@@ -9,7 +9,7 @@
 #include "motion/source.h"
 
 /* Numbers of joints in SMPL, SMPL+H and SMPL-X files; the first 22 are the same in all of them. */
-static const int whole_joints[] = {24, 22, 52, 55, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
+static const int whole_joints[] = {24, 22, 52, 55, 53, 0}, body_joints[] = {23, 21, 0}, root_joint[] = {1, 0};
 
 static const char *const rate_names[] = {"mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", NULL};
 static const char *const number_names[] = {"frame", "frame_ids", "frame_id", NULL};
@@ -144,6 +144,8 @@ static const struct {
     {"smpl_poses", NULL, "AIST++", SHERF_UP_Y, 60, 1},
     {"pose", "global_t", "CLIFF", SHERF_UP_MINUS_Y, 30, 1},
     {"pred_rotmat", NULL, "TRAM", SHERF_UP_MINUS_Y, 30, 1},
+    {"pose_lhand", "pose_body", "Inter-X", SHERF_UP_Y, 120, 1},
+    {"rotvec", NULL, "Multi-HMR", SHERF_UP_MINUS_Y, 30, 1},
     {"track_mask", "pose_body", "SLAHMR", SHERF_UP_Y, 30, 1},
     {"cam_poses", "poses", "3DPW", SHERF_UP_Y, 30, 1},
 };
@@ -302,7 +304,10 @@ sherf_status smpl_file_read(context *c, const value *root, const sherf_motion_op
     recognise(root, &p, numbers, s, &fps);
     s->smplx = p.smplx || gvhmr_is(root) || (!p.part[PART_BODY].item && (numbers == 165 || numbers == 495));
     body_parts_warn(c, gvhmr_is(root) ? NULL : root, s->format);
-    const named_value *place = p.part[PART_PLACE].item ? &p.part[PART_PLACE] : &p.part[PART_CAMERA_PLACE];
+    const named_value *place = p.part[PART_PELVIS].item  ? &p.part[PART_PELVIS]
+                               : p.part[PART_PLACE].item ? &p.part[PART_PLACE]
+                                                         : &p.part[PART_CAMERA_PLACE];
+    s->is_pelvis = p.part[PART_PELVIS].item != NULL;
     status = source_shapes(c, s, p.part[PART_SHAPES].item);
     if (!status && !(o->source_fps > 0)) status = source_rate(c, root, &fps, &s->fps_said);
     if (!status) status = source_frames(c, s, o, all.frames, fps);

@@ -24,7 +24,7 @@ sherf_status source_frames(context *c, source *s, const sherf_motion_options *o,
 }
 
 bool source_is_frame(int64_t numbers) {
-    static const int8_t joints[] = {24, 22, 52, 55, 23, 21}, per[] = {3, 4, 9};
+    static const int8_t joints[] = {24, 22, 52, 55, 53, 23, 21}, per[] = {3, 4, 9};
     for (size_t j = 0; j < COUNT_OF(joints); j++)
         for (size_t p = 0; p < COUNT_OF(per); p++)
             if (numbers == joints[j] * per[p]) return true;

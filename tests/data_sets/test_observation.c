@@ -207,6 +207,30 @@ static void smplx_bodies(void **state) {
     sherf_context_free(c);
 }
 
+/* Multi-HMR: 53 rotations of SMPL-X; its transl is the head's place and transl_pelvis the pelvis's, to which
+ * the template's pelvis is put. */
+static void multi_hmr(void **state) {
+    static const double template_pelvis[3] = {-0.0018, -0.2233, 0.0282};
+    char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}", body[4096];
+    context *c = listening_context();
+    for (int pelvis = 1; pelvis >= 0; pelvis--) {
+        size_t n = (size_t)sprintf(body, "{\"transl\": [[7, 7, 7]], \"shape\": [7], %s\"rotvec\": [[",
+                                   pelvis ? "\"transl_pelvis\": [[4, 5, 6]], " : "");
+        for (int j = 0; j < 53; j++)
+            n += (size_t)sprintf(body + n, "%s[0, %g, 0]", j ? ", " : "", j < 22 ? 0.2 : 0.9);
+        strcpy(body + n, "]]}");
+        sherf_observation *o;
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, body), &o));
+        for (int j = 0; j < 72; j++)
+            assert_float_equal(o->pose.poses_rad[j], j < 66 && j % 3 == 1 ? 0.2 : 0, 1e-6);
+        for (int k = 0; k < 3; k++)
+            assert_float_equal(o->pose.Th_m[k], pelvis ? 4 + k - template_pelvis[k] : 0, 1e-5);
+        assert_int_equal(strstr(warned, "transl is its head's") != NULL, !pelvis);
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
 /* Quaternions with the real part first or last, with the root included or separate; EasyMocap's hands and
  * AIST++'s scaling. */
 static void quaternions_and_scaling(void **state) {
@@ -826,6 +850,7 @@ int main(void) {
         cmocka_unit_test(body_forms),
         cmocka_unit_test(body_names),
         cmocka_unit_test(smplx_bodies),
+        cmocka_unit_test(multi_hmr),
         cmocka_unit_test(quaternions_and_scaling),
         cmocka_unit_test(transforms),
         cmocka_unit_test(cameras_refused),

@@ -496,6 +496,80 @@ static void exchanged(void **state) {
     sherf_motion_free(m);
 }
 
+/* Inter-X's motions are SMPL-X's by their hands alone, y up, 120 frames a second. */
+static void inter_x(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("P1.npz");
+    static float body[WALK_FRAMES][21][3], hand[WALK_FRAMES][15][3];
+    const float betas[10] = {0};
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int i = 0; i < WALK_FRAMES; i++) memcpy(body[i], a.body[i], sizeof body[i]);
+    npz_member member[] = {{"pose_body", 3, {WALK_FRAMES, 21, 3}, body[0][0]},
+                           {"pose_lhand", 3, {WALK_FRAMES, 15, 3}, hand[0][0]},
+                           {"pose_rhand", 3, {WALK_FRAMES, 15, 3}, hand[0][0]},
+                           {"root_orient", 2, {WALK_FRAMES, 3}, a.root[0]},
+                           {"trans", 2, {WALK_FRAMES, 3}, a.transx[0]},
+                           {"betas", 2, {1, 10}, betas},
+                           {.name = "gender", .text = "male"},
+                           {.name = "model", .text = "smplh"}};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member) - 1, member));
+    assert_walk(f, path, NULL, 120, "Inter-X", "y up");
+    member[4].data = a.trans[0]; /* unless the file says otherwise */
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(member), member));
+    assert_walk(f, path, NULL, 120, "Inter-X", "y up");
+}
+
+/* Multi-HMR's people: 53 rotations of SMPL-X, root first; transl is the head's place, transl_pelvis the
+ * pelvis's. */
+static void multi_hmr_person(pickle_writer *w, const walk_fixture *f, const arrays *down, int frame,
+                             bool pelvis) {
+    const float head[3] = {7, 8, 9};
+    float turns[53][3] = {{0}}, at[3];
+    memcpy(turns, down->smpl[frame], 66 * sizeof(float));
+    for (int k = 0; k < 3; k++) at[k] = down->trans[frame][k] + (float)f->walk.skeleton.rest_m[0][k];
+    pickle_dict_open(w);
+    pickle_string(w, "rotvec");
+    pickle_floats(w, 3, (const int[]){1, 53, 3}, turns[0]);
+    pickle_string(w, "transl");
+    pickle_floats(w, 2, (const int[]){1, 3}, head);
+    if (pelvis) pickle_string(w, "transl_pelvis");
+    if (pelvis) pickle_floats(w, 2, (const int[]){1, 3}, at);
+    pickle_dict_close(w);
+}
+
+static void multi_hmr(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("multi.pkl");
+    arrays down;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_down, &down);
+    for (int pelvis = 1; pelvis >= 0; pelvis--) {
+        pickle_begin(&w, f->c);
+        pickle_list_open(&w);
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            pickle_list_open(&w);
+            multi_hmr_person(&w, f, &down, i, pelvis);
+            pickle_list_close(&w);
+        }
+        pickle_list_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        if (pelvis) assert_walk(f, path, NULL, 30, "Multi-HMR", "y down");
+    }
+    sherf_motion *motion; /* the head's place is not taken for the body's */
+    assert_ok(f->c, sherf_motion_load(f->c, path, NULL, &motion));
+    assert_non_null(strstr(sherf_motion_description(motion), "no translation"));
+    sherf_motion_free(motion);
+    pickle_begin(&w, f->c); /* one person in a dict */
+    multi_hmr_person(&w, f, &down, 0, true);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    sherf_pose p;
+    sherf_motion_pose(motion, 0, &p);
+    assert_true(walk_distance(f->c, f->body, &p, &f->walk.pose[0]) < 1e-3);
+    sherf_motion_free(motion);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(in_one_dict),
                                        cmocka_unit_test(frames_by_picture),
@@ -510,6 +584,8 @@ int main(void) {
                                        cmocka_unit_test(frames_before_people),
                                        cmocka_unit_test(rates),
                                        cmocka_unit_test(packed_with_more),
-                                       cmocka_unit_test(exchanged)};
+                                       cmocka_unit_test(exchanged),
+                                       cmocka_unit_test(inter_x),
+                                       cmocka_unit_test(multi_hmr)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

@@ -33,8 +33,8 @@ static const option options[] = {
      "the same as a binary glTF's animation of SMPL's joints, without a mesh"},
     /* the file */
     {0, "up", OPTION_CHOICE, &set.up, "auto|y|z|down", "the file's up axis; down: y points down"},
-    {0, "rotations", OPTION_CHOICE, &set.rotations, "auto|axis-angle|matrix|wxyz|xyzw",
-     "form of the file's rotations; the last two are quaternions"},
+    {0, "rotations", OPTION_CHOICE, &set.rotations, "auto|axis-angle|matrix|wxyz|xyzw|6d-rows|6d-columns",
+     "form of the file's rotations; wxyz and xyzw are quaternions"},
     {0, "unit", OPTION_REAL, &set.unit_m, "M", "metres in the file's unit of length (found)", 1e-6, 1e6},
     {0, "source-fps", OPTION_REAL, &set.source_fps, "X", "the file's frames a second (as it states)", 0.01,
      10000},

@@ -397,11 +397,15 @@ typedef enum {
     SHERF_UP_MINUS_Y /* y down, as in a camera */
 } sherf_up;
 typedef enum {
-    SHERF_ROTATIONS_AUTO, /* by the number of values per joint: 3 axis-angle, 4 quaternion, 9 matrix */
+    /* By the number of values per joint: 3 axis-angle, 4 quaternion, 9 matrix; 6 are a matrix's first two
+     * rows or columns, whichever bends knees and elbows in their own direction. */
+    SHERF_ROTATIONS_AUTO,
     SHERF_ROTATIONS_AXIS_ANGLE,
     SHERF_ROTATIONS_MATRIX,
-    SHERF_ROTATIONS_WXYZ, /* quaternions, real part first */
-    SHERF_ROTATIONS_XYZW  /* quaternions, real part last */
+    SHERF_ROTATIONS_WXYZ,      /* quaternions, real part first */
+    SHERF_ROTATIONS_XYZW,      /* quaternions, real part last */
+    SHERF_ROTATIONS_6D_ROWS,   /* the first two rows of a matrix */
+    SHERF_ROTATIONS_6D_COLUMNS /* the first two columns of a matrix, one after the other or interleaved */
 } sherf_rotations;
 typedef enum {
     SHERF_ROOT_KEPT,    /* the person moves through the world as the file says */

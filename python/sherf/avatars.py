@@ -37,7 +37,8 @@ class Motion(Object):
         """Loads a file or folder, recognised by its content (docs/motion.md): AMASS, AIST++, GVHMR, WHAM, BVH, FBX, ...
 
         up: the file's up axis: "auto", "y", "z" or "-y".
-        rotations: the file's kind of rotations: "auto", "axis-angle", "matrix", "wxyz" or "xyzw".
+        rotations: the file's kind of rotations: "auto", "axis-angle", "matrix", "wxyz", "xyzw",
+                "6d-rows" or "6d-columns".
         scale: metres per unit of the file; 0: detected.
         source_fps: the file's frames per second; 0: as the file says, otherwise its format's usual rate.
         fps: frames per second of the motion; 0: the source's. fps_max: with fps 0, the source's rate is divided by the

@@ -119,49 +119,88 @@ static sherf_status quaternion_turn(context *c, const char *what, const float *q
     return SHERF_OK;
 }
 
-/* Joint rotations from `first` on: axis-angle, quaternions, or 3 x 3 matrices, of `given` joints; those
- * beyond `joints` (fingers, a face) are ignored. Missing joints stay 0. last: the position of the
- * quaternions' real part, found for a body and used for its root. */
+/* How a body's rotations are stored, found for its joints and used for its root. */
+typedef struct {
+    bool last; /* the quaternions' real part is */
+    six_kind said;
+    six_form six; /* kind unknown: not six numbers */
+} stored_form;
+
+/* Six numbers each, of the joints from `first` on, the first `joints` of `given`. */
+static sherf_status parse_six(context *c, const value *v, const char *what, int first, int given, int joints,
+                              stored_form *form, float *poses) {
+    double all[JOINTS_MAX * SIX];
+    six_evidence shown = {0};
+    sherf_status status = value_doubles(c, v, what, (size_t)given * SIX, all);
+    if (!status && !form->six.kind) {
+        six_add(&shown, all, given, first);
+        status = six_decide(c, what, &shown, form->said, &form->six);
+        if (!status && !form->said) six_log(c, what, &form->six);
+    }
+    for (int j = 0; j < joints && !status; j++) {
+        double R[9];
+        float single[9];
+        status = six_matrix(c, what, &form->six, all + SIX * j, R);
+        for (int i = 0; i < 9 && !status; i++) single[i] = (float)R[i];
+        if (!status) rotation_to_axis_angle(single, poses + (first + j) * 3);
+    }
+    return status;
+}
+
+/* Joint rotations from `first` on: axis-angle, quaternions, 3 x 3 matrices, or six numbers, of `given`
+ * joints; those beyond `joints` (fingers, a face) are ignored. Missing joints stay 0. */
 static sherf_status parse_joints(context *c, const value *v, const char *what, int first, int given,
-                                 int joints, bool *last, float *poses) {
+                                 int joints, stored_form *form, float *poses) {
     float all[JOINTS_MAX * 9];
     const bool matrices = value_numbers(v) == given * 9, quaternions = value_numbers(v) == given * 4;
+    if (six_joints(v, (const int[]){given, 0}) && (given > 1 || form->six.kind))
+        return parse_six(c, v, what, first, given, joints, form, poses);
     sherf_status status = value_floats(c, v, what, (size_t)given * (matrices ? 9 : quaternions ? 4 : 3), all);
-    if (quaternions && given > 1 && !status) *last = real_is_last(all, given);
+    if (quaternions && given > 1 && !status) form->last = real_is_last(all, given);
     if (!status) status = joints_last_check(c, what, v, given);
     double squares = 0;
     for (int j = 0; j < joints && !status; j++) {
         float *pose = poses + (first + j) * 3;
         if (matrices) status = rotation_check(c, all + j * 9, what);
         if (!status && matrices) rotation_to_axis_angle(all + j * 9, pose);
-        if (!status && quaternions) status = quaternion_turn(c, what, all + 4 * j, *last, pose);
+        if (!status && quaternions) status = quaternion_turn(c, what, all + 4 * j, form->last, pose);
         if (!matrices && !quaternions) memcpy(pose, all + 3 * j, 3 * sizeof *pose);
         for (int k = 0; k < 3; k++) squares += (double)pose[k] * pose[k];
     }
     return status ? status : radians_check(c, what, joints < 2, squares, joints);
 }
 
-/* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
-static sherf_status parse_turns(context *c, const named_value *part, sherf_pose *out, bool *smplx) {
+/* How many joints the numbers of a whole body are; those of SMPL where nothing fits. */
+static int joints_given(const value *poses) {
     static const int whole[] = {22, 52, 55,
                                 53, 26, 29}; /* the last two: EasyMocap's hands in 12 numbers, a face in 9 */
-    bool last = false;
-    const named_value *poses = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
+    static const int of_six[] = {24, 22, 52, 55, 53, 0};
+    const int64_t numbers = value_numbers(poses);
+    int given = six_joints(poses, of_six);
+    for (size_t i = 0; i < COUNT_OF(whole) && !given; i++)
+        if (numbers == whole[i] * 3 || (i < 4 && (numbers == whole[i] * 9 || numbers == whole[i] * 4)))
+            given = whole[i];
+    return given ? given : BODY_JOINTS;
+}
+
+/* SMPL+H and SMPL-X files list 21 body joints: the two hands of SMPL then stay at rest. */
+static sherf_status parse_turns(context *c, const body_parts *parts, sherf_pose *out, bool *smplx) {
+    static const int of_six[] = {23, 21, 0};
+    stored_form form = {.said = parts->six};
+    const named_value *poses = &parts->part[PART_POSES], *body = &parts->part[PART_BODY],
+                      *root = &parts->part[PART_ROOT];
     if (poses->item && !(body->item && root->item)) {
-        const int64_t numbers = value_numbers(poses->item);
-        int given = BODY_JOINTS;
-        for (size_t i = 0; i < COUNT_OF(whole); i++)
-            if (numbers == whole[i] * 3 || (i < 4 && (numbers == whole[i] * 9 || numbers == whole[i] * 4)))
-                given = whole[i];
+        const int given = joints_given(poses->item);
         *smplx |= given == JOINTS_MAX || given == 53 || given == 29;
-        return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22, &last,
+        return parse_joints(c, poses->item, poses->name, 0, given, given == BODY_JOINTS ? given : 22, &form,
                             out->poses_rad);
     }
-    int64_t n = value_numbers(body->item);
-    int joints = n == 63 || n == 21 * 9 || n == 21 * 4 ? 21 : 23;
-    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, &last, out->poses_rad);
+    const int64_t n = value_numbers(body->item);
+    int joints = six_joints(body->item, of_six);
+    if (!joints) joints = n == 63 || n == 21 * 9 || n == 21 * 4 ? 21 : 23;
+    sherf_status status = parse_joints(c, body->item, body->name, 1, joints, joints, &form, out->poses_rad);
     if (!status && root->item)
-        status = parse_joints(c, root->item, root->name, 0, 1, 1, &last, out->poses_rad);
+        status = parse_joints(c, root->item, root->name, 0, 1, 1, &form, out->poses_rad);
     return status;
 }
 
@@ -213,7 +252,7 @@ sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out) {
     float turn[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, place[3] = {0};
     sherf_pose_identity(out);
     bool smplx = parts->smplx;
-    sherf_status status = parse_turns(c, part, out, &smplx);
+    sherf_status status = parse_turns(c, parts, out, &smplx);
     if (!status && shapes->item)
         status = parse_prefix(c, shapes->item, shapes->name, BODY_SHAPES, out->shapes);
     if (!status && R->item) status = parse_rotation(c, R->item, R->name, out->R);

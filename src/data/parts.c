@@ -9,13 +9,25 @@
 #include <strings.h>
 
 static const char *const poses_names[] = {
-    "poses",    "pose",        "smpl_poses", "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
-    "fullpose", "pred_rotmat", "pred_pose",  "pred_thetas", "theta",  "rotvec",      NULL};
-static const char *const body_names[] = {"body_pose",      "pose_body",       "poses_body", "pred_body_pose",
-                                         "smpl_body_pose", "smplx_body_pose", NULL};
-static const char *const root_names[] = {
-    "global_orient",   "root_orient",        "root_pose",          "poses_root",  "pred_global_orient",
-    "smplx_root_pose", "smpl_global_orient", "global_orientation", "global_pose", NULL};
+    "poses",    "pose",         "smpl_poses",   "smpl_pose",   "thetas", "smpl_thetas", "full_pose",
+    "fullpose", "pred_rotmat",  "pred_pose",    "pred_thetas", "theta",  "rotvec",      "poses_6d",
+    "pose_6d",  "smpl_pose_6d", "pred_pose_6d", "rot6d",       NULL};
+static const char *const body_names[] = {"body_pose",      "pose_body",         "poses_body",
+                                         "pred_body_pose", "smpl_body_pose",    "smplx_body_pose",
+                                         "body_pose_6d",   "pred_body_pose_6d", NULL};
+static const char *const root_names[] = {"global_orient",
+                                         "root_orient",
+                                         "root_pose",
+                                         "poses_root",
+                                         "pred_global_orient",
+                                         "smplx_root_pose",
+                                         "smpl_global_orient",
+                                         "global_orientation",
+                                         "global_pose",
+                                         "global_orient_6d",
+                                         "pred_global_orient_6d",
+                                         "root_orient_6d",
+                                         NULL};
 static const char *const shapes_names[] = {"shapes",     "betas",      "shape",       "smpl_betas", "beta",
                                            "pred_betas", "pred_shape", "smplx_shape", NULL};
 static const char *const turn_names[] = {"R", "Rh", NULL};
@@ -182,6 +194,7 @@ void body_parts_find(const value *v, body_parts *out) {
     v = value_unwrapped(v);
     const value *inner = inner_of(v);
     out->smplx = smplx_told(inner) || smplx_told(v);
+    out->six = six_said(inner) ? six_said(inner) : six_said(v);
     out->scaling = (named_value){"smpl_scaling", value_get(v, "smpl_scaling")};
     for (int p = 0; p < PARTS; p++) {
         out->part[p] = value_first(inner, part_names[p]);
@@ -231,6 +244,7 @@ static void unread_of(const value *v, const value *inner, key_list *l) {
     for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
         const value *key = v->dict.pair[i].key;
         if (inner && value_unwrapped(v->dict.pair[i].item) == inner) continue;
+        if (value_is_string(key, "rotations") && six_said(v)) continue;
         if (key->kind == VALUE_STRING && !is_part(key->string.text) && !is_idle(key->string.text))
             add_key(l, key->string.text);
     }

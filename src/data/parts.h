@@ -3,7 +3,7 @@
 #ifndef SHERF_DATA_PARTS_H
 #define SHERF_DATA_PARTS_H
 
-#include "io/value.h"
+#include "data/six.h"
 
 typedef enum {
     PART_POSES,        /* all joints: poses, smpl_thetas, ... */
@@ -27,6 +27,7 @@ typedef struct {
     /* Whether it is SMPL-X, as faces and eyes beside it and names show (55 joints show it as well). At rest
      * its pelvis is offset from SMPL's by smplx_pelvis_m, so the same translation means another position. */
     bool smplx;
+    six_kind six;        /* what the file says of rotations with six numbers */
     named_value scaling; /* AIST++'s: its vertices are SMPL's times it, and moved by the translation */
 } body_parts;
 extern const double smplx_pelvis_m[3];

@@ -19,9 +19,20 @@ static int64_t frames_of(const value *v, const int *unit, size_t units) {
     return 1;
 }
 
+/* Rows of six numbers a joint; 0: they are not. */
+static int64_t six_frames(const value *v) {
+    static const int joints[] = {24, 22, 52, 55, 53, 23, 21, 0};
+    const int64_t rows = parse_rows(v);
+    if (rows < 1 || rows > POSES_MAX) return 0;
+    const value row = parse_row_of(v, 0);
+    return value_numbers(v) == rows * value_numbers(&row) && six_joints(&row, joints) ? rows : 0;
+}
+
 static int64_t frame_count(const body_parts *parts) {
     static const int whole[] = {72, 216, 66, 156, 165, 159, 198, 468, 495}, body[] = {69, 63, 207, 189};
     const value *poses = parts->part[PART_POSES].item;
+    const int64_t six = six_frames(poses ? poses : parts->part[PART_BODY].item);
+    if (six) return six;
     if (poses) return frames_of(poses, whole, COUNT_OF(whole));
     return frames_of(parts->part[PART_BODY].item, body, COUNT_OF(body));
 }
@@ -61,10 +72,34 @@ static sherf_status poses_of_list(context *c, const value *list, sherf_pose *pos
     return status;
 }
 
-static sherf_status poses_of_dict(context *c, const body_parts *parts, int64_t frames, sherf_pose *pose) {
-    sherf_status status = SHERF_OK;
+/* Rotations of six numbers: all frames together show what they are. */
+static sherf_status six_of_frames(context *c, body_parts *parts) {
+    enum { NUMBERS_MAX = 55 * SIX };
+    const int whole = parts->part[PART_POSES].item != NULL;
+    const named_value *rows = &parts->part[whole ? PART_POSES : PART_BODY];
+    const int64_t frames = six_frames(rows->item);
+    double numbers[NUMBERS_MAX];
+    six_evidence shown = {0};
+    six_form form;
+    if (frames < 2 || parts->six) return SHERF_OK;
+    const size_t n = (size_t)(value_numbers(rows->item) / frames);
+    for (int64_t f = 0; f < frames; f++) {
+        sherf_status status = parse_row(c, rows->item, (size_t)f, rows->name, n, numbers);
+        if (status) return status;
+        six_add(&shown, numbers, (int)(n / SIX), !whole);
+    }
+    sherf_status status = six_decide(c, rows->name, &shown, SIX_UNKNOWN, &form);
+    if (status) return status;
+    six_log(c, rows->name, &form);
+    parts->six = form.kind;
+    return SHERF_OK;
+}
+
+static sherf_status poses_of_dict(context *c, const body_parts *given, int64_t frames, sherf_pose *pose) {
+    body_parts parts = *given;
+    sherf_status status = six_of_frames(c, &parts);
     for (int64_t f = 0; f < frames && !status; f++) {
-        status = pose_frame(c, parts, frames, f, &pose[f]);
+        status = pose_frame(c, &parts, frames, f, &pose[f]);
         if (status && frames > 1) failure_prefix(c, status, "pose %lld", (long long)f);
     }
     return status;

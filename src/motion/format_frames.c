@@ -92,17 +92,19 @@ static sherf_status turn_of(context *c, const named_value *n, float (*turn)[4]) 
     return rotation_frame(c, n->name, n->item, SHERF_ROTATIONS_AUTO, root_joint, 0, 1, turn);
 }
 
-static sherf_status joints_of(context *c, const named_value *part, const sherf_motion_options *o,
+static sherf_status joints_of(context *c, const body_parts *p, const sherf_motion_options *o,
                               float (*turn)[4]) {
+    const named_value *part = p->part;
+    const sherf_rotations rotations = rotation_said(p, o->rotations);
     const named_value *whole = &part[PART_POSES], *body = &part[PART_BODY], *root = &part[PART_ROOT];
     const named_value *rest = body->item ? body : whole;
     const int64_t n = value_numbers(rest->item);
     if (!body->item && n != 69 && n != 63)
-        return rotation_frame(c, rest->name, rest->item, o->rotations, whole_joints, 0, n % 24 ? 22 : 24,
+        return rotation_frame(c, rest->name, rest->item, rotations, whole_joints, 0, source_body_joints(n),
                               turn);
-    sherf_status status = rotation_frame(c, rest->name, rest->item, o->rotations, body_joints, 1, 23, turn);
+    sherf_status status = rotation_frame(c, rest->name, rest->item, rotations, body_joints, 1, 23, turn);
     if (status || !root->item) return status; /* EasyMocap's poses are without the root, too */
-    const sherf_rotations form = rotation_root_form(c, rest->item, root->item, 1, body_joints, o->rotations);
+    const sherf_rotations form = rotation_root_form(c, rest->item, root->item, 1, body_joints, rotations);
     return rotation_frame(c, root->name, root->item, form, root_joint, 0, 1, turn);
 }
 
@@ -113,7 +115,7 @@ static sherf_status person_frame(context *c, const body_parts *all, const sherf_
     float(*turn)[4] = s->clip.turn[at], world[4] = {1, 0, 0, 0}, camera[4] = {1, 0, 0, 0};
     double Th[3] = {0}, Tc[3] = {0}, pelvis[3];
     const named_value *part = all->part;
-    sherf_status status = joints_of(c, part, o, turn);
+    sherf_status status = joints_of(c, all, o, turn);
     if (!status) status = turn_of(c, &part[PART_TURN], &world);
     if (!status) status = turn_of(c, &part[PART_CAMERA_TURN], &camera);
     if (!status) status = place_of(c, &part[PART_PLACE], Th);

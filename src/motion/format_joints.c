@@ -8,7 +8,7 @@
 #include "base/vector3.h"
 #include "motion/source.h"
 
-enum { JOINTS = 22, JOINTS_MAX = 55, FEATURES = 263, MOTION_X = 322, SIX = 6 };
+enum { JOINTS = 22, JOINTS_MAX = 55, FEATURES = 263, MOTION_X = 322 };
 static const double humanml_fps = 20, motion_x_fps = 30;
 static const int whole_joints[] = {24, 22, 52, 55, 53, 0};
 
@@ -215,16 +215,12 @@ static sherf_status motion_x_read(context *c, const value *v, const sherf_motion
 /* ---- MDM ---- */
 
 /* The first two rows of a matrix. */
-static bool six_to_turn(const double six[SIX], float q[4]) {
+static sherf_status six_to_turn(context *c, const char *what, const double six[SIX], float q[4]) {
+    static const six_form rows = {SIX_ROWS, false};
     double R[9];
-    memcpy(R, six, 6 * sizeof *R);
-    if (!normalise(R)) return false;
-    const double along = dot3(R, R + 3);
-    for (int k = 0; k < 3; k++) R[3 + k] -= along * R[k];
-    if (!normalise(R + 3)) return false;
-    cross3(R, R + 3, R + 6);
-    quaternion_from_matrix(R, q);
-    return true;
+    sherf_status status = six_matrix(c, what, &rows, six, R);
+    if (!status) quaternion_from_matrix(R, q);
+    return status;
 }
 
 /* thetas (24, 6, T) and root_translation (3, T), where the pelvis is. */
@@ -242,8 +238,8 @@ static sherf_status mdm_thetas_read(context *c, const value *thetas, const value
         for (int j = 0; j < BODY_JOINTS; j++) {
             for (int k = 0; k < SIX; k++)
                 six[k] = value_array_number(thetas, ((int64_t)j * SIX + k) * frames + i);
-            if (!six_to_turn(six, s->clip.turn[i][j]))
-                return failure(c, SHERF_BAD_FILE, "thetas: frame %d, joint %d: not a rotation", i, j);
+            status = six_to_turn(c, "thetas", six, s->clip.turn[i][j]);
+            if (status) return failure_prefix(c, status, "frame %d, joint %d", i, j);
         }
         for (int k = 0; k < 3; k++)
             s->clip.pelvis_m[i][k] = (float)value_array_number(places, k * frames + i);
@@ -291,10 +287,11 @@ static sherf_status poses_rows(context *c, const value *v, const sherf_motion_op
     s->format = "SMPL poses";
     s->up = SHERF_UP_Y;
     s->unplaced = true;
-    sherf_status status = source_frames(c, s, o, v->array.dim[0], 30);
+    const int64_t frames = v->array.dim[0];
+    sherf_status status = source_frames(c, s, o, frames, 30);
     return status ? status
                   : rotation_rows(c, "poses", v, o->rotations, whole_joints, 0,
-                                  value_numbers(v) == 72 * v->array.dim[0] ? 24 : 22, &s->clip);
+                                  source_body_joints(value_numbers(v) / frames), &s->clip);
 }
 
 /* Left and right legs of equal length, shins about as long as thighs, a head that is not among the hips:
@@ -332,10 +329,17 @@ static bool joints_are(const value *v) {
     return false;
 }
 
+/* A row of six numbers a joint for each frame. */
+static bool sixes_are(const value *v) {
+    if (v->array.rank < 2 || v->array.rank > 4 || v->array.dim[0] < 1) return false;
+    const value row = parse_row_of(v, 0);
+    return six_joints(&row, whole_joints) > 0;
+}
+
 static bool poses_are(const value *v) {
     return shape_is(v, 2, 0, 72) || shape_is(v, 2, 0, 156) || shape_is(v, 2, 0, 165) ||
            ((is_triples(v, 24) || is_triples(v, 52) || is_triples(v, 55)) && !joints_are(v)) ||
-           (shape_is(v, 4, 0, BODY_JOINTS) && v->array.dim[2] == 3 && v->array.dim[3] == 3);
+           (shape_is(v, 4, 0, BODY_JOINTS) && v->array.dim[2] == 3 && v->array.dim[3] == 3) || sixes_are(v);
 }
 
 static bool array_is(const value *v) {

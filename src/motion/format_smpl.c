@@ -75,12 +75,12 @@ static int64_t second_axis(const value *v) {
 static layout layout_of(const value *rows) {
     const int64_t n = value_numbers(rows), first = parse_rows(rows), second = n > 0 ? second_axis(rows) : -1;
     if (n < 1 || first < 1) return (layout){0, 0};
-    if (source_is_frame(n / first) && n % first == 0) return (layout){0, first};
-    if (source_is_frame(n)) return (layout){0, 1};
-    if (second > 0 && n % (first * second) == 0 && source_is_frame(n / first / second))
-        return (layout){first, second};
-    if (rows->kind == VALUE_LIST && second > 0 && source_is_frame(value_numbers(rows->list.item[0]) / second))
-        return (layout){first, second}; /* people of different lengths */
+    if (source_rows_are_frames(rows)) return (layout){0, first};
+    if (source_is_frame(rows)) return (layout){0, 1};
+    const value person = parse_row_of(rows, 0);
+    if (second > 0 && source_rows_are_frames(&person) &&
+        (rows->kind == VALUE_LIST || n == first * value_numbers(&person)))
+        return (layout){first, second}; /* in lists, people may have different lengths */
     return (layout){0, second > 0 ? first : 1};
 }
 
@@ -200,19 +200,16 @@ static sherf_status read_places(context *c, const named_value *trans, clip *k) {
 
 static sherf_status read_turns(context *c, const body_parts *p, const sherf_motion_options *o, clip *k) {
     const named_value *whole = &p->part[PART_POSES], *body = &p->part[PART_BODY], *root = &p->part[PART_ROOT];
-    sherf_status status = SHERF_OK;
+    const sherf_rotations rotations = rotation_said(p, o->rotations);
     if (body->item) {
-        status = rotation_rows(c, body->name, body->item, o->rotations, body_joints, 1, 23, k);
-        const sherf_rotations form =
-            rotation_root_form(c, body->item, root->item, k->frames, body_joints, o->rotations);
-        if (!status && root->item)
-            status = rotation_rows(c, root->name, root->item, form, root_joint, 0, 1, k);
-        return status;
+        sherf_status status = rotation_rows(c, body->name, body->item, rotations, body_joints, 1, 23, k);
+        if (status || !root->item) return status;
+        return rotation_rows(c, root->name, root->item,
+                             rotation_root_form(c, body->item, root->item, k->frames, body_joints, rotations),
+                             root_joint, 0, 1, k);
     }
-    status = rotation_rows(c, whole->name, whole->item, o->rotations, whole_joints, 0, 22, k);
-    if (!status && value_numbers(whole->item) % (24 * k->frames) == 0) /* SMPL's own hands */
-        status = rotation_rows(c, whole->name, whole->item, o->rotations, whole_joints, 0, 24, k);
-    return status;
+    return rotation_rows(c, whole->name, whole->item, rotations, whole_joints, 0,
+                         source_body_joints(value_numbers(whole->item) / k->frames), k);
 }
 
 /* R or Rh of EasyMocap, a row a frame or one for all: x = R x_smpl + Th, so the pelvis comes to R J0 + Th. */

@@ -70,7 +70,7 @@ static bool in_range(double x, double low, double high) {
 static sherf_status motion_options_check(context *c, const sherf_motion_options *o) {
     const char *wrong = NULL;
     if (o->up < SHERF_UP_AUTO || o->up > SHERF_UP_MINUS_Y) wrong = "up";
-    if (o->rotations < SHERF_ROTATIONS_AUTO || o->rotations > SHERF_ROTATIONS_XYZW) wrong = "rotations";
+    if (o->rotations < SHERF_ROTATIONS_AUTO || o->rotations > SHERF_ROTATIONS_6D_COLUMNS) wrong = "rotations";
     if (o->root < SHERF_ROOT_KEPT || o->root > SHERF_ROOT_GROUNDED) wrong = "root";
     if (o->scale != 0 && !in_range(o->scale, 1e-6, 1e6)) wrong = "scale";
     if (o->source_fps != 0 && !in_range(o->source_fps, 0.01, 10000)) wrong = "source_fps";

@@ -23,12 +23,26 @@ sherf_status source_frames(context *c, source *s, const sherf_motion_options *o,
     return status;
 }
 
-bool source_is_frame(int64_t numbers) {
-    static const int8_t joints[] = {24, 22, 52, 55, 53, 23, 21}, per[] = {3, 4, 9};
-    for (size_t j = 0; j < COUNT_OF(joints); j++)
+bool source_is_frame(const value *v) {
+    static const int joints[] = {24, 22, 52, 55, 53, 23, 21, 0};
+    static const int8_t per[] = {3, 4, 9};
+    const int64_t numbers = value_numbers(v);
+    for (const int *j = joints; *j; j++)
         for (size_t p = 0; p < COUNT_OF(per); p++)
-            if (numbers == joints[j] * per[p]) return true;
-    return false;
+            if (numbers == *j * per[p]) return true;
+    return six_joints(v, joints) > 0;
+}
+
+bool source_rows_are_frames(const value *rows) {
+    const int64_t n = value_numbers(rows), count = parse_rows(rows);
+    if (count < 1 || n < 1) return false;
+    const value row = parse_row_of(rows, 0);
+    return n % count == 0 && value_numbers(&row) == n / count && source_is_frame(&row);
+}
+
+int source_body_joints(int64_t numbers) {
+    const int64_t per = numbers % BODY_JOINTS ? 0 : numbers / BODY_JOINTS;
+    return per == 3 || per == 4 || per == SIX || per == 9 ? BODY_JOINTS : 22;
 }
 
 void source_take_person(named_value *part, int64_t people, int64_t person, value *room) {
@@ -74,8 +88,8 @@ sherf_status source_rate(context *c, const value *root, double *fps, bool *said)
 
 int64_t source_people(const body_parts *p) {
     const value *rows = p->part[PART_BODY].item ? p->part[PART_BODY].item : p->part[PART_POSES].item;
-    const int64_t numbers = value_numbers(rows), people = parse_rows(rows);
-    return people > 1 && numbers % people == 0 && source_is_frame(numbers / people) ? people : 1;
+    const int64_t people = parse_rows(rows);
+    return people > 1 && source_rows_are_frames(rows) ? people : 1;
 }
 
 sherf_status source_numbers(context *c, source *s) {

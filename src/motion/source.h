@@ -35,8 +35,12 @@ void source_take_person(named_value *part, int64_t people, int64_t person, value
 sherf_status source_rate(context *c, const value *root, double *fps, bool *said);
 /* How many people the rows of one frame are; 1 where there is no axis for them. */
 int64_t source_people(const body_parts *p);
-/* Whether this many numbers can be the rotations of one frame. */
-bool source_is_frame(int64_t numbers);
+/* Whether the value can be the rotations of one frame. */
+bool source_is_frame(const value *v);
+/* The same of each row of rows of one length. */
+bool source_rows_are_frames(const value *rows);
+/* Joints to take of a whole body's numbers in a frame: 24 of SMPL's, else the 22 that all bodies share. */
+int source_body_joints(int64_t numbers);
 /* Shapes of a file, one row or one for every frame (the first is taken). NULL is fine. */
 sherf_status source_shapes(context *c, source *s, const value *betas);
 /* Reduces the number of frames. */
@@ -44,13 +48,15 @@ sherf_status source_numbers(context *c, source *s); /* room for frames' numbers,
 
 /* ---- rotations (rotations.c) ---- */
 enum { ROTATION_JOINTS_MAX = 60 };
+/* The option, or for AUTO what the file itself says of six numbers a joint. */
+sherf_rotations rotation_said(const body_parts *p, sherf_rotations given);
 /* Reads the rows of an array or list, one per frame, into joints `first`, `first` + 1, ... of the clip, at
  * most `max`. */
 sherf_status rotation_rows(context *c, const char *what, const value *v, sherf_rotations given,
                            const int *joints, int first, int max, clip *k);
-/* The form of a root's quaternions: that of the body's quaternions, which are many enough to show where the
- * real part is. `given` if that is not AUTO, or the body has no quaternions. joints: a list that ends with
- * 0. */
+/* The form of a root's quaternions or six numbers: that of the body's, which are many enough to show where
+ * the real part is, or whether they are rows. `given` if that is not AUTO, or the body has neither. joints:
+ * a list that ends with 0. */
 sherf_rotations rotation_root_form(context *c, const value *body, const value *root, int64_t frames,
                                    const int *joints, sherf_rotations given);
 /* One frame's: as rotation_rows on a clip of one frame. */

@@ -271,6 +271,80 @@ static void quaternions_and_scaling(void **state) {
     sherf_context_free(c);
 }
 
+/* A body of rotations with six numbers: by rows, by columns, or interleaved columns. bend: of the knees. */
+static void six_body(char *out, int layout, double bend, const char *more) {
+    size_t n = (size_t)sprintf(out, "{\"transl\": [1, 2, 3], %s\"global_orient\": [[", more);
+    for (int j = 0; j < 24; j++) {
+        const float turn[3] = {j == 4 || j == 5 ? (float)bend : 0, j ? 0 : 1, j == 16 ? 0.5f : 0};
+        float R[9];
+        rodrigues(turn, R);
+        if (j == 1) n += (size_t)sprintf(out + n - 2, "], \"body_pose\": [[") - 2;
+        for (int k = 0; k < 6; k++) {
+            const int vector = layout == 2 ? k % 2 : k / 3, entry = layout == 2 ? k / 2 : k % 3;
+            n += (size_t)sprintf(out + n, "%.7f%s", R[layout ? 3 * entry + vector : 3 * vector + entry],
+                                 k < 5 ? ", " : "");
+        }
+        n += (size_t)sprintf(out + n, "%s", j && j < 23 ? "], [" : "], ");
+    }
+    strcpy(out + n - 2, "]}");
+}
+
+static void six_numbers(void **state) {
+    char camera[] = "{\"fov_deg\": 50, \"R\": [0, 0, 0], \"T\": [0, 0, 1]}";
+    static char body[8192];
+    context *c = listening_context();
+    for (int layout = 0; layout < 3; layout++)
+        for (int said = 0; said < 2; said++) {
+            sherf_observation *o;
+            six_body(body, layout, said ? 0 : 0.4,
+                     !said    ? ""
+                     : layout ? "\"rotations\": \"6d-columns\", "
+                              : "\"rotations\": \"6d-rows\", ");
+            make_text(c, join(folder, "six.json"), body);
+            assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", camera, "\"six.json\""), &o));
+            for (int j = 0; j < 72; j++)
+                assert_float_equal(o->pose.poses_rad[j],
+                                   j == 1               ? 1
+                                   : j == 12 || j == 15 ? (said ? 0 : 0.4)
+                                   : j == 50            ? 0.5
+                                                        : 0,
+                                   1e-5);
+            assert_string_equal(warned, "");
+            sherf_observation_free(o);
+        }
+    sherf_pose *pose;
+    int count;
+    six_body(body, 0, 0, "");
+    make_text(c, join(folder, "six.json"), body);
+    assert_fails(c, sherf_poses_load(c, join(folder, "six.json"), &pose, &count), SHERF_BAD_FILE,
+                 "say \"rotations\": \"6d-rows\" or \"6d-columns\"");
+    sherf_context_free(c);
+}
+
+/* All frames of a file together show it: the first one's limbs are straight. */
+static void six_numbers_of_frames(void **state) {
+    context *c = test_context();
+    static float poses[3][24][6];
+    sherf_pose *pose;
+    int count;
+    for (int i = 0; i < 72; i++) {
+        float R[9];
+        rodrigues(
+            (const float[3]){i / 24 && (i % 24 == 4 || i % 24 == 5) ? 0.5f : 0, 0, i % 24 == 1 ? 0.3f : 0},
+            R);
+        for (int k = 0; k < 6; k++) poses[i / 24][i % 24][k] = R[k % 3 * 3 + k / 3];
+    }
+    const char *path = join(folder, "six.npz");
+    npz_member member[] = {{"poses", 3, {3, 24, 6}, poses[0][0]}};
+    assert_ok(c, npz_write(c, path, 1, member));
+    assert_ok(c, sherf_poses_load(c, path, &pose, &count));
+    assert_int_equal(count, 3);
+    assert_float_equal(pose[0].poses_rad[5], 0.3, 1e-5);
+    assert_float_equal(pose[2].poses_rad[12], 0.5, 1e-5);
+    sherf_free(pose);
+    sherf_context_free(c);
+}
+
 /* Keys that are not understood are named, in a body, a camera and the whole file. */
 static void unknown_keys_are_named(void **state) {
     static const struct {
@@ -852,6 +926,8 @@ int main(void) {
         cmocka_unit_test(smplx_bodies),
         cmocka_unit_test(multi_hmr),
         cmocka_unit_test(quaternions_and_scaling),
+        cmocka_unit_test(six_numbers),
+        cmocka_unit_test(six_numbers_of_frames),
         cmocka_unit_test(transforms),
         cmocka_unit_test(cameras_refused),
         cmocka_unit_test(unknown_keys_are_named),

@@ -496,6 +496,101 @@ static void exchanged(void **state) {
     sherf_motion_free(m);
 }
 
+/* ---- rotations as six numbers ---- */
+
+enum { BY_ROWS, BY_COLUMNS, WOVEN, SIX_LAYOUTS };
+
+static void six_of(const float turn[3], int layout, float six[6]) {
+    float R[9];
+    rodrigues(turn, R);
+    for (int k = 0; k < 3; k++) {
+        six[layout == WOVEN ? 2 * k : k] = R[layout == BY_ROWS ? k : 3 * k];
+        six[layout == WOVEN ? 2 * k + 1 : 3 + k] = R[layout == BY_ROWS ? 3 + k : 3 * k + 1];
+    }
+}
+
+static void sixes_of(const arrays *a, int layout, float (*six)[24][6]) {
+    for (int i = 0; i < WALK_FRAMES; i++)
+        for (int j = 0; j < 24; j++) six_of(a->smpl[i] + 3 * j, layout, six[i][j]);
+}
+
+/* Joint j of the motion's frame 5 is turned as in the walk. */
+static void assert_turned(const walk_fixture *f, const sherf_motion *motion, int j) {
+    const float *v = f->walk.pose[5].poses_rad + 3 * j;
+    float q[4];
+    quaternion_from_axis_angle((const double[3]){v[0], v[1], v[2]}, q);
+    assert_true(quaternion_angle(motion->clip.turn[5][j], q) < 1e-3);
+}
+
+/* Each layout is recognised by its numbers and by how knees and elbows bend, in all shapes. */
+static void six_numbers(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("six.npz"), *bare = test_path("six.npy");
+    static float six[WALK_FRAMES][24][6], body[WALK_FRAMES][23][6], root[WALK_FRAMES][6];
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int layout = 0; layout < SIX_LAYOUTS; layout++) {
+        sixes_of(&a, layout, six);
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            memcpy(body[i], six[i] + 1, sizeof body[i]);
+            memcpy(root[i], six[i][0], sizeof root[i]);
+        }
+        const npz_member trans = {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]};
+        npz_member forms[][3] = {
+            {{"poses", 3, {WALK_FRAMES, 24, 6}, six[0][0]}, trans},
+            {{"poses_6d", 2, {WALK_FRAMES, 144}, six[0][0]}, trans},
+            {{"smpl_poses", 4, {WALK_FRAMES, 24, 2, 3}, six[0][0]}, trans},
+            {{"body_pose", 3, {WALK_FRAMES, 23, 6}, body[0][0]},
+             trans,
+             {"global_orient", 2, {WALK_FRAMES, 6}, root[0]}},
+        };
+        for (size_t i = 0; i < COUNT_OF(forms); i++) {
+            assert_ok(f->c, npz_write(f->c, path, i == 3 ? 3 : 2, forms[i]));
+            assert_walk(f, path, NULL, i == 2 ? 60 : 30, "y up", "");
+        }
+        assert_ok(f->c, npy_write_f32(f->c, bare, 3, (const int64_t[]){WALK_FRAMES, 24, 6}, six[0][0]));
+        sherf_motion *motion;
+        assert_ok(f->c, sherf_motion_load(f->c, bare, NULL, &motion));
+        for (int j = 1; j < 24; j++) /* without a place */
+            assert_turned(f, motion, j);
+        sherf_motion_free(motion);
+    }
+}
+
+/* Where nothing shows which they are, they are refused until it is said; and what is no rotation. */
+static void six_numbers_said(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("said.npz");
+    static float six[WALK_FRAMES][24][6];
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int said = 0; said < 2; said++) {
+        const int turned = 16; /* a shoulder */
+        npz_member member[] = {{"poses", 3, {WALK_FRAMES, 24, 6}, six[0][0]},
+                               {"trans", 2, {WALK_FRAMES, 3}, a.trans[0]},
+                               {.name = "rotations", .text = said ? "6d-columns" : "6d-rows"}};
+        sixes_of(&a, said ? BY_COLUMNS : BY_ROWS, six);
+        for (int i = 0; i < WALK_FRAMES; i++)
+            for (int j = 0; j < 4; j++)
+                six_of((const float[3]){0, 0, 0}, BY_ROWS, six[i][(const int[]){4, 5, 18, 19}[j]]);
+        assert_ok(f->c, npz_write(f->c, path, 2, member));
+        refused(f, path, NULL, SHERF_BAD_FILE, "\"rotations\": \"6d-rows\" or \"6d-columns\"");
+        sherf_motion *motion;
+        const sherf_motion_options options = {.rotations = said ? SHERF_ROTATIONS_6D_COLUMNS
+                                                                : SHERF_ROTATIONS_6D_ROWS};
+        for (int inside = 0; inside < 2; inside++) {
+            assert_ok(f->c, npz_write(f->c, path, 2 + inside, member));
+            assert_ok(f->c, sherf_motion_load(f->c, path, inside ? NULL : &options, &motion));
+            assert_turned(f, motion, turned);
+            sherf_motion_free(motion);
+        }
+    }
+    for (int i = 0; i < WALK_FRAMES * 24 * 6; i++) six[i / 144][i / 6 % 24][i % 6] *= 1.4f;
+    npz_member longer[] = {{"poses", 3, {WALK_FRAMES, 24, 6}, six[0][0]}};
+    assert_ok(f->c, npz_write(f->c, path, 1, longer));
+    refused(f, path, NULL, SHERF_BAD_FILE, "no two rows or columns of rotations");
+}
+
 /* Inter-X's motions are SMPL-X's by their hands alone, y up, 120 frames a second. */
 static void inter_x(void **state) {
     const walk_fixture *f = *state;
@@ -585,6 +680,8 @@ int main(void) {
                                        cmocka_unit_test(rates),
                                        cmocka_unit_test(packed_with_more),
                                        cmocka_unit_test(exchanged),
+                                       cmocka_unit_test(six_numbers),
+                                       cmocka_unit_test(six_numbers_said),
                                        cmocka_unit_test(inter_x),
                                        cmocka_unit_test(multi_hmr)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);

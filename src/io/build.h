@@ -135,6 +135,11 @@ const char *packed_kind(const unsigned char *data, size_t bytes);
 sherf_status packed_unpack(context *c, const unsigned char *data, size_t bytes, unsigned char **out,
                            size_t *length);
 
+/* OpenCV's YAML as a dict (opencv_yaml.c): matrices as arrays, lists, numbers, texts. */
+bool opencv_yaml_is(const unsigned char *data, size_t bytes); /* by its first line */
+value *opencv_yaml_build(builder *b, const char *text, size_t bytes);
+sherf_status opencv_yaml_parse(context *c, const unsigned char *data, size_t bytes, document **out);
+
 /* The memory that a reader may use for an input of this many bytes. */
 size_t build_limit(size_t input_bytes);
 #endif

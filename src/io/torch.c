@@ -195,10 +195,11 @@ typedef enum {
     FORM_SAFETENSORS,
     FORM_TORCH,
     FORM_JSON,
+    FORM_YAML,
     FORM_PICKLE
 } form;
-static const char *const form_name[] = {"zip",         "packed", "pickle", "npy",
-                                        "safetensors", "torch",  "json",   "pickle"};
+static const char *const form_name[] = {"zip",   "packed", "pickle", "npy",   "safetensors",
+                                        "torch", "json",   "yaml",   "pickle"};
 
 static form form_of(const unsigned char *start, size_t n) {
     /* first: the length that it begins with may look like zlib's or gzip's mark */
@@ -208,6 +209,7 @@ static form form_of(const unsigned char *start, size_t n) {
     if (zlib_is(start, n)) return FORM_ZLIB;
     if (n >= 6 && !memcmp(start, "\x93NUMPY", 6)) return FORM_NPY;
     if (torch_legacy_is(start, n)) return FORM_TORCH;
+    if (opencv_yaml_is(start, n)) return FORM_YAML;
     return json_is(start, n) || utf16_is(start, n) ? FORM_JSON : FORM_PICKLE;
 }
 
@@ -252,6 +254,9 @@ sherf_status document_parse(context *c, const unsigned char *data, size_t bytes,
         break;
     case FORM_JSON:
         status = json_parse(c, (const char *)data, bytes, out);
+        break;
+    case FORM_YAML:
+        status = opencv_yaml_parse(c, data, bytes, out);
         break;
     case FORM_PICKLE:
         status = pickle_parse(c, data, bytes, out);

@@ -88,7 +88,8 @@ sherf_status npy_read(context *c, const char *path,
 sherf_status npy_parse(context *c, const unsigned char *data, size_t bytes, document **out);
 sherf_status npz_read(context *c, const char *path, document **out);   /* dict name -> array */
 sherf_status torch_read(context *c, const char *path, document **out); /* zip or legacy torch.save */
-/* Reads any of the above, and safetensors, by content. `kind` (may be NULL): "json", "pickle", ... static. */
+/* Reads any of the above, safetensors, and OpenCV's YAML, by content. `kind` (may be NULL): "json", "pickle",
+ * ... static. */
 sherf_status document_read(context *c, const char *path, document **out, const char **kind);
 sherf_status document_parse(context *c, const unsigned char *data, size_t bytes, document **out,
                             const char **kind);

@@ -41,6 +41,11 @@ static sherf_status camera_object(context *c, const char *what, const value *v, 
                                   parsed_camera *out) {
     char name[PATH_LENGTH + 16];
     v = value_unwrapped(v);
+    if (camera_stack(v) > 1)
+        return failure(c, SHERF_BAD_FILE,
+                       "camera: %lld of them, one after the other in each array: name a file with them, and "
+                       "choose by \"camera_index\"",
+                       (long long)camera_stack(v));
     sherf_status status = parse_camera(c, v, NULL, size, out);
     if (!status) status = camera_size_check(c, out->width, out->height, size);
     snprintf(name, sizeof name, "%s: camera", what);
@@ -54,13 +59,62 @@ static void several_warn(context *c, const char *path, const value *root, const 
     log_line(c, SHERF_LOG_WARNING, "%s: the first of %d is taken; \"%s\" takes another", path, count, key);
 }
 
-static sherf_status camera_from_file(context *c, const char *path, const value *root, const int size[2],
-                                     parsed_camera *out) {
+/* Of a path's last part, without its extension: where it begins, and its length. */
+static size_t stem_of(const char **path) {
+    const char *slash = strrchr(*path, '/');
+    if (slash) *path = slash + 1;
+    const char *point = strrchr(*path, '.');
+    return point && point != *path ? (size_t)(point - *path) : strlen(*path);
+}
+
+/* The only camera with the name, as it is or as the stem of a file's name; -1: none, or several. */
+static int camera_named(const parsed_camera *camera, int count, const char *name, bool stem) {
+    int found = -1;
+    size_t length = strlen(name);
+    if (stem) length = stem_of(&name);
+    for (int i = 0; i < count; i++) {
+        const char *own = camera[i].name;
+        const size_t own_length = stem ? stem_of(&own) : strlen(own);
+        if (!own_length || own_length != length || memcmp(own, name, length)) continue;
+        if (found >= 0) return -1;
+        found = i;
+    }
+    return found;
+}
+
+static sherf_status camera_by_name(context *c, const char *path, const value *name, const value *index,
+                                   const parsed_camera *camera, int count, int *out) {
+    if (name->kind != VALUE_STRING || index)
+        return failure(c, SHERF_BAD_FILE, "\"camera_name\" should be a text, without \"camera_index\"");
+    *out = camera_named(camera, count, name->string.text, false);
+    if (*out >= 0) return SHERF_OK;
+    return failure(c, SHERF_BAD_FILE,
+                   "%s: \"%.60s\" is the name of no single one of the %d cameras; the first is \"%s\"", path,
+                   name->string.text, count, camera->name);
+}
+
+/* By "camera_index" or "camera_name"; otherwise by the picture's name, or the first. */
+static sherf_status camera_choose(context *c, const char *path, const char *image, const value *root,
+                                  const parsed_camera *camera, int count, int *out) {
+    const value *name = value_get(root, "camera_name"), *index = value_get(root, "camera_index");
+    *out = 0;
+    if (name) return camera_by_name(c, path, name, index, camera, count, out);
+    if (index || count < 2) return optional_index(c, root, "camera_index", count, out);
+    const int same = camera_named(camera, count, image, true);
+    if (same < 0) several_warn(c, path, root, "camera_index", count);
+    if (same < 0) return SHERF_OK;
+    *out = same;
+    log_line(c, SHERF_LOG_INFO, "%s: the camera %s of %d, by the picture's name", path, camera[same].name,
+             count);
+    return SHERF_OK;
+}
+
+static sherf_status camera_from_file(context *c, const char *path, const char *image, const value *root,
+                                     const int size[2], parsed_camera *out) {
     parsed_camera *camera = NULL;
     int count, i = 0;
     sherf_status status = cameras_read(c, path, size, &camera, &count);
-    if (!status) status = optional_index(c, root, "camera_index", count, &i);
-    if (!status) several_warn(c, path, root, "camera_index", count);
+    if (!status) status = camera_choose(c, path, image, root, camera, count, &i);
     if (!status) status = camera_size_check(c, camera[i].width, camera[i].height, size);
     if (!status) *out = camera[i];
     mem_free(camera);
@@ -84,8 +138,8 @@ typedef struct {
 
 static sherf_status observation_from_json(context *c, const char *path, const value *root, const char *folder,
                                           file_names *names, view_source *source) {
-    static const char *const known[] = {"image",        "mask",       "camera",  "body",
-                                        "camera_index", "body_index", "comment", NULL};
+    static const char *const known[] = {"image",       "mask",       "camera",  "body", "camera_index",
+                                        "camera_name", "body_index", "comment", NULL};
     sherf_status status;
     int size[2], channels;
     const value *camera = value_get(root, "camera"), *body = value_get(root, "body");
@@ -95,7 +149,7 @@ static sherf_status observation_from_json(context *c, const char *path, const va
         return status;
     if (camera && camera->kind == VALUE_STRING) {
         if ((status = named_file(c, root, "camera", folder, names->other)) ||
-            (status = camera_from_file(c, names->other, root, size, &source->camera)))
+            (status = camera_from_file(c, names->other, names->image, root, size, &source->camera)))
             return status;
     } else if (!camera) {
         return failure(c, SHERF_BAD_FILE, "\"camera\" is missing");

@@ -35,7 +35,9 @@ typedef struct {
     double K[9], R[9], T[3], D[DISTORTION_MAX];
     int width, height;  /* of the picture it is for, where the file says so; else 0 */
     bool turned, moved; /* whether R and T were given; otherwise they are 1 and 0 */
+    char name[128];     /* in the file, or of its picture; empty: there is none, or a longer one */
 } parsed_camera;
+void parsed_camera_name(parsed_camera *camera, const char *name);
 /* shared: part of a file with lens and size for cameras that do not state their own; NULL: none. K or its
  * alternatives; R and T, or one matrix; D; width and height: under the names in docs/observation.md. size: of
  * the picture, used if focal lengths have no centre; NULL: K must be complete. */
@@ -53,6 +55,10 @@ sherf_status parsed_camera_check(context *c, const parsed_camera *camera);
 void camera_warn(context *c, const value *v, const parsed_camera *camera, const char *what);
 /* Whether a dict is a camera. */
 bool camera_is(const value *v);
+/* How many cameras a dict holds, in arrays with one more axis than one camera's (N x 3 x 3); 1: no such. */
+int64_t camera_stack(const value *v);
+/* Camera i of them. pair, item: room for as many as the dict has, used by the value. */
+value camera_unstack(const value *v, int64_t count, int64_t i, value_pair *pair, value *item);
 /* R, T and K (times the picture's scaling) as the engine wants them. */
 void parsed_camera_to(const parsed_camera *in, int file_width, int file_height, int width, int height,
                       sherf_camera *out);

@@ -38,13 +38,14 @@ static const char *const lens_names[] = {"k1", "k2", "p1", "p2", "k3", NULL};
 static const char *const width_names[] = {"width", "w", "W", "image_width", NULL}, *const height_names[] = {
                                                                                        "height", "h", "H",
                                                                                        "image_height", NULL};
-static const char *const idle_names[] = {"name", "id", "comment", "img_name", "file_path", NULL};
+static const char *const idle_names[] = {"id", "comment", NULL};
+static const char *const label_names[] = {"name", "img_name", "file_path", NULL};
 
 static const char *const *const all_names[] = {
-    K_names,           focal_names,      focal_x_names,  focal_y_names, centre_names,    centre_x_names,
-    centre_y_names,    field_names,      R_names,        T_names,       to_camera_names, to_world_names,
-    D_names,           width_names,      height_names,   idle_names,    angle_x_names,   angle_y_names,
-    gl_to_world_names, quaternion_names, position_names, lens_names};
+    K_names,        focal_names,       focal_x_names,    focal_y_names,  centre_names,    centre_x_names,
+    centre_y_names, field_names,       R_names,          T_names,        to_camera_names, to_world_names,
+    D_names,        width_names,       height_names,     idle_names,     label_names,     angle_x_names,
+    angle_y_names,  gl_to_world_names, quaternion_names, position_names, lens_names};
 
 bool camera_is(const value *v) {
     return value_first(v, K_names).item || value_first(v, focal_names).item ||
@@ -52,11 +53,70 @@ bool camera_is(const value *v) {
            value_first(v, angle_x_names).item || value_first(v, angle_y_names).item;
 }
 
+static bool is_among(const char *key, const char *const *names) {
+    while (*names && strcmp(key, *names)) names++;
+    return *names != NULL;
+}
+
+/* ---- several cameras in one dict, each entry an array with one more axis ---- */
+
+/* Numbers of one camera's entry, up to 0; the entries in the order in which they show how many there are. */
+static const struct {
+    const char *const *names;
+    int8_t numbers[6];
+} stacked[] = {
+    {K_names, {9, 12, 16}},
+    {to_camera_names, {12, 16}},
+    {to_world_names, {12, 16}},
+    {gl_to_world_names, {12, 16}},
+    {R_names, {9}},
+    {quaternion_names, {4}},
+    {T_names, {3}},
+    {position_names, {3}},
+    {D_names, {4, 5, 8, 12, 14}},
+};
+
+/* Whether the entry is `count` times what one camera has there. */
+static bool is_stack(named_value n, size_t kind, int64_t count) {
+    const int64_t all = value_numbers(n.item);
+    if (count < 1 || parse_rows(n.item) != count) return false;
+    for (const int8_t *one = stacked[kind].numbers; *one; one++)
+        if (all == count * *one) return true;
+    return false;
+}
+
+int64_t camera_stack(const value *v) {
+    if (!v || v->kind != VALUE_DICT) return 1;
+    for (size_t k = 0; k < COUNT_OF(stacked) - 1; k++) {
+        const named_value n = value_first(v, stacked[k].names);
+        const int64_t count = n.item ? parse_rows(n.item) : 0;
+        const value row = count > 1 ? parse_row_of(n.item, 0) : (value){.kind = VALUE_NONE};
+        const bool nested = row.kind == VALUE_LIST || (row.kind == VALUE_ARRAY && row.array.rank > 0);
+        if (nested && is_stack(n, k, count)) return count;
+    }
+    return 1;
+}
+
+value camera_unstack(const value *v, int64_t count, int64_t i, value_pair *pair, value *item) {
+    const size_t n = v->dict.count;
+    memcpy(pair, v->dict.pair, n * sizeof *pair);
+    for (size_t p = 0; p < n; p++) {
+        const char *key = pair[p].key->kind == VALUE_STRING ? pair[p].key->string.text : "";
+        for (size_t k = 0; k < COUNT_OF(stacked); k++) {
+            if (!is_among(key, stacked[k].names) || !is_stack((named_value){key, pair[p].item}, k, count))
+                continue;
+            item[p] = parse_row_of(pair[p].item, (size_t)i);
+            pair[p].item = &item[p];
+            break;
+        }
+    }
+    return (value){.kind = VALUE_DICT, .dict = {pair, n}};
+}
+
 /* Whether a key is read. */
 static bool camera_key(const char *key) {
     for (size_t i = 0; i < COUNT_OF(all_names); i++)
-        for (const char *const *name = all_names[i]; *name; name++)
-            if (!strcmp(key, *name)) return true;
+        if (is_among(key, all_names[i])) return true;
     return false;
 }
 
@@ -335,9 +395,17 @@ static sherf_status parse_all(context *c, const value *v, const value *shared, c
     return status;
 }
 
+void parsed_camera_name(parsed_camera *camera, const char *name) {
+    const size_t length = strlen(name);
+    const bool fits = length < sizeof camera->name;
+    memcpy(camera->name, fits ? name : "", fits ? length + 1 : 1);
+}
+
 sherf_status parse_camera(context *c, const value *v, const value *shared, const int size[2],
                           parsed_camera *out) {
     *out = (parsed_camera){.K = {0, 0, 0, 0, 0, 0, 0, 0, 1}, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    const value *label = value_first(v, label_names).item;
+    if (label && label->kind == VALUE_STRING) parsed_camera_name(out, label->string.text);
     sherf_status status = parse_all(c, v, shared, size, out);
     if (status) return failure_prefix(c, status, "camera");
     return parsed_camera_check(c, out);

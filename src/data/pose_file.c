@@ -1,7 +1,7 @@
 /* Reads files of poses and of cameras. */
 #include <string.h>
 
-#include "data/parse.h"
+#include "data/camera_files.h"
 
 enum { POSES_MAX = 1 << 20 };
 
@@ -146,27 +146,28 @@ static bool is_camera_key(const value *key, bool kinect) {
     return !kinect || !strncmp(key->string.text, color, sizeof color - 1);
 }
 
-static size_t list_values(const value *list, const value **out) {
-    for (size_t i = 0; out && i < list->list.count; i++) out[i] = list->list.item[i];
+static size_t list_values(const value *list, named_value *out) {
+    for (size_t i = 0; out && i < list->list.count; i++) out[i] = (named_value){NULL, list->list.item[i]};
     return list->list.count;
 }
 
 /* The camera dicts of a dict with names as keys. */
-static size_t named_values(const value *dict, const value **out) {
+static size_t named_values(const value *dict, named_value *out) {
     bool kinect = false;
     size_t n = 0;
     if (dict->kind != VALUE_DICT) return 0;
     for (size_t i = 0; i < dict->dict.count; i++) kinect |= is_camera_key(dict->dict.pair[i].key, true);
-    for (size_t i = 0; i < dict->dict.count; i++)
-        if (is_camera_key(dict->dict.pair[i].key, kinect) && camera_is(dict->dict.pair[i].item)) {
-            if (out) out[n] = dict->dict.pair[i].item;
-            n++;
-        }
+    for (size_t i = 0; i < dict->dict.count; i++) {
+        const value_pair *p = &dict->dict.pair[i];
+        if (!is_camera_key(p->key, kinect) || !camera_is(p->item)) continue;
+        if (out) out[n] = (named_value){p->key->string.text, p->item};
+        n++;
+    }
     return n;
 }
 
 /* The camera dicts of a file in order: "cameras": [...], or name -> camera. out NULL: counts them. */
-static size_t camera_values(const value *root, const value **out) {
+static size_t camera_values(const value *root, named_value *out) {
     const value *cameras = value_get(root, "cameras"), *one = value_get(root, "camera"),
                 *frames = value_get(root, "frames");
     if (cameras && cameras->kind == VALUE_LIST) return list_values(cameras, out);
@@ -175,43 +176,71 @@ static size_t camera_values(const value *root, const value **out) {
         return list_values(frames, out);
     if (!one) one = root;
     if (!camera_is(one)) return named_values(cameras ? cameras : one, out);
-    if (out) out[0] = one;
+    if (out) out[0] = (named_value){NULL, one};
     return 1;
 }
 
+enum { CAMERAS_MAX = 1 << 20 };
+
+static sherf_status no_cameras(context *c, const value *root, size_t n) {
+    if (n) return failure(c, SHERF_BAD_FILE, "too many cameras");
+    if (root->kind != VALUE_ARRAY) return failure(c, SHERF_BAD_FILE, "no cameras");
+    return failure(c, SHERF_BAD_FILE,
+                   "no cameras, an array: write a dict of them, as np.savez(file, K=..., RT=...) does");
+}
+
+/* The cameras of `n` dicts, or of one dict with `count` of them. pair, item: room for one dict. */
+static sherf_status cameras_parse(context *c, const document *d, const named_value *found, size_t n,
+                                  const int size[2], size_t count, parsed_camera *camera) {
+    const size_t keys = n == 1 && found->item->kind == VALUE_DICT ? found->item->dict.count : 0;
+    value_pair *pair = mem_alloc(c, keys, sizeof *pair);
+    value *item = mem_alloc(c, keys, sizeof *item), single;
+    const bool stacked = n == 1 && count > 1;
+    sherf_status status = pair && item ? SHERF_OK : SHERF_NO_MEMORY;
+    for (size_t i = 0; i < count && !status; i++) {
+        const value *v = found[n > 1 ? i : 0].item;
+        if (stacked) single = camera_unstack(v, (int64_t)count, (int64_t)i, pair, item), v = &single;
+        status = parse_camera(c, v, stacked ? NULL : d->root, size, &camera[i]);
+        if (!status) status = parsed_camera_placed(c, &camera[i]);
+        if (status) failure_prefix(c, status, "camera %zu", i);
+        if (n > 1 && found[i].name) parsed_camera_name(&camera[i], found[i].name);
+    }
+    mem_free(pair);
+    mem_free(item);
+    return status;
+}
+
+static sherf_status cameras_of(context *c, const char *path, const document *d, const int size[2],
+                               parsed_camera **out, int *count) {
+    const size_t n = camera_values(d->root, NULL);
+    if (n < 1 || n > CAMERAS_MAX) return no_cameras(c, d->root, n);
+    named_value *found = mem_alloc(c, n, sizeof *found);
+    if (!found) return SHERF_NO_MEMORY;
+    camera_values(d->root, found);
+    camera_warn(c, found->item, NULL, path);
+    const int64_t all = n == 1 ? camera_stack(found->item) : (int64_t)n;
+    parsed_camera *camera = all <= CAMERAS_MAX ? mem_alloc(c, (size_t)all, sizeof *camera) : NULL;
+    sherf_status status = all > CAMERAS_MAX ? no_cameras(c, d->root, (size_t)all)
+                          : !camera         ? SHERF_NO_MEMORY
+                                            : cameras_parse(c, d, found, n, size, (size_t)all, camera);
+    mem_free(found);
+    if (status) {
+        mem_free(camera);
+        return status;
+    }
+    *out = camera;
+    *count = (int)all;
+    return SHERF_OK;
+}
+
 sherf_status cameras_read(context *c, const char *path, const int size[2], parsed_camera **out, int *count) {
-    enum { CAMERAS_MAX = 1 << 20 };
     *out = NULL;
     *count = 0;
     document *d = NULL;
-    parsed_camera *camera = NULL;
-    const value **found = NULL;
-    sherf_status status = parse_file(c, path, &d, NULL);
+    sherf_status status = camera_document_read(c, path, &d);
     if (status) return status;
-    size_t n = camera_values(d->root, NULL);
-    if (n < 1 || n > CAMERAS_MAX) {
-        status = failure(c, SHERF_BAD_FILE, "%s: %s cameras", path, n ? "too many" : "no");
-        goto done;
-    }
-    status = SHERF_NO_MEMORY;
-    camera = mem_alloc(c, n, sizeof *camera);
-    found = mem_alloc(c, n, sizeof *found);
-    if (!camera || !found) goto done;
-    camera_values(d->root, found);
-    camera_warn(c, found[0], NULL, path);
-    status = SHERF_OK;
-    for (size_t i = 0; i < n && !status; i++) {
-        status = parse_camera(c, found[i], d->root, size, &camera[i]);
-        if (!status) status = parsed_camera_placed(c, &camera[i]);
-        if (status) failure_prefix(c, status, "%s: camera %zu", path, i);
-    }
-    if (status) goto done;
-    *out = camera;
-    *count = (int)n;
-    camera = NULL;
-done:
-    mem_free(camera);
-    mem_free((void *)found);
+    status = cameras_of(c, path, d, size, out, count);
+    if (status) failure_prefix(c, status, "%s", path);
     document_free(d);
     return status;
 }

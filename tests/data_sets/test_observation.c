@@ -435,7 +435,7 @@ static void camera_names(void **state) {
 /* NeRF's transforms.json: the lens beside the frames or inside them; a horizontal field of view. */
 static void transforms(void **state) {
     static const char frames[] =
-        "\"frames\": [{\"file_path\": \"a\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, "
+        "\"frames\": [{\"file_path\": \"b\", \"transform_matrix\": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, "
         "0], "
         "[0, 0, 0, 1]]}, {\"transform_matrix\": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]%s}]";
     static const char lens[] = "\"fl_x\": 50, \"fl_y\": 55, \"cx\": 20, \"cy\": 15, \"w\": 40, \"h\": 30";

@@ -1,6 +1,8 @@
 /* Fuzz target: camera files, as JSON in all its layouts and everything else that document_read accepts. The
- * first byte chooses the reader: with a picture's size, without, or for a data set's cameras.json. */
+ * first byte chooses the reader: with a picture's size, without, for a data set's cameras.json, or for the
+ * pairs of files that EasyMocap and COLMAP write, divided by a byte 1. */
 #include <math.h>
+#include <string.h>
 
 #include "data/dataset.h"
 #include "fuzz_folder.h"
@@ -24,18 +26,29 @@ static sherf_status of_data_set(context *c, int kind) {
     return status;
 }
 
+/* Writes the data before and after the first byte 1 into two files; returns the path of the second. */
+static const char *pair_of(const char *first, const char *second, const uint8_t *data, size_t size) {
+    const uint8_t *cut = memchr(data, 1, size);
+    const size_t n = cut ? (size_t)(cut - data) : size;
+    fuzz_file(first, data, n);
+    return fuzz_file(second, cut ? cut + 1 : data, cut ? size - n - 1 : 0);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     static const int picture[2] = {640, 480};
     context *c = fuzz_context();
     if (!size) return 0;
-    const int way = data[0] % 4;
-    const char *path = fuzz_file("cameras.json", data + 1, size - 1);
+    const int way = data[0] % 6;
+    const char *path = way == 4   ? pair_of("intri.yml", "extri.yml", data + 1, size - 1)
+                       : way == 5 ? pair_of("cameras.txt", "images.txt", data + 1, size - 1)
+                                  : fuzz_file("cameras.json", data + 1, size - 1);
+    const bool whole = way < 2 || way > 3;
     const size_t live = mem_live();
     parsed_camera *camera = NULL;
     int count = 0;
     sherf_status status =
-        way < 2 ? cameras_read(c, path, way ? picture : NULL, &camera, &count) : of_data_set(c, way - 2);
-    if (way < 2 && (status == SHERF_OK) != (camera != NULL && count > 0)) abort();
+        whole ? cameras_read(c, path, way == 1 ? picture : NULL, &camera, &count) : of_data_set(c, way - 2);
+    if (whole && (status == SHERF_OK) != (camera != NULL && count > 0)) abort();
     for (int i = 0; i < count; i++) camera_use(c, &camera[i]);
     mem_free(camera);
     return fuzz_end(c, status, live);

@@ -121,12 +121,19 @@ static sherf_status camera_from_file(context *c, const char *path, const char *i
     return status;
 }
 
-static sherf_status pose_from_file(context *c, const char *path, const value *root, sherf_pose *out) {
+/* By "body_index"; otherwise the one that is called like the picture, or the first. */
+static sherf_status pose_from_file(context *c, const char *path, const char *image, const value *root,
+                                   sherf_pose *out) {
     sherf_pose *pose = NULL;
-    int count, i = 0;
-    sherf_status status = sherf_poses_load(c, path, &pose, &count);
+    char name[PATH_LENGTH];
+    int count, same, i = 0;
+    const size_t length = stem_of(&image);
+    snprintf(name, sizeof name, "%.*s", (int)length, image);
+    sherf_status status = poses_named_read(c, path, name, &pose, &count, &same);
+    const bool chosen = value_get(root, "body_index") != NULL;
     if (!status) status = optional_index(c, root, "body_index", count, &i);
-    if (!status) several_warn(c, path, root, "body_index", count);
+    if (!status && !chosen && same >= 0) i = same;
+    if (!status && (chosen || same < 0)) several_warn(c, path, root, "body_index", count);
     if (!status) *out = pose[i];
     mem_free(pose);
     return status;
@@ -159,7 +166,7 @@ static sherf_status observation_from_json(context *c, const char *path, const va
     unknown_keys_warn(c, root, known, path);
     if (body && body->kind == VALUE_STRING) {
         if ((status = named_file(c, root, "body", folder, names->other))) return status;
-        return pose_from_file(c, names->other, root, &source->pose);
+        return pose_from_file(c, names->other, names->image, root, &source->pose);
     }
     if (!body) return failure(c, SHERF_BAD_FILE, "\"body\" is missing");
     status = parse_pose(c, body, &source->pose);
@@ -205,7 +212,7 @@ static sherf_status observation_from_folder(context *c, const char *folder, file
     document_free(d);
     if (status || (status = first_file(c, folder, bodies, names->other))) return status;
     value none = {.kind = VALUE_NONE};
-    return pose_from_file(c, names->other, &none, &source->pose);
+    return pose_from_file(c, names->other, names->image, &none, &source->pose);
 }
 
 /* A body without a translation and a camera without one are in the same place. */

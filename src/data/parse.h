@@ -28,6 +28,11 @@ sherf_status joints_last_check(context *c, const char *what, const value *v, int
 sherf_status parse_pose(context *c, const value *v, sherf_pose *out);
 sherf_status parse_parts(context *c, const body_parts *parts, sherf_pose *out); /* the dict has poses */
 
+/* All bodies of a file (sherf_poses_load); *out is mem_free'd. same: the only one that the file calls `name`
+ * (may be NULL); -1: none. */
+sherf_status poses_named_read(context *c, const char *path, const char *name, sherf_pose **out, int *count,
+                              int *same);
+
 /* ---- cameras (parse_camera.c) ---- */
 /* OpenCV's axes, world to camera. D: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, zeros where there are none.
  */

@@ -4,6 +4,7 @@
 #include "data/parts.h"
 
 #include <ctype.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -190,6 +191,20 @@ static bool place_is_head(const body_parts *p) {
     return poses && place && !strcmp(poses, "rotvec") && !strcmp(place, "transl");
 }
 
+/* HumanNeRF's mesh_infos: where the T-pose's pelvis is at the origin, Th is where the body's is. */
+static bool place_is_pelvis(const value *v, const body_parts *p) {
+    enum { JOINTS = 24 };
+    static const double near_m = 0.02; /* SMPL's own is 0.22 away */
+    const value *joints = value_get(v, "tpose_joints");
+    const char *place = p->part[PART_PLACE].name;
+    if (!place || strcmp(place, "Th") || !joints || joints->kind != VALUE_ARRAY ||
+        value_numbers(joints) != 3 * JOINTS)
+        return false;
+    for (int k = 0; k < 3; k++)
+        if (!(fabs(value_array_number(joints, k)) < near_m)) return false;
+    return true;
+}
+
 void body_parts_find(const value *v, body_parts *out) {
     v = value_unwrapped(v);
     const value *inner = inner_of(v);
@@ -200,6 +215,7 @@ void body_parts_find(const value *v, body_parts *out) {
         out->part[p] = value_first(inner, part_names[p]);
         if (!out->part[p].item) out->part[p] = value_first(v, part_names[p]);
     }
+    if (place_is_pelvis(inner ? inner : v, out)) out->part[PART_PELVIS] = out->part[PART_PLACE];
     if (out->part[PART_PELVIS].item || place_is_head(out)) out->part[PART_PLACE] = (named_value){NULL, NULL};
 }
 

@@ -14,7 +14,7 @@ typedef enum {
     PART_PLACE,        /* the body's translation: transl, Th, ... */
     PART_CAMERA_TURN,  /* of a camera that the tool puts the body before: camera_rotation */
     PART_CAMERA_PLACE, /* cam_t, camera_translation, global_t, ... */
-    PART_PELVIS        /* where the pelvis is, instead of a translation: transl_pelvis */
+    PART_PELVIS        /* where the pelvis is, instead of a translation: transl_pelvis; mesh_infos' Th */
 } body_part;
 enum { PARTS = PART_PELVIS + 1 };
 

@@ -56,6 +56,10 @@ static sherf_status pose_frame(context *c, const body_parts *all, int64_t frames
     return parse_parts(c, &own, out);
 }
 
+static bool has_rotations(const body_parts *parts) {
+    return parts->part[PART_POSES].item || parts->part[PART_BODY].item;
+}
+
 /* A list of bodies, alone or under "frames"; NULL: one dict for all. */
 static const value *list_of(const value *root) {
     const value *frames = value_get(root, "frames");
@@ -63,11 +67,12 @@ static const value *list_of(const value *root) {
     return v && v->kind == VALUE_LIST ? v : NULL;
 }
 
-static sherf_status poses_of_list(context *c, const value *list, sherf_pose *pose) {
+static sherf_status poses_of_list(context *c, const named_value *found, size_t count, sherf_pose *pose) {
     sherf_status status = SHERF_OK;
-    for (size_t f = 0; f < list->list.count && !status; f++) {
-        status = parse_pose(c, value_unwrapped(list->list.item[f]), &pose[f]);
-        if (status && list->list.count > 1) failure_prefix(c, status, "pose %zu", f);
+    for (size_t f = 0; f < count && !status; f++) {
+        status = parse_pose(c, value_unwrapped(found[f].item), &pose[f]);
+        if (status && found[f].name) failure_prefix(c, status, "%.60s", found[f].name);
+        if (status && count > 1) failure_prefix(c, status, "pose %zu", f);
     }
     return status;
 }
@@ -105,39 +110,93 @@ static sherf_status poses_of_dict(context *c, const body_parts *given, int64_t f
     return status;
 }
 
-/* `path` is for the warning about unread keys. */
-static sherf_status poses_from(context *c, const char *path, const value *v, sherf_pose **out, int *count) {
-    const value *list = list_of(v);
+/* The bodies of a list, or of a dict of dicts by name (HumanNeRF's mesh_infos), of one frame each. out NULL:
+ * counts them. */
+static size_t bodies_of(const value *root, named_value *out) {
+    const value *list = list_of(root);
     body_parts parts;
-    body_parts_find(v, &parts);
-    const bool some = parts.part[PART_POSES].item || parts.part[PART_BODY].item;
-    if (!list && !some) return body_parts_missing(c, v);
-    const int64_t frames = list ? (int64_t)list->list.count : frame_count(&parts);
-    if (frames < 1 || frames > POSES_MAX)
-        return failure(c, SHERF_BAD_FILE, "%s poses", frames < 1 ? "no" : "too many");
-    body_parts_warn(c, list ? list->list.item[0] : v, path);
-    sherf_pose *pose = mem_alloc(c, (size_t)frames, sizeof *pose);
-    if (!pose) return SHERF_NO_MEMORY;
-    sherf_status status = list ? poses_of_list(c, list, pose) : poses_of_dict(c, &parts, frames, pose);
-    if (status) {
-        mem_free(pose);
-        return status;
+    size_t n = 0;
+    for (size_t i = 0; list && out && i < list->list.count; i++)
+        out[i] = (named_value){NULL, list->list.item[i]};
+    if (list) return list->list.count;
+    for (size_t i = 0; root && root->kind == VALUE_DICT && i < root->dict.count; i++) {
+        const value *key = root->dict.pair[i].key, *item = value_unwrapped(root->dict.pair[i].item);
+        if (key->kind != VALUE_STRING || !item || item->kind != VALUE_DICT) continue;
+        body_parts_find(item, &parts);
+        if (!has_rotations(&parts) || frame_count(&parts) != 1) continue;
+        if (out) out[n] = (named_value){key->string.text, item};
+        n++;
     }
-    *out = pose;
-    *count = (int)frames;
-    return SHERF_OK;
+    return n;
 }
 
-sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **out, int *count) {
+static sherf_status frames_check(context *c, int64_t frames) {
+    if (frames >= 1 && frames <= POSES_MAX) return SHERF_OK;
+    return failure(c, SHERF_BAD_FILE, "%s poses", frames < 1 ? "no" : "too many");
+}
+
+/* Several bodies. same: the one called `name` (may be NULL); -1: none, or several. */
+static sherf_status poses_apart(context *c, const char *path, const value *v, size_t count, const char *name,
+                                sherf_pose **out, int *same) {
+    sherf_status status = frames_check(c, (int64_t)count);
+    if (status) return status;
+    named_value *found = mem_alloc(c, count, sizeof *found);
+    *out = found ? mem_alloc(c, count, sizeof **out) : NULL;
+    status = *out ? SHERF_OK : SHERF_NO_MEMORY;
+    if (!status) {
+        bodies_of(v, found);
+        body_parts_warn(c, found->item, path);
+        status = poses_of_list(c, found, count, *out);
+    }
+    for (size_t i = 0; i < count && !status && name; i++)
+        if (found[i].name && !strcmp(found[i].name, name)) *same = *same == -1 ? (int)i : -2;
+    mem_free(found);
+    return status;
+}
+
+/* `path` is for the warning about unread keys. */
+static sherf_status poses_from(context *c, const char *path, const value *v, const char *name,
+                               sherf_pose **out, int *count, int *same) {
+    body_parts parts;
+    body_parts_find(v, &parts);
+    const size_t apart = list_of(v) || !has_rotations(&parts) ? bodies_of(v, NULL) : 0;
+    sherf_status status;
+    int64_t frames = (int64_t)apart;
+    if (apart || list_of(v)) {
+        status = poses_apart(c, path, v, apart, name, out, same);
+    } else {
+        if (!has_rotations(&parts)) return body_parts_missing(c, v);
+        frames = frame_count(&parts);
+        if ((status = frames_check(c, frames))) return status;
+        body_parts_warn(c, v, path);
+        *out = mem_alloc(c, (size_t)frames, sizeof **out);
+        status = *out ? poses_of_dict(c, &parts, frames, *out) : SHERF_NO_MEMORY;
+    }
+    *count = (int)frames;
+    return status;
+}
+
+sherf_status poses_named_read(context *c, const char *path, const char *name, sherf_pose **out, int *count,
+                              int *same) {
     *out = NULL;
     *count = 0;
+    *same = -1;
     document *d = NULL;
     sherf_status status = parse_file(c, path, &d, NULL);
     if (status) return status;
-    status = poses_from(c, path, body_root(d->root), out, count);
-    if (status) failure_prefix(c, status, "%s", path);
+    status = poses_from(c, path, body_root(d->root), name, out, count, same);
     document_free(d);
-    return status;
+    if (*same < 0) *same = -1;
+    if (!status) return SHERF_OK;
+    mem_free(*out);
+    *out = NULL;
+    *count = 0;
+    return failure_prefix(c, status, "%s", path);
+}
+
+sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **out, int *count) {
+    int same;
+    return poses_named_read(c, path, NULL, out, count, &same);
 }
 
 static bool is_camera_key(const value *key, bool kinect) {

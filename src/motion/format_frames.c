@@ -156,17 +156,19 @@ static int64_t row_wanted(const sherf_motion_options *o) {
 static sherf_status take_first(context *c, taker *t, const value *person, const body_parts *p) {
     source *s = t->s;
     const char *root = p->part[PART_ROOT].name, *place = p->part[PART_CAMERA_PLACE].name;
-    const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL;
+    const bool lhm = root && !strcmp(root, "root_pose"), easymocap = value_get(person, "Rh") != NULL,
+               mesh_infos = easymocap && value_get(person, "tpose_joints");
     const char *poses = p->part[PART_POSES].name;
     const bool romp = poses && !strcmp(poses, "smpl_thetas"),
                smplify = place && !strcmp(place, "camera_translation"),
                multi = poses && !strcmp(poses, "rotvec");
-    s->format = lhm         ? "LHM or ExAvatar"
-                : easymocap ? "EasyMocap"
-                : smplify   ? "SMPLify-X"
-                : romp      ? "ROMP"
-                : multi     ? "Multi-HMR"
-                            : "SMPL poses";
+    s->format = lhm          ? "LHM or ExAvatar"
+                : mesh_infos ? "HumanNeRF's mesh_infos"
+                : easymocap  ? "EasyMocap"
+                : smplify    ? "SMPLify-X"
+                : romp       ? "ROMP"
+                : multi      ? "Multi-HMR"
+                             : "SMPL poses";
     s->up = lhm || place || multi ? SHERF_UP_MINUS_Y : easymocap ? SHERF_UP_Z : SHERF_UP_Y;
     s->unit_m = t->o->scale > 0 ? t->o->scale : 1;
     s->is_pelvis = true;

@@ -345,6 +345,49 @@ static void six_numbers_of_frames(void **state) {
     sherf_context_free(c);
 }
 
+/* HumanNeRF's mesh_infos: the body that is called like the picture. Th is SMPL's, unless the T-pose's pelvis
+ * is at the origin: then it is the pelvis's place. */
+static void mesh_infos(void **state) {
+    static const int dims[] = {24, 3}, one[] = {72}, three[] = {3};
+    context *c = listening_context();
+    for (int own = 0; own < 2; own++) {
+        pickle_writer w;
+        pickle_begin(&w, c);
+        pickle_dict_open(&w);
+        for (int f = 0; f < 3; f++) {
+            const float Rh[3] = {0, 0, 1.5707963f}, Th[3] = {4, 5, 6.f + (float)f};
+            float poses[72] = {0}, joints[24][3] = {{0, own ? 0 : -0.2233f, 0}};
+            poses[5] = 0.1f * (float)f;
+            pickle_string(&w, (const char *[]){"x", "a", "b"}[f]);
+            pickle_dict_open(&w);
+            pickle_string(&w, "Rh");
+            pickle_floats(&w, 1, three, Rh);
+            pickle_string(&w, "Th");
+            pickle_floats(&w, 1, three, Th);
+            pickle_string(&w, "poses");
+            pickle_floats(&w, 1, one, poses);
+            pickle_string(&w, "tpose_joints");
+            pickle_floats(&w, 2, dims, joints[0]);
+            pickle_dict_close(&w);
+        }
+        pickle_dict_close(&w);
+        assert_ok(c, pickle_finish_file(&w, join(folder, "mesh_infos.pkl")));
+        sherf_observation *o;
+        assert_ok(c, sherf_observation_load(c, json(c, "a.png", "m.png", NULL, "\"mesh_infos.pkl\""), &o));
+        assert_float_equal(o->pose.poses_rad[5], 0.1, 1e-6);
+        assert_float_equal(o->pose.Th_m[0], own ? 4 - 0.2233 : 4, 1e-5); /* x to y, y to -x */
+        assert_float_equal(o->pose.Th_m[1], own ? 5 + 0.0018 : 5, 1e-5);
+        assert_float_equal(o->pose.Th_m[2], own ? 7 - 0.0282 : 7, 1e-5);
+        assert_string_equal(warned, "");
+        sherf_observation_free(o);
+        assert_ok(c, sherf_observation_load(
+                         c, json(c, "a.png", "m.png", NULL, "\"mesh_infos.pkl\", \"body_index\": 2"), &o));
+        assert_float_equal(o->pose.poses_rad[5], 0.2, 1e-6);
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
 /* Keys that are not understood are named, in a body, a camera and the whole file. */
 static void unknown_keys_are_named(void **state) {
     static const struct {
@@ -927,6 +970,7 @@ int main(void) {
         cmocka_unit_test(multi_hmr),
         cmocka_unit_test(quaternions_and_scaling),
         cmocka_unit_test(six_numbers),
+        cmocka_unit_test(mesh_infos),
         cmocka_unit_test(six_numbers_of_frames),
         cmocka_unit_test(transforms),
         cmocka_unit_test(cameras_refused),

@@ -633,6 +633,47 @@ static void multi_hmr_person(pickle_writer *w, const walk_fixture *f, const arra
     pickle_dict_close(w);
 }
 
+/* HumanNeRF's mesh_infos: Th is SMPL's, unless the T-pose's pelvis is at the origin: then it is the pelvis's
+ * place. */
+static void mesh_infos(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("mesh_infos.pkl");
+    arrays up;
+    arrays_of(&f->walk, walk_y_up, &up);
+    for (int own = 0; own < 2; own++) {
+        pickle_writer w;
+        pickle_begin(&w, f->c);
+        pickle_dict_open(&w);
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            char name[32];
+            float R[9], at[3], joints[24][3] = {{0}};
+            rodrigues(up.root[i], R);
+            for (int k = 0; k < 3; k++) {
+                const double *J0 = f->walk.skeleton.rest_m[0];
+                at[k] = up.trans[i][k] + (float)J0[k]; /* pelvis */
+                joints[0][k] = own ? 0 : (float)J0[k];
+                for (int n = 0; n < 3 && !own; n++) at[k] -= R[3 * k + n] * (float)J0[n];
+            }
+            memset(up.smpl[i], 0, 3 * sizeof(float));
+            snprintf(name, sizeof name, "frame_%06d", i);
+            pickle_string(&w, name);
+            pickle_dict_open(&w);
+            pickle_string(&w, "Rh");
+            pickle_floats(&w, 1, (const int[]){3}, up.root[i]);
+            pickle_string(&w, "Th");
+            pickle_floats(&w, 1, (const int[]){3}, at);
+            pickle_string(&w, "poses");
+            pickle_floats(&w, 1, (const int[]){72}, up.smpl[i]);
+            pickle_string(&w, "tpose_joints");
+            pickle_floats(&w, 2, (const int[]){24, 3}, joints[0]);
+            pickle_dict_close(&w);
+        }
+        pickle_dict_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, NULL, 30, "mesh_infos", "y up");
+    }
+}
+
 static void multi_hmr(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("multi.pkl");
@@ -683,6 +724,7 @@ int main(void) {
                                        cmocka_unit_test(six_numbers),
                                        cmocka_unit_test(six_numbers_said),
                                        cmocka_unit_test(inter_x),
-                                       cmocka_unit_test(multi_hmr)};
+                                       cmocka_unit_test(multi_hmr),
+                                       cmocka_unit_test(mesh_infos)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);
 }

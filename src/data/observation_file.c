@@ -1,4 +1,5 @@
 /* An observation from a folder or a JSON file (docs/observation.md), or from a data set. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -143,15 +144,36 @@ typedef struct {
     char image[PATH_LENGTH], mask[PATH_LENGTH], other[PATH_LENGTH];
 } file_names;
 
+/* A value of the mask, a colour, or "all". */
+static sherf_status mask_label_of(context *c, const value *v, mask_label *out) {
+    double color[3];
+    *out = (mask_label){MASK_LABEL_ANY, 0};
+    if (value_is_string(v, "all")) out->kind = MASK_LABEL_ALL;
+    if (!v || out->kind) return SHERF_OK;
+    const bool three = value_numbers(v) == 3;
+    sherf_status status = value_doubles(c, v, "mask_label", three ? 3 : 1, color);
+    for (int k = 0; k < 3 && !status; k++) {
+        const double one = color[three ? k : 0];
+        if (!(one >= 0 && one <= 255 && one == floor(one)))
+            return failure(
+                c, SHERF_BAD_FILE,
+                "\"mask_label\" should be a value of the mask (1 to 255), a colour ([r, g, b]) or \"all\"");
+        out->color = out->color << 8 | (uint32_t)one;
+    }
+    out->kind = MASK_LABEL_ONE;
+    return status;
+}
+
 static sherf_status observation_from_json(context *c, const char *path, const value *root, const char *folder,
                                           file_names *names, view_source *source) {
-    static const char *const known[] = {"image",       "mask",       "camera",  "body", "camera_index",
-                                        "camera_name", "body_index", "comment", NULL};
+    static const char *const known[] = {"image",        "mask",        "mask_label", "camera",  "body",
+                                        "camera_index", "camera_name", "body_index", "comment", NULL};
     sherf_status status;
     int size[2], channels;
     const value *camera = value_get(root, "camera"), *body = value_get(root, "body");
     if ((status = named_file(c, root, "image", folder, names->image)) ||
         (value_get(root, "mask") && (status = named_file(c, root, "mask", folder, names->mask))) ||
+        (status = mask_label_of(c, value_get(root, "mask_label"), &source->label)) ||
         (status = image_size(c, names->image, &size[0], &size[1], &channels)))
         return status;
     if (camera && camera->kind == VALUE_STRING) {

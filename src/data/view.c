@@ -61,17 +61,18 @@ static bool mask_is_alpha(const image_u8 *color, const image_u8 *mask) {
     return clear > 0 && clear < n;
 }
 
-/* In a soft or transparent mask, the person begins at one half. */
-static sherf_status mask_harden(context *c, const char *path, image_u8 *mask) {
+/* In a soft or transparent mask, the person begins at one half. In others, values may be labels. */
+static sherf_status mask_harden(context *c, const char *path, const mask_label *label, image_u8 *mask) {
     image_u8 color = {0};
     sherf_status status = image_read(c, path, 4, &color);
     if (status) return status;
     const size_t n = (size_t)mask->width * mask->height;
     const bool alpha = mask_is_alpha(&color, mask);
-    const int half = alpha ? 128 : mask_half(&color);
+    const int half = alpha ? 128 : label->kind == MASK_LABEL_ONE ? 0 : mask_half(&color);
     for (size_t i = 0; i < n && half; i++) mask->data[i] = color.data[4 * i + (alpha ? 3 : 1)] >= half;
+    if (!alpha) status = mask_labels(c, path, &color, label, half > 0, mask);
     mem_free(color.data);
-    return SHERF_OK;
+    return status;
 }
 
 /* A person does not fill a picture's border. */
@@ -95,7 +96,7 @@ static sherf_status mask_read(context *c, const view_source *s, image_u8 *out) {
     image_u8 color = {0};
     if (s->mask) {
         sherf_status read = image_read(c, s->mask, IMAGE_MASK, out);
-        if (!read && s->observed) read = mask_harden(c, s->mask, out);
+        if (!read && s->observed) read = mask_harden(c, s->mask, &s->label, out);
         if (!read && s->observed) mask_inverted_warn(c, s->mask, out);
         return read;
     }

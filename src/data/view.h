@@ -9,9 +9,25 @@
  * networks have not seen in training. */
 enum { VIEW_READ_SIDE_MAX = IMAGE_SIDE_MAX, VIEW_SIDE_MAX = 4096, VIEW_OBSERVED_SIDE_MAX = 2048 };
 
+/* Which of a mask's values are the person, where it is no soft one. */
+typedef struct {
+    enum {
+        MASK_LABEL_ANY,
+        MASK_LABEL_ALL,
+        MASK_LABEL_ONE
+    } kind;         /* any: all, unless they are several people */
+    uint32_t color; /* of the one: 0xrrggbb */
+} mask_label;
+/* color: the mask's file with 4 channels. mask: 1 where the person may be, made smaller; soft: by a
+ * threshold. Fails for several people apart, and where no pixel is of the label; the message lists the
+ * labels. */
+sherf_status mask_labels(context *c, const char *path, const image_u8 *color, const mask_label *wanted,
+                         bool soft, image_u8 *mask);
+
 typedef struct {
     const char *image, *mask; /* paths; mask NULL: the picture's alpha channel */
-    parsed_camera camera;     /* for the unscaled picture in the file */
+    mask_label label;
+    parsed_camera camera; /* for the unscaled picture in the file */
     sherf_pose pose;
     double scale;  /* used when width is 0 */
     int width;     /* 0: by scale */

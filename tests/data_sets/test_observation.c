@@ -611,6 +611,72 @@ static void soft_masks(void **state) {
     sherf_context_free(c);
 }
 
+/* Two people with values of their own are not merged; parts of one person, which touch, are, with a line. */
+static void labelled_masks(void **state) {
+    enum { N = MADE_WIDTH * MADE_HEIGHT };
+    static const struct {
+        const char *more, *says; /* says: an error if taken is 0, else a warning */
+        int taken;               /* sum of the bits of the two people */
+        bool parts, color;
+    } cases[] = {
+        {"", "2 people apart, by values 1 (13 %), 2 (13 %): choose one by \"mask_label\"", 0, false, false},
+        {"", "by values [128, 0, 0] (13 %), [0, 128, 0] (13 %)", 0, false, true},
+        {", \"mask_label\": 2", "", 2, false, false},
+        {", \"mask_label\": [128, 0, 0]", "", 1, false, true},
+        {", \"mask_label\": \"all\"", "", 3, false, false},
+        {", \"mask_label\": 7", "no pixel has the value of \"mask_label\"; it has 1 (13 %), 2 (13 %)", 0,
+         false, false},
+        {", \"mask_label\": 0.5", "should be a value of the mask (1 to 255)", 0, false, false},
+        {"", "values 1 (13 %), 2 (13 %) are taken together as one person", 3, true, false},
+    };
+    context *c = listening_context();
+    for (size_t i = 0; i < COUNT_OF(cases); i++) {
+        uint8_t rgb[N * 3] = {0}, person[N] = {0};
+        char name[128];
+        for (int p = 0; p < N; p++) {
+            const int x = p % MADE_WIDTH, y = p / MADE_WIDTH, left = cases[i].parts ? 12 : 4;
+            if (y < 5 || y >= 25) continue;
+            person[p] = (uint8_t)(x >= left && x < left + 8 ? 1 : x >= 20 && x < 28 ? 2 : 0);
+            for (int k = 0; k < 3; k++)
+                rgb[3 * p + k] = cases[i].color ? (person[p] == k + 1 ? 128 : 0) : person[p];
+        }
+        assert_ok(c, png_write(c, join(folder, "labels.png"), MADE_WIDTH, MADE_HEIGHT, 3, rgb));
+        snprintf(name, sizeof name, "{\"fov_deg\": 50}%s", cases[i].more);
+        warned[0] = 0;
+        sherf_observation *o;
+        const char *path = json(c, "a.png", "labels.png", name, NULL);
+        if (!cases[i].taken) {
+            assert_fails(c, sherf_observation_load(c, path, &o), SHERF_BAD_FILE, cases[i].says);
+            continue;
+        }
+        assert_ok(c, sherf_observation_load(c, path, &o));
+        for (int p = 0; p < N; p++) assert_int_equal(o->mask[p], (person[p] & cases[i].taken) != 0);
+        if (*cases[i].says ? !strstr(warned, cases[i].says) : *warned) fail_msg("%zu: \"%s\"", i, warned);
+        sherf_observation_free(o);
+    }
+    sherf_context_free(c);
+}
+
+/* The same two people as 1 and 2 of 16 bits, which are read with 8. */
+static void labels_of_16_bits(void **state) {
+    static const uint8_t png[] = {
+        137, 80,  78,  71,  13,  10,  26,  10,  0,   0,  0,  13, 73,  72,  68,  82,  0,   0,   0,
+        40,  0,   0,   0,   30,  16,  0,   0,   0,   0,  43, 38, 223, 66,  0,   0,   0,   37,  73,
+        68,  65,  84,  120, 218, 237, 204, 161, 1,   0,  0,  8,  195, 176, 193, 255, 71,  227, 119,
+        1,   34,  173, 79,  162, 199, 77,  221, 109, 13, 4,  2,  129, 64,  160, 222, 119, 244, 38,
+        1,   225, 55,  103, 177, 47,  0,   0,   0,   0,  73, 69, 78,  68,  174, 66,  96,  130};
+    context *c = listening_context();
+    sherf_observation *o;
+    FILE *f = fopen(join(folder, "deep.png"), "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(png, 1, sizeof png, f), sizeof png);
+    fclose(f);
+    assert_ok(c, sherf_observation_load(c, json(c, "a.png", "deep.png", "{\"fov_deg\": 50}", NULL), &o));
+    assert_non_null(strstr(warned, "deep.png: values that are black in 8 bits are not told apart"));
+    sherf_observation_free(o);
+    sherf_context_free(c);
+}
+
 /* A matte with a wide soft edge and little white; and one that is white everywhere with a transparent
  * background. */
 static void mattes(void **state) {
@@ -980,6 +1046,8 @@ int main(void) {
         cmocka_unit_test(mattes),
         cmocka_unit_test(from_a_folder_with_alpha),
         cmocka_unit_test(soft_masks),
+        cmocka_unit_test(labelled_masks),
+        cmocka_unit_test(labels_of_16_bits),
         cmocka_unit_test(pictures_are_named),
         cmocka_unit_test(faults_are_told),
         cmocka_unit_test(from_memory),

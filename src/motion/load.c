@@ -197,6 +197,16 @@ static bool bvh_is(const unsigned char *data, size_t bytes) {
     return bytes - at >= sizeof word - 1 && !strncasecmp((const char *)data + at, word, sizeof word - 1);
 }
 
+/* Rows of 22 or 24 joints, six numbers each, with a place, or a place and four contacts; in which order, only
+ * their maker knows. */
+static bool sixes_and_more(const value *root) {
+    static const int16_t widths[] = {22 * SIX + 3, 24 * SIX + 3, 24 * SIX + 6, 24 * SIX + 7};
+    const bool rows = root && root->kind == VALUE_ARRAY && root->array.rank == 2;
+    for (size_t i = 0; rows && i < COUNT_OF(widths); i++)
+        if (root->array.dim[1] == widths[i]) return true;
+    return false;
+}
+
 /* A dict without poses: the message lists its keys; SAM 3D Body's is named. */
 static sherf_status not_known(context *c, const value *root) {
     sherf_status status = body_parts_missing(c, root);
@@ -213,7 +223,11 @@ static sherf_status not_known(context *c, const value *root) {
             n += (size_t)snprintf(has + n, sizeof has - n, "%s%lld", k ? " x " : " ",
                                   (long long)root->array.dim[k]);
     }
-    return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s", has);
+    return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s%s", has,
+                   sixes_and_more(root)
+                       ? ": six numbers a joint and more, it seems; write a dict of poses and trans, "
+                         "as np.savez(file, poses=..., trans=...) does"
+                       : "");
 }
 
 /* Unwraps a single item in a list or dict (np.savez of a dict, "results"). */

@@ -589,6 +589,9 @@ static void six_numbers_said(void **state) {
     npz_member longer[] = {{"poses", 3, {WALK_FRAMES, 24, 6}, six[0][0]}};
     assert_ok(f->c, npz_write(f->c, path, 1, longer));
     refused(f, path, NULL, SHERF_BAD_FILE, "no two rows or columns of rotations");
+    path = test_path("said.npy"); /* with places among them */
+    assert_ok(f->c, npy_write_f32(f->c, path, 2, (const int64_t[]){WALK_FRAMES, 135}, six[0][0]));
+    refused(f, path, NULL, SHERF_BAD_FILE, "an array of 12 x 135: six numbers a joint and more");
 }
 
 /* Inter-X's motions are SMPL-X's by their hands alone, y up, 120 frames a second. */

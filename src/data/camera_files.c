@@ -9,10 +9,6 @@
 
 static const size_t text_bytes_max = (size_t)512 << 20;
 
-bool tree_entry(builder *b, value *dict, const char *key, value *item) {
-    return build_pair(b, dict, build_string(b, key, strlen(key)), item);
-}
-
 /* ---- EasyMocap ---- */
 
 /* The value under PREFIX_NAME. */
@@ -28,14 +24,14 @@ static bool take_entry(builder *b, value *camera, const char *key, const value *
     value *own = v ? build_value(b, v->kind) : NULL;
     if (!v) return true;
     if (own) *own = *v;
-    return own && tree_entry(b, camera, key, own);
+    return own && build_entry(b, camera, key, own);
 }
 
 /* Rot is a matrix, R the same as an axis-angle. */
 static value *easymocap_camera(builder *b, const value *intri, const value *extri, const char *name) {
     value *camera = build_value(b, VALUE_DICT);
     const bool matrix = entry_of(extri, "Rot", name) != NULL;
-    if (!camera || !tree_entry(b, camera, "name", build_string(b, name, strlen(name))) ||
+    if (!camera || !build_entry(b, camera, "name", build_string(b, name, strlen(name))) ||
         !take_entry(b, camera, "K", intri, "K", name) ||
         !take_entry(b, camera, "dist", intri, "dist", name) ||
         !take_entry(b, camera, "width", intri, "W", name) ||
@@ -81,7 +77,7 @@ static sherf_status easymocap_read(context *c, const char *intri, const char *ex
     value *cameras = place ? easymocap_cameras(&b, lens, place) : NULL;
     if (place && !cameras && b.status) failure_prefix(c, b.status, "%s", intri);
     if (cameras) root = build_value(&b, VALUE_DICT);
-    if (root && !tree_entry(&b, root, "cameras", cameras)) root = NULL;
+    if (root && !build_entry(&b, root, "cameras", cameras)) root = NULL;
     sherf_status status = build_finish(&b, root, out);
     mem_free(data[0]);
     mem_free(data[1]);

@@ -10,6 +10,4 @@
 sherf_status camera_document_read(context *c, const char *path, document **out);
 /* COLMAP's text model (colmap.c): a camera for each image, in the order of the file. */
 sherf_status colmap_read(context *c, const char *cameras, const char *images, document **out);
-/* Adds an entry to a dict; false: the builder has failed. */
-bool tree_entry(builder *b, value *dict, const char *key, value *item);
 #endif

@@ -130,13 +130,13 @@ static value *array_of(builder *b, int count, const double *number) {
 
 static value *camera_of(builder *b, const lens *own, const double place[7], const char *name) {
     value *camera = build_value(b, VALUE_DICT);
-    if (!camera || !tree_entry(b, camera, "name", build_string(b, name, strlen(name))) ||
-        !tree_entry(b, camera, "K", array_of(b, 9, own->K)) ||
-        !tree_entry(b, camera, "D", array_of(b, 8, own->D)) ||
-        !tree_entry(b, camera, "width", build_integer(b, own->width)) ||
-        !tree_entry(b, camera, "height", build_integer(b, own->height)) ||
-        !tree_entry(b, camera, "qvec", array_of(b, 4, place)) ||
-        !tree_entry(b, camera, "tvec", array_of(b, 3, place + 4)))
+    if (!camera || !build_entry(b, camera, "name", build_string(b, name, strlen(name))) ||
+        !build_entry(b, camera, "K", array_of(b, 9, own->K)) ||
+        !build_entry(b, camera, "D", array_of(b, 8, own->D)) ||
+        !build_entry(b, camera, "width", build_integer(b, own->width)) ||
+        !build_entry(b, camera, "height", build_integer(b, own->height)) ||
+        !build_entry(b, camera, "qvec", array_of(b, 4, place)) ||
+        !build_entry(b, camera, "tvec", array_of(b, 3, place + 4)))
         return NULL;
     return camera;
 }
@@ -182,7 +182,7 @@ sherf_status colmap_read(context *c, const char *cameras, const char *images, do
     if (list && root) status = images_read(&b, images, lenses, count, list);
     mem_free(lenses);
     if (status && !b.status) b.status = status;
-    if (!b.status && !tree_entry(&b, root, "cameras", list)) root = NULL;
+    if (!b.status && !build_entry(&b, root, "cameras", list)) root = NULL;
     status = build_finish(&b, b.status ? NULL : root, out);
     if (!status)
         log_line(c, SHERF_LOG_INFO, "%s: COLMAP's unit of length is its own: the body must be in it", images);

@@ -81,6 +81,7 @@ value *build_none(builder *b);
 value *build_string(builder *b, const char *text, size_t length); /* copied */
 bool build_append(builder *b, value *list, value *item);
 bool build_pair(builder *b, value *dict, value *key, value *item);
+bool build_entry(builder *b, value *dict, const char *key, value *item);
 /* An array of rank 0..8, data not initialised; dims are checked. */
 value *build_array(builder *b, dtype type, int rank, const int64_t *dim);
 /* Product of dims, or -1 when a dim is negative or the product is too large. */

@@ -152,6 +152,10 @@ bool build_pair(builder *b, value *dict, value *key, value *item) {
     return true;
 }
 
+bool build_entry(builder *b, value *dict, const char *key, value *item) {
+    return build_pair(b, dict, build_string(b, key, strlen(key)), item);
+}
+
 int64_t build_count(int rank, const int64_t *dim) {
     int64_t n = 1;
     bool zero = false;

@@ -38,7 +38,7 @@ static const option options[] = {
      "of the orbit from the body (what shows all of it)", 0.01, 1e4},
     {0, "fov", OPTION_REAL, &set.shots.fov_deg, "DEG", "vertical field of view of the orbit (30)", 1, 150},
     {'c', "cameras", OPTION_FILE, &set.shots.cameras, "FILE",
-     "cameras from JSON, as docs/observation.md says"},
+     "cameras of a file or folder, as docs/observation.md says"},
     {'d', "data", OPTION_FILE, &set.shots.data, "SPEC", "take cameras, and --poses LIST, from this data set"},
     {'P', "people", OPTION_TEXT, &set.shots.people, "NAME", "person of the data set: name or list line"},
     {0, "views", OPTION_LIST, &set.shots.views, "LIST",

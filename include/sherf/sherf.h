@@ -130,8 +130,9 @@ SHERF_API sherf_status sherf_body_pose(sherf_context *c, const sherf_body *body,
 /* One or more poses: npz (poses [F,72], shapes or betas, trans or Th), npy dict {poses, shapes, R or Rh, Th},
  * JSON of the observation form. *out holds *count poses: free with sherf_free. */
 SHERF_API sherf_status sherf_poses_load(sherf_context *c, const char *path, sherf_pose **out, int *count);
-/* One or more cameras: JSON {"cameras": [{"K","R","T","width","height"}]} or a data set's cameras.json;
- * width_px and height_px are 0 where the file gives none. */
+/* One or more cameras: JSON {"cameras": [{"K","R","T","width","height"}]}, a data set's cameras.json, or
+ * another tool's (docs/observation.md), of which a folder may be named; width_px and height_px are 0 where
+ * the file gives none. */
 SHERF_API sherf_status sherf_cameras_load(sherf_context *c, const char *path, sherf_camera **out, int *count);
 SHERF_API void sherf_free(void *p); /* plain arrays handed out by the library */
 

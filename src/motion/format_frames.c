@@ -153,6 +153,19 @@ static int64_t row_wanted(const sherf_motion_options *o) {
 }
 
 /* Shapes, format and memory follow from the first frame that has the person. */
+/* Of six numbers a joint, each frame shows what they are. */
+static void six_say(context *c, const body_parts *p, const sherf_motion_options *o) {
+    const named_value *rest = &p->part[p->part[PART_BODY].item ? PART_BODY : PART_POSES];
+    if (rotation_said(p, o->rotations) ||
+        (!six_joints(rest->item, whole_joints) && !six_joints(rest->item, body_joints)))
+        return;
+    log_line(
+        c, SHERF_LOG_INFO,
+        "%s: six numbers a joint, read as the first two rows or columns of the matrices, as knees and elbows "
+        "bend in each frame (--rotations)",
+        rest->name);
+}
+
 static sherf_status take_first(context *c, taker *t, const value *person, const body_parts *p) {
     source *s = t->s;
     const char *root = p->part[PART_ROOT].name, *place = p->part[PART_CAMERA_PLACE].name;
@@ -175,6 +188,7 @@ static sherf_status take_first(context *c, taker *t, const value *person, const 
     s->smplx = p->smplx || (!p->part[PART_BODY].item && value_numbers(p->part[PART_POSES].item) == 165);
     s->unplaced = !place && !p->part[PART_PLACE].item && !p->part[PART_PELVIS].item;
     body_parts_warn(c, person, s->format);
+    six_say(c, p, t->o);
     sherf_status status = source_shapes(c, s, p->part[PART_SHAPES].item);
     if (!status) status = source_frames(c, s, t->o, t->max, 30);
     return status ? status : source_numbers(c, s);

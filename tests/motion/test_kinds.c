@@ -557,6 +557,37 @@ static void six_numbers(void **state) {
     }
 }
 
+/* A dict a frame, as other tools write them: each shows it, or it is said. */
+static void six_numbers_by_frame(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("six_frames.pkl");
+    static float six[WALK_FRAMES][24][6];
+    arrays a;
+    arrays_of(&f->walk, walk_y_up, &a);
+    for (int layout = 0; layout < SIX_LAYOUTS; layout++) {
+        const sherf_motion_options said = {.rotations =
+                                               layout ? SHERF_ROTATIONS_6D_COLUMNS : SHERF_ROTATIONS_6D_ROWS};
+        pickle_writer w;
+        sixes_of(&a, layout, six);
+        pickle_begin(&w, f->c);
+        pickle_list_open(&w);
+        for (int i = 0; i < WALK_FRAMES; i++) {
+            pickle_dict_open(&w);
+            pickle_string(&w, "body_pose");
+            pickle_floats(&w, 2, (const int[]){23, 6}, six[i][1]);
+            pickle_string(&w, "global_orient");
+            pickle_floats(&w, 2, (const int[]){1, 6}, six[i][0]);
+            pickle_string(&w, "trans");
+            pickle_floats(&w, 1, (const int[]){3}, a.trans[i]);
+            pickle_dict_close(&w);
+        }
+        pickle_list_close(&w);
+        assert_ok(f->c, pickle_finish_file(&w, path));
+        assert_walk(f, path, &said, 30, "SMPL poses", "y up");
+        assert_walk(f, path, NULL, 30, "SMPL poses", "y up");
+    }
+}
+
 /* Where nothing shows which they are, they are refused until it is said; and what is no rotation. */
 static void six_numbers_said(void **state) {
     const walk_fixture *f = *state;
@@ -726,6 +757,7 @@ int main(void) {
                                        cmocka_unit_test(exchanged),
                                        cmocka_unit_test(six_numbers),
                                        cmocka_unit_test(six_numbers_said),
+                                       cmocka_unit_test(six_numbers_by_frame),
                                        cmocka_unit_test(inter_x),
                                        cmocka_unit_test(multi_hmr),
                                        cmocka_unit_test(mesh_infos)};

@@ -14,15 +14,6 @@ sherf_avatar *avatar_new(context *c) {
     return NULL;
 }
 
-sherf_status avatar_named(context *c, const sherf_avatar *a, sherf_status status) {
-    return a->path ? failure_prefix(c, status, "%s", a->path) : status;
-}
-
-sherf_status avatar_check_body(context *c, const sherf_avatar *a, const body_model *body) {
-    if (body->fingerprint == a->body_fingerprint) return SHERF_OK;
-    return avatar_named(c, a, failure(c, SHERF_MISMATCH, "the avatar was made with another body"));
-}
-
 void sherf_avatar_free(sherf_avatar *a) {
     if (!a) return;
     if (a->form) a->form->release(a->formed);

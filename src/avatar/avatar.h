@@ -52,6 +52,15 @@ sherf_status avatar_create(context *c, const model *m, const body_model *body, i
                            const sherf_observation *const *observation, bool batch_statistics,
                            sherf_avatar **out);
 
+/* ---- refusal.c ---- */
+/* Puts the name of the avatar's file, if it has one, before the context's message. Returns `status`. */
+sherf_status avatar_named(context *c, const sherf_avatar *a, sherf_status status);
+/* SHERF_MISMATCH, with a message, where the avatar was made with another body. */
+sherf_status avatar_check_body(context *c, const sherf_avatar *a, const body_model *body);
+/* SHERF_UNSUPPORTED, with a message, where `what` ("an export needs") needs the network and this avatar has
+ * another form. */
+sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what);
+
 /* ---- device.c: the field that answers queries, on the processor or on a GPU ---- */
 /* Makes the field for this context from the avatar's other members. */
 sherf_status avatar_place(context *c, const body_model *body, sherf_avatar *a);
@@ -104,10 +113,6 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
 
 /* ---- avatar.c: made of an observation ---- */
 sherf_avatar *avatar_new(context *c); /* empty, NULL: out of memory; free it with sherf_avatar_free */
-/* Puts the name of the avatar's file, if it has one, before the context's message. Returns `status`. */
-sherf_status avatar_named(context *c, const sherf_avatar *a, sherf_status status);
-/* SHERF_MISMATCH, with a message, where the avatar was made with another body. */
-sherf_status avatar_check_body(context *c, const sherf_avatar *a, const body_model *body);
 /* Copies the weights that a model's queries read; parameters_free them, even after an error. */
 sherf_status avatar_weights(context *c, const model *m, parameters **out);
 /* Sets what an observation or a file determines (the sheet, the bodies) and calls avatar_place. */
@@ -123,9 +128,6 @@ sherf_status observed_from_numbers(context *c, const char *name, const float n[O
 /* Makes an avatar of a file that safetensors_read read. sherf_avatar_load (baked/form_read.c) is the public
  * function. */
 sherf_status avatar_read(context *c, const safetensors *s, const body_model *body, sherf_avatar **out);
-/* SHERF_UNSUPPORTED, with a message, where `what` ("an export needs") needs the network and this avatar has
- * another form. */
-sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what);
 /* As sherf_render, with a body posed by avatar_pose: for many frames of one pose. */
 sherf_status avatar_render(context *c, const sherf_avatar *a, const body_model *body, const posed_body *posed,
                            const sherf_camera *camera, const sherf_render_options *options,

@@ -44,14 +44,6 @@ sherf_status sherf_render(sherf_context *c, const sherf_avatar *a, const sherf_b
     return status;
 }
 
-sherf_status avatar_needs_network(context *c, const sherf_avatar *a, const char *what) {
-    if (!a->form) return SHERF_OK;
-    return avatar_named(c, a,
-                        failure(c, SHERF_UNSUPPORTED,
-                                "a %s avatar has no network: %s the avatar that it was made from",
-                                a->form->name, what));
-}
-
 /* Colour over black is colour times opacity. */
 sherf_status sherf_frame_rgba(sherf_context *c, const sherf_frame *frame, sherf_image *out) {
     const sherf_image *color = &frame->color;

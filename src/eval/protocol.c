@@ -105,14 +105,16 @@ static sherf_status evaluation_open(evaluation *e) {
         observations += e->selection[i].observations;
     }
     if (!e->total) return failure(c, SHERF_BAD_ARGUMENT, "%s: no picture is left to compare with", o->data);
-    if (o->sheet) {
+    if (o->output) {
+        e->folder_is_new = !path_is_folder(o->output);
+        if ((status = folder_make(c, o->output)) != SHERF_OK) return status;
+    }
+    if (o->sheet) { /* it may go into that folder */
         const int rows = observations < SHEET_ROWS_MAX ? (int)observations : SHEET_ROWS_MAX;
         if ((status = output_try(c, o->sheet)) != SHERF_OK) return status;
         if ((status = sheet_create(c, rows, &e->sheet)) != SHERF_OK) return status;
     }
-    if (!o->output) return SHERF_OK;
-    e->folder_is_new = !path_is_folder(o->output);
-    return folder_make(c, o->output);
+    return SHERF_OK;
 }
 
 /* ---- one picture ---- */

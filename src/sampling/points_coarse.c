@@ -40,20 +40,25 @@ float points_step_m(const points_job *job, int64_t n) {
     return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
 }
 
+static bool has_samples(const points_job *job, int64_t n) {
+    uint64_t any = 0;
+    for (int w = 0; w < job->words; w++) any |= job->sample[n * job->words + w];
+    return any != 0;
+}
+
 /* Goes from front to back until the rest is hidden; writes the coarse field's values to value. */
-static void walk_ray(const points_job *job, int64_t n, float (*value)[4], walk *k) {
-    const float delta = points_step_m(job, n);
+static void walk_ray(const points_job *job, int64_t n, float delta, float (*value)[4], walk *k) {
     float light = 1;
     int32_t guess = -1;
     ray_surrounding around;
-    const bool between = ray_lattice_surround(job, n, &around);
+    const bool between = ray_lattice_surround(job, n, delta, &around);
     k->count = 0;
     for (int w = 0; w < job->words; w++)
         for (uint64_t bits = job->sample[n * job->words + w]; bits && light > COARSE_HIDDEN;
              bits &= bits - 1) {
             const int i = 64 * w + __builtin_ctzll(bits);
             float *v = value[k->count];
-            if (!(between && ray_lattice_value(&job->lattice, &around, i, delta, v)) &&
+            if (!(between && ray_lattice_value(&job->lattice, &around, i, v)) &&
                 !points_coarse_value(job, n, i, &guess, v))
                 continue;
             if (!(v[0] > 0)) continue;
@@ -81,9 +86,11 @@ void points_walk(const points_job *job, int64_t chunk) {
         uint64_t *kept = job->sample + n * job->words, *query = job->query + n * job->words;
         const int32_t before = queried;
         const int place = (int)(n % job->rays->width + n / job->rays->width);
-        walk_ray(job, n, value, &k);
+        if (!has_samples(job, n)) continue; /* first[n + 1] is 0 */
+        const float delta = points_step_m(job, n);
+        walk_ray(job, n, delta, value, &k);
         memset(kept, 0, (size_t)job->words * sizeof *kept);
-        const float threshold = weight_threshold(&k, job->heavy_per_m * points_step_m(job, n));
+        const float threshold = weight_threshold(&k, job->heavy_per_m * delta);
         for (int i = 0; i < k.count; i++) {
             const uint64_t bit = (uint64_t)1 << (k.sample[i] % 64);
             kept[k.sample[i] / 64] |= bit;

@@ -70,14 +70,20 @@ sherf_status ray_lattice_create(context *c, points_job *job);
 /* The lattice's rays round another ray: up to four, with their weights. */
 typedef struct {
     int count;
-    int32_t ray[4];
     float weight[4];
+    struct {
+        int64_t at; /* the slot of sample 0, if there were one */
+        int32_t low, high, end;
+    } ray[4];
+    float differ,
+        opaque; /* densities: how much they may differ, and above which they do not count as different */
 } ray_surrounding;
-/* False where the lattice ends, or where samples of its rays have other depths than ray n's. */
-bool ray_lattice_surround(const points_job *job, int64_t n, ray_surrounding *s);
+/* False where the lattice ends, or where samples of its rays have other depths than ray n's. step_m: the
+ * ray's. */
+bool ray_lattice_surround(const points_job *job, int64_t n, float step_m, ray_surrounding *s);
 /* Interpolates the value of sample i. False if a ray of the lattice does not reach it, or if their opacities
- * differ. delta: metres of a step. */
-bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float delta, float value[4]);
+ * over a step differ. */
+bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float value[4]);
 void ray_lattice_free(ray_lattice *l);
 /* Pass 2: goes along a chunk's rays and chooses the samples to query. */
 void points_walk(const points_job *job, int64_t chunk);

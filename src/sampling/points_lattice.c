@@ -27,12 +27,13 @@ static void find_ranges(points_job *job, int64_t count) {
 static void evaluate(points_job *job, int64_t m) {
     ray_lattice *l = &job->lattice;
     const int64_t n = ray_of(job, m);
-    const float delta = points_step_m(job, n);
+    float(*value)[4] = l->value + l->first[m];
     float light = 1;
     int32_t guess = -1;
-    float(*value)[4] = l->value + l->first[m];
-    memset(value, 0, (size_t)(l->high[m] - l->low[m]) * sizeof *value);
     l->end[m] = INT32_MAX;
+    if (l->low[m] == l->high[m]) return;
+    const float delta = points_step_m(job, n);
+    memset(value, 0, (size_t)(l->high[m] - l->low[m]) * sizeof *value);
     for (int w = 0; w < job->words; w++)
         for (uint64_t bits = job->sample[n * job->words + w]; bits; bits &= bits - 1) {
             const int i = 64 * w + __builtin_ctzll(bits);
@@ -43,10 +44,6 @@ static void evaluate(points_job *job, int64_t m) {
             l->end[m] = i + 1;
             return;
         }
-}
-
-static void evaluate_range(void *arg, int64_t begin, int64_t end, int thread) {
-    for (int64_t m = begin; m < end; m++) evaluate(arg, m);
 }
 
 /* Rays of the lattice are at most this part of a cell apart. */
@@ -71,58 +68,64 @@ sherf_status ray_lattice_create(context *c, points_job *job) {
     find_ranges(job, (int64_t)count);
     l->value = mem_alloc(c, (size_t)l->first[count] + 1, sizeof *l->value);
     if (!l->value) return SHERF_NO_MEMORY;
-    parallel_for(c, (int64_t)count, 64, evaluate_range, job);
+#pragma omp parallel for schedule(dynamic, 64) num_threads(c->threads)
+    for (size_t m = 0; m < count; m++) evaluate(job, (int64_t)m);
     return SHERF_OK;
 }
 
-static void add_lattice_ray(const ray_lattice *l, int row, int column, float weight, ray_surrounding *s) {
-    if (!(weight > 0)) return;
+/* Returns the number of the ray in the picture. */
+static int64_t add_lattice_ray(const points_job *job, int row, int column, float weight, ray_surrounding *s) {
+    const ray_lattice *l = &job->lattice;
+    const int64_t m = (int64_t)row * l->columns + column;
     s->weight[s->count] = weight;
-    s->ray[s->count++] = row * l->columns + column;
+    s->ray[s->count].at = l->first[m] - l->low[m];
+    s->ray[s->count].low = l->low[m];
+    s->ray[s->count].high = l->high[m];
+    s->ray[s->count++].end = l->end[m];
+    return ray_of(job, m);
 }
 
-bool ray_lattice_surround(const points_job *job, int64_t n, ray_surrounding *s) {
-    const float same_m = 0.002f;
+bool ray_lattice_surround(const points_job *job, int64_t n, float step_m, ray_surrounding *s) {
+    const float same_m = 0.002f, opaque = 2, differ = 0.2f; /* the last two in optical depth */
     const ray_lattice *l = &job->lattice;
     const ray_bundle *r = job->rays;
+    if (l->stride == 1) return false;
     const int row = (int)(n / r->width), column = (int)(n % r->width);
     const int low_row = row / l->stride, low_column = column / l->stride;
-    const float down = (float)(row % l->stride) / (float)l->stride;
-    const float right = (float)(column % l->stride) / (float)l->stride;
-    s->count = 0;
-    if (l->stride == 1 || (down > 0 && low_row + 1 >= l->rows) || (right > 0 && low_column + 1 >= l->columns))
-        return false;
-    add_lattice_ray(l, low_row, low_column, (1 - down) * (1 - right), s);
-    add_lattice_ray(l, low_row, low_column + 1, (1 - down) * right, s);
-    add_lattice_ray(l, low_row + 1, low_column, down * (1 - right), s);
-    add_lattice_ray(l, low_row + 1, low_column + 1, down * right, s);
+    const float part[2] = {(float)(row - low_row * l->stride) / (float)l->stride,
+                           (float)(column - low_column * l->stride) / (float)l->stride};
     float near = -r->near[n], far = -r->far[n];
-    for (int k = 0; k < s->count; k++) {
-        const int64_t other = ray_of(job, s->ray[k]);
-        near += s->weight[k] * r->near[other];
-        far += s->weight[k] * r->far[other];
+    *s = (ray_surrounding){.differ = differ / step_m, .opaque = opaque / step_m};
+    if ((part[0] > 0 && low_row + 1 >= l->rows) || (part[1] > 0 && low_column + 1 >= l->columns))
+        return false;
+    for (int k = 0; k < 4; k++) {
+        const float weight = (k / 2 ? part[0] : 1 - part[0]) * (k % 2 ? part[1] : 1 - part[1]);
+        if (!(weight > 0)) continue;
+        const int64_t other = add_lattice_ray(job, low_row + k / 2, low_column + k % 2, weight, s);
         if (!r->at_box[other]) return false;
+        near += weight * r->near[other];
+        far += weight * r->far[other];
     }
     return fabsf(near) < same_m && fabsf(far) < same_m;
 }
 
-bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float delta, float value[4]) {
-    const float opaque = 2, differ = 0.2f; /* optical depths, density times delta */
+bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float value[4]) {
     typedef float four __attribute__((vector_size(16), may_alias));
     four sum = {0};
-    float lowest = opaque, highest = 0;
+    float lowest = s->opaque, highest = 0;
     for (int k = 0; k < s->count; k++) {
-        const int32_t m = s->ray[k];
-        if (i >= l->end[m]) return false;
-        const bool kept = i >= l->low[m] && i < l->high[m];
-        const four own = kept ? *(const four *)l->value[l->first[m] + i - l->low[m]] : (four){0};
-        const float depth = fminf(fmaxf(own[0] * delta, 0), opaque);
-        lowest = fminf(lowest, depth);
-        highest = fmaxf(highest, depth);
-        sum += s->weight[k] * own;
+        if (i >= s->ray[k].end) return false;
+        float sigma = 0;
+        if (i >= s->ray[k].low && i < s->ray[k].high) {
+            const four own = *(const four *)l->value[s->ray[k].at + i];
+            sum += s->weight[k] * own;
+            sigma = own[0] > 0 ? own[0] : 0;
+        }
+        lowest = sigma < lowest ? sigma : lowest;
+        highest = sigma > highest ? sigma : highest;
     }
     *(four *)value = sum;
-    return highest - lowest <= differ;
+    return (highest < s->opaque ? highest : s->opaque) - lowest <= s->differ;
 }
 
 void ray_lattice_free(ray_lattice *l) {

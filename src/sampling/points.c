@@ -11,6 +11,9 @@
 /* Lists for voxels of half the size search no faster in a picture of 512 and take three times as long to
  * make, which was half of the time of a picture of 128. */
 static const float voxel_m = 0.04f;
+/* Coarse frames: where pixels are closer together than this, the weights from which samples are queried are
+ * larger and, in float32, only some of those of medium weight are queried: in bf16 products are cheap. */
+static const float sparse_m = 0.005f;
 
 /* A ray in the target's voxels: place = from + t * step. */
 typedef struct {
@@ -318,7 +321,7 @@ sherf_status points_prepare(context *c, const body_model *body, posed_body *targ
     return target->near ? SHERF_OK : grid_create(c, body, target, &target->near);
 }
 
-sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out) {
+static sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out) {
     const ray_bundle *rays = job->rays;
     *out = NULL;
     if (samples < 1 || samples > POINT_SAMPLES_MAX)
@@ -365,6 +368,24 @@ sherf_status points_create(context *c, const body_model *body, const posed_body 
                       .rays = rays,
                       .empty = empty && empty->bit ? empty : NULL};
     return points_make(c, &job, samples, keep_stages, out);
+}
+
+sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
+                                  const ray_bundle *rays, int samples, const posed_body *observation,
+                                  const sherf_camera *observation_camera, const coarse_field *coarse,
+                                  coarse_points *out) {
+    const bool fine = rays_pitch(rays) < sparse_m;
+    points_job job = {.body = body,
+                      .target = target,
+                      .observation = observation,
+                      .camera = observation_camera,
+                      .rays = rays,
+                      .coarse = coarse,
+                      .heavy_per_m = fine ? 3 : 0.5f,
+                      .sparse = fine && c->precision == SHERF_PRECISION_FP32,
+                      .answer = out};
+    *out = (coarse_points){0};
+    return points_make(c, &job, samples, false, &out->queried);
 }
 
 void points_free(point_set *p) {

@@ -7,38 +7,14 @@
 
 /* The total weight that a ray's samples may have without being queried. */
 static const float spared = 0.1f;
-/* Where pixels are closer together than this, the weights from which samples are queried are larger and, in
- * float32, only every other one with a weight below `certain` is queried: in bf16 products are cheap. */
-static const float sparse_m = 0.005f, certain = 0.1f;
-
-/* A sample's place and nearest vertex; false if it is not near the body. *guess: a vertex near it, or -1. */
-static bool find_nearest(const points_job *job, int64_t n, int i, float x[3], int32_t *guess) {
-    sample_smpl(job, n, i, x);
-    const int32_t nearest = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
-    if (nearest >= 0) *guess = nearest;
-    return nearest >= 0;
-}
-
-bool points_coarse_value(const points_job *job, int64_t n, int i, int32_t *guess, float value[4]) {
-    float x[3];
-    if (!find_nearest(job, n, i, x, guess)) return false;
-    deform_to_canonical(job->body, job->target, 1, x, NULL, guess, x, NULL);
-    coarse_at(job->coarse, x, value);
-    return true;
-}
+/* Where only some samples are queried (`sparse`), those of a larger weight always are. */
+static const float certain = 0.1f;
 
 /* A ray's samples with density. */
 typedef struct {
     int count, sample[POINT_SAMPLES_MAX];
     float weight[POINT_SAMPLES_MAX]; /* by the coarse field */
 } walk;
-
-float points_step_m(const points_job *job, int64_t n) {
-    const ray_bundle *r = job->rays;
-    const float *d = r->direction + 3 * n;
-    const float step = job->samples > 1 ? (r->far[n] - r->near[n]) / (float)(job->samples - 1) : 0;
-    return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-}
 
 static bool has_samples(const points_job *job, int64_t n) {
     uint64_t any = 0;
@@ -99,7 +75,7 @@ void points_walk(const points_job *job, int64_t chunk) {
             const bool light = job->sparse && k.weight[i] < certain;
             if (k.weight[i] < threshold || (light && (place + k.sample[i]) % 2)) continue;
             float x[3];
-            if (!find_nearest(job, n, k.sample[i], x, &guess)) continue; /* it was interpolated */
+            if (!points_nearest(job, n, k.sample[i], x, &guess)) continue; /* it was interpolated */
             query[k.sample[i] / 64] |= bit;
             nearest[queried++] = guess;
         }
@@ -137,22 +113,4 @@ sherf_status points_allocate_coarse(context *c, points_job *job) {
     a->sigma = mem_alloc(c, n, sizeof *a->sigma);
     a->queried_at = mem_alloc(c, n, sizeof *a->queried_at);
     return all->sample && a->rgb && a->sigma && a->queried_at ? SHERF_OK : SHERF_NO_MEMORY;
-}
-
-sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
-                                  const ray_bundle *rays, int samples, const posed_body *observation,
-                                  const sherf_camera *observation_camera, const coarse_field *coarse,
-                                  coarse_points *out) {
-    const bool fine = rays_pitch(rays) < sparse_m;
-    points_job job = {.body = body,
-                      .target = target,
-                      .observation = observation,
-                      .camera = observation_camera,
-                      .rays = rays,
-                      .coarse = coarse,
-                      .heavy_per_m = fine ? 3 : 0.5f,
-                      .sparse = fine && c->precision == SHERF_PRECISION_FP32,
-                      .answer = out};
-    *out = (coarse_points){0};
-    return points_make(c, &job, samples, false, &out->queried);
 }

@@ -58,12 +58,15 @@ static inline void sample_smpl(const points_job *job, int64_t n, int i, float ou
     ray_point_smpl(r->origin_world, d, t, R, Th, out);
 }
 
-/* The job's `out` is made here; it has the model's points. */
-sherf_status points_make(context *c, points_job *job, int samples, bool keep_stages, point_set **out);
-
-/* ---- coarse frames (points_coarse.c) ---- */
-/* The coarse field's value at a sample; false if it is not near the body. *guess: a vertex near it, or -1;
+/* ---- coarse frames: the field and its lattice (points_lattice.c) ---- */
+/* Transmittance below which the rest of a ray is hidden. */
+#define COARSE_HIDDEN 3e-3f
+/* A ray's opacity over one of its steps is 1 - exp(-density times this). */
+float points_step_m(const points_job *job, int64_t n);
+/* A sample's place and nearest vertex; false if it is not near the body. *guess: a vertex near it, or -1;
  * becomes its nearest one. */
+bool points_nearest(const points_job *job, int64_t n, int i, float x[3], int32_t *guess);
+/* The coarse field's value at a sample; as points_nearest. */
 bool points_coarse_value(const points_job *job, int64_t n, int i, int32_t *guess, float value[4]);
 /* Between passes 1 and 2: evaluates the lattice's rays. Free with ray_lattice_free, even after an error. */
 sherf_status ray_lattice_create(context *c, points_job *job);
@@ -75,8 +78,8 @@ typedef struct {
         int64_t at; /* the slot of sample 0, if there were one */
         int32_t low, high, end;
     } ray[4];
-    float differ,
-        opaque; /* densities: how much they may differ, and above which they do not count as different */
+    float opaque; /* densities above this count as equal */
+    float differ; /* others may differ by this */
 } ray_surrounding;
 /* False where the lattice ends, or where samples of its rays have other depths than ray n's. step_m: the
  * ray's. */
@@ -85,12 +88,10 @@ bool ray_lattice_surround(const points_job *job, int64_t n, float step_m, ray_su
  * over a step differ. */
 bool ray_lattice_value(const ray_lattice *l, const ray_surrounding *s, int i, float value[4]);
 void ray_lattice_free(ray_lattice *l);
+
+/* ---- coarse frames: their passes (points_coarse.c) ---- */
 /* Pass 2: goes along a chunk's rays and chooses the samples to query. */
 void points_walk(const points_job *job, int64_t chunk);
-/* Transmittance below which the rest of a ray is hidden. */
-#define COARSE_HIDDEN 3e-3f
-/* A ray's opacity over one of its steps is 1 - exp(-density times this). */
-float points_step_m(const points_job *job, int64_t n);
 /* Between passes 2 and 3. */
 sherf_status points_allocate_coarse(context *c, points_job *job);
 /* Pass 3 for all samples. */

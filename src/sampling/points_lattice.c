@@ -4,6 +4,28 @@
 
 #include "sampling/points_inside.h"
 
+float points_step_m(const points_job *job, int64_t n) {
+    const ray_bundle *r = job->rays;
+    const float *d = r->direction + 3 * n;
+    const float step = job->samples > 1 ? (r->far[n] - r->near[n]) / (float)(job->samples - 1) : 0;
+    return step * sqrtf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+}
+
+bool points_nearest(const points_job *job, int64_t n, int i, float x[3], int32_t *guess) {
+    sample_smpl(job, n, i, x);
+    const int32_t nearest = vertex_grid_nearest_from(job->grid, x, *guess, NULL);
+    if (nearest >= 0) *guess = nearest;
+    return nearest >= 0;
+}
+
+bool points_coarse_value(const points_job *job, int64_t n, int i, int32_t *guess, float value[4]) {
+    float x[3];
+    if (!points_nearest(job, n, i, x, guess)) return false;
+    deform_to_canonical(job->body, job->target, 1, x, NULL, guess, x, NULL);
+    coarse_at(job->coarse, x, value);
+    return true;
+}
+
 /* The ray of the picture that is the lattice's ray m. */
 static int64_t ray_of(const points_job *job, int64_t m) {
     const ray_lattice *l = &job->lattice;

@@ -29,6 +29,15 @@ static int make_basics(void **state) {
     return 0;
 }
 
+/* The cameras of a file or folder, which are `expected`; mem_free them. */
+static parsed_camera *cameras_of(context *c, const char *name, int expected) {
+    parsed_camera *camera;
+    int count;
+    assert_ok(c, cameras_read(c, join(folder, name), NULL, &camera, &count));
+    assert_int_equal(count, expected);
+    return camera;
+}
+
 /* An observation with the camera of this file. */
 static const char *observation(context *c, const char *camera, const char *more) {
     char text[1024];
@@ -72,10 +81,7 @@ static void easymocap(void **state) {
     make_text(c, join(folder, "mocap/intri.yml"), intri);
     make_text(c, join(folder, "mocap/extri.yml"), extri);
     for (size_t i = 0; i < COUNT_OF(ways); i++) {
-        parsed_camera *camera;
-        int count;
-        assert_ok(c, cameras_read(c, join(folder, ways[i]), NULL, &camera, &count));
-        assert_int_equal(count, 2);
+        parsed_camera *camera = cameras_of(c, ways[i], 2);
         assert_numbers(camera[0].K, K, 9);
         assert_numbers(camera[0].R, R, 9);
         assert_numbers(camera[0].T, T, 3);
@@ -146,10 +152,7 @@ static void colmap(void **state) {
     make_text(c, join(folder, "sparse/0/cameras.txt"), lenses);
     make_text(c, join(folder, "sparse/0/images.txt"), images);
     for (size_t i = 0; i < COUNT_OF(ways); i++) {
-        parsed_camera *camera;
-        int count;
-        assert_ok(c, cameras_read(c, join(folder, ways[i]), NULL, &camera, &count));
-        assert_int_equal(count, 3);
+        parsed_camera *camera = cameras_of(c, ways[i], 3);
         assert_numbers(camera[0].K, K, 9);
         assert_numbers(camera[0].D, D, 8);
         assert_float_equal(camera[0].T[0], 0.5, 0);

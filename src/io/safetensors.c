@@ -224,13 +224,26 @@ static sherf_status check_sum(const reader *r, const char *text) {
                    "changed on purpose must not have crc32 in its metadata)");
 }
 
+/* What a file from others' releases is that sherf convert reads; NULL: none. A torch ZIP has data.pkl first.
+ */
+static const char *convertible(const unsigned char *start, size_t n) {
+    static const char zip[] = "PK\3\4", inside[] = "/data.pkl";
+    if (n > 2 && start[0] == 0x80 && start[1] >= 2 && start[1] <= 5) return "a pickle";
+    for (size_t i = 0; n > 100 && !memcmp(start, zip, 4) && i < 90; i++)
+        if (!memcmp(start + i, inside, sizeof inside - 1)) return "a PyTorch file";
+    return NULL;
+}
+
 /* Names the kind of a file that is not safetensors, if it is known. */
 static sherf_status not_one(context *c, FILE *f) {
     unsigned char start[IMAGE_KIND_BYTES];
     rewind(f);
     const size_t n = fread(start, 1, sizeof start, f);
+    const char *kind = convertible(start, n);
     image_other_name(c, start, n);
-    return SHERF_BAD_FILE;
+    return kind ? failure(c, SHERF_BAD_FILE, "%s: convert it first (sherf convert FILE -o NEW.safetensors)",
+                          kind)
+                : SHERF_BAD_FILE;
 }
 
 /* f is at its beginning and `bytes` long. */

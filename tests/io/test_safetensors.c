@@ -139,6 +139,24 @@ static void test_strict(void **state) {
     assert_int_equal(safetensors_parse(c, huge, 9, &s), SHERF_BAD_FILE);
 }
 
+/* Files as their authors release them get the command that reads them. */
+static void test_unconverted(void **state) {
+    context *c = *state;
+    static const struct {
+        const char *name, *said;
+    } file[] = {{"snapshot.pkl", "snapshot.pkl: a pickle: convert it first (sherf convert"},
+                {"smpl_chumpy_py2_p2.pkl", "a pickle: convert it first"},
+                {"tensors_legacy.pt", "a pickle: convert it first"},
+                {"heads.pt", "heads.pt: a PyTorch file: convert it first (sherf convert"},
+                {"tensors_zip.pt", "a PyTorch file: convert it first"},
+                {"stored.npz", "a ZIP archive, where a file of numbers should be"}};
+    for (size_t i = 0; i < COUNT_OF(file); i++) {
+        safetensors *s;
+        assert_int_equal(safetensors_read(c, sample_path(file[i].name), &s), SHERF_BAD_FILE);
+        if (!strstr(c->message, file[i].said)) fail_msg("%s: %s", file[i].name, c->message);
+    }
+}
+
 /* Truncated anywhere, and with any allocation failing. */
 static void test_hostile(void **state) {
     context *c = *state;
@@ -179,6 +197,7 @@ static void test_hostile(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_round), cmocka_unit_test(test_flipped),
-                                       cmocka_unit_test(test_strict), cmocka_unit_test(test_hostile)};
+                                       cmocka_unit_test(test_strict), cmocka_unit_test(test_unconverted),
+                                       cmocka_unit_test(test_hostile)};
     return cmocka_run_group_tests(tests, test_open, test_close);
 }

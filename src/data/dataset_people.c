@@ -191,10 +191,15 @@ static void take_range(const sherf_dataset *d, int first, int n, int *index, int
     for (int i = first; i < first + n && i < d->people; i++) index[(*count)++] = i;
 }
 
+/* Whether train.txt or test.txt says who the people are, in place of human_list.txt and the folders. */
+static bool split_is_own(const sherf_dataset *d) {
+    return d->train_listed + d->test_listed > 0;
+}
+
 static sherf_status paper_split(context *c, const sherf_dataset *d, bool training, int *index, int *count) {
     const data_protocol *p = dataset_protocol(d);
     int wanted = training ? p->train_count : p->test_count, first = training ? p->train_first : p->test_first;
-    if (d->train_listed + d->test_listed) {
+    if (split_is_own(d)) {
         take_range(d, training ? 0 : d->train_listed, training ? d->train_listed : d->test_listed, index,
                    count);
         wanted = *count;
@@ -204,6 +209,10 @@ static sherf_status paper_split(context *c, const sherf_dataset *d, bool trainin
     } else {
         take_range(d, first, wanted, index, count);
     }
+    if (!*count && split_is_own(d))
+        return failure(c, SHERF_BAD_ARGUMENT,
+                       "%s: %s.txt gives the people, and there is no %s.txt; choose people by name or line",
+                       d->root, training ? "test" : "train", training ? "train" : "test");
     if (!*count)
         return failure(c, SHERF_BAD_ARGUMENT,
                        "%s: nobody of the paper's %s split is among its %d people; choose people by name "
@@ -229,11 +238,13 @@ static sherf_status take_item(context *c, const sherf_dataset *d, const char *it
             last = first;
         else
             return failure(c, SHERF_BAD_ARGUMENT,
-                           "%s: no person \"%.*s\"; people are names, or lines such as 0-%d", d->root,
-                           (int)length, item, d->people - 1);
+                           "%s: no person \"%.*s\"%s; people are names, or lines such as 0-%d", d->root,
+                           (int)length, item, split_is_own(d) ? " in train.txt or test.txt" : "",
+                           d->people - 1);
         if (first < 0 || last < first || last >= d->people)
-            return failure(c, SHERF_BAD_ARGUMENT, "%s: no people %.*s (lines 0 to %d are there)", d->root,
-                           (int)length, item, d->people - 1);
+            return failure(c, SHERF_BAD_ARGUMENT, "%s: no people %.*s (lines 0 to %d%s are there)", d->root,
+                           (int)length, item, d->people - 1,
+                           split_is_own(d) ? " of train.txt and test.txt together" : "");
     } else {
         first = last = person;
     }

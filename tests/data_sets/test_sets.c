@@ -466,7 +466,30 @@ static void hummans_test_list(void **state) {
     sherf_context_free(c);
 }
 
-/* The table in docs/network.md, by line numbers of a list of 500 people. */
+/* With one of train.txt and test.txt the others are not in the set, and messages say where the list is. */
+static void half_a_split(void **state) {
+    context *c = test_context();
+    const char *root = fresh_root("half");
+    char spec[PATH_LENGTH + 32];
+    int *index = NULL, count = 0;
+    make_text(c, join(root, "human_list.txt"), "a\nb\n");
+    make_text(c, join(root, "test.txt"), "b\n");
+    snprintf(spec, sizeof spec, "humman:%s", root);
+    sherf_dataset *d = opened(c, spec);
+    assert_fails(c, dataset_people(c, d, NULL, true, &index, &count), SHERF_BAD_ARGUMENT,
+                 "test.txt gives the people, and there is no train.txt");
+    assert_fails(c, dataset_people(c, d, "0-1", true, &index, &count), SHERF_BAD_ARGUMENT,
+                 "lines 0 to 0 of train.txt and test.txt together are there");
+    assert_fails(c, dataset_people(c, d, "a", true, &index, &count), SHERF_BAD_ARGUMENT,
+                 "no person \"a\" in train.txt or test.txt");
+    assert_ok(c, dataset_people(c, d, NULL, false, &index, &count));
+    assert_true(count == 1 && index[0] == 0);
+    mem_free(index);
+    sherf_dataset_free(d);
+    sherf_context_free(c);
+}
+
+/* The table in docs/datasets.md, by line numbers of a list of 500 people. */
 static void the_papers_splits(void **state) {
     context *c = test_context();
     const char *root = fresh_root("splits");
@@ -699,6 +722,7 @@ int main(void) {
         cmocka_unit_test(renderpeople_is_read),
         cmocka_unit_test(humman_is_read),
         cmocka_unit_test(hummans_test_list),
+        cmocka_unit_test(half_a_split),
         cmocka_unit_test(the_papers_splits),
         cmocka_unit_test(broken_sets_are_refused),
         cmocka_unit_test(poses_are_whole),

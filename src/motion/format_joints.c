@@ -174,7 +174,6 @@ typedef enum { BY_FEATURES, BY_ROWS, BY_COLUMNS } joints_form;
 /* all: frames in the array; only the first ones count. */
 static sherf_status joints_read(context *c, const value *v, joints_form form, int64_t all, int64_t frames,
                                 const sherf_motion_options *o, source *s) {
-    s->up = SHERF_UP_Y;
     sherf_status status = source_frames(c, s, o, frames, humanml_fps);
     if (status) return status;
     double(*at)[JOINTS][3] = mem_alloc(c, (size_t)frames, sizeof *at);
@@ -223,26 +222,29 @@ static sherf_status six_to_turn(context *c, const char *what, const double six[S
     return status;
 }
 
-/* thetas (24, 6, T) and root_translation (3, T), where the pelvis is. */
-static sherf_status mdm_thetas_read(context *c, const value *thetas, const value *places,
-                                    const sherf_motion_options *o, source *s) {
-    const int64_t frames = thetas->array.dim[2];
-    s->format = "MDM";
-    s->up = SHERF_UP_Y;
+/* Frames last: thetas BODY_JOINTS x SIX x all, and three rows of places from row `place` on, where the pelvis
+ * is. */
+typedef struct {
+    const value *thetas, *places;
+    int64_t place, all, frames; /* only the first frames count */
+} columns;
+
+static sherf_status columns_read(context *c, const columns *k, const sherf_motion_options *o, source *s) {
     s->unit_m = 1;
     s->is_pelvis = true;
-    snprintf(s->detail, sizeof s->detail, "metres");
-    sherf_status status = source_frames(c, s, o, frames, humanml_fps);
+    snprintf(s->detail + strlen(s->detail), sizeof s->detail - strlen(s->detail), "%smetres",
+             *s->detail ? ", " : "");
+    sherf_status status = source_frames(c, s, o, k->frames, humanml_fps);
     for (int i = 0; i < s->clip.frames && !status; i++) {
         double six[SIX];
         for (int j = 0; j < BODY_JOINTS; j++) {
-            for (int k = 0; k < SIX; k++)
-                six[k] = value_array_number(thetas, ((int64_t)j * SIX + k) * frames + i);
+            for (int n = 0; n < SIX; n++)
+                six[n] = value_array_number(k->thetas, ((int64_t)j * SIX + n) * k->all + i);
             status = six_to_turn(c, "thetas", six, s->clip.turn[i][j]);
             if (status) return failure_prefix(c, status, "frame %d, joint %d", i, j);
         }
-        for (int k = 0; k < 3; k++)
-            s->clip.pelvis_m[i][k] = (float)value_array_number(places, k * frames + i);
+        for (int n = 0; n < 3; n++)
+            s->clip.pelvis_m[i][n] = (float)value_array_number(k->places, (k->place + n) * k->all + i);
     }
     return status;
 }
@@ -257,19 +259,48 @@ static bool thetas_are(const value *root) {
     return shape_is(thetas, 3, BODY_JOINTS, SIX) && shape_is(places, 2, 3, thetas->array.dim[2]);
 }
 
-/* results.npy: samples x JOINTS x 3 x T. */
+static sherf_status thetas_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
+    const value *thetas = value_get(root, "thetas");
+    const int64_t frames = thetas->array.dim[2];
+    s->format = "MDM";
+    s->up = SHERF_UP_Y;
+    return columns_read(c, &(columns){thetas, value_get(root, "root_translation"), 0, frames, frames}, o, s);
+}
+
+/* results.npy: samples x joints x numbers x T, and how many frames of each count. */
 static bool samples_are(const value *root) {
-    const value *motion = value_get(root, "motion");
-    return shape_is(motion, 4, 0, JOINTS) && motion->array.dim[2] == 3 && value_get(root, "lengths");
+    return shape_is(value_get(root, "motion"), 4, 0, 0) && value_get(root, "lengths");
+}
+
+/* Text models write HumanML3D's 22 joints, y up; those of actions SMPL's 24 in a camera's view, or, as the
+ * network gives them, six numbers for each and the place as one joint more. */
+static bool samples_fit(const value *motion, bool *six) {
+    const int64_t joints = motion->array.dim[1], per = motion->array.dim[2];
+    *six = joints == BODY_JOINTS + 1 && per == SIX;
+    return *six || (per == 3 && (joints == JOINTS || joints == BODY_JOINTS));
+}
+
+static sherf_status samples_refused(context *c, const value *motion) {
+    const int64_t *dim = motion->array.dim;
+    const char *why = "";
+    if (dim[1] == 21 && dim[2] == 3) why = ": KIT-ML's skeleton, not SMPL's; take a model of HumanML3D";
+    if (dim[1] == FEATURES && dim[2] == 1)
+        why = ": features as the network gives them; MDM's sample.generate makes joints of them";
+    return failure(c, SHERF_BAD_FILE,
+                   "MDM: a motion of %lld x %lld x %lld x %lld, not samples x 22 (or 24) joints x 3 x frames "
+                   "or x 25 x 6 x frames%s",
+                   (long long)dim[0], (long long)dim[1], (long long)dim[2], (long long)dim[3], why);
 }
 
 static sherf_status samples_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
     const value *motion = value_get(root, "motion");
-    const int64_t samples = motion->array.dim[0], all = motion->array.dim[3];
+    const int64_t samples = motion->array.dim[0], joints = motion->array.dim[1], all = motion->array.dim[3];
     char *end = NULL;
     const int64_t wanted = o->track ? strtoll(o->track, &end, 10) : 0;
     double length;
+    bool six;
     s->format = "MDM";
+    if (!samples_fit(motion, &six)) return samples_refused(c, motion);
     if (wanted < 0 || wanted >= samples || (end && (end == o->track || *end)))
         return failure(c, SHERF_BAD_ARGUMENT, "no track '%.60s' among the %lld of the file",
                        o->track ? o->track : "0", (long long)samples);
@@ -277,8 +308,10 @@ static sherf_status samples_read(context *c, const value *root, const sherf_moti
     sherf_status status = parse_row(c, value_get(root, "lengths"), (size_t)wanted, "lengths", 1, &length);
     if (status) return status;
     const value own = parse_row_of(motion, (size_t)wanted);
-    return joints_read(c, &own, BY_COLUMNS, all, length >= 1 && length < (double)all ? (int64_t)length : all,
-                       o, s);
+    const int64_t frames = length >= 1 && length < (double)all ? (int64_t)length : all;
+    s->up = joints == JOINTS ? SHERF_UP_Y : SHERF_UP_MINUS_Y;
+    return six ? columns_read(c, &(columns){&own, &own, BODY_JOINTS * SIX, all, frames}, o, s)
+               : joints_read(c, &own, BY_COLUMNS, all, frames, o, s);
 }
 
 /* ---- which ---- */
@@ -361,14 +394,14 @@ bool joints_file_is(const value *root) {
 }
 
 sherf_status joints_file_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
-    if (thetas_are(root))
-        return mdm_thetas_read(c, value_get(root, "thetas"), value_get(root, "root_translation"), o, s);
+    if (thetas_are(root)) return thetas_read(c, root, o, s);
     if (samples_are(root)) return samples_read(c, root, o, s);
     const value own = squeezed(root);
     root = &own;
     if (shape_is(root, 2, 0, MOTION_X)) return motion_x_read(c, root, o, s);
     if (poses_are(root)) return poses_rows(c, root, o, s);
     s->format = "HumanML3D";
+    s->up = SHERF_UP_Y;
     const int64_t frames = root->array.dim[0];
     return joints_read(c, root, joints_are(root) ? BY_ROWS : BY_FEATURES, frames, frames, o, s);
 }

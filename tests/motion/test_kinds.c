@@ -708,6 +708,49 @@ static void mesh_infos(void **state) {
     }
 }
 
+/* MDM's models of actions: SMPL's 24 joints in a camera's view, or six numbers for each and the place as a
+ * 25th. Other numbers of joints are named. */
+static void mdm_actions(void **state) {
+    enum { ALL = WALK_FRAMES + 3 };
+    const walk_fixture *f = *state;
+    const char *path = test_path("actions.npz");
+    static double at[WALK_FRAMES][22][3];
+    static float joints[2][24][3][ALL], sixes[2][25][6][ALL];
+    const float lengths[2] = {2, WALK_FRAMES};
+    arrays down;
+    arrays_of(&f->walk, walk_y_down, &down);
+    for (int i = 0; i < WALK_FRAMES; i++) {
+        float turn[BODY_JOINTS][4], pelvis[3], R[9];
+        double all[BODY_JOINTS][3];
+        pose_to_turns(&f->walk.pose[i], &f->walk.skeleton, turn, pelvis);
+        skeleton_joints(&f->walk.skeleton, (const float(*)[4])turn, pelvis, all);
+        memcpy(at[i], all, sizeof at[i]);
+        for (int j = 0; j < 24; j++) {
+            for (int k = 0; k < 3; k++) joints[1][j][k][i] = (float)(walk_y_down[4 * k] * all[j][k]);
+            rodrigues(down.smpl[i] + 3 * j, R);
+            for (int k = 0; k < 6; k++) sixes[1][j][k][i] = R[k];
+        }
+        for (int k = 0; k < 3; k++) sixes[1][24][k][i] = joints[1][0][k][i];
+    }
+    npz_member file[] = {{"motion", 4, {2, 24, 3, ALL}, joints[0][0][0]}, {"lengths", 1, {2}, lengths}};
+    const sherf_motion_options second = {.body = f->body, .track = "1"};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(file), file));
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &second, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    assert_non_null(
+        strstr(sherf_motion_description(motion), "MDM: 12 frames, 20 a second (assumed), y down"));
+    assert_joints_at(f, path, motion, (const double(*)[22][3])at);
+    sherf_motion_free(motion);
+    file[0] = (npz_member){"motion", 4, {2, 25, 6, ALL}, sixes[0][0][0]};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(file), file));
+    assert_walk(f, path, &second, 20, "MDM", "y down");
+    file[0] = (npz_member){"motion", 4, {2, 21, 3, ALL}, joints[0][0][0]};
+    assert_ok(f->c, npz_write(f->c, path, COUNT_OF(file), file));
+    refused(f, path, NULL, SHERF_BAD_FILE, "a motion of 2 x 21 x 3 x 15");
+    refused(f, path, NULL, SHERF_BAD_FILE, "KIT-ML's skeleton");
+}
+
 static void multi_hmr(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("multi.pkl");
@@ -759,6 +802,7 @@ int main(void) {
                                        cmocka_unit_test(six_numbers_said),
                                        cmocka_unit_test(six_numbers_by_frame),
                                        cmocka_unit_test(inter_x),
+                                       cmocka_unit_test(mdm_actions),
                                        cmocka_unit_test(multi_hmr),
                                        cmocka_unit_test(mesh_infos)};
     return cmocka_run_group_tests(tests, walk_setup, walk_teardown);

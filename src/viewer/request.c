@@ -1,6 +1,7 @@
 /* Parses a query's fields: names and values come from the network. */
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -70,16 +71,10 @@ static bool sequence(const char *text, uint64_t *out) {
     return true;
 }
 
-bool query_take(viewer_query *q, const char *name, const char *value) {
-    static const char *const names[] = {"client", "n",    "avatar", "motion", "frame", "w",    "h",  "az",
-                                        "el",     "zoom", "ox",     "oy",     "oz",    "mode", "bg", "follow",
-                                        "png",    "fine", "turn",   "fps",    "speed", "quick"};
+/* The value of the field with this number. */
+static bool value_take(viewer_query *q, size_t field, const char *value) {
     viewer_request *r = &q->request;
-    size_t i = 0;
-    while (i < COUNT_OF(names) && strcmp(name, names[i]) != 0) i++;
-    if (i == COUNT_OF(names) || !value || q->seen >> i & 1) return false;
-    q->seen |= 1u << i;
-    switch (i) {
+    switch (field) {
     case 0:
         return client_name(value, q->client);
     case 1:
@@ -103,7 +98,7 @@ bool query_take(viewer_query *q, const char *name, const char *value) {
     case 10:
     case 11:
     case 12:
-        return real(value, -20, 20, &r->offset_m[i - 10]);
+        return real(value, -20, 20, &r->offset_m[field - 10]);
     case 13:
         return mode(value, &r->mode);
     case 14:
@@ -123,4 +118,22 @@ bool query_take(viewer_query *q, const char *name, const char *value) {
     default:
         return yes_or_no(value, &r->quick);
     }
+}
+
+static bool not_taken(viewer_query *q, const char *name, const char *why) {
+    const bool plain = *name && strspn(name, "abcdefghijklmnopqrstuvwxyz") == strlen(name);
+    snprintf(q->wrong, sizeof q->wrong, "%.20s: %s", plain ? name : "a field", why);
+    return false;
+}
+
+bool query_take(viewer_query *q, const char *name, const char *value) {
+    static const char *const names[] = {"client", "n",    "avatar", "motion", "frame", "w",    "h",  "az",
+                                        "el",     "zoom", "ox",     "oy",     "oz",    "mode", "bg", "follow",
+                                        "png",    "fine", "turn",   "fps",    "speed", "quick"};
+    size_t i = 0;
+    while (i < COUNT_OF(names) && strcmp(name, names[i]) != 0) i++;
+    if (i == COUNT_OF(names)) return not_taken(q, name, "there is no such field");
+    if (q->seen >> i & 1) return not_taken(q, name, "it occurs twice");
+    q->seen |= 1u << i;
+    return (value && value_take(q, i, value)) || not_taken(q, name, "not a value that it may have");
 }

@@ -107,11 +107,14 @@ void scene_free(viewer_scene *s) {
     *s = (viewer_scene){0};
 }
 
-bool request_fits(const viewer_scene *s, const viewer_request *r) {
-    return r->avatar < s->avatar_count && r->motion < s->motion_count &&
-           r->frame < s->motions[r->motion].count &&
-           (r->width < r->height ? r->width : r->height) <= s->side_max && r->width <= 2 * s->side_max &&
-           r->height <= 2 * s->side_max;
+const char *request_misfit(const viewer_scene *s, const viewer_request *r) {
+    const int shorter = r->width < r->height ? r->width : r->height;
+    if (r->avatar >= s->avatar_count) return "avatar: there is no such one";
+    if (r->motion >= s->motion_count) return "motion: there is no such one";
+    if (r->frame >= s->motions[r->motion].count) return "frame: the motion has no such one";
+    if (shorter > s->side_max || r->width > 2 * s->side_max || r->height > 2 * s->side_max)
+        return "w, h: more pixels than the viewer makes";
+    return NULL;
 }
 
 sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame) {

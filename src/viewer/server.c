@@ -157,16 +157,28 @@ static void header_number(struct MHD_Response *r, const char *name, double value
 /* ---- requests ---- */
 static enum MHD_Result take_field(void *cls, enum MHD_ValueKind kind, const char *name, const char *value) {
     viewer_query *q = cls;
-    if (query_take(q, name, value)) return MHD_YES;
-    q->seen = ~0u;
-    return MHD_NO;
+    return query_take(q, name, value) ? MHD_YES : MHD_NO;
 }
 
-/* False: the query is not valid. */
+/* False: the query is not valid, and `wrong` in it says why. */
 static bool query_read(struct MHD_Connection *connection, const viewer *v, viewer_query *q) {
     query_start(q);
     MHD_get_connection_values(connection, MHD_GET_ARGUMENT_KIND, take_field, q);
-    return q->seen != ~0u && request_fits(&v->scene, &q->request);
+    if (*q->wrong) return false;
+    const char *misfit = request_misfit(&v->scene, &q->request);
+    snprintf(q->wrong, sizeof q->wrong, "%s", misfit ? misfit : "");
+    return !misfit;
+}
+
+/* The same of a request that must say whose it is. */
+static bool client_query_read(struct MHD_Connection *connection, const viewer *v, viewer_query *q) {
+    if (!query_read(connection, v, q)) return false;
+    if (!q->client[0]) snprintf(q->wrong, sizeof q->wrong, "client: it is missing");
+    return q->client[0];
+}
+
+static enum MHD_Result say_wrong(struct MHD_Connection *connection, const viewer_query *q) {
+    return say(connection, MHD_HTTP_BAD_REQUEST, q->wrong);
 }
 
 static void wake(void *connection) {
@@ -198,8 +210,7 @@ static enum MHD_Result frame_send(http_request *r, struct MHD_Connection *connec
 static enum MHD_Result frame_handle(http_request *r, struct MHD_Connection *connection) {
     viewer *v = r->server->v;
     viewer_query q;
-    if (!query_read(connection, v, &q) || !q.client[0])
-        return say(connection, MHD_HTTP_BAD_REQUEST, "these are not the fields of a picture");
+    if (!client_query_read(connection, v, &q)) return say_wrong(connection, &q);
     switch (desk_admit(&v->desk, &q, &r->job)) {
     case ADMITTED:
         break;
@@ -221,8 +232,7 @@ static enum MHD_Result picture_send(http_request *r, struct MHD_Connection *conn
     viewer_query q;
     uint8_t *data;
     size_t bytes;
-    if (!query_read(connection, r->server->v, &q))
-        return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such avatar");
+    if (!query_read(connection, r->server->v, &q)) return say_wrong(connection, &q);
     const sherf_status status = scene_picture(&quiet, &r->server->v->scene, q.request.avatar, &data, &bytes);
     if (status == SHERF_UNSUPPORTED) return say(connection, MHD_HTTP_NOT_FOUND, quiet.message);
     if (status != SHERF_OK) return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, "out of memory");
@@ -234,8 +244,7 @@ static enum MHD_Result surface_send(http_request *r, struct MHD_Connection *conn
     viewer_query q;
     const uint8_t *data;
     size_t bytes;
-    if (!query_read(connection, r->server->v, &q))
-        return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such avatar");
+    if (!query_read(connection, r->server->v, &q)) return say_wrong(connection, &q);
     switch (live_ask(r->server->v, q.request.avatar, &data, &bytes)) {
     case LIVE_READY: {
         const struct MHD_IoVec whole = {data, bytes};
@@ -254,8 +263,7 @@ static enum MHD_Result moves_send(http_request *r, struct MHD_Connection *connec
     viewer_query q;
     uint8_t *data;
     size_t bytes;
-    if (!query_read(connection, r->server->v, &q))
-        return say(connection, MHD_HTTP_BAD_REQUEST, "there is no such frame");
+    if (!query_read(connection, r->server->v, &q)) return say_wrong(connection, &q);
     if (live_moves(&quiet, &r->server->v->scene, q.request.avatar, q.request.motion, q.request.frame, &data,
                    &bytes) != SHERF_OK)
         return say(connection, MHD_HTTP_INTERNAL_SERVER_ERROR, quiet.message);
@@ -302,8 +310,7 @@ static enum MHD_Result film_change(http_request *r, struct MHD_Connection *conne
 
 static enum MHD_Result film_handle(http_request *r, struct MHD_Connection *connection, const char *method) {
     viewer_query q;
-    if (!query_read(connection, r->server->v, &q) || !q.client[0])
-        return say(connection, MHD_HTTP_BAD_REQUEST, "these are not the fields of a film");
+    if (!client_query_read(connection, r->server->v, &q)) return say_wrong(connection, &q);
     if (strcmp(method, MHD_HTTP_METHOD_POST) == 0) return film_change(r, connection, &q, true);
     if (strcmp(method, MHD_HTTP_METHOD_DELETE) == 0) return film_change(r, connection, &q, false);
     return film_state_send(r, connection, &q);
@@ -314,8 +321,7 @@ static enum MHD_Result film_file_send(http_request *r, struct MHD_Connection *co
     viewer_query q;
     int fd = -1;
     int64_t bytes = 0;
-    if (!query_read(connection, r->server->v, &q) || !q.client[0])
-        return say(connection, MHD_HTTP_BAD_REQUEST, "these are not the fields of a film");
+    if (!client_query_read(connection, r->server->v, &q)) return say_wrong(connection, &q);
     pthread_mutex_lock(&d->lock);
     int seat = desk_seat(d, q.client);
     if (seat >= 0 && d->client[seat].film.state == FILM_DONE) {

@@ -43,20 +43,21 @@ typedef struct {
     float background[3];
 } viewer_request;
 
-/* Parses a query's fields one by one and checks their form; request_fits checks that the scene has what they
- * name. */
+/* Parses a query's fields one by one and checks their form; request_misfit checks that the scene has what
+ * they name. */
 typedef struct {
     viewer_request request;
     char client[VIEWER_NAME + 1];
     uint64_t sequence;
-    unsigned seen; /* a bit for each field: none may occur twice */
+    unsigned seen;  /* a bit for each field: none may occur twice */
+    char wrong[64]; /* the field that was not taken, and why; empty: none */
     /* of films */
     int film_frames; /* of a turntable; 0: the motion */
     float film_fps;
     float film_speed;
 } viewer_query;
 void query_start(viewer_query *q);
-/* False: an unknown field, a repeated one, or an invalid value. */
+/* False: an unknown field, a repeated one, or an invalid value, which `wrong` then says. */
 bool query_take(viewer_query *q, const char *name, const char *value);
 
 /* ---- who may send requests (guard.c) ---- */
@@ -107,7 +108,8 @@ typedef struct {
 } viewer_scene;
 sherf_status scene_create(context *c, const sherf_viewer_options *o, viewer_scene *out);
 void scene_free(viewer_scene *s);
-bool request_fits(const viewer_scene *s, const viewer_request *r);
+/* NULL, or the field whose value the scene does not have; static. */
+const char *request_misfit(const viewer_scene *s, const viewer_request *r);
 /* The pose of a motion's frame, with the avatar's own shape. */
 sherf_pose scene_pose(const viewer_scene *s, int avatar, int motion, int frame);
 sherf_status scene_framing(context *c, viewer_scene *s, int avatar, int motion, const viewer_framing **out);

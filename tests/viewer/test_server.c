@@ -431,20 +431,22 @@ static void strangers(void **state) {
 }
 
 static void nonsense(void **state) {
-    static const char *const queries[] = {"client=anna&n=1&w=100000",
-                                          "client=anna&n=1&w=-5",
-                                          "client=anna&n=1&w=2048&h=2048",
-                                          "client=anna&n=1&zoom=nan",
-                                          "client=anna&n=1&what=1",
-                                          "client=anna&n=1&w=64&w=64",
-                                          "client=anna&n=1&avatar=2",
-                                          "client=anna&n=1&motion=3",
-                                          "client=anna&n=1&motion=2&frame=6",
-                                          "client=anna&n=1&w",
-                                          "client=%00anna&n=1",
-                                          "client=anna%27%22%3C&n=1",
-                                          "n=1&w=64&h=64",
-                                          ""};
+    static const char *const queries[][2] = {
+        {"client=anna&n=1&w=100000", "w: not a value"},
+        {"client=anna&n=1&w=-5", "w: not a value"},
+        {"client=anna&n=1&w=2048&h=2048", "w, h: more pixels"},
+        {"client=anna&n=1&zoom=nan", "zoom: not a value"},
+        {"client=anna&n=1&what=1", "what: there is no such field"},
+        {"client=anna&n=1&%3Cb%3E=1", "a field: there is no such field"},
+        {"client=anna&n=1&w=64&w=64", "w: it occurs twice"},
+        {"client=anna&n=1&avatar=2", "avatar: there is no such one"},
+        {"client=anna&n=1&motion=3", "motion: there is no such one"},
+        {"client=anna&n=1&motion=2&frame=6", "frame: the motion has no such one"},
+        {"client=anna&n=1&w", "w: not a value"},
+        {"client=%00anna&n=1", "client: not a value"},
+        {"client=anna%27%22%3C&n=1", "client: not a value"},
+        {"n=1&w=64&h=64", "client: it is missing"},
+        {"", "client: it is missing"}};
     static const char *const raw[] = {"GET\r\n\r\n",
                                       "\r\n\r\n\r\n\r\n",
                                       "GET / HTTP/9.9\r\n\r\n",
@@ -453,8 +455,10 @@ static void nonsense(void **state) {
                                       "GET / HTTP/1.1\nHost: 127.0.0.1\n: \n\n",
                                       "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"};
     for (size_t i = 0; i < COUNT_OF(queries); i++) {
-        const answer *a = get("/frame?%s", queries[i]);
-        if (a->status != 400) fail_msg("'%s': status %d", queries[i], a->status);
+        const answer *a = get("/frame?%s", queries[i][0]);
+        if (a->status != 400) fail_msg("'%s': status %d", queries[i][0], a->status);
+        if (strncmp((char *)a->body, queries[i][1], strlen(queries[i][1])))
+            fail_msg("'%s': %s", queries[i][0], (char *)a->body);
     }
     for (size_t i = 0; i < COUNT_OF(raw); i++) {
         int fd = connected();

@@ -46,7 +46,7 @@ static const option options[] = {
      "take the file's body shape; otherwise the person keeps their own"},
     /* in time */
     {0, "first", OPTION_INTEGER, &set.first, "N", "the file's frame to begin with (0)", 0, 1e6},
-    {0, "last", OPTION_INTEGER, &set.last, "N", "the file's frame to end with (its last)", 0, 1e6},
+    {0, "last", OPTION_INTEGER, &set.last, "N", "the file's frame to end with (its last)", 1, 1e6},
     {0, "fps", OPTION_REAL, &set.fps, "X",
      "frames a second of the output, resampled by slerp (the file's, divided to be at most 60)", 0.1, 1000},
     {0, "smooth", OPTION_REAL, &set.smooth_s, "S", "smooth by a Gaussian of this many seconds (0)", 0, 10},

@@ -15,7 +15,7 @@
     {'b', "body", OPTION_FILE, to, "FILE",                                                                   \
      "body model, .safetensors, .npz or .pkl (the one in the data's folder, or else the open body)"}
 #define SHARED_WIDTH(to, maximum)                                                                            \
-    {'s', "size", OPTION_INTEGER, to, "N", "pictures are scaled to N wide (the data set's protocol)", 0, maximum}
+    {'s', "size", OPTION_INTEGER, to, "N", "pictures are scaled to N wide (the data set's protocol)", 1, maximum}
 #define SHARED_WEIGHTS(to) {'m', "model", OPTION_FILE, to, "FILE", "weights (the model that ships)"}
 #define SHARED_LPIPS(to, use) {0, "lpips", OPTION_FILE, to, "FILE", "converted VGG16 with LPIPS heads" use}
 #define SHARED_PERCEPTUAL(to, use, none)                                                                     \

@@ -764,9 +764,9 @@ typedef struct {
     const char *start;  /* weights from which a new training starts (fine-tuning), or NULL: random */
     int front_view;     /* observations from the front view only */
     int size_px;        /* training pictures are scaled to this width; 0: the data set's own protocol */
-    double epochs;      /* 0: 5 */
+    double epochs;      /* 0: 5, or no limit where there are steps; whichever of the three ends first */
     int64_t steps;      /* 0: by epochs */
-    double seconds;     /* stop after this many seconds; 0: no limit */
+    double seconds;     /* 0: no limit */
     int batch;          /* samples per step, over all ranks; 0: 4 */
     int targets; /* pictures rendered from each observation, 1 to 8; those after the first show any pose; 0: 1
                   */

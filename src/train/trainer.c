@@ -351,6 +351,15 @@ static sherf_status surfaces_check(trainer *t) {
     return surfaces_are_there(t->c, t->data, &t->sampling);
 }
 
+/* By steps or by epochs; by both: whichever ends first. */
+static int64_t last_step_of(const trainer *t) {
+    const sherf_train_options *o = t->options;
+    const double epochs = o->epochs > 0 ? o->epochs : o->steps ? INFINITY : 5;
+    const double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.batch);
+    const int64_t by_epochs = (int64_t)fmin(fmax(steps, 1), 1e15);
+    return o->steps && o->steps < by_epochs ? o->steps : by_epochs;
+}
+
 static sherf_status begin(trainer *t) {
     context *c = t->c;
     const sherf_train_options *o = t->options;
@@ -382,9 +391,7 @@ static sherf_status begin(trainer *t) {
     t->sampling.pictures = t->state.pictures;
     t->sampling.one_pose = t->model->config.kind->one_pose;
     t->first_step = t->state.step;
-    double epochs = o->epochs > 0 ? o->epochs : 5;
-    double steps = ceil(epochs * (double)sampling_pictures(&t->sampling) / t->state.batch);
-    t->last_step = o->steps ? o->steps : (int64_t)fmin(fmax(steps, 1), 1e15);
+    t->last_step = last_step_of(t);
     return SHERF_OK;
 }
 

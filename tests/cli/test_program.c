@@ -178,8 +178,13 @@ static void what_is_missing_or_broken(void **state) {
     assert_error(run("render a -b /no/such/file -o x"), 1, "sherf: ", "/no/such/file");
     assert_error(run("eval -d /no/such/data -m b -b c"), 1, "sherf: ", "/no/such/data");
     assert_error(run("train -d /no/such/data -b c -o %s", test_path("run")), 1, "sherf: ", "/no/such/");
-    assert_error(run("train -d a -b c -n 0 -o %s", test_path("run")), 2, "--steps: '0' is not in 1",
-                 "--help");
+    static const char *const none[] = {"steps",        "epochs",     "seconds",      "batch",   "targets",
+                                       "pictures",     "beta2",      "halve-every",  "workers", "size",
+                                       "sample-every", "save-every", "learning-rate"};
+    for (size_t i = 0; i < COUNT_OF(none); i++) /* 0 is not the default */
+        assert_error(run("train -d a -b c --%s 0 -o %s", none[i], test_path("run")), 2, none[i],
+                     "'0' is not in ");
+    assert_error(run("animate -m a --last 0 -o b.mp4"), 2, "--last: '0' is not in 1", "--help");
     assert_error(run("synth body -o x"), 2, "--source", "sherf synth --help");
     assert_error(run("synth body -s 64 -o x"), 2, "body has no --size", "synth --help");
     assert_error(run("synth tube --sheet x.png -o x"), 2, "tube has no --sheet", "synth --help");

@@ -193,6 +193,22 @@ static void losses_and_beta2_are_kept(void **state) {
     sherf_context_free(c);
 }
 
+/* Of steps and epochs, whichever end first count. */
+static void the_first_end_counts(void **state) {
+    context *c = float_context(1);
+    sherf_train_options o = options_for(path_of("one"), 1);
+    assert_ok(c, sherf_train(c, &o));
+    o = options_for(path_of("short"), 5);
+    o.epochs = 1e-9;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(difference(c, path_of("one/model.safetensors"), path_of("short/model.safetensors")) == 0);
+    o.steps = 2;
+    o.epochs = 1000;
+    assert_ok(c, sherf_train(c, &o));
+    assert_true(logged(c, path_of("short"), 2, "loss") > 0);
+    sherf_context_free(c);
+}
+
 static size_t tensor_bytes_of(const safetensor *t) {
     size_t n = dtype_size(t->type);
     for (int k = 0; k < t->rank; k++) n *= (size_t)t->dim[k];
@@ -540,6 +556,7 @@ int main(int argc, char **argv) {
                                        cmocka_unit_test(a_training_starts_from_weights),
                                        cmocka_unit_test(cancelling_saves),
                                        cmocka_unit_test(losses_and_beta2_are_kept),
+                                       cmocka_unit_test(the_first_end_counts),
                                        cmocka_unit_test(as_the_release_trains),
                                        cmocka_unit_test(a_bad_checkpoint_is_one_line),
                                        cmocka_unit_test(a_damaged_checkpoint_gives_way_to_the_one_before),

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "data/alike.h"
 #include "data/dataset.h"
 #include "data/silhouette.h"
 #include "data/text.h"
@@ -17,21 +18,29 @@ typedef struct {
     const char *overlay;    /* may be NULL; emptied once written */
     sherf_findings *out;
     text_builder text;
+    alike_lines lines; /* of a data set's people, before they are written to the text */
+    const char *name;  /* of the person in work; NULL: none */
+    int person;
+    bool pictured;          /* lines are about a picture, and stay apart */
     sherf_log_function log; /* the context's own, with its user */
     sherf_progress_function progress;
     void *user;
 } checker;
 
-static void PRINTF_LIKE(3, 4) finding(checker *k, severity s, const char *format, ...) {
+/* True: a line of its own, not one that was said of another person. */
+static bool PRINTF_LIKE(3, 4) finding(checker *k, severity s, const char *format, ...) {
     static const char *const names[] = {"", "warning: ", "error: "};
+    text_builder own = {.c = k->c}, *line = k->name ? &own : &k->text;
     va_list args;
     va_start(args, format);
-    text_add(&k->text, "%s", names[s]);
-    text_add_list(&k->text, format, args);
-    text_add(&k->text, "\n");
+    text_add(line, "%s", names[s]);
+    text_add_list(line, format, args);
     va_end(args);
     k->out->errors += s == FINDING_ERROR;
     k->out->warnings += s == WARNING;
+    if (k->name) return alike_add(&k->lines, text_take(line), k->name, k->person, !k->pictured);
+    text_add(line, "\n");
+    return true;
 }
 
 /* A failed read becomes an error finding; out of memory stays a failure. */
@@ -283,15 +292,20 @@ static sherf_status check_body_file(checker *k, const char *path) {
 
 /* ---- data sets ---- */
 
+/* Lines of a kind, and files that have none because there would be too many. */
 typedef struct {
-    int missing_pictures, missing_masks, missing_poses, unreadable, bad_vertices;
+    int lines, more;
+} missing_count;
+typedef struct {
+    missing_count pictures, masks, poses;
+    int bad_vertices;
 } dataset_count;
 
-static void missing(checker *k, int *count, const char *what, const char *path) {
-    if ((*count)++ < SAME_KIND_MAX)
-        finding(k, FINDING_ERROR, "%s: %s is missing", path, what);
+static void missing(checker *k, missing_count *n, const char *what, const char *path) {
+    if (n->lines < SAME_KIND_MAX)
+        n->lines += finding(k, FINDING_ERROR, "%s: %s is missing", path, what);
     else
-        k->out->errors++;
+        n->more++, k->out->errors++;
 }
 
 /* Checks every file that the person's records name. */
@@ -302,16 +316,16 @@ static sherf_status check_files(checker *k, const sherf_dataset *d, int person, 
     for (int pose = 0; pose < r->poses; pose++) {
         if (r->present && !r->present[pose]) continue;
         if ((status = dataset_pose_paths(k->c, d, person, pose, image, other))) return status;
-        if (!path_is_file(image)) missing(k, &n->missing_poses, "the pose", image);
+        if (!path_is_file(image)) missing(k, &n->poses, "the pose", image);
         for (int view = 0; view < r->views; view++) {
             status = dataset_picture_paths(k->c, d, person, pose, view, image, other);
             if (status == SHERF_BAD_FILE) {
-                missing(k, &n->missing_pictures, "a view", k->c->message);
+                missing(k, &n->pictures, "a view", k->c->message);
                 continue;
             }
             if (status) return status;
-            if (!path_is_file(image)) missing(k, &n->missing_pictures, "the picture", image);
-            if (!path_is_file(other)) missing(k, &n->missing_masks, "the mask", other);
+            if (!path_is_file(image)) missing(k, &n->pictures, "the picture", image);
+            if (!path_is_file(other)) missing(k, &n->masks, "the mask", other);
         }
         if (cancelled(k->c)) return failure(k->c, SHERF_CANCELLED, "cancelled");
     }
@@ -371,11 +385,12 @@ static sherf_status check_vertices(checker *k, const sherf_dataset *d, int perso
     body_vertices_world(k->body, posed, ours);
     double worst = 0;
     for (size_t i = 0; i < count; i++) worst = fmax(worst, fabs((double)ours[i] - theirs[i]));
-    if (worst > 5e-3 && n->bad_vertices++ < SAME_KIND_MAX)
-        finding(k, WARNING,
-                "%s: up to %.3g m away from the body in the stored pose: another body model (gender, "
-                "version), or other conventions",
-                path, worst);
+    if (worst > 5e-3 && n->bad_vertices < SAME_KIND_MAX)
+        n->bad_vertices +=
+            finding(k, WARNING,
+                    "%s: up to %.3g m away from the body in the stored pose: another body model (gender, "
+                    "version), or other conventions",
+                    path, worst);
 done:
     document_free(doc);
     posed_body_free(posed);
@@ -393,7 +408,9 @@ static sherf_status check_overlap(checker *k, const sherf_dataset *d, int person
     if (status) return finding_of(k, status);
     snprintf(what, sizeof what, "%.1000s, pose %d, view %d", d->name[person], pose, view);
     status = observation_check(k->c, v);
+    k->pictured = true;
     status = status ? finding_of(k, failure_prefix(k->c, status, "%s", what)) : check_view(k, what, v, aside);
+    k->pictured = false;
     sherf_observation_free(v);
     return status;
 }
@@ -421,9 +438,11 @@ static sherf_status check_others(checker *k, const sherf_dataset *d, int person,
     }
     snprintf(views, sizeof views, "%d other view%s", some, some == 1 ? "" : "s");
     snprintf(also, sizeof also, "%d other pose%s", poses, poses == 1 ? "" : "s");
+    k->pictured = true; /* goes on from the line about the front view */
     if (!status && k->body && some + poses && k->out->errors + k->out->warnings == faults)
         finding(k, NOTE, "%s: and so it does in %s%s%s", d->name[person], some ? views : "",
                 some && poses ? " and " : "", poses ? also : "");
+    k->pictured = false;
     return status;
 }
 
@@ -457,12 +476,13 @@ static sherf_status check_dataset(checker *k, const char *spec) {
     finding(k, NOTE, "%s: %s, %d %s", d->root, dataset_protocol(d)->name, d->people,
             d->people == 1 ? "person" : "people");
     for (int i = 0; i < d->people && !status; i++) {
+        k->name = d->name[i], k->person = i;
         status = check_person(k, d, i, &n);
         if (!status) status = progress(k->c, "people", i + 1, d->people);
     }
-    int more = 0, *counts[] = {&n.missing_pictures, &n.missing_masks, &n.missing_poses};
-    for (size_t i = 0; i < COUNT_OF(counts); i++)
-        if (*counts[i] > SAME_KIND_MAX) more += *counts[i] - SAME_KIND_MAX;
+    k->name = NULL;
+    alike_write(&k->lines, &k->text);
+    const int more = n.pictures.more + n.masks.more + n.poses.more;
     if (more) finding(k, NOTE, "%s: %d more files are missing", d->root, more);
     sherf_dataset_free(d);
     return status;
@@ -514,7 +534,8 @@ static sherf_status check_listening(checker *k, const char *path) {
 sherf_status sherf_check(sherf_context *c, const char *path, const sherf_body *body, const char *overlay_png,
                          sherf_findings *out) {
     *out = (sherf_findings){0};
-    checker k = {.c = c, .body = body, .overlay = overlay_png, .out = out, .text = {.c = c}};
+    checker k = {
+        .c = c, .body = body, .overlay = overlay_png, .out = out, .text = {.c = c}, .lines = {.c = c}};
     if (overlay_png && !body)
         return failure(c, SHERF_BAD_ARGUMENT, "%s: an overlay needs a body", overlay_png);
     sherf_status status = check_listening(&k, path);

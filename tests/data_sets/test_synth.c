@@ -228,7 +228,10 @@ static void check_finds_faults(void **state) {
     sherf_findings f;
     assert_ok(c, sherf_check(c, people, body, overlay, &f));
     assert_int_equal(f.errors, 0);
-    assert_int_equal(f.warnings, 2); /* 4 views of both people where the paper has 24 */
+    assert_int_equal(f.warnings, 2); /* 4 views of both people where the paper has 24, in one line */
+    assert_non_null(strstr(f.text, "tube_000: 4 views, the paper uses 24 (and so for 1 more person)\n"));
+    assert_null(strstr(f.text, "tube_001: 4 views"));
+    assert_non_null(strstr(f.text, "tube_001: and so it does in 3 other views and 1 other pose\n"));
     sherf_free(f.text);
     int width, height, channels;
     assert_ok(c, image_size(c, overlay, &width, &height, &channels));

@@ -88,6 +88,10 @@ sherf_status dataset_view_check_mask(context *c, const sherf_dataset *d, int per
                                      const data_view *v);
 /* Of the mask's file alone: cheaper than to read the picture. */
 sherf_status dataset_mask_check(context *c, const sherf_dataset *d, int person, int pose, int view);
+/* Warns in one line where the body, from the file `name`, is not the one that the poses were fitted with: its
+ * number of vertices is not the stored ones', or it covers little of some of these people's masks. */
+void dataset_body_warn(context *c, const sherf_dataset *d, const body_model *body, const char *name,
+                       const int *person, int people);
 /* As dataset_person_view, and checks that it can be observed (observation_check). */
 sherf_status dataset_observation(context *c, const sherf_dataset *d, int person, int pose, int view,
                                  int width, sherf_observation **out);

@@ -382,6 +382,8 @@ static sherf_status begin(trainer *t) {
     if (status == SHERF_OK) status = surfaces_check(t);
     if (status == SHERF_OK) status = masks_look_over(t);
     if (status != SHERF_OK) return status;
+    if (!t->ranks.rank)
+        dataset_body_warn(c, t->data, t->body, o->body, t->sampling.person, t->sampling.people);
     if (t->state.estimated > 0 && (status = photos_ready(t)) != SHERF_OK) return status;
     if (t->state.pictures > 1 && !t->model->config.kind->reads_observed_px)
         return failure(c, SHERF_UNSUPPORTED, "a %s takes one picture of a person, up to %d were requested",

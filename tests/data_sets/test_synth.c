@@ -219,6 +219,44 @@ static void observation_write(context *c, const char *path, double scale) {
     sherf_observation_free(o);
 }
 
+static void keep_line(void *user, sherf_log_level level, const char *text) {
+    snprintf(user, 1000, "%s", text);
+}
+
+static void assert_body_warning(context *c, const char *data, const body_model *body, const char *part) {
+    static char line[1000];
+    const int both[] = {0, 1};
+    sherf_dataset *d = NULL;
+    c->log = keep_line, c->user = line, *line = 0;
+    assert_ok(c, sherf_dataset_open(c, data, &d));
+    dataset_body_warn(c, d, body, "b.safetensors", both, sherf_dataset_person_count(d));
+    if (*part ? !strstr(line, part) : *line) fail_msg("\"%s\", not \"%s\"", line, part);
+    sherf_dataset_free(d);
+    c->log = NULL;
+}
+
+/* Another body than the data's is named, by its vertices or by what it covers. */
+static void another_body_is_named(void **state) {
+    context *c = test_context();
+    body_model *own = NULL, *other = NULL;
+    char broken[PATH_LENGTH];
+    sherf_synth_options one = options;
+    one.people = 1;
+    assert_ok(c, tubeman_create(c, &own));
+    assert_ok(c, body_load(c, "../assets/body.safetensors", &other));
+    assert_body_warning(c, people, own, "");
+    assert_body_warning(c, people, other, "b.safetensors has 13380 vertices, and ");
+    assert_body_warning(c, people, other,
+                        "tube_000/new_vertices/0.npy has 6890: the poses are another body's");
+    snprintf(broken, sizeof broken, "%s", test_path("another"));
+    assert_ok(c, sherf_synth_tube(c, broken, &one));
+    rewrite_cameras(c, broken, 20, false, -1);
+    assert_body_warning(c, broken, own, "% of the masks of ");
+    sherf_body_free(own);
+    sherf_body_free(other);
+    sherf_context_free(c);
+}
+
 static void check_finds_faults(void **state) {
     context *c = test_context();
     body_model *body = NULL;
@@ -464,6 +502,7 @@ int main(void) {
         cmocka_unit_test(the_seed_decides),
         cmocka_unit_test(people_fit_their_pictures),
         cmocka_unit_test(a_body_outside_makes_no_avatar),
+        cmocka_unit_test(another_body_is_named),
         cmocka_unit_test(check_finds_faults),
         cmocka_unit_test(info_describes),
         cmocka_unit_test(flat_pose_blendshapes),

@@ -8,6 +8,7 @@
 enum { WIDTH = SHEET_COLUMNS * SHEET_CELL_PX };
 
 sherf_status sheet_create(context *c, int rows, sheet *out) {
+    out->columns = 0;
     out->rows = rows < SHEET_ROWS_MAX ? rows : SHEET_ROWS_MAX;
     const size_t bytes = (size_t)out->rows * SHEET_CELL_PX * WIDTH * 3;
     out->rgb = mem_alloc(c, bytes, 1);
@@ -32,6 +33,7 @@ sherf_status sheet_put(context *c, sheet *s, int row, int column, const sherf_im
         memcpy(cell.data + 3 * ((size_t)y * (size_t)side + (size_t)(x0 - left)),
                image->data + 3 * ((size_t)(top + y) * (size_t)image->width + (size_t)x0),
                3 * (size_t)(x1 - x0) * sizeof(float));
+    if (column >= s->columns) s->columns = column + 1;
     sherf_status status = image_resize_area(c, &cell, SHEET_CELL_PX, SHEET_CELL_PX);
     for (int y = 0; y < SHEET_CELL_PX && status == SHERF_OK; y++) {
         uint8_t *to =
@@ -44,5 +46,12 @@ sherf_status sheet_put(context *c, sheet *s, int row, int column, const sherf_im
 }
 
 sherf_status sheet_write(context *c, const sheet *s, const char *path) {
-    return png_write(c, path, WIDTH, s->rows * SHEET_CELL_PX, 3, s->rgb);
+    const size_t width = (size_t)(s->columns ? s->columns : 1) * SHEET_CELL_PX;
+    const size_t height = (size_t)s->rows * SHEET_CELL_PX;
+    uint8_t *rgb = mem_alloc(c, height * width, 3);
+    if (!rgb) return SHERF_NO_MEMORY;
+    for (size_t y = 0; y < height; y++) memcpy(rgb + 3 * y * width, s->rgb + 3 * y * WIDTH, 3 * width);
+    const sherf_status status = png_write(c, path, (int)width, (int)height, 3, rgb);
+    mem_free(rgb);
+    return status;
 }

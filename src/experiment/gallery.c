@@ -12,7 +12,7 @@ enum { CELL = SHEET_CELL_PX, COLUMNS_MAX = EXPERIMENT_METHODS + 2, SHOWN_PAIRS =
 static const int shown_pair[SHOWN_PAIRS] = {1, 3};
 
 typedef struct {
-    int methods, rows; /* people */
+    int methods, rows, pairs; /* rows: people; pairs: in every sheet */
     const char *label[EXPERIMENT_METHODS];
     image_u8 sheet[EXPERIMENT_METHODS];
 } gallery;
@@ -38,7 +38,8 @@ static void draw(const gallery *g, canvas *to) {
     for (int method = 0; method < g->methods; method++) heading(to, 2 + method, g->label[method]);
     for (int row = 0; row < g->rows; row++)
         for (int k = 0; k < SHOWN_PAIRS; k++) {
-            const int at = row * SHOWN_PAIRS + k, pair = shown_pair[k];
+            const int at = row * SHOWN_PAIRS + k,
+                      pair = shown_pair[k] < g->pairs ? shown_pair[k] : g->pairs - 1;
             cell_copy(&g->sheet[0], row, 0, to, at, 0);
             cell_copy(&g->sheet[0], row, 2 + 2 * pair, to, at, 1);
             for (int method = 0; method < g->methods; method++)
@@ -57,9 +58,10 @@ static sherf_status gallery_read(experiment_job *j, const scoring *s, gallery *g
         status = scoring_path(j, &r, s, 0, "sheet.png", path);
         if (status != SHERF_OK || !path_is_file(path)) continue;
         if ((status = image_read(j->c, path, 3, read)) != SHERF_OK) continue;
-        const int rows = read->height / CELL;
-        if (read->width != SHEET_COLUMNS * CELL || rows < 1)
+        const int rows = read->height / CELL, pairs = (read->width / CELL - 1) / 2;
+        if (read->width > SHEET_COLUMNS * CELL || pairs < 1 || rows < 1)
             status = failure(j->c, SHERF_BAD_FILE, "%s: not the sheet of an evaluation", path);
+        g->pairs = g->methods && g->pairs < pairs ? g->pairs : pairs;
         g->rows = g->methods && g->rows < rows ? g->rows : rows < ROWS_MAX ? rows : ROWS_MAX;
         g->label[g->methods++] = r.method->label;
     }

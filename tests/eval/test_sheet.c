@@ -39,8 +39,13 @@ static void cells_hold_their_part(void **state) {
     assert_ok(c, sheet_write(c, &s, test_path("sheet.png")));
     int width, height, channels;
     assert_ok(c, image_size(c, test_path("sheet.png"), &width, &height, &channels));
-    assert_int_equal(width, SHEET_COLUMNS * SHEET_CELL_PX);
+    assert_int_equal(width, 4 * SHEET_CELL_PX); /* no columns after the last one with a picture */
     assert_int_equal(height, 2 * SHEET_CELL_PX);
+    image_u8 read = {0};
+    assert_ok(c, image_read(c, test_path("sheet.png"), 3, &read));
+    for (int y = 0; y < height; y++)
+        assert_memory_equal(read.data + 3 * y * width, at(&s, 0, 0, 0, y), 3 * (size_t)width);
+    mem_free(read.data);
     sheet_free(&s);
     sherf_context_free(c);
 }

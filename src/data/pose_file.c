@@ -19,13 +19,14 @@ static int64_t frames_of(const value *v, const int *unit, size_t units) {
     return 1;
 }
 
+static const int six_counts[] = {24, 22, 52, 55, 53, 23, 21, 0};
+
 /* Rows of six numbers a joint; 0: they are not. */
 static int64_t six_frames(const value *v) {
-    static const int joints[] = {24, 22, 52, 55, 53, 23, 21, 0};
     const int64_t rows = parse_rows(v);
     if (rows < 1 || rows > POSES_MAX) return 0;
     const value row = parse_row_of(v, 0);
-    return value_numbers(v) == rows * value_numbers(&row) && six_joints(&row, joints) ? rows : 0;
+    return value_numbers(v) == rows * value_numbers(&row) && six_joints(&row, six_counts) ? rows : 0;
 }
 
 static int64_t frame_count(const body_parts *parts) {
@@ -67,23 +68,21 @@ static const value *list_of(const value *root) {
     return v && v->kind == VALUE_LIST ? v : NULL;
 }
 
-static sherf_status poses_of_list(context *c, const named_value *found, size_t count, sherf_pose *pose) {
-    sherf_status status = SHERF_OK;
-    for (size_t f = 0; f < count && !status; f++) {
-        status = parse_pose(c, value_unwrapped(found[f].item), &pose[f]);
-        if (status && found[f].name) failure_prefix(c, status, "%.60s", found[f].name);
-        if (status && count > 1) failure_prefix(c, status, "pose %zu", f);
-    }
-    return status;
+enum { SIX_NUMBERS_MAX = 55 * SIX };
+
+/* The part with the body's rotations; first: SMPL's joint that it begins with. */
+static const named_value *rotations_of(const body_parts *parts, int *first) {
+    const bool whole = parts->part[PART_POSES].item != NULL;
+    *first = !whole;
+    return &parts->part[whole ? PART_POSES : PART_BODY];
 }
 
 /* Rotations of six numbers: all frames together show what they are. */
 static sherf_status six_of_frames(context *c, body_parts *parts) {
-    enum { NUMBERS_MAX = 55 * SIX };
-    const int whole = parts->part[PART_POSES].item != NULL;
-    const named_value *rows = &parts->part[whole ? PART_POSES : PART_BODY];
+    int first;
+    const named_value *rows = rotations_of(parts, &first);
     const int64_t frames = six_frames(rows->item);
-    double numbers[NUMBERS_MAX];
+    double numbers[SIX_NUMBERS_MAX];
     six_evidence shown = {0};
     six_form form;
     if (frames < 2 || parts->six) return SHERF_OK;
@@ -91,13 +90,57 @@ static sherf_status six_of_frames(context *c, body_parts *parts) {
     for (int64_t f = 0; f < frames; f++) {
         sherf_status status = parse_row(c, rows->item, (size_t)f, rows->name, n, numbers);
         if (status) return status;
-        six_add(&shown, numbers, (int)(n / SIX), !whole);
+        six_add(&shown, numbers, (int)(n / SIX), first);
     }
     sherf_status status = six_decide(c, rows->name, &shown, SIX_UNKNOWN, &form);
     if (status) return status;
     six_log(c, rows->name, &form);
     parts->six = form.kind;
     return SHERF_OK;
+}
+
+/* The same of bodies apart. Unknown: fewer than two of them have six numbers a joint and no word on them. */
+static sherf_status six_of_list(context *c, const named_value *found, size_t count, six_kind *out) {
+    double numbers[SIX_NUMBERS_MAX];
+    six_evidence shown = {0};
+    const char *name = NULL;
+    six_form form;
+    for (size_t f = 0; f < count; f++) {
+        body_parts parts;
+        int first;
+        body_parts_find(value_unwrapped(found[f].item), &parts);
+        const named_value *rows = rotations_of(&parts, &first);
+        const int joints = rows->item && !parts.six ? six_joints(rows->item, six_counts) : 0;
+        if (!joints || value_doubles(c, rows->item, rows->name, (size_t)joints * SIX, numbers)) continue;
+        six_add(&shown, numbers, joints, first);
+        name = rows->name;
+    }
+    *out = SIX_UNKNOWN;
+    if (shown.frames < 2) return SHERF_OK;
+    sherf_status status = six_decide(c, name, &shown, SIX_UNKNOWN, &form);
+    if (status) return status;
+    six_log(c, name, &form);
+    *out = form.kind;
+    return SHERF_OK;
+}
+
+static sherf_status pose_of(context *c, const value *v, six_kind six, sherf_pose *out) {
+    body_parts parts;
+    body_parts_find(v, &parts);
+    if (!has_rotations(&parts)) return parse_pose(c, v, out); /* says so */
+    if (!parts.six) parts.six = six;
+    return parse_parts(c, &parts, out);
+}
+
+static sherf_status poses_of_list(context *c, const named_value *found, size_t count, sherf_pose *pose) {
+    six_kind six;
+    sherf_status status = six_of_list(c, found, count, &six);
+    for (size_t f = 0; f < count && !status; f++) {
+        status = pose_of(c, value_unwrapped(found[f].item), six, &pose[f]);
+        if (status && found[f].name) failure_prefix(c, status, "%.60s", found[f].name);
+        if (status && count > 1) failure_prefix(c, status, "pose %zu", f);
+    }
+    return status;
 }
 
 static sherf_status poses_of_dict(context *c, const body_parts *given, int64_t frames, sherf_pose *pose) {

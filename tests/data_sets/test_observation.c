@@ -342,6 +342,19 @@ static void six_numbers_of_frames(void **state) {
     assert_float_equal(pose[0].poses_rad[5], 0.3, 1e-5);
     assert_float_equal(pose[2].poses_rad[12], 0.5, 1e-5);
     sherf_free(pose);
+    static char list[2 * 8192 + 8] = "[", body[8192]; /* so do all bodies of a list */
+    for (int bent = 0; bent < 2; bent++) {
+        six_body(body, 1, bent, "");
+        strcat(strcat(list, body), bent ? "]" : ", ");
+    }
+    make_text(c, join(folder, "list.json"), list);
+    assert_ok(c, sherf_poses_load(c, join(folder, "list.json"), &pose, &count));
+    assert_int_equal(count, 2);
+    for (int i = 0; i < 2; i++) {
+        assert_float_equal(pose[i].poses_rad[50], 0.5, 1e-5);
+        assert_float_equal(pose[i].poses_rad[12], i, 1e-5);
+    }
+    sherf_free(pose);
     sherf_context_free(c);
 }
 

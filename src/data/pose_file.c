@@ -1,4 +1,6 @@
 /* Reads files of poses and of cameras. */
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "data/camera_files.h"
@@ -312,6 +314,33 @@ static sherf_status cameras_parse(context *c, const document *d, const named_val
     return status;
 }
 
+/* The folder of view v's picture: "Camera_B1" of Camera_B1/000000.jpg. */
+static void annots_name(const value *views, int v, parsed_camera *camera) {
+    const value *picture = value_at(views, (size_t)v);
+    char folder[sizeof camera->name];
+    const char *text = picture && picture->kind == VALUE_STRING ? picture->string.text : "";
+    const char *slash = strrchr(text, '/');
+    if (!slash || snprintf(folder, sizeof folder, "%.*s", (int)(slash - text), text) != slash - text) return;
+    parsed_camera_name(camera, folder);
+}
+
+/* annots.npy: cams beside the pictures' names. ZJU-MoCap's T is in millimetres, THuman's in metres; people
+ * are within 100 m. */
+static void annots_finish(context *c, const char *path, const value *root, parsed_camera *camera, int count) {
+    static const double far = 100;
+    const value *ims = value_get(root, "ims"), *views = value_get(value_at(ims, 0), "ims");
+    double sum = 0;
+    if (!value_get(root, "cams") || !ims) return;
+    for (int i = 0; i < count; i++) {
+        const double *T = camera[i].T;
+        sum += sqrt(T[0] * T[0] + T[1] * T[1] + T[2] * T[2]);
+        annots_name(views, i, &camera[i]);
+    }
+    if (!(sum > far * count)) return;
+    for (int i = 0; i < 3 * count; i++) camera[i / 3].T[i % 3] /= 1000;
+    log_line(c, SHERF_LOG_INFO, "%s: T is %.0f long, read as millimetres, as ZJU-MoCap's", path, sum / count);
+}
+
 static sherf_status cameras_of(context *c, const char *path, const document *d, const int size[2],
                                parsed_camera **out, int *count) {
     const size_t n = camera_values(d->root, NULL);
@@ -330,6 +359,7 @@ static sherf_status cameras_of(context *c, const char *path, const document *d, 
         mem_free(camera);
         return status;
     }
+    annots_finish(c, path, d->root, camera, (int)all);
     *out = camera;
     *count = (int)all;
     return SHERF_OK;

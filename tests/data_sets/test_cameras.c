@@ -227,6 +227,31 @@ static void stack_make(float (*K)[9], float (*RT)[16], float (*R)[9], float (*T)
     }
 }
 
+/* annots.npy: cams beside the pictures' names, T in metres or, as ZJU-MoCap's, in millimetres. */
+static void annots(void **state) {
+    context *c = listening_context();
+    for (int mm = 0; mm < 2; mm++) {
+        char text[1024];
+        snprintf(
+            text, sizeof text,
+            "{\"cams\": {\"K\": [[[9, 0, 3], [0, 9, 2], [0, 0, 1]], [[8, 0, 3], [0, 8, 2], [0, 0, 1]]], "
+            "\"R\": [[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, -1, 0], [1, 0, 0], [0, 0, 1]]], "
+            "\"T\": [[[0], [0], [%g]], [[%g], [0], [%g]]], \"D\": [[0, 0, 0, 0, 0], [0.1, 0, 0, 0, 0]]}, "
+            "\"ims\": [{\"ims\": [\"Camera_B1/000000.jpg\", \"Camera_B2/000000.jpg\"]}]}",
+            mm ? 3000. : 3, mm ? 500. : 0.5, mm ? 2500. : 2.5);
+        make_text(c, join(folder, "annots.json"), text);
+        said[0] = 0;
+        parsed_camera *camera = cameras_of(c, "annots.json", 2);
+        assert_numbers(camera[1].T, (const double[]){0.5, 0, 2.5}, 3);
+        assert_numbers(camera[1].R, (const double[]){0, -1, 0, 1, 0, 0, 0, 0, 1}, 9);
+        assert_true(camera[1].K[0] == 8 && camera[1].D[0] == 0.1 && camera[0].T[2] == 3);
+        assert_string_equal(camera[1].name, "Camera_B2");
+        assert_int_equal(strstr(said, "read as millimetres, as ZJU-MoCap's") != NULL, mm);
+        mem_free(camera);
+    }
+    sherf_context_free(c);
+}
+
 static void stacks(void **state) {
     static float K[STACK][9], RT[STACK][16], R[STACK][9], T[STACK][3], D[STACK][5];
     const float far[1] = {0};
@@ -328,9 +353,9 @@ static void memory_runs_out(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(easymocap),       cmocka_unit_test(yaml_refused), cmocka_unit_test(colmap),
-        cmocka_unit_test(colmap_refused),  cmocka_unit_test(stacks),       cmocka_unit_test(stacks_refused),
-        cmocka_unit_test(memory_runs_out),
+        cmocka_unit_test(easymocap),      cmocka_unit_test(yaml_refused),    cmocka_unit_test(colmap),
+        cmocka_unit_test(colmap_refused), cmocka_unit_test(annots),          cmocka_unit_test(stacks),
+        cmocka_unit_test(stacks_refused), cmocka_unit_test(memory_runs_out),
     };
     return cmocka_run_group_tests(tests, make_basics, NULL);
 }

@@ -266,6 +266,27 @@ static void unread_of(const value *v, const value *inner, key_list *l) {
     }
 }
 
+static bool same_numbers(const value *a, const value *b) {
+    const int64_t n = value_numbers(a);
+    if (n != value_numbers(b) || a->kind != VALUE_ARRAY || b->kind != VALUE_ARRAY) return false;
+    for (int64_t i = 0; i < n; i++)
+        if (!(fabs(value_array_number(a, i) - value_array_number(b, i)) < 1e-5)) return false;
+    return true;
+}
+
+/* Another translation or root rotation in the same dict, with other numbers. */
+static void second_warn(context *c, const value *v, const named_value *taken, const char *const *names,
+                        const char *what) {
+    if (!taken->item || value_get(v, taken->name) != taken->item) return;
+    for (; *names; names++) {
+        const value *other = value_get(v, *names);
+        if (!strcmp(*names, taken->name) || value_numbers(other) < 1 || same_numbers(other, taken->item))
+            continue;
+        log_line(c, SHERF_LOG_WARNING, "%s: not read: %s, because %s is there too and is taken", what, *names,
+                 taken->name);
+    }
+}
+
 void body_parts_warn(context *c, const value *v, const char *what) {
     key_list l = {{0}, 0, 0};
     body_parts parts;
@@ -274,6 +295,11 @@ void body_parts_warn(context *c, const value *v, const char *what) {
     const named_value *part = parts.part;
     unread_of(inner_of(v), NULL, &l);
     unread_of(v, inner_of(v), &l);
+    for (int i = 0; i < 2; i++) {
+        const value *in = i ? v : inner_of(v);
+        second_warn(c, in, &part[PART_PLACE], place_names, what);
+        second_warn(c, in, &part[PART_ROOT], root_names, what);
+    }
     const bool placed = part[PART_PLACE].item || part[PART_CAMERA_PLACE].item || part[PART_PELVIS].item;
     say(c, &l, what, placed ? "" : "; no translation is among what is (transl, Th, cam_t, ...)");
     if (!placed && part[PART_POSES].name && !strcmp(part[PART_POSES].name, "rotvec"))

@@ -90,7 +90,9 @@ static value *parse(builder *b, const char *text, size_t bytes) {
     size_t rest = (size_t)(end - text);
     while (rest < bytes && strchr(" \t\r\n", text[rest])) rest++;
     if (rest < bytes)
-        build_fail(b, SHERF_BAD_FILE, "JSON: something follows it at byte %zu", rest);
+        build_fail(b, SHERF_BAD_FILE, "JSON: something follows it at byte %zu%s", rest,
+                   text[rest] == *text ? ": if each line is one value, make one list of them, [..., ...]"
+                                       : "");
     else
         v = tree(b, j);
     cJSON_Delete(j);

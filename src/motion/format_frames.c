@@ -252,6 +252,33 @@ bool picture_is(const value *root) {
     return source_people(&p) > 1;
 }
 
+/* The frame's number that a dict holds; -1: none. */
+static int64_t number_within(const value *frame) {
+    static const char *const names[] = {"frame",       "frame_id",     "frame_idx",
+                                        "frame_index", "frame_number", NULL};
+    const value *v = value_first(frame, names).item;
+    const bool one = v && v->kind == VALUE_ARRAY && value_numbers(v) == 1;
+    const double number = one                             ? value_array_number(v, 0)
+                          : v && v->kind == VALUE_INTEGER ? (double)v->integer
+                                                          : -1;
+    return number >= 0 && number < 1e9 ? (int64_t)number : -1;
+}
+
+/* A list of frames, with the numbers that they hold if these ascend. */
+static sherf_status numbered_read(context *c, const value *list, const sherf_motion_options *o, source *s) {
+    const size_t frames = list->list.count;
+    int64_t *number = mem_alloc(c, frames, sizeof *number);
+    bool ascend = number != NULL;
+    if (!number) return SHERF_NO_MEMORY;
+    for (size_t i = 0; i < frames && ascend; i++) {
+        number[i] = number_within(list->list.item[i]);
+        ascend = number[i] >= 0 && (!i || number[i] > number[i - 1]);
+    }
+    const sherf_status status = frames_read(c, list, false, ascend ? number : NULL, o, s);
+    mem_free(number);
+    return status;
+}
+
 sherf_status frame_list_read(context *c, const value *root, const sherf_motion_options *o, source *s) {
     root = frames_of(root);
     bool one = frame_is(root) && (root->kind == VALUE_DICT || person_is(value_at(root, 0)));
@@ -263,7 +290,7 @@ sherf_status frame_list_read(context *c, const value *root, const sherf_motion_o
         person_name(root->list.item[1], 1, second);
         one = value_get(root->list.item[1], "id") && strcmp(first, second) != 0;
     }
-    return frames_read(c, root, one, NULL, o, s);
+    return one ? frames_read(c, root, true, NULL, o, s) : numbered_read(c, root, o, s);
 }
 
 /* ---- dicts of dicts ---- */

@@ -223,10 +223,10 @@ static sherf_status not_known(context *c, const value *root) {
             n += (size_t)snprintf(has + n, sizeof has - n, "%s%lld", k ? " x " : " ",
                                   (long long)root->array.dim[k]);
     }
-    return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s%s", has,
-                   sixes_and_more(root)
-                       ? ": six numbers a joint and more, it seems; write a dict of poses and trans, "
-                         "as np.savez(file, poses=..., trans=...) does"
+    return failure(c, SHERF_BAD_FILE, "not a motion that is known here (docs/motion.md)%s%s%s", has,
+                   sixes_and_more(root) ? ": six numbers a joint and more, it seems" : "",
+                   root && root->kind == VALUE_ARRAY
+                       ? "; write a dict of poses and trans, as np.savez(file, poses=..., trans=...) does"
                        : "");
 }
 

@@ -558,6 +558,34 @@ static void six_numbers(void **state) {
 }
 
 /* A dict a frame, as other tools write them: each shows it, or it is said. */
+/* Frames' own numbers in a list: what is between them is filled in. */
+static void numbered_frames(void **state) {
+    const walk_fixture *f = *state;
+    const char *path = test_path("numbered.pkl");
+    arrays a;
+    pickle_writer w;
+    arrays_of(&f->walk, walk_y_up, &a);
+    pickle_begin(&w, f->c);
+    pickle_list_open(&w);
+    for (int i = 0; i < WALK_FRAMES; i += 2 - (i == WALK_FRAMES - 2)) { /* the last two are neighbours */
+        const float number = (float)(100 + i);
+        pickle_dict_open(&w);
+        pickle_string(&w, "frame");
+        pickle_floats(&w, 1, (const int[]){1}, &number);
+        rest_of(&a, i, &w, "transl");
+        pickle_dict_close(&w);
+    }
+    pickle_list_close(&w);
+    assert_ok(f->c, pickle_finish_file(&w, path));
+    sherf_motion *motion;
+    assert_ok(f->c, sherf_motion_load(f->c, path, &(sherf_motion_options){.body = f->body}, &motion));
+    assert_int_equal(sherf_motion_frame_count(motion), WALK_FRAMES);
+    sherf_pose p;
+    sherf_motion_pose(motion, 4, &p);
+    assert_true(walk_distance(f->c, f->body, &p, &f->walk.pose[4]) < 1e-3);
+    sherf_motion_free(motion);
+}
+
 static void six_numbers_by_frame(void **state) {
     const walk_fixture *f = *state;
     const char *path = test_path("six_frames.pkl");
@@ -801,6 +829,7 @@ int main(void) {
                                        cmocka_unit_test(six_numbers),
                                        cmocka_unit_test(six_numbers_said),
                                        cmocka_unit_test(six_numbers_by_frame),
+                                       cmocka_unit_test(numbered_frames),
                                        cmocka_unit_test(inter_x),
                                        cmocka_unit_test(mdm_actions),
                                        cmocka_unit_test(multi_hmr),

@@ -1,5 +1,7 @@
 /* Reads cameras from values: K, R, T and D under the names and in the forms of various tools. */
+#include <ctype.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "data/parse.h"
@@ -39,13 +41,14 @@ static const char *const width_names[] = {"width", "w", "W", "image_width", NULL
                                                                                        "height", "h", "H",
                                                                                        "image_height", NULL};
 static const char *const idle_names[] = {"id", "comment", NULL};
+static const char *const model_names[] = {"camera_model", "is_fisheye", NULL};
 static const char *const label_names[] = {"name", "img_name", "file_path", NULL};
 
 static const char *const *const all_names[] = {
     K_names,        focal_names,       focal_x_names,    focal_y_names,  centre_names,    centre_x_names,
     centre_y_names, field_names,       R_names,          T_names,        to_camera_names, to_world_names,
     D_names,        width_names,       height_names,     idle_names,     label_names,     angle_x_names,
-    angle_y_names,  gl_to_world_names, quaternion_names, position_names, lens_names};
+    angle_y_names,  gl_to_world_names, quaternion_names, position_names, lens_names,      model_names};
 
 bool camera_is(const value *v) {
     return value_first(v, K_names).item || value_first(v, focal_names).item ||
@@ -337,15 +340,17 @@ static sherf_status side_of(context *c, named_value n, int *out) {
 /* Keys that are not read, though they may contain missing data: a matrix, or numbers under the name of a
  * position. */
 static sherf_status unread_place(context *c, const value *v, const parsed_camera *camera) {
-    static const char *const words[] = {"pos",   "rot",    "quat", "trans", "loc",
-                                        "euler", "orient", "eye",  "target"};
+    static const char *const words[] = {"pos",   "rot",    "quat", "trans",  "loc",
+                                        "euler", "orient", "eye",  "target", "cent"};
     for (size_t i = 0; v && v->kind == VALUE_DICT && i < v->dict.count; i++) {
         const value *key = v->dict.pair[i].key;
         const int64_t numbers = value_numbers(v->dict.pair[i].item);
         const char *text = key->kind == VALUE_STRING ? key->string.text : NULL;
-        if (!text || (camera->turned && camera->moved) || camera_key(text) || *text == 'K' || *text == 'i')
+        if (!text || (camera->turned && camera->moved) ||
+            (camera_key(text) && !(numbers == 3 && is_among(text, centre_names))) || *text == 'K' ||
+            *text == 'i')
             continue;
-        bool named = false;
+        bool named = !strcmp(text, "C");
         for (size_t k = 0; k < COUNT_OF(words); k++) named |= strcasestr(text, words[k]) != NULL;
         if (numbers == 9 || numbers == 12 || numbers == 16 || (named && (numbers == 3 || numbers == 4)))
             return failure(
@@ -354,6 +359,25 @@ static sherf_status unread_place(context *c, const value *v, const parsed_camera
                 "camera), c2w, or transform_matrix (OpenGL's axes)",
                 text, (long long)numbers);
     }
+    return SHERF_OK;
+}
+
+/* Nerfstudio's and instant-ngp's words on the lens: k1, k2, ... of a fisheye are not OpenCV's. */
+static sherf_status model_check(context *c, const value *v) {
+    static const char *const pinhole[] = {"OPENCV", "PINHOLE",     "SIMPLE_PINHOLE", "SIMPLE_RADIAL",
+                                          "RADIAL", "FULL_OPENCV", "PERSPECTIVE",    NULL};
+    const value *model = value_get(v, "camera_model"), *fisheye = value_get(v, "is_fisheye");
+    char name[64] = "";
+    if (model && model->kind == VALUE_STRING) snprintf(name, sizeof name, "%.60s", model->string.text);
+    for (char *p = name; *p; p++) *p = (char)toupper((unsigned char)*p);
+    if (*name && !is_among(name, pinhole))
+        return failure(
+            c, SHERF_UNSUPPORTED,
+            "camera_model %.60s: only pinhole cameras with OpenCV's distortion are read; undistort "
+            "the picture first",
+            model->string.text);
+    if (fisheye && fisheye->kind == VALUE_BOOL && fisheye->boolean)
+        return failure(c, SHERF_UNSUPPORTED, "a fisheye (is_fisheye): undistort the picture first");
     return SHERF_OK;
 }
 
@@ -377,7 +401,9 @@ static sherf_status parse_all(context *c, const value *v, const value *shared, c
                 *nested = value_unwrapped(value_first(lens, K_names).item),
                 *place = value_unwrapped(value_first(v, to_camera_names).item);
     double none[DISTORTION_MAX] = {0};
-    sherf_status status = side_of(c, value_first(v, width_names), &out->width);
+    sherf_status status = model_check(c, v);
+    if (!status && shared) status = model_check(c, shared);
+    if (!status) status = side_of(c, value_first(v, width_names), &out->width);
     if (!status) status = side_of(c, value_first(v, height_names), &out->height);
     if (!status && !out->width && shared) status = side_of(c, value_first(shared, width_names), &out->width);
     if (!status && !out->height && shared)

@@ -419,7 +419,10 @@ static void unknown_keys_are_named(void **state) {
          "o.json: body: not read: pelvis_at; no translation is among what is (transl, Th, cam_t, ...)\n"},
         {CAMERA, "{\"body_pose\": %s, \"transl\": [1, 2, 3], \"root_rot\": [0, 0, 4]}",
          "o.json: body: body_pose without the root's rotation (global_orient, root_orient, ...)"},
-        {"{\"fov_deg\": 50, \"skew\": 1, \"zoom\": 2}", BODY, "o.json: camera: not read: skew, zoom\n"},
+        {CAMERA, "{\"body_pose\": %s, \"transl\": [1, 2, 3], \"trans\": [2, 2, 3]}",
+         "o.json: body: not read: trans, because transl is there too and is taken\n"},
+        {"{\"fov_deg\": 50, \"camera_model\": \"PINHOLE\", \"skew\": 1, \"zoom\": 2}", BODY,
+         "o.json: camera: not read: skew, zoom\n"},
         {"{\"fov_deg\": 50}, \"masks\": \"x\"", BODY, "o.json: not read: masks\n"},
         {"{\"fov_deg\": 50, \"R\": [0, 0, 0], \"t_vec\": [0, 0, 4]}", BODY,
          "o.json: camera: R without T: it stands at the world's origin\n"},
@@ -538,12 +541,26 @@ static void cameras_refused(void **state) {
         {"{\"K\": [50, 0, 0, 0, 55, 0, 20, 15, 1]}", "this is the transposed matrix"},
         {"{\"K\": [50, 0, 20, 7, 0, 55, 15, 0, 0, 0, 1, 0]}", "its last column is not 0"},
         {"{\"fov_deg\": 50, \"R\": [178, 40, 2], \"T\": [0, 0, 3]}", "these are degrees"},
+        {"{\"fov_deg\": 50, \"R\": [0, 0, 0], \"C\": [0, 0, -3]}", "C of 3 numbers is not read"},
+        {"{\"fov_deg\": 50, \"R\": [0, 0, 0], \"camera_center\": [0, 0, -3]}", "camera_center of 3 numbers"},
+    };
+    static const struct {
+        const char *camera, *says;
+    } fisheyes[] = {
+        {"{\"fov_deg\": 50, \"camera_model\": \"OPENCV_FISHEYE\"}",
+         "camera_model OPENCV_FISHEYE: only pinhole"},
+        {"{\"fov_deg\": 50, \"is_fisheye\": true}", "undistort the picture first"},
     };
     context *c = test_context();
     for (size_t i = 0; i < COUNT_OF(cases); i++) {
         sherf_observation *o = NULL;
         assert_fails(c, sherf_observation_load(c, json(c, "a.png", "m.png", cases[i].camera, NULL), &o),
                      SHERF_BAD_FILE, cases[i].says);
+    }
+    for (size_t i = 0; i < COUNT_OF(fisheyes); i++) {
+        sherf_observation *o = NULL;
+        assert_fails(c, sherf_observation_load(c, json(c, "a.png", "m.png", fisheyes[i].camera, NULL), &o),
+                     SHERF_UNSUPPORTED, fisheyes[i].says);
     }
     sherf_context_free(c);
 }

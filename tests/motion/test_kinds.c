@@ -777,6 +777,14 @@ static void mdm_actions(void **state) {
     assert_ok(f->c, npz_write(f->c, path, COUNT_OF(file), file));
     refused(f, path, NULL, SHERF_BAD_FILE, "a motion of 2 x 21 x 3 x 15");
     refused(f, path, NULL, SHERF_BAD_FILE, "KIT-ML's skeleton");
+    path = test_path("bare.npy");
+    assert_ok(f->c, npy_write_f32(f->c, path, 3, (const int64_t[]){2, 21, 3}, joints[0][0][0]));
+    refused(f, path, NULL, SHERF_BAD_FILE, "an array of 2 x 21 x 3; write a dict of poses and trans");
+    path = test_path("lines.jsonl");
+    FILE *lines = fopen(path, "w");
+    fputs("{\"poses\": 1}\n{\"poses\": 2}\n", lines);
+    fclose(lines);
+    refused(f, path, NULL, SHERF_BAD_FILE, "if each line is one value, make one list of them");
 }
 
 static void multi_hmr(void **state) {

@@ -4,11 +4,10 @@
  * CHANNELS and WIDTH, from which on this is faster than oneDNN. */
 #include <string.h>
 
-#include "base/simd.h"
+#include "tensor/cpu/conv_block_float.h"
 #include "tensor/cpu/conv_rows.h"
 
-enum { OUT = LANES * VECTORS, BAND_FLOATS = 64 << 10 };
-#define UNROLL _Pragma("GCC unroll 8")
+enum { BAND_FLOATS = 64 << 10 };
 
 /* y [Ho][Wo][O] = or += gain times the sums over taps and inputs of x [H][W][I] and w. */
 typedef struct {
@@ -58,33 +57,13 @@ static void fill_row(const job *j, int64_t y, float *to) {
     memset(to + (left + right) * j->I, 0, (size_t)((j->width - left - right) * j->I) * sizeof(float));
 }
 
-typedef vf block_sums[PIXELS][VECTORS];
-
-/* sum += `count` inputs of each pixel, from x on, times their weights. */
-INLINE void add_inputs(const float *x, int64_t pixel, const float *w, const int count, block_sums sum) {
-    numbers some[PIXELS];
-    UNROLL for (int p = 0; p < PIXELS; p++) some[p] = numbers_load(x + p * pixel);
-    UNROLL for (int i = 0; i < count; i++, w += OUT) {
-        vf in[VECTORS];
-        UNROLL for (int v = 0; v < VECTORS; v++) in[v] = load(w + v * LANES);
-        UNROLL for (int p = 0; p < PIXELS; p++) {
-            const vf one = number(some[p], i);
-            UNROLL for (int v = 0; v < VECTORS; v++) sum[p][v] += one * in[v];
-        }
-    }
-}
-
 /* y [count pixels][outputs] from x, a packed row's first pixel of the block. */
 INLINE void block(const job *j, const float *x, const float *w, float *y, int64_t count, int64_t outputs) {
     const int64_t row = j->width * j->I, pixel = j->step * j->I, run = j->k * j->I;
     block_sums sum;
-    UNROLL for (int p = 0; p < PIXELS; p++) UNROLL for (int v = 0; v < VECTORS; v++) sum[p][v] = splat(0);
-    for (int64_t ky = 0; ky < j->k; ky++, x += row) { /* a row of taps is contiguous, as in w */
-        int64_t i = 0;
-        for (; i + NUMBERS <= run; i += NUMBERS, w += NUMBERS * OUT)
-            add_inputs(x + i, pixel, w, NUMBERS, sum);
-        for (; i < run; i++, w += OUT) add_inputs(x + i, pixel, w, 1, sum);
-    }
+    block_clear(sum);
+    for (int64_t ky = 0; ky < j->k; ky++, x += row, w += run * OUT) /* a row of taps is contiguous, as in w */
+        add_run(x, pixel, w, run, sum);
     UNROLL for (int p = 0; p < PIXELS; p++) {
         if (p >= count) break;
         float *to = y + p * j->O;

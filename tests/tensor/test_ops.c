@@ -110,6 +110,40 @@ static void fresh_agree(void **state) {
     sherf_context_free(c);
 }
 
+/* A second pass adds to the gradients of the first. */
+static void check_added(context *c, const op_case *k) {
+    tensor *in[OP_MAX_IN], *twice[OP_MAX_IN] = {NULL};
+    inputs_make(c, k, T_F32, in);
+    tape *t = tape_create(c, (tape_options){&backend_cpu, true, k->training, false});
+    assert_non_null(t);
+    seed_backward(t, run_case(t, k, in));
+    for (int i = 0; i < k->inputs; i++) {
+        if (!in[i] || !in[i]->needs_grad) continue;
+        twice[i] = tensor_create(c, T_F32, in[i]->rank, in[i]->dim);
+        assert_non_null(twice[i]);
+        for (int64_t j = 0; j < tensor_count(in[i]); j++)
+            tensor_f32(twice[i])[j] = 2 * tensor_f32(in[i]->grad)[j];
+    }
+    tape_reset(t);
+    seed_backward(t, run_case(t, k, in));
+    for (int i = 0; i < k->inputs; i++) {
+        if (!twice[i]) continue;
+        char what[32];
+        snprintf(what, sizeof what, "gradient %d, twice,", i);
+        compare(k, &backend_cpu, what, twice[i], in[i]->grad, 2e-5);
+        tensor_free(twice[i]);
+    }
+    tape_free(t);
+    inputs_free(k, in);
+}
+
+static void gradients_add(void **state) {
+    context *c = test_context();
+    for (int i = 0; i < case_count(); i++)
+        if (differentiable[case_at(i)->op]) check_added(c, case_at(i));
+    sherf_context_free(c);
+}
+
 /* x + x, and x + a view of x: the first gradient is written, the second added. */
 static void fresh_twice(void **state) {
     context *c = test_context();
@@ -253,10 +287,11 @@ static void dropped_memory(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients),     cmocka_unit_test(backends_agree),
-                                       cmocka_unit_test(bf16_agrees),   cmocka_unit_test(levels_agree),
-                                       cmocka_unit_test(threads_agree), cmocka_unit_test(fresh_agree),
-                                       cmocka_unit_test(fresh_twice),   cmocka_unit_test(nothing_forgotten),
-                                       cmocka_unit_test(errors_stick),  cmocka_unit_test(dropped_memory)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(gradients),         cmocka_unit_test(backends_agree),
+                                       cmocka_unit_test(bf16_agrees),       cmocka_unit_test(levels_agree),
+                                       cmocka_unit_test(threads_agree),     cmocka_unit_test(fresh_agree),
+                                       cmocka_unit_test(gradients_add),     cmocka_unit_test(fresh_twice),
+                                       cmocka_unit_test(nothing_forgotten), cmocka_unit_test(errors_stick),
+                                       cmocka_unit_test(dropped_memory)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -261,6 +261,14 @@ static size_t reach(const sherf_frame *f, size_t n, uint8_t *reached, size_t *qu
     return end;
 }
 
+/* Whether pixels beside the body touch the pixel. */
+static bool at_outline(const raster *r, int x, int y) {
+    for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < r->height; j++)
+        for (int i = x > 0 ? x - 1 : 0; i <= x + 1 && i < r->width; i++)
+            if (r->face[(size_t)j * (size_t)r->width + (size_t)i] < 0) return true;
+    return false;
+}
+
 sherf_status detail_clear_islands(context *c, const raster *drawn, const float background[3],
                                   sherf_frame *frame) {
     const size_t width = (size_t)drawn->width, count = width * (size_t)drawn->height;
@@ -268,13 +276,15 @@ sherf_status detail_clear_islands(context *c, const raster *drawn, const float b
     bool seen = false;
     uint8_t *reached = mem_zero(c, count, 1);
     size_t *queue = mem_alloc(c, count, sizeof *queue);
-    for (size_t n = 0; n < count && reached && queue; n++) {
-        const bool edge = n < width || n >= count - width || n % width == 0 || n % width == width - 1;
-        seen |= drawn->face[n] >= 0;
-        if (!(frame->opacity.data[n] > 0) || (!edge && drawn->face[n] < 0)) continue;
-        reached[n] = 1;
-        queue[end++] = n;
-    }
+    for (int y = 0; y < drawn->height && reached && queue; y++)
+        for (int x = 0; x < drawn->width; x++) {
+            const size_t n = (size_t)y * width + (size_t)x;
+            const bool edge = y == 0 || y + 1 == drawn->height || x == 0 || x + 1 == drawn->width;
+            seen |= drawn->face[n] >= 0;
+            if (!(frame->opacity.data[n] > 0) || (!edge && drawn->face[n] < 0)) continue;
+            reached[n] = 1;
+            if (edge || at_outline(drawn, x, y)) queue[end++] = n; /* all others touch only marked pixels */
+        }
     for (size_t n = 0; n < end; n++) end = reach(frame, queue[n], reached, queue, end);
     for (size_t n = 0; n < count && seen && reached && queue; n++) {
         if (reached[n] || !(frame->opacity.data[n] > 0)) continue;

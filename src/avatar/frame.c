@@ -11,26 +11,20 @@
 enum { SAMPLES_MAX = 1024 };
 static const float step_max_m = 0.012f;
 
-static float depth_max(const ray_bundle *r) {
-    float farthest = -INFINITY;
-    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++) farthest = fmaxf(farthest, r->far[i]);
-    return farthest;
-}
-
-/* The rays of a frame and their number of depths; *farthest: the largest depth in the box over all rays. */
+/* The rays of a frame and their number of depths; *extent: before the depths that are added past the box. */
 static sherf_status frame_rays(context *c, const sherf_avatar *a, const body_model *body,
                                const posed_body *posed, const sherf_camera *camera, int requested,
-                               ray_bundle **rays, int *samples, float *farthest) {
+                               ray_bundle **rays, int *samples, ray_extent *extent) {
     float min[3], max[3];
     body_world_box(body, posed, min, max);
     sherf_status status = rays_create(c, camera, min, max, rays);
     if (status != SHERF_OK) return status;
-    if (requested != SHERF_SAMPLES_MODEL) rays_repair(*rays, min, max);
-    *farthest = depth_max(*rays);
+    if (requested != SHERF_SAMPLES_MODEL) rays_repair(c, *rays, min, max);
+    *extent = rays_extent(c, *rays);
     *samples = requested > 0 ? requested : a->config.samples;
     const bool box = model_has_whole_box(&a->config); /* whose field is not empty past the box */
     if (!box && (!requested || requested == SHERF_SAMPLES_AUTO))
-        *samples = rays_even_steps(*rays, *samples, SAMPLES_MAX, step_max_m);
+        *samples = rays_even_steps(c, *rays, extent->longest_m, *samples, SAMPLES_MAX, step_max_m);
     return SHERF_OK;
 }
 
@@ -52,12 +46,12 @@ static sherf_status frame_gpu(context *c, const sherf_avatar *a, const posed_bod
 
 /* Uses the network for samples of large weight, the coarse field for the others. */
 static sherf_status frame_coarse(context *c, const sherf_avatar *a, const body_model *body,
-                                 const posed_body *posed, const ray_bundle *rays, int samples,
+                                 const posed_body *posed, const ray_bundle *rays, int samples, float pitch_m,
                                  const coarse_field *coarse, const float background[3], sherf_frame *frame) {
     coarse_points points;
     float *rgb = NULL, *sigma = NULL;
-    sherf_status status =
-        coarse_points_create(c, body, posed, rays, samples, a->sheet.body, &a->sheet.camera, coarse, &points);
+    sherf_status status = coarse_points_create(c, body, posed, rays, samples, pitch_m, a->sheet.body,
+                                               &a->sheet.camera, coarse, &points);
     if (status != SHERF_OK) goto done;
     const size_t queried = (size_t)points.queried->count;
     rgb = mem_alloc(c, queried, 3 * sizeof *rgb);
@@ -95,7 +89,7 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
     const occupancy_grid *empty = NULL;
     const coarse_field *coarse = NULL;
     ray_bundle *rays = NULL;
-    float farthest;
+    ray_extent extent;
     int samples;
     if (o->samples < SHERF_SAMPLES_MODEL || o->samples > SAMPLES_MAX)
         return failure(c, SHERF_BAD_ARGUMENT, "samples %d: must be 1 to %d, or 0 for automatic", o->samples,
@@ -105,14 +99,15 @@ sherf_status avatar_frame(context *c, const sherf_avatar *a, const body_model *b
     if (status == SHERF_OK && looks) status = avatar_occupancy(c, a, body, &empty, &coarse);
     if (status == SHERF_OK && avatar_takes_joints(a)) return frame_gpu(c, a, posed, camera, o, empty, frame);
     if (status == SHERF_OK)
-        status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &farthest);
+        status = frame_rays(c, a, body, posed, camera, o->samples, &rays, &samples, &extent);
     if (status != SHERF_OK) return status;
     /* a small picture has few more points than the field has cells */
-    if (coarse && !(rays_pitch(rays) * coarse->per_m < 1)) coarse = NULL;
-    status = coarse ? frame_coarse(c, a, body, posed, rays, samples, coarse, o->background, frame)
+    const float pitch_m = rays_pitch(rays, extent.nearest);
+    if (coarse && !(pitch_m * coarse->per_m < 1)) coarse = NULL;
+    status = coarse ? frame_coarse(c, a, body, posed, rays, samples, pitch_m, coarse, o->background, frame)
                     : frame_of_points(c, a, body, posed, rays, samples, empty, o, frame);
     for (size_t i = 0; status == SHERF_OK && i < (size_t)rays->width * (size_t)rays->height; i++)
-        frame->depth.data[i] = fminf(frame->depth.data[i], farthest);
+        if (frame->depth.data[i] > extent.farthest) frame->depth.data[i] = extent.farthest;
     rays_free(rays);
     return status;
 }

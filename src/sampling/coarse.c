@@ -7,6 +7,7 @@
 typedef struct {
     const ray_bundle *rays;
     coarse_points *p;
+    const float *rgb, *sigma; /* the model's */
     float (*moved)[4]; /* for queried samples: the model's density and colour minus the coarse field's */
 } answer_job;
 
@@ -71,18 +72,27 @@ static void move_rows(void *arg, int64_t begin, int64_t end, int thread) {
         if (j->p->all.first[n] < j->p->all.first[n + 1]) move_ray(j, n);
 }
 
-sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
-                                  coarse_points *p) {
-    answer_job job = {rays, p, mem_alloc(c, (size_t)p->queried->count + 1, sizeof *job.moved)};
-    if (!job.moved) return SHERF_NO_MEMORY;
-    for (int64_t i = 0; i < p->all.count; i++) {
+/* Takes the queried samples' results; no two samples share one. */
+static void take_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const answer_job *j = arg;
+    coarse_points *p = j->p;
+    const int64_t width = j->rays->width;
+    for (int32_t i = p->all.first[begin * width]; i < p->all.first[end * width]; i++) {
         const int32_t at = p->queried_at[i];
         if (at < 0) continue;
-        job.moved[at][0] = sigma[at] - p->sigma[i];
-        for (int k = 0; k < 3; k++) job.moved[at][k + 1] = rgb[3 * at + k] - p->rgb[3 * i + k];
-        p->sigma[i] = sigma[at];
-        memcpy(p->rgb + 3 * i, rgb + 3 * at, 3 * sizeof *rgb);
+        j->moved[at][0] = j->sigma[at] - p->sigma[i];
+        for (int k = 0; k < 3; k++) j->moved[at][k + 1] = j->rgb[3 * at + k] - p->rgb[3 * i + k];
+        p->sigma[i] = j->sigma[at];
+        memcpy(p->rgb + 3 * (size_t)i, j->rgb + 3 * (size_t)at, 3 * sizeof *j->rgb);
     }
+}
+
+sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,
+                                  coarse_points *p) {
+    answer_job job = {.rays = rays, .p = p, .rgb = rgb, .sigma = sigma};
+    job.moved = mem_alloc(c, (size_t)p->queried->count + 1, sizeof *job.moved);
+    if (!job.moved) return SHERF_NO_MEMORY;
+    parallel_for(c, rays->height, 8, take_rows, &job);
     parallel_for(c, rays->height, 8, move_rows, &job);
     mem_free(job.moved);
     return SHERF_OK;

@@ -49,11 +49,11 @@ typedef struct {
 enum { COARSE_KEPT = -1, COARSE_MOVED = -2 };
 /* As points_create; free with coarse_points_free, even after an error. A ray queries its samples of largest
  * weight, so that the others weigh little, each and together; where pixels are close, only every other one of
- * them, on a chequerboard over columns, rows and depths. */
+ * them, on a chequerboard over columns, rows and depths. pitch_m: of rays_pitch. */
 sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
-                                  const ray_bundle *rays, int samples, const posed_body *observation,
-                                  const sherf_camera *observation_camera, const coarse_field *coarse,
-                                  coarse_points *out);
+                                  const ray_bundle *rays, int samples, float pitch_m,
+                                  const posed_body *observation, const sherf_camera *observation_camera,
+                                  const coarse_field *coarse, coarse_points *out);
 /* Writes the model's results for `queried`, rgb [P, 3] and raw density [P], into `all`; samples that the
  * chequerboard skipped are corrected as their neighbours were. */
 sherf_status coarse_points_answer(context *c, const ray_bundle *rays, const float *rgb, const float *sigma,

@@ -371,15 +371,16 @@ sherf_status points_create(context *c, const body_model *body, const posed_body 
 }
 
 sherf_status coarse_points_create(context *c, const body_model *body, const posed_body *target,
-                                  const ray_bundle *rays, int samples, const posed_body *observation,
-                                  const sherf_camera *observation_camera, const coarse_field *coarse,
-                                  coarse_points *out) {
-    const bool fine = rays_pitch(rays) < sparse_m;
+                                  const ray_bundle *rays, int samples, float pitch_m,
+                                  const posed_body *observation, const sherf_camera *observation_camera,
+                                  const coarse_field *coarse, coarse_points *out) {
+    const bool fine = pitch_m < sparse_m;
     points_job job = {.body = body,
                       .target = target,
                       .observation = observation,
                       .camera = observation_camera,
                       .rays = rays,
+                      .pitch_m = pitch_m,
                       .coarse = coarse,
                       .heavy_per_m = fine ? 3 : 0.5f,
                       .sparse = fine && c->precision == SHERF_PRECISION_FP32,

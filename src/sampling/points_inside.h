@@ -28,6 +28,7 @@ typedef struct {
     const occupancy_grid *empty; /* or NULL */
     /* coarse frames only: `out` has the queried samples, `sample` the bits of all */
     const coarse_field *coarse;
+    float pitch_m; /* between pixels */
     coarse_points *answer;
     float heavy_per_m; /* samples with a larger weight per metre of their ray are queried */
     bool sparse;       /* every other sample of medium weight is queried */

@@ -70,7 +70,7 @@ static void evaluate(points_job *job, int64_t m) {
 
 /* Rays of the lattice are at most this part of a cell apart. */
 static int stride_of(const points_job *job) {
-    const float part = 0.75f, pitch = rays_pitch(job->rays) * job->coarse->per_m;
+    const float part = 0.75f, pitch = job->pitch_m * job->coarse->per_m;
     const int stride = pitch > 0 ? (int)fminf(part / pitch, 8) : 1;
     return stride > 1 ? stride : 1;
 }

@@ -250,14 +250,16 @@ static sherf_status render(context *c, const tile_source *source, const ray_bund
                        (long long)points->rays, (long long)count);
     w->rays = rays;
     w->frame = frame;
-    w->depth_min = INFINITY;
-    w->depth_max = -INFINITY;
+    float depth_min = INFINITY, depth_max = -INFINITY;
+#pragma omp parallel for reduction(min : depth_min) reduction(max : depth_max) num_threads(c->threads)
     for (int64_t i = 0; i < count; i++) {
-        float near = rays->near[i], far = rays->far[i], low = near < far ? near : far;
-        w->depth_min = low < w->depth_min ? low : w->depth_min;
-        float high = near < far ? far : near;
-        w->depth_max = high > w->depth_max ? high : w->depth_max;
+        const float near = rays->near[i], far = rays->far[i], low = near < far ? near : far;
+        const float high = near < far ? far : near;
+        depth_min = low < depth_min ? low : depth_min;
+        depth_max = high > depth_max ? high : depth_max;
     }
+    w->depth_min = depth_min;
+    w->depth_max = depth_max;
     w->pieces = (int64_t)((rays->width + BLOCK_SIDE - 1) / BLOCK_SIDE) *
                 ((rays->height + BLOCK_SIDE - 1) / BLOCK_SIDE);
     sherf_status status = frame_shape(c, rays->width, rays->height, frame);

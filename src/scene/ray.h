@@ -17,9 +17,9 @@ typedef struct {
     float K_inverse[9], R[9], T_m[3], origin[3]; /* origin: of the rays, in the world */
 } ray_optics;
 void ray_optics_of(const sherf_camera *camera, ray_optics *out);
-/* Metres between two neighbouring pixels at the box's nearest point; infinite if the box is not in the
- * picture. */
-float rays_pitch(const ray_bundle *r);
+/* Metres between two neighbouring pixels at the depth of the box's nearest point (ray_extent); infinite if
+ * the box is not in the picture. */
+float rays_pitch(const ray_bundle *r, float nearest);
 
 /* Depths of the two crossings of origin + t * direction with the box's faces; false unless exactly two. */
 HOST_AND_DEVICE static inline bool cross_box(const float origin[3], const float direction[3],
@@ -60,11 +60,12 @@ HOST_AND_DEVICE static inline bool cross_slabs(const float origin[3], const floa
             continue;
         }
         const float a = (min[k] - origin[k]) / direction[k], b = (max[k] - origin[k]) / direction[k];
-        first = fmaxf(first, fminf(a, b));
-        last = fminf(last, fmaxf(a, b));
+        const float low = a < b ? a : b, high = a < b ? b : a; /* fminf and fmaxf are calls */
+        first = low > first ? low : first;
+        last = high < last ? high : last;
     }
     if (!(last > first && last > 0 && last < INFINITY)) return false;
-    *near = fmaxf(first, 0);
+    *near = first > 0 ? first : 0;
     *far = last;
     return true;
 }

@@ -195,27 +195,53 @@ static float length3(const float v[3]) {
     return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[3]) {
+typedef struct {
+    ray_bundle *r;
     float min[3], max[3];
-    for (int k = 0; k < 3; k++) min[k] = min_world[k] - BOX_SPARE_M, max[k] = max_world[k] + BOX_SPARE_M;
-    for (size_t i = 0; i < (size_t)r->width * (size_t)r->height; i++)
-        if (cross_slabs(r->origin_world, r->direction + 3 * i, min, max, r->near + i, r->far + i))
+} repair_job;
+
+static void repair_rows(void *arg, int64_t begin, int64_t end, int thread) {
+    const repair_job *j = arg;
+    const ray_bundle *r = j->r;
+    for (int64_t i = begin * r->width; i < end * r->width; i++)
+        if (cross_slabs(r->origin_world, r->direction + 3 * i, j->min, j->max, r->near + i, r->far + i))
             r->at_box[i] = 1;
 }
 
-int rays_even_steps(ray_bundle *r, int samples, int max, float step_m) {
-    const size_t n = (size_t)r->width * (size_t)r->height;
-    float longest = 0;
-    for (size_t i = 0; i < n; i++)
-        if (r->at_box[i]) longest = fmaxf(longest, (r->far[i] - r->near[i]) * length3(r->direction + 3 * i));
-    if (samples < 2 || !(longest > step_m * (float)(samples - 1))) return samples;
-    const float needed = ceilf(longest / step_m) + 1;
+void rays_repair(const context *c, ray_bundle *r, const float min_world[3], const float max_world[3]) {
+    repair_job job = {.r = r};
+    for (int k = 0; k < 3; k++)
+        job.min[k] = min_world[k] - BOX_SPARE_M, job.max[k] = max_world[k] + BOX_SPARE_M;
+    parallel_for(c, r->height, 8, repair_rows, &job);
+}
+
+ray_extent rays_extent(const context *c, const ray_bundle *r) {
+    const int64_t count = (int64_t)r->width * r->height;
+    float nearest = INFINITY, farthest = -INFINITY, longest = 0;
+#pragma omp parallel for reduction(min : nearest) reduction(max : farthest, longest) num_threads(c->threads)
+    for (int64_t i = 0; i < count; i++) {
+        const float near = r->near[i], far = r->far[i];
+        farthest = far > farthest ? far : farthest;
+        if (!r->at_box[i]) continue;
+        const float way = (far - near) * length3(r->direction + 3 * i);
+        nearest = near < nearest ? near : nearest;
+        longest = way > longest ? way : longest;
+    }
+    return (ray_extent){nearest, farthest, longest};
+}
+
+int rays_even_steps(const context *c, ray_bundle *r, float longest_m, int samples, int max, float step_m) {
+    if (samples < 2 || !(longest_m > step_m * (float)(samples - 1))) return samples;
+    const float needed = ceilf(longest_m / step_m) + 1;
     const int count = needed < (float)max ? (int)needed : max > samples ? max : samples;
-    const float step = fmaxf(step_m, longest / (float)(count - 1));
-    for (size_t i = 0; i < n; i++) {
+    const float step = fmaxf(step_m, longest_m / (float)(count - 1));
+    const int64_t rays = (int64_t)r->width * r->height;
+#pragma omp parallel for num_threads(c->threads)
+    for (int64_t i = 0; i < rays; i++) {
         const float own = (r->far[i] - r->near[i]) / (float)(samples - 1);
-        if (r->at_box[i])
-            r->far[i] = r->near[i] + fminf(own, step / length3(r->direction + 3 * i)) * (float)(count - 1);
+        if (!r->at_box[i]) continue;
+        const float even = step / length3(r->direction + 3 * i);
+        r->far[i] = r->near[i] + (own < even ? own : even) * (float)(count - 1);
     }
     return count;
 }
@@ -229,13 +255,11 @@ void rays_free(ray_bundle *r) {
     mem_free(r);
 }
 
-float rays_pitch(const ray_bundle *r) {
-    float apart = 0, near = INFINITY;
+float rays_pitch(const ray_bundle *r, float nearest) {
+    float apart = 0;
     for (int k = 0; k < 3 && r->width > 1; k++) {
         const float d = r->direction[3 + k] - r->direction[k];
         apart += d * d;
     }
-    for (size_t n = 0; n < (size_t)r->width * (size_t)r->height; n++)
-        if (r->at_box[n]) near = fminf(near, r->near[n]);
-    return r->width > 1 && near < INFINITY ? sqrtf(apart) * near : INFINITY;
+    return r->width > 1 && nearest < INFINITY ? sqrtf(apart) * nearest : INFINITY;
 }

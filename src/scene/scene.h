@@ -51,12 +51,18 @@ void rays_free(ray_bundle *r);
 /* rays_create takes rays that cross exactly two faces, as the paper's code does. Sometimes rounding loses a
  * crossing or counts one twice, which leaves a black pixel. This function gives such rays their two depths:
  * for frames to look at, not for scores. */
-void rays_repair(ray_bundle *r, const float min_world[3], const float max_world[3]);
+void rays_repair(const context *c, ray_bundle *r, const float min_world[3], const float max_world[3]);
+typedef struct {
+    float nearest;   /* the smallest depth at which a ray meets the box; infinite if none does */
+    float farthest;  /* the largest depth of all rays */
+    float longest_m; /* the longest way through the box */
+} ray_extent;
+ray_extent rays_extent(const context *c, const ray_bundle *r);
 /* Makes the steps between a ray's depths at most step_m metres, unless that takes more than `max` depths.
  * Returns the new number of depths of every ray, at least `samples`. A short ray keeps the length of its
  * steps, a long one gets steps of step_m. `far` moves: a ray's added depths may be past the box, where it is
- * empty. Nothing changes if no ray is too long. */
-int rays_even_steps(ray_bundle *r, int samples, int max, float step_m);
+ * empty. Nothing changes if no ray is too long. longest_m: of rays_extent. */
+int rays_even_steps(const context *c, ray_bundle *r, float longest_m, int samples, int max, float step_m);
 /* min/max of the posed vertices -/+ BODY_SHELL_M. */
 void body_world_box(const body_model *body, const posed_body *p, float min_world[3], float max_world[3]);
 

@@ -76,8 +76,9 @@ static void frame_without_empty(const scene *s, sherf_frame *frame) {
     assert_ok(s->c, avatar_pose(s->c, s->avatar, s->body, sherf_observation_pose(s->observation), &posed));
     body_world_box(s->body, posed, min, max);
     assert_ok(s->c, rays_create(s->c, camera, min, max, &rays));
-    rays_repair(rays, min, max);
-    const int samples = rays_even_steps(rays, s->avatar->config.samples, 1024, 0.012f);
+    rays_repair(s->c, rays, min, max);
+    const float longest_m = rays_extent(s->c, rays).longest_m;
+    const int samples = rays_even_steps(s->c, rays, longest_m, s->avatar->config.samples, 1024, 0.012f);
     assert_ok(s->c, points_create(s->c, s->body, posed, rays, samples, s->avatar->sheet.body,
                                   &s->avatar->sheet.camera, &s->avatar->occupancy->cells, false, &points));
     assert_ok(s->c, avatar_composite(s->c, s->avatar, s->body, rays, points, black, false, frame));

@@ -34,9 +34,10 @@ static void steps_are_short(void **state) {
     assert_ok(s.c, avatar_pose(s.c, s.avatar, s.body, rest(), &posed));
     body_world_box(s.body, posed, min, max);
     assert_ok(s.c, rays_create(s.c, &side, min, max, &plain));
+    const float longest_m = rays_extent(s.c, plain).longest_m;
     for (int samples_max = 60; samples_max <= 1024; samples_max += 964) {
         assert_ok(s.c, rays_create(s.c, &side, min, max, &even));
-        const int count = rays_even_steps(even, 48, samples_max, 0.012f);
+        const int count = rays_even_steps(s.c, even, longest_m, 48, samples_max, 0.012f);
         const double bound = samples_max == 60 ? 0.05 : 0.012;
         assert_true(count > 48 && count <= samples_max);
         int own = 0, cut = 0;
@@ -57,7 +58,7 @@ static void steps_are_short(void **state) {
         rays_free(even);
     }
     assert_ok(s.c, rays_create(s.c, &side, min, max, &even));
-    assert_int_equal(rays_even_steps(even, 48, 1024, 0.1f), 48); /* already short enough */
+    assert_int_equal(rays_even_steps(s.c, even, longest_m, 48, 1024, 0.1f), 48); /* already short enough */
     assert_memory_equal(even->far, plain->far, 40 * 40 * sizeof(float));
     rays_free(even);
     rays_free(plain);

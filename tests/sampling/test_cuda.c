@@ -123,8 +123,9 @@ static void check_points(scene *s, gpu_avatar *a, float angle_rad, float blend_m
     camera_at(1.1f + angle_rad, 52, 44, &camera);
     body_world_box(s->body, whole, min, max);
     assert_ok(c, rays_create(c, &camera, min, max, &rays));
-    if (step_m > 0) rays_repair(rays, min, max);
-    const int even = step_m > 0 ? rays_even_steps(rays, samples, 100, step_m) : samples;
+    if (step_m > 0) rays_repair(c, rays, min, max);
+    const float longest_m = rays_extent(c, rays).longest_m;
+    const int even = step_m > 0 ? rays_even_steps(c, rays, longest_m, samples, 100, step_m) : samples;
     assert_true((even > samples) == (step_m > 0));
     assert_ok(c, points_create(c, s->body, whole, rays, even, s->seen, &s->seen_by, &cells, true, &want));
     gpu_frame_options o = {.samples = samples,

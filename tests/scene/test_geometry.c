@@ -152,7 +152,7 @@ static void repaired_rays_have_no_holes(void **state) {
                            &k);
         assert_ok(c, rays_create(c, &k, min, max, &r));
         assert_ok(c, rays_create(c, &k, min, max, &whole));
-        rays_repair(whole, min, max);
+        rays_repair(c, whole, min, max);
         before += rows_with_holes(r);
         after += rows_with_holes(whole);
         for (size_t n = 0; n < (size_t)768 * 768; n++) {

@@ -85,6 +85,7 @@ static void surfaces_add(cJSON *json, const sherf_surface_scores *f) {
     cJSON_AddNumberToObject(o, "to_truth_cm", f->to_truth_cm);
     cJSON_AddNumberToObject(o, "from_truth_cm", f->from_truth_cm);
     cJSON_AddNumberToObject(o, "normal_deg", f->normal_deg);
+    cJSON_AddNumberToObject(o, "overlap", f->overlap);
 }
 
 static void estimates_add(cJSON *json, const sherf_estimate_scores *e) {

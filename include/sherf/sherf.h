@@ -736,6 +736,7 @@ typedef struct {
     int count, missed; /* observations; those that gave no surface */
     /* means; the first is the mean of the next two */
     double chamfer_cm, to_truth_cm, from_truth_cm, normal_deg;
+    double overlap; /* of the insides, intersection over union */
 } sherf_surface_scores;
 typedef struct {
     sherf_score novel_view, novel_pose;

@@ -533,8 +533,8 @@ static char *whole_table(const evaluation *e) {
 static sherf_surface_scores surface_means(const surface_list *l) {
     int64_t count;
     const surface_scores s = surface_list_mean(l, -1, &count);
-    return (sherf_surface_scores){(int)count,         (int)l->missed,       100 * s.chamfer_m,
-                                  100 * s.to_truth_m, 100 * s.from_truth_m, s.normal_deg};
+    return (sherf_surface_scores){(int)count,           (int)l->missed, 100 * s.chamfer_m, 100 * s.to_truth_m,
+                                  100 * s.from_truth_m, s.normal_deg,   s.overlap};
 }
 
 sherf_status eval_run(context *c, const sherf_eval_options *options, const eval_estimator *estimator,

@@ -299,7 +299,7 @@ static bool add_surface(cJSON *to, const surface_scores *s) {
     return add_number(to, "chamfer_cm", 100 * s->chamfer_m) &&
            add_number(to, "to_truth_cm", 100 * s->to_truth_m) &&
            add_number(to, "from_truth_cm", 100 * s->from_truth_m) &&
-           add_number(to, "normal_deg", s->normal_deg);
+           add_number(to, "normal_deg", s->normal_deg) && add_number(to, "overlap", s->overlap);
 }
 
 /* Of every observation, and their mean. */

@@ -49,11 +49,14 @@ static sherf_status surface_of(context *c, const sherf_avatar *a, const body_mod
 
 static sherf_status compare(context *c, const sherf_dataset *d, const solid_mesh *found, surface_entry *e) {
     surface_truth t;
-    sherf_status status = surface_truth_load(c, d, e->person, e->observation.pose, TRUTH_MESH, &t);
+    sherf_status status =
+        surface_truth_load(c, d, e->person, e->observation.pose, TRUTH_MESH | TRUTH_SAMPLES, &t);
     if (status != SHERF_OK) return status;
     const solid_mesh truth = {t.vertices, t.triangles, t.vertex, t.triangle};
     const uint64_t key = random_key((uint64_t)e->person, "eval.surface", (uint64_t)e->observation.pose);
     status = surfaces_compare(c, PLACES, key, cell_m, 1, found, 1, &truth, &e->scores);
+    if (status == SHERF_OK)
+        status = surfaces_overlap(c, cell_m, 1, found, t.points, t.point, t.inside, &e->scores.overlap);
     surface_truth_free(&t);
     return status;
 }
@@ -113,10 +116,12 @@ surface_scores surface_list_mean(const surface_list *l, int person, int64_t *cou
         s.from_truth_m += one->from_truth_m;
         s.chamfer_m += one->chamfer_m;
         s.normal_deg += one->normal_deg;
+        s.overlap += one->overlap;
         ++*count;
     }
     const double n = *count ? (double)*count : NAN;
-    return (surface_scores){s.to_truth_m / n, s.from_truth_m / n, s.chamfer_m / n, s.normal_deg / n};
+    return (surface_scores){s.to_truth_m / n, s.from_truth_m / n, s.chamfer_m / n, s.normal_deg / n,
+                            s.overlap / n};
 }
 
 char *surface_list_text(context *c, const surface_list *l) {
@@ -126,7 +131,7 @@ char *surface_list_text(context *c, const surface_list *l) {
     return mem_format(
         c,
         "surfaces of %lld observations: Chamfer %.2f cm (to the truth %.2f, from it %.2f), normals "
-        "%.1f degrees; nothing came out of %lld\n",
-        (long long)n, 100 * s.chamfer_m, 100 * s.to_truth_m, 100 * s.from_truth_m, s.normal_deg,
+        "%.1f degrees, insides overlap by %.3f; nothing came out of %lld\n",
+        (long long)n, 100 * s.chamfer_m, 100 * s.to_truth_m, 100 * s.from_truth_m, s.normal_deg, s.overlap,
         (long long)l->missed);
 }

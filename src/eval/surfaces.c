@@ -161,11 +161,30 @@ sherf_status surfaces_compare(context *c, int64_t places, uint64_t key, float ce
     for (int i = 0; i < 2 && status == SHERF_OK; i++)
         measure(&t[1 - i], found[i], place[i], &distance[i], &angle[i]);
     if (status == SHERF_OK)
-        *out = (surface_scores){distance[0], distance[1], (distance[0] + distance[1]) / 2,
-                                (angle[0] + angle[1]) / 2};
+        *out = (surface_scores){.to_truth_m = distance[0],
+                                .from_truth_m = distance[1],
+                                .chamfer_m = (distance[0] + distance[1]) / 2,
+                                .normal_deg = (angle[0] + angle[1]) / 2};
     for (int i = 0; i < 2; i++) {
         tree_free(&t[i]);
         mem_free(place[i]);
     }
     return status;
+}
+
+sherf_status surfaces_overlap(context *c, float cell_m, int meshes, const solid_mesh *prediction,
+                              int64_t points, const float *point, const uint8_t *inside, double *out) {
+    solid_grid g;
+    int64_t both = 0, either = 0;
+    *out = 0;
+    const sherf_status status = solid_grid_create(c, meshes, prediction, cell_m, 0, &g);
+    if (status != SHERF_OK) return status;
+    for (int64_t i = 0; i < points; i++) {
+        const bool predicted = solid_contains(&g, point + 3 * i);
+        both += predicted && inside[i];
+        either += predicted || inside[i];
+    }
+    solid_grid_free(&g);
+    *out = either ? (double)both / (double)either : 1;
+    return SHERF_OK;
 }

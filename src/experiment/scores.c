@@ -12,7 +12,8 @@ const score_metric score_metrics[METRICS] = {{"psnr", "PSNR", 2, 1},
                                              {"chamfer_cm", "Chamfer (cm)", 2, -1},
                                              {"to_truth_cm", "to the truth (cm)", 2, -1},
                                              {"from_truth_cm", "from it (cm)", 2, -1},
-                                             {"normal_deg", "normals (degrees)", 1, -1}};
+                                             {"normal_deg", "normals (degrees)", 1, -1},
+                                             {"overlap", "IoU", 3, 1}};
 static const char *const part_key[] = {"novel_view", "novel_pose"};
 
 void scores_free(scores *s) {

@@ -17,6 +17,7 @@ enum {
     METRIC_TO_TRUTH,
     METRIC_FROM_TRUTH,
     METRIC_NORMAL,
+    METRIC_OVERLAP,
     METRICS
 };
 typedef struct {

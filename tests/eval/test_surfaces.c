@@ -40,6 +40,30 @@ static void half_a_ball(void **state) {
     sherf_context_free(c);
 }
 
+/* The truth is a ball; so are predictions: the same one, one of half the radius, and one beside it. */
+static void insides_overlap(void **state) {
+    enum { POINTS = 20000 };
+    static ball b;
+    static float point[3 * POINTS];
+    static uint8_t inside[POINTS];
+    context *c = test_context();
+    double same, half, apart;
+    for (uint64_t i = 0; i < POINTS; i++) {
+        float *p = point + 3 * i;
+        for (uint64_t k = 0; k < 3; k++) p[k] = (float)(0.6 * random_uniform(7, 3 * i + k) - 0.3);
+        inside[i] = p[0] * p[0] + p[1] * p[1] + p[2] * p[2] < 0.04f;
+    }
+    ball_make(&b, (float[]){0, 0, 0}, 0.2f, 0, RINGS);
+    assert_ok(c, surfaces_overlap(c, 0.004f, 1, &b.mesh, POINTS, point, inside, &same));
+    ball_make(&b, (float[]){0, 0, 0}, 0.1f, 0, RINGS);
+    assert_ok(c, surfaces_overlap(c, 0.004f, 1, &b.mesh, POINTS, point, inside, &half));
+    ball_make(&b, (float[]){0.5f, 0, 0}, 0.2f, 0, RINGS);
+    assert_ok(c, surfaces_overlap(c, 0.004f, 1, &b.mesh, POINTS, point, inside, &apart));
+    assert_true(same > 0.97 && fabs(half - 0.125) < 0.015 && apart == 0);
+    sherf_context_free(c);
+    assert_int_equal(mem_live(), 0);
+}
+
 /* The exact distance for every kind of place: above the face, at an edge, at a corner. */
 static void places_by_a_triangle(void **state) {
     static ball tiny;
@@ -133,7 +157,8 @@ static void avatars_and_the_data_sets_surface(void **state) {
     assert_ok(c, surface_list_measure(c, &l, d, NULL, &without, 1, seen));
     assert_int_equal(l.count + l.missed, 0);
     assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
-    assert_true(l.count == 1 && l.entry[0].scores.chamfer_m < 1e-6);
+    assert_true(l.count == 1 && l.entry[0].scores.chamfer_m < 1e-6 &&
+                l.entry[0].scores.overlap < 0.01); /* tubes are open */
     for (int64_t i = 0; i < t.vertices; i++) t.vertex[3 * i] += 0.01f;
     assert_ok(c, surface_list_measure(c, &l, d, NULL, &with, 1, seen));
     const surface_scores *s = &l.entry[1].scores;
@@ -159,7 +184,9 @@ static void avatars_and_the_data_sets_surface(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(avatars_and_the_data_sets_surface),
-                                       cmocka_unit_test(a_ball_in_a_ball), cmocka_unit_test(half_a_ball),
+                                       cmocka_unit_test(a_ball_in_a_ball),
+                                       cmocka_unit_test(half_a_ball),
+                                       cmocka_unit_test(insides_overlap),
                                        cmocka_unit_test(places_by_a_triangle),
                                        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -105,12 +105,13 @@ static void surfaces_of_a_file(void **state) {
         "{\"images\": [], \"people\": [{\"person\": \"a\"}, {\"person\": \"b\"}, {\"person\": \"c\"}], "
         "\"surfaces\": {\"missed\": 2, \"each\": ["
         "{\"person\": \"a\", \"chamfer_cm\": 1, \"to_truth_cm\": 0.5, \"from_truth_cm\": 1.5, "
-        "\"normal_deg\": 20}, "
+        "\"normal_deg\": 20, \"overlap\": 0.5}, "
         "{\"person\": \"b\", \"chamfer_cm\": 8, \"to_truth_cm\": 9, \"from_truth_cm\": 7, \"normal_deg\": "
-        "50}, "
+        "50, \"overlap\": 0}, "
         "{\"person\": \"a\", \"chamfer_cm\": 3, \"to_truth_cm\": 2.5, \"from_truth_cm\": 3.5, "
-        "\"normal_deg\": 26}]}}";
-    static const double mean[] = {4, 4, 4, 32}, low[] = {2, 1.5, 2.5, 23}, high[] = {8, 9, 7, 50};
+        "\"normal_deg\": 26, \"overlap\": 1}]}}";
+    static const double mean[] = {4, 4, 4, 32, 0.5}, low[] = {2, 1.5, 2.5, 23, 0},
+                        high[] = {8, 9, 7, 50, 0.75};
     context *c = *state;
     const char *path = test_path("surfaces.json");
     char damaged[sizeof text];

@@ -242,14 +242,14 @@ static void the_others(void **state) {
 /* A method's row has the surface distances of its scoring, in which some observations gave a surface. */
 static void assert_surfaces(context *c, const document *results, const char *folder, int row,
                             const char *method) {
-    static const char *const key[] = {"chamfer_cm", "to_truth_cm", "from_truth_cm", "normal_deg"};
+    static const char *const key[] = {"chamfer_cm", "to_truth_cm", "from_truth_cm", "normal_deg", "overlap"};
     char name[200];
     snprintf(name, sizeof name, "runs/thuman/%s-1/scores/surface/scores.json", method);
     document *scored = json_of(c, folder, name);
     const value *all = value_get(scored->root, "surfaces"), *mean = value_get(all, "mean");
     assert_true(value_get(all, "count")->integer > 0);
-    for (int k = 0; k < 4; k++)
-        assert_true(fabs(mean_of(results, 0, row, 2 + k) - value_get(mean, key[k])->real) < 1e-9);
+    for (size_t k = 0; k < COUNT_OF(key); k++)
+        assert_true(fabs(mean_of(results, 0, row, 2 + (int)k) - value_get(mean, key[k])->real) < 1e-9);
     document_free(scored);
 }
 

@@ -73,7 +73,8 @@ static sherf_status evaluation_open(evaluation *e) {
     if ((status = sherf_model_load(c, o->model, &e->model)) != SHERF_OK) return status;
     if (o->lpips && (status = lpips_load(c, o->lpips, &e->lpips)) != SHERF_OK) return status;
     if (o->perceptual && (status = resnet50_load(c, o->perceptual, &e->resnet50)) != SHERF_OK) return status;
-    if (!o->lpips) log_line(c, SHERF_LOG_INFO, "LPIPS is not computed: no VGG16 weights were given");
+    if (!o->lpips)
+        log_line(c, SHERF_LOG_INFO, "LPIPS is not computed: no VGG16 weights were given (--lpips)");
     if (!(e->tape = tape_create(c, (tape_options){.backend = backend_of(c)}))) return SHERF_NO_MEMORY;
     status = lpips_place(c, e->lpips, tape_backend(e->tape)->memory);
     if (status == SHERF_OK) status = resnet50_place(c, e->resnet50, tape_backend(e->tape)->memory);
@@ -84,6 +85,7 @@ static sherf_status evaluation_open(evaluation *e) {
     e->report.plain_mean = selection_is_random(o->observations);
     status = dataset_people(c, e->data, o->people, false, &e->people, &e->people_count);
     if (status != SHERF_OK) return status;
+    dataset_body_warn(c, e->data, e->body, o->body, e->people, e->people_count);
     int64_t observations = 0;
     const bool one_pose = e->model->config.kind->one_pose;
     if (one_pose)

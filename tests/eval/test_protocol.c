@@ -295,6 +295,27 @@ static void the_protocol_as_far_as_it_goes(void **state) {
     sherf_context_free(c);
 }
 
+static void keep_warning(void *user, sherf_log_level level, const char *text) {
+    if (level == SHERF_LOG_WARNING) snprintf(user, 1000, "%s", text);
+}
+
+/* Scores with another body than the data's would say little. */
+static void another_body_is_named(void **state) {
+    static char line[1000];
+    context *c = test_context();
+    sherf_eval_options o = one_person("0", "0");
+    sherf_scores s;
+    c->log = keep_warning, c->user = line;
+    for (int other = 0; other < 2; other++) {
+        if (other) o.body = "../assets/body.safetensors";
+        *line = 0;
+        assert_ok(c, sherf_eval(c, &o, &s));
+        if (other ? !strstr(line, "has 6890: the poses are another body's") : *line) fail_msg("\"%s\"", line);
+        sherf_free(s.table);
+    }
+    sherf_context_free(c);
+}
+
 static void mistakes_are_one_line(void **state) {
     context *c = test_context();
     const sherf_eval_options good = one_person("0", "0");
@@ -399,6 +420,7 @@ int main(void) {
                                        cmocka_unit_test(batch_statistics_are_the_pictures),
                                        cmocka_unit_test(scores_as_released),
                                        cmocka_unit_test(the_protocol_as_far_as_it_goes),
+                                       cmocka_unit_test(another_body_is_named),
                                        cmocka_unit_test(mistakes_are_one_line)};
     return cmocka_run_group_tests(tests, make_data, NULL);
 }

@@ -20,7 +20,8 @@ sherf_status surfaces_compare(context *c, int64_t places, uint64_t key, float ce
                               surface_scores *out);
 
 /* Intersection over union of the prediction's inside and the truth's, counted over points [P, 3] that are
- * known to be inside the truth (1) or outside (0). cell_m: as above. */
+ * known to be inside the truth (1) or outside (0). The prediction is closed: an open shell has no inside.
+ * cell_m: as above. */
 sherf_status surfaces_overlap(context *c, float cell_m, int meshes, const solid_mesh *prediction,
                               int64_t points, const float *point, const uint8_t *inside, double *out);
 

@@ -171,6 +171,8 @@ static void say_clip(const char *video, int person, const sherf_clip_facts *f) {
         cJSON_AddNumberToObject(json, "repaired", f->repaired);
         cJSON_AddNumberToObject(json, "left_out", f->left_out);
         cJSON_AddNumberToObject(json, "poor", f->poor);
+        cJSON_AddNumberToObject(json, "cuts", f->cuts);
+        cJSON_AddNumberToObject(json, "start_s", f->start_s);
         cJSON_AddNumberToObject(json, "focal_px", f->focal_px);
         cJSON_AddNumberToObject(json, "landmarks_off", f->landmarks);
         cJSON_AddNumberToObject(json, "seconds", f->seconds[0] + f->seconds[1] + f->seconds[2]);
@@ -181,6 +183,11 @@ static void say_clip(const char *video, int person, const sherf_clip_facts *f) {
         session_remark(
             "%s: %d people where anybody is seen first, number %d%s followed (--person N takes another)",
             video, f->people, person, person == 1 ? ", the largest," : "");
+    if (f->cuts)
+        session_remark(
+            "%s: %d cut%s; the motion is of the shot that shows the person longest, %.1f to %.1f s "
+            "(to use another shot, make a video of it alone)",
+            video, f->cuts, f->cuts == 1 ? "" : "s", f->start_s, f->start_s + f->frames / f->fps);
     session_remark(
         "%s: %d frame%s at %.4g a second; %d without the person are filled in, %d lie badly, %d before "
         "and after are left out; landmarks are %.1f %% of the height off",

@@ -240,8 +240,10 @@ typedef struct {
     int filled;                 /* frames of the motion in which the person was not found */
     int filled_longest;         /* the longest run of such frames */
     int repaired;               /* frames turned round because the networks took front for back */
-    int left_out;               /* frames of the video before and after those that show the person */
+    int left_out;               /* frames of the video before and after those of the motion */
     int poor;                   /* frames in which the body fits the person badly */
+    int cuts;                   /* of the video; the motion is of the shot that shows the person longest */
+    double start_s;             /* of the motion's first frame in the video */
     double focal_px;            /* of the upright video */
     double pitch_rad, roll_rad; /* how far the camera looks down; how far it is rolled clockwise */
     /* mean distance from the body to the landmarks, as a share of its height in the picture */
@@ -251,9 +253,10 @@ typedef struct {
 } sherf_clip_facts;
 /* A video of one person, taken by a camera that does not move, to a smoothed motion: an npz as
  * sherf_motion_save writes it, with the person's shape. Its world has y up, the floor at 0, the first frame's
- * pelvis above the origin and the camera on the side of +z (in the file: z up, -y). networks:
- * blazepose.safetensors. MP4, MOV, WebM, MKV, AVI, GIF and more; at most 36000 frames. Nobody there:
- * SHERF_BAD_FILE. options and facts may be NULL. */
+ * pelvis above the origin and the camera on the side of +z (in the file: z up, -y). Of a video with cuts,
+ * only the shot that shows the person in most frames is used. networks: blazepose.safetensors. MP4, MOV,
+ * WebM, MKV, AVI, GIF and more; at most 36000 frames. Nobody there: SHERF_BAD_FILE. options and facts may be
+ * NULL. */
 SHERF_API sherf_status sherf_estimate_clip(sherf_context *c, const char *networks, const sherf_body *body,
                                            const char *video, const sherf_clip_options *options,
                                            const char *output, sherf_clip_facts *facts);

@@ -67,9 +67,9 @@ class ClipFactsStruct(Structure):
     """The C struct sherf_clip_facts."""
 
     _fields_ = [("frames", c_int), ("fps", c_double), ("people", c_int), ("filled", c_int), ("filled_longest", c_int),
-                ("repaired", c_int), ("left_out", c_int), ("poor", c_int), ("focal_px", c_double),
-                ("pitch_rad", c_double), ("roll_rad", c_double), ("landmarks", c_double), ("shapes", c_float * 10),
-                ("seconds", c_double * 3)]
+                ("repaired", c_int), ("left_out", c_int), ("poor", c_int), ("cuts", c_int), ("start_s", c_double),
+                ("focal_px", c_double), ("pitch_rad", c_double), ("roll_rad", c_double), ("landmarks", c_double),
+                ("shapes", c_float * 10), ("seconds", c_double * 3)]
 
 
 class RenderOptions(Structure):

@@ -290,8 +290,10 @@ class ClipFacts(NamedTuple):
     filled: int  # frames in which the person was not found
     filled_longest: int  # the longest run of such frames
     repaired: int  # frames turned round because the networks took front for back
-    left_out: int  # frames of the video before and after those that show the person
+    left_out: int  # frames of the video before and after those of the motion
     poor: int  # frames in which the body fits the person badly
+    cuts: int  # cuts of the video; the motion is of the shot that shows the person longest
+    start_s: float  # of the motion's first frame in the video
     focal_px: float
     pitch_rad: float  # how far the camera looks down
     roll_rad: float  # how far the camera is rolled clockwise

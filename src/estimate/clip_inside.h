@@ -4,6 +4,7 @@
 
 #include "estimate/clip.h"
 #include "estimate/fit.h"
+#include "io/video_read.h"
 
 /* A photo_person takes 260 KB; of a frame 17 KB are kept. */
 enum { CLIP_MASK_SIDE = PERSON_MASK_SIDE / 2 };
@@ -17,10 +18,17 @@ typedef struct {
     body_fit_result fit;
 } clip_frame;
 
+/* A picture's mean colours, to find cuts by. */
+enum { CLIP_CELLS = 16 };
+typedef struct {
+    uint8_t rgb[CLIP_CELLS * CLIP_CELLS][3];
+} clip_thumbnail;
+
 typedef struct {
     clip_frame **frame; /* NULL: the person was not seen, or the video's picture is the one before */
     int count, room;
-    bool *repeated;    /* the picture was the one before */
+    bool *repeated; /* the picture was the one before */
+    clip_thumbnail *thumbnail;
     int width, height; /* of the pictures that the networks saw */
     int people;        /* in the first frame that shows anybody */
     double fps, scale; /* pixels of the full video per pixel of those pictures */
@@ -30,6 +38,13 @@ void clip_track_free(clip_track *t);
 sherf_status clip_look(context *c, const pose_networks *n, const char *path, const sherf_clip_options *o,
                        clip_track *t);
 void clip_frame_person(const clip_frame *f, photo_person *out);
+
+void clip_thumbnail_make(const image_u8 *picture, clip_thumbnail *out);
+/* Whether another shot begins with frame n, as far as thumbnails before frame `end` tell (clip_cuts.c). */
+bool clip_cut_at(const clip_track *t, int n, int end);
+/* Keeps of a video with cuts the shot that shows the person in most frames. first: its first frame. Flashes
+ * are not cuts. */
+void clip_keep_shot(clip_track *t, int *first, int *cuts);
 /* Where the networks took front for back for less than about a second, exchanges left and right again;
  * returns the number of such frames. */
 sherf_status clip_repair(context *c, clip_track *t, int *repaired);

@@ -5,7 +5,6 @@
 
 #include "estimate/clip_inside.h"
 #include "estimate/landmarks.h"
-#include "io/video_read.h"
 
 /* While nobody is seen, the detector runs this often; it takes as long as tracking ten frames. */
 static const double search_s = 0.2;
@@ -14,6 +13,7 @@ void clip_track_free(clip_track *t) {
     for (int i = 0; i < t->count; i++) mem_free(t->frame[i]);
     mem_free(t->frame);
     mem_free(t->repeated);
+    mem_free(t->thumbnail);
     *t = (clip_track){0};
 }
 
@@ -56,7 +56,8 @@ void clip_frame_person(const clip_frame *f, photo_person *out) {
         }
 }
 
-static sherf_status add(context *c, clip_track *t, const photo_person *person, bool repeated) {
+/* Room for another frame, and its thumbnail. */
+static sherf_status make_room(context *c, clip_track *t, const image_u8 *picture, bool repeated) {
     if (t->count == t->room) {
         const int room = t->room ? 2 * t->room : 256;
         clip_frame **frame = mem_grow(c, t->frame, (size_t)t->count, (size_t)room, sizeof *frame);
@@ -65,8 +66,19 @@ static sherf_status add(context *c, clip_track *t, const photo_person *person, b
         bool *flags = mem_grow(c, t->repeated, (size_t)t->count, (size_t)room, sizeof *flags);
         if (!flags) return SHERF_NO_MEMORY;
         t->repeated = flags;
+        clip_thumbnail *small = mem_grow(c, t->thumbnail, (size_t)t->count, (size_t)room, sizeof *small);
+        if (!small) return SHERF_NO_MEMORY;
+        t->thumbnail = small;
         t->room = room;
     }
+    if (repeated && t->count)
+        t->thumbnail[t->count] = t->thumbnail[t->count - 1];
+    else
+        clip_thumbnail_make(picture, &t->thumbnail[t->count]);
+    return SHERF_OK;
+}
+
+static sherf_status add(context *c, clip_track *t, const photo_person *person, bool repeated) {
     clip_frame *f = NULL;
     if (person) {
         if (!(f = mem_alloc(c, 1, sizeof *f))) return SHERF_NO_MEMORY;
@@ -86,6 +98,7 @@ typedef struct {
     sherf_image image;
     photo_person person; /* as last seen */
     bool known, there;   /* has been seen at all; was seen in the frame before */
+    bool cut;            /* since the person was last seen */
     int search_at;       /* the next frame in which the detector may run */
 } follower;
 
@@ -107,13 +120,15 @@ static sherf_status search(context *c, follower *f, clip_track *t) {
         t->people = count;
         best = f->wanted < count ? f->wanted : -1;
     } else {
-        double min = 1.5; /* a detection further away is another person */
+        /* A detection further away is another person. After a cut so is everybody, except after a flash. */
+        double min = f->cut ? 0.3 : 1.5;
         for (int i = 0; i < count; i++) {
             const double d = apart(&people[i], &f->person);
             if (d < min) min = d, best = i;
         }
+        if (best < 0 && f->cut) best = f->wanted < count ? f->wanted : 0;
     }
-    if (best >= 0) f->person = people[best];
+    if (best >= 0) f->person = people[best], f->cut = false;
     f->there = best >= 0;
     mem_free(people);
     if (!f->known && best < 0)
@@ -127,6 +142,11 @@ static sherf_status look_at(context *c, follower *f, clip_track *t, const image_
     for (size_t i = 0; i < (size_t)picture->width * (size_t)picture->height * 3; i++)
         f->image.data[i] = (float)picture->data[i] / 255;
     sherf_status status = SHERF_OK;
+    if (clip_cut_at(t, t->count, t->count + 1)) {
+        f->there = false;
+        f->cut = true;
+        f->search_at = t->count;
+    }
     const bool was_there = f->there;
     if (was_there) {
         photo_person *next = mem_alloc(c, 1, sizeof *next);
@@ -169,10 +189,9 @@ sherf_status clip_look(context *c, const pose_networks *n, const char *path, con
            picture) {
         if (t->count == CLIP_FRAMES_MAX)
             status = failure(c, SHERF_UNSUPPORTED, "%s: more than %d frames", path, CLIP_FRAMES_MAX);
-        else if (repeated)
-            status = add(c, t, NULL, true);
         else
-            status = look_at(c, f, t, picture);
+            status = make_room(c, t, picture, repeated);
+        if (status == SHERF_OK) status = repeated ? add(c, t, NULL, true) : look_at(c, f, t, picture);
         if (status == SHERF_OK)
             status = progress(c, "frames looked at", t->count, round(info->seconds * info->fps));
     }

@@ -89,11 +89,92 @@ static void front_and_back(void **state) {
     clip_track_free(&t);
 }
 
-/* ---- noise, gaps, the floor ---- */
+/* ---- cuts ---- */
 
 static double wobble(int i, int k) {
     return random_normal(7, (uint64_t)(1000 * i + k));
 }
+
+enum { SHOTS_FRAMES = 90, SHOTS_SIDE = 48 };
+
+/* Frame i of a scene: a pattern of its own, which `pan` moves, brightened, with noise. */
+static void draw_scene(clip_track *t, int i, int scene, double pan, int light) {
+    static uint8_t data[SHOTS_SIDE * SHOTS_SIDE * 3];
+    const image_u8 picture = {.width = SHOTS_SIDE, .height = SHOTS_SIDE, .data = data};
+    for (int at = 0; at < SHOTS_SIDE * SHOTS_SIDE; at++)
+        for (int k = 0; k < 3; k++) {
+            const double x = at % SHOTS_SIDE + pan, y = at / SHOTS_SIDE;
+            const double wave = 60 * sin(0.2 * (scene + 1) * x + k) + 30 * cos(0.3 * y + 2 * scene);
+            const double shade = 110 + wave + light + 4 * wobble(i, at);
+            data[3 * at + k] = (uint8_t)fmin(fmax(shade, 0), 255);
+        }
+    clip_thumbnail_make(&picture, &t->thumbnail[i]);
+}
+
+static void track_of_pictures(context *c, clip_track *t) {
+    *t = (clip_track){.count = SHOTS_FRAMES, .fps = 30};
+    t->frame = mem_zero(c, SHOTS_FRAMES, sizeof *t->frame);
+    t->repeated = mem_zero(c, SHOTS_FRAMES, sizeof *t->repeated);
+    t->thumbnail = mem_zero(c, SHOTS_FRAMES, sizeof *t->thumbnail);
+    for (int i = 0; i < SHOTS_FRAMES; i++) {
+        t->frame[i] = mem_zero(c, 1, sizeof **t->frame);
+        t->frame[i]->score = (float)i;
+    }
+}
+
+/* Three shots of 25, 40 and 25 frames, the second without the person in its last 20. */
+static void the_longest_shot_is_kept(void **state) {
+    context *c = *state;
+    clip_track t;
+    int first, cuts;
+    track_of_pictures(c, &t);
+    for (int i = 0; i < SHOTS_FRAMES; i++) draw_scene(&t, i, i < 25 ? 0 : i < 65 ? 1 : 2, 0, 0);
+    for (int i = 45; i < 65; i++) {
+        mem_free(t.frame[i]);
+        t.frame[i] = NULL;
+    }
+    t.repeated[65] = true;
+    assert_false(clip_cut_at(&t, 24, 25));
+    assert_true(clip_cut_at(&t, 25, 26));
+    mem_free(t.frame[3]);
+    t.frame[3] = NULL; /* the last shot now shows the person in one frame more than the first */
+    clip_keep_shot(&t, &first, &cuts);
+    assert_int_equal(cuts, 2);
+    assert_int_equal(first, 65);
+    assert_int_equal(t.count, 25);
+    assert_false(t.repeated[0]);
+    for (int i = 0; i < t.count; i++) assert_int_equal(t.frame[i]->score, 65 + i);
+    clip_track_free(&t);
+}
+
+/* A flash, a pan that begins at once and becomes brighter, and 6 pictures a second each held for five frames.
+ */
+static void no_cuts(void **state) {
+    context *c = *state;
+    clip_track t;
+    int first, cuts;
+    track_of_pictures(c, &t);
+    for (int i = 0; i < SHOTS_FRAMES; i++) {
+        if (i >= 60 && i % 5) {
+            t.thumbnail[i] = t.thumbnail[i - 1];
+            continue;
+        }
+        draw_scene(&t, i, 0,
+                   i < 40   ? 0
+                   : i < 60 ? 3 * (i - 40)
+                            : 60 + 1.6 * (i - 60),
+                   i == 20 || i == 21 ? 120
+                   : i > 40           ? i - 40
+                                      : 0);
+    }
+    clip_keep_shot(&t, &first, &cuts);
+    assert_int_equal(cuts, 0);
+    assert_int_equal(first, 0);
+    assert_int_equal(t.count, SHOTS_FRAMES);
+    clip_track_free(&t);
+}
+
+/* ---- noise, gaps, the floor ---- */
 
 /* Somebody who swings an arm and moves sideways before a camera that looks down. */
 static void noise_and_gaps(void **state) {
@@ -151,22 +232,28 @@ static void noise_and_gaps(void **state) {
 
 enum { SIDE = 512, FRAMES = 12, SHIFT_PX = 14 };
 
+static void add_person(context *c, sherf_video *v, sherf_image *image, const sherf_observation *o, int shift,
+                       bool there, float wall) {
+    for (int at = 0; at < SIDE * SIDE; at++) {
+        const int x = at % SIDE - shift, from = at - shift;
+        const bool in = there && x >= 0 && x < SIDE && o->mask[from] > 0;
+        for (int k = 0; k < 3; k++)
+            image->data[3 * at + k] = in ? o->image.data[3 * from + k] : wall - 0.03f * (float)k;
+    }
+    assert_ok(c, sherf_video_add(c, v, image));
+}
+
 /* The person in front of a light wall, SHIFT_PX further right in every frame; frames 5 and 6 show only the
- * wall, and the detector runs again 0.2 s after the first of them. */
-static void write_clip(context *c, const char *path, const sherf_observation *o, bool empty) {
+ * wall, and the detector runs again 0.2 s after the first of them. Before that comes a shot of `other` frames
+ * in which the person stands far to the right of a darker wall. */
+static void write_clip(context *c, const char *path, const sherf_observation *o, bool empty, int other) {
     sherf_video *v;
     sherf_image image = {SIDE, SIDE, 3, mem_alloc(c, SIDE * SIDE * 3, sizeof(float))};
     assert_int_equal(o->image.width, SIDE);
     assert_ok(c, sherf_video_open(c, path, SIDE, SIDE, 20, &v));
-    for (int i = 0; i < FRAMES; i++) {
-        for (int at = 0; at < SIDE * SIDE; at++) {
-            const int shift = SHIFT_PX * (i - FRAMES / 2), x = at % SIDE - shift, from = at - shift;
-            const bool in = !empty && i != 5 && i != 6 && x >= 0 && x < SIDE && o->mask[from] > 0;
-            for (int k = 0; k < 3; k++)
-                image.data[3 * at + k] = in ? o->image.data[3 * from + k] : 0.8f - 0.03f * (float)k;
-        }
-        assert_ok(c, sherf_video_add(c, v, &image));
-    }
+    for (int i = 0; i < other; i++) add_person(c, v, &image, o, 100, true, 0.5f);
+    for (int i = 0; i < FRAMES; i++)
+        add_person(c, v, &image, o, SHIFT_PX * (i - FRAMES / 2), !empty && i != 5 && i != 6, 0.8f);
     assert_ok(c, sherf_video_close(c, v));
     mem_free(image.data);
 }
@@ -241,13 +328,15 @@ static void a_known_person(void **state) {
     snprintf(moves, sizeof moves, "%s", test_path("moves.npz"));
     assert_ok(c, sherf_dataset_open(c, "thuman:../assets/demo", &d));
     assert_ok(c, sherf_dataset_observation(c, d, 0, 2, 0, &o));
-    write_clip(c, path, o, false);
+    write_clip(c, path, o, false, 0);
     assert_ok(
         c, sherf_estimate_clip(c, "../assets/models/blazepose.safetensors", body, path, NULL, moves, &facts));
     assert_int_equal(facts.frames, FRAMES);
     assert_int_equal(facts.people, 1);
     assert_int_equal(facts.filled, 4);
     assert_int_equal(facts.left_out, 0);
+    assert_int_equal(facts.cuts, 0);
+    assert_true(fabs(facts.start_s) < 1e-9);
     assert_int_equal(facts.repaired, 0);
     assert_true(facts.landmarks < 0.02);
     assert_ok(c,
@@ -271,11 +360,20 @@ static void a_known_person(void **state) {
     if (fabs(went / wanted - 1) > 0.1) fail_msg("went %.2f m, not %.2f", went, wanted);
     sherf_motion_free(motion);
     assert_ok(c, pose_networks_load(c, "../assets/models/blazepose.safetensors", &n));
-    write_clip(c, path, o, true);
+    write_clip(c, path, o, true, 0);
     assert_int_equal(clip_estimate(c, n, body, path, &(sherf_clip_options){.fps = 2}, &motion, NULL),
                      SHERF_BAD_FILE);
     assert_non_null(strstr(c->message, "nobody is seen"));
     assert_null(motion);
+    write_clip(c, path, o, false, 3);
+    assert_ok(c, clip_estimate(c, n, body, path, &(sherf_clip_options){0}, &motion, &facts));
+    assert_int_equal(facts.cuts, 1);
+    assert_int_equal(facts.frames, FRAMES);
+    assert_int_equal(facts.left_out, 3);
+    assert_int_equal(facts.filled, 4);
+    assert_true(fabs(facts.start_s - 3 / 20.0) < 1e-9);
+    assert_true(facts.landmarks < 0.02);
+    sherf_motion_free(motion);
     pose_networks_free(n);
     sherf_observation_free(o);
     sherf_dataset_free(d);
@@ -295,9 +393,10 @@ static void bad_options(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(steady_paths_stay), cmocka_unit_test(bands_and_steps),
-        cmocka_unit_test(front_and_back),    cmocka_unit_test(noise_and_gaps),
-        cmocka_unit_test(a_known_person),    cmocka_unit_test(bad_options),
+        cmocka_unit_test(steady_paths_stay),        cmocka_unit_test(bands_and_steps),
+        cmocka_unit_test(front_and_back),           cmocka_unit_test(noise_and_gaps),
+        cmocka_unit_test(the_longest_shot_is_kept), cmocka_unit_test(no_cuts),
+        cmocka_unit_test(a_known_person),           cmocka_unit_test(bad_options),
     };
     return cmocka_run_group_tests(tests, open_body, close_body);
 }

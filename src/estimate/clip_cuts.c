@@ -55,7 +55,7 @@ bool clip_cut_at(const clip_track *t, int n, int end) {
         sum += d;
         count += d > 0; /* a repeated picture says nothing */
     }
-    return here * count > change_times * sum;
+    return count == 0 || here * count > change_times * sum; /* all else stands still, or changes less */
 }
 
 /* Whether a picture shortly before frame n is seen again shortly after it. */

@@ -122,13 +122,18 @@ static void track_of_pictures(context *c, clip_track *t) {
     }
 }
 
-/* Three shots of 25, 40 and 25 frames, the second without the person in its last 20. */
+/* Three shots of 25, 40 and 25 frames: a picture that stands still, one without the person in its last 20
+ * frames, and the one that is kept. */
 static void the_longest_shot_is_kept(void **state) {
     context *c = *state;
     clip_track t;
     int first, cuts;
     track_of_pictures(c, &t);
-    for (int i = 0; i < SHOTS_FRAMES; i++) draw_scene(&t, i, i < 25 ? 0 : i < 65 ? 1 : 2, 0, 0);
+    for (int i = 0; i < SHOTS_FRAMES; i++)
+        if (i > 0 && i < 25)
+            t.thumbnail[i] = t.thumbnail[0];
+        else
+            draw_scene(&t, i, i < 25 ? 0 : i < 65 ? 1 : 2, 0, 0);
     for (int i = 45; i < 65; i++) {
         mem_free(t.frame[i]);
         t.frame[i] = NULL;
@@ -136,6 +141,7 @@ static void the_longest_shot_is_kept(void **state) {
     t.repeated[65] = true;
     assert_false(clip_cut_at(&t, 24, 25));
     assert_true(clip_cut_at(&t, 25, 26));
+    assert_true(clip_cut_at(&t, 65, 66));
     mem_free(t.frame[3]);
     t.frame[3] = NULL; /* the last shot now shows the person in one frame more than the first */
     clip_keep_shot(&t, &first, &cuts);

@@ -150,8 +150,9 @@ static void tell(const clip_track *t, int first, int last, const body_fit_result
     out->frames = last - first + 1;
     out->fps = t->fps;
     out->people = t->people;
-    out->left_out -= out->frames;
-    out->start_s += first / t->fps;
+    out->left_out = t->read - out->frames;
+    out->cuts = t->cuts;
+    out->start_s = (t->start + first) / t->fps;
     out->focal_px = (double)known->camera.K[0] * t->scale;
     out->pitch_rad = known->pitch_rad;
     out->roll_rad = known->roll_rad;
@@ -192,9 +193,7 @@ sherf_status clip_estimate(context *c, const pose_networks *n, const body_model 
     sherf_status status = check_options(c, o);
     if (status == SHERF_OK) status = clip_look(c, n, path, o, &t);
     if (status != SHERF_OK) return status;
-    all.left_out = t.count; /* less those of the motion, below */
-    clip_keep_shot(&t, &first, &all.cuts);
-    all.start_s = first / t.fps;
+    clip_keep_shot(&t);
     for (int i = 0; i < t.count; i++) seen += t.frame[i] != NULL;
     const double looked = time_seconds();
     if (!(seen > 0))

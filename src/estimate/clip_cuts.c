@@ -1,5 +1,4 @@
-/* Cuts of a video: a fixed camera's picture changes a little from frame to frame, and at a cut all at once.
- */
+/* Cuts of a video: a fixed camera sees little change from frame to frame, and everything change at a cut. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -69,19 +68,20 @@ static bool comes_back(const clip_track *t, int n) {
     return false;
 }
 
-void clip_keep_shot(clip_track *t, int *first, int *cuts) {
+void clip_keep_shot(clip_track *t) {
     int begin = 0, seen = 0, best_seen = -1, best[2] = {0, t->count};
-    *cuts = 0;
+    t->cuts = 0;
     for (int i = 0; i <= t->count; i++) {
         const bool cut = i < t->count && clip_cut_at(t, i, t->count) && !comes_back(t, i);
         if (cut || i == t->count) {
             if (seen > best_seen) best_seen = seen, best[0] = begin, best[1] = i;
-            *cuts += cut;
+            t->cuts += cut;
             begin = i, seen = 0;
         }
         if (i < t->count) seen += t->frame[i] != NULL;
     }
-    *first = best[0];
+    t->read = t->count;
+    t->start = best[0];
     for (int i = 0; i < t->count; i++)
         if (i < best[0] || i >= best[1]) mem_free(t->frame[i]);
     t->count = best[1] - best[0];

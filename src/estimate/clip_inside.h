@@ -29,9 +29,10 @@ typedef struct {
     int count, room;
     bool *repeated; /* the picture was the one before */
     clip_thumbnail *thumbnail;
-    int width, height; /* of the pictures that the networks saw */
-    int people;        /* in the first frame that shows anybody */
-    double fps, scale; /* pixels of the full video per pixel of those pictures */
+    int cuts, read, start; /* cuts and frames of the video; of these, the frames before frame 0 here */
+    int width, height;     /* of the pictures that the networks saw */
+    int people;            /* in the first frame that shows anybody */
+    double fps, scale;     /* pixels of the full video per pixel of those pictures */
 } clip_track;
 void clip_track_free(clip_track *t);
 /* Runs the networks on all frames of the video (clip_look.c). */
@@ -42,9 +43,9 @@ void clip_frame_person(const clip_frame *f, photo_person *out);
 void clip_thumbnail_make(const image_u8 *picture, clip_thumbnail *out);
 /* Whether another shot begins with frame n, as far as thumbnails before frame `end` tell (clip_cuts.c). */
 bool clip_cut_at(const clip_track *t, int n, int end);
-/* Keeps of a video with cuts the shot that shows the person in most frames. first: its first frame. Flashes
- * are not cuts. */
-void clip_keep_shot(clip_track *t, int *first, int *cuts);
+/* Keeps of a video with cuts the shot that shows the person in most frames. Flashes are not cuts. */
+void clip_keep_shot(clip_track *t);
+
 /* Where the networks took front for back for less than about a second, exchanges left and right again;
  * returns the number of such frames. */
 sherf_status clip_repair(context *c, clip_track *t, int *repaired);

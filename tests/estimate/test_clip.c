@@ -127,7 +127,6 @@ static void track_of_pictures(context *c, clip_track *t) {
 static void the_longest_shot_is_kept(void **state) {
     context *c = *state;
     clip_track t;
-    int first, cuts;
     track_of_pictures(c, &t);
     for (int i = 0; i < SHOTS_FRAMES; i++)
         if (i > 0 && i < 25)
@@ -144,21 +143,19 @@ static void the_longest_shot_is_kept(void **state) {
     assert_true(clip_cut_at(&t, 65, 66));
     mem_free(t.frame[3]);
     t.frame[3] = NULL; /* the last shot now shows the person in one frame more than the first */
-    clip_keep_shot(&t, &first, &cuts);
-    assert_int_equal(cuts, 2);
-    assert_int_equal(first, 65);
+    clip_keep_shot(&t);
+    assert_int_equal(t.cuts, 2);
+    assert_int_equal(t.start, 65);
     assert_int_equal(t.count, 25);
     assert_false(t.repeated[0]);
     for (int i = 0; i < t.count; i++) assert_int_equal(t.frame[i]->score, 65 + i);
     clip_track_free(&t);
 }
 
-/* A flash, a pan that begins at once and becomes brighter, and 6 pictures a second each held for five frames.
- */
+/* A flash, a pan that begins at once and becomes brighter, and pictures that are held for five frames. */
 static void no_cuts(void **state) {
     context *c = *state;
     clip_track t;
-    int first, cuts;
     track_of_pictures(c, &t);
     for (int i = 0; i < SHOTS_FRAMES; i++) {
         if (i >= 60 && i % 5) {
@@ -173,9 +170,9 @@ static void no_cuts(void **state) {
                    : i > 40           ? i - 40
                                       : 0);
     }
-    clip_keep_shot(&t, &first, &cuts);
-    assert_int_equal(cuts, 0);
-    assert_int_equal(first, 0);
+    clip_keep_shot(&t);
+    assert_int_equal(t.cuts, 0);
+    assert_int_equal(t.start, 0);
     assert_int_equal(t.count, SHOTS_FRAMES);
     clip_track_free(&t);
 }
